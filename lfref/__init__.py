@@ -1,0 +1,36 @@
+"""lfref: classical and learned light-field refocusing.
+
+The public names load on first use, so that `import lfref` brings in nothing but PyTorch.
+"""
+
+import importlib
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "LightField": "lfref.lightfield",
+    "slopes": "lfref.geometry",
+    "FocalPlanes": "lfref.geometry",
+    "read": "lfref.io.read",
+    "write": "lfref.io.write",
+    "shift_and_sum": "lfref.refocus.shift_and_sum",
+    "exact_fourier": "lfref.refocus.exact_fourier",
+    "fourier_slice": "lfref.refocus.fourier_slice",
+    "RefNet": "lfref.nets.refnet",
+    "load": "lfref.nets.checkpoint",
+    "CompositeLoss": "lfref.losses.composite",
+    "ssim": "lfref.functional.ssim",
+    "psnr": "lfref.functional.psnr",
+    "LfrefError": "lfref.errors",
+}
+__all__ = sorted([*_HOMES, "__version__"])
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'lfref' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

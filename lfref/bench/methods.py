@@ -1,0 +1,71 @@
+"""Every way to refocus behind one face: views and slopes in, stack out."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from lfref.errors import InputError
+from lfref.nets import checkpoint
+from lfref.nets.checkpoint import Refocuser
+
+
+@dataclass(frozen=True)
+class Method:
+    """A named way to refocus."""
+
+    name: str
+    """As tables and legends call it."""
+    refocus: Callable[[Tensor, Tensor], Tensor]
+    """(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]."""
+
+
+def operators(choices: Mapping[str, Callable[[Tensor, Tensor], Tensor]]) -> list[Method]:
+    """One method for each named operator setting."""
+    return [Method(name, operator) for name, operator in choices.items()]
+
+
+def network(path: str | Path, device: str | torch.device = "cpu") -> Method:
+    """The method that a checkpoint holds, named after its run.
+
+    Args:
+        path: The checkpoint.
+        device: Where it runs.
+
+    Raises:
+        CheckpointError: It cannot be read.
+    """
+    return Method(run_name(Path(path)), for_its_planes(checkpoint.load(path, device)))
+
+
+def for_its_planes(refocuser: Refocuser) -> Callable[[Tensor, Tensor], Tensor]:
+    """A network as an operator that refuses other planes than it was trained for."""
+
+    def refocus(views: Tensor, slopes: Tensor) -> Tensor:
+        if slopes.shape != refocuser.slopes.shape or not torch.allclose(slopes, refocuser.slopes):
+            raise InputError(
+                f"this network makes the planes alpha = {list(refocuser.alphas)}",
+                got=f"slopes {[round(slope, 4) for slope in slopes.tolist()]}",
+                remedy="leave alphas and planes as the network was trained",
+            )
+        return refocuser(views)
+
+    return refocus
+
+
+def run_name(path: Path) -> str:
+    """Name of the run that a checkpoint belongs to: RUN/checkpoints/FILE.ckpt -> RUN; else the file's stem."""
+    return path.resolve().parent.parent.name if path.resolve().parent.name == "checkpoints" else path.stem
+
+
+def unique_names(methods: list[Method]) -> list[Method]:
+    """The same methods, a number added to names that occur twice."""
+    seen: dict[str, int] = {}
+    named = []
+    for method in methods:
+        seen[method.name] = seen.get(method.name, 0) + 1
+        count = seen[method.name]
+        named.append(method if count == 1 else Method(f"{method.name} ({count})", method.refocus))
+    return named

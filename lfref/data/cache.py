@@ -1,0 +1,117 @@
+"""Decoded light fields on disk: read once, then a crop of all views costs milliseconds.
+
+A PNG of a whole lenslet image decodes in seconds and only from front to back. The cache keeps plain memory-mapped
+arrays [V, U, C, H, W] in the file's own depth, keyed by the SHA-256 of the content, the reader's options and the
+reader's code, so that none of the three can change unnoticed.
+"""
+
+import functools
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from lfref.errors import InputError
+from lfref.io import atomic, eslf
+from lfref.io import read as reader
+from lfref.lightfield import LightField
+
+STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
+
+
+@dataclass(frozen=True)
+class CachedField:
+    """A light field on disk of which only crops are brought into memory."""
+
+    name: str
+    """As `LightField.name`."""
+    samples: np.ndarray
+    """Memory map, colour channels first and then the weight if there is one, [V, U, C or C + 1, H, W]."""
+    has_weight: bool
+    """The last channel is the weight."""
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Number of view rows and columns (V, U)."""
+        return self.samples.shape[0], self.samples.shape[1]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width (H, W) of a view in pixels."""
+        return self.samples.shape[3], self.samples.shape[4]
+
+    def crop(self, top: int, left: int, height: int, width: int) -> LightField:
+        """The same rectangle of every view, in memory; arguments and errors as `LightField.crop`."""
+        if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
+            raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
+        cut = np.ascontiguousarray(self.samples[..., top : top + height, left : left + width])
+        values = torch.from_numpy(_to_float(cut))
+        if not self.has_weight:
+            return LightField(values, self.name)
+        return LightField(values[:, :, :-1].contiguous(), self.name, values[:, :, -1:].contiguous())
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a light field's bytes, file names left out, so that copies under other names are recognised.
+
+    Args:
+        path: A file, or a folder of files.
+    """
+    digest = hashlib.sha256()
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if file.is_file():
+            with file.open("rb") as stream:
+                digest.update(hashlib.file_digest(stream, "sha256").digest())
+    return digest.hexdigest()
+
+
+def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
+    """Open a light field through the cache, decoding it on first use.
+
+    Args:
+        path: The light field: a file or a folder of views.
+        options: Arguments of `lfref.read`.
+        folder: Where the cache lies.
+
+    Raises:
+        FileError: The light field cannot be read or the cache cannot be written.
+    """
+    identity = json.dumps([content_hash(path), dict(options), _reader_version()], sort_keys=True, default=str)
+    entry = folder / hashlib.sha256(identity.encode()).hexdigest()
+    array, note = entry.with_suffix(".npy"), entry.with_suffix(".json")
+    if not note.is_file():
+        _store(reader.read(path, **options), array, note)
+    facts = json.loads(note.read_text())
+    return CachedField(facts["name"], np.load(array, mmap_mode="r"), facts["has_weight"])
+
+
+def _store(field: LightField, array: Path, note: Path) -> None:
+    has_weight = field.weight is not None
+    values = field.views if field.weight is None else torch.cat([field.views, field.weight], dim=2)
+    dtype = STORED[field.metadata["bits"]]
+    samples = values.numpy()
+    stored = np.rint(samples * np.iinfo(dtype).max).astype(dtype) if dtype.kind == "u" else samples
+    with atomic.replacing(array) as temporary:
+        np.save(temporary, stored)
+    # Written last: an entry without its note does not count.
+    atomic.write_text(note, json.dumps({"name": field.name, "has_weight": has_weight}))
+
+
+def _to_float(samples: np.ndarray) -> np.ndarray:
+    if samples.dtype.kind != "u":
+        return samples
+    return samples.astype(np.float32) / np.float32(np.iinfo(samples.dtype).max)
+
+
+@functools.cache
+def _reader_version() -> str:
+    """Hash of the reader's source: a change of the reader is a change of the cache."""
+    digest = hashlib.sha256()
+    for file in sorted(Path(eslf.__file__).parent.glob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,168 @@
+"""Lightning data modules: patches with labels from a folder of captures or from simulated scenes."""
+
+import abc
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from lightning.pytorch import LightningDataModule
+from torch.utils.data import DataLoader
+
+from lfref.data import splits
+from lfref.data.labels import LabelSource
+from lfref.data.patches import Batch, EpochSampler, FieldPatches, concatenate
+from lfref.data.sources import FolderSource, SimulatedSource, Source
+from lfref.errors import InputError
+from lfref.io import read as reader
+
+log = logging.getLogger(__name__)
+
+
+class PatchData(LightningDataModule, abc.ABC):
+    """Random patches of light fields with labels.
+
+    Args:
+        labels: Makes the labels.
+        patch: Height and width of a patch in pixels.
+        patches_per_field: Patches cut from a light field in an epoch.
+        fields_per_batch: Light fields whose patches make a batch.
+        workers: Processes that prepare batches; 0 prepares them in the training process.
+        seed: Of order and corners.
+    """
+
+    def __init__(
+        self,
+        labels: LabelSource,
+        patch: int = 192,
+        patches_per_field: int = 4,
+        fields_per_batch: int = 1,
+        workers: int = 0,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        if fields_per_batch < 1 or workers < 0:
+            raise InputError("fields_per_batch must be >= 1 and workers >= 0", got=(fields_per_batch, workers))
+        self.labels = labels
+        self.patch = patch
+        self.patches_per_field = patches_per_field
+        self.fields_per_batch = fields_per_batch
+        self.workers = workers
+        self.seed = seed
+
+    @abc.abstractmethod
+    def sources(self) -> tuple[Source, Source]:
+        """Light fields to train on, and light fields held out."""
+
+    def setup(self, stage: str) -> None:
+        """Open the sources; Lightning calls this in every process."""
+        self.train, self.validation = self.sources()
+
+    def train_dataloader(self) -> DataLoader[Batch]:
+        """Batches in a new order and with new corners each epoch."""
+        return self._loader(self.train, self.seed)
+
+    def val_dataloader(self) -> DataLoader[Batch]:
+        """The same patches of the held-out fields every time."""
+        return self._loader(self.validation, None)
+
+    def _loader(self, source: Source, order_seed: int | None) -> DataLoader[Batch]:
+        rank, world_size = (self.trainer.global_rank, self.trainer.world_size) if self.trainer else (0, 1)
+        return DataLoader(
+            FieldPatches(source, self.labels, self.patch, self.patches_per_field, self.seed),
+            batch_size=self.fields_per_batch,
+            sampler=EpochSampler(len(source), order_seed, rank, world_size),
+            collate_fn=concatenate,
+            num_workers=self.workers,
+            persistent_workers=self.workers > 0,
+            pin_memory=bool(self.trainer and self.trainer.accelerator.name() == "cuda"),
+        )
+
+
+class FolderData(PatchData):
+    """Patches of the light fields below a folder.
+
+    Args:
+        path: Folder of light fields.
+        validation_path: Folder of held-out light fields; None holds out `validation_share` of `path`.
+        validation_share: Part held out, in (0, 1).
+        cache_folder: Where decoded light fields are kept.
+        reader: Arguments of `lfref.read`.
+        labels: As in `PatchData`, like all further arguments.
+        **options: Arguments of `PatchData`.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        labels: LabelSource,
+        cache_folder: str,
+        validation_path: str | None = None,
+        validation_share: float = 0.1,
+        reader: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(labels, **options)
+        self.path = Path(path)
+        self.validation_path = None if validation_path is None else Path(validation_path)
+        self.validation_share = validation_share
+        self.cache_folder = Path(cache_folder).expanduser()
+        self.reader = dict(reader or {})
+
+    def sources(self) -> tuple[Source, Source]:
+        """Fields of the folders; training fields whose content is held out are left out and named in the log."""
+        train, held = self._paths()
+        train, leaks = splits.without_leaks(train, held)
+        if leaks:
+            log.warning("left out of training, being held out too: %s", ", ".join(path.name for path in leaks))
+        if not train:
+            raise InputError(
+                "no light field is left to train on", remedy="hold out other fields than those you train on"
+            )
+        return (
+            FolderSource(train, self.cache_folder, self.reader),
+            FolderSource(held, self.cache_folder, self.reader),
+        )
+
+    def _paths(self) -> tuple[list[Path], list[Path]]:
+        if self.validation_path is not None:
+            return reader.find(self.path), reader.find(self.validation_path)
+        return splits.held_out(reader.find(self.path), self.validation_share, self.seed)
+
+
+class SimulatedData(PatchData):
+    """Patches of simulated scenes: new ones every epoch to train on, fixed ones held out.
+
+    Args:
+        labels: As in `PatchData`.
+        n_fields: Scenes in a training epoch.
+        n_validation: Held-out scenes.
+        size: Height and width of a view in pixels.
+        grid: Number of view rows and columns (V, U).
+        n_layers: Fewest and most surfaces in a scene.
+        disparities: Smallest and largest disparity in pixels per view step.
+        **options: Arguments of `PatchData`.
+    """
+
+    def __init__(
+        self,
+        labels: LabelSource,
+        n_fields: int = 64,
+        n_validation: int = 8,
+        size: Sequence[int] = (256, 256),
+        grid: Sequence[int] = (7, 7),
+        n_layers: Sequence[int] = (3, 5),
+        disparities: Sequence[float] = (-1.0, 1.0),
+        **options: Any,
+    ) -> None:
+        super().__init__(labels, **options)
+        scene: dict[str, Any] = {"size": size, "grid": grid, "n_layers": n_layers, "disparities": disparities}
+        # Held-out scenes come from a stream of their own.
+        self.streams = (
+            SimulatedSource(n_fields, self.seed, **scene),
+            SimulatedSource(n_validation, self.seed + 1_000_000, **scene),
+        )
+
+    def sources(self) -> tuple[Source, Source]:
+        """The two streams of scenes."""
+        return self.streams

@@ -1,0 +1,142 @@
+"""Random patches of light fields with their labels, each repeatable by (seed, epoch, index).
+
+One item is one light field: its patches are cut together, so that a field is read or rendered once an epoch.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import TypedDict
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+from lfref.data.labels import LabelSource
+from lfref.data.sources import Field, Source
+from lfref.errors import InputError
+
+
+class Batch(TypedDict):
+    """Patches of one or more light fields."""
+
+    views: Tensor
+    """[P, V, U, C, H, W] in [0, 1]."""
+    labels: Tensor
+    """[P, N, C, H, W]."""
+    where: list[str]
+    """Light field and top left corner of each patch, P entries."""
+
+
+def cut(field: Field, labels: LabelSource, top: int, left: int, patch: int) -> tuple[Tensor, Tensor]:
+    """One patch and its label, made with as much surroundings as the label depends on.
+
+    Args:
+        field: To cut from.
+        labels: Makes the label.
+        top: First row, in pixels.
+        left: First column, in pixels.
+        patch: Height and width in pixels.
+
+    Returns:
+        Views [V, U, C, patch, patch] and label [N, C, patch, patch].
+    """
+    margin = labels.margin(field.grid)
+    first = [max(0, start - margin) for start in (top, left)]
+    last = [min(length, start + patch + margin) for start, length in zip((top, left), field.size, strict=True)]
+    context = field.crop(first[0], first[1], last[0] - first[0], last[1] - first[1])
+    stack = labels(context)
+    row, column = top - first[0], left - first[1]
+    window = (..., slice(row, row + patch), slice(column, column + patch))
+    return context.views[window].contiguous(), stack[window].contiguous()
+
+
+class FieldPatches(Dataset[Batch]):
+    """Random patches of every light field of a source.
+
+    Args:
+        source: Light fields.
+        labels: Makes the labels.
+        patch: Height and width in pixels.
+        patches_per_field: Patches cut from a field in an epoch.
+        seed: Of the corners.
+    """
+
+    def __init__(self, source: Source, labels: LabelSource, patch: int, patches_per_field: int, seed: int) -> None:
+        if min(patch, patches_per_field) < 1:
+            raise InputError("patch and patches_per_field must be at least 1", got=(patch, patches_per_field))
+        self.source = source
+        self.labels = labels
+        self.patch = patch
+        self.patches_per_field = patches_per_field
+        self.seed = seed
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def __getitem__(self, key: tuple[int, int]) -> Batch:
+        epoch, index = key
+        field = self.source.field(index, epoch)
+        free = [length - self.patch for length in field.size]
+        if min(free) < 0:
+            raise InputError(
+                f"light field {field.name} must be at least {self.patch} pixels in both directions",
+                got=f"{field.size[0]}x{field.size[1]}",
+                remedy="set data.patch smaller",
+            )
+        random = np.random.default_rng((self.seed, epoch, index))
+        corners = random.integers(0, np.array(free) + 1, size=(self.patches_per_field, 2)).tolist()
+        pairs = [cut(field, self.labels, top, left, self.patch) for top, left in corners]
+        return {
+            "views": torch.stack([views for views, _ in pairs]),
+            "labels": torch.stack([label for _, label in pairs]),
+            "where": [f"{field.name}@{top},{left}" for top, left in corners],
+        }
+
+
+class EpochSampler(Sampler[tuple[int, int]]):
+    """Yields (epoch, index), shuffled by (seed, epoch) and shared out among the ranks of a distributed run.
+
+    Carrying the epoch in the key lets workers that live on see it, and makes a resumed run draw what an unbroken one
+    would have drawn.
+
+    Args:
+        n_items: Items in an epoch.
+        seed: Of the order; None keeps the order and stays at epoch 0, as validation wants.
+        rank: This process.
+        world_size: Number of processes.
+    """
+
+    def __init__(self, n_items: int, seed: int | None, rank: int = 0, world_size: int = 1) -> None:
+        self.n_items = n_items
+        self.seed = seed
+        self.rank = rank
+        self.world_size = world_size
+        self.epoch = 0
+
+    def set_epoch(self, epoch: int) -> None:
+        """Tell which epoch comes next; Lightning calls this."""
+        self.epoch = epoch
+
+    def __len__(self) -> int:
+        return len(self._order())
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        epoch = 0 if self.seed is None else self.epoch
+        return ((epoch, index) for index in self._order())
+
+    def _order(self) -> list[int]:
+        if self.seed is None:
+            return list(range(self.rank, self.n_items, self.world_size))
+        order = np.random.default_rng((self.seed, self.epoch)).permutation(self.n_items).tolist()
+        # Every rank must take as many steps as the others: wrap around to an even share.
+        padded = order + order[: -len(order) % self.world_size]
+        return padded[self.rank :: self.world_size]
+
+
+def concatenate(items: Sequence[Batch]) -> Batch:
+    """Join the patches of several light fields into one batch."""
+    return {
+        "views": torch.cat([item["views"] for item in items]),
+        "labels": torch.cat([item["labels"] for item in items]),
+        "where": [place for item in items for place in item["where"]],
+    }

@@ -1,0 +1,107 @@
+"""Where light fields come from: a folder of captures, or simulated scenes without end.
+
+A source maps (index, epoch) to a field that can be cropped; a folder ignores the epoch, a simulator draws new
+scenes each epoch.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+
+from lfref.data import cache
+from lfref.errors import InputError
+from lfref.lightfield import LightField
+from lfref.simulate import render, scenes
+
+
+class Field(Protocol):
+    """What a patch is cut from: a `LightField` or a `CachedField`."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def grid(self) -> tuple[int, int]: ...  # noqa: D102
+    @property
+    def size(self) -> tuple[int, int]: ...  # noqa: D102
+    def crop(self, top: int, left: int, height: int, width: int) -> LightField: ...  # noqa: D102
+
+
+class Source(Protocol):
+    """A number of light fields, repeatable by (index, epoch)."""
+
+    def __len__(self) -> int: ...
+    def field(self, index: int, epoch: int = 0) -> Field: ...  # noqa: D102
+
+
+class FolderSource:
+    """Light fields on disk, read through the cache.
+
+    Args:
+        paths: The light fields: files or folders of views.
+        cache_folder: Where decoded fields are kept.
+        reader: Arguments of `lfref.read`.
+    """
+
+    def __init__(self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any]) -> None:
+        self.paths = list(paths)
+        self.cache_folder = cache_folder
+        self.reader = dict(reader)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def field(self, index: int, epoch: int = 0) -> Field:
+        """The light field at that place, the same every epoch.
+
+        Raises:
+            FileError: It cannot be read.
+        """
+        return cache.cached(self.paths[index], self.reader, self.cache_folder)
+
+
+class SimulatedSource:
+    """Random layered scenes, each fixed by (seed, epoch, index).
+
+    Args:
+        n_fields: Fields in an epoch.
+        seed: Of all scenes.
+        size: Height and width of a view in pixels.
+        grid: Number of view rows and columns (V, U).
+        n_layers: Fewest and most surfaces.
+        disparities: Smallest and largest disparity in pixels per view step.
+
+    Raises:
+        InputError: No field, or sizes below 1.
+    """
+
+    def __init__(
+        self,
+        n_fields: int,
+        seed: int,
+        size: Sequence[int] = (256, 256),
+        grid: Sequence[int] = (7, 7),
+        n_layers: Sequence[int] = (3, 5),
+        disparities: Sequence[float] = (-1.0, 1.0),
+    ) -> None:
+        if min(n_fields, *size, *grid) < 1:
+            raise InputError("a simulated source needs at least one field, view and pixel", got=(n_fields, size, grid))
+        self.n_fields = n_fields
+        self.seed = seed
+        self.size = (size[0], size[1])
+        self.grid = (grid[0], grid[1])
+        self.n_layers = (n_layers[0], n_layers[1])
+        self.disparities = (disparities[0], disparities[1])
+
+    def __len__(self) -> int:
+        return self.n_fields
+
+    def field(self, index: int, epoch: int = 0) -> LightField:
+        """Render the field at that place of that epoch."""
+        # Spread by large odd numbers: neighbouring seeds, epochs and indices must not share a stream.
+        key = (self.seed * 1_000_003 + epoch) * 1_000_003 + index
+        generator = torch.Generator().manual_seed(key)
+        reach = (max(self.grid) - 1) / 2
+        scene = scenes.random_scene(generator, self.size, self.n_layers, self.disparities, reach)
+        return LightField(render.views(scene, self.grid), f"simulated_{self.seed}_{epoch}_{index:03d}")

@@ -1,0 +1,147 @@
+"""Mean squared error, PSNR and the inverse PSNR of images, finite wherever they are evaluated.
+
+Letters: `C H W` channel, pixel row, pixel column; `m` mean squared error over the squared data range.
+Source: the paper's psi_2 = 1/PSNR, which is singular for identical images and at m = 1, and is continued here.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from lfref.errors import InputError
+
+CEILING_DB = 100.0
+"""Largest PSNR reported, in dB; identical images have an infinite one."""
+_FLOOR = 10 ** (-CEILING_DB / 10)
+_JOIN = math.exp(-2)
+_K = math.log(10) / 10
+
+
+def mse(prediction: Tensor, target: Tensor) -> Tensor:
+    """Mean squared error of each image, accumulated in float64 so that no float32 square under- or overflows.
+
+    Args:
+        prediction: Images, [..., C, H, W].
+        target: Images of the same shape.
+
+    Returns:
+        Mean squared errors in squared units of the images, at least 0, float64, [...].
+
+    Raises:
+        InputError: The images are not comparable (see `image_pair`).
+    """
+    prediction, target = image_pair(prediction, target)
+    return (prediction.double() - target.double()).square().mean((-3, -2, -1))
+
+
+def psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+    """Peak signal-to-noise ratio of each image, -10 log10(m), at most `CEILING_DB` = 100 dB.
+
+    Args:
+        prediction: Images, [..., C, H, W].
+        target: Images of the same shape.
+        data_range: Difference between white and black, finite and above 0.
+
+    Returns:
+        PSNR in dB, (-inf, 100], float32 or the images' wider type, [...]. The gradient is 0 at the ceiling.
+
+    Raises:
+        InputError: The images are not comparable, or data_range is not usable.
+    """
+    m = normalised_mse(prediction, target, data_range)
+    return (-10 * m.clamp(min=_FLOOR).log10()).to(working_type(prediction, target))
+
+
+def inverse_psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0, floor: float = 1e-10) -> Tensor:
+    """1 / PSNR of each image, the paper's psi_2, continued to where PSNR is infinite, zero or negative.
+
+    Args:
+        prediction: Images, [..., C, H, W].
+        target: Images of the same shape.
+        data_range: Difference between white and black, finite and above 0.
+        floor: Normalised mean squared error below which the tangent is followed, (0, e^-2).
+
+    Returns:
+        Inverse PSNR in 1/dB, above 0, float32 or the images' wider type, [...].
+
+    Raises:
+        InputError: The images are not comparable, or data_range or floor is not usable.
+    """
+    m = normalised_mse(prediction, target, data_range)
+    return inverse_psnr_of_mse(m, floor).to(working_type(prediction, target))
+
+
+def inverse_psnr_of_mse(m: Tensor, floor: float = 1e-10) -> Tensor:
+    """1 / PSNR as a function of the normalised mean squared error: -K / ln m between floor and e^-2, K = ln(10)/10.
+
+    Outside, the tangent at the nearer end continues it: once differentiable at the floor, twice at e^-2 (8.69 dB),
+    where -K / ln m has its inflection. Positive and strictly increasing for every m >= 0.
+
+    Args:
+        m: Mean squared error over the squared data range, at least 0, any shape; float64 keeps it exact.
+        floor: Lower end of the paper's form, (0, e^-2); 1e-10 is 100 dB.
+
+    Returns:
+        Inverse PSNR in 1/dB, the type and shape of `m`.
+
+    Raises:
+        InputError: The floor lies outside (0, e^-2).
+    """
+    if not 0 < floor < _JOIN:
+        raise InputError(f"floor must lie between 0 and e^-2 = {_JOIN:.4g}", got=floor, remedy="1e-10 is 100 dB")
+    # relu and not where: its gradient is 0 at 0 and nothing that is not finite is ever multiplied by 0.
+    below, above = (floor - m).relu(), (m - _JOIN).relu()
+    return -_K / m.clamp(floor, _JOIN).log() - _tangent(floor) * below + _tangent(_JOIN) * above
+
+
+def _tangent(m: float) -> float:
+    """Derivative of -K / ln m."""
+    return _K / (m * math.log(m) ** 2)
+
+
+def normalised_mse(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+    """Mean squared error of each image over the squared data range, float64, [...]."""
+    check_data_range(data_range)
+    return mse(prediction, target) / data_range**2
+
+
+def image_pair(prediction: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
+    """Both images in one type, float32 or wider, once they are known to be comparable.
+
+    Args:
+        prediction: Images, [..., C, H, W].
+        target: Images of the same shape, on the same device.
+
+    Raises:
+        InputError: The shapes differ, an axis is missing or empty, or the numbers are not real floating point.
+    """
+    if prediction.shape != target.shape:
+        raise InputError("prediction and target must have one shape", got=_both(prediction.shape, target.shape))
+    if prediction.ndim < 3 or prediction.numel() == 0:
+        raise InputError("images must be [..., C, H, W] and not empty", got=list(prediction.shape))
+    if not (prediction.is_floating_point() and target.is_floating_point()):
+        remedy = "convert to float and scale first, 8-bit images by 1/255"
+        raise InputError("images must be floating point", got=_both(prediction.dtype, target.dtype), remedy=remedy)
+    common = working_type(prediction, target)
+    return prediction.to(common), target.to(common)
+
+
+def working_type(prediction: Tensor, target: Tensor) -> torch.dtype:
+    """The type that both images fit in: float64 if one of them is, else float32."""
+    return torch.promote_types(torch.promote_types(prediction.dtype, target.dtype), torch.float32)
+
+
+def check_data_range(data_range: float) -> None:
+    """Refuse a data range that is not finite or not above 0.
+
+    Raises:
+        InputError: It is not.
+    """
+    if not (math.isfinite(data_range) and data_range > 0):
+        raise InputError("data_range must be finite and above 0", got=data_range, remedy="radiance in [0, 1] has 1.0")
+
+
+def _both(first: object, second: object) -> str:
+    """Two values, as an error message shows them."""
+    return f"{first} and {second}"

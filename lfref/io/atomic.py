@@ -1,0 +1,121 @@
+"""Writing that never leaves half a file: a hidden name beside the target, fsync, rename.
+
+A killed process leaves the old file as it was, and perhaps a hidden `.NAME.partial-*` beside it.
+"""
+
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from lfref.io import explain
+
+
+def _hidden(path: Path) -> Path:
+    """A free hidden name beside the path, with its suffix, since writers choose the format by suffix."""
+    return path.with_name(f".{path.stem[:200]}.partial-{secrets.token_hex(6)}{path.suffix}")
+
+
+def _flush(path: Path) -> None:
+    """Make the operating system put a file or folder on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _flush_folder(path: Path) -> None:
+    """As `_flush`, where the file system knows how to do that to a folder."""
+    with suppress(OSError):
+        _flush(path)
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Write a file under a temporary name, which takes the place of `path` only if the body succeeds.
+
+    Args:
+        path: The file to write; folders above it are made.
+
+    Yields:
+        A temporary path in the same folder, with the same suffix, which the body must write.
+
+    Raises:
+        FileError: The folder or the disk refuses.
+    """
+    path = Path(path)
+    partial = _hidden(path)
+    with explain.explained(path, "written"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        try:
+            yield partial
+            _flush(partial)
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
+        _flush_folder(path.parent)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file, UTF-8, all of it or nothing.
+
+    Args:
+        path: The file to write; folders above it are made.
+        text: What it shall hold.
+
+    Raises:
+        FileError: The folder or the disk refuses.
+    """
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def replacing_folder(path: str | Path) -> Iterator[Path]:
+    """Fill a folder under a temporary name, which takes the place of `path` only if the body succeeds.
+
+    An old folder is renamed aside before the new one takes its name, and deleted last.
+
+    Args:
+        path: The folder to write; folders above it are made.
+
+    Yields:
+        A temporary folder beside it, empty, whose files the body must flush.
+
+    Raises:
+        FileError: The folder above or the disk refuses, or `path` is a file.
+    """
+    path = Path(path)
+    partial = _hidden(path)
+    with explain.explained(path, "written"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not path.is_dir():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+        try:
+            partial.mkdir()
+            yield partial
+            _flush_folder(partial)
+            _take_place(partial, path)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+        _flush_folder(path.parent)
+
+
+def _take_place(new: Path, path: Path) -> None:
+    """Give the new folder the name `path`; a folder of that name goes, or comes back if that fails."""
+    old = _hidden(path)
+    if path.exists():
+        path.rename(old)
+    try:
+        new.rename(path)
+    except BaseException:
+        if old.exists():
+            old.rename(path)
+        raise
+    shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,146 @@
+"""Decoding image files with OpenImageIO, so that every damage is one `FileError` that names the file.
+
+OpenImageIO reports late and sometimes not at all: a truncated JPEG gives an array and an error, a PNG that
+lacks its last bytes gives an array and none, and alpha is multiplied into PNG colours unless told otherwise.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO
+from numpy.typing import NDArray
+
+from lfref.errors import FileError
+from lfref.io import explain
+
+LIMIT_MB = 1024
+"""Largest image that is decoded, in MiB of the file's own sample type; a 16-bit RGBA ESLF has 305."""
+
+MAGIC = {
+    b"\x89PNG\r\n\x1a\n": "png",
+    b"v/1\x01": "exr",
+    b"II*\0": "tiff",
+    b"MM\0*": "tiff",
+    b"II+\0": "tiff",
+    b"MM\0+": "tiff",
+    b"\xff\xd8\xff": "jpeg",
+}
+SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
+"""Sample type of the file -> sample type of the array."""
+
+PNG_END = b"IEND\xaeB`\x82"
+PNG_END_SEARCH = 65536
+"""How many bytes before the end of a PNG its end mark may stand; some tools append data of their own."""
+
+
+def file_format(path: Path) -> str:
+    """The format of an image file, by its first bytes and not by its name.
+
+    Args:
+        path: The file.
+
+    Returns:
+        `png`, `exr`, `tiff` or `jpeg`.
+
+    Raises:
+        FileError: The file is missing, empty or none of these.
+    """
+    with explain.explained(path, "read"), path.open("rb") as file:
+        head = file.read(8)
+    for magic, name in MAGIC.items():
+        if head.startswith(magic):
+            return name
+    got = "another kind of file" if head else "an empty file"
+    raise FileError(f"{path} must be a PNG, EXR, TIFF or JPEG image", got=got, remedy="copy or convert it again")
+
+
+def _damaged(path: Path, reason: str) -> FileError:
+    remedy = "the file may be damaged: copy it again"
+    if "exceeds the" in reason:
+        remedy = "cut it into smaller images, or raise lfref.io.decode.LIMIT_MB"
+    return FileError(f"{path} cannot be decoded", got=explain.one_line(reason), remedy=remedy)
+
+
+def _check_png_end(path: Path) -> None:
+    """Refuse a PNG without its end mark, which the decoder does not miss."""
+    with explain.explained(path, "read"), path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - PNG_END_SEARCH))
+        if PNG_END not in file.read():
+            raise _damaged(path, "a truncated PNG")
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[OpenImageIO.ImageInput]:
+    """An image file open for decoding.
+
+    Args:
+        path: The file.
+
+    Yields:
+        The OpenImageIO reader.
+
+    Raises:
+        FileError: The file is missing, empty, truncated, too large, or not PNG, EXR, TIFF or JPEG.
+    """
+    if file_format(path) == "png":
+        _check_png_end(path)
+    try:
+        source = _source(path)
+        try:
+            yield source
+        finally:
+            source.close()
+    except UnicodeDecodeError as error:  # raised when a message or an attribute quotes the damaged bytes
+        raise _damaged(path, "a damaged header") from error
+
+
+def _source(path: Path) -> OpenImageIO.ImageInput:
+    """The OpenImageIO reader of a file, told not to multiply alpha into the colours."""
+    OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
+    hints = OpenImageIO.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)
+    source = OpenImageIO.ImageInput.open(str(path), hints)
+    if source is None:
+        raise _damaged(path, OpenImageIO.geterror())
+    return source
+
+
+def decode(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDArray:
+    """All samples of one part of an open file.
+
+    Args:
+        source: The reader that `opened` gave.
+        path: Its file, for messages.
+        part: Index of the part, from 0.
+
+    Returns:
+        Samples, uint8, uint16 or float32, alpha not multiplied into the colours, [H, W, C] with C 1 to 4.
+
+    Raises:
+        FileError: The file is damaged, its samples are of another type, not finite, or of over 4 channels.
+    """
+    spec = source.spec(part)
+    if str(spec.format) not in SAMPLES or not 1 <= spec.nchannels <= 4:
+        got = f"{spec.nchannels} channels of {spec.format}"
+        raise FileError(f"{path} must hold 1 to 4 channels of {', '.join(SAMPLES)}", got=got, remedy="convert it")
+    samples = source.read_image(part, 0, 0, spec.nchannels, SAMPLES[str(spec.format)])
+    if (reason := source.geterror()) or samples is None:
+        raise _damaged(path, reason)
+    if samples.dtype.kind == "f" and not np.isfinite(samples).all():
+        raise FileError(f"{path} must hold finite values", got="NaN or infinity", remedy="render or convert it again")
+    return _unassociated(samples, spec)
+
+
+def _unassociated(samples: NDArray, spec: OpenImageIO.ImageSpec) -> NDArray:
+    """The samples with alpha divided out of the colours, if the file (EXR, some TIFF) multiplied it in."""
+    if spec.alpha_channel < 0 or spec.getattribute("oiio:UnassociatedAlpha"):
+        return samples
+    full = np.iinfo(samples.dtype).max if samples.dtype.kind == "u" else 1.0
+    alpha = samples[..., spec.alpha_channel, None] / full
+    colours = np.divide(samples, alpha, out=np.zeros(samples.shape), where=alpha > 0)
+    if samples.dtype.kind == "u":
+        colours = np.rint(np.minimum(colours, full))
+    colours[..., spec.alpha_channel] = samples[..., spec.alpha_channel]
+    return colours.astype(samples.dtype)

@@ -1,0 +1,142 @@
+"""Encoding PNG and EXR files with OpenImageIO: rounded to the file's sample type, complete or not at all.
+
+A fourth channel is a weight: it is never multiplied into the colours. EXR is compressed without loss (zip).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO
+from numpy.typing import NDArray
+
+from lfref.errors import FileError, InputError
+from lfref.io import atomic, explain
+
+DEPTHS: dict[str, dict[int, str]] = {
+    ".png": {8: "uint8", 16: "uint16"},
+    ".exr": {32: "float", 16: "half"},
+}
+"""Suffix -> bits a sample -> sample type; the first is the default."""
+
+ARRAY_TYPES: dict[str, type[np.generic]] = {
+    "uint8": np.uint8,
+    "uint16": np.uint16,
+    "half": np.float16,
+    "float": np.float32,
+}
+# `weight` instead of `A`: EXR takes for granted that A is multiplied into the colours.
+CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
+
+
+@dataclass(frozen=True)
+class Part:
+    """One image of a file."""
+
+    samples: NDArray
+    """Floating point, nominally in [0, 1], [H, W, C] with C 1 to 4."""
+    name: str = ""
+    """Name of the part, unique in the file."""
+    attributes: Mapping[str, str | float] = field(default_factory=dict)
+    """What the part says about itself."""
+
+
+def sample_type(path: Path, bits: int | None) -> str:
+    """The sample type of a file to be written.
+
+    Args:
+        path: The file, whose suffix is the format.
+        bits: Bits a sample; None takes the default of the format.
+
+    Raises:
+        InputError: The suffix is not `.png` or `.exr`, or the format has no such depth.
+    """
+    if path.suffix.lower() not in DEPTHS:
+        raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
+    depths = DEPTHS[path.suffix.lower()]
+    if bits is None:
+        return next(iter(depths.values()))
+    if bits not in depths:
+        raise InputError(f"bits of {path} must be one of {', '.join(map(str, depths))}", got=bits)
+    return depths[bits]
+
+
+def quantised(samples: NDArray, kind: str, path: Path) -> NDArray:
+    """Samples as a file holds them.
+
+    Args:
+        samples: Floating point, any shape.
+        kind: `uint8` or `uint16`: clipped to [0, 1], scaled and rounded; `half` or `float`: rounded.
+        path: The file they are for, for messages.
+
+    Raises:
+        InputError: NaN or infinity, before or after rounding.
+    """
+    target = np.dtype(ARRAY_TYPES[kind])
+    if not np.isfinite(samples).all():
+        raise InputError(f"values for {path} must be finite", got="NaN or infinity", remedy="find out where it arose")
+    if target.kind == "u":
+        full = np.iinfo(target).max
+        return np.rint(np.clip(samples, 0, 1) * full).astype(target)
+    with np.errstate(over="ignore"):
+        rounded = samples.astype(target)
+    if not np.isfinite(rounded).all():
+        got = float(np.abs(samples).max())
+        raise InputError(f"values for {path} must fit into {kind}", got=got, remedy="write 32 bits")
+    return rounded
+
+
+def encode(path: Path, parts: Sequence[Part], bits: int | None = None) -> None:
+    """Write a file of one or, for EXR, several parts.
+
+    Args:
+        path: The file to write, `.png` or `.exr`; folders above it are made.
+        parts: What it shall hold.
+        bits: 8 (default) or 16 for PNG; 32 (default) or 16 for EXR.
+
+    Raises:
+        InputError: A suffix, depth, channel count or sample that the format does not have.
+        FileError: The folder or the disk refuses.
+    """
+    kind = sample_type(path, bits)
+    specs = [_spec(part, kind, path) for part in parts]
+    with atomic.replacing(path) as partial:
+        _write(partial, path, parts, specs)
+
+
+def _spec(part: Part, kind: str, path: Path) -> OpenImageIO.ImageSpec:
+    if part.samples.ndim != 3 or part.samples.shape[2] not in CHANNELS or 0 in part.samples.shape:
+        raise InputError(f"an image for {path} must be [H, W, C] with C 1 to 4", got=f"shape {part.samples.shape}")
+    height, width, n_channels = part.samples.shape
+    spec = OpenImageIO.ImageSpec(width, height, n_channels, kind)
+    spec.channelnames = CHANNELS[n_channels]
+    spec.alpha_channel = -1
+    # Without it the PNG writer divides the colours by the fourth channel.
+    spec.attribute("oiio:UnassociatedAlpha", 1)
+    spec.attribute("compression", "zip")
+    for name, value in {"oiio:subimagename": part.name, **part.attributes}.items():
+        spec.attribute(name, value)
+    return spec
+
+
+def _write(partial: Path, path: Path, parts: Sequence[Part], specs: list[OpenImageIO.ImageSpec]) -> None:
+    output = OpenImageIO.ImageOutput.create(str(partial))
+    assert output is not None, f"no writer for {partial.suffix}"
+    try:
+        opened = output.open(str(partial), specs if len(specs) > 1 else specs[0])
+        for index, (part, spec) in enumerate(zip(parts, specs, strict=True)):
+            opened = opened and (index == 0 or output.open(str(partial), spec, "AppendSubimage"))
+            # The writer refuses arrays whose channels are not innermost.
+            samples = np.ascontiguousarray(quantised(part.samples, str(spec.format), path))
+            if not (opened and output.write_image(samples)):
+                raise _refused(path, output)
+    finally:
+        closed = output.close()
+    if not closed:
+        raise _refused(path, output)
+
+
+def _refused(path: Path, output: OpenImageIO.ImageOutput) -> FileError:
+    reason = explain.one_line(output.geterror())
+    return FileError(f"{path} cannot be written", got=reason, remedy="check the folder, its permissions and the disk")

@@ -1,0 +1,148 @@
+"""The training loss: a weighted sum of named terms, each one a pure function of prediction and target.
+
+Source: the paper's Eq. for L, with its psi_1 and psi_2 multiplied out,
+L = MSE + beta (1 - SSIM) / 2 + (1 - beta) L1 + gamma / PSNR, computed for each refocused image, then averaged.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import torch
+from torch import Tensor, nn
+
+from lfref.errors import InputError
+from lfref.functional.psnr import image_pair, inverse_psnr, mse, working_type
+from lfref.functional.ssim import one_minus_ssim
+
+Term = Callable[[Tensor, Tensor], Tensor]
+"""One part of the loss: prediction and target, [..., C, H, W], to one value per image, [...]."""
+
+
+def mean_squared_error(prediction: Tensor, target: Tensor) -> Tensor:
+    """Mean squared error of each image, [..., C, H, W] -> [...], float32 or the images' wider type."""
+    return mse(prediction, target).to(working_type(prediction, target))
+
+
+def mean_absolute_error(prediction: Tensor, target: Tensor) -> Tensor:
+    """Mean absolute error of each image, [..., C, H, W] -> [...], float32 or the images' wider type.
+
+    The paper writes the l1-norm; a norm that grows with the number of pixels would drown the other terms.
+    """
+    prediction, target = image_pair(prediction, target)
+    return (prediction - target).abs().mean((-3, -2, -1))
+
+
+TERMS: Mapping[str, Term] = MappingProxyType(
+    {"mse": mean_squared_error, "l1": mean_absolute_error, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}
+)
+"""The terms by name, for images with radiance in [0, 1]; `ssim` is 1 - SSIM."""
+
+
+def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
+    """Weights of the terms that make up the paper's loss.
+
+    Args:
+        beta: Share of 1 - SSIM against L1, [0, 1].
+        gamma: Weight of the inverse PSNR in dB, at least 0.
+
+    Returns:
+        A weight for each name in `TERMS`.
+
+    Raises:
+        InputError: beta is out of range; gamma is looked at with the other weights.
+    """
+    if not 0 <= beta <= 1:
+        raise InputError("beta must lie in [0, 1]", got=beta, remedy="the paper uses 0.65")
+    return {"mse": 1.0, "ssim": beta / 2, "l1": 1 - beta, "inverse_psnr": gamma}
+
+
+PAPER_WEIGHTS: Mapping[str, float] = MappingProxyType(paper_weights())
+"""The paper's weights: beta = 0.65, gamma = 500."""
+
+
+class CompositeLoss(nn.Module):
+    """Weighted sum of named terms; without arguments, the paper's loss.
+
+    Args:
+        weights: Weight of each term by name, finite and at least 0; a term with weight 0 is not computed.
+        terms: The functions that the names stand for.
+
+    Raises:
+        InputError: A name is not in `terms`, a weight is negative or not finite, or no weight is above 0.
+    """
+
+    def __init__(self, weights: Mapping[str, float] = PAPER_WEIGHTS, terms: Mapping[str, Term] = TERMS) -> None:
+        super().__init__()
+        self.weights = _checked_weights(weights, terms)
+        """Weights above 0 by name."""
+        self._functions = {name: terms[name] for name in self.weights}
+
+    def forward(self, prediction: Tensor, target: Tensor) -> Tensor:
+        """The loss, averaged over the images.
+
+        Args:
+            prediction: Images, [..., C, H, W], any floating type, also under autocast.
+            target: Images of the same shape.
+
+        Returns:
+            A scalar, float32 or the images' wider type.
+
+        Raises:
+            InputError: The images are not comparable, or too small for a term.
+        """
+        return self.total(self.terms(prediction, target))
+
+    def terms(self, prediction: Tensor, target: Tensor) -> dict[str, Tensor]:
+        """Each term without its weight, averaged over the images, as a log shows them.
+
+        Args:
+            prediction: Images, [..., C, H, W].
+            target: Images of the same shape.
+
+        Returns:
+            A scalar for each name in `weights`.
+
+        Raises:
+            InputError: The images are not comparable, or too small for a term.
+        """
+        image_pair(prediction, target)
+        return {name: function(prediction, target).mean() for name, function in self._functions.items()}
+
+    def total(self, terms: Mapping[str, Tensor]) -> Tensor:
+        """The weighted sum of what `terms` returned, a scalar.
+
+        Args:
+            terms: A scalar for each name in `weights`; other names are left out of the sum.
+
+        Raises:
+            InputError: A name is missing.
+        """
+        if missing := self.weights.keys() - terms.keys():
+            raise InputError(f"terms must hold {', '.join(self.weights)}", got=f"none for {', '.join(sorted(missing))}")
+        return torch.stack([weight * terms[name] for name, weight in self.weights.items()]).sum()
+
+    def extra_repr(self) -> str:
+        """The weights, as the printed module shows them."""
+        return ", ".join(f"{name}={weight:g}" for name, weight in self.weights.items())
+
+
+def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) -> dict[str, float]:
+    """The weights above 0 as plain floats, once every name and value is known to be usable."""
+    if unknown := weights.keys() - terms.keys():
+        raise InputError(f"loss terms are {', '.join(terms)}", got=", ".join(sorted(map(str, unknown))))
+    checked = {name: _weight(name, value) for name, value in weights.items()}
+    if not any(checked.values()):
+        raise InputError("the loss needs at least one term with a weight above 0", got=checked)
+    return {name: value for name, value in checked.items() if value > 0}
+
+
+def _weight(name: str, value: float) -> float:
+    """The value as a float, refused unless it is finite and at least 0."""
+    try:
+        number = float(value)  # YAML reads 1e-3 as a string.
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number >= 0):
+        raise InputError(f"the weight of {name} must be finite and at least 0", got=repr(value))
+    return number

@@ -1,0 +1,1 @@
+"""Image quality of whole stacks, as torchmetrics classes over pure functions."""

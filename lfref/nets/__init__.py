@@ -1,0 +1,1 @@
+"""Networks that refocus, and the checkpoint format they are kept in."""

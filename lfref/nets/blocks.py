@@ -1,0 +1,107 @@
+"""The residual block of RefNet and the leaf choices of its ablations: activations and normalisations.
+
+Letters: `F` filters of a block, as in the paper's figure of the ResBlock.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from torch import Tensor, nn
+
+from lfref.errors import InputError
+
+ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
+    "softplus": nn.Softplus,
+    "relu": nn.ReLU,
+    "leaky_relu": nn.LeakyReLU,
+    "gelu": nn.GELU,
+    "silu": nn.SiLU,
+    "elu": nn.ELU,
+}
+
+NORMALIZATIONS: dict[str, Callable[[int], nn.Module]] = {
+    "instance": lambda channels: nn.InstanceNorm2d(channels, affine=True),
+    "batch": nn.BatchNorm2d,
+    "group": lambda channels: nn.GroupNorm(math.gcd(32, channels), channels),
+    # Layer norm of a convolutional network: over all channels and pixels of one sample.
+    "layer": lambda channels: nn.GroupNorm(1, channels),
+    "none": lambda channels: nn.Identity(),
+}
+
+
+class BlockStyle(NamedTuple):
+    """Widths of a block's first two convolutions as divisors of F."""
+
+    first: int
+    second: int
+
+
+STYLES: dict[str, BlockStyle] = {
+    "text": BlockStyle(1, 2),  # F, F/2, F: the paper's text
+    "sibling": BlockStyle(2, 2),  # F/2, F/2, F: the authors' sister paper and the usual bottleneck
+}
+
+
+def checked_choice(option: str, value: str, choices: Sequence[str]) -> str:
+    """The value, once it is known to be one of the choices.
+
+    Raises:
+        InputError: It is not.
+    """
+    if value not in choices:
+        raise InputError(f"{option} must be one of {', '.join(choices)}", got=repr(value))
+    return value
+
+
+class ResBlock(nn.Module):
+    """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W].
+
+    Args:
+        channels: Channels that come in.
+        filters: F, channels that go out; even.
+        activation: A key of `ACTIVATIONS`.
+        normalization: A key of `NORMALIZATIONS`.
+        style: A key of `STYLES`.
+
+    Raises:
+        InputError: F is odd or a key is unknown.
+    """
+
+    def __init__(
+        self,
+        channels: int,
+        filters: int,
+        activation: str = "softplus",
+        normalization: str = "instance",
+        style: str = "text",
+    ) -> None:
+        super().__init__()
+        if filters < 2 or filters % 2:
+            raise InputError("the width of a block must be even and at least 2", got=filters)
+        act = ACTIVATIONS[checked_choice("activation", activation, list(ACTIVATIONS))]
+        norm = NORMALIZATIONS[checked_choice("normalization", normalization, list(NORMALIZATIONS))]
+        shape = STYLES[checked_choice("style", style, list(STYLES))]
+        first, second = filters // shape.first, filters // shape.second
+        self.body = nn.Sequential(
+            nn.Conv2d(channels, first, 1),
+            act(),
+            norm(first),
+            nn.Conv2d(first, second, 3, padding=1),
+            act(),
+            norm(second),
+            nn.Conv2d(second, filters, 1),
+        )
+        self.skip = nn.Identity() if channels == filters else nn.Conv2d(channels, filters, 1)
+        self.activation = act()
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Apply the block.
+
+        Args:
+            features: [B, C, H, W].
+
+        Returns:
+            [B, F, H, W].
+        """
+        return self.activation(self.body(features) + self.skip(features))

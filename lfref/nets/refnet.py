@@ -1,0 +1,131 @@
+"""RefNet: one pass of a residual network from a light field to its whole refocused stack.
+
+The paper leaves the widths F, the first kernel and the last kernels open (its figure is missing), so they are
+options; the defaults are a schedule that has the 12.5 million parameters it states.
+Source: Hedayati, Havens, Bos, "Machine Learning Method for Light Field Refocusing", section 3.1.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from lfref.errors import InputError
+from lfref.lightfield import check_views
+from lfref.nets.blocks import ResBlock
+
+PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
+
+
+class RefNet(nn.Module):
+    """Views [..., V, U, C, H, W] -> stack [..., N, C, H, W], both in [0, 1].
+
+    Args:
+        n_planes: Planes of the stack, N.
+        grid: View rows and columns (V, U).
+        channels: Colour channels, C.
+        activation: Of the blocks: softplus, relu, leaky_relu, gelu, silu or elu.
+        normalization: Of the blocks: instance, batch, group, layer or none.
+        widths: Filters F of each block.
+        n_blocks: Number of blocks; the schedule of widths is stretched or thinned to it. None: one a width.
+        style: `text` (F, F/2, F) or `sibling` (F/2, F/2, F).
+        stem_width: Filters of the first convolution.
+        stem_kernel: Its kernel, odd.
+        head_kernel: Kernel of the last two convolutions, odd.
+
+    Raises:
+        InputError: An option that no network can be built from.
+    """
+
+    def __init__(
+        self,
+        n_planes: int = 16,
+        grid: Sequence[int] = (7, 7),
+        channels: int = 3,
+        activation: str = "softplus",
+        normalization: str = "instance",
+        widths: Sequence[int] = PAPER_WIDTHS,
+        n_blocks: int | None = None,
+        style: str = "text",
+        stem_width: int = 192,
+        stem_kernel: int = 3,
+        head_kernel: int = 1,
+    ) -> None:
+        super().__init__()
+        schedule = stretched(widths, len(widths) if n_blocks is None else n_blocks)
+        _check_sizes(n_planes, grid, channels, stem_width, (stem_kernel, head_kernel))
+        self.config: dict[str, Any] = {
+            "n_planes": n_planes,
+            "grid": list(grid),
+            "channels": channels,
+            "activation": activation,
+            "normalization": normalization,
+            "widths": schedule,
+            "style": style,
+            "stem_width": stem_width,
+            "stem_kernel": stem_kernel,
+            "head_kernel": head_kernel,
+        }
+        """The arguments that build this network again, in plain containers."""
+        outputs = n_planes * channels
+        inputs = [stem_width, *schedule[:-1]]
+        self.trunk = nn.Sequential(
+            nn.Conv2d(grid[0] * grid[1] * channels, stem_width, stem_kernel, padding=stem_kernel // 2),
+            nn.ReLU(),
+            *(ResBlock(a, b, activation, normalization, style) for a, b in zip(inputs, schedule, strict=True)),
+            nn.Conv2d(schedule[-1], outputs, head_kernel, padding=head_kernel // 2),
+            nn.ReLU(),
+        )
+        self.head = nn.Conv2d(outputs, outputs, head_kernel, padding=head_kernel // 2)
+
+    def features(self, views: Tensor) -> Tensor:
+        """What the last convolution reads: views [..., V, U, C, H, W] -> [B, N * C, H, W].
+
+        Raises:
+            InputError: Another grid, number of channels or type than the network was built for, or 1x1 views.
+        """
+        check_views(views)
+        expected = (*self.config["grid"], self.config["channels"])
+        if tuple(views.shape[-5:-2]) != expected:
+            raise InputError(
+                f"this network reads views [..., {', '.join(map(str, expected))}, H, W]",
+                got=f"shape {list(views.shape)}",
+                remedy="cut the light field to that grid (views=... of the reader)",
+            )
+        if views.shape[-1] * views.shape[-2] < 2:
+            raise InputError("views must have more than one pixel: normalisation has nothing to compare", got="1x1")
+        return self.trunk(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:]))
+
+    def forward(self, views: Tensor) -> Tensor:
+        """Refocus.
+
+        Args:
+            views: Radiance in [0, 1], [..., V, U, C, H, W].
+
+        Returns:
+            Stack, radiance >= 0, [..., N, C, H, W].
+
+        Raises:
+            InputError: Views that do not fit the network.
+        """
+        images = torch.relu(self.head(self.features(views)))
+        return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], *views.shape[-2:])
+
+
+def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:
+    """A schedule of widths resampled to another number of blocks, each taking the nearest original.
+
+    Raises:
+        InputError: No width or no block.
+    """
+    if len(widths) == 0 or n_blocks < 1:
+        raise InputError("RefNet needs at least one block and one width", got=f"{n_blocks} and {list(widths)}")
+    return [int(widths[(2 * i + 1) * len(widths) // (2 * n_blocks)]) for i in range(n_blocks)]
+
+
+def _check_sizes(n_planes: int, grid: Sequence[int], channels: int, stem_width: int, kernels: Sequence[int]) -> None:
+    if len(grid) != 2 or min(n_planes, *grid, channels, stem_width) < 1:
+        raise InputError("planes, grid, channels and stem width must be positive", got=(n_planes, *grid, channels))
+    if any(kernel < 1 or kernel % 2 == 0 for kernel in kernels):
+        raise InputError("kernels must be odd, so that the picture keeps its size", got=list(kernels))

@@ -1,0 +1,1 @@
+"""Refocusing operators: views [..., V, U, C, H, W] and slopes [N] in, stack [..., N, C, H, W] out."""

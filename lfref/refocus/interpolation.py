@@ -1,0 +1,89 @@
+"""Shifting views by fractions of a pixel along one axis: nearest, linear, exact.
+
+A view is read at x + shift. Each interpolation adds a shifted view onto a running sum, so that nothing is stored
+twice; `exact` is trigonometric (Fourier) interpolation.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from lfref.errors import InputError
+from lfref.functional import fourier
+from lfref.refocus.borders import Border
+
+SEAM = 16  # samples over which a view that is not periodic is faded into its other end before a Fourier shift
+
+
+class Interpolation(NamedTuple):
+    """One way to read a view between its samples."""
+
+    snap: Callable[[float], float]
+    """The shift that is really carried out for a wanted one."""
+    extend: Callable[[Tensor, Border, int, int], tuple[Tensor, int]]
+    """(view, border, reach, axis) -> the extended view, and how many samples were put before it."""
+    add_shifted: Callable[[Tensor, Tensor, float, int, tuple[int, int], int], None]
+    """(total, extended, shift, pad, span, axis): adds the shifted view to `total` within `span`, in place."""
+
+
+def _extend_locally(view: Tensor, border: Border, reach: int, axis: int) -> tuple[Tensor, int]:
+    return border.extend(view, reach, axis), reach
+
+
+def _linear_taps(shift: float) -> list[tuple[int, float]]:
+    whole = math.floor(shift)
+    fraction = shift - whole
+    # An integer shift must not touch the neighbour: it need not exist, and 0 * inf is NaN.
+    return [(whole, 1.0)] if fraction == 0 else [(whole, 1 - fraction), (whole + 1, fraction)]
+
+
+def _add_linear(total: Tensor, extended: Tensor, shift: float, pad: int, span: tuple[int, int], axis: int) -> None:
+    start, stop = span
+    for offset, weight in _linear_taps(shift):
+        taken = extended.narrow(axis, pad + offset + start, stop - start)
+        total.narrow(axis, start, stop - start).add_(taken, alpha=weight)
+
+
+def _extend_periodically(view: Tensor, border: Border, reach: int, axis: int) -> tuple[Tensor, int]:
+    """Extend so that the Fourier shift's own periodicity meets no jump (a jump would ring across the view)."""
+    if border.is_periodic:
+        return view, 0
+    pad = reach + SEAM
+    extended = border.extend(view, pad, axis).movedim(axis, -1).clone()
+    fade = 0.5 - 0.5 * torch.cos(torch.linspace(0, torch.pi, 2 * SEAM + 2, dtype=torch.float64))[1:-1]
+    fade = fade.to(view)
+    before, after = extended[..., -SEAM - 1 :][..., :1], extended[..., SEAM : SEAM + 1]
+    seam = before + (after - before) * fade
+    extended[..., -SEAM:], extended[..., :SEAM] = seam[..., :SEAM], seam[..., SEAM:]
+    return extended.movedim(-1, axis), pad
+
+
+def _add_exact(total: Tensor, extended: Tensor, shift: float, pad: int, span: tuple[int, int], axis: int) -> None:
+    start, stop = span
+    length = extended.shape[axis]
+    phases = fourier.shift_phases(fourier.half_frequencies(length), torch.tensor(shift, dtype=torch.float64))
+    phases = phases.to(total.device, fourier.complex_dtype(total.dtype))
+    spectrum = torch.fft.rfft(extended, dim=axis) * (phases if axis == -1 else phases[:, None])
+    shifted = torch.fft.irfft(spectrum, n=length, dim=axis)
+    total.narrow(axis, start, stop - start).add_(shifted.narrow(axis, pad + start, stop - start))
+
+
+INTERPOLATIONS: dict[str, Interpolation] = {
+    "nearest": Interpolation(lambda shift: math.floor(shift + 0.5), _extend_locally, _add_linear),
+    "linear": Interpolation(lambda shift: shift, _extend_locally, _add_linear),
+    "exact": Interpolation(lambda shift: shift, _extend_periodically, _add_exact),
+}
+
+
+def interpolation_of(name: str) -> Interpolation:
+    """The interpolation of that name.
+
+    Raises:
+        InputError: The name is unknown.
+    """
+    if name not in INTERPOLATIONS:
+        raise InputError(f"interpolation must be one of {', '.join(INTERPOLATIONS)}", got=repr(name))
+    return INTERPOLATIONS[name]

@@ -1,0 +1,1 @@
+"""Simulated light fields: scenes described, rendered, and repeatable by seed."""

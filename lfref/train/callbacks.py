@@ -1,0 +1,107 @@
+"""What happens around the training steps: a living start for the head, pictures, and ranks that agree."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.pytorch import Callback, Trainer
+from torch import Tensor
+
+from lfref.data.patches import Batch
+from lfref.errors import InputError
+from lfref.io import images
+from lfref.nets import head
+
+
+class HeadInitialization(Callback):
+    """Scales the last convolution on the first batch, so that no output channel starts dead."""
+
+    def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
+        """Act once, before the first step of a run that was not resumed."""
+        if trainer.global_step > 0 or batch_index > 0:
+            return
+        head.initialize_head(module.net, batch["views"], batch["labels"])
+        # Each rank saw another batch: all take the first one's head.
+        state = trainer.strategy.broadcast({name: value.cpu() for name, value in module.net.head.state_dict().items()})
+        module.net.head.load_state_dict(state)
+
+
+class StackPictures(Callback):
+    """Shows label and prediction of the first held-out patch at a few planes after each validation.
+
+    Args:
+        folder: Where the PNG files go; loggers that take images get them too.
+        alphas: Planes to show; the nearest there are.
+    """
+
+    def __init__(self, folder: str, alphas: Sequence[float] = (0.125, 1.0, 2.0)) -> None:
+        self.folder = Path(folder)
+        self.alphas = tuple(alphas)
+
+    def on_validation_batch_end(
+        self,
+        trainer: Trainer,
+        module: Any,
+        outputs: Any,
+        batch: Batch,
+        batch_index: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Make the picture from the first batch."""
+        if batch_index > 0 or trainer.sanity_checking or not trainer.is_global_zero:
+            return
+        planes = [nearest(module.planes.alphas, alpha) for alpha in self.alphas]
+        picture = side_by_side(batch["labels"][0, planes], outputs[0, planes])
+        images.write_image(self.folder / f"epoch_{trainer.current_epoch:04d}.png", picture.permute(1, 2, 0).numpy())
+        for logger in trainer.loggers:
+            log_picture(logger, picture, trainer.global_step)
+
+
+class RankAgreement(Callback):
+    """Refuses to train when the processes of a distributed run were configured differently.
+
+    A sweeper under `ddp` starts each rank with its own draw of hyper-parameters, which would train nonsense.
+
+    Args:
+        fingerprint: Hash of this process's configuration.
+    """
+
+    def __init__(self, fingerprint: str) -> None:
+        self.fingerprint = fingerprint
+
+    def setup(self, trainer: Trainer, pl_module: Any, stage: str) -> None:
+        """Compare with rank 0."""
+        if trainer.strategy.broadcast(self.fingerprint) != self.fingerprint:
+            raise InputError(
+                "all processes of a distributed run must have the same configuration",
+                got=f"another one on rank {trainer.global_rank}",
+                remedy="do not sweep inside ddp: start one run at a time",
+            )
+
+
+def nearest(alphas: Sequence[float], alpha: float) -> int:
+    """Index of the plane whose alpha is nearest."""
+    return min(range(len(alphas)), key=lambda i: abs(alphas[i] - alpha))
+
+
+def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:
+    """Labels above predictions, planes from left to right.
+
+    Args:
+        labels: [K, C, H, W] in [0, 1].
+        stack: [K, C, H, W].
+
+    Returns:
+        Picture in [0, 1], float32, CPU, [C, 2 H, K W].
+    """
+    rows = [torch.cat(list(images.detach().float().cpu()), dim=-1) for images in (labels, stack)]
+    return torch.cat(rows, dim=-2).nan_to_num().clamp(0, 1)
+
+
+def log_picture(logger: Any, picture: Tensor, step: int) -> None:
+    """Hand a picture [C, H, W] to a logger that takes pictures (wandb, tensorboard); others are left alone."""
+    if hasattr(logger, "log_image"):
+        logger.log_image("val/stack", [picture], step=step)
+    elif hasattr(logger.experiment, "add_image"):
+        logger.experiment.add_image("val/stack", picture, step)

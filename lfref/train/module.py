@@ -1,0 +1,75 @@
+"""The LightningModule: a network, its loss, its metrics and its optimiser, and nothing they could do themselves."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+from lightning.pytorch import LightningModule
+from torch import Tensor, nn
+
+from lfref.data.patches import Batch
+from lfref.geometry import FocalPlanes
+from lfref.losses.composite import CompositeLoss
+from lfref.metrics.stack import MPSNR, MSSIM
+from lfref.nets import checkpoint as checkpoints
+from lfref.nets.refnet import RefNet
+
+OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
+
+
+class Refocusing(LightningModule):
+    """Trains a network to make refocused stacks.
+
+    Args:
+        net: Views [B, V, U, C, H, W] -> stack [B, N, C, H, W].
+        loss: Named weighted terms.
+        planes: What the planes of the labels are; goes into every checkpoint.
+        optimizer: Makes the optimiser from the parameters.
+    """
+
+    def __init__(self, net: RefNet, loss: CompositeLoss, planes: FocalPlanes, optimizer: OptimizerFactory) -> None:
+        super().__init__()
+        self.net = net
+        self.loss = loss
+        self.planes = planes
+        self.optimizer = optimizer
+        self.mpsnr = MPSNR(n_planes=len(planes))
+        self.mssim = MSSIM(n_planes=len(planes))
+
+    def forward(self, views: Tensor) -> Tensor:
+        """Refocus: views [B, V, U, C, H, W] -> stack [B, N, C, H, W]."""
+        return self.net(views)
+
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The loss of one batch; every term is logged by its name."""
+        return self._loss(batch["labels"], self.net(batch["views"]), "train")
+
+    def validation_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The stack of one held-out batch, its loss and metrics logged."""
+        stack = self.net(batch["views"])
+        self._loss(batch["labels"], stack, "val")
+        for name, metric in (("val/mpsnr", self.mpsnr), ("val/mssim", self.mssim)):
+            metric.update(stack, batch["labels"])
+            self.log(name, metric, prog_bar=True)
+        return stack
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """The optimiser over all parameters of the network."""
+        return self.optimizer(self.net.parameters())
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Add what `lfref.load` needs to build the network again."""
+        checkpoint["lfref"] = checkpoints.payload(self.net, self.planes)
+
+    def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
+        terms = self.loss.terms(stack, labels)
+        total = self.loss.total(terms)
+        values = {f"{stage}/{name}": value for name, value in {"loss": total, **terms}.items()}
+        self.log_dict(
+            values,
+            on_step=stage == "train",
+            on_epoch=stage == "val",
+            batch_size=len(labels),
+            sync_dist=stage == "val",
+        )
+        return total

@@ -1,0 +1,178 @@
+"""psnr.py: against skimage and a high-precision oracle, and finite where the paper's form is not."""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skimage.metrics import peak_signal_noise_ratio
+from torch.autograd import gradcheck
+
+from lfref.errors import InputError
+from lfref.functional.psnr import CEILING_DB, inverse_psnr, inverse_psnr_of_mse, mse, psnr
+
+JOIN = math.exp(-2)
+FLOOR = 1e-10
+
+
+def images(*shape: int, dtype: torch.dtype = torch.float32, seed: int = 0) -> torch.Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64).to(dtype)
+
+
+def slope_at(m: float, floor: float = FLOOR) -> float:
+    point = torch.tensor(m, dtype=torch.float64, requires_grad=True)
+    inverse_psnr_of_mse(point, floor).backward()
+    return point.grad.item()
+
+
+def test_mse_is_one_float64_value_per_image() -> None:
+    prediction, target = images(2, 5, 3, 4, 6), images(2, 5, 3, 4, 6, seed=1)
+    expected = np.square(prediction.double().numpy() - target.double().numpy()).mean((-3, -2, -1))
+    assert mse(prediction, target).dtype == torch.float64
+    np.testing.assert_allclose(mse(prediction, target).numpy(), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("size", [1e-45, 1e-30, 1e19, 3e38])
+def test_mse_survives_differences_whose_float32_square_does_not(size: float) -> None:
+    prediction = torch.full((1, 4, 4), size)
+    assert mse(prediction, torch.zeros(1, 4, 4)).item() == pytest.approx(prediction[0, 0, 0].item() ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("data_range", [1.0, 255.0])
+def test_psnr_agrees_with_skimage(data_range: float) -> None:
+    prediction, target = (data_range * images(3, 16, 16, seed=seed, dtype=torch.float64) for seed in (0, 1))
+    expected = peak_signal_noise_ratio(target.numpy(), prediction.numpy(), data_range=data_range)
+    assert psnr(prediction, target, data_range).item() == pytest.approx(expected, abs=1e-12)
+
+
+def test_psnr_of_identical_images_is_the_ceiling_with_gradient_zero() -> None:
+    prediction = images(3, 8, 8).requires_grad_()
+    value = psnr(prediction, prediction.detach().clone())
+    value.backward()
+    assert value.item() == CEILING_DB == 100.0
+    assert (prediction.grad == 0).all()
+
+
+def test_psnr_goes_below_zero_when_the_error_exceeds_the_range() -> None:
+    assert psnr(torch.full((1, 2, 2), 10.0), torch.zeros(1, 2, 2)).item() == pytest.approx(-20)
+
+
+@pytest.mark.parametrize("function", [psnr, inverse_psnr])
+@pytest.mark.parametrize(
+    ("given_type", "returned"),
+    [
+        (torch.float16, torch.float32),
+        (torch.bfloat16, torch.float32),
+        (torch.float32, torch.float32),
+        (torch.float64, torch.float64),
+    ],
+)
+def test_results_are_float32_or_the_wider_input_type(function, given_type, returned) -> None:
+    value = function(images(2, 3, 4, 4, dtype=given_type), images(2, 3, 4, 4, seed=1, dtype=given_type))
+    assert value.dtype == returned
+    assert value.shape == (2,)
+
+
+def test_inverse_psnr_is_the_papers_form_from_8_69_to_100_decibels() -> None:
+    with mpmath.workdps(50):
+        for decibel in np.linspace(8.6859, 100, 400):
+            m = float(10 ** (-decibel / 10))
+            oracle = 1 / (-10 * mpmath.log10(mpmath.mpf(m)))
+            value = inverse_psnr_of_mse(torch.tensor(m, dtype=torch.float64)).item()
+            assert abs(value - float(oracle)) < 1e-15
+
+
+@pytest.mark.parametrize("floor", [1e-10, 1e-6, 1e-3])
+def test_inverse_psnr_joins_its_tangents_in_value_and_slope(floor: float) -> None:
+    for join in (floor, JOIN):
+        left, middle, right = (join * (1 + step) for step in (-1e-6, 0, 1e-6))
+        values = inverse_psnr_of_mse(torch.tensor([left, middle, right], dtype=torch.float64), floor)
+        assert values.diff().abs().max() < 1e-5 * values[1]
+        expected = math.log(10) / 10 / (join * math.log(join) ** 2)
+        for point in (left, middle, right):
+            assert slope_at(point, floor) == pytest.approx(expected, rel=1e-5)
+
+
+def test_inverse_psnr_has_a_continuous_second_derivative_at_its_upper_join() -> None:
+    step = 1e-4
+    inside = (slope_at(JOIN) - slope_at(JOIN - step)) / step
+    outside = (slope_at(JOIN + step) - slope_at(JOIN)) / step
+    assert abs(inside - outside) < 1e-3 * slope_at(JOIN) / JOIN
+
+
+def test_inverse_psnr_grows_with_the_error_over_36_decades() -> None:
+    m = torch.logspace(-30, 6, 20001, dtype=torch.float64)
+    values = inverse_psnr_of_mse(m)
+    assert (values > 0).all()
+    assert (values.diff() >= 0).all()
+    # Strictly, as far as float64 resolves the steps of the tangent near 0.
+    assert (values[m > 1e-20].diff() > 0).all()
+
+
+@pytest.mark.parametrize("m", [0.0, 5e-324, 1e-30, 1e-10, 1e-5, JOIN, 0.999999, 1.0, 1.000001, 2.0, 1e6, 1e300])
+def test_inverse_psnr_has_a_finite_positive_value_and_slope_everywhere(m: float) -> None:
+    value = inverse_psnr_of_mse(torch.tensor(m, dtype=torch.float64)).item()
+    assert math.isfinite(value)
+    assert value > 0
+    assert math.isfinite(slope_at(m))
+    assert slope_at(m) > 0
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-45, 2**-24, 1e-5, 0.367879441, 0.5, 1.0, 1.5, 1e3])
+def test_inverse_psnr_of_images_has_a_finite_gradient_that_points_to_the_target(offset: float) -> None:
+    target = torch.zeros(3, 8, 8)
+    prediction = (target + offset).requires_grad_()
+    value = inverse_psnr(prediction, target)
+    value.backward()
+    assert value.isfinite()
+    assert prediction.grad.isfinite().all()
+    assert (prediction.grad >= 0).all()
+
+
+@pytest.mark.parametrize("m", [1e-11, 3e-10, 1e-6, 0.1, 0.9 * JOIN, 1.1 * JOIN, 1.0, 3.0])
+def test_inverse_psnr_gradient_matches_differences(m: float) -> None:
+    prediction = torch.full((1, 3, 3), math.sqrt(m), dtype=torch.float64) * torch.linspace(0.7, 1.3, 9).view(1, 3, 3)
+    scale = min(1e-6, 1e-4 * math.sqrt(m))
+    assert gradcheck(lambda x: inverse_psnr(x, torch.zeros_like(x)), prediction.requires_grad_(), eps=scale, rtol=1e-3)
+
+
+@given(st.floats(1e-3, 1e5), st.integers(0, 100))
+@settings(max_examples=25, deadline=None)
+def test_scaling_images_and_range_together_changes_nothing(data_range: float, seed: int) -> None:
+    x, y = (images(3, 6, 6, dtype=torch.float64, seed=2 * seed + odd) for odd in (0, 1))
+    for function in (psnr, inverse_psnr):
+        torch.testing.assert_close(function(x * data_range, y * data_range, data_range), function(x, y))
+        assert torch.equal(function(x, y), function(y, x))
+
+
+@pytest.mark.parametrize("floor", [0.0, -1.0, JOIN, 1.0, math.nan])
+def test_a_floor_outside_the_papers_form_is_refused(floor: float) -> None:
+    with pytest.raises(InputError, match="floor"):
+        inverse_psnr_of_mse(torch.tensor(0.1), floor)
+
+
+@pytest.mark.parametrize(
+    ("prediction", "target", "message"),
+    [
+        (torch.rand(3, 8, 8), torch.rand(3, 8, 9), "one shape"),
+        (torch.rand(1, 8, 8), torch.rand(3, 8, 8), "one shape"),
+        (torch.rand(8, 8), torch.rand(8, 8), r"\[\.\.\., C, H, W\]"),
+        (torch.rand(0, 3, 8, 8), torch.rand(0, 3, 8, 8), "not empty"),
+        (torch.ones(3, 8, 8, dtype=torch.uint8), torch.rand(3, 8, 8), "1/255"),
+        (torch.rand(3, 8, 8), torch.ones(3, 8, 8, dtype=torch.complex64), "floating point"),
+    ],
+)
+def test_images_that_cannot_be_compared_are_refused(prediction, target, message) -> None:
+    for function in (mse, psnr, inverse_psnr):
+        with pytest.raises(InputError, match=message):
+            function(prediction, target)
+
+
+@pytest.mark.parametrize("data_range", [0.0, -1.0, math.inf, math.nan])
+def test_a_data_range_that_is_not_a_range_is_refused(data_range: float) -> None:
+    for function in (psnr, inverse_psnr):
+        with pytest.raises(InputError, match="data_range"):
+            function(torch.rand(3, 8, 8), torch.rand(3, 8, 8), data_range)

@@ -1,0 +1,121 @@
+"""A file or folder is replaced by a whole one, or stays as it was."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from lfref.errors import FileError
+from lfref.io import atomic
+
+
+def test_the_temporary_name_stands_beside_the_file_and_has_its_suffix(tmp_path):
+    path = tmp_path / "new" / "folder" / "plane_00_alpha_0.125.png"
+    with atomic.replacing(path) as partial:
+        assert partial.parent == path.parent
+        assert partial.suffix == ".png"
+        assert partial.name.startswith(".")
+        partial.write_bytes(b"whole")
+    assert path.read_bytes() == b"whole"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_the_content_is_on_the_disk_before_the_file_takes_its_name(tmp_path, monkeypatch):
+    path = tmp_path / "file.bin"
+    flushed = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: flushed.append((os.fstat(descriptor).st_ino, path.exists())))
+    with atomic.replacing(path) as partial:
+        partial.write_bytes(b"whole")
+    assert flushed == [(path.stat().st_ino, False), (tmp_path.stat().st_ino, True)]
+
+
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt, SystemExit])
+def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, failure):
+    path = tmp_path / "file.bin"
+    path.write_bytes(b"old")
+    with pytest.raises(failure), atomic.replacing(path) as partial:  # noqa: PT012
+        partial.write_bytes(b"half of the n")
+        raise failure
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_text_is_written_as_utf8(tmp_path):
+    atomic.write_text(tmp_path / "a.txt", "Höhe 0.125\n")
+    assert (tmp_path / "a.txt").read_bytes() == "Höhe 0.125\n".encode()
+
+
+def test_a_parent_that_is_a_file_is_one_clear_error(tmp_path, one_line):
+    (tmp_path / "file").write_text("x")
+    for path in (tmp_path / "file" / "a.txt", tmp_path / "file" / "deeper" / "a.txt"):
+        with pytest.raises(FileError) as caught:
+            atomic.write_text(path, "x")
+        one_line(caught.value, path, "choose another")
+
+
+def test_a_folder_in_the_place_of_the_file_is_one_clear_error(tmp_path, one_line):
+    with pytest.raises(FileError) as caught:
+        atomic.write_text(tmp_path, "x")
+    one_line(caught.value, tmp_path, "choose another")
+
+
+def test_a_full_disk_is_one_clear_error(tmp_path, one_line):
+    with pytest.raises(FileError) as caught, atomic.replacing(tmp_path / "a"):
+        Path("/dev/full").write_text("x")
+    one_line(caught.value, tmp_path / "a", "free some space")
+    assert not list(tmp_path.iterdir())
+
+
+def test_errors_of_our_own_pass_unchanged(tmp_path):
+    with pytest.raises(FileError, match=r"^mine$"), atomic.replacing(tmp_path / "a"):
+        raise FileError("mine")
+
+
+def test_a_folder_takes_the_place_of_an_older_one(tmp_path):
+    path = tmp_path / "folder"
+    path.mkdir()
+    (path / "old").write_text("old")
+    with atomic.replacing_folder(path) as partial:
+        (partial / "new").write_text("new")
+        assert (path / "old").exists()
+    assert [child.name for child in path.iterdir()] == ["new"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
+def test_an_interrupted_write_leaves_the_old_folder_and_nothing_else(tmp_path, failure):
+    path = tmp_path / "folder"
+    path.mkdir()
+    (path / "old").write_text("old")
+    with pytest.raises(failure), atomic.replacing_folder(path) as partial:  # noqa: PT012
+        (partial / "half").write_text("half")
+        raise failure
+    assert [child.name for child in path.iterdir()] == ["old"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_old_folder_comes_back_if_the_new_one_cannot_take_its_name(tmp_path, monkeypatch):
+    path = tmp_path / "folder"
+    path.mkdir()
+    (path / "old").write_text("old")
+    rename = Path.rename
+
+    def failing(self: Path, target: Path) -> Path:
+        if (self / "new").exists():
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(FileError, match="input/output error"), atomic.replacing_folder(path) as partial:
+        (partial / "new").write_text("new")
+    assert [child.name for child in path.iterdir()] == ["old"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_in_the_place_of_the_folder_is_kept(tmp_path, one_line):
+    path = tmp_path / "file"
+    path.write_text("x")
+    with pytest.raises(FileError) as caught, atomic.replacing_folder(path):
+        pytest.fail("the body must not run")
+    one_line(caught.value, path, "choose another")
+    assert path.read_text() == "x"

@@ -1,0 +1,51 @@
+"""Files are rounded as their type says, and said to be refused when the disk refuses."""
+
+import numpy as np
+import OpenImageIO
+import pytest
+
+from lfref.errors import FileError
+from lfref.io import encode
+
+
+def test_the_first_depth_of_a_format_is_its_default(tmp_path):
+    assert encode.sample_type(tmp_path / "a.PNG", None) == "uint8"
+    assert encode.sample_type(tmp_path / "a.exr", None) == "float"
+    assert encode.sample_type(tmp_path / "a.exr", 16) == "half"
+
+
+def test_rounding_is_to_the_nearest(tmp_path):
+    values = np.array([0.0, 0.49 / 255, 0.51 / 255, 254.49 / 255, 1.0, -1.0, 7.0])
+    np.testing.assert_array_equal(encode.quantised(values, "uint8", tmp_path), [0, 0, 1, 254, 255, 0, 255])
+
+
+def test_arrays_of_any_memory_order_are_written(tmp_path):
+    channels_first = np.arange(3 * 4 * 5, dtype=np.float32).reshape(3, 4, 5)
+    encode.encode(tmp_path / "a.exr", [encode.Part(channels_first.transpose(1, 2, 0))])
+    back = OpenImageIO.ImageBuf(str(tmp_path / "a.exr")).get_pixels(OpenImageIO.FLOAT)
+    np.testing.assert_array_equal(back.transpose(2, 0, 1), channels_first)
+
+
+def test_a_part_of_an_exr_file_carries_its_name_and_attributes_and_no_alpha(tmp_path):
+    path = tmp_path / "a.exr"
+    parts = [encode.Part(np.zeros((2, 3, 4)), name, {"alpha": "0.3", "slope": -7.0}) for name in ("one", "two")]
+    encode.encode(path, parts, 16)
+    spec = OpenImageIO.ImageInput.open(str(path)).spec(1)
+    assert spec.getattribute("oiio:subimagename") == "two"
+    assert spec.getattribute("alpha") == "0.3"
+    assert spec.getattribute("slope") == -7
+    assert spec.getattribute("compression") == "zip"
+    assert spec.channelnames == ("R", "G", "B", "weight")
+    assert spec.alpha_channel == -1
+    assert str(spec.format) == "half"
+
+
+def test_a_writer_that_fails_leaves_the_old_file(tmp_path, monkeypatch, one_line):
+    path = tmp_path / "a.png"
+    path.write_bytes(b"old")
+    monkeypatch.setattr(encode, "_spec", lambda *_: OpenImageIO.ImageSpec(1, 1, 99, "uint8"))
+    with pytest.raises(FileError) as caught:
+        encode.encode(path, [encode.Part(np.zeros((1, 1, 3)))])
+    one_line(caught.value, path, "cannot be written")
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() == b"old"

@@ -1,0 +1,95 @@
+"""What `read` gives back, whatever form the light field is stored in, and what `find` finds."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.errors import FileError
+from lfref.geometry import FocalPlanes
+from lfref.io import images, read, write
+
+
+def test_the_real_capture_is_9x9_views(lytro):
+    field = read.read(lytro)
+    assert field.views.shape == (9, 9, 3, 383, 552)
+    assert field.views.dtype == torch.float32
+    assert field.views.is_contiguous()
+    assert 0 <= field.views.min() < field.views.max() <= 1
+    assert (field.name, field.metadata["bits"], field.weight) == ("lytro_2067", "8", None)
+    one = images.to_float(images.read_image(lytro / "2067_03_08.png")).transpose(2, 0, 1)
+    np.testing.assert_array_equal(field.views[2, 7].numpy(), one)
+
+
+def test_the_central_7x7_of_the_real_capture_are_files_02_to_08(lytro):
+    field = read.read(lytro, views=7)
+    assert field.grid == (7, 7)
+    for row, column in ((0, 0), (0, 6), (3, 2), (6, 6)):
+        one = images.read_image(lytro / f"2067_{row + 2:02d}_{column + 2:02d}.png")
+        np.testing.assert_array_equal(field.views[row, column].numpy(), images.to_float(one).transpose(2, 0, 1))
+
+
+@pytest.mark.parametrize("suffix", ["", ".exr"])
+def test_options_mean_the_same_for_every_form(tmp_path, make_field, suffix):
+    field = make_field((4, 5))
+    path = write.write(tmp_path / f"a{suffix}", field)
+    window = read.read(path, views=(2, 3), start=1, reverse_v=True, size=(4, 2))
+    torch.testing.assert_close(window.views, field.views[1:3, 1:4, :, :4, :2].flip(0), rtol=0, atol=0)
+    assert window.views.is_contiguous()
+    both = read.read(path, reverse_v=True, reverse_u=True)
+    torch.testing.assert_close(both.views, field.views.flip(0, 1), rtol=0, atol=0)
+
+
+def test_reversing_goes_with_the_weight(tmp_path, make_field):
+    field = make_field(weight=True)
+    back = read.read(write.write(tmp_path / "a", field), reverse_u=True)
+    torch.testing.assert_close(back.weight, field.weight.flip(1), rtol=0, atol=0)
+
+
+def test_a_jpeg_image_on_its_own_is_no_light_field(tmp_path, one_line):
+    path = tmp_path / "a.png"
+    path.write_bytes(b"\xff\xd8\xff\xe0rest")
+    with pytest.raises(FileError) as caught:
+        read.read(path)
+    one_line(caught.value, path, "a JPEG image")
+
+
+def test_a_missing_path_is_one_clear_error(tmp_path, one_line):
+    for function in (read.read, read.read_stack, read.find):
+        with pytest.raises(FileError) as caught:
+            function(tmp_path / "absent.png")
+        one_line(caught.value, tmp_path / "absent.png", "no such file", "check the")
+
+
+def test_find_gives_a_light_field_itself(tmp_path, make_field):
+    for name in ("folder", "file.exr"):
+        path = write.write(tmp_path / name, make_field())
+        assert read.find(path) == [path]
+
+
+def test_find_gives_the_light_fields_of_a_folder_and_nothing_else(tmp_path, make_field):
+    expected = [write.write(tmp_path / name, make_field()) for name in ("b.exr", "c")]
+    images.write_image(tmp_path / "a_eslf.png", np.zeros((28, 28, 3)))
+    write.write_stack(tmp_path / "stack.exr", torch.zeros(1, 3, 2, 2), FocalPlanes((0.5,)))
+    (tmp_path / "notes.txt").write_text("x")
+    (tmp_path / ".half.png").write_text("x")
+    (tmp_path / "empty").mkdir()
+    assert read.find(tmp_path) == [tmp_path / "a_eslf.png", *expected]
+
+
+def test_find_refuses_a_folder_without_light_fields(tmp_path, one_line):
+    with pytest.raises(FileError) as caught:
+        read.find(tmp_path)
+    one_line(caught.value, tmp_path, "check the path")
+
+
+def test_find_finds_the_real_capture(lytro):
+    assert read.find(lytro) == [lytro]
+    assert lytro in read.find(lytro.parent)
+
+
+def test_importing_the_package_does_not_load_openimageio():
+    code = "import lfref, lfref.lightfield, sys; sys.exit('OpenImageIO' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,196 @@
+"""composite.py: the paper's formula, added up by hand, and finite where the paper's is not."""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+import torch
+from torch.autograd import gradcheck
+from torchmetrics.functional.image import structural_similarity_index_measure
+
+from lfref.errors import InputError
+from lfref.losses.composite import PAPER_WEIGHTS, TERMS, CompositeLoss, paper_weights
+
+
+def images(*shape: int, dtype: torch.dtype = torch.float32, seed: int = 0) -> torch.Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64).to(dtype)
+
+
+def pair_at(decibel: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """A float64 pair of images whose PSNR is that many decibels."""
+    target = images(3, 10, 12, dtype=torch.float64)
+    noise = images(3, 10, 12, dtype=torch.float64, seed=1) - 0.5
+    return target + noise * (10 ** (-decibel / 20) / noise.square().mean().sqrt()), target
+
+
+def paper_loss(prediction: torch.Tensor, target: torch.Tensor, beta: float, gamma: float) -> float:
+    """MSE + beta (1 - SSIM) / 2 + (1 - beta) L1 + gamma / PSNR of one image, in 40 digits, SSIM by torchmetrics."""
+    pixels = list(zip(prediction.flatten().tolist(), target.flatten().tolist(), strict=True))
+    with mpmath.workdps(40):
+        differences = [mpmath.mpf(x) - mpmath.mpf(y) for x, y in pixels]
+        mse = mpmath.fsum(d * d for d in differences) / len(differences)
+        l1 = mpmath.fsum(abs(d) for d in differences) / len(differences)
+        complement = 1 - structural_similarity_index_measure(prediction[None], target[None], data_range=1.0).item()
+        return float(mse + beta * complement / 2 + (1 - beta) * l1 + gamma / (-10 * mpmath.log10(mse)))
+
+
+@pytest.mark.parametrize("decibel", [8.6859, *np.linspace(9, 99, 11), 99.9999])
+@pytest.mark.parametrize(("beta", "gamma"), [(0.65, 500.0), (0.2, 3.0)])
+def test_loss_is_the_papers_formula(decibel: float, beta: float, gamma: float) -> None:
+    prediction, target = pair_at(decibel)
+    loss = CompositeLoss(paper_weights(beta, gamma))(prediction, target).item()
+    assert loss == pytest.approx(paper_loss(prediction, target, beta, gamma), rel=1e-12, abs=1e-12)
+
+
+def test_the_default_is_the_papers_loss() -> None:
+    prediction, target = pair_at(30)
+    assert paper_weights() == {"mse": 1, "ssim": 0.325, "l1": 0.35, "inverse_psnr": 500}
+    assert paper_weights() == PAPER_WEIGHTS
+    assert CompositeLoss().weights == paper_weights()
+    assert CompositeLoss()(prediction, target).item() == pytest.approx(paper_loss(prediction, target, 0.65, 500))
+
+
+def test_loss_averages_the_losses_of_the_images() -> None:
+    pairs = [pair_at(decibel) for decibel in (15, 25, 35, 60)]
+    expected = sum(CompositeLoss()(*pair) for pair in pairs) / 4
+    prediction, target = (torch.stack(images).unflatten(0, (2, 2)) for images in zip(*pairs, strict=True))
+    torch.testing.assert_close(CompositeLoss()(prediction, target), expected, rtol=1e-13, atol=0)
+
+
+def test_terms_add_up_to_the_loss_by_hand() -> None:
+    prediction, target = pair_at(20)
+    loss = CompositeLoss()
+    terms = loss.terms(prediction, target)
+    by_hand = terms["mse"] + 0.65 / 2 * terms["ssim"] + 0.35 * terms["l1"] + 500 * terms["inverse_psnr"]
+    assert loss(prediction, target).item() == pytest.approx(by_hand.item(), rel=1e-14)
+    assert torch.equal(loss.total(terms), loss(prediction, target))
+    assert terms["mse"].item() == pytest.approx(1e-2, rel=1e-12)
+    assert terms["inverse_psnr"].item() == pytest.approx(1 / 20, rel=1e-12)
+    assert terms["l1"].item() == pytest.approx(np.abs((prediction - target).numpy()).mean(), rel=1e-14)
+
+
+def test_a_term_of_weight_zero_is_not_computed() -> None:
+    def explode(prediction: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+        raise AssertionError("computed")
+
+    loss = CompositeLoss({"mse": 2, "bad": 0.0}, {**TERMS, "bad": explode})
+    prediction, target = pair_at(20)
+    assert loss.terms(prediction, target).keys() == {"mse"}
+    assert loss(prediction, target).item() == pytest.approx(2e-2)
+
+
+def test_own_terms_and_plain_yaml_values_are_taken() -> None:
+    loss = CompositeLoss({"half": "1e-3", "mse": 1}, {**TERMS, "half": lambda x, y: (x - y).mean((-3, -2, -1)) / 2})
+    prediction, target = pair_at(20)
+    expected = 1e-3 * (prediction - target).mean().item() / 2 + 1e-2
+    assert loss(prediction, target).item() == pytest.approx(expected)
+    assert "half=0.001" in repr(loss)
+
+
+@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("decibel", [95, 40, 8.7, 8.67, 1, 0, -10])
+def test_each_terms_gradient_matches_differences(name: str, decibel: float) -> None:
+    prediction, target = (image[:2, :6, :7] for image in pair_at(decibel))
+    step = min(1e-6, 1e-4 * 10 ** (-decibel / 20))
+    # Away from the kink of |x - y|, the differences of the fixture are larger than the step.
+    assert gradcheck(lambda x: TERMS[name](x, target), prediction.requires_grad_(), eps=step, rtol=1e-3)
+
+
+def test_each_term_maps_images_to_one_value_each() -> None:
+    prediction, target = images(2, 4, 3, 8, 8), images(2, 4, 3, 8, 8, seed=1)
+    for term in TERMS.values():
+        assert term(prediction, target).shape == (2, 4)
+        assert term(prediction, target).dtype == torch.float32
+        assert term(prediction.double(), target).dtype == torch.float64
+
+
+HARD = {
+    "identical": (images(4, 3, 8, 8), images(4, 3, 8, 8)),
+    "black": (torch.zeros(4, 3, 8, 8), torch.zeros(4, 3, 8, 8)),
+    "flat": (torch.full((4, 3, 8, 8), 0.3), torch.full((4, 3, 8, 8), 0.7)),
+    "one ulp": (images(4, 3, 8, 8), torch.nextafter(images(4, 3, 8, 8), torch.ones(()))),
+    "mean squared error 1": (torch.ones(4, 3, 8, 8), torch.zeros(4, 3, 8, 8)),
+    "mean squared error near 1": (torch.full((4, 3, 8, 8), 0.9999999), torch.zeros(4, 3, 8, 8)),
+    "mean squared error 1e4": (torch.full((4, 3, 8, 8), 100.0), torch.zeros(4, 3, 8, 8)),
+    "one image perfect": (
+        images(4, 3, 8, 8) * torch.tensor([1, 1, 1, 0.5]).view(4, 1, 1, 1),
+        images(4, 3, 8, 8),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+@pytest.mark.parametrize("autocast", [False, True])
+def test_hard_images_have_a_finite_loss_and_gradient(name: str, dtype: torch.dtype, autocast: bool) -> None:
+    prediction, target = (image.to(dtype) for image in HARD[name])
+    prediction = prediction.clone().requires_grad_()
+    with torch.autocast("cpu", dtype=torch.bfloat16, enabled=autocast):
+        loss = CompositeLoss()(prediction, target)
+    loss.backward()
+    assert loss.dtype == torch.float32
+    assert loss.isfinite()
+    assert loss > 0
+    assert prediction.grad.isfinite().all()
+
+
+def test_autocast_changes_no_digit() -> None:
+    prediction, target = images(3, 8, 8, dtype=torch.bfloat16), images(3, 8, 8, seed=1)
+    expected = CompositeLoss()(prediction.float(), target)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert torch.equal(CompositeLoss()(prediction, target), expected)
+
+
+def test_a_worse_prediction_never_costs_less() -> None:
+    target = images(3, 8, 8, dtype=torch.float64)
+    noise = images(3, 8, 8, dtype=torch.float64, seed=1) - 0.5
+    # Without SSIM, which falls again once the noise outshines the image.
+    loss = CompositeLoss({name: weight for name, weight in PAPER_WEIGHTS.items() if name != "ssim"})
+    losses = torch.stack([loss(target + float(size) * noise, target) for size in np.logspace(-12, 4, 500)])
+    assert (losses.diff() >= 0).all()
+
+
+def test_descending_the_loss_recovers_the_target() -> None:
+    target = images(3, 12, 12)
+    prediction = torch.zeros(3, 12, 12, requires_grad=True)
+    optimiser = torch.optim.Adam([prediction], lr=0.05)
+    for _ in range(60):
+        optimiser.zero_grad()
+        CompositeLoss()(prediction, target).backward()
+        optimiser.step()
+    assert (prediction - target).abs().mean() < 0.02
+
+
+@pytest.mark.parametrize("weight", [-1.0, math.nan, math.inf, "much", None])
+def test_an_unusable_weight_is_refused(weight: object) -> None:
+    with pytest.raises(InputError, match="weight of l1"):
+        CompositeLoss({"mse": 1.0, "l1": weight})
+
+
+def test_an_unknown_term_is_refused_with_the_known_names() -> None:
+    with pytest.raises(InputError, match=r"mse, l1, ssim, inverse_psnr; got ms_ssim"):
+        CompositeLoss({"ms_ssim": 1.0})
+
+
+@pytest.mark.parametrize("weights", [{}, {"mse": 0.0}])
+def test_a_loss_without_terms_is_refused(weights: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="at least one term"):
+        CompositeLoss(weights)
+
+
+@pytest.mark.parametrize("beta", [-0.1, 1.1, math.nan])
+def test_a_beta_that_is_no_share_is_refused(beta: float) -> None:
+    with pytest.raises(InputError, match="beta"):
+        paper_weights(beta)
+
+
+def test_images_of_two_shapes_are_refused_and_never_broadcast() -> None:
+    for weights in (paper_weights(), {"l1": 1.0}):
+        with pytest.raises(InputError, match="one shape"):
+            CompositeLoss(weights)(images(2, 3, 8, 8), images(3, 8, 8))
+
+
+def test_a_total_of_terms_that_are_not_there_is_refused() -> None:
+    with pytest.raises(InputError, match="none for inverse_psnr, l1, ssim"):
+        CompositeLoss().total({"mse": torch.tensor(1.0)})

@@ -1,0 +1,133 @@
+"""stack.py: the metric classes against the image functions, over updates, resets, merges and processes."""
+
+import pickle
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.functional.psnr import psnr
+from lfref.functional.ssim import ssim
+from lfref.metrics.stack import MPSNR, MSSIM, StackQuality
+
+CLASSES = [(MSSIM, ssim), (MPSNR, psnr)]
+
+
+def stacks(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize(("metric_class", "quality"), CLASSES)
+def test_several_updates_average_the_images(metric_class, quality) -> None:
+    metric = metric_class(n_planes=4)
+    batches = [(stacks(n, 4, 3, 8, 9, seed=n), stacks(n, 4, 3, 8, 9, seed=n + 9)) for n in (1, 3, 2)]
+    for batch in batches:
+        metric.update(*batch)
+    expected = torch.cat([quality(*batch) for batch in batches]).double().mean(0)
+    torch.testing.assert_close(metric.per_plane(), expected, rtol=1e-12, atol=0)
+    torch.testing.assert_close(metric.compute(), expected.mean(), rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize(("metric_class", "quality"), CLASSES)
+def test_one_stack_gives_the_papers_mean_over_its_planes(metric_class, quality) -> None:
+    prediction, target = stacks(16, 3, 8, 8), stacks(16, 3, 8, 8, seed=1)
+    by_hand = sum(quality(prediction[u], target[u]).item() for u in range(16)) / 16
+    assert metric_class()(prediction, target).item() == pytest.approx(by_hand, rel=1e-6)
+
+
+@pytest.mark.parametrize(("metric_class", "quality"), CLASSES)
+def test_any_leading_axes_count_as_stacks(metric_class, quality) -> None:
+    metric = metric_class(n_planes=2)
+    metric.update(stacks(3, 2, 2, 1, 8, 8), stacks(3, 2, 2, 1, 8, 8, seed=1))
+    assert metric.count == 6
+    assert metric.per_plane().shape == (2,)
+
+
+def test_perfect_stacks_reach_one_and_the_ceiling() -> None:
+    target = stacks(2, 16, 3, 8, 8)
+    assert MSSIM()(target, target) == 1
+    assert MPSNR()(target, target) == 100
+
+
+@pytest.mark.parametrize(("metric_class", "quality"), CLASSES)
+def test_reset_forgets(metric_class, quality) -> None:
+    metric = metric_class(n_planes=2)
+    metric.update(stacks(2, 1, 8, 8), stacks(2, 1, 8, 8, seed=1))
+    metric.reset()
+    metric.update(stacks(2, 1, 8, 8), stacks(2, 1, 8, 8, seed=2))
+    expected = quality(stacks(2, 1, 8, 8), stacks(2, 1, 8, 8, seed=2)).double()
+    torch.testing.assert_close(metric.per_plane(), expected)
+
+
+@pytest.mark.parametrize(("metric_class", "quality"), CLASSES)
+def test_merged_metrics_equal_one_that_saw_everything(metric_class, quality) -> None:
+    first, second, both = (metric_class(n_planes=2) for _ in range(3))
+    batches = [(stacks(n, 2, 1, 8, 8, seed=n), stacks(n, 2, 1, 8, 8, seed=n + 5)) for n in (1, 4)]
+    for metric, batch in zip((first, second), batches, strict=True):
+        metric.update(*batch)
+        both.update(*batch)
+    first.merge_state(second)
+    torch.testing.assert_close(first.per_plane(), both.per_plane(), rtol=1e-14, atol=0)
+    torch.testing.assert_close(first.compute(), both.compute(), rtol=1e-14, atol=0)
+
+
+def test_per_plane_and_compute_gather_every_process_and_leave_the_state_alone() -> None:
+    # A second process that has seen two stacks of qualities that sum to 10 and 20.
+    others = {1: torch.tensor([10.0, 20.0], dtype=torch.float64), 0: torch.tensor(2)}
+    metric = MPSNR(n_planes=2)
+    metric.dist_sync_fn = lambda state, group=None: [state, others[state.ndim]]
+    metric.distributed_available_fn = lambda: True
+    metric.update(torch.ones(1, 2, 1, 8, 8), torch.zeros(1, 2, 1, 8, 8))
+    expected = torch.tensor([10 / 3, 20 / 3], dtype=torch.float64)
+    for _ in range(2):
+        torch.testing.assert_close(metric.per_plane(), expected)
+    torch.testing.assert_close(metric.compute(), expected.mean())
+    assert metric.count == 1
+
+
+def test_sums_stay_float64_over_many_updates() -> None:
+    metric = MPSNR(n_planes=1)
+    prediction, target = torch.full((1, 1, 4, 4), 0.1), torch.zeros(1, 1, 4, 4)
+    for _ in range(300):
+        metric.update(prediction, target)
+    assert metric.total.dtype == metric.compute().dtype == torch.float64
+    assert metric.compute().item() == pytest.approx(psnr(prediction, target).item(), rel=1e-14)
+
+
+def test_metrics_survive_pickling_and_state_dicts() -> None:
+    metric = MSSIM(n_planes=2, data_range=255.0)
+    metric.persistent(True)
+    metric.update(255 * stacks(2, 1, 8, 8), 255 * stacks(2, 1, 8, 8, seed=1))
+    copy = pickle.loads(pickle.dumps(metric))
+    restored = MSSIM(n_planes=2)
+    restored.load_state_dict(metric.state_dict())
+    assert torch.equal(copy.compute(), metric.compute())
+    assert torch.equal(restored.per_plane(), metric.per_plane())
+
+
+def test_data_range_reaches_the_quality() -> None:
+    prediction, target = stacks(1, 1, 8, 8), stacks(1, 1, 8, 8, seed=1)
+    for metric_class, _ in CLASSES:
+        wide = metric_class(n_planes=1, data_range=255.0)(255 * prediction, 255 * target)
+        torch.testing.assert_close(wide, metric_class(n_planes=1)(prediction, target), rtol=1e-5, atol=0)
+
+
+@pytest.mark.parametrize("shape", [(15, 3, 8, 8), (3, 8, 8), (16, 3, 3, 8, 8)])
+def test_another_number_of_planes_is_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"\[\.\.\., 16, C, H, W\]"):
+        MSSIM().update(stacks(*shape), stacks(*shape))
+
+
+def test_stacks_of_two_shapes_are_refused() -> None:
+    with pytest.raises(InputError, match="one shape"):
+        MPSNR().update(stacks(16, 3, 8, 8), stacks(16, 1, 8, 8))
+
+
+def test_a_stack_without_planes_is_refused() -> None:
+    with pytest.raises(InputError, match="n_planes"):
+        MSSIM(n_planes=0)
+
+
+def test_the_base_class_has_no_quality_of_its_own() -> None:
+    with pytest.raises(TypeError, match="abstract"):
+        StackQuality()

@@ -1,0 +1,122 @@
+"""The page is one file that needs nothing else, holds its pictures, and escapes what people write."""
+
+import base64
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from lfref.errors import FileError, InputError
+from lfref.report import page, plots
+from lfref.report.page import Section
+
+EMPTY_TAGS = {"meta", "img"}
+
+
+class Outline(HTMLParser):
+    """Collects tags, attributes and text, and checks that every tag is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.texts = [], [], {}
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in EMPTY_TAGS:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open:
+            self.texts.setdefault(self.open[-1], []).append(data)
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture
+def figure():
+    figure = plots.new_figure(2, 1)
+    figure.add_subplot().plot([1, 2], [3, 4])
+    return figure
+
+
+def written(tmp_path, sections, facts=None, title="Title"):
+    path = tmp_path / "index.html"
+    page.write_page(path, title, sections, facts or {})
+    return path.read_text("utf-8")
+
+
+def test_pictures_are_inside_with_their_caption_as_alternative_text(tmp_path, figure):
+    file = tmp_path / "saved.png"
+    plots.save_figure(figure, file)
+    text = written(tmp_path, [Section("Plots", figures={'drawn "now"': figure, "saved": file})])
+    drawn, saved = Outline(text).all("img")
+    assert (drawn["alt"], saved["alt"]) == ('drawn "now"', "saved")
+    prefix = "data:image/png;base64,"
+    assert base64.b64decode(saved["src"].removeprefix(prefix)) == file.read_bytes()
+    assert base64.b64decode(drawn["src"].removeprefix(prefix)).startswith(b"\x89PNG")
+    assert int(saved["width"]) > int(saved["height"]) > 0
+
+
+def test_the_page_asks_for_nothing_from_outside(tmp_path, figure):
+    text = written(tmp_path, [Section("Plots", figures={"drawn": figure})])
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', text)
+    assert "url(" not in text
+    assert "@import" not in text
+    assert "default-src 'none'" in text
+    assert "$" not in text
+
+
+def test_all_text_is_escaped(tmp_path, figure):
+    evil = "<script>alert('&')</script> $title"
+    section = Section(evil, evil, {evil: figure}, {evil: [{evil: evil}]})
+    text = written(tmp_path, [section] * 4, {evil: evil}, title=evil)
+    outline = Outline(text)
+    assert not outline.all("script")
+    texts = outline.texts
+    shown = [texts[tag][0] for tag in ("title", "h1", "h2", "p", "dt", "dd", "a", "th", "td", "figcaption")]
+    assert shown == [evil] * 10
+
+
+def test_paragraphs_facts_and_tables_are_there(tmp_path):
+    section = Section("Part", "one\nline\n\ntwo\n\n\n", tables={"All": [{"method": "a", "psnr_db": 31.256}]})
+    texts = Outline(written(tmp_path, [section], {"Parameters": 12500768, "MPSNR": "31 dB", "Seed": 0})).texts
+    assert texts["p"] == ["one\nline", "two"]
+    assert texts["dt"] == ["Parameters", "MPSNR", "Seed"]
+    assert texts["dd"] == ["12,500,768", "31 dB", "0"]
+    assert texts["td"] == ["a", "31.26"]
+
+
+@pytest.mark.parametrize(("n_sections", "links"), [(0, 0), (3, 0), (4, 4)])
+def test_more_than_three_sections_get_a_contents_list_whose_links_lead_somewhere(tmp_path, n_sections, links):
+    outline = Outline(written(tmp_path, [Section(f"Part {number}") for number in range(n_sections)]))
+    targets = [link["href"].removeprefix("#") for link in outline.all("a")]
+    assert len(targets) == links
+    assert set(targets) <= {section["id"] for section in outline.all("section")}
+
+
+def test_it_fits_a_phone_and_the_dark(tmp_path):
+    text = written(tmp_path, [])
+    assert 'name="viewport" content="width=device-width, initial-scale=1"' in text
+    assert "@media (prefers-color-scheme: dark)" in text
+    assert not Outline(text).all("dl")
+
+
+@pytest.mark.parametrize("content", [None, b"", b"GIF89a and more than twenty-four bytes", b"\x89PNG\r\n\x1a\n"])
+def test_a_picture_that_is_no_png_is_refused_and_leaves_no_page(tmp_path, content):
+    file = tmp_path / "picture.png"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(FileError, match=r"picture\.png"):
+        written(tmp_path, [Section("Plots", figures={"broken": file})])
+    assert not (tmp_path / "index.html").exists()
+
+
+def test_an_empty_table_is_refused(tmp_path):
+    with pytest.raises(InputError, match="at least one row"):
+        written(tmp_path, [Section("Part", tables={"none": []})])
