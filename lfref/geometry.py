@@ -61,13 +61,28 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
         InputError: An alpha is not finite or not above 0, there is none, or the convention is unknown.
     """
     to_slope = convention_of(convention).to_slope
-    values = [float(alpha) for alpha in alphas]
+    return torch.tensor([to_slope(alpha) for alpha in checked_alphas(alphas)], dtype=torch.float64)
+
+
+def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
+    """The alphas as plain numbers, once they are known to be usable.
+
+    Args:
+        alphas: Should be finite and above 0, at least one.
+
+    Raises:
+        InputError: They are not, or are no list of numbers.
+    """
+    try:
+        values = tuple(float(alpha) for alpha in alphas)
+    except (TypeError, ValueError) as error:
+        raise InputError("alphas must be a list of numbers", got=repr(alphas), remedy="for example [0.5,1,2]") from error
     if not values:
         raise InputError("alphas must name at least one focal plane", got="an empty list")
     for alpha in values:
         if not (math.isfinite(alpha) and alpha > 0):
             raise InputError("alpha must be finite and above 0", got=alpha, remedy="alpha = 1 is the captured focus")
-    return torch.tensor([to_slope(alpha) for alpha in values], dtype=torch.float64)
+    return values
 
 
 def angular_offsets(n_views: int) -> Tensor:
@@ -129,8 +144,8 @@ class FocalPlanes:
     """Meaning of alpha, a key of `CONVENTIONS`."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "alphas", tuple(float(alpha) for alpha in self.alphas))
-        slopes(self.alphas, self.convention)
+        object.__setattr__(self, "alphas", checked_alphas(self.alphas))
+        convention_of(self.convention)
 
     def __len__(self) -> int:
         return len(self.alphas)

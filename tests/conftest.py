@@ -1,9 +1,15 @@
 """Shared by all tests: a fixed seed, and where the real capture lies on machines that have it."""
 
+import os
 from pathlib import Path
 
 import pytest
 import torch
+
+# One thread a process: the suite runs two processes on two cores, and threads that wait for each other on busy cores
+# made it thirty times slower. Children of the tests inherit it.
+os.environ["OMP_NUM_THREADS"] = "1"
+torch.set_num_threads(1)
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -14,8 +14,10 @@ from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.exact_fourier import exact_fourier
 
-Progress = Callable[[Iterable[Method]], Iterable[Method]]
-"""Passes methods on, showing how far it is."""
+Progress = Callable[[Iterable[int]], Iterable[int]]
+"""Passes rounds on, showing how far it is."""
+
+FFT = "numpy_fft_4d"
 
 
 @torch.no_grad()
@@ -35,37 +37,45 @@ def compare(
         fields: Light fields that all methods refocus.
         planes: Planes that all methods make.
         device: Where all methods run; NumPy's 4-D FFT always runs on the CPU.
-        repeats: Counted runs a light field.
+        repeats: Counted runs of each method on each light field.
         warmup: Runs before them that do not count.
-        progress: Passes methods on, showing how far it is.
+        progress: Passes rounds on, showing how far it is.
 
     Returns:
         Rows `method, median_s, p10_s, p90_s, psnr_db, ssim, ratio_to_numpy_fft`, the first one NumPy's FFT alone.
         Times are for one light field and all planes; PSNR and SSIM are means over fields and planes, taken where
         every view covers every plane.
     """
-    fft_times = [time for field in fields for time in timing.numpy_fft_times(field.views, max(2, repeats // 2))]
-    baseline = timing.summary(fft_times)
     views = [field.views.to(device) for field in fields]
-    references = [exact_fourier(field, planes.slopes).cpu() for field in views]
-    rows = [_row("numpy_fft_4d", baseline, None, None, 1.0)]
-    for method in progress(methods):
-        seconds, psnr_db, ssim = _measured(method, views, references, planes.slopes, (repeats, warmup))
-        rows.append(_row(method.name, seconds, psnr_db, ssim, baseline.median / seconds.median))
+    references = [exact_fourier(each, planes.slopes).cpu() for each in views]
+    qualities = {
+        method.name: [
+            accuracy.interior_quality(method.refocus(each, planes.slopes).cpu(), reference, planes.slopes, field.grid)
+            for each, reference, field in zip(views, references, fields, strict=True)
+        ]
+        for method in methods
+    }
+    seconds = _seconds(methods, views, planes.slopes, progress(range(warmup + repeats)))
+    spans = {name: timing.summary(times[warmup * len(fields) :]) for name, times in seconds.items()}
+    rows = [_row(FFT, spans[FFT], None, None, 1.0)]
+    for name, values in qualities.items():
+        psnr_db, ssim = (statistics.fmean(column) for column in zip(*values, strict=True))
+        rows.append(_row(name, spans[name], psnr_db, ssim, spans[FFT].median / spans[name].median))
     return rows
 
 
-def _measured(
-    method: Method, fields: list[Tensor], references: list[Tensor], slopes: Tensor, runs: tuple[int, int]
-) -> tuple[timing.Seconds, float, float]:
-    times, qualities = [], []
-    for views, reference in zip(fields, references, strict=True):
-        run = functools.partial(method.refocus, views, slopes)
-        times += timing.measure(run, *runs, views.device)
-        grid = (views.shape[0], views.shape[1])
-        qualities.append(accuracy.interior_quality(run().cpu(), reference, slopes, grid))
-    psnr_db, ssim = (statistics.fmean(values) for values in zip(*qualities, strict=True))
-    return timing.summary(times), psnr_db, ssim
+def _seconds(
+    methods: Sequence[Method], fields: Sequence[Tensor], slopes: Tensor, rounds: Iterable[int]
+) -> dict[str, list[float]]:
+    """Times by method. All methods take turns, so that a slow spell of a shared machine falls on all alike."""
+    seconds: dict[str, list[float]] = {FFT: [], **{method.name: [] for method in methods}}
+    for _ in rounds:
+        for field in fields:
+            seconds[FFT].append(timing.numpy_fft_time(field))
+            for method in methods:
+                run = functools.partial(method.refocus, field, slopes)
+                seconds[method.name].append(timing.seconds(run, field.device))
+    return seconds
 
 
 def _row(name: str, seconds: timing.Seconds, psnr_db: float | None, ssim: float | None, ratio: float) -> Row:

@@ -1,13 +1,14 @@
 """Every way to refocus behind one face: views and slopes in, stack out."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from lfref.errors import InputError
+from lfref.geometry import FocalPlanes
 from lfref.nets import checkpoint
 from lfref.nets.checkpoint import Refocuser
 
@@ -20,6 +21,8 @@ class Method:
     """As tables and legends call it."""
     refocus: Callable[[Tensor, Tensor], Tensor]
     """(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]."""
+    planes: FocalPlanes | None = None
+    """The only planes it makes; None: any."""
 
 
 def operators(choices: Mapping[str, Callable[[Tensor, Tensor], Tensor]]) -> list[Method]:
@@ -37,7 +40,8 @@ def network(path: str | Path, device: str | torch.device = "cpu") -> Method:
     Raises:
         CheckpointError: It cannot be read.
     """
-    return Method(run_name(Path(path)), for_its_planes(checkpoint.load(path, device)))
+    refocuser = checkpoint.load(path, device)
+    return Method(run_name(Path(path)), for_its_planes(refocuser), refocuser.planes)
 
 
 def for_its_planes(refocuser: Refocuser) -> Callable[[Tensor, Tensor], Tensor]:
@@ -67,5 +71,5 @@ def unique_names(methods: list[Method]) -> list[Method]:
     for method in methods:
         seen[method.name] = seen.get(method.name, 0) + 1
         count = seen[method.name]
-        named.append(method if count == 1 else Method(f"{method.name} ({count})", method.refocus))
+        named.append(method if count == 1 else replace(method, name=f"{method.name} ({count})"))
     return named

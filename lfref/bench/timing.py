@@ -29,26 +29,18 @@ def synchronize(device: torch.device) -> None:
         torch.cuda.synchronize(device)
 
 
-def measure(run: Callable[[], object], repeats: int, warmup: int, device: torch.device) -> list[float]:
-    """Time repeated runs.
+def seconds(run: Callable[[], object], device: torch.device) -> float:
+    """Time one run, from an idle device to an idle device.
 
     Args:
         run: What to time; its result is thrown away.
-        repeats: Runs that count.
-        warmup: Runs before them that do not.
         device: Where the work is done.
-
-    Returns:
-        Seconds of each counted run.
     """
-    times = []
-    for _ in range(warmup + repeats):
-        synchronize(device)
-        start = time.perf_counter()
-        run()
-        synchronize(device)
-        times.append(time.perf_counter() - start)
-    return times[warmup:]
+    synchronize(device)
+    start = time.perf_counter()
+    run()
+    synchronize(device)
+    return time.perf_counter() - start
 
 
 def summary(times: list[float]) -> Seconds:
@@ -57,16 +49,14 @@ def summary(times: list[float]) -> Seconds:
     return Seconds(statistics.median(times), p10, p90)
 
 
-def numpy_fft_times(views: Tensor, repeats: int, warmup: int = 1) -> list[float]:
+def numpy_fft_time(views: Tensor) -> float:
     """Time NumPy's 4-D FFT, one channel after the other as the paper does.
 
     Args:
         views: Light field [V, U, C, H, W].
-        repeats: Runs that count.
-        warmup: Runs before them that do not.
 
     Returns:
-        Seconds for all channels, one entry a run.
+        Seconds for all channels.
     """
     channels = [np.ascontiguousarray(channel) for channel in views.cpu().numpy().transpose(2, 0, 1, 3, 4)]
-    return measure(lambda: [np.fft.fftn(channel) for channel in channels], repeats, warmup, torch.device("cpu"))
+    return seconds(lambda: [np.fft.fftn(channel) for channel in channels], torch.device("cpu"))

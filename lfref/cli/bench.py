@@ -30,7 +30,7 @@ def bench(config: DictConfig, folder: Path) -> None:
     chosen = methods.unique_names(operators + networks)
     fields = _fields(config)
     rows = compare.compare(
-        chosen, fields, planes, device, config.repeats, config.warmup, lambda each: progress(each, "measuring")
+        chosen, fields, planes, device, config.repeats, config.warmup, lambda each: progress(each, "measuring rounds")
     )
     facts = machine.facts(device) | {
         "light_fields": [field.name for field in fields],

@@ -18,6 +18,7 @@ from rich.progress import track
 
 from lfref.cli import config as configs
 from lfref.errors import InputError, LfrefError
+from lfref.io import atomic
 
 Task = Callable[[DictConfig, Path], None]
 Item = TypeVar("Item")
@@ -41,6 +42,7 @@ def command(task: Task) -> Callable[[], None]:
             with open_dict(config):
                 config.folder = str(folder)
             configs.save(config, folder)
+            atomic.write_text(folder / "overrides.txt", " ".join(HydraConfig.get().overrides.task) + "\n")
             task(config, folder)
         except LfrefError as error:
             fail(name, error)
@@ -75,8 +77,9 @@ def device_of(name: str) -> torch.device:
     return device
 
 
-def quiet_warnings() -> None:
-    """Silence what libraries say about settings that are ours on purpose."""
+def quiet_libraries() -> None:
+    """Silence what libraries say about settings that are ours on purpose, and their advertisements."""
+    logging.getLogger("lightning.pytorch.utilities.rank_zero").setLevel(logging.WARNING)
     for message in (
         ".*does not have many workers.*",
         ".*isinstance.treespec, LeafSpec.*",

@@ -15,7 +15,6 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.nets import checkpoint
 from lfref.refocus import weighted
 from lfref.report import pictures, plots, tables
 
@@ -50,16 +49,16 @@ def evaluate(config: DictConfig, folder: Path) -> None:
 
 
 def _judged(config: DictConfig, device: torch.device, planes: FocalPlanes) -> list[Method]:
-    networks = paths(configs.plain(config.checkpoint))
-    for path in networks:
-        if (trained_for := checkpoint.load(path).planes) != planes:
+    networks = [methods.network(path, device) for path in paths(configs.plain(config.checkpoint))]
+    for network in networks:
+        if network.planes != planes:
             raise InputError(
-                f"{path} must be trained for the planes that are evaluated",
-                got=f"alphas {list(trained_for.alphas)} ({trained_for.convention})",
+                f"{network.name} must be trained for the planes that are evaluated",
+                got=network.planes,
                 remedy="give the same planes=... as in training",
             )
     operators = methods.operators({entry.name: configs.build(entry.operator) for entry in config.methods.values()})
-    judged = methods.unique_names([methods.network(path, device) for path in networks] + operators)
+    judged = methods.unique_names(networks + operators)
     if not judged:
         raise InputError(
             "there must be something to evaluate", remedy="give checkpoint=PATH or +method@methods.NAME=NAME"

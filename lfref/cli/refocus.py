@@ -15,7 +15,6 @@ from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.nets import checkpoint
 from lfref.refocus import view_order, weighted
 from lfref.report import pictures, plots
 
@@ -44,14 +43,15 @@ def _method(config: DictConfig, device: torch.device) -> tuple[Method, FocalPlan
     asked = FocalPlanes(configs.plain(config.alphas), config.planes.convention)
     if config.checkpoint is None:
         return Method(config.method.name, configs.build(config.method.operator)), asked
-    refocuser = checkpoint.load(config.checkpoint, device)
-    if config.alphas != config.planes.alphas and asked != refocuser.planes:
+    network = methods.network(config.checkpoint, device)
+    planes = network.planes or asked
+    if config.alphas != config.planes.alphas and asked != planes:
         raise InputError(
-            f"this network makes the planes alpha = {list(refocuser.alphas)}",
+            f"this network makes the planes alpha = {list(planes.alphas)}",
             got=f"alphas={list(asked.alphas)}",
             remedy="leave alphas out, or use method=shift_and_sum",
         )
-    return methods.network(config.checkpoint, device), refocuser.planes
+    return network, planes
 
 
 def _write_pictures(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, exposure: float | str) -> None:

@@ -9,7 +9,7 @@ from lightning.pytorch import Trainer, seed_everything
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
-from lfref.cli.command import command, log, quiet_warnings
+from lfref.cli.command import command, log, quiet_libraries
 from lfref.errors import CheckpointError
 from lfref.nets import checkpoint as checkpoints
 from lfref.train.callbacks import RankAgreement
@@ -24,7 +24,7 @@ def train(config: DictConfig, folder: Path) -> None:
         config: `conf/train.yaml`.
         folder: The run folder.
     """
-    quiet_warnings()
+    quiet_libraries()
     seed_everything(config.seed, workers=True, verbose=False)
     torch.set_float32_matmul_precision(config.matmul_precision)
     resume = _resumed(config.resume)

@@ -6,7 +6,8 @@ variance, `P` a plane (one channel of one image). With the constants of Wang et 
     1 - SSIM = a + b - ab,    a = mu_d^2 / (mu_x^2 + mu_y^2 + C1),    b = var_d / ((var_s + var_d) / 2 + C2),
 
 which holds the digits that 1 minus a number near 1 loses. Window and borders are those of torchmetrics
-(Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel).
+(Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel). Bright planes lose nothing in
+float32; a plane whose own contrast is hundreds of times the data range does, and wants float64.
 """
 
 import torch

@@ -33,9 +33,12 @@ def mean_absolute_error(prediction: Tensor, target: Tensor) -> Tensor:
     return (prediction - target).abs().mean((-3, -2, -1))
 
 
-TERMS: Mapping[str, Term] = MappingProxyType(
-    {"mse": mean_squared_error, "l1": mean_absolute_error, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}
-)
+TERMS: dict[str, Term] = {
+    "mse": mean_squared_error,
+    "l1": mean_absolute_error,
+    "ssim": one_minus_ssim,
+    "inverse_psnr": inverse_psnr,
+}
 """The terms by name, for images with radiance in [0, 1]; `ssim` is 1 - SSIM."""
 
 

@@ -8,6 +8,7 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
 from lfref.data.patches import Batch
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.losses.composite import CompositeLoss
 from lfref.metrics.stack import MPSNR, MSSIM
@@ -25,10 +26,19 @@ class Refocusing(LightningModule):
         loss: Named weighted terms.
         planes: What the planes of the labels are; goes into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
+
+    Raises:
+        InputError: The network makes another number of planes.
     """
 
     def __init__(self, net: RefNet, loss: CompositeLoss, planes: FocalPlanes, optimizer: OptimizerFactory) -> None:
         super().__init__()
+        if len(planes) != net.config["n_planes"]:
+            raise InputError(
+                f"the network must make as many planes as a label has ({len(planes)})",
+                got=net.config["n_planes"],
+                remedy=f"set net.n_planes={len(planes)}",
+            )
         self.net = net
         self.loss = loss
         self.planes = planes

@@ -1,6 +1,8 @@
 """composite.py: the paper's formula, added up by hand, and finite where the paper's is not."""
 
+import copy
 import math
+import pickle
 
 import mpmath
 import numpy as np
@@ -95,6 +97,12 @@ def test_each_terms_gradient_matches_differences(name: str, decibel: float) -> N
     step = min(1e-6, 1e-4 * 10 ** (-decibel / 20))
     # Away from the kink of |x - y|, the differences of the fixture are larger than the step.
     assert gradcheck(lambda x: TERMS[name](x, target), prediction.requires_grad_(), eps=step, rtol=1e-3)
+
+
+def test_the_loss_survives_copying_and_pickling() -> None:
+    prediction, target = pair_at(20)
+    for twin in (copy.deepcopy(CompositeLoss()), pickle.loads(pickle.dumps(CompositeLoss()))):
+        assert torch.equal(twin(prediction, target), CompositeLoss()(prediction, target))
 
 
 def test_each_term_maps_images_to_one_value_each() -> None:

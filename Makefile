@@ -1,0 +1,52 @@
+# Two commands on a fresh machine: `make demo` and `make test`. Both install what they need into .venv first.
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DEMO ?= runs/demo
+# A light field to refocus in the demo: an ESLF image, a folder of views or an EXR file. Empty: a simulated one.
+INPUT ?=
+# More arguments for pip, for example PIP_ARGS="--extra-index-url https://download.pytorch.org/whl/cpu".
+PIP_ARGS ?=
+
+export PYTHONWARNINGS ?= ignore::FutureWarning
+
+.PHONY: help install demo test lint quick clean
+
+help:
+	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in one page"
+	@echo "make test                       linters, types, floors and all tests"
+	@echo "make quick                      the tests that take no more than seconds"
+	@echo "make clean                      remove runs and caches of this checkout"
+
+install: $(VENV)/installed
+
+$(VENV)/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+demo: install
+	rm -rf "$(DEMO)"
+	$(BIN)/lfref simulate output="$(DEMO)/scenes" source.n_fields=4 source.size=[240,320] seed=2026
+	$(BIN)/lfref train experiment=demo output="$(DEMO)/refnet_demo"
+	$(BIN)/lfref eval output="$(DEMO)/eval" input="$(DEMO)/scenes" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
+	$(BIN)/lfref refocus output="$(DEMO)/refocus_refnet" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
+	$(BIN)/lfref refocus output="$(DEMO)/refocus_shift_and_sum" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" method=shift_and_sum
+	$(BIN)/lfref bench output="$(DEMO)/bench" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt" repeats=3
+	$(BIN)/lfref report output="$(DEMO)/report" title="lfref demo" 'runs=[$(DEMO)/refnet_demo,$(DEMO)/eval,$(DEMO)/refocus_refnet,$(DEMO)/refocus_shift_and_sum,$(DEMO)/bench]'
+
+lint: install
+	$(BIN)/ruff check lfref tests
+	$(BIN)/ruff format --check lfref tests
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: lint
+	$(BIN)/python -m pytest -n 2
+
+quick: install
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+clean:
+	rm -rf runs outputs multirun .pytest_cache .ruff_cache .mypy_cache .hypothesis

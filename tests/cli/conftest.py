@@ -1,0 +1,50 @@
+"""Commands run in this process, and configurations small enough for a test."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from lfref.cli import config as configs
+from lfref.cli import main as cli
+
+TINY_DATA = (
+    "data=simulated",
+    "data.size=[64,64]",
+    "data.patch=32",
+    "data.patches_per_field=1",
+    "data.n_fields=2",
+    "data.n_validation=1",
+)
+TINY_NET = ("net=refnet_small", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8")
+TINY = (*TINY_DATA, *TINY_NET)
+
+
+@pytest.fixture
+def composed(tmp_path: Path):
+    """Function (command, *overrides) -> its configuration, output in a temporary folder."""
+
+    def make(command: str, *overrides: str) -> DictConfig:
+        with initialize_config_dir(str(configs.directory()), version_base="1.3"):
+            return compose(command, [f"output={tmp_path}", f"folder={tmp_path}", *overrides])
+
+    return make
+
+
+@pytest.fixture
+def lfref(monkeypatch, capfd, tmp_path):
+    """Function (*words) -> (exit status, standard error) of the console script, run in this process."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["lfref", *map(str, words)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as leaving:
+            status = leaving.code
+        return status, capfd.readouterr().err
+
+    return run

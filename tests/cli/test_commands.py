@@ -1,0 +1,166 @@
+import csv
+import json
+
+import OpenImageIO
+import pytest
+import torch
+import wandb
+import yaml
+
+from lfref.io.read import read, read_stack
+from lfref.refocus.shift_and_sum import shift_and_sum
+from tests.cli.conftest import TINY
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+QUICK = (*TINY, "trainer.max_epochs=2", "trainer.log_every_n_steps=1")
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory):
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture
+def trained(lfref, workplace):
+    """A trained run and simulated scenes, made once for all tests of this file."""
+    if not (workplace / "scenes").exists():
+        assert lfref("simulate", f"output={workplace}/scenes", "source.n_fields=2", "source.size=[64,72]")[0] == 0
+        assert lfref("train", f"output={workplace}/run", *QUICK)[0] == 0
+    return workplace
+
+
+def table(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_train_leaves_config_checkpoints_metrics_and_pictures(trained):
+    run = trained / "run"
+    assert yaml.safe_load((run / "config.yaml").read_text())["trainer"]["max_epochs"] == 2
+    assert (run / "checkpoints" / "best.ckpt").is_file()
+    assert torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == 1
+    values = [row["val/mpsnr"] for row in table(run / "log" / "metrics.csv") if row["val/mpsnr"]]
+    assert len(values) == 2
+    assert len(list((run / "pictures").glob("*.png"))) == 2
+
+
+def test_train_resumes(lfref, trained):
+    checkpoint = trained / "run" / "checkpoints" / "last.ckpt"
+    status, _ = lfref("train", f"output={trained}/more", *QUICK, f"resume={checkpoint}", "trainer.max_epochs=3")
+    assert status == 0
+    steps = [int(row["epoch"]) for row in table(trained / "more" / "log" / "metrics.csv") if row["val/mpsnr"]]
+    assert steps == [2]
+
+
+def test_multirun_jobs_have_folders_configs_and_wandb_runs_of_their_own(lfref, trained):
+    words = (*QUICK, "trainer.max_epochs=1", "logger=wandb", "logger.wandb.offline=true", "net.activation=relu,elu")
+    assert lfref("train", "--multirun", f"output={trained}/sweep", *words)[0] == 0
+    jobs = [trained / "sweep" / name for name in ("0", "1")]
+    assert [yaml.safe_load((job / "config.yaml").read_text())["net"]["activation"] for job in jobs] == ["relu", "elu"]
+    runs = [path.name for job in jobs for path in (job / "wandb").glob("offline-run-*")]
+    assert len(set(runs)) == 2
+    assert wandb.run is None
+    assert lfref("report", f"output={trained}/sweep_report", f"runs=[{trained}/sweep]")[0] == 0
+    assert "net.activation=elu" in (trained / "sweep_report" / "index.html").read_text()
+
+
+def test_tensorboard_gets_metrics_and_pictures(lfref, trained):
+    words = (*QUICK, "trainer.max_epochs=1", "logger=tensorboard")
+    assert lfref("train", f"output={trained}/board", *words)[0] == 0
+    (events,) = (trained / "board" / "tensorboard").glob("events*")
+    assert b"val/stack" in events.read_bytes()
+
+
+def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_0_0_000"
+    status, _ = lfref("refocus", f"input={field}", "alphas=[0.5,1,2]", "exposure=1", f"output={tmp_path}/out")
+    assert status == 0
+    stack, planes = read_stack(tmp_path / "out" / "stack.exr")
+    assert planes.alphas == (0.5, 1.0, 2.0)
+    torch.testing.assert_close(stack, shift_and_sum(read(field, views=7).views, planes.slopes))
+    shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / "planes" / "plane_01_alpha_1.png")).get_pixels("float")
+    assert abs(torch.from_numpy(shown) - stack[1].permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
+
+
+def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_0_0_000"
+    checkpoint = trained / "run" / "checkpoints" / "best.ckpt"
+    assert lfref("refocus", f"input={field}", f"checkpoint={checkpoint}", f"output={tmp_path}/out")[0] == 0
+    stack, planes = read_stack(tmp_path / "out" / "stack.exr")
+    assert stack.shape == (16, 3, 64, 72)
+    assert planes.alphas[0] == 0.125
+    status, error = lfref(
+        "refocus", f"input={field}", f"checkpoint={checkpoint}", "alphas=[1]", f"output={tmp_path}/no"
+    )
+    assert status == 1
+    assert "leave alphas out" in error
+
+
+def test_refocus_warns_when_one_axis_of_views_is_reversed(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_0_0_001"
+    words = ("refocus", f"input={field}", "alphas=[1]", f"output={tmp_path}/out")
+    log = tmp_path / "out" / "refocus.log"
+    assert lfref(*words)[0] == 0
+    assert "reverse" not in log.read_text()
+    assert lfref(*words, "reader.reverse_v=true")[0] == 0
+    assert "one axis reversed" in log.read_text()
+
+
+def test_eval_writes_every_plane_and_the_means(lfref, trained):
+    checkpoint = trained / "run" / "checkpoints" / "best.ckpt"
+    words = (f"input={trained}/scenes", f"checkpoint={checkpoint}", "+method@methods.s=shift_and_sum")
+    assert lfref("eval", f"output={trained}/eval", *words)[0] == 0
+    planes, summary = (table(trained / "eval" / f"{name}.csv") for name in ("planes", "summary"))
+    assert len(planes) == 2 * 2 * 2 * 16
+    assert len(summary) == 2 * 2 * 2
+    own = [row for row in planes if row["method"] == row["reference"] == "shift_and_sum"]
+    assert {float(row["psnr_db"]) for row in own} == {100.0}
+    mean = sum(float(row["psnr_db"]) for row in planes[:16]) / 16
+    assert float(summary[0]["mpsnr_db"]) == pytest.approx(mean)
+    for picture in ("scatter.png", "quality_by_plane.png", "comparison/simulated_0_0_000.png"):
+        assert (trained / "eval" / picture).stat().st_size > 1000
+
+
+def test_bench_measures_every_method_beside_numpys_fft(lfref, trained):
+    checkpoint = trained / "run" / "checkpoints" / "best.ckpt"
+    words = (f"input={trained}/scenes", f"checkpoint={checkpoint}", "repeats=1", "warmup=0", "device=cpu")
+    assert lfref("bench", f"output={trained}/bench", *words)[0] == 0
+    rows = {row["method"]: row for row in table(trained / "bench" / "bench.csv")}
+    assert len(rows) == 10
+    assert rows["numpy_fft_4d"]["psnr_db"] == ""
+    assert float(rows["exact_fourier"]["psnr_db"]) == 100.0
+    assert float(rows["fourier_slice"]["psnr_db"]) > 70
+    for row in rows.values():
+        ratio = float(rows["numpy_fft_4d"]["median_s"]) / float(row["median_s"])
+        assert float(row["ratio_to_numpy_fft"]) == pytest.approx(ratio)
+    facts = json.loads((trained / "bench" / "machine.json").read_text())
+    assert facts["threads"] == torch.get_num_threads()
+
+
+def test_report_gathers_everything_into_one_page(lfref, trained):
+    test_eval_writes_every_plane_and_the_means(lfref, trained)
+    test_bench_measures_every_method_beside_numpys_fft(lfref, trained)
+    runs = ",".join(f"{trained}/{name}" for name in ("run", "eval", "bench"))
+    assert lfref("report", f"output={trained}/report", f"runs=[{runs}]", "title='A <title>'")[0] == 0
+    page = (trained / "report" / "index.html").read_text()
+    assert "A &lt;title&gt;" in page
+    for words in ("rise of", "Accuracy against time", "MPSNR against MSSIM", "data:image/png;base64"):
+        assert words in page
+
+
+BODY = slice(140, 215), slice(250, 380)
+WALL = slice(60, 120), slice(150, 400)
+
+
+def detail(planes):
+    return (planes[..., 1:] - planes[..., :-1]).square().mean(dim=(1, 2, 3))
+
+
+def test_refocusing_the_real_capture(lfref, lytro, tmp_path):
+    assert lfref("refocus", f"input={lytro}", "alphas=[0.5,0.75,1]", f"output={tmp_path}/out")[0] == 0
+    stack, _ = read_stack(tmp_path / "out" / "stack.exr")
+    assert stack.shape == (3, 3, 383, 552)
+    # The body of the animal is in focus at alpha 0.5, the wall behind it at alpha 1.
+    body, wall = (detail(stack[:, :, rows, columns]) for rows, columns in (BODY, WALL))
+    assert body[0] > 4 * body[2]
+    assert wall[2] > 1.5 * wall[0]

@@ -1,0 +1,99 @@
+import hydra.utils
+import pytest
+from omegaconf import OmegaConf
+
+from lfref.cli import config as configs
+from lfref.cli.main import COMMANDS
+from lfref.errors import InputError
+from lfref.nets.refnet import RefNet
+
+FOLDER = configs.directory()
+GROUPS = sorted(
+    path.relative_to(FOLDER).with_suffix("").as_posix()
+    for path in FOLDER.glob("*/*.yaml")
+    if path.parent.name not in ("experiment", "method")
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_composes(composed, command):
+    assert "folder" in composed(command)
+
+
+@pytest.mark.parametrize("choice", GROUPS)
+def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monkeypatch):
+    # Loggers reach out when they are made; that they can be found is what counts here.
+    monkeypatch.setenv("WANDB_MODE", "disabled")
+    group, _, name = choice.partition("/")
+    config = composed(
+        "train", f"{group}={name}", "net.widths=[8]", f"data.cache_folder={tmp_path}" if name == "folder" else "seed=1"
+    )
+    if name == "folder":
+        config.data.path = str(tmp_path)
+    if group == "trainer":
+        config.trainer.accelerator, config.trainer.devices = "cpu", 1
+    assert configs.build(config[group]) is not None
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (FOLDER / "method").glob("*.yaml")))
+def test_every_method_composes_and_refocuses(composed, name):
+    import torch
+
+    config = composed("refocus", f"method={name}", "input=x")
+    stack = configs.build(config.method.operator)(torch.full((5, 5, 3, 16, 16), 0.5), [0.5, -1.0])
+    assert config.method.name == name
+    torch.testing.assert_close(stack, torch.full((2, 3, 16, 16), 0.5), atol=1e-3, rtol=0)
+
+
+def test_the_papers_network_is_the_default(composed):
+    assert configs.build(composed("train").net).config == RefNet().config
+
+
+@pytest.mark.parametrize(
+    "target",
+    ["builtins.open", "torch.load", "numpy.load", "pathlib.Path.unlink", "os.system", "lfrefx.evil", "lightning.x"],
+)
+@pytest.mark.parametrize("nested", [False, True])
+def test_targets_outside_the_allowed_list_are_refused(target, nested, monkeypatch):
+    monkeypatch.setattr(hydra.utils, "instantiate", lambda *_, **__: pytest.fail("it was instantiated"))
+    node = {"_target_": target}
+    with pytest.raises(InputError, match="_target_ must begin with"):
+        configs.build(OmegaConf.create({"_target_": "lfref.x", "inner": [node]} if nested else node))
+
+
+def test_a_users_mistake_inside_an_object_comes_out_as_itself(composed):
+    with pytest.raises(InputError, match="activation must be one of"):
+        configs.build(composed("train", "net.activation=magic").net)
+
+
+def test_an_argument_that_does_not_exist_is_one_clear_line(composed):
+    with pytest.raises(InputError, match="must fit what it describes") as caught:
+        configs.build(composed("train", "+net.colour=red").net)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_value_is_named(composed):
+    with pytest.raises(InputError, match="path"):
+        configs.plain(composed("train", "data=folder"))
+
+
+def test_the_fingerprint_ignores_where_output_goes_and_nothing_else(composed):
+    first, second = composed("train"), composed("train", "output=/elsewhere", "folder=/elsewhere")
+    assert configs.fingerprint(first) == configs.fingerprint(second)
+    assert configs.fingerprint(first) != configs.fingerprint(composed("train", "optimizer.lr=0.5"))
+
+
+def test_the_saved_config_is_resolved(composed, tmp_path):
+    configs.save(composed("train", "seed=7"), tmp_path)
+    saved = (tmp_path / "config.yaml").read_text()
+    assert OmegaConf.create(saved).data.seed == 7
+    assert "${" not in saved
+
+
+def test_a_wheel_looks_inside_the_package_and_a_checkout_beside_it(monkeypatch, tmp_path):
+    package = tmp_path / "lfref"
+    (package / "cli").mkdir(parents=True)
+    monkeypatch.setattr(configs, "__file__", str(package / "cli" / "config.py"))
+    assert configs.directory() == tmp_path / "conf"
+    (package / "conf").mkdir()
+    assert configs.directory() == package / "conf"

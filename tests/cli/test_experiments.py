@@ -1,0 +1,44 @@
+import itertools
+
+import pytest
+import wandb
+import yaml
+
+from lfref.cli import config as configs
+from lfref.cli import train as command
+from tests.cli.conftest import TINY, TINY_DATA
+
+FAST = (
+    "trainer.fast_dev_run=1",
+    "callbacks=default",
+    "~callbacks.progress",
+    "~callbacks.summary",
+    "~callbacks.checkpoint",
+)
+EXPERIMENTS = sorted(path.stem for path in (configs.directory() / "experiment").glob("*.yaml"))
+
+
+def members() -> list[tuple[str, ...]]:
+    """Every combination of every sweep, as overrides."""
+    found = []
+    for path in sorted(configs.directory("sweeps").glob("*.yaml")):
+        parameters = yaml.safe_load(path.read_text())["parameters"]
+        choices = [[f"{key}={value}" for value in entry["values"]] for key, entry in parameters.items()]
+        found += itertools.product(*choices)
+    return found
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, experiment):
+    config = composed("train", f"experiment={experiment}", *TINY_DATA, *FAST)
+    command.train(config, tmp_path)
+    assert wandb.run is None
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("member", members(), ids=" ".join)
+def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, member):
+    config = composed("train", *TINY, *FAST, *member)
+    command.train(config, tmp_path)
+    assert configs.plain(config)["trainer"]["fast_dev_run"] == 1

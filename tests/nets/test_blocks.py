@@ -1,0 +1,90 @@
+"""The residual block: shapes, widths and parameters of each style, and the sum of body and skip."""
+
+import pytest
+import torch
+from torch import nn
+
+from lfref.errors import InputError
+from lfref.nets import blocks
+from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS, STYLES, ResBlock
+
+
+def convolutions(block):
+    return [
+        (layer.in_channels, layer.out_channels, layer.kernel_size[0])
+        for layer in block.body
+        if isinstance(layer, nn.Conv2d)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("style", "expected"),
+    [("text", [(6, 16, 1), (16, 8, 3), (8, 16, 1)]), ("sibling", [(6, 8, 1), (8, 8, 3), (8, 16, 1)])],
+)
+def test_convolutions_have_the_widths_of_their_style(style, expected):
+    assert convolutions(ResBlock(6, 16, style=style)) == expected
+
+
+@pytest.mark.parametrize("activation", list(ACTIVATIONS))
+@pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
+@pytest.mark.parametrize("style", list(STYLES))
+def test_every_combination_keeps_the_picture_size_and_has_finite_gradients(activation, normalization, style):
+    block = ResBlock(3, 8, activation, normalization, style)
+    features = torch.rand(2, 3, 5, 7, requires_grad=True)
+    output = block(features)
+    assert output.shape == (2, 8, 5, 7)
+    output.square().mean().backward()
+    assert bool(features.grad.isfinite().all())
+    assert all(bool(parameter.grad.isfinite().all()) for parameter in block.parameters())
+
+
+def test_order_is_convolution_activation_normalisation():
+    kinds = [type(layer).__name__ for layer in ResBlock(4, 8).body]
+    assert kinds == ["Conv2d", "Softplus", "InstanceNorm2d", "Conv2d", "Softplus", "InstanceNorm2d", "Conv2d"]
+
+
+def test_the_skip_is_the_identity_unless_the_width_changes():
+    assert isinstance(ResBlock(8, 8).skip, nn.Identity)
+    assert isinstance(ResBlock(6, 8).skip, nn.Conv2d)
+
+
+def test_with_a_silent_body_the_block_is_the_activation_of_its_input():
+    block = ResBlock(8, 8)
+    nn.init.zeros_(block.body[-1].weight)
+    nn.init.zeros_(block.body[-1].bias)
+    features = torch.randn(2, 8, 4, 4)
+    torch.testing.assert_close(block(features), nn.functional.softplus(features))
+
+
+def test_instance_norm_can_learn_scale_and_offset():
+    norm = NORMALIZATIONS["instance"](4)
+    assert norm.affine
+    assert sum(parameter.numel() for parameter in norm.parameters()) == 8
+
+
+@pytest.mark.parametrize(("channels", "groups"), [(64, 32), (48, 16), (8, 8), (30, 2), (7, 1)])
+def test_group_norm_takes_at_most_32_groups_that_divide_the_channels(channels, groups):
+    assert NORMALIZATIONS["group"](channels).num_groups == groups
+
+
+def test_layer_norm_looks_at_all_channels_and_pixels_of_a_sample():
+    features = torch.rand(2, 6, 4, 5) * 3 + 1
+    normalised = NORMALIZATIONS["layer"](6)(features)
+    torch.testing.assert_close(normalised.mean((1, 2, 3)), torch.zeros(2), atol=1e-6, rtol=0)
+    torch.testing.assert_close(normalised.var((1, 2, 3), correction=0), torch.ones(2), atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("filters", [-2, 0, 1, 7])
+def test_a_width_that_cannot_be_halved_is_refused(filters):
+    with pytest.raises(InputError, match=f"must be even and at least 2; got {filters}"):
+        ResBlock(4, filters)
+
+
+@pytest.mark.parametrize("option", ["activation", "normalization", "style"])
+def test_an_unknown_choice_is_refused_by_naming_the_option(option):
+    with pytest.raises(InputError, match=f"{option} must be one of .*; got 'magic'"):
+        ResBlock(4, 8, **{option: "magic"})
+
+
+def test_a_known_choice_is_handed_back():
+    assert blocks.checked_choice("style", "text", ["text", "sibling"]) == "text"

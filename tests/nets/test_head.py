@@ -1,0 +1,93 @@
+"""After the first batch no output channel is dead; without it some are."""
+
+import pytest
+import torch
+
+from lfref.nets.blocks import NORMALIZATIONS
+from lfref.nets.head import SPREAD, initialize_head
+from lfref.nets.refnet import RefNet
+
+SEEDS = range(16)
+
+
+def small(seed, **options):
+    torch.manual_seed(seed)
+    network = RefNet(grid=(3, 3), widths=(16, 16), stem_width=16, **options)
+    views = torch.rand(2, 3, 3, 3, 12, 13)
+    return network, views, torch.rand(16, 3)[None, :, :, None, None] * torch.rand(2, 16, 3, 12, 13)
+
+
+def raw(network, views):
+    """The last convolution before its ReLU, [B, N C, H, W]."""
+    return network.head(network.features(views))
+
+
+def dead(network, views):
+    """Output channels that are black on every pixel, and so never learn."""
+    return int((raw(network, views) <= 0).all(3).all(2).all(0).sum())
+
+
+def test_no_channel_is_born_dead_on_any_of_16_seeds():
+    before, after = [], []
+    for seed in SEEDS:
+        network, views, labels = small(seed)
+        before.append(dead(network, views))
+        initialize_head(network, views, labels)
+        after.append(dead(network, views))
+    assert after == [0] * len(SEEDS)
+    # Otherwise there were nothing to cure, and this test would prove nothing.
+    assert sum(before) > 16
+
+
+BATCH_NORM = pytest.param(
+    "batch",
+    marks=pytest.mark.xfail(
+        strict=True, reason="features are taken in eval mode, where batch norm uses its untouched running statistics"
+    ),
+)
+
+
+@pytest.mark.parametrize("normalization", [BATCH_NORM, *(name for name in NORMALIZATIONS if name != "batch")])
+def test_each_channel_starts_at_its_labels_mean_with_a_small_spread(normalization):
+    network, views, labels = small(0, normalization=normalization)
+    initialize_head(network, views, labels)
+    # As the first training step will see it.
+    deviation, mean = torch.std_mean(raw(network.train(), views), dim=(0, 2, 3))
+    torch.testing.assert_close(deviation, torch.full((48,), SPREAD), atol=1e-5, rtol=0)
+    torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
+
+
+def test_the_spread_is_an_option():
+    network, views, labels = small(0)
+    initialize_head(network, views, labels, spread=0.01)
+    torch.testing.assert_close(raw(network, views).std((0, 2, 3)), torch.full((48,), 0.01), atol=1e-5, rtol=0)
+
+
+def test_only_the_last_convolution_changes():
+    network, views, labels = small(0)
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    initialize_head(network, views, labels)
+    changed = {name for name, value in network.state_dict().items() if not torch.equal(value, before[name])}
+    assert changed == {"head.weight", "head.bias"}
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_the_mode_of_the_network_and_its_gradients_stay_as_they_were(training):
+    network, views, labels = small(0)
+    network.train(training)
+    initialize_head(network, views, labels)
+    assert network.training == training
+    assert all(parameter.requires_grad and parameter.grad is None for parameter in network.parameters())
+
+
+def test_a_channel_that_does_not_vary_gives_finite_weights():
+    network, views, labels = small(0, normalization="none", stem_kernel=1)
+    initialize_head(network, torch.zeros_like(views), torch.zeros_like(labels))
+    assert all(bool(parameter.isfinite().all()) for parameter in network.head.parameters())
+
+
+def test_a_black_first_batch_does_not_blow_up_the_weights():
+    network, views, labels = small(0)
+    initialize_head(network, torch.zeros_like(views), torch.zeros_like(labels))
+    # Zero padding leaves some contrast at the border, even here.
+    assert float(network(views).detach().max()) < 20

@@ -1,0 +1,197 @@
+"""RefNet: the paper's size, any batch dimensions, and a configuration that builds the same network again."""
+
+import itertools
+import json
+
+import pytest
+import torch
+from torch import nn
+
+from lfref.errors import InputError
+from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS, STYLES
+from lfref.nets.refnet import PAPER_WIDTHS, RefNet, stretched
+
+TINY = {"n_planes": 2, "grid": (3, 2), "channels": 1, "widths": (6, 4), "stem_width": 5}
+
+
+@pytest.fixture
+def paper():
+    with torch.device("meta"):
+        return RefNet()
+
+
+def count(network):
+    return sum(parameter.numel() for parameter in network.parameters())
+
+
+def test_the_default_has_the_stated_number_of_parameters(paper):
+    assert count(paper) == 12_500_768
+
+
+def test_the_default_is_the_papers_architecture(paper):
+    assert len([layer for layer in paper.trunk if type(layer).__name__ == "ResBlock"]) == 11
+    stem = paper.trunk[0]
+    assert (stem.in_channels, stem.out_channels) == (7 * 7 * 3, 192)
+    assert isinstance(paper.trunk[1], nn.ReLU)
+    assert (paper.trunk[-2].in_channels, paper.trunk[-2].out_channels) == (256, 48)
+    assert isinstance(paper.trunk[-1], nn.ReLU)
+    assert (paper.head.in_channels, paper.head.out_channels) == (48, 48)
+    assert paper(torch.empty(4, 7, 7, 3, 192, 192, device="meta")).shape == (4, 16, 3, 192, 192)
+
+
+def test_parameters_by_hand():
+    # stem 6*5*9+5; block 5->6: 1x1 5*6+6, 3x3 6*3*9+3, 1x1 3*6+6, norms 2*(6+3), skip 5*6+6;
+    # block 6->4: 6*4+4, 4*2*9+2, 2*4+4, norms 2*(4+2), skip 6*4+4; last two 4*2+2, 2*2+2.
+    by_hand = 275 + (36 + 165 + 24 + 18 + 36) + (28 + 74 + 12 + 12 + 28) + 10 + 6
+    assert count(RefNet(**TINY)) == by_hand
+
+
+@pytest.mark.parametrize(
+    ("activation", "normalization", "style"), list(itertools.product(ACTIVATIONS, NORMALIZATIONS, STYLES))
+)
+def test_every_choice_gives_a_stack_with_finite_gradients(activation, normalization, style):
+    network = RefNet(**TINY, activation=activation, normalization=normalization, style=style)
+    # The last two ReLUs must not hide the gradients.
+    nn.init.constant_(network.trunk[-2].bias, 5.0)
+    nn.init.constant_(network.head.bias, 5.0)
+    views = torch.rand(2, 3, 2, 1, 6, 5, requires_grad=True)
+    stack = network(views)
+    assert stack.shape == (2, 2, 1, 6, 5)
+    stack.square().mean().backward()
+    gradients = [views.grad, *(parameter.grad for parameter in network.parameters())]
+    assert all(gradient is not None and bool(gradient.isfinite().all()) for gradient in gradients)
+    assert bool(network.head.weight.grad.abs().sum() > 0)
+
+
+def test_the_stack_is_never_negative_and_its_axes_are_plane_then_channel():
+    network = RefNet(**TINY | {"n_planes": 3, "channels": 2})
+    views = torch.rand(3, 2, 2, 6, 5)
+    with torch.no_grad():
+        network.head.weight.zero_()
+        network.head.bias.copy_(torch.tensor([0.1, 0.2, 0.3, 0.4, -1.0, 0.6]))
+    stack = network(views)
+    expected = torch.tensor([[0.1, 0.2], [0.3, 0.4], [0.0, 0.6]])
+    torch.testing.assert_close(stack, expected[:, :, None, None].expand(3, 2, 6, 5))
+
+
+def test_input_channels_are_rows_then_columns_then_colours():
+    network = RefNet(**TINY | {"channels": 3})
+    views = torch.zeros(3, 2, 3, 4, 4)
+    views[2, 1, 0] = 1
+    index = (2 * 2 + 1) * 3
+    flat = torch.zeros(1, 18, 4, 4)
+    flat[0, index] = 1
+    torch.testing.assert_close(network.features(views), network.trunk(flat))
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (3,), (2, 2)])
+def test_any_batch_dimensions(batch):
+    network = RefNet(**TINY).eval()
+    views = torch.rand(*batch, 3, 2, 1, 6, 5)
+    stack = network(views)
+    assert stack.shape == (*batch, 2, 1, 6, 5)
+    flat = views.reshape(-1, 3, 2, 1, 6, 5)
+    one_by_one = torch.stack([network(each) for each in flat]).reshape(stack.shape)
+    torch.testing.assert_close(stack, one_by_one, atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kernel", [1, 3, 5])
+def test_kernels_of_any_odd_size_keep_the_picture_size(kernel):
+    network = RefNet(**TINY, stem_kernel=kernel, head_kernel=kernel)
+    assert network(torch.rand(3, 2, 1, 6, 5)).shape == (2, 1, 6, 5)
+    assert network.head.kernel_size == network.trunk[-2].kernel_size == network.trunk[0].kernel_size == (kernel, kernel)
+
+
+@pytest.mark.parametrize(
+    ("widths", "n_blocks", "expected"),
+    [
+        ([8, 6, 4], 3, [8, 6, 4]),
+        ([8, 6, 4], 1, [6]),
+        ([8, 4], 4, [8, 8, 4, 4]),
+        ([8, 4], 1, [4]),
+        ([8, 6, 4], 6, [8, 8, 6, 6, 4, 4]),
+        ([8], 3, [8, 8, 8]),
+        (PAPER_WIDTHS, 11, list(PAPER_WIDTHS)),
+        (PAPER_WIDTHS, 5, [512, 512, 512, 256, 256]),
+    ],
+)
+def test_the_schedule_of_widths_is_stretched_or_thinned(widths, n_blocks, expected):
+    assert stretched(widths, n_blocks) == expected
+
+
+def test_n_blocks_is_the_number_of_blocks_whatever_the_widths():
+    for n_blocks in (1, 2, 5):
+        network = RefNet(**TINY, n_blocks=n_blocks)
+        assert len(network.config["widths"]) == n_blocks
+        assert len(network.trunk) == n_blocks + 4
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"n_blocks": 5},
+        {"activation": "gelu", "normalization": "group", "style": "sibling"},
+        {"stem_kernel": 5, "head_kernel": 3, "normalization": "batch"},
+    ],
+)
+def test_config_rebuilds_the_same_network_through_plain_text(options):
+    network = RefNet(**TINY, **options).eval()
+    twin = RefNet(**json.loads(json.dumps(network.config))).eval()
+    assert twin.config == network.config
+    twin.load_state_dict(network.state_dict())
+    views = torch.rand(3, 2, 1, 6, 5)
+    assert torch.equal(twin(views), network(views))
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ((2, 3, 1, 6, 5), r"reads views \[..., 3, 2, 1, H, W\]; got shape \[2, 3, 1, 6, 5\]"),
+        ((3, 2, 3, 6, 5), "reads views"),
+        ((7, 7, 1, 6, 5), "reads views"),
+        ((3, 2, 1, 6), "views must be"),
+        ((3, 2, 1, 0, 5), "no axis empty"),
+        ((3, 2, 1, 1, 1), "more than one pixel"),
+    ],
+)
+def test_views_that_do_not_fit_are_refused(shape, message):
+    with pytest.raises(InputError, match=message):
+        RefNet(**TINY)(torch.rand(shape))
+
+
+def test_integers_are_refused():
+    with pytest.raises(InputError, match="floating point"):
+        RefNet(**TINY)(torch.zeros(3, 2, 1, 6, 5, dtype=torch.uint8))
+
+
+@pytest.mark.xfail(strict=True, reason="the docstring promises InputError for another type; torch's RuntimeError comes")
+def test_views_of_another_floating_type_are_refused():
+    with pytest.raises(InputError, match="float"):
+        RefNet(**TINY)(torch.rand(3, 2, 1, 6, 5, dtype=torch.float64))
+
+
+def test_the_narrowest_views_that_have_a_neighbour_work():
+    assert bool(RefNet(**TINY)(torch.rand(3, 2, 1, 1, 2)).isfinite().all())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"n_planes": 0}, "must be positive"),
+        ({"grid": (0, 7)}, "must be positive"),
+        ({"grid": (7,)}, "must be positive"),
+        ({"grid": (7, 7, 7)}, "must be positive"),
+        ({"channels": 0}, "must be positive"),
+        ({"stem_width": -1}, "must be positive"),
+        ({"stem_kernel": 2}, "must be odd"),
+        ({"head_kernel": 0}, "must be odd"),
+        ({"widths": ()}, "at least one block and one width"),
+        ({"n_blocks": 0}, "at least one block and one width"),
+        ({"widths": (6, 3)}, "must be even"),
+        ({"activation": "magic"}, "activation must be one of"),
+    ],
+)
+def test_options_that_no_network_can_be_built_from_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        RefNet(**TINY | options)

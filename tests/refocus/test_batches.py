@@ -1,0 +1,93 @@
+"""Weights become an aperture of sum 1; any batch dimensions and types pass through an operator."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfref.errors import InputError
+from lfref.refocus import batches
+
+
+def test_no_weights_weigh_all_views_alike():
+    aperture = batches.checked_weights(None, (3, 4))
+    assert aperture.shape == (3, 4)
+    assert aperture.dtype == torch.float64
+    torch.testing.assert_close(aperture, torch.full((3, 4), 1 / 12, dtype=torch.float64))
+
+
+@given(values=st.lists(st.floats(1e-6, 1e6), min_size=6, max_size=6), scale=st.floats(1e-6, 1e6))
+def test_weights_are_scaled_to_a_sum_of_1_and_keep_their_ratios(values, scale):
+    weights = torch.tensor(values, dtype=torch.float64).reshape(2, 3)
+    aperture = batches.checked_weights(weights * scale, (2, 3))
+    assert float(aperture.sum()) == pytest.approx(1, abs=1e-12)
+    torch.testing.assert_close(aperture * weights.sum(), weights, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("weights", [[[1, 3]], torch.tensor([[1, 3]]), torch.tensor([[True, True]]) * 1])
+def test_weights_of_any_kind_are_taken(weights):
+    assert batches.checked_weights(weights, (1, 2)).sum() == 1
+
+
+def test_a_view_may_weigh_nothing():
+    assert batches.checked_weights(torch.tensor([[0.0, 2.0]]), (1, 2)).tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        (torch.ones(4, 3), r"weights must be \[3, 4\], one for each view; got shape \[4, 3\]"),
+        (torch.ones(12), "one for each view"),
+        (torch.ones(1, 3, 4), "one for each view"),
+        (torch.zeros(3, 4), "not all zero"),
+        (torch.full((3, 4), -1.0), "finite, >= 0"),
+        (torch.full((3, 4), math.nan), "finite, >= 0"),
+        (torch.full((3, 4), math.inf), "finite, >= 0"),
+    ],
+)
+def test_weights_that_are_no_aperture_are_refused(weights, message):
+    with pytest.raises(InputError, match=message):
+        batches.checked_weights(weights, (3, 4))
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (2, 3), (2, 1, 2)])
+def test_an_operator_sees_one_batch_axis_and_its_result_gets_them_back(batch):
+    views = torch.rand(*batch, 2, 3, 1, 4, 5)
+    seen = []
+
+    def three_planes(flat):
+        seen.append(flat.shape)
+        return torch.stack([flat.sum((1, 2)) * n for n in range(3)], dim=1)
+
+    stack = batches.over_batches(views, three_planes)
+    assert seen == [(math.prod(batch), 2, 3, 1, 4, 5)]
+    assert stack.shape == (*batch, 3, 1, 4, 5)
+    torch.testing.assert_close(stack[..., 2, :, :, :], views.sum((-5, -4)) * 2)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "working"),
+    [
+        (torch.float16, torch.float32),
+        (torch.bfloat16, torch.float32),
+        (torch.float32, torch.float32),
+        (torch.float64, torch.float64),
+    ],
+)
+def test_half_precision_is_computed_in_float32_and_handed_back_as_it_came(dtype, working):
+    types = []
+
+    def mean(flat):
+        types.append(flat.dtype)
+        return flat.mean((1, 2))[:, None]
+
+    stack = batches.over_batches(torch.rand(2, 2, 1, 4, 4).to(dtype), mean)
+    assert types == [working]
+    assert stack.dtype == dtype
+
+
+def test_what_is_not_views_never_reaches_the_operator():
+    with pytest.raises(InputError, match="views must be"):
+        batches.over_batches(torch.rand(2, 1, 4, 4), pytest.fail)

@@ -1,0 +1,46 @@
+"""An error says what was expected, what came and what to do, and is caught by those who never heard of lfref."""
+
+import pickle
+
+import pytest
+
+from lfref.errors import CheckpointError, FileError, InputError, LfrefError
+
+
+def test_the_message_is_expected_then_got_then_remedy():
+    error = InputError("alpha must be above 0", got=-1, remedy="alpha = 1 is the captured focus")
+    assert str(error) == "alpha must be above 0; got -1; alpha = 1 is the captured focus"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "something must be"),
+        ({"got": 0}, "something must be; got 0"),
+        ({"got": ""}, "something must be; got "),
+        ({"remedy": "do it"}, "something must be; do it"),
+    ],
+)
+def test_parts_that_were_not_given_leave_no_trace(arguments, message):
+    assert str(LfrefError("something must be", **arguments)) == message
+
+
+@pytest.mark.parametrize(
+    ("error", "parents"),
+    [
+        (InputError, (LfrefError, ValueError)),
+        (FileError, (LfrefError, OSError)),
+        (CheckpointError, (LfrefError, FileError, OSError)),
+    ],
+)
+def test_each_error_also_is_the_builtin_one_of_its_kind(error, parents):
+    for parent in parents:
+        with pytest.raises(parent, match="expected; got this; do that"):
+            raise error("expected", got="this", remedy="do that")
+
+
+@pytest.mark.parametrize("error", [LfrefError, InputError, FileError, CheckpointError])
+def test_errors_cross_process_borders_with_their_message(error):
+    copy = pickle.loads(pickle.dumps(error("expected", got=1, remedy="do that")))
+    assert type(copy) is error
+    assert str(copy) == "expected; got 1; do that"

@@ -1,0 +1,167 @@
+"""alpha <-> slope by hand, in both conventions; what no operator can use is refused."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfref import geometry
+from lfref.errors import InputError
+from lfref.geometry import CONVENTIONS, FocalPlanes
+
+PAPER = [index / 8 for index in range(1, 17)]
+BAD_ALPHAS = [0.0, -0.0, -1.0, math.nan, math.inf, -math.inf]
+
+
+@pytest.mark.parametrize(
+    ("convention", "alpha", "slope"),
+    [
+        ("ng", 0.125, -7.0),
+        ("ng", 0.5, -1.0),
+        ("ng", 1.0, 0.0),
+        ("ng", 1.25, 0.2),
+        ("ng", 2.0, 0.5),
+        ("parallel", 0.125, -0.875),
+        ("parallel", 1.0, 0.0),
+        ("parallel", 2.0, 1.0),
+    ],
+)
+def test_slopes_by_hand(convention, alpha, slope):
+    value = geometry.slopes([alpha], convention)
+    torch.testing.assert_close(value, torch.tensor([slope], dtype=torch.float64), atol=1e-15, rtol=0)
+
+
+def test_the_default_convention_is_ngs_and_keeps_the_order():
+    assert geometry.slopes([2, 0.125, 1]).tolist() == [0.5, -7.0, 0.0]
+
+
+def test_the_papers_planes_are_evenly_spaced_only_in_the_parallel_convention():
+    parallel, ng = geometry.slopes(PAPER, "parallel").diff(), geometry.slopes(PAPER).diff()
+    torch.testing.assert_close(parallel, torch.full_like(parallel, 0.125))
+    assert bool((ng > 0).all())
+    assert ng[0] == 4.0
+    torch.testing.assert_close(ng[-1], torch.tensor(1 / 1.875 - 1 / 2, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("convention", list(CONVENTIONS))
+@given(alpha=st.floats(1e-3, 1e3))
+def test_alpha_comes_back_from_its_slope(convention, alpha):
+    to_slope, to_alpha = CONVENTIONS[convention]
+    # Near alpha = 1000 the slope is 0.999, and what it lacks to 1 has lost three digits.
+    assert to_alpha(to_slope(alpha)) == pytest.approx(alpha, rel=1e-11)
+
+
+@given(alphas=st.lists(st.floats(1e-6, 1e6), min_size=2, unique=True))
+def test_a_larger_alpha_never_has_a_smaller_slope(alphas):
+    for convention in CONVENTIONS:
+        values = geometry.slopes(sorted(alphas), convention)
+        assert bool((values.diff() >= 0).all())
+
+
+@pytest.mark.parametrize("alpha", BAD_ALPHAS)
+@pytest.mark.parametrize("convention", list(CONVENTIONS))
+def test_an_alpha_that_is_no_distance_is_refused(alpha, convention):
+    with pytest.raises(InputError, match="alpha must be finite and above 0; got"):
+        geometry.slopes([1.0, alpha], convention)
+
+
+@pytest.mark.xfail(strict=True, reason="slopes([1e-320]) is -inf: alpha is checked, the slope it becomes is not")
+def test_an_alpha_so_small_that_its_slope_overflows_is_refused():
+    with pytest.raises(InputError, match="alpha"):
+        geometry.slopes([1e-320])
+
+
+def test_no_alpha_at_all_is_refused():
+    with pytest.raises(InputError, match="at least one focal plane"):
+        geometry.slopes([])
+
+
+def test_an_unknown_convention_is_refused_by_naming_the_known_ones():
+    for use in (
+        geometry.convention_of,
+        lambda name: geometry.slopes([1.0], name),
+        lambda name: FocalPlanes((1,), name),
+    ):
+        with pytest.raises(InputError, match="must be one of ng, parallel; got 'Ng'"):
+            use("Ng")
+
+
+@pytest.mark.parametrize(
+    ("n_views", "offsets"), [(1, [0]), (2, [-0.5, 0.5]), (7, [-3, -2, -1, 0, 1, 2, 3]), (4, [-1.5, -0.5, 0.5, 1.5])]
+)
+def test_views_are_counted_from_the_angular_centre(n_views, offsets):
+    assert geometry.angular_offsets(n_views).tolist() == offsets
+    assert geometry.angular_offsets(n_views).dtype == torch.float64
+
+
+def test_the_corner_shift_is_that_of_the_longer_axis_at_the_steepest_slope():
+    assert geometry.corner_shift(torch.tensor([0.5, -7.0]), (7, 7)) == 21
+    assert geometry.corner_shift(torch.tensor([0.5, -2.0]), (3, 8)) == 7
+    assert geometry.corner_shift(torch.tensor([5.0]), (1, 1)) == 0
+
+
+@pytest.mark.parametrize(("size", "axis"), [((42, 99), "height"), ((99, 42), "width"), ((42, 42), "height")])
+def test_a_corner_shift_of_half_the_view_is_refused_by_naming_the_axis(size, axis):
+    # 7 views at slope -7 shift by 21 pixels.
+    with pytest.raises(InputError, match=rf"half the {axis} \(21 px\); got 21 px at slope -7"):
+        geometry.checked_slopes([0.5, -7.0], (7, 7), size)
+
+
+def test_a_corner_shift_just_below_half_the_view_is_accepted():
+    values = geometry.checked_slopes([0.5, -7.0], (7, 7), (43, 43))
+    assert values.tolist() == [0.5, -7.0]
+
+
+def test_each_axis_is_judged_by_its_own_views_and_pixels():
+    assert geometry.checked_slopes([3.0], (1, 7), (1, 19)).tolist() == [3.0]
+    with pytest.raises(InputError, match="half the height"):
+        geometry.checked_slopes([3.0], (7, 1), (18, 19))
+
+
+def test_any_slope_suits_a_single_view():
+    assert geometry.checked_slopes([1e6], (1, 1), (1, 1)).tolist() == [1e6]
+
+
+@pytest.mark.parametrize(
+    "slopes", [0.5, [0.5], (0.5,), torch.tensor(0.5), torch.tensor([0.5], dtype=torch.float16, requires_grad=True)]
+)
+def test_slopes_of_any_kind_become_float64_on_the_cpu(slopes):
+    values = geometry.checked_slopes(slopes, (3, 3), (8, 8))
+    assert (values.dtype, values.device.type, values.requires_grad) == (torch.float64, "cpu", False)
+    assert values.tolist() == [0.5]
+
+
+@pytest.mark.parametrize("slopes", [[], [math.nan], [0.0, math.inf], torch.zeros(0)])
+def test_slopes_that_are_not_numbers_are_refused(slopes):
+    with pytest.raises(InputError, match="slopes must be finite and at least one"):
+        geometry.checked_slopes(slopes, (3, 3), (8, 8))
+
+
+def test_focal_planes_know_their_slopes_and_number():
+    planes = FocalPlanes((0.125, 1, 2))
+    assert len(planes) == 3
+    assert planes.slopes.tolist() == [-7.0, 0.0, 0.5]
+    assert FocalPlanes((0.5,), "parallel").slopes.tolist() == [-0.5]
+
+
+@pytest.mark.parametrize("alphas", [[0.5, 2], torch.tensor([0.5, 2.0]), (0.5, 2)])
+def test_focal_planes_are_equal_whatever_their_alphas_came_in(alphas):
+    planes = FocalPlanes(alphas)
+    assert planes == FocalPlanes((0.5, 2.0))
+    assert planes != FocalPlanes((0.5, 2.0), "parallel")
+    assert all(type(alpha) is float for alpha in planes.alphas)
+
+
+def test_focal_planes_come_back_from_plain_containers():
+    planes = FocalPlanes(tuple(PAPER), "parallel")
+    plain = planes.as_dict()
+    assert plain == {"alphas": PAPER, "convention": "parallel"}
+    assert FocalPlanes(**plain) == planes
+
+
+@pytest.mark.parametrize("alphas", [(), *((1.0, alpha) for alpha in BAD_ALPHAS)])
+def test_focal_planes_refuse_what_slopes_refuse(alphas):
+    with pytest.raises(InputError, match="alpha"):
+        FocalPlanes(alphas)

@@ -1,0 +1,50 @@
+"""A training run small enough for a test: a tiny RefNet on tiny simulated scenes."""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+import torch
+from lightning.pytorch import Trainer
+
+from lfref.data.datamodules import SimulatedData
+from lfref.data.labels import LabelSource
+from lfref.geometry import FocalPlanes
+from lfref.losses.composite import CompositeLoss
+from lfref.nets.refnet import RefNet
+from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.train.module import Refocusing
+from lfref.train.storage import AtomicCheckpointIO
+
+PLANES = FocalPlanes((0.5, 1.0, 2.0))
+
+
+@pytest.fixture
+def module() -> Refocusing:
+    net = RefNet(n_planes=3, grid=(3, 3), widths=(8, 8), stem_width=8)
+    return Refocusing(net, CompositeLoss(), PLANES, partial(torch.optim.Adam, lr=0.01))
+
+
+@pytest.fixture
+def data() -> SimulatedData:
+    labels = LabelSource("shift_and_sum", shift_and_sum, PLANES)
+    return SimulatedData(labels, n_fields=3, n_validation=2, size=(32, 32), grid=(3, 3), patch=24, patches_per_field=2)
+
+
+@pytest.fixture
+def trainer(tmp_path: Path):
+    def make(**options) -> Trainer:
+        settings = {
+            "accelerator": "cpu",
+            "logger": False,
+            "enable_progress_bar": False,
+            "enable_model_summary": False,
+            "enable_checkpointing": False,
+            "num_sanity_val_steps": 0,
+            "use_distributed_sampler": False,
+            "default_root_dir": tmp_path,
+            "plugins": [AtomicCheckpointIO()],
+        }
+        return Trainer(**(settings | options))
+
+    return make

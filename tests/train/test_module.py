@@ -1,0 +1,57 @@
+import copy
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.functional.psnr import psnr
+from lfref.functional.ssim import ssim
+from lfref.geometry import FocalPlanes
+from lfref.losses.composite import CompositeLoss
+from lfref.nets import checkpoint
+from lfref.train.callbacks import HeadInitialization
+from lfref.train.module import Refocusing
+
+
+@pytest.mark.filterwarnings("ignore:.*does not have many workers.*")
+@pytest.mark.filterwarnings("ignore:.*number of training batches.*")
+class TestFit:
+    def test_training_reduces_the_loss_on_held_out_patches(self, module, data, trainer):
+        losses = []
+        for epochs in (1, 12):
+            fit = trainer(max_epochs=epochs, callbacks=[HeadInitialization()])
+            fit.fit(copy.deepcopy(module), datamodule=data)
+            losses.append(fit.callback_metrics["val/loss"].item())
+        assert losses[1] < 0.9 * losses[0]
+
+    def test_every_term_and_their_weighted_sum_are_logged(self, module, data, trainer):
+        fit = trainer(max_epochs=1, log_every_n_steps=1)
+        fit.fit(module, datamodule=data)
+        logged = fit.callback_metrics
+        for stage in ("train", "val"):
+            total = sum(weight * logged[f"{stage}/{name}"] for name, weight in module.loss.weights.items())
+            torch.testing.assert_close(logged[f"{stage}/loss"], total, atol=1e-4, rtol=1e-5)
+
+    def test_logged_metrics_are_the_means_over_planes_and_patches(self, module, data, trainer):
+        fit = trainer(max_epochs=1)
+        fit.fit(module, datamodule=data)
+        batches = list(data.val_dataloader())
+        with torch.no_grad():
+            pairs = [(module(batch["views"]), batch["labels"]) for batch in batches]
+        for name, quality in (("mpsnr", psnr), ("mssim", ssim)):
+            expected = torch.cat([quality(stack, labels) for stack, labels in pairs]).double().mean()
+            assert fit.callback_metrics[f"val/{name}"].item() == pytest.approx(expected.item(), abs=1e-4)
+
+    def test_a_checkpoint_of_a_run_loads_as_a_refocuser(self, module, data, trainer, tmp_path):
+        fit = trainer(max_epochs=1)
+        fit.fit(module, datamodule=data)
+        fit.save_checkpoint(tmp_path / "run.ckpt")
+        refocuser = checkpoint.load(tmp_path / "run.ckpt")
+        views = torch.rand(3, 3, 3, 20, 22)
+        assert refocuser.alphas == (0.5, 1.0, 2.0)
+        assert torch.equal(refocuser(views), module.net.eval()(views))
+
+
+def test_another_number_of_planes_than_the_labels_is_refused(module):
+    with pytest.raises(InputError, match=r"net\.n_planes=2"):
+        Refocusing(module.net, CompositeLoss(), FocalPlanes((1.0, 2.0)), torch.optim.Adam)
