@@ -14,6 +14,8 @@ class LfrefError(Exception):
     """
 
     def __init__(self, expected: str, *, got: object = None, remedy: str = "") -> None:
+        # A DataLoader worker hands its error over as the text of a whole traceback; the error is the last line.
+        expected = expected.strip().splitlines()[-1].partition("Error: ")[2] if "\n" in expected else expected
         parts = [expected, *([] if got is None else [f"got {got}"]), *([remedy] if remedy else [])]
         super().__init__("; ".join(parts))
 

@@ -61,7 +61,10 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
         InputError: An alpha is not finite or not above 0, there is none, or the convention is unknown.
     """
     to_slope = convention_of(convention).to_slope
-    return torch.tensor([to_slope(alpha) for alpha in checked_alphas(alphas)], dtype=torch.float64)
+    values = torch.tensor([to_slope(alpha) for alpha in checked_alphas(alphas)], dtype=torch.float64)
+    if not bool(values.isfinite().all()):
+        raise InputError("alpha must be far enough from 0 for a finite slope", got=list(alphas))
+    return values
 
 
 def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
@@ -76,7 +79,9 @@ def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
     try:
         values = tuple(float(alpha) for alpha in alphas)
     except (TypeError, ValueError) as error:
-        raise InputError("alphas must be a list of numbers", got=repr(alphas), remedy="for example [0.5,1,2]") from error
+        raise InputError(
+            "alphas must be a list of numbers", got=repr(alphas), remedy="for example [0.5,1,2]"
+        ) from error
     if not values:
         raise InputError("alphas must name at least one focal plane", got="an empty list")
     for alpha in values:
@@ -145,7 +150,7 @@ class FocalPlanes:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alphas", checked_alphas(self.alphas))
-        convention_of(self.convention)
+        slopes(self.alphas, self.convention)
 
     def __len__(self) -> int:
         return len(self.alphas)

@@ -27,7 +27,7 @@ def check_views(views: Tensor) -> None:
         raise InputError("views must be floating point in [0, 1]", got=views.dtype, remedy="scale integers to [0, 1]")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LightField:
     """Views of one scene from a regular grid of positions."""
 

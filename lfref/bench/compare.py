@@ -10,6 +10,7 @@ from torch import Tensor
 from lfref.bench import accuracy, timing
 from lfref.bench.accuracy import Row
 from lfref.bench.methods import Method
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.exact_fourier import exact_fourier
@@ -45,7 +46,15 @@ def compare(
         Rows `method, median_s, p10_s, p90_s, psnr_db, ssim, ratio_to_numpy_fft`, the first one NumPy's FFT alone.
         Times are for one light field and all planes; PSNR and SSIM are means over fields and planes, taken where
         every view covers every plane.
+
+    Raises:
+        InputError: Nothing to measure.
     """
+    if not fields or not methods or repeats < 1 or warmup < 0:
+        raise InputError(
+            "a comparison needs methods, light fields and at least one counted run",
+            got=f"{len(methods)} methods, {len(fields)} light fields, repeats={repeats}, warmup={warmup}",
+        )
     views = [field.views.to(device) for field in fields]
     references = [exact_fourier(each, planes.slopes).cpu() for each in views]
     qualities = {

@@ -1,5 +1,6 @@
 """Every way to refocus behind one face: views and slopes in, stack out."""
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,7 +49,7 @@ def for_its_planes(refocuser: Refocuser) -> Callable[[Tensor, Tensor], Tensor]:
     """A network as an operator that refuses other planes than it was trained for."""
 
     def refocus(views: Tensor, slopes: Tensor) -> Tensor:
-        if slopes.shape != refocuser.slopes.shape or not torch.allclose(slopes, refocuser.slopes):
+        if slopes.shape != refocuser.slopes.shape or not torch.allclose(slopes.double(), refocuser.slopes, atol=1e-6):
             raise InputError(
                 f"this network makes the planes alpha = {list(refocuser.alphas)}",
                 got=f"slopes {[round(slope, 4) for slope in slopes.tolist()]}",
@@ -65,11 +66,10 @@ def run_name(path: Path) -> str:
 
 
 def unique_names(methods: list[Method]) -> list[Method]:
-    """The same methods, a number added to names that occur twice."""
-    seen: dict[str, int] = {}
-    named = []
+    """The same methods, a number added to names that occur before."""
+    named: dict[str, Method] = {}
     for method in methods:
-        seen[method.name] = seen.get(method.name, 0) + 1
-        count = seen[method.name]
-        named.append(method if count == 1 else replace(method, name=f"{method.name} ({count})"))
-    return named
+        candidates = (method.name if count == 1 else f"{method.name} ({count})" for count in itertools.count(1))
+        name = next(name for name in candidates if name not in named)
+        named[name] = replace(method, name=name)
+    return list(named.values())

@@ -16,10 +16,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from lfref.errors import InputError
-from lfref.io import atomic, eslf
+from lfref.errors import FileError, InputError
+from lfref.io import atomic, views
 from lfref.io import read as reader
 from lfref.lightfield import LightField
+
+SUFFIXES = {False: ".npy", True: ".weighted.npy"}
+"""Whether the last channel is the weight -> suffix of the entry."""
 
 STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
 
@@ -49,7 +52,7 @@ class CachedField:
         """The same rectangle of every view, in memory; arguments and errors as `LightField.crop`."""
         if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
             raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
-        cut = np.ascontiguousarray(self.samples[..., top : top + height, left : left + width])
+        cut = np.array(self.samples[..., top : top + height, left : left + width])
         values = torch.from_numpy(_to_float(cut))
         if not self.has_weight:
             return LightField(values, self.name)
@@ -57,16 +60,21 @@ class CachedField:
 
 
 def content_hash(path: Path) -> str:
-    """SHA-256 of a light field's bytes, file names left out, so that copies under other names are recognised.
+    """SHA-256 of a light field's images, file names left out, so that copies under other names are recognised.
 
     Args:
-        path: A file, or a folder of files.
+        path: A file, or a folder of views.
+
+    Raises:
+        FileError: There is no such light field.
     """
+    files = views.image_files(path) if path.is_dir() else [path]
+    if not files or not all(file.is_file() for file in files):
+        raise FileError(f"{path} must be an image file or a folder of images", got="none")
     digest = hashlib.sha256()
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if file.is_file():
-            with file.open("rb") as stream:
-                digest.update(hashlib.file_digest(stream, "sha256").digest())
+    for file in files:
+        with file.open("rb") as stream:
+            digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
 
 
@@ -82,24 +90,22 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
         FileError: The light field cannot be read or the cache cannot be written.
     """
     identity = json.dumps([content_hash(path), dict(options), _reader_version()], sort_keys=True, default=str)
-    entry = folder / hashlib.sha256(identity.encode()).hexdigest()
-    array, note = entry.with_suffix(".npy"), entry.with_suffix(".json")
-    if not note.is_file():
-        _store(reader.read(path, **options), array, note)
-    facts = json.loads(note.read_text())
-    return CachedField(facts["name"], np.load(array, mmap_mode="r"), facts["has_weight"])
+    key = hashlib.sha256(identity.encode()).hexdigest()
+    entries = {has_weight: folder / f"{key}{suffix}" for has_weight, suffix in SUFFIXES.items()}
+    if not any(entry.is_file() for entry in entries.values()):
+        field = reader.read(path, **options)
+        _store(field, entries[field.weight is not None])
+    has_weight = entries[True].is_file()
+    name = path.absolute().name if path.is_dir() else path.stem
+    return CachedField(name, np.load(entries[has_weight], mmap_mode="r"), has_weight)
 
 
-def _store(field: LightField, array: Path, note: Path) -> None:
-    has_weight = field.weight is not None
+def _store(field: LightField, entry: Path) -> None:
     values = field.views if field.weight is None else torch.cat([field.views, field.weight], dim=2)
     dtype = STORED[field.metadata["bits"]]
     samples = values.numpy()
-    stored = np.rint(samples * np.iinfo(dtype).max).astype(dtype) if dtype.kind == "u" else samples
-    with atomic.replacing(array) as temporary:
-        np.save(temporary, stored)
-    # Written last: an entry without its note does not count.
-    atomic.write_text(note, json.dumps({"name": field.name, "has_weight": has_weight}))
+    with atomic.replacing(entry) as temporary:
+        np.save(temporary, np.rint(samples * np.iinfo(dtype).max).astype(dtype) if dtype.kind == "u" else samples)
 
 
 def _to_float(samples: np.ndarray) -> np.ndarray:
@@ -112,6 +118,6 @@ def _to_float(samples: np.ndarray) -> np.ndarray:
 def _reader_version() -> str:
     """Hash of the reader's source: a change of the reader is a change of the cache."""
     digest = hashlib.sha256()
-    for file in sorted(Path(eslf.__file__).parent.glob("*.py")):
+    for file in sorted(Path(views.__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -126,7 +126,7 @@ class FolderData(PatchData):
 
     def _paths(self) -> tuple[list[Path], list[Path]]:
         if self.validation_path is not None:
-            return reader.find(self.path), reader.find(self.validation_path)
+            return splits.without_test_set(reader.find(self.path)), reader.find(self.validation_path)
         return splits.held_out(reader.find(self.path), self.validation_share, self.seed)
 
 

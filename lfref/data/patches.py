@@ -3,6 +3,7 @@
 One item is one light field: its patches are cut together, so that a field is read or rendered once an epoch.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TypedDict
 
@@ -41,13 +42,21 @@ def cut(field: Field, labels: LabelSource, top: int, left: int, patch: int) -> t
         Views [V, U, C, patch, patch] and label [N, C, patch, patch].
     """
     margin = labels.margin(field.grid)
-    first = [max(0, start - margin) for start in (top, left)]
-    last = [min(length, start + patch + margin) for start, length in zip((top, left), field.size, strict=True)]
-    context = field.crop(first[0], first[1], last[0] - first[0], last[1] - first[1])
+    rows, columns = (
+        _context(start, patch, margin, length) for start, length in zip((top, left), field.size, strict=True)
+    )
+    context = field.crop(rows.start, columns.start, len(rows), len(columns))
     stack = labels(context)
-    row, column = top - first[0], left - first[1]
+    row, column = top - rows.start, left - columns.start
     window = (..., slice(row, row + patch), slice(column, column + patch))
     return context.views[window].contiguous(), stack[window].contiguous()
+
+
+def _context(start: int, patch: int, margin: int, length: int) -> range:
+    """A patch with its margin along one axis, as far as the field reaches and wide enough for the largest shift."""
+    least = 2 * margin + 1
+    first = max(0, min(start - margin, length - least))
+    return range(first, min(length, max(start + patch + margin, first + least)))
 
 
 class FieldPatches(Dataset[Batch]):
@@ -126,11 +135,12 @@ class EpochSampler(Sampler[tuple[int, int]]):
 
     def _order(self) -> list[int]:
         if self.seed is None:
-            return list(range(self.rank, self.n_items, self.world_size))
+            # A rank without an item would bring the others to a halt: it repeats one.
+            return list(range(self.rank, self.n_items, self.world_size)) or [self.rank % self.n_items]
         order = np.random.default_rng((self.seed, self.epoch)).permutation(self.n_items).tolist()
         # Every rank must take as many steps as the others: wrap around to an even share.
-        padded = order + order[: -len(order) % self.world_size]
-        return padded[self.rank :: self.world_size]
+        share = math.ceil(self.n_items / self.world_size)
+        return [order[i % self.n_items] for i in range(self.rank, share * self.world_size, self.world_size)]
 
 
 def concatenate(items: Sequence[Batch]) -> Batch:

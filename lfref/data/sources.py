@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 
 from lfref.data import cache
@@ -99,9 +100,8 @@ class SimulatedSource:
 
     def field(self, index: int, epoch: int = 0) -> LightField:
         """Render the field at that place of that epoch."""
-        # Spread by large odd numbers: neighbouring seeds, epochs and indices must not share a stream.
-        key = (self.seed * 1_000_003 + epoch) * 1_000_003 + index
-        generator = torch.Generator().manual_seed(key)
+        key = np.random.SeedSequence((self.seed, epoch, index)).generate_state(1, np.uint64)
+        generator = torch.Generator().manual_seed(int(key[0]))
         reach = (max(self.grid) - 1) / 2
         scene = scenes.random_scene(generator, self.size, self.n_layers, self.disparities, reach)
         return LightField(render.views(scene, self.grid), f"simulated_{self.seed}_{epoch}_{index:03d}")

@@ -20,6 +20,11 @@ PAPER_TEST = (*(f"IMG_{number}_eslf" for number in _NUMBERS.split()), "Cars", "F
 """Names of the 30 Scenes test set (Kalantari et al. 2016), on which the paper reports."""
 
 
+def without_test_set(paths: Sequence[Path]) -> list[Path]:
+    """The light fields that are not of the paper's test set, by name."""
+    return [path for path in paths if path.stem not in PAPER_TEST]
+
+
 def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path], list[Path]]:
     """Split into training and validation fields; fields of the paper's test set join neither.
 
@@ -34,7 +39,7 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
     Raises:
         InputError: Fewer than two fields, or a share outside (0, 1).
     """
-    usable = [path for path in paths if path.stem not in PAPER_TEST]
+    usable = without_test_set(paths)
     if len(usable) < 2 or not 0 < share < 1:
         raise InputError(
             "a split needs two light fields outside the paper's test set and a share in (0, 1)",

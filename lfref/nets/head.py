@@ -23,9 +23,7 @@ def initialize_head(network: RefNet, views: Tensor, labels: Tensor, spread: floa
         spread: Standard deviation that each output channel gets, in radiance.
     """
     head = network.head
-    was_training = network.training
-    raw = head(network.eval().features(views))
-    network.train(was_training)
+    raw = head(network.features(views))
     deviation, mean = torch.std_mean(raw, dim=(0, 2, 3))
     gain = spread / deviation.clamp(min=1e-6)
     target = labels.flatten(1, 2).mean(dim=(0, 2, 3)).to(mean)

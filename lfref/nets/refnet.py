@@ -95,6 +95,11 @@ class RefNet(nn.Module):
             )
         if views.shape[-1] * views.shape[-2] < 2:
             raise InputError("views must have more than one pixel: normalisation has nothing to compare", got="1x1")
+        working = self.head.weight.dtype
+        if views.dtype != working and not torch.is_autocast_enabled(views.device.type):
+            raise InputError(
+                f"this network reads {working}", got=views.dtype, remedy="convert the views or the network"
+            )
         return self.trunk(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:]))
 
     def forward(self, views: Tensor) -> Tensor:

@@ -29,6 +29,6 @@ def refocus(operator: Operator, field: LightField, slopes: Tensor) -> Tensor:
     """
     if field.weight is None:
         return operator(field.views, slopes)
-    share = operator(field.weight.to(field.views), slopes)
-    weighted = operator(field.views * field.weight, slopes)
+    weight = field.weight.to(field.views)
+    share, weighted = operator(weight, slopes), operator(field.views * weight, slopes)
     return torch.where(share > LEAST_WEIGHT, weighted / share.clamp(min=LEAST_WEIGHT), 0.0)

@@ -3,6 +3,7 @@
 A run folder is recognised by the files in it; a folder of runs (a multirun) becomes one table of its jobs.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -33,7 +34,8 @@ def training(folder: Path) -> Section:
         folder: Run folder of `lfref train`.
     """
     rows = tables.read_table(folder / METRICS)
-    first, best = _first_and_best(rows)
+    values = _validations(tables.some(rows, "val/mpsnr"))
+    first, best = values[0], max(values)
     text = (
         f"Against its own labels the network went from {first:.2f} dB MPSNR at its first validation to {best:.2f} dB "
         f"at its best, a rise of {best - first:.2f} dB."
@@ -85,6 +87,7 @@ def benchmark(folder: Path) -> Section:
         folder: Run folder of `lfref bench`.
     """
     rows = tables.read_table(folder / "bench.csv")
+    tables.need(rows, "method", "median_s", "psnr_db")
     judged = [row for row in rows if row["psnr_db"] is not None]
     fft = next((row["median_s"] for row in rows if row["method"] == "numpy_fft_4d"), None)
     text = (
@@ -106,12 +109,13 @@ def sweep(folder: Path) -> Section:
     jobs = []
     for path in sorted(folder.glob(f"*/{METRICS}")):
         job = path.parent.parent
-        first, best = _first_and_best(tables.read_table(path))
+        values = _validations(tables.read_table(path))
+        first, best = (values[0], max(values)) if values else (None, None)
         jobs.append({"job": _overrides(job), "first_mpsnr_db": first, "best_mpsnr_db": best})
     return Section(
         f"Sweep: {folder.name}",
         "Validation MPSNR of each job against its own labels, best first.",
-        tables={"Jobs": sorted(jobs, key=lambda row: -float(str(row["best_mpsnr_db"])))},
+        tables={"Jobs": sorted(jobs, key=_rank)},
     )
 
 
@@ -136,9 +140,13 @@ def _of_folder(folder: Path) -> list[Section]:
     return made
 
 
-def _first_and_best(rows: Sequence[Row]) -> tuple[float, float]:
-    values = [float(row["val/mpsnr"]) for row in tables.some(rows, "val/mpsnr")]
-    return values[0], max(values)
+def _validations(rows: Sequence[Row]) -> list[float]:
+    """Validation MPSNR in the order of the epochs; none where a job died before its first."""
+    return [float(row["val/mpsnr"]) for row in rows if tables.is_number(row.get("val/mpsnr"))]
+
+
+def _rank(job: Row) -> float:
+    return math.inf if job["best_mpsnr_db"] is None else -job["best_mpsnr_db"]
 
 
 def _means(summary: Sequence[Row]) -> list[Row]:

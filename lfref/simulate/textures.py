@@ -6,6 +6,7 @@ All are periodic on their canvas and come from a `torch.Generator`, so that a se
 import torch
 from torch import Generator, Tensor
 
+SOFTNESS = 0.75  # pixels: standard deviation of the blur that ends the spectrum of hard-edged textures, without ringing
 TAPER = 0.35  # cycles per pixel where textures start to fade out; they end before Nyquist
 
 
@@ -21,8 +22,7 @@ def power_noise(generator: Generator, shape: tuple[int, int, int], exponent: flo
         Zero mean, unit standard deviation, float32, [C, H, W].
     """
     channels, height, width = shape
-    rows, columns = torch.fft.fftfreq(height)[:, None], torch.fft.rfftfreq(width)
-    radius = (rows**2 + columns**2).sqrt()
+    radius = _radius(height, width)
     gain = radius.clamp(min=1 / max(height, width)) ** -exponent
     fade = ((0.5 - radius) / (0.5 - TAPER)).clamp(0, 1)
     white = torch.randn(channels, height, width, generator=generator)
@@ -48,7 +48,7 @@ def colours(generator: Generator, height: int, width: int) -> Tensor:
     pattern = torch.tanh(pattern * (0.5 + 4 * hardness**2))
     grain = power_noise(generator, (3, height, width), 1.0)
     surface = 0.15 + 0.7 * base + (0.15 + 0.35 * contrast) * pattern * (0.5 + tint) / 1.5 + 0.03 * grain
-    return surface.clamp(0, 1)
+    return _softened(surface.clamp(0, 1)).clamp(0, 1)
 
 
 def blobs(generator: Generator, height: int, width: int, share: float) -> Tensor:
@@ -69,3 +69,14 @@ def blobs(generator: Generator, height: int, width: int, share: float) -> Tensor
     slope = (rows**2 + columns**2).sqrt().clamp(min=1e-3)
     step = ((relief - level) / slope / 2 + 0.5).clamp(0, 1)
     return step * step * (3 - 2 * step)
+
+
+def _radius(height: int, width: int) -> Tensor:
+    """Frequency of each bin of `rfft2` in cycles per pixel, [H, W // 2 + 1]."""
+    return (torch.fft.fftfreq(height)[:, None] ** 2 + torch.fft.rfftfreq(width) ** 2).sqrt()
+
+
+def _softened(image: Tensor) -> Tensor:
+    height, width = image.shape[-2:]
+    gain = torch.exp(-2 * (torch.pi * SOFTNESS * _radius(height, width)) ** 2)
+    return torch.fft.irfft2(torch.fft.rfft2(image) * gain, s=(height, width))

@@ -71,12 +71,13 @@ class RankAgreement(Callback):
         self.fingerprint = fingerprint
 
     def setup(self, trainer: Trainer, pl_module: Any, stage: str) -> None:
-        """Compare with rank 0."""
-        if trainer.strategy.broadcast(self.fingerprint) != self.fingerprint:
+        """Compare with rank 0; every rank hears of a difference, so that none waits for one that has left."""
+        differs = torch.tensor(float(trainer.strategy.broadcast(self.fingerprint) != self.fingerprint))
+        if trainer.strategy.reduce(differs.to(trainer.strategy.root_device), reduce_op="sum") > 0:
             raise InputError(
                 "all processes of a distributed run must have the same configuration",
-                got=f"another one on rank {trainer.global_rank}",
-                remedy="do not sweep inside ddp: start one run at a time",
+                got="different ones",
+                remedy="start one run at a time instead of a sweep that draws for every process",
             )
 
 

@@ -75,24 +75,23 @@ def test_labels_of_weighted_samples_agree_too(field):
 
 @pytest.mark.parametrize("operator", [exact_fourier, fourier_slice])
 def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_border(operator):
-    """On a 128-pixel field, with the paper's planes; the docs give the figures for 256 and 192 pixels."""
+    """On a field of 128 and a patch of 80 pixels; the docs give the figures for 256 and 192."""
     scene = SimulatedSource(1, 0, size=(128, 128)).field(0)
-    source = label_of(operator, planes=FocalPlanes((0.25, 0.5, 0.75, 1.0, 1.5, 2.0)))
+    source = label_of(operator, planes=FocalPlanes((0.75, 1.5, 2.0)))
     _, label = patches.cut(scene, source, 24, 24, 80)
     whole = source(scene)[..., 24:104, 24:104]
-    quality = psnr(label, whole).tolist()
-    inner = psnr(label[..., 24:-24, 24:-24], whole[..., 24:-24, 24:-24]).tolist()
-    assert all(
-        55 < value < 99.9 for alpha, value in zip(source.planes.alphas, quality, strict=True) if alpha > 0.5 != 1
-    )
-    assert min(quality) > 55
-    assert min(quality) < 90
-    assert sum(inner) > sum(quality) + 6
+    quality, inner = psnr(label, whole), psnr(label[..., 24:-24, 24:-24], whole[..., 24:-24, 24:-24])
+    assert 55 < float(quality.min()) <= float(quality.max()) < 75
+    assert bool((inner > quality + 5).all())
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a corner's context is patch + margin wide, too small for the slopes although the field is not"
-)
+def test_whole_slopes_do_not_ring():
+    scene = SimulatedSource(1, 0, size=(128, 128)).field(0)
+    source = label_of(exact_fourier, planes=FocalPlanes((0.25, 0.5, 1.0)))
+    _, label = patches.cut(scene, source, 24, 24, 80)
+    torch.testing.assert_close(label, source(scene)[..., 24:104, 24:104], atol=1e-5, rtol=0)
+
+
 def test_a_small_patch_in_a_corner_of_a_large_field_has_a_label():
     large = LightField(torch.rand(7, 7, 1, 80, 80))
     source = label_of(shift_and_sum, planes=FocalPlanes((0.125,)))
@@ -136,6 +135,22 @@ def test_corners_reach_every_place_a_patch_fits_and_no_other():
     assert places == {f"{top},{left}" for top, left in itertools.product(range(3), range(4))}
 
 
+def test_corners_of_the_same_field_differ_by_seed_epoch_and_place_in_the_source():
+    class OneField:
+        def __len__(self):
+            return 2
+
+        def field(self, index, epoch=0):
+            return LightField(torch.zeros(1, 1, 1, 300, 300), "field")
+
+    def corners(seed, epoch, index):
+        return tuple(FieldPatches(OneField(), label_of(shift_and_sum), 8, 3, seed)[(epoch, index)]["where"])
+
+    assert corners(0, 0, 0) == corners(0, 0, 0)
+    assert len({corners(0, 0, 0), corners(1, 0, 0), corners(0, 1, 0), corners(0, 0, 1)}) == 4
+    assert len(set(corners(0, 0, 0))) == 3
+
+
 def test_a_patch_as_large_as_the_field_is_the_field():
     source = SimulatedSource(1, 0, size=(12, 12), grid=(3, 3))
     item = FieldPatches(source, label_of(shift_and_sum, FocalPlanes((2.0,))), 12, 1, 0)[(0, 0)]
@@ -143,7 +158,7 @@ def test_a_patch_as_large_as_the_field_is_the_field():
 
 
 def test_a_patch_larger_than_the_field_is_refused_by_naming_the_field():
-    with pytest.raises(InputError, match="simulated_7_0_001 must be at least 25 pixels.*got 24x26; set data.patch"):
+    with pytest.raises(InputError, match=r"simulated_7_0_001 must be at least 25 pixels.*got 24x26; set data\.patch"):
         dataset(patch=25)[(0, 1)]
 
 
@@ -153,23 +168,26 @@ def test_no_patch_at_all_is_refused(options):
         dataset(**options)
 
 
-def loaded(workers, sampler, items=None):
-    return DataLoader(
-        items or dataset(5), batch_size=2, sampler=sampler, collate_fn=patches.concatenate, num_workers=workers
-    )
+@pytest.fixture
+def loader():
+    """Makes data loaders and sends their workers home at once: left to the garbage they may hang on for 5 s."""
+    made = []
+
+    def make(workers, sampler, items=None):
+        options = {"num_workers": workers, "persistent_workers": workers > 0}
+        items = dataset(5) if items is None else items
+        made.append(DataLoader(items, 2, sampler=sampler, collate_fn=patches.concatenate, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        if each.num_workers > 0:
+            each._iterator._shutdown_workers()
 
 
-def test_workers_make_the_same_batches_and_see_the_next_epoch():
+def test_workers_make_the_same_batches_and_see_the_next_epoch(loader):
     samplers = [EpochSampler(5, 0), EpochSampler(5, 0)]
-    alone = loaded(0, samplers[0])
-    helped = DataLoader(
-        dataset(5),
-        batch_size=2,
-        sampler=samplers[1],
-        collate_fn=patches.concatenate,
-        num_workers=2,
-        persistent_workers=True,
-    )
+    alone, helped = loader(0, samplers[0]), loader(2, samplers[1])
     epochs = []
     for epoch in (0, 1):
         for sampler in samplers:
@@ -181,10 +199,9 @@ def test_workers_make_the_same_batches_and_see_the_next_epoch():
     assert not same(epochs[0][0], epochs[1][0])
 
 
-@pytest.mark.xfail(strict=True, reason="torch rebuilds the error from a whole traceback, which the message then holds")
-def test_an_error_in_a_worker_keeps_its_one_line():
+def test_an_error_in_a_worker_keeps_its_one_line(loader):
     with pytest.raises(LfrefError) as caught:
-        list(loaded(1, EpochSampler(3, 0), dataset(patch=25)))
+        list(loader(1, EpochSampler(3, 0), dataset(patch=25)))
     assert "\n" not in str(caught.value)
 
 
@@ -209,9 +226,6 @@ def shares(n_items, world_size, seed=0, epoch=0):
 @given(n_items=st.integers(1, 40), world_size=st.integers(1, 9), epoch=st.integers(0, 3))
 @settings(max_examples=60, deadline=None)
 def test_ranks_share_out_all_items_in_equal_numbers(n_items, world_size, epoch):
-    # Fewer than half as many items as ranks: see the next test.
-    if 2 * n_items < world_size:
-        n_items = world_size
     drawn = shares(n_items, world_size, epoch=epoch)
     assert len({len(keys) for keys in drawn}) == 1
     keys = [key for share in drawn for key in share]
@@ -221,7 +235,6 @@ def test_ranks_share_out_all_items_in_equal_numbers(n_items, world_size, epoch):
     assert len(keys) < n_items + world_size
 
 
-@pytest.mark.xfail(strict=True, reason="order[: -len % world_size] cannot repeat the order more than once: idle ranks")
 def test_ranks_get_equal_shares_of_very_few_items():
     assert {len(share) for share in shares(3, 8)} == {1}
 
@@ -244,3 +257,12 @@ def test_the_order_changes_with_epoch_and_seed_and_repeats():
 def test_validation_keeps_its_order_and_stays_at_epoch_0():
     assert shares(5, 1, seed=None, epoch=4) == [[(0, 0), (0, 1), (0, 2), (0, 3), (0, 4)]]
     assert shares(5, 2, seed=None, epoch=4) == [[(0, 0), (0, 2), (0, 4)], [(0, 1), (0, 3)]]
+
+
+@given(n_items=st.integers(1, 12), world_size=st.integers(1, 20))
+@settings(max_examples=40, deadline=None)
+def test_every_rank_has_something_to_validate_and_nothing_is_left_out(n_items, world_size):
+    drawn = shares(n_items, world_size, seed=None)
+    assert all(drawn)
+    assert {key for share in drawn for key in share} == {(0, index) for index in range(n_items)}
+    assert sum(map(len, drawn)) == max(n_items, world_size)

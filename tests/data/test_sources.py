@@ -39,7 +39,6 @@ def test_the_order_of_asking_does_not_matter():
     assert torch.equal(source.field(2).views, last)
 
 
-@pytest.mark.xfail(strict=True, reason="the key of the generator passes 2^64 for seeds above 18 million: ValueError")
 @pytest.mark.parametrize("seed", [20261121, 2**32 - 1])
 def test_any_seed_that_lightning_takes_works(seed):
     assert SimulatedSource(1, seed, **SMALL).field(0).size == (10, 12)

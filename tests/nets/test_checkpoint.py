@@ -125,14 +125,12 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path, kind):
     refused(path, "file.ckpt is damaged or no checkpoint", "train or copy it anew")
 
 
-@pytest.mark.xfail(strict=True, reason="read() lets IndexError and struct.error of torch.load's unpickler through")
 def test_a_table_of_metrics_is_refused(tmp_path):
     path = tmp_path / "metrics.csv"
     path.write_text("epoch,step,val/mpsnr\n0,1,30.5\n")
     refused(path, "metrics.csv is damaged or no checkpoint")
 
 
-@pytest.mark.xfail(strict=True, reason="read() lets IndexError and struct.error of torch.load's unpickler through")
 def test_a_file_of_any_first_byte_is_refused(tmp_path):
     path = tmp_path / "file.ckpt"
     for byte in range(128):
@@ -164,7 +162,6 @@ def test_a_file_that_would_run_code_is_refused_unread(tmp_path):
     assert not (tmp_path / "exploded").exists()
 
 
-@pytest.mark.xfail(strict=True, reason="torch's advice to load it unsafely is quoted, with its escape codes")
 def test_a_file_that_would_run_code_is_not_recommended_to_the_user(tmp_path):
     torch.save(contents() | {"more": argparse.Namespace()}, tmp_path / "file.ckpt")
     message = refused(tmp_path / "file.ckpt")
@@ -192,7 +189,6 @@ def test_an_entry_that_describes_nothing_we_know_is_refused(tmp_path, entry, par
 
 
 @pytest.mark.parametrize("change", [{"lfref": 3}, {"state_dict": [1]}, {"state_dict": {1: 2}}])
-@pytest.mark.xfail(strict=True, reason="_build and _load_state trust the entries to be mappings: AttributeError")
 def test_entries_of_another_kind_are_refused(tmp_path, change):
     torch.save(contents() | change, tmp_path / "file.ckpt")
     refused(tmp_path / "file.ckpt")

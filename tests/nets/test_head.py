@@ -39,12 +39,7 @@ def test_no_channel_is_born_dead_on_any_of_16_seeds():
     assert sum(before) > 16
 
 
-BATCH_NORM = pytest.param(
-    "batch",
-    marks=pytest.mark.xfail(
-        strict=True, reason="features are taken in eval mode, where batch norm uses its untouched running statistics"
-    ),
-)
+BATCH_NORM = pytest.param("batch")
 
 
 @pytest.mark.parametrize("normalization", [BATCH_NORM, *(name for name in NORMALIZATIONS if name != "batch")])

@@ -165,7 +165,6 @@ def test_integers_are_refused():
         RefNet(**TINY)(torch.zeros(3, 2, 1, 6, 5, dtype=torch.uint8))
 
 
-@pytest.mark.xfail(strict=True, reason="the docstring promises InputError for another type; torch's RuntimeError comes")
 def test_views_of_another_floating_type_are_refused():
     with pytest.raises(InputError, match="float"):
         RefNet(**TINY)(torch.rand(3, 2, 1, 6, 5, dtype=torch.float64))

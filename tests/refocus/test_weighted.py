@@ -73,7 +73,6 @@ def test_gradients_are_finite_where_nothing_is_trusted():
     assert bool((views.grad[..., 8:] == 0).all())
 
 
-@pytest.mark.xfail(strict=True, reason="views * weight is not cast as share is: float32 views come back as float64")
 def test_the_type_follows_the_views():
     sampled = LightField(torch.rand(3, 3, 1, 14, 15), weight=torch.ones(3, 3, 1, 14, 15, dtype=torch.float64))
     assert weighted.refocus(shift_and_sum, sampled, SLOPES).dtype == torch.float32

@@ -1,0 +1,70 @@
+"""A run is timed from idle device to idle device; median and spread by hand."""
+
+import time
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.bench import timing
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that every run moves on by what it takes."""
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    return now
+
+
+def test_a_run_is_made_once_and_takes_what_the_clock_says(clock):
+    runs = []
+
+    def run():
+        runs.append(1)
+        clock[0] += 0.25
+
+    assert timing.seconds(run, CPU) == 0.25
+    assert len(runs) == 1
+
+
+def test_the_clock_runs_from_an_idle_device_to_an_idle_device(monkeypatch, clock):
+    events = []
+
+    def wait(device):
+        # What is still queued before the run must not count; what the run queued must.
+        events.append(("wait", clock[0]))
+        clock[0] += 1
+
+    monkeypatch.setattr(timing, "synchronize", wait)
+    assert timing.seconds(lambda: events.append(("run", clock[0])), CPU) == 1
+    assert events == [("wait", 0), ("run", 1), ("wait", 1)]
+
+
+def test_only_a_gpu_is_waited_for(monkeypatch):
+    waited = []
+    monkeypatch.setattr(torch.cuda, "synchronize", waited.append)
+    for device in (CPU, torch.device("cuda", 1)):
+        timing.synchronize(device)
+    assert waited == [torch.device("cuda", 1)]
+
+
+def test_median_and_percentiles_by_hand():
+    seconds = timing.summary([float(value) for value in range(10, -1, -1)])
+    assert (seconds.median, seconds.p10, seconds.p90) == (5, 1, 9)
+    seconds = timing.summary([1.0, 2.0])
+    assert (seconds.median, seconds.p10, seconds.p90) == pytest.approx((1.5, 1.1, 1.9))
+    assert timing.summary([3.0]) == timing.Seconds(3.0, 3.0, 3.0)
+
+
+def test_numpys_fft_is_taken_of_each_channel_in_four_dimensions(monkeypatch):
+    seen = []
+    monkeypatch.setattr(np.fft, "fftn", lambda channel: seen.append(channel))
+    views = torch.rand(2, 3, 3, 4, 5)
+    assert timing.numpy_fft_time(views) > 0
+    assert len(seen) == 3
+    for channel in range(3):
+        np.testing.assert_array_equal(seen[channel], views[:, :, channel].numpy())
+        assert seen[channel].flags.c_contiguous

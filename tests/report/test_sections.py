@@ -1,0 +1,185 @@
+"""Run folders are recognised by what lies in them, and a section says what the tables say."""
+
+import pytest
+
+from lfref.errors import FileError, LfrefError
+from lfref.report import page, plots, sections, tables
+
+ALPHAS = (0.125, 1.0, 2.0)
+
+
+def write_metrics(folder, values, name="log/metrics.csv"):
+    """The metrics of a training run whose validations had this MPSNR."""
+    rows = [{"step": step, "train/loss": 1 / (1 + step), "val/mpsnr": None, "val/mssim": None} for step in range(3)]
+    rows += [{"step": 3 + i, "val/mpsnr": value, "val/mssim": 0.5} for i, value in enumerate(values)]
+    tables.write_table(folder / name, rows)
+
+
+def write_picture(path):
+    figure = plots.new_figure(1, 1)
+    figure.add_subplot()
+    plots.save_figure(figure, path)
+
+
+@pytest.fixture
+def training(tmp_path):
+    write_metrics(tmp_path / "train", [20.0, 33.5, 32.25])
+    return tmp_path / "train"
+
+
+@pytest.fixture
+def evaluation(tmp_path):
+    folder, rows, summary = tmp_path / "eval", [], []
+    for field, lift in (("a", 0.0), ("b", 4.0)):
+        for method in ("net", "shift_and_sum"):
+            for alpha in ALPHAS:
+                key = {"light_field": field, "method": method, "reference": "fourier_slice", "alpha": alpha}
+                rows.append(key | {"slope": 1 - 1 / alpha, "psnr_db": 30 + lift, "ssim": 0.9})
+            key = {"light_field": field, "method": method, "reference": "fourier_slice"}
+            summary.append(key | {"mpsnr_db": 30 + lift, "mssim": 0.8 + lift / 40})
+        write_picture(folder / "comparison" / f"{field}.png")
+    tables.write_table(folder / "planes.csv", rows)
+    tables.write_table(folder / "summary.csv", summary)
+    return folder
+
+
+@pytest.fixture
+def benchmark(tmp_path):
+    def row(method, seconds, psnr):
+        times = {"median_s": seconds, "p10_s": 0.9 * seconds, "p90_s": 1.1 * seconds}
+        return {"method": method} | times | {"psnr_db": psnr, "ssim": None, "ratio_to_numpy_fft": 2 / seconds}
+
+    rows = [row("numpy_fft_4d", 2.0, None), row("exact", 1.0, 100.0), row("sum", 0.5, 40.0)]
+    tables.write_table(tmp_path / "bench" / "bench.csv", rows)
+    return tmp_path / "bench"
+
+
+@pytest.fixture
+def refocusing(tmp_path):
+    write_picture(tmp_path / "refocus" / "contact_sheet.png")
+    return tmp_path / "refocus"
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    folder = tmp_path / "sweep"
+    for job, values, note in (
+        ("0", [20, 25], "net.style=text"),
+        ("1", [21, 31], "net.style=sibling"),
+        ("2", [19], None),
+    ):
+        write_metrics(folder / job, values)
+        if note:
+            (folder / job / "overrides.txt").write_text(f"{note}\n")
+    return folder
+
+
+def test_a_training_run_says_first_best_and_rise(training):
+    (section,) = sections.sections([training])
+    assert section.title == "Training"
+    for figure in ("20.00 dB", "33.50 dB", "13.50 dB"):
+        assert figure in section.text
+    assert len(section.figures) == 1
+
+
+def test_a_training_run_shows_its_last_picture(training):
+    for epoch in (0, 9, 10):
+        write_picture(training / "pictures" / f"epoch_{epoch:04d}.png")
+    (section,) = sections.sections([training])
+    assert training / "pictures" / "epoch_0010.png" in section.figures.values()
+    assert len(section.figures) == 2
+
+
+def test_an_evaluation_gives_the_means_over_the_light_fields(evaluation):
+    (section,) = sections.sections([evaluation])
+    assert section.title == "Evaluation"
+    (rows,) = section.tables.values()
+    assert [(row["method"], row["reference"], row["light_fields"]) for row in rows] == [
+        ("net", "fourier_slice", 2),
+        ("shift_and_sum", "fourier_slice", 2),
+    ]
+    assert all(row["mpsnr_db"] == pytest.approx(32) and row["mssim"] == pytest.approx(0.85) for row in rows)
+    assert section.figures["Comparison on a"] == evaluation / "comparison" / "a.png"
+
+
+def test_an_evaluation_without_pictures_has_its_two_plots(evaluation):
+    for path in (evaluation / "comparison").iterdir():
+        path.unlink()
+    (section,) = sections.sections([evaluation])
+    assert len(section.figures) == 2
+
+
+def test_a_benchmark_shows_all_rows_but_draws_only_what_was_judged(benchmark, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(plots, "accuracy_time", lambda rows, fft: drawn.append((rows, fft)))
+    (section,) = sections.sections([benchmark])
+    (rows,) = section.tables.values()
+    assert [row["method"] for row in rows] == ["numpy_fft_4d", "exact", "sum"]
+    ((judged, fft),) = drawn
+    assert [row["method"] for row in judged] == ["exact", "sum"]
+    assert fft == 2.0
+
+
+def test_a_refocusing_run_shows_its_planes(refocusing):
+    (section,) = sections.sections([refocusing])
+    assert section.title == "Refocused: refocus"
+    assert list(section.figures.values()) == [refocusing / "contact_sheet.png"]
+
+
+def test_a_sweep_is_a_table_of_its_jobs_best_first(sweep):
+    (section,) = sections.sections([sweep])
+    assert section.title == "Sweep: sweep"
+    (rows,) = section.tables.values()
+    assert rows == [
+        {"job": "net.style=sibling", "first_mpsnr_db": 21, "best_mpsnr_db": 31},
+        {"job": "net.style=text", "first_mpsnr_db": 20, "best_mpsnr_db": 25},
+        {"job": "2", "first_mpsnr_db": 19, "best_mpsnr_db": 19},
+    ]
+
+
+def test_a_job_that_died_before_its_first_validation_does_not_spoil_the_sweep(sweep):
+    tables.write_table(sweep / "3" / "log" / "metrics.csv", [{"step": 0, "train/loss": 1.0}])
+    (section,) = sections.sections([sweep])
+    (rows,) = section.tables.values()
+    assert [row["best_mpsnr_db"] for row in rows][:3] == [31, 25, 19]
+
+
+def test_sections_stand_in_the_order_of_the_folders(training, benchmark, refocusing):
+    titles = [section.title for section in sections.sections([refocusing, training, benchmark])]
+    assert titles == ["Refocused: refocus", "Training", "Accuracy against time"]
+
+
+def test_a_folder_of_two_kinds_becomes_two_sections(training, refocusing):
+    (refocusing / "contact_sheet.png").rename(training / "contact_sheet.png")
+    assert [section.title for section in sections.sections([training])] == ["Training", "Refocused: train"]
+
+
+def test_all_kinds_make_a_page(training, evaluation, benchmark, refocusing, sweep, tmp_path):
+    made = sections.sections([training, evaluation, benchmark, refocusing, sweep])
+    page.write_page(tmp_path / "index.html", "All", made, {})
+    text = (tmp_path / "index.html").read_text("utf-8")
+    assert text.count("<section") == 5
+    assert "net.style=sibling" in text
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_folder_without_results_is_one_clear_error(tmp_path, exists):
+    folder = tmp_path / "empty"
+    if exists:
+        folder.mkdir()
+    with pytest.raises(FileError, match="empty must be a run folder of lfref train, eval, refocus or bench"):
+        sections.sections([folder])
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        pytest.param("bench.csv", "method,median_s\na,1.0\n"),
+        ("bench.csv", ""),
+        ("summary.csv", "method\nnet\n"),
+    ],
+)
+def test_a_table_that_was_edited_or_cut_off_is_one_clear_error(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(LfrefError):
+        sections.sections([tmp_path])
