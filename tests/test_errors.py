@@ -44,3 +44,20 @@ def test_errors_cross_process_borders_with_their_message(error):
     copy = pickle.loads(pickle.dumps(error("expected", got=1, remedy="do that")))
     assert type(copy) is error
     assert str(copy) == "expected; got 1; do that"
+
+
+def test_an_error_rebuilt_from_a_workers_traceback_is_its_last_line():
+    # What torch's DataLoader makes of an error in a worker: one text, the whole traceback in it.
+    text = (
+        "Caught InputError in DataLoader worker process 0.\nOriginal Traceback (most recent call last):\n  File ...\n"
+    )
+    assert str(InputError(text + "lfref.errors.InputError: patch must be smaller; got 9\n")) == (
+        "patch must be smaller; got 9"
+    )
+
+
+@pytest.mark.xfail(
+    strict=True, reason="what has a line break and no 'Error: ' in its last line becomes an empty message"
+)
+def test_a_name_with_a_line_break_does_not_swallow_the_message():
+    assert "must be an image" in str(FileError("odd\nname.png must be an image"))

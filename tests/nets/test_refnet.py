@@ -170,6 +170,14 @@ def test_views_of_another_floating_type_are_refused():
         RefNet(**TINY)(torch.rand(3, 2, 1, 6, 5, dtype=torch.float64))
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_under_autocast_the_type_of_the_views_is_free(dtype):
+    with torch.autocast("cpu", torch.bfloat16):
+        stack = RefNet(**TINY)(torch.rand(3, 2, 1, 6, 5).to(dtype))
+    assert stack.dtype == torch.bfloat16
+    assert bool(stack.isfinite().all())
+
+
 def test_the_narrowest_views_that_have_a_neighbour_work():
     assert bool(RefNet(**TINY)(torch.rand(3, 2, 1, 1, 2)).isfinite().all())
 
