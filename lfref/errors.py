@@ -3,6 +3,11 @@
 They also are `ValueError` or `OSError`, so callers who never heard of lfref catch them too.
 """
 
+from collections.abc import Mapping
+from typing import TypeVar
+
+Value = TypeVar("Value")
+
 
 class LfrefError(Exception):
     """Base of all errors that lfref raises on purpose.
@@ -13,11 +18,11 @@ class LfrefError(Exception):
         remedy: What the user can do about it.
     """
 
-    def __init__(self, expected: str, *, got: object = None, remedy: str = "") -> None:
-        # A DataLoader worker hands its error over as the text of a whole traceback; the error is the last line.
-        expected = expected.strip().splitlines()[-1].partition("Error: ")[2] if "\n" in expected else expected
-        parts = [expected, *([] if got is None else [f"got {got}"]), *([remedy] if remedy else [])]
-        super().__init__("; ".join(parts))
+    def __init__(self, expected: str, *, got: object = "", remedy: str = "") -> None:
+        # A DataLoader worker hands its error over as the text of a whole traceback, which ends in the error itself.
+        if expected.startswith("Caught "):
+            expected = expected.rpartition("Error: ")[2].strip() or expected
+        super().__init__("; ".join([expected, *([f"got {got}"] if got != "" else []), *([remedy] if remedy else [])]))
 
 
 class InputError(LfrefError, ValueError):
@@ -30,3 +35,19 @@ class FileError(LfrefError, OSError):
 
 class CheckpointError(FileError):
     """A checkpoint that is missing, damaged, or of another shape than asked for."""
+
+
+def chosen(what: str, name: str, table: Mapping[str, Value]) -> Value:
+    """The entry of a table of choices.
+
+    Args:
+        what: The option that is being chosen, for the error.
+        name: Its value.
+        table: The choices by name.
+
+    Raises:
+        InputError: There is no such choice.
+    """
+    if name not in table:
+        raise InputError(f"{what} must be one of {', '.join(table)}", got=repr(name))
+    return table[name]

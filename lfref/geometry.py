@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.errors import InputError
+from lfref.errors import InputError, chosen
 
 Slopes = Tensor | Sequence[float]
 """Slopes in pixels per view step, [N]."""
@@ -33,20 +33,6 @@ CONVENTIONS: dict[str, Convention] = {
 }
 
 
-def convention_of(name: str) -> Convention:
-    """The convention of that name.
-
-    Args:
-        name: `ng` (s = 1 - 1/alpha) or `parallel` (s = alpha - 1).
-
-    Raises:
-        InputError: The name is unknown.
-    """
-    if name not in CONVENTIONS:
-        raise InputError(f"convention must be one of {', '.join(CONVENTIONS)}", got=repr(name))
-    return CONVENTIONS[name]
-
-
 def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
     """Slopes of the focal planes that these alphas name.
 
@@ -60,10 +46,11 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
     Raises:
         InputError: An alpha is not finite or not above 0, there is none, or the convention is unknown.
     """
-    to_slope = convention_of(convention).to_slope
-    values = torch.tensor([to_slope(alpha) for alpha in checked_alphas(alphas)], dtype=torch.float64)
+    to_slope = chosen("convention", convention, CONVENTIONS).to_slope
+    checked = checked_alphas(alphas)
+    values = torch.tensor([to_slope(alpha) for alpha in checked], dtype=torch.float64)
     if not bool(values.isfinite().all()):
-        raise InputError("alpha must be far enough from 0 for a finite slope", got=list(alphas))
+        raise InputError("alpha must be far enough from 0 for a finite slope", got=list(checked))
     return values
 
 

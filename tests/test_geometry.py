@@ -79,7 +79,6 @@ def test_no_alpha_at_all_is_refused():
 
 def test_an_unknown_convention_is_refused_by_naming_the_known_ones():
     for use in (
-        geometry.convention_of,
         lambda name: geometry.slopes([1.0], name),
         lambda name: FocalPlanes((1,), name),
     ):

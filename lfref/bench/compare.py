@@ -55,16 +55,19 @@ def compare(
             "a comparison needs methods, light fields and at least one counted run",
             got=f"{len(methods)} methods, {len(fields)} light fields, repeats={repeats}, warmup={warmup}",
         )
-    views = [field.views.to(device) for field in fields]
-    references = [exact_fourier(each, planes.slopes).cpu() for each in views]
+    if len({method.name for method in methods}) < len(methods):
+        raise InputError("methods must have names of their own", got=[method.name for method in methods])
+    moved = [field.to(device) for field in fields]
+    exact = Method("exact_fourier", exact_fourier)
+    references = [exact.stack(field, planes.slopes).cpu() for field in moved]
     qualities = {
         method.name: [
-            accuracy.interior_quality(method.refocus(each, planes.slopes).cpu(), reference, planes.slopes, field.grid)
-            for each, reference, field in zip(views, references, fields, strict=True)
+            accuracy.interior_quality(method.stack(field, planes.slopes).cpu(), reference, planes.slopes, field.grid)
+            for field, reference in zip(moved, references, strict=True)
         ]
         for method in methods
     }
-    seconds = _seconds(methods, views, planes.slopes, progress(range(warmup + repeats)))
+    seconds = _seconds(methods, moved, planes.slopes, progress(range(warmup + repeats)))
     spans = {name: timing.summary(times[warmup * len(fields) :]) for name, times in seconds.items()}
     rows = [_row(FFT, spans[FFT], None, None, 1.0)]
     for name, values in qualities.items():
@@ -74,16 +77,16 @@ def compare(
 
 
 def _seconds(
-    methods: Sequence[Method], fields: Sequence[Tensor], slopes: Tensor, rounds: Iterable[int]
+    methods: Sequence[Method], fields: Sequence[LightField], slopes: Tensor, rounds: Iterable[int]
 ) -> dict[str, list[float]]:
     """Times by method. All methods take turns, so that a slow spell of a shared machine falls on all alike."""
     seconds: dict[str, list[float]] = {FFT: [], **{method.name: [] for method in methods}}
     for _ in rounds:
         for field in fields:
-            seconds[FFT].append(timing.numpy_fft_time(field))
+            seconds[FFT].append(timing.numpy_fft_time(field.views))
             for method in methods:
-                run = functools.partial(method.refocus, field, slopes)
-                seconds[method.name].append(timing.seconds(run, field.device))
+                run = functools.partial(method.stack, field, slopes)
+                seconds[method.name].append(timing.seconds(run, field.views.device))
     return seconds
 
 

@@ -20,7 +20,7 @@ def facts(device: torch.device) -> dict[str, str | int]:
         "processor": processor(),
         "cores": os.cpu_count() or 1,
         "threads": torch.get_num_threads(),
-        "device": torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU",
+        "device": torch.cuda.get_device_name(device) if device.type == "cuda" else device.type.upper(),
         "system": platform.platform(),
         "python": platform.python_version(),
         "lfref": metadata.version("lfref"),

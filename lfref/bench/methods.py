@@ -10,8 +10,10 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
+from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.checkpoint import Refocuser
+from lfref.refocus import weighted
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,23 @@ class Method:
     refocus: Callable[[Tensor, Tensor], Tensor]
     """(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]."""
     planes: FocalPlanes | None = None
-    """The only planes it makes; None: any."""
+    """The only planes it makes, being a network; None: any, being a linear operator."""
+
+    def stack(self, field: LightField, slopes: Tensor) -> Tensor:
+        """Refocus a light field, where it lies.
+
+        A linear operator counts samples by their weight; a network never saw weights and takes the views as they are.
+
+        Args:
+            field: The light field.
+            slopes: In pixels per view step, [N].
+
+        Returns:
+            Stack, [N, C, H, W].
+        """
+        if self.planes is None:
+            return weighted.refocus(self.refocus, field, slopes)
+        return self.refocus(field.views, slopes)
 
 
 def operators(choices: Mapping[str, Callable[[Tensor, Tensor], Tensor]]) -> list[Method]:

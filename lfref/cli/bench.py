@@ -13,7 +13,7 @@ from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.report import plots, tables
+from lfref.report import drawing, front, tables
 
 
 def bench(config: DictConfig, folder: Path) -> None:
@@ -40,8 +40,8 @@ def bench(config: DictConfig, folder: Path) -> None:
     }
     tables.write_table(folder / "bench.csv", rows)
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
-    figure = plots.accuracy_time([row for row in rows if row["psnr_db"] is not None], float(str(rows[0]["median_s"])))
-    plots.save_figure(figure, folder / "accuracy_time.png")
+    figure = front.accuracy_time([row for row in rows if row["psnr_db"] is not None], float(str(rows[0]["median_s"])))
+    drawing.save_figure(figure, folder / "accuracy_time.png")
     log.info("%d methods on %d light fields: %s", len(chosen), len(fields), folder / "bench.csv")
 
 

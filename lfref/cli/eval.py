@@ -15,8 +15,7 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.refocus import weighted
-from lfref.report import pictures, plots, tables
+from lfref.report import drawing, pictures, plots, tables
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
@@ -39,12 +38,12 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         rows += accuracy.plane_rows(field.name, stacks, labels, planes)
         shown = stacks | {f"label: {name}": label for name, label in labels.items()}
         figure = pictures.comparison(shown, planes.alphas, field.views.mean(dim=(0, 1)))
-        plots.save_figure(figure, folder / "comparison" / f"{field.name}.png")
+        drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
     summary = accuracy.summaries(rows)
     tables.write_table(folder / "planes.csv", rows)
     tables.write_table(folder / "summary.csv", summary)
-    plots.save_figure(plots.scatter(summary), folder / "scatter.png")
-    plots.save_figure(plots.quality_by_plane(rows), folder / "quality_by_plane.png")
+    drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
+    drawing.save_figure(plots.quality_by_plane(rows), folder / "quality_by_plane.png")
     log.info("%d light fields, %d methods: %s", len(found), len(judged), folder / "summary.csv")
 
 
@@ -68,7 +67,7 @@ def _judged(config: DictConfig, device: torch.device, planes: FocalPlanes) -> li
 
 @torch.no_grad()
 def _stack(method: Method, field: LightField, planes: FocalPlanes, device: torch.device) -> Tensor:
-    return weighted.refocus(method.refocus, field.to(device), planes.slopes).cpu()
+    return method.stack(field.to(device), planes.slopes).cpu()
 
 
 main = command(evaluate)

@@ -15,8 +15,8 @@ from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.refocus import view_order, weighted
-from lfref.report import pictures, plots
+from lfref.refocus import view_order
+from lfref.report import drawing, pictures
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
@@ -32,7 +32,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     if view_order.seems_reversed(field.views):
         log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
     with torch.no_grad():
-        stack = weighted.refocus(method.refocus, field.to(device), planes.slopes).cpu()
+        stack = method.stack(field.to(device), planes.slopes).cpu()
     write.write_stack(folder / "stack.exr", stack, planes)
     _write_pictures(folder, field, stack, planes, config.exposure)
     log.info("%s refocused by %s to %d planes in %s", field.name, method.name, len(planes), folder)
@@ -61,7 +61,7 @@ def _write_pictures(folder: Path, field: LightField, stack: Tensor, planes: Foca
         log.info("pictures are brightened %.2f times (exposure=1 leaves them; stack.exr is never changed)", gain)
     write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes)
     images.write_image(folder / "all_views_mean.png", pictures.for_display(mean, gain))
-    plots.save_figure(pictures.contact_sheet(stack, planes.alphas, exposure=gain), folder / "contact_sheet.png")
+    drawing.save_figure(pictures.contact_sheet(stack, planes.alphas, exposure=gain), folder / "contact_sheet.png")
 
 
 main = command(refocus)

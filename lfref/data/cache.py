@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, views
+from lfref.io import atomic, images, views
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 
@@ -53,7 +53,7 @@ class CachedField:
         if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
             raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
         cut = np.array(self.samples[..., top : top + height, left : left + width])
-        values = torch.from_numpy(_to_float(cut))
+        values = torch.from_numpy(images.to_float(cut))
         if not self.has_weight:
             return LightField(values, self.name)
         return LightField(values[:, :, :-1].contiguous(), self.name, values[:, :, -1:].contiguous())
@@ -73,8 +73,8 @@ def content_hash(path: Path) -> str:
         raise FileError(f"{path} must be an image file or a folder of images", got="none")
     digest = hashlib.sha256()
     for file in files:
-        with file.open("rb") as stream:
-            digest.update(hashlib.file_digest(stream, "sha256").digest())
+        facts = file.stat()
+        digest.update(_file_digest(file, facts.st_size, facts.st_mtime_ns))
     return digest.hexdigest()
 
 
@@ -108,10 +108,11 @@ def _store(field: LightField, entry: Path) -> None:
         np.save(temporary, np.rint(samples * np.iinfo(dtype).max).astype(dtype) if dtype.kind == "u" else samples)
 
 
-def _to_float(samples: np.ndarray) -> np.ndarray:
-    if samples.dtype.kind != "u":
-        return samples
-    return samples.astype(np.float32) / np.float32(np.iinfo(samples.dtype).max)
+@functools.cache
+def _file_digest(file: Path, size: int, changed_ns: int) -> bytes:
+    """SHA-256 of a file, read once as long as its size and time stay the same."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").digest()
 
 
 @functools.cache

@@ -41,8 +41,9 @@ class PatchData(LightningDataModule, abc.ABC):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if fields_per_batch < 1 or workers < 0:
-            raise InputError("fields_per_batch must be >= 1 and workers >= 0", got=(fields_per_batch, workers))
+        if fields_per_batch < 1 or workers < 0 or seed < 0:
+            got = f"{fields_per_batch}, {workers} and {seed}"
+            raise InputError("fields_per_batch must be >= 1, workers and seed >= 0", got=got)
         self.labels = labels
         self.patch = patch
         self.patches_per_field = patches_per_field

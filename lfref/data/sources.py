@@ -4,39 +4,42 @@ A source maps (index, epoch) to a field that can be cropped; a folder ignores th
 scenes each epoch.
 """
 
+import abc
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 
 from lfref.data import cache
+from lfref.data.cache import CachedField
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.simulate import render, scenes
 
-
-class Field(Protocol):
-    """What a patch is cut from: a `LightField` or a `CachedField`."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def grid(self) -> tuple[int, int]: ...  # noqa: D102
-    @property
-    def size(self) -> tuple[int, int]: ...  # noqa: D102
-    def crop(self, top: int, left: int, height: int, width: int) -> LightField: ...  # noqa: D102
+Field = LightField | CachedField
+"""What patches are cut from: has `name`, `grid`, `size` and `crop`."""
 
 
-class Source(Protocol):
+class Source(abc.ABC):
     """A number of light fields, repeatable by (index, epoch)."""
 
-    def __len__(self) -> int: ...
-    def field(self, index: int, epoch: int = 0) -> Field: ...  # noqa: D102
+    @abc.abstractmethod
+    def __len__(self) -> int:
+        """Light fields in an epoch."""
+
+    @abc.abstractmethod
+    def field(self, index: int, epoch: int = 0) -> Field:
+        """One light field.
+
+        Args:
+            index: Its place in the epoch.
+            epoch: From 0.
+        """
 
 
-class FolderSource:
+class FolderSource(Source):
     """Light fields on disk, read through the cache.
 
     Args:
@@ -62,7 +65,7 @@ class FolderSource:
         return cache.cached(self.paths[index], self.reader, self.cache_folder)
 
 
-class SimulatedSource:
+class SimulatedSource(Source):
     """Random layered scenes, each fixed by (seed, epoch, index).
 
     Args:
@@ -86,8 +89,9 @@ class SimulatedSource:
         n_layers: Sequence[int] = (3, 5),
         disparities: Sequence[float] = (-1.0, 1.0),
     ) -> None:
-        if min(n_fields, *size, *grid) < 1:
-            raise InputError("a simulated source needs at least one field, view and pixel", got=(n_fields, size, grid))
+        if min(n_fields, *size, *grid) < 1 or seed < 0:
+            got = f"n_fields={n_fields}, size={list(size)}, grid={list(grid)}, seed={seed}"
+            raise InputError("a simulated source needs at least one field, view and pixel, and a seed >= 0", got=got)
         self.n_fields = n_fields
         self.seed = seed
         self.size = (size[0], size[1])

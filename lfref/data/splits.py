@@ -61,4 +61,5 @@ def without_leaks(train: Sequence[Path], held: Sequence[Path]) -> tuple[list[Pat
     """
     forbidden = {cache.content_hash(path) for path in held}
     clean = [path for path in train if cache.content_hash(path) not in forbidden]
-    return clean, [path for path in train if path not in set(clean)]
+    kept = set(clean)
+    return clean, [path for path in train if path not in kept]

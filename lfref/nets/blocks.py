@@ -4,12 +4,12 @@ Letters: `F` filters of a block, as in the paper's figure of the ResBlock.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 from torch import Tensor, nn
 
-from lfref.errors import InputError
+from lfref.errors import InputError, chosen
 
 ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
     "softplus": nn.Softplus,
@@ -43,17 +43,6 @@ STYLES: dict[str, BlockStyle] = {
 }
 
 
-def checked_choice(option: str, value: str, choices: Sequence[str]) -> str:
-    """The value, once it is known to be one of the choices.
-
-    Raises:
-        InputError: It is not.
-    """
-    if value not in choices:
-        raise InputError(f"{option} must be one of {', '.join(choices)}", got=repr(value))
-    return value
-
-
 class ResBlock(nn.Module):
     """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W].
 
@@ -79,9 +68,9 @@ class ResBlock(nn.Module):
         super().__init__()
         if filters < 2 or filters % 2:
             raise InputError("the width of a block must be even and at least 2", got=filters)
-        act = ACTIVATIONS[checked_choice("activation", activation, list(ACTIVATIONS))]
-        norm = NORMALIZATIONS[checked_choice("normalization", normalization, list(NORMALIZATIONS))]
-        shape = STYLES[checked_choice("style", style, list(STYLES))]
+        act = chosen("activation", activation, ACTIVATIONS)
+        norm = chosen("normalization", normalization, NORMALIZATIONS)
+        shape = chosen("style", style, STYLES)
         first, second = filters // shape.first, filters // shape.second
         self.body = nn.Sequential(
             nn.Conv2d(channels, first, 1),

@@ -34,8 +34,9 @@ class Refocuser(nn.Module):
         super().__init__()
         if len(planes) != network.config["n_planes"]:
             raise InputError(f"a network of {network.config['n_planes']} planes needs as many alphas", got=len(planes))
-        self.network = network.eval()
+        self.network = network
         self.planes = planes
+        self.eval()
 
     @property
     def alphas(self) -> tuple[float, ...]:

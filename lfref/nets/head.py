@@ -4,11 +4,14 @@ With the paper's final ReLU, about half of all random seeds start with an output
 pixel and never learns. Scaled on the first batch, every channel starts at its label's mean with a small spread.
 """
 
+from typing import cast
+
 import torch
 from torch import Tensor
 
 from lfref.nets.refnet import RefNet
 
+FLAT = 1e-6  # standard deviation below which an output is taken for constant
 SPREAD = 0.1  # standard deviation of each output channel at the start, in radiance
 
 
@@ -25,8 +28,9 @@ def initialize_head(network: RefNet, views: Tensor, labels: Tensor, spread: floa
     head = network.head
     raw = head(network.features(views))
     deviation, mean = torch.std_mean(raw, dim=(0, 2, 3))
-    gain = spread / deviation.clamp(min=1e-6)
+    # A channel that does not vary at all has nothing to scale: it gets the right mean and learns the rest.
+    gain = torch.where(deviation > FLAT, spread / deviation.clamp(min=FLAT), 1.0)
     target = labels.flatten(1, 2).mean(dim=(0, 2, 3)).to(mean)
-    bias = torch.zeros_like(mean) if head.bias is None else head.bias
+    bias = cast(Tensor, head.bias)
     head.weight.mul_(gain[:, None, None, None])
     bias.copy_(target - (mean - bias) * gain)

@@ -23,9 +23,9 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
         InputError: Another shape, a weight that is negative or not finite, or weights that sum to zero.
     """
     if weights is None:
-        return torch.full(grid, 1 / (grid[0] * grid[1]), dtype=torch.float64)
+        return torch.full(tuple(grid), 1 / (grid[0] * grid[1]), dtype=torch.float64)
     values = torch.as_tensor(weights, dtype=torch.float64, device="cpu").detach()
-    if values.shape != grid:
+    if tuple(values.shape) != tuple(grid):
         raise InputError(f"weights must be {list(grid)}, one for each view", got=f"shape {list(values.shape)}")
     if not bool(values.isfinite().all()) or bool((values < 0).any()) or float(values.sum()) <= 0:
         raise InputError("weights must be finite, >= 0 and not all zero", got=f"a sum of {float(values.sum()):g}")

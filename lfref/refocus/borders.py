@@ -11,8 +11,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.errors import InputError
-
 
 class Border(NamedTuple):
     """How views continue beyond their edge."""
@@ -61,17 +59,6 @@ BORDERS: dict[str, Border] = {
 }
 
 
-def border_of(name: str) -> Border:
-    """The border rule of that name.
-
-    Raises:
-        InputError: The name is unknown.
-    """
-    if name not in BORDERS:
-        raise InputError(f"border must be one of {', '.join(BORDERS)}", got=repr(name))
-    return BORDERS[name]
-
-
 def sampled_span(shift: float, length: int) -> tuple[int, int]:
     """First and one-past-last output sample x whose position x + shift lies on the view, [0, length - 1].
 
@@ -79,7 +66,7 @@ def sampled_span(shift: float, length: int) -> tuple[int, int]:
         shift: In samples.
         length: Samples along the axis.
     """
-    return max(0, math.ceil(-shift)), min(length, math.floor(length - 1 - shift) + 1)
+    return max(0, math.ceil(-shift)), max(0, min(length, math.floor(length - 1 - shift) + 1))
 
 
 def sampled(shifts: list[float], length: int) -> Tensor:

@@ -15,11 +15,11 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.errors import InputError
+from lfref.errors import InputError, chosen
 from lfref.functional import fourier
 from lfref.geometry import Slopes
-from lfref.refocus import batches, kernels
-from lfref.refocus.kernels import Kernel
+from lfref.refocus import batches
+from lfref.refocus.kernels import KERNELS, Kernel
 
 
 def fourier_slice(
@@ -64,7 +64,8 @@ def _stack(views: Tensor, slopes: Slopes, kernel: str, width: int, padding: floa
     grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
     planes = geometry.checked_slopes(slopes, grid, size).tolist()
     padded = [math.ceil(padding * n_views) for n_views in grid]
-    readers = [kernels.kernel_of(kernel, width, m / n) for n, m in zip(grid, padded, strict=True)]
+    make = chosen("kernel", kernel, KERNELS)
+    readers = [make(width, m / n) for n, m in zip(grid, padded, strict=True)]
     aperture = batches.checked_weights(weights, grid) / _gain(grid, padded, readers)
     spectrum = torch.fft.rfftn(views * aperture.to(views)[:, :, None, None, None], (*padded, *size), (1, 2, -2, -1))
     spectrum = _split_nyquist(spectrum, size)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.errors import InputError
 from lfref.functional import fourier
 from lfref.refocus.borders import Border
 
@@ -76,14 +75,3 @@ INTERPOLATIONS: dict[str, Interpolation] = {
     "linear": Interpolation(lambda shift: shift, _extend_locally, _add_linear),
     "exact": Interpolation(lambda shift: shift, _extend_periodically, _add_exact),
 }
-
-
-def interpolation_of(name: str) -> Interpolation:
-    """The interpolation of that name.
-
-    Raises:
-        InputError: The name is unknown.
-    """
-    if name not in INTERPOLATIONS:
-        raise InputError(f"interpolation must be one of {', '.join(INTERPOLATIONS)}", got=repr(name))
-    return INTERPOLATIONS[name]

@@ -65,14 +65,3 @@ def kaiser_bessel(width: int, sigma: float) -> Kernel:
 
 
 KERNELS: dict[str, Callable[[int, float], Kernel]] = {"linear": linear, "kaiser_bessel": kaiser_bessel}
-
-
-def kernel_of(name: str, width: int, sigma: float) -> Kernel:
-    """The kernel of that name.
-
-    Raises:
-        InputError: The name is unknown, or the width or oversampling cannot be used.
-    """
-    if name not in KERNELS:
-        raise InputError(f"kernel must be one of {', '.join(KERNELS)}", got=repr(name))
-    return KERNELS[name](width, sigma)

@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
+from lfref.errors import chosen
 from lfref.geometry import Slopes
 from lfref.refocus import batches, borders
-from lfref.refocus import interpolation as interpolations
-from lfref.refocus.borders import Border
-from lfref.refocus.interpolation import Interpolation
+from lfref.refocus.borders import BORDERS, Border
+from lfref.refocus.interpolation import INTERPOLATIONS, Interpolation
 
 
 def shift_and_sum(
@@ -70,7 +70,7 @@ def coverage(
         InputError: Slopes, weights or names that cannot be used.
     """
     aperture = batches.checked_weights(weights, grid)
-    snap = interpolations.interpolation_of(interpolation).snap
+    snap = chosen("interpolation", interpolation, INTERPOLATIONS).snap
     planes = geometry.checked_slopes(slopes, grid, size).tolist()
     return torch.stack([_coverage(_shifts(slope, grid, snap), aperture, size) for slope in planes])
 
@@ -84,10 +84,12 @@ class _Pass:
     reach: int
     """Samples that the largest shift reaches beyond the edge."""
 
-    def extend(self, view: Tensor, axis: int) -> tuple[Tensor, int]:
+    def extended(self, view: Tensor, axis: int) -> tuple[Tensor, int]:
+        """The view with what lies beyond its edge, and how many samples were put before it."""
         return self.interpolation.extend(view, self.border, self.reach, axis)
 
-    def sum(self, extended: list[Tensor], shifts: list[float], pad: int, axis: int) -> Tensor:
+    def summed(self, extended: list[Tensor], shifts: list[float], pad: int, axis: int) -> Tensor:
+        """The shifted views added up, cut back to their own size."""
         length = extended[0].shape[axis] - 2 * pad
         total = torch.zeros_like(extended[0].narrow(axis, 0, length))
         for view, shift in zip(extended, shifts, strict=True):
@@ -114,11 +116,11 @@ def _stack(views: Tensor, slopes: Slopes, interpolation: str, border: str, weigh
     weighted = views if weights is None else views * aperture.to(views)[:, :, None, None, None]
     scale = 1 / (grid[0] * grid[1]) if weights is None else 1.0
     steps = _Pass(
-        interpolations.interpolation_of(interpolation),
-        borders.border_of(border),
+        chosen("interpolation", interpolation, INTERPOLATIONS),
+        chosen("border", border, BORDERS),
         math.ceil(geometry.corner_shift(planes, grid)) + 1,
     )
-    extended, pad = steps.extend(weighted, -1)
+    extended, pad = steps.extended(weighted, -1)
     images = []
     for slope in planes.tolist():
         shifts = _shifts(slope, grid, steps.interpolation.snap)
@@ -133,6 +135,6 @@ def _stack(views: Tensor, slopes: Slopes, interpolation: str, border: str, weigh
 def _plane(extended: Tensor, pad: int, shifts: tuple[list[float], list[float]], steps: _Pass) -> Tensor:
     """One refocused plane, not yet divided by its weights, [B, C, H, W]."""
     # One view row at a time, so that its running sum stays in the cache.
-    rows = [steps.sum(list(row.unbind(1)), shifts[1], pad, -1) for row in extended.unbind(1)]
-    vertical = [steps.extend(row, -2) for row in rows]
-    return steps.sum([row for row, _ in vertical], shifts[0], vertical[0][1], -2)
+    rows = [steps.summed(list(row.unbind(1)), shifts[1], pad, -1) for row in extended.unbind(1)]
+    vertical = [steps.extended(row, -2) for row in rows]
+    return steps.summed([row for row, _ in vertical], shifts[0], vertical[0][1], -2)

@@ -21,13 +21,9 @@ def detail(views: Tensor) -> float:
         views: Light field [V, U, C, H, W].
     """
     stack = shift_and_sum(views.mean(dim=-3, keepdim=True), list(SLOPES), border="edge")
-    padded = stack[:, 0]
+    grey = stack[:, 0]
     laplacian = (
-        4 * padded[:, 1:-1, 1:-1]
-        - padded[:, :-2, 1:-1]
-        - padded[:, 2:, 1:-1]
-        - padded[:, 1:-1, :-2]
-        - padded[:, 1:-1, 2:]
+        4 * grey[:, 1:-1, 1:-1] - grey[:, :-2, 1:-1] - grey[:, 2:, 1:-1] - grey[:, 1:-1, :-2] - grey[:, 1:-1, 2:]
     )
     energy = torch.nn.functional.avg_pool2d(laplacian[None] ** 2, 9, stride=1)[0]
     return float(energy.amax(dim=0).mean())

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from lfref.errors import FileError
 from lfref.io import atomic
-from lfref.report import plots, tables
+from lfref.report import drawing, tables
 from lfref.report.tables import Row
 
 CONTENTS_FROM = 4
@@ -107,7 +107,7 @@ def _figure(caption: str, picture: Figure | str | Path) -> str:
 
 def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, **plots.PNG)
+    figure.savefig(buffer, **drawing.PNG)
     return buffer.getvalue()
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.report import plots, tables
+from lfref.report import drawing, tables
 
 Image = Tensor | np.ndarray
 
@@ -168,9 +168,9 @@ def _grid(n_rows: int, n_columns: int, image: Image, exposure: float, gamma: flo
     """A figure with a note on its brightness, and its axes as an array [n_rows, n_columns]."""
     width = FIGURE_WIDTH / n_columns
     height = width * image.shape[-2] / image.shape[-1] + 0.25
-    figure = plots.new_figure(FIGURE_WIDTH, max(height, 0.6) * n_rows + 0.3)
+    figure = drawing.new_figure(FIGURE_WIDTH, max(height, 0.6) * n_rows + 0.3)
     note = f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, gamma {gamma:g}"
-    figure.supxlabel(note, fontsize=8, color=plots.GREY)
+    figure.supxlabel(note, fontsize=8, color=drawing.GREY)
     return figure, figure.subplots(n_rows, n_columns, squeeze=False)
 
 

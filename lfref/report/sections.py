@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lfref.errors import FileError
-from lfref.report import plots, tables
+from lfref.report import front, plots, tables
 from lfref.report.page import Section
 from lfref.report.tables import Row
 
@@ -96,7 +96,7 @@ def benchmark(folder: Path) -> Section:
         "refocusing needs before its first plane."
     )
     return Section(
-        "Accuracy against time", text, {"The front": plots.accuracy_time(judged, fft)}, {"All figures": rows}
+        "Accuracy against time", text, {"The front": front.accuracy_time(judged, fft)}, {"All figures": rows}
     )
 
 

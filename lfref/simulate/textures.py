@@ -1,4 +1,4 @@
-"""Random textures and mattes, band-limited so that they can be shifted by fractions of a pixel without error.
+"""Random textures and mattes, smooth enough to be shifted by fractions of a pixel with hardly any error.
 
 All are periodic on their canvas and come from a `torch.Generator`, so that a seed fixes them.
 """

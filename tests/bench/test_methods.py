@@ -14,7 +14,6 @@ from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
-from lfref.refocus import weighted
 from lfref.refocus.exact_fourier import exact_fourier
 from lfref.refocus.shift_and_sum import shift_and_sum
 
@@ -62,15 +61,12 @@ def test_slopes_in_float32_are_the_same_planes(network):
     assert refocus(torch.rand(3, 3, 1, 8, 8), PLANES.slopes.float()).shape == (2, 1, 8, 8)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="weighted.refocus gives the weight to the network: refused for 3 channels, nonsense for 1"
-)
 @pytest.mark.parametrize("channels", [1, 3])
 def test_a_network_refocuses_a_field_with_an_alpha_channel(channels):
     network = RefNet(n_planes=2, grid=(3, 3), channels=channels, widths=(4,), stem_width=4)
-    method = Method("net", methods.for_its_planes(checkpoint.Refocuser(network, PLANES)))
+    method = Method("net", methods.for_its_planes(checkpoint.Refocuser(network, PLANES)), PLANES)
     field = LightField(torch.rand(3, 3, channels, 8, 8), weight=torch.full((3, 3, 1, 8, 8), 0.5))
-    stack = weighted.refocus(method.refocus, field, PLANES.slopes)
+    stack = method.stack(field, PLANES.slopes)
     torch.testing.assert_close(stack, network(field.views).detach())
 
 

@@ -13,7 +13,8 @@ FAST = (
     "callbacks=default",
     "~callbacks.progress",
     "~callbacks.summary",
-    "~callbacks.checkpoint",
+    "~callbacks.best",
+    "~callbacks.last",
 )
 EXPERIMENTS = sorted(path.stem for path in (configs.directory() / "experiment").glob("*.yaml"))
 

@@ -5,7 +5,6 @@ import torch
 from torch import nn
 
 from lfref.errors import InputError
-from lfref.nets import blocks
 from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS, STYLES, ResBlock
 
 
@@ -84,7 +83,3 @@ def test_a_width_that_cannot_be_halved_is_refused(filters):
 def test_an_unknown_choice_is_refused_by_naming_the_option(option):
     with pytest.raises(InputError, match=f"{option} must be one of .*; got 'magic'"):
         ResBlock(4, 8, **{option: "magic"})
-
-
-def test_a_known_choice_is_handed_back():
-    assert blocks.checked_choice("style", "text", ["text", "sibling"]) == "text"

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import pytest
 
 from lfref.errors import FileError, InputError
-from lfref.report import page, plots
+from lfref.report import drawing, page
 from lfref.report.page import Section
 
 EMPTY_TAGS = {"meta", "img"}
@@ -40,7 +40,7 @@ class Outline(HTMLParser):
 
 @pytest.fixture
 def figure():
-    figure = plots.new_figure(2, 1)
+    figure = drawing.new_figure(2, 1)
     figure.add_subplot().plot([1, 2], [3, 4])
     return figure
 
@@ -53,7 +53,7 @@ def written(tmp_path, sections, facts=None, title="Title"):
 
 def test_pictures_are_inside_with_their_caption_as_alternative_text(tmp_path, figure):
     file = tmp_path / "saved.png"
-    plots.save_figure(figure, file)
+    drawing.save_figure(figure, file)
     text = written(tmp_path, [Section("Plots", figures={'drawn "now"': figure, "saved": file})])
     drawn, saved = Outline(text).all("img")
     assert (drawn["alt"], saved["alt"]) == ('drawn "now"', "saved")

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.report import pictures, plots
+from lfref.report import drawing, pictures
 
 ALPHAS = [0.125 * index for index in range(1, 17)]
 H, W = 6, 8
@@ -105,7 +105,7 @@ def test_the_contact_sheet_shows_every_plane_with_its_label(tmp_path):
     )
     assert [float(array.max()) for array in arrays] == pytest.approx([index / 50 for index in range(6)])
     assert len(figure.axes) == 8
-    plots.save_figure(figure, tmp_path / "sheet.png")
+    drawing.save_figure(figure, tmp_path / "sheet.png")
 
 
 def test_the_contact_sheet_takes_one_exposure_from_the_mean_of_its_planes():

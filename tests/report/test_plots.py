@@ -8,7 +8,7 @@ import pytest
 from matplotlib.text import Annotation, Text
 
 from lfref.errors import FileError, InputError
-from lfref.report import plots
+from lfref.report import drawing, front, plots
 
 ALPHAS = [0.125, 0.5, 1.0, 2.0]
 
@@ -79,7 +79,7 @@ def test_a_single_validation_has_no_arrow(tmp_path):
     rows = [row for row in metrics() if row["step"] < 2]
     figure = plots.training_curves(rows)
     assert not [child for child in figure.axes[1].get_children() if isinstance(child, Annotation)]
-    plots.save_figure(figure, tmp_path / "one.png")
+    drawing.save_figure(figure, tmp_path / "one.png")
 
 
 @pytest.mark.parametrize("column", ["step", "train/loss", "val/mpsnr", "val/mssim"])
@@ -123,7 +123,7 @@ def test_scatter_has_a_point_per_light_field_coloured_by_reference_shaped_by_met
     lines = plots.scatter(rows).axes[0].get_lines()
     assert [list(line.get_xdata()) for line in lines] == [[0.8, 0.81, 0.8 + 0.02]] * 4
     assert [list(line.get_ydata()) for line in lines] == [[20.0, 21.0, 22.0]] * 4
-    assert [line.get_color() for line in lines] == [plots.BLUE, plots.RED] * 2
+    assert [line.get_color() for line in lines] == [drawing.BLUE, drawing.RED] * 2
     first, second, third, fourth = (line.get_marker() for line in lines)
     assert first == second != third == fourth
 
@@ -140,7 +140,7 @@ def test_infinite_mpsnr_is_drawn_at_the_cap():
 
 def test_the_empty_stretch_below_the_cap_is_folded():
     rows = [{**row, "psnr_db": psnr} for row, psnr in zip(bench(3), [30.0, 40.0, 100.0], strict=True)]
-    axes = plots.accuracy_time(rows).axes[0]
+    axes = front.accuracy_time(rows).axes[0]
     low, high, cap = (axes.transData.transform((0.1, psnr))[1] for psnr in (30.0, 40.0, 100.0))
     assert 0 < cap - high < high - low
     there = axes.yaxis.get_transform()
@@ -153,23 +153,23 @@ def test_accuracy_time_draws_every_row_and_the_front_as_steps():
         {"method": name, "median_s": seconds, "psnr_db": psnr}
         for name, seconds, psnr in [("a", 0.1, 30.0), ("b", 0.2, 28.0), ("c", 0.4, 45.0), ("d", 1.0, math.nan)]
     ]
-    axes = plots.accuracy_time(rows, fft_seconds=1.5).axes[0]
+    axes = front.accuracy_time(rows, fft_seconds=1.5).axes[0]
     steps, *marks, landmark = axes.get_lines()
     assert points(steps) == [(0.1, 30.0), (0.4, 30.0), (0.4, 45.0)]
     assert [points(mark)[0] for mark in marks] == [(0.1, 30.0), (0.2, 28.0), (0.4, 45.0)]
-    assert [mark.get_color() for mark in marks] == [plots.BLUE, plots.GREY, plots.BLUE]
+    assert [mark.get_color() for mark in marks] == [drawing.BLUE, drawing.GREY, drawing.BLUE]
     assert list(landmark.get_xdata()) == [1.5, 1.5]
     assert {text.get_text() for text in axes.texts} == {"a", "b", "c", "NumPy 4-D FFT, 1.5 s"}
 
 
 def test_whiskers_span_the_percentiles():
-    axes = plots.accuracy_time(bench(1)).axes[0]
+    axes = front.accuracy_time(bench(1)).axes[0]
     assert points(axes.get_lines()[1]) == [(0.1 * 0.99, 31.0), (0.1 * 1.02, 31.0)]
 
 
 @pytest.mark.parametrize("seconds", [None, 0.12])
 def test_twelve_crowded_labels_overlap_neither_each_other_nor_points(seconds):
-    figure = plots.accuracy_time(bench(), seconds)
+    figure = front.accuracy_time(bench(), seconds)
     figure.draw_without_rendering()
     axes = figure.axes[0]
     labels = [text for text in axes.texts if "method" in text.get_text()]
@@ -185,30 +185,30 @@ def test_twelve_crowded_labels_overlap_neither_each_other_nor_points(seconds):
 def test_a_missing_bench_column_is_named(column):
     rows = [{key: value for key, value in row.items() if key != column} for row in bench(2)]
     with pytest.raises(InputError, match=f"'{column}'"):
-        plots.accuracy_time(rows)
+        front.accuracy_time(rows)
 
 
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: plots.accuracy_time([{"method": "_private $x$ $", "median_s": 2e-6, "psnr_db": 100.0}], 5.0),
+        lambda: front.accuracy_time([{"method": "_private $x$ $", "median_s": 2e-6, "psnr_db": 100.0}], 5.0),
         lambda: plots.scatter([{"method": "_a", "reference": None, "mpsnr_db": 20.0, "mssim": 0.5}]),
         lambda: plots.quality_by_plane(planes("_$a$" * 30, "r")[:1]),
     ],
 )
 def test_odd_names_and_single_rows_are_drawn(make, tmp_path):
-    plots.save_figure(make(), tmp_path / "odd.png")
+    drawing.save_figure(make(), tmp_path / "odd.png")
     assert (tmp_path / "odd.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_figure_that_cannot_be_saved_leaves_the_old_file(tmp_path):
     path = tmp_path / "plot.png"
-    plots.save_figure(plots.new_figure(1, 1), path)
+    drawing.save_figure(drawing.new_figure(1, 1), path)
     old = path.read_bytes()
-    broken = plots.new_figure(1, 1)
+    broken = drawing.new_figure(1, 1)
     broken.text(0.5, 0.5, r"$\frac$")
     with pytest.raises(ValueError, match="frac"):
-        plots.save_figure(broken, path)
+        drawing.save_figure(broken, path)
     assert [file.read_bytes() for file in tmp_path.iterdir()] == [old]
     with pytest.raises(FileError):
-        plots.save_figure(plots.new_figure(1, 1), tmp_path)
+        drawing.save_figure(drawing.new_figure(1, 1), tmp_path)

@@ -3,7 +3,7 @@
 import pytest
 
 from lfref.errors import FileError, LfrefError
-from lfref.report import page, plots, sections, tables
+from lfref.report import drawing, front, page, sections, tables
 
 ALPHAS = (0.125, 1.0, 2.0)
 
@@ -16,9 +16,9 @@ def write_metrics(folder, values, name="log/metrics.csv"):
 
 
 def write_picture(path):
-    figure = plots.new_figure(1, 1)
+    figure = drawing.new_figure(1, 1)
     figure.add_subplot()
-    plots.save_figure(figure, path)
+    drawing.save_figure(figure, path)
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def test_an_evaluation_without_pictures_has_its_two_plots(evaluation):
 
 def test_a_benchmark_shows_all_rows_but_draws_only_what_was_judged(benchmark, monkeypatch):
     drawn = []
-    monkeypatch.setattr(plots, "accuracy_time", lambda rows, fft: drawn.append((rows, fft)))
+    monkeypatch.setattr(front, "accuracy_time", lambda rows, fft: drawn.append((rows, fft)))
     (section,) = sections.sections([benchmark])
     (rows,) = section.tables.values()
     assert [row["method"] for row in rows] == ["numpy_fft_4d", "exact", "sum"]

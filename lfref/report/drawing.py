@@ -1,0 +1,73 @@
+"""What all plots share: the palette, figures without a display, calm axes, PNG files.
+
+PSNR is capped at 100 dB; where a plot has capped and other values, the empty stretch between them is folded together.
+Colours are ones that colour-blind readers tell apart (Tol, "Colour schemes", SRON 2021, scheme "vibrant").
+"""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from lfref.io import atomic
+from lfref.report.tables import CAP_DB, Row
+
+BLUE, RED, TEAL, ORANGE, MAGENTA, CYAN = "#0077BB", "#CC3311", "#009988", "#EE7733", "#EE3377", "#33BBEE"
+BLACK, GREY, PALE = "#222222", "#767676", "#DDDDDD"
+PNG: dict[str, Any] = {"format": "png", "dpi": 150, "bbox_inches": "tight", "pad_inches": 0.12}
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty white figure on the Agg canvas, sizes in inches."""
+    figure = Figure(figsize=(width, height), facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write the figure as a PNG file, all or nothing, cut to what is drawn."""
+    with atomic.replacing(path) as temporary:
+        figure.savefig(temporary, **PNG)
+
+
+def calm(axes: Axes, x: str, y: str, title: str, pad: float = 6) -> None:
+    """Title, axis names, a pale grid, and no frame on the top and right."""
+    axes.set_title(title, fontsize=10.5, loc="left", color=BLACK, pad=pad)
+    axes.set(xlabel=x, ylabel=y)
+    axes.tick_params(labelsize=9, color=GREY)
+    axes.grid(color=PALE, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(GREY)
+
+
+def capped(rows: Iterable[Row], column: str) -> list[dict[str, Any]]:
+    """The rows with PSNR cut at 100 dB."""
+    return [{**row, column: min(row[column], CAP_DB) if column.endswith("psnr_db") else row[column]} for row in rows]
+
+
+def fold_below_cap(axes: Axes) -> None:
+    """Where some PSNRs are capped and the others lie far below, shrink the empty stretch between them."""
+    values = np.concatenate([line.get_ydata() for line in axes.get_lines() if line.get_marker() not in ("", "None")])
+    below = values[values < CAP_DB]
+    if 0 < below.size < values.size and CAP_DB - below.max() > np.ptp(below) + 10:
+        _fold(axes, below.min(), below.max())
+
+
+def _fold(axes: Axes, low: float, high: float) -> None:
+    pad = max(0.08 * (high - low), 1.0)
+    knee, floor = high + pad, low - pad
+    squeeze = 0.15 * (knee - floor) / (CAP_DB - knee)
+
+    def folded(factor: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda y: np.where(y > knee, knee + (y - knee) * factor, y)
+
+    axes.set_yscale("function", functions=(folded(squeeze), folded(1 / squeeze)))
+    ticks = [tick for tick in MaxNLocator(6).tick_values(floor, knee) if floor <= tick <= knee]
+    axes.set_yticks([*ticks, CAP_DB], [*(f"{tick:g}" for tick in ticks), f"≥ {CAP_DB:g}"])
+    axes.set_ylim(floor, CAP_DB + pad / squeeze)
+    axes.axhspan(knee, CAP_DB - pad / squeeze, color=PALE, alpha=0.35, linewidth=0, zorder=0)
