@@ -36,7 +36,7 @@ def decoded(monkeypatch):
     return paths
 
 
-def equal(one, two):
+def assert_equal(one, two):
     assert torch.equal(one.views, two.views)
     assert one.views.dtype == two.views.dtype == torch.float32
     assert (one.weight is None) == (two.weight is None)
@@ -51,14 +51,14 @@ def test_crops_equal_those_of_what_is_read_bit_by_bit(store, tmp_path, kind):
     field, entry = reader.read(path, **options), cache.cached(path, options, tmp_path / "cache")
     assert (entry.name, entry.grid, entry.size) == (field.name, field.grid, field.size)
     for window in [(0, 0, 5, 6), (3, 4, 9, 10), (11, 13, 1, 1), (0, 2, 12, 3)]:
-        equal(entry.crop(*window), field.crop(*window))
+        assert_equal(entry.crop(*window), field.crop(*window))
 
 
 @pytest.mark.parametrize("kind", ["8 bits", "16 bits and weight", "float", "float and weight"])
 def test_the_whole_field_is_a_crop_too(store, tmp_path, kind):
     made, options = KINDS[kind]
     path = store(**made)
-    equal(cache.cached(path, options, tmp_path / "cache").crop(0, 0, 12, 14), reader.read(path, **options))
+    assert_equal(cache.cached(path, options, tmp_path / "cache").crop(0, 0, 12, 14), reader.read(path, **options))
 
 
 def test_the_whole_of_a_float_field_is_copied_into_memory(store, tmp_path):
@@ -69,7 +69,7 @@ def test_the_whole_of_a_float_field_is_copied_into_memory(store, tmp_path):
 def test_every_16_bit_number_survives(every_sample_of_16_bits, tmp_path):
     options = {"lenslet": 1, "views": 1}
     entry = cache.cached(every_sample_of_16_bits, options, tmp_path / "cache")
-    equal(entry.crop(0, 0, 256, 256), reader.read(every_sample_of_16_bits, **options))
+    assert_equal(entry.crop(0, 0, 256, 256), reader.read(every_sample_of_16_bits, **options))
 
 
 def test_a_crop_can_be_written_to_without_harm_to_the_cache(store, tmp_path):
@@ -84,7 +84,7 @@ def test_the_second_opening_decodes_nothing(store, tmp_path, decoded):
     path = store()
     first, second = (cache.cached(path, {}, tmp_path / "cache") for _ in range(2))
     assert decoded == [path]
-    equal(first.crop(0, 0, 12, 14), second.crop(0, 0, 12, 14))
+    assert_equal(first.crop(0, 0, 12, 14), second.crop(0, 0, 12, 14))
 
 
 def test_samples_stay_on_disk_in_the_files_own_depth(store, tmp_path):

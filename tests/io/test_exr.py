@@ -113,12 +113,16 @@ def test_no_damaged_byte_of_a_header_raises_anything_but_a_file_error(tmp_path, 
     path = tmp_path / "a.exr"
     exr.write_views(path, np.zeros((1, 2, 3, 4, 4), np.float32))
     whole = path.read_bytes()
+    refused = 0
     for position in range(0, len(whole), 3):
         path.write_bytes(whole[:position] + b"\xff" + whole[position + 1 :])
         try:
             exr.read_views(path, ALL)
         except FileError as error:
             one_line(error, path)
+            refused += 1
+    # Some bytes are padding or pixels; most of the header is not.
+    assert refused > 20
 
 
 def test_nan_is_neither_written_nor_read(tmp_path, one_line):

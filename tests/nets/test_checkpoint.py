@@ -36,7 +36,7 @@ def saved(tmp_path, network):
     return path
 
 
-def refused(path, *parts):
+def assert_refused(path, *parts):
     """The message of the refusal, checked to be one line for people."""
     with pytest.raises(CheckpointError) as caught:
         checkpoint.load(path)
@@ -95,17 +95,17 @@ def test_entries_of_lightning_and_of_other_modules_may_stand_beside(tmp_path):
 
 
 def test_no_path_says_that_no_model_ships():
-    refused(None, "no model ships", "lfref train")
+    assert_refused(None, "no model ships", "lfref train")
 
 
 @pytest.mark.parametrize("address", ["https://example.org/net.ckpt", "file:///tmp/net.ckpt", "s3://bucket/net.ckpt"])
 def test_an_address_is_refused(address):
-    refused(address, "must be a local file", address, "download it first")
+    assert_refused(address, "must be a local file", address, "download it first")
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    refused(tmp_path / "none.ckpt", "no checkpoint at", "none.ckpt", "RUN/checkpoints")
-    refused(tmp_path, "no checkpoint at")
+    assert_refused(tmp_path / "none.ckpt", "no checkpoint at", "none.ckpt", "RUN/checkpoints")
+    assert_refused(tmp_path, "no checkpoint at")
 
 
 DAMAGED = {
@@ -122,33 +122,33 @@ DAMAGED = {
 def test_a_file_that_is_no_checkpoint_is_refused(tmp_path, kind):
     path = tmp_path / "file.ckpt"
     path.write_bytes(DAMAGED[kind])
-    refused(path, "file.ckpt is damaged or no checkpoint", "train or copy it anew")
+    assert_refused(path, "file.ckpt is damaged or no checkpoint", "train or copy it anew")
 
 
 def test_a_table_of_metrics_is_refused(tmp_path):
     path = tmp_path / "metrics.csv"
     path.write_text("epoch,step,val/mpsnr\n0,1,30.5\n")
-    refused(path, "metrics.csv is damaged or no checkpoint")
+    assert_refused(path, "metrics.csv is damaged or no checkpoint")
 
 
 def test_a_file_of_any_first_byte_is_refused(tmp_path):
     path = tmp_path / "file.ckpt"
     for byte in range(128):
         path.write_bytes(bytes([byte]) * 3)
-        refused(path, "file.ckpt is damaged or no checkpoint")
+        assert_refused(path, "file.ckpt is damaged or no checkpoint")
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9, 0.999])
 def test_a_truncated_file_is_refused(saved, share):
     whole = saved.read_bytes()
     saved.write_bytes(whole[: int(share * len(whole))])
-    refused(saved, "is damaged or no checkpoint")
+    assert_refused(saved, "is damaged or no checkpoint")
 
 
 @pytest.mark.parametrize("foreign", [{"weights": torch.zeros(2)}, [1, 2], torch.zeros(3), {"state_dict": {}}])
 def test_a_torch_file_of_someone_else_is_refused(tmp_path, foreign):
     torch.save(foreign, tmp_path / "file.ckpt")
-    refused(tmp_path / "file.ckpt", "was not written by lfref")
+    assert_refused(tmp_path / "file.ckpt", "was not written by lfref")
 
 
 def test_a_file_that_would_run_code_is_refused_unread(tmp_path):
@@ -158,13 +158,13 @@ def test_a_file_that_would_run_code_is_refused_unread(tmp_path):
 
     for thing in (Bomb(), argparse.Namespace()):
         torch.save(contents() | {"more": thing}, tmp_path / "file.ckpt")
-        refused(tmp_path / "file.ckpt", "is damaged or no checkpoint")
+        assert_refused(tmp_path / "file.ckpt", "is damaged or no checkpoint")
     assert not (tmp_path / "exploded").exists()
 
 
 def test_a_file_that_would_run_code_is_not_recommended_to_the_user(tmp_path):
     torch.save(contents() | {"more": argparse.Namespace()}, tmp_path / "file.ckpt")
-    message = refused(tmp_path / "file.ckpt")
+    message = assert_refused(tmp_path / "file.ckpt")
     assert "can still be loaded" not in message
     assert message.isprintable()
 
@@ -185,27 +185,27 @@ def test_a_file_that_would_run_code_is_not_recommended_to_the_user(tmp_path):
 )
 def test_an_entry_that_describes_nothing_we_know_is_refused(tmp_path, entry, parts):
     torch.save(contents(**entry), tmp_path / "file.ckpt")
-    refused(tmp_path / "file.ckpt", *parts)
+    assert_refused(tmp_path / "file.ckpt", *parts)
 
 
 @pytest.mark.parametrize("change", [{"lfref": 3}, {"state_dict": [1]}, {"state_dict": {1: 2}}])
 def test_entries_of_another_kind_are_refused(tmp_path, change):
     torch.save(contents() | change, tmp_path / "file.ckpt")
-    refused(tmp_path / "file.ckpt")
+    assert_refused(tmp_path / "file.ckpt")
 
 
 def test_weights_of_another_shape_are_refused_by_name(tmp_path):
     other = contents()
     other["state_dict"]["net.head.bias"] = torch.zeros(3)
     torch.save(other, tmp_path / "file.ckpt")
-    refused(tmp_path / "file.ckpt", "head.bias must be (2,); got (3,)", "train it anew")
+    assert_refused(tmp_path / "file.ckpt", "head.bias must be (2,); got (3,)", "train it anew")
 
 
 def test_missing_weights_are_refused_by_name(tmp_path):
     other = contents()
     del other["state_dict"]["net.head.weight"]
     torch.save(other, tmp_path / "file.ckpt")
-    refused(tmp_path / "file.ckpt", "head.weight must be (2, 2, 1, 1); got nothing")
+    assert_refused(tmp_path / "file.ckpt", "head.weight must be (2, 2, 1, 1); got nothing")
 
 
 def test_a_folder_that_cannot_be_written_is_a_file_error(tmp_path, network):

@@ -1,14 +1,12 @@
 """The figures show the rows: their lines and points are the tables' numbers, and labels do not collide."""
 
-import itertools
 import math
 
-import numpy as np
 import pytest
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Annotation
 
-from lfref.errors import FileError, InputError
-from lfref.report import drawing, front, plots
+from lfref.errors import InputError
+from lfref.report import drawing, plots
 
 ALPHAS = [0.125, 0.5, 1.0, 2.0]
 
@@ -34,19 +32,6 @@ def planes(method, reference, light_field="a", lift=0.0):
             "ssim": 0.9 + alpha / 100,
         }
         for alpha in ALPHAS
-    ]
-
-
-def bench(n=12):
-    return [
-        {
-            "method": f"method_{index} with a rather long name",
-            "median_s": 0.1 * (1 + 0.04 * index),
-            "p10_s": 0.1 * (1 + 0.04 * index) * 0.99,
-            "p90_s": 0.1 * (1 + 0.04 * index) * 1.02,
-            "psnr_db": 31 + 0.2 * (index % 4),
-        }
-        for index in range(n)
     ]
 
 
@@ -138,60 +123,9 @@ def test_infinite_mpsnr_is_drawn_at_the_cap():
     assert axes.get_yticklabels()[-1].get_text() == "≥ 100"
 
 
-def test_the_empty_stretch_below_the_cap_is_folded():
-    rows = [{**row, "psnr_db": psnr} for row, psnr in zip(bench(3), [30.0, 40.0, 100.0], strict=True)]
-    axes = front.accuracy_time(rows).axes[0]
-    low, high, cap = (axes.transData.transform((0.1, psnr))[1] for psnr in (30.0, 40.0, 100.0))
-    assert 0 < cap - high < high - low
-    there = axes.yaxis.get_transform()
-    values = np.array([25.0, 40.0, 55.0, 100.0])
-    assert there.inverted().transform(there.transform(values)) == pytest.approx(values)
-
-
-def test_accuracy_time_draws_every_row_and_the_front_as_steps():
-    rows = [
-        {"method": name, "median_s": seconds, "psnr_db": psnr}
-        for name, seconds, psnr in [("a", 0.1, 30.0), ("b", 0.2, 28.0), ("c", 0.4, 45.0), ("d", 1.0, math.nan)]
-    ]
-    axes = front.accuracy_time(rows, fft_seconds=1.5).axes[0]
-    steps, *marks, landmark = axes.get_lines()
-    assert points(steps) == [(0.1, 30.0), (0.4, 30.0), (0.4, 45.0)]
-    assert [points(mark)[0] for mark in marks] == [(0.1, 30.0), (0.2, 28.0), (0.4, 45.0)]
-    assert [mark.get_color() for mark in marks] == [drawing.BLUE, drawing.GREY, drawing.BLUE]
-    assert list(landmark.get_xdata()) == [1.5, 1.5]
-    assert {text.get_text() for text in axes.texts} == {"a", "b", "c", "NumPy 4-D FFT, 1.5 s"}
-
-
-def test_whiskers_span_the_percentiles():
-    axes = front.accuracy_time(bench(1)).axes[0]
-    assert points(axes.get_lines()[1]) == [(0.1 * 0.99, 31.0), (0.1 * 1.02, 31.0)]
-
-
-@pytest.mark.parametrize("seconds", [None, 0.12])
-def test_twelve_crowded_labels_overlap_neither_each_other_nor_points(seconds):
-    figure = front.accuracy_time(bench(), seconds)
-    figure.draw_without_rendering()
-    axes = figure.axes[0]
-    labels = [text for text in axes.texts if "method" in text.get_text()]
-    boxes = [Text.get_window_extent(label) for label in labels]
-    assert len(boxes) == 12
-    assert not [pair for pair in itertools.combinations(boxes, 2) if pair[0].overlaps(pair[1])]
-    where = axes.transData.transform([label.xy for label in labels])
-    assert not [1 for box in boxes for point in where if box.contains(*point)]
-    assert all(axes.bbox.contains(*box.p0) and axes.bbox.contains(*box.p1) for box in boxes)
-
-
-@pytest.mark.parametrize("column", ["method", "median_s", "psnr_db"])
-def test_a_missing_bench_column_is_named(column):
-    rows = [{key: value for key, value in row.items() if key != column} for row in bench(2)]
-    with pytest.raises(InputError, match=f"'{column}'"):
-        front.accuracy_time(rows)
-
-
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: front.accuracy_time([{"method": "_private $x$ $", "median_s": 2e-6, "psnr_db": 100.0}], 5.0),
         lambda: plots.scatter([{"method": "_a", "reference": None, "mpsnr_db": 20.0, "mssim": 0.5}]),
         lambda: plots.quality_by_plane(planes("_$a$" * 30, "r")[:1]),
     ],
@@ -199,16 +133,3 @@ def test_a_missing_bench_column_is_named(column):
 def test_odd_names_and_single_rows_are_drawn(make, tmp_path):
     drawing.save_figure(make(), tmp_path / "odd.png")
     assert (tmp_path / "odd.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_figure_that_cannot_be_saved_leaves_the_old_file(tmp_path):
-    path = tmp_path / "plot.png"
-    drawing.save_figure(drawing.new_figure(1, 1), path)
-    old = path.read_bytes()
-    broken = drawing.new_figure(1, 1)
-    broken.text(0.5, 0.5, r"$\frac$")
-    with pytest.raises(ValueError, match="frac"):
-        drawing.save_figure(broken, path)
-    assert [file.read_bytes() for file in tmp_path.iterdir()] == [old]
-    with pytest.raises(FileError):
-        drawing.save_figure(drawing.new_figure(1, 1), tmp_path)
