@@ -11,11 +11,12 @@ PIP_ARGS ?=
 
 export PYTHONWARNINGS ?= ignore::FutureWarning
 
-.PHONY: help install demo test lint quick clean
+.PHONY: help install demo test figures lint quick clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in one page"
 	@echo "make test                       linters, types, floors and all tests"
+	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make clean                      remove runs and caches of this checkout"
 
@@ -36,9 +37,13 @@ demo: install
 	$(BIN)/lfref bench output="$(DEMO)/bench" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt" repeats=3
 	$(BIN)/lfref report output="$(DEMO)/report" title="lfref demo" 'runs=[$(DEMO)/refnet_demo,$(DEMO)/eval,$(DEMO)/refocus_refnet,$(DEMO)/refocus_shift_and_sum,$(DEMO)/bench]'
 
+figures: install
+	$(BIN)/lfref bench output=runs/figures/bench repeats=5
+	$(BIN)/python docs/measure.py
+
 lint: install
-	$(BIN)/ruff check lfref tests
-	$(BIN)/ruff format --check lfref tests
+	$(BIN)/ruff check lfref tests docs/measure.py
+	$(BIN)/ruff format --check lfref tests docs/measure.py
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

@@ -33,8 +33,8 @@ def bench(config: DictConfig, folder: Path) -> None:
         chosen, fields, planes, device, config.repeats, config.warmup, lambda each: progress(each, "measuring rounds")
     )
     facts = machine.facts(device) | {
-        "light_fields": [field.name for field in fields],
-        "size": [list(field.views.shape) for field in fields],
+        "light_fields": ", ".join(field.name for field in fields),
+        "views": ", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
         "planes": len(planes),
         "repeats": config.repeats,
     }

@@ -45,6 +45,7 @@ def _module(config: DictConfig) -> Refocusing:
         loss=configs.build(config.loss),
         planes=configs.build(config.planes),
         optimizer=configs.build(config.optimizer),
+        scheduler=configs.build(config.scheduler),
     )
 
 

@@ -70,9 +70,11 @@ def random_scene(
     low, high = disparities
     drawn = sorted((low + (high - low) * torch.rand(count, generator=generator)).tolist())
     shares = (0.1 + 0.25 * torch.rand(count, generator=generator)).tolist()
+    # Scenes are bright or dark, colourful or pale as a whole, as photographs are.
+    darkness, paleness = (0.75 * torch.rand(2, generator=generator)).tolist()
     layers = []
     for i, (disparity, share) in enumerate(zip(drawn, shares, strict=True)):
-        colour = textures.colours(generator, height, width)
+        colour = (1 - darkness) * textures.toned(textures.colours(generator, height, width), 1 - paleness)
         opacity = torch.ones(1, height, width) if i == 0 else textures.blobs(generator, height, width, share)
         layers.append(Layer(disparity, colour, opacity))
     return Scene(tuple(layers), margin)

@@ -51,6 +51,17 @@ def colours(generator: Generator, height: int, width: int) -> Tensor:
     return _softened(surface.clamp(0, 1)).clamp(0, 1)
 
 
+def toned(colour: Tensor, saturation: float) -> Tensor:
+    """A surface with less of its colour.
+
+    Args:
+        colour: Radiance in [0, 1], [3, H, W].
+        saturation: 1 keeps it, 0 leaves grey.
+    """
+    grey = colour.mean(dim=0, keepdim=True)
+    return grey + saturation * (colour - grey)
+
+
 def blobs(generator: Generator, height: int, width: int, share: float) -> Tensor:
     """A matte of irregular islands whose edges are about two pixels wide.
 

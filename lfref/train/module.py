@@ -16,6 +16,7 @@ from lfref.nets import checkpoint as checkpoints
 from lfref.nets.refnet import RefNet
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
+SchedulerFactory = Callable[[torch.optim.Optimizer], torch.optim.lr_scheduler.LRScheduler]
 
 
 class Refocusing(LightningModule):
@@ -26,12 +27,20 @@ class Refocusing(LightningModule):
         loss: Named weighted terms.
         planes: What the planes of the labels are; goes into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
+        scheduler: Makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
 
     Raises:
         InputError: The network makes another number of planes.
     """
 
-    def __init__(self, net: RefNet, loss: CompositeLoss, planes: FocalPlanes, optimizer: OptimizerFactory) -> None:
+    def __init__(
+        self,
+        net: RefNet,
+        loss: CompositeLoss,
+        planes: FocalPlanes,
+        optimizer: OptimizerFactory,
+        scheduler: SchedulerFactory | None = None,
+    ) -> None:
         super().__init__()
         if len(planes) != net.config["n_planes"]:
             raise InputError(
@@ -43,6 +52,7 @@ class Refocusing(LightningModule):
         self.loss = loss
         self.planes = planes
         self.optimizer = optimizer
+        self.scheduler = scheduler
         self.mpsnr = MPSNR(n_planes=len(planes))
         self.mssim = MSSIM(n_planes=len(planes))
 
@@ -63,9 +73,10 @@ class Refocusing(LightningModule):
             self.log(name, metric, prog_bar=True)
         return stack
 
-    def configure_optimizers(self) -> torch.optim.Optimizer:
-        """The optimiser over all parameters of the network."""
-        return self.optimizer(self.net.parameters())
+    def configure_optimizers(self) -> dict[str, Any]:  # type: ignore[override]
+        """The optimiser over all parameters of the network, and its schedule."""
+        optimizer = self.optimizer(self.net.parameters())
+        return {"optimizer": optimizer} | ({"lr_scheduler": self.scheduler(optimizer)} if self.scheduler else {})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Add what `lfref.load` needs to build the network again."""
