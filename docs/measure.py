@@ -36,7 +36,7 @@ def bench() -> Iterator[str]:
         cells = (row["method"], f"{row['median_s']:.2f}", f"{row['ratio_to_numpy_fft']:.2f}", *quality)
         yield f"| {' | '.join(cells)} |"
     yield ""
-    yield f"One simulated light field, 7x7x3x375x540, 16 planes; {facts['processor']}, {facts['threads']} threads, "
+    yield f"One simulated light field, 7x7x3x375x540, 16 planes; {facts['processor']}, {facts['threads']} threads,"
     yield f"torch {facts['torch']}, NumPy {facts['numpy']}, {facts['repeats']} rounds. PSNR is capped at 100 dB."
 
 

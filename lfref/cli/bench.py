@@ -24,19 +24,20 @@ def bench(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     device = device_of(config.device)
+    repeats, warmup = int(configs.number(config, "repeats", 1)), int(configs.number(config, "warmup", 0))
     planes: FocalPlanes = configs.build(config.planes)
     operators = methods.operators({entry.name: configs.build(entry.operator) for entry in config.methods.values()})
     networks = [methods.network(path, device) for path in paths(configs.plain(config.checkpoint))]
     chosen = methods.unique_names(operators + networks)
     fields = _fields(config)
     rows = compare.compare(
-        chosen, fields, planes, device, config.repeats, config.warmup, lambda each: progress(each, "measuring rounds")
+        chosen, fields, planes, device, repeats, warmup, lambda each: progress(each, "measuring rounds")
     )
     facts = machine.facts(device) | {
         "light_fields": ", ".join(field.name for field in fields),
         "views": ", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
         "planes": len(planes),
-        "repeats": config.repeats,
+        "repeats": repeats,
     }
     tables.write_table(folder / "bench.csv", rows)
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")

@@ -56,9 +56,9 @@ def fail(name: str, error: object) -> None:
     sys.exit(1)
 
 
-def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
+def progress(items: Iterable[Item], what: str) -> Iterable[Item]:
     """Pass items on under a progress bar."""
-    return track(items, description=what, total=total, console=console, transient=False)
+    return track(items, description=what, console=console)
 
 
 def device_of(name: str) -> torch.device:
@@ -112,7 +112,5 @@ class OutputFolder(Callback):
             (folder / ".writable").touch()
             (folder / ".writable").unlink()
         except OSError as error:
-            name = config.hydra.job.name
-            fail(
-                name, f"output must be a folder that can be written; got {folder} ({error.strerror}); set output=FOLDER"
-            )
+            got = f"got {folder} ({error.strerror})"
+            fail(config.hydra.job.name, f"output must be a folder that can be written; {got}; set output=FOLDER")

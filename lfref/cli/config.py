@@ -5,6 +5,7 @@ and Hydra lets dangerous ones through.
 """
 
 import hashlib
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,23 @@ def plain(config: Any) -> Any:
         raise InputError(
             "the configuration must be complete", got=_first_line(error), remedy="add KEY=VALUE"
         ) from error
+
+
+def number(config: DictConfig, key: str, least: float) -> Any:
+    """A number of the configuration, once it is known to be one.
+
+    Args:
+        config: Where it stands.
+        key: Its name.
+        least: The smallest that is allowed.
+
+    Raises:
+        InputError: It is no number, or smaller.
+    """
+    value = config[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
+        raise InputError(f"{key} must be a number of at least {least:g}", got=repr(value))
+    return value
 
 
 def save(config: DictConfig, folder: Path) -> None:

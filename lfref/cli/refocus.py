@@ -27,6 +27,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     device = device_of(config.device)
+    exposure = None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
     method, planes = _method(config, device)
     field = reader.read(config.input, **configs.plain(config.reader))
     if view_order.seems_reversed(field.views):
@@ -34,7 +35,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     with torch.no_grad():
         stack = method.stack(field.to(device), planes.slopes).cpu()
     write.write_stack(folder / "stack.exr", stack, planes)
-    _write_pictures(folder, field, stack, planes, config.exposure)
+    _write_pictures(folder, field, stack, planes, exposure)
     log.info("%s refocused by %s to %d planes in %s", field.name, method.name, len(planes), folder)
 
 
@@ -54,9 +55,11 @@ def _method(config: DictConfig, device: torch.device) -> tuple[Method, FocalPlan
     return network, planes
 
 
-def _write_pictures(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, exposure: float | str) -> None:
+def _write_pictures(
+    folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, exposure: float | None
+) -> None:
     mean = field.views.mean(dim=(0, 1))
-    gain = max(1.0, pictures.common_exposure(mean)) if exposure == "auto" else float(exposure)
+    gain = max(1.0, pictures.common_exposure(mean)) if exposure is None else exposure
     if gain > 1:
         log.info("pictures are brightened %.2f times (exposure=1 leaves them; stack.exr is never changed)", gain)
     write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes)

@@ -167,6 +167,11 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("train", "data=folder", "data.path={field}/nowhere"), "nowhere"),
         (("train", "resume={field}/no.ckpt"), "no.ckpt"),
         (("refocus", "input={field}", "device=quantum"), "device"),
+        (("refocus", "input={field}", "exposure=dark"), "exposure must be a number"),
+        (("bench", "input={field}", "repeats=often"), "repeats must be a number"),
+        (("bench", "input={field}", "repeats=0"), "repeats must be a number"),
+        (("train", "data.patch=wide"), "must fit what it describes"),
+        (("train", "net.n_planes=3"), "net.n_planes=16"),
         (("refocus", "input={field}", "reader.views=99"), "99"),
     ],
 )
