@@ -34,7 +34,7 @@ demo: install
 	$(BIN)/lfref eval output="$(DEMO)/eval" input="$(DEMO)/scenes" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
 	$(BIN)/lfref refocus output="$(DEMO)/refocus_refnet" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
 	$(BIN)/lfref refocus output="$(DEMO)/refocus_shift_and_sum" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" method=shift_and_sum
-	$(BIN)/lfref bench output="$(DEMO)/bench" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt" repeats=3
+	$(BIN)/lfref bench output="$(DEMO)/bench" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt" repeats=2
 	$(BIN)/lfref report output="$(DEMO)/report" title="lfref demo" 'runs=[$(DEMO)/refnet_demo,$(DEMO)/eval,$(DEMO)/refocus_refnet,$(DEMO)/refocus_shift_and_sum,$(DEMO)/bench]'
 
 figures: install

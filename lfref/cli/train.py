@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli.command import command, log, quiet_libraries
-from lfref.errors import CheckpointError
+from lfref.errors import CheckpointError, InputError
 from lfref.nets import checkpoint as checkpoints
 from lfref.train.callbacks import RankAgreement
 from lfref.train.module import Refocusing
@@ -51,10 +51,20 @@ def _module(config: DictConfig) -> Refocusing:
 
 def _trainer(config: DictConfig) -> Trainer:
     callbacks = [RankAgreement(configs.fingerprint(config)), *configs.build(config.callbacks).values()]
-    loggers: list[Any] = [configs.build(logger) for logger in config.logger.values()]
-    for logger in loggers:
-        logger.log_hyperparams(configs.plain(config))
+    loggers = _loggers(config)
     return configs.build(config.trainer, callbacks=callbacks, logger=loggers, plugins=[AtomicCheckpointIO()])
+
+
+def _loggers(config: DictConfig) -> list[Any]:
+    """The loggers, each told the whole configuration."""
+    loggers = [configs.build(logger) for logger in config.logger.values()]
+    try:
+        for logger in loggers:
+            logger.log_hyperparams(configs.plain(config))
+    except wandb.errors.Error as error:
+        remedy = "run wandb login, or set logger.wandb.offline=true"
+        raise InputError("wandb must be able to start a run", got=error, remedy=remedy) from error
+    return loggers
 
 
 def _resumed(path: str | None) -> str | None:

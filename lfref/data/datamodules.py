@@ -41,9 +41,11 @@ class PatchData(LightningDataModule, abc.ABC):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if fields_per_batch < 1 or workers < 0 or seed < 0:
-            got = f"{fields_per_batch}, {workers} and {seed}"
-            raise InputError("fields_per_batch must be >= 1, workers and seed >= 0", got=got)
+        if min(patch, patches_per_field, fields_per_batch) < 1 or min(workers, seed) < 0:
+            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {workers} and {seed}"
+            raise InputError(
+                "patch, patches_per_field and fields_per_batch must be >= 1, workers and seed >= 0", got=got
+            )
         self.labels = labels
         self.patch = patch
         self.patches_per_field = patches_per_field

@@ -10,6 +10,7 @@ from lfref.io.write import write
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
+from tests.cli.conftest import TINY
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -178,3 +179,14 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
 def test_missing_or_wrong_options(lfref, tmp_path, field, words, said):
     words = [word.format(field=field) for word in words]
     assert said in assert_one_line(*lfref(*words, f"output={tmp_path}/out"))
+
+
+def test_wandb_without_an_account(lfref, tmp_path, monkeypatch):
+    for name in ("WANDB_API_KEY", "WANDB_MODE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
+    status, error = lfref("train", *TINY, "logger=wandb", f"output={tmp_path}/out")
+    # wandb writes warnings of its own before.
+    assert status == 1
+    assert "logger.wandb.offline=true" in error.splitlines()[-1]
+    assert "Traceback" not in error

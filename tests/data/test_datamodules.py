@@ -72,7 +72,9 @@ def test_held_out_scenes_are_not_those_of_training():
 
 @pytest.mark.parametrize("options", [{"fields_per_batch": 0}, {"workers": -1}])
 def test_batches_that_cannot_be_are_refused(options):
-    with pytest.raises(InputError, match="fields_per_batch must be >= 1, workers and seed >= 0"):
+    with pytest.raises(
+        InputError, match="patch, patches_per_field and fields_per_batch must be >= 1, workers and seed >= 0"
+    ):
         simulated(**options)
 
 
