@@ -1,9 +1,11 @@
-"""Shifting views by fractions of a pixel along one axis: nearest, linear, exact.
+"""Shifting views by fractions of a pixel along one axis: nearest, linear, cubic, exact.
 
 A view is read at x + shift. Each interpolation adds a shifted view onto a running sum, so that nothing is stored
-twice; `exact` is trigonometric (Fourier) interpolation.
+twice; `exact` is trigonometric (Fourier) interpolation. Source of `cubic`: Keys, "Cubic convolution interpolation for
+digital image processing", 1981.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -13,6 +15,9 @@ from torch import Tensor
 
 from lfref.functional import fourier
 from lfref.refocus.borders import Border
+
+Taps = Callable[[float], list[tuple[int, float]]]
+"""(shift) -> samples around it, each as its offset and weight."""
 
 SEAM = 16  # samples over which a view that is not periodic is faded into its other end before a Fourier shift
 
@@ -35,15 +40,31 @@ def _extend_locally(view: Tensor, border: Border, reach: int, axis: int) -> tupl
 def _linear_taps(shift: float) -> list[tuple[int, float]]:
     whole = math.floor(shift)
     fraction = shift - whole
-    # An integer shift must not touch the neighbour: it need not exist, and 0 * inf is NaN.
-    return [(whole, 1.0)] if fraction == 0 else [(whole, 1 - fraction), (whole + 1, fraction)]
+    return [(whole, 1 - fraction), (whole + 1, fraction)]
 
 
-def _add_linear(total: Tensor, extended: Tensor, shift: float, pad: int, span: tuple[int, int], axis: int) -> None:
+def _cubic_taps(shift: float) -> list[tuple[int, float]]:
+    """Keys' kernel with a = -1/2, which reproduces quadratics."""
+    whole = math.floor(shift)
+    t = shift - whole
+    weights = (
+        -0.5 * t + t**2 - 0.5 * t**3,
+        1 - 2.5 * t**2 + 1.5 * t**3,
+        0.5 * t + 2 * t**2 - 1.5 * t**3,
+        -0.5 * t**2 + 0.5 * t**3,
+    )
+    return [(whole + i - 1, weight) for i, weight in enumerate(weights)]
+
+
+def _add_local(
+    total: Tensor, extended: Tensor, shift: float, pad: int, span: tuple[int, int], axis: int, taps: Taps
+) -> None:
     start, stop = span
-    for offset, weight in _linear_taps(shift):
-        taken = extended.narrow(axis, pad + offset + start, stop - start)
-        total.narrow(axis, start, stop - start).add_(taken, alpha=weight)
+    for offset, weight in taps(shift):
+        # A weight of 0 must not touch its sample: at whole shifts it need not exist, and 0 * inf is NaN.
+        if weight != 0:
+            taken = extended.narrow(axis, pad + offset + start, stop - start)
+            total.narrow(axis, start, stop - start).add_(taken, alpha=weight)
 
 
 def _extend_periodically(view: Tensor, border: Border, reach: int, axis: int) -> tuple[Tensor, int]:
@@ -70,8 +91,12 @@ def _add_exact(total: Tensor, extended: Tensor, shift: float, pad: int, span: tu
     total.narrow(axis, start, stop - start).add_(shifted.narrow(axis, pad + start, stop - start))
 
 
+_add_linear = functools.partial(_add_local, taps=_linear_taps)
+_add_cubic = functools.partial(_add_local, taps=_cubic_taps)
+
 INTERPOLATIONS: dict[str, Interpolation] = {
     "nearest": Interpolation(lambda shift: math.floor(shift + 0.5), _extend_locally, _add_linear),
     "linear": Interpolation(lambda shift: shift, _extend_locally, _add_linear),
+    "cubic": Interpolation(lambda shift: shift, _extend_locally, _add_cubic),
     "exact": Interpolation(lambda shift: shift, _extend_periodically, _add_exact),
 }

@@ -33,7 +33,7 @@ def shift_and_sum(
     Args:
         views: Radiance, usually in [0, 1], floating point, [..., V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
-        interpolation: `nearest`, `linear` or `exact` (Fourier shift).
+        interpolation: `nearest`, `linear`, `cubic` or `exact` (Fourier shift).
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
 

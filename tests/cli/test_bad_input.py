@@ -1,5 +1,9 @@
 """Everything a user can get wrong: one line that says what to do, a status of 1 or 2, and no traceback."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import OpenImageIO
 import pytest
@@ -181,12 +185,14 @@ def test_missing_or_wrong_options(lfref, tmp_path, field, words, said):
     assert said in assert_one_line(*lfref(*words, f"output={tmp_path}/out"))
 
 
-def test_wandb_without_an_account(lfref, tmp_path, monkeypatch):
-    for name in ("WANDB_API_KEY", "WANDB_MODE"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
-    status, error = lfref("train", *TINY, "logger=wandb", f"output={tmp_path}/out")
+def test_wandb_without_an_account(tmp_path):
+    # In a process of its own: wandb remembers a refusal for the rest of the process.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("WANDB_")}
+    environment |= {"NETRC": str(tmp_path / "netrc"), "HOME": str(tmp_path)}
+    words = [*TINY, "logger=wandb", f"output={tmp_path}/out"]
+    command = [sys.executable, "-m", "lfref.cli.main", "train", *words]
+    run = subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert run.returncode == 1
     # wandb writes warnings of its own before.
-    assert status == 1
-    assert "logger.wandb.offline=true" in error.splitlines()[-1]
-    assert "Traceback" not in error
+    assert "logger.wandb.offline=true" in run.stderr.splitlines()[-1]
+    assert "Traceback" not in run.stderr

@@ -39,7 +39,35 @@ def test_nearest_snaps_to_whole_samples_and_halves_upwards(shift, snapped):
     assert torch.equal(read(view, "nearest", "wrap", shift), view.roll(-snapped, -1))
 
 
-@pytest.mark.parametrize("name", ["linear", "exact"])
+def keys(distance: float) -> float:
+    """Keys' kernel with a = -1/2, as his paper writes it."""
+    distance = abs(distance)
+    if distance < 1:
+        return 1.5 * distance**3 - 2.5 * distance**2 + 1
+    return -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2 if distance < 2 else 0.0
+
+
+@given(shift=st.floats(-5, 5))
+@settings(max_examples=50, deadline=None)
+def test_cubic_is_keys_convolution_with_the_edge_held(shift):
+    view = torch.rand(14, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    samples = range(-9, 24)
+    held = [view[min(max(sample, 0), 13)].item() for sample in samples]
+    expected = [
+        sum(keys(x + shift - sample) * value for sample, value in zip(samples, held, strict=True)) for x in range(14)
+    ]
+    np.testing.assert_allclose(read(view[None], "cubic", "edge", shift)[0], expected, atol=1e-12)
+
+
+def test_cubic_reproduces_parabolas_where_linear_does_not():
+    x = torch.arange(16, dtype=torch.float64)
+    inner = slice(3, -3)
+    wanted = ((x + 0.4) ** 2)[None, inner]
+    torch.testing.assert_close(read((x**2)[None], "cubic", "edge", 0.4)[:, inner], wanted, atol=1e-12, rtol=0)
+    assert (read((x**2)[None], "linear", "edge", 0.4)[:, inner] - wanted).abs().min() > 0.1
+
+
+@pytest.mark.parametrize("name", ["linear", "cubic", "exact"])
 def test_only_nearest_changes_the_shift(name):
     assert INTERPOLATIONS[name].snap(0.3) == 0.3
 
