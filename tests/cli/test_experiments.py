@@ -6,6 +6,7 @@ import yaml
 
 from lfref.cli import config as configs
 from lfref.cli import train as command
+from lfref.train.module import Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 
 FAST = (
@@ -29,17 +30,31 @@ def members() -> list[tuple[str, ...]]:
     return found
 
 
+@pytest.fixture
+def losses(monkeypatch):
+    """The loss of every training step that is taken."""
+    seen, step = [], Refocusing.training_step
+
+    def watched(self, batch, batch_index):
+        seen.append(step(self, batch, batch_index))
+        return seen[-1]
+
+    monkeypatch.setattr(Refocusing, "training_step", watched)
+    return seen
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, experiment):
+def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, experiment):
     config = composed("train", f"experiment={experiment}", *TINY_DATA, *FAST)
     command.train(config, tmp_path)
+    assert [bool(loss.isfinite()) for loss in losses] == [True]
     assert wandb.run is None
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("member", members(), ids=" ".join)
-def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, member):
+def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, losses, member):
     config = composed("train", *TINY, *FAST, *member)
     command.train(config, tmp_path)
-    assert configs.plain(config)["trainer"]["fast_dev_run"] == 1
+    assert [bool(loss.isfinite()) for loss in losses] == [True]
