@@ -54,6 +54,29 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
     return values
 
 
+def even_slopes(n_planes: int, first: float = -1.0, last: float = 1.0) -> Tensor:
+    """Slopes an equal step apart.
+
+    Args:
+        n_planes: Number of planes, >= 1; a single one lies midway.
+        first: Slope of the first plane, in pixels per view step.
+        last: Slope of the last plane, in pixels per view step.
+
+    Returns:
+        Slopes in pixels per view step, float64, [n_planes].
+
+    Raises:
+        InputError: No plane, or an end that is not finite.
+    """
+    if n_planes < 1 or not (math.isfinite(first) and math.isfinite(last)):
+        raise InputError(
+            "an even grid needs n_planes >= 1 and finite ends", got=f"{n_planes} planes from {first} to {last}"
+        )
+    if n_planes == 1:
+        return torch.tensor([(first + last) / 2], dtype=torch.float64)
+    return torch.linspace(first, last, n_planes, dtype=torch.float64)
+
+
 def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
     """The alphas as plain numbers, once they are known to be usable.
 

@@ -12,8 +12,21 @@ from torch import Tensor
 from lfref.errors import InputError
 
 
+def check_axes(views: Tensor) -> None:
+    """Refuse what has not the axes of a light field.
+
+    Args:
+        views: Should be [..., V, U, C, H, W], no axis empty.
+
+    Raises:
+        InputError: Another number of axes, or an empty one.
+    """
+    if views.ndim < 5 or 0 in views.shape:
+        raise InputError("views must be [..., V, U, C, H, W] with no axis empty", got=f"shape {list(views.shape)}")
+
+
 def check_views(views: Tensor) -> None:
-    """Refuse what is not a light field.
+    """Refuse what is not a light field of radiances.
 
     Args:
         views: Should be floating point, [..., V, U, C, H, W], no axis empty.
@@ -21,8 +34,7 @@ def check_views(views: Tensor) -> None:
     Raises:
         InputError: Another number of axes, an empty axis, or another type.
     """
-    if views.ndim < 5 or 0 in views.shape:
-        raise InputError("views must be [..., V, U, C, H, W] with no axis empty", got=f"shape {list(views.shape)}")
+    check_axes(views)
     if not views.is_floating_point():
         raise InputError("views must be floating point in [0, 1]", got=views.dtype, remedy="scale integers to [0, 1]")
 

@@ -87,6 +87,36 @@ def test_an_unknown_convention_is_refused_by_naming_the_known_ones():
 
 
 @pytest.mark.parametrize(
+    ("arguments", "slopes"),
+    [
+        ((5,), [-1, -0.5, 0, 0.5, 1]),
+        ((3, 0.5, 1.0), [0.5, 0.75, 1.0]),
+        ((3, 1.0, -2.0), [1, -0.5, -2]),
+        ((2, -7.0), [-7, 1]),
+        ((1, 0.5, 1.0), [0.75]),
+        ((2, 0.25, 0.25), [0.25, 0.25]),
+    ],
+)
+def test_even_slopes_by_hand(arguments, slopes):
+    values = geometry.even_slopes(*arguments)
+    assert values.dtype == torch.float64
+    assert values.tolist() == slopes
+
+
+@given(n_planes=st.integers(2, 300), first=st.floats(-10, 10), last=st.floats(-10, 10))
+def test_even_slopes_are_an_equal_step_apart_and_keep_their_ends(n_planes, first, last):
+    values = geometry.even_slopes(n_planes, first, last)
+    assert (values[0], values[-1]) == (first, last)
+    torch.testing.assert_close(values.diff(), torch.full_like(values[1:], (last - first) / (n_planes - 1)))
+
+
+@pytest.mark.parametrize("arguments", [(0,), (-3,), (4, math.nan), (4, -1.0, math.inf)])
+def test_a_grid_of_no_planes_or_without_ends_is_refused(arguments):
+    with pytest.raises(InputError, match=rf"n_planes >= 1 and finite ends; got {arguments[0]} planes"):
+        geometry.even_slopes(*arguments)
+
+
+@pytest.mark.parametrize(
     ("n_views", "offsets"), [(1, [0]), (2, [-0.5, 0.5]), (7, [-3, -2, -1, 0, 1, 2, 3]), (4, [-1.5, -0.5, 0.5, 1.5])]
 )
 def test_views_are_counted_from_the_angular_centre(n_views, offsets):

@@ -30,7 +30,17 @@ def shift_phases(frequencies: Tensor, shifts: Tensor) -> Tensor:
         exp(2 pi i shift k), real at the Nyquist bin, complex128, [..., K].
     """
     angle = 2 * torch.pi * shifts[..., None] * frequencies
-    return torch.complex(angle.cos(), torch.where(frequencies.abs() == 0.5, 0.0, angle.sin()))
+    return real_at_nyquist(torch.polar(torch.ones_like(angle), angle), frequencies)
+
+
+def real_at_nyquist(factors: Tensor, frequencies: Tensor) -> Tensor:
+    """The factors of a real signal's spectrum, the mean of both signs taken where they share a bin.
+
+    Args:
+        factors: Complex, conjugate at the negative frequency, [..., K].
+        frequencies: In cycles per sample, [K].
+    """
+    return torch.complex(factors.real, torch.where(frequencies.abs() == 0.5, 0.0, factors.imag))
 
 
 def complex_dtype(dtype: torch.dtype) -> torch.dtype:

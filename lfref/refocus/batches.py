@@ -6,7 +6,10 @@ import torch
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.lightfield import check_views
+from lfref.lightfield import check_axes
+
+FULL_SCALE = {torch.uint8: 255, torch.uint16: 65535}
+"""Integer types that views may have, and the integer that is radiance 1."""
 
 
 def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
@@ -32,17 +35,60 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     return values / values.sum()
 
 
-def over_batches(views: Tensor, refocus: Callable[[Tensor], Tensor]) -> Tensor:
-    """Run an operator over any batch dimensions, in float32 or float64, and hand back the input's type.
+def radiance(views: Tensor) -> Tensor:
+    """Views as numbers that can be computed with: float32 or float64, integers scaled to [0, 1].
+
+    Operators call it on a part of the field at a time, so that integer views need no float copy of the whole.
 
     Args:
-        views: Light fields, floating point, [..., V, U, C, H, W].
-        refocus: Operator from [B, V, U, C, H, W] to [B, N, C, H, W].
+        views: Floating point, uint8 or uint16, any shape.
+    """
+    if views.dtype in FULL_SCALE:
+        return views.to(torch.float32).div_(FULL_SCALE[views.dtype])
+    return views.to(working_dtype(views.dtype))
+
+
+def working_dtype(dtype: torch.dtype) -> torch.dtype:
+    """The type that views of this type are computed in."""
+    return torch.float64 if dtype == torch.float64 else torch.float32
+
+
+def is_plain(views: Tensor) -> bool:
+    """Whether code outside PyTorch may read these numbers: not while traced, nor where derivatives are asked for.
+
+    Args:
+        views: Any tensor.
+    """
+    if torch.compiler.is_compiling() or type(views) is not Tensor or (views.requires_grad and torch.is_grad_enabled()):
+        return False
+    try:
+        views.data_ptr()
+    except RuntimeError:  # what `torch.func` transforms wrap has no memory of its own
+        return False
+    return torch.autograd.forward_ad.unpack_dual(views).tangent is None
+
+
+def over_batches(views: Tensor, refocus: Callable[[Tensor], Tensor]) -> Tensor:
+    """Run an operator over any batch dimensions.
+
+    Args:
+        views: Light fields, floating point, uint8 or uint16, [..., V, U, C, H, W].
+        refocus: Operator from [B, V, U, C, H, W], in the type of the views, to [B, N, C, H, W]; it passes the parts
+            that it reads through `radiance`.
 
     Returns:
-        Stacks, [..., N, C, H, W].
+        Stacks, in the type of the views, float32 for integers, [..., N, C, H, W].
+
+    Raises:
+        InputError: Another number of axes, an empty axis, or another type.
     """
-    check_views(views)
-    working = views.dtype if views.dtype in (torch.float32, torch.float64) else torch.float32
-    stack = refocus(views.reshape(-1, *views.shape[-5:]).to(working))
-    return stack.reshape(*views.shape[:-5], *stack.shape[1:]).to(views.dtype)
+    check_axes(views)
+    if not (views.is_floating_point() or views.dtype in FULL_SCALE):
+        raise InputError(
+            "views must be floating point in [0, 1], uint8 or uint16",
+            got=views.dtype,
+            remedy="scale other integers to [0, 1]",
+        )
+    stack = refocus(views.reshape(-1, *views.shape[-5:]))
+    kept = views.dtype if views.is_floating_point() else torch.float32
+    return stack.reshape(*views.shape[:-5], *stack.shape[1:]).to(kept)

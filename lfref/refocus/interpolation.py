@@ -8,13 +8,15 @@ digital image processing", 1981.
 import functools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
 
 from lfref.functional import fourier
 from lfref.refocus.borders import Border
+
+Fraction = TypeVar("Fraction", float, Tensor)
 
 Taps = Callable[[float], list[tuple[int, float]]]
 """(shift) -> samples around it, each as its offset and weight."""
@@ -31,6 +33,8 @@ class Interpolation(NamedTuple):
     """(view, border, reach, axis) -> the extended view, and how many samples were put before it."""
     add_shifted: Callable[[Tensor, Tensor, float, int, tuple[int, int], int], None]
     """(total, extended, shift, pad, span, axis): adds the shifted view to `total` within `span`, in place."""
+    taps: Taps | None
+    """The few samples that it reads; None: all of them."""
 
 
 def _extend_locally(view: Tensor, border: Border, reach: int, axis: int) -> tuple[Tensor, int]:
@@ -43,17 +47,25 @@ def _linear_taps(shift: float) -> list[tuple[int, float]]:
     return [(whole, 1 - fraction), (whole + 1, fraction)]
 
 
-def _cubic_taps(shift: float) -> list[tuple[int, float]]:
-    """Keys' kernel with a = -1/2, which reproduces quadratics."""
-    whole = math.floor(shift)
-    t = shift - whole
-    weights = (
+def cubic_weights(t: Fraction) -> tuple[Fraction, Fraction, Fraction, Fraction]:
+    """Weights of the samples at -1, 0, 1 and 2 for a position t between 0 and 1: Keys' kernel with a = -1/2.
+
+    It is the a that reproduces quadratics.
+
+    Args:
+        t: A number, or a tensor of any shape.
+    """
+    return (
         -0.5 * t + t**2 - 0.5 * t**3,
         1 - 2.5 * t**2 + 1.5 * t**3,
         0.5 * t + 2 * t**2 - 1.5 * t**3,
         -0.5 * t**2 + 0.5 * t**3,
     )
-    return [(whole + i - 1, weight) for i, weight in enumerate(weights)]
+
+
+def _cubic_taps(shift: float) -> list[tuple[int, float]]:
+    whole = math.floor(shift)
+    return [(whole + i - 1, weight) for i, weight in enumerate(cubic_weights(shift - whole))]
 
 
 def _add_local(
@@ -91,12 +103,13 @@ def _add_exact(total: Tensor, extended: Tensor, shift: float, pad: int, span: tu
     total.narrow(axis, start, stop - start).add_(shifted.narrow(axis, pad + start, stop - start))
 
 
-_add_linear = functools.partial(_add_local, taps=_linear_taps)
-_add_cubic = functools.partial(_add_local, taps=_cubic_taps)
+def _local(taps: Taps, snap: Callable[[float], float] = float) -> Interpolation:
+    return Interpolation(snap, _extend_locally, functools.partial(_add_local, taps=taps), taps)
+
 
 INTERPOLATIONS: dict[str, Interpolation] = {
-    "nearest": Interpolation(lambda shift: math.floor(shift + 0.5), _extend_locally, _add_linear),
-    "linear": Interpolation(lambda shift: shift, _extend_locally, _add_linear),
-    "cubic": Interpolation(lambda shift: shift, _extend_locally, _add_cubic),
-    "exact": Interpolation(lambda shift: shift, _extend_periodically, _add_exact),
+    "nearest": _local(_linear_taps, snap=lambda shift: math.floor(shift + 0.5)),
+    "linear": _local(_linear_taps),
+    "cubic": _local(_cubic_taps),
+    "exact": Interpolation(float, _extend_periodically, _add_exact, None),
 }

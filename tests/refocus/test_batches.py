@@ -1,4 +1,4 @@
-"""Weights become an aperture of sum 1; any batch dimensions and types pass through an operator."""
+"""Weights become an aperture of sum 1; any batch dimensions pass through an operator, integers become radiance."""
 
 import math
 
@@ -74,18 +74,54 @@ def test_an_operator_sees_one_batch_axis_and_its_result_gets_them_back(batch):
         (torch.bfloat16, torch.float32),
         (torch.float32, torch.float32),
         (torch.float64, torch.float64),
+        (torch.uint8, torch.float32),
+        (torch.uint16, torch.float32),
     ],
 )
-def test_half_precision_is_computed_in_float32_and_handed_back_as_it_came(dtype, working):
+def test_all_but_float64_is_computed_in_float32(dtype, working):
+    assert batches.working_dtype(dtype) == working
+    radiance = batches.radiance(torch.ones(2, 3).to(dtype))
+    assert (radiance.shape, radiance.dtype) == ((2, 3), working)
+
+
+@pytest.mark.parametrize(("dtype", "scale"), [(torch.uint8, 255), (torch.uint16, 65535)])
+def test_every_integer_is_its_share_of_full_scale(dtype, scale):
+    integers = torch.arange(scale + 1)
+    assert torch.equal(batches.radiance(integers.to(dtype)), (integers.double() / scale).float())
+
+
+def test_floating_point_is_not_scaled_and_float32_not_copied():
+    views = torch.tensor([-0.5, 255.0])
+    assert batches.radiance(views) is views
+    assert batches.radiance(views.half()).tolist() == [-0.5, 255.0]
+
+
+@pytest.mark.parametrize(
+    ("dtype", "returned"),
+    [
+        (torch.float16, torch.float16),
+        (torch.bfloat16, torch.bfloat16),
+        (torch.float32, torch.float32),
+        (torch.float64, torch.float64),
+        (torch.uint8, torch.float32),
+        (torch.uint16, torch.float32),
+    ],
+)
+def test_the_operator_gets_the_views_as_they_are_and_floating_point_types_come_back(dtype, returned):
     types = []
 
-    def mean(flat):
+    def first_view(flat):
         types.append(flat.dtype)
-        return flat.mean((1, 2))[:, None]
+        return batches.radiance(flat[:, 0, :1])
 
-    stack = batches.over_batches(torch.rand(2, 2, 1, 4, 4).to(dtype), mean)
-    assert types == [working]
-    assert stack.dtype == dtype
+    assert batches.over_batches(torch.ones(2, 2, 1, 4, 4).to(dtype), first_view).dtype == returned
+    assert types == [dtype]
+
+
+@pytest.mark.parametrize("dtype", [torch.bool, torch.int8, torch.int16, torch.int64, torch.complex64])
+def test_types_without_a_full_scale_are_refused(dtype):
+    with pytest.raises(InputError, match=rf"uint8 or uint16; got {dtype}; scale other"):
+        batches.over_batches(torch.zeros(2, 2, 1, 4, 4).to(dtype), pytest.fail)
 
 
 def test_what_is_not_views_never_reaches_the_operator():

@@ -1,0 +1,42 @@
+"""The adjoint of a linear refocusing operator: stacks back to views, each sample to the views that it was read from.
+
+`<A views, stack> = <views, A* stack>`. It is what iterative reconstruction is made of: a light field from its focal
+stack by least squares (`views += step * A*(measured - A views)`), or the normal equations of any fit to a stack.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from lfref.errors import InputError
+
+
+def adjoint(operator: Callable[[Tensor], Tensor], stack: Tensor, like: Tensor) -> Tensor:
+    """Apply the adjoint of a linear operator to stacks, by one reverse pass at zero views.
+
+    Args:
+        operator: Linear, views [..., V, U, C, H, W] -> stack [..., N, C, H, W]; slopes and options already bound.
+        stack: Stacks of the shape that the operator makes of the views, [..., N, C, H, W].
+        like: Any tensor with the shape and type of the views, [..., V, U, C, H, W]; one without data (device `meta`)
+            will do, and then the device is that of the stack.
+
+    Returns:
+        Views, type (float32 for integers) and device of `like`, [..., V, U, C, H, W]; differentiable in the stack.
+
+    Raises:
+        InputError: Another shape of stack than the operator makes, or an operator that is not linear.
+    """
+    dtype = like.dtype if like.is_floating_point() else torch.float32
+    device = stack.device if like.is_meta else like.device
+    with torch.inference_mode(False), torch.enable_grad():
+        views = torch.zeros(like.shape, dtype=dtype, device=device, requires_grad=True)
+        made = operator(views)
+    if made.shape != stack.shape:
+        raise InputError(
+            f"a stack must be {list(made.shape)}, as the operator makes of views {list(like.shape)}",
+            got=f"shape {list(stack.shape)}",
+        )
+    if bool(made.any()):
+        raise InputError("an operator must be linear to have an adjoint", got="light where all views are black")
+    return torch.autograd.grad(made, views, stack.to(made), create_graph=stack.requires_grad)[0]

@@ -1,0 +1,152 @@
+"""The sharpest plane at each pixel of a refocused stack: an all-in-focus picture, and where in the stack the peak lies.
+
+Sharpness `E_n(y, x)` is the squared Laplacian of plane n, summed over channels and averaged over a Gaussian window
+with a faint wide skirt. Far from focus, few views leave copies of an edge instead of a blur, as sharp as the edge but
+as faint as one view; the skirt lets the edge itself outvote them where nothing else is to be seen.
+Stacks want interpolation that blurs no plane more than another (`exact_fourier`, or `exact` shift-and-sum): linear
+interpolation pulls the index towards slopes whose shifts are whole. Limits: within about two radii of a depth edge
+the stronger texture takes the weaker one's place, confidently; borders, where views end, look sharp out of focus.
+Letters: `n` plane, `y x` pixel row and column, `F` noise floor.
+Source: Nayar, Nakagawa, "Shape from Focus", 1994; its Gaussian peak is the parabola through log E.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from lfref import geometry
+from lfref.errors import InputError
+from lfref.geometry import Slopes
+from lfref.refocus import batches
+
+SKIRT_SHARE = 0.05  # of the window's weight: less lets copies of edges through, more blurs depth edges
+SKIRT_WIDTH = 6  # radii
+ROUNDING = 20 / (12 * 255**2)  # squared Laplacian that rounding to 8 bits gives a channel: 16 + 4 times its variance
+TIE = 1e-6  # difference of log E that float32 cannot tell from none
+
+
+class AllInFocus(NamedTuple):
+    """What `all_in_focus` finds at each pixel."""
+
+    image: Tensor
+    """Colour of the sharpest plane, in the type of the stack, [..., C, H, W]."""
+    index: Tensor  # type: ignore[assignment]
+    """Where in the stack the sharpness peaks, between planes too, [0, N - 1], [..., H, W]."""
+    confidence: Tensor
+    """How clearly it peaks there, [0, 1), [..., H, W]."""
+
+
+def all_in_focus(stack: Tensor, radius: float = 2.0) -> AllInFocus:
+    """Take each pixel from the plane in which it is sharpest.
+
+    The index is the whole number of that plane, moved by up to 1/2 to the peak of the parabola through log(E + F) of
+    the plane and its two neighbours (the first and the last plane have one only, and stay).
+    The confidence is `(E - R) / (E + F)`: E the largest sharpness, R the largest one of planes that are not its
+    neighbours (0 if there are none), F what rounding to 8 bits would give. It is 0 where all planes are flat.
+
+    Args:
+        stack: Refocused planes, floating point (half types are computed in float32), [..., N, C, H, W].
+        radius: Standard deviation of the window, in pixels, >= 0; wider is steadier on weak texture and noise, and
+            coarser at depth edges.
+
+    Returns:
+        Image, index and confidence; index and confidence are float32 (float64 for such stacks). Gradients reach the
+        planes that were chosen, through the index also their neighbours.
+
+    Raises:
+        InputError: A stack or radius that cannot be used.
+    """
+    _check(stack, radius)
+    planes = stack.reshape(-1, *stack.shape[-4:])
+    working, floor = batches.working_dtype(stack.dtype), ROUNDING * stack.shape[-3]
+    # One plane at a time keeps the working set small.
+    energy = torch.stack([_sharpness(plane.to(working), radius) for plane in planes.unbind(1)], dim=1)
+    best = energy.argmax(1, keepdim=True)
+    image = planes.gather(1, best[:, :, None].expand(-1, -1, *planes.shape[2:3], -1, -1))
+    index = best + _peak((energy + floor).log(), best)
+    batch, size = stack.shape[:-4], stack.shape[-2:]
+    return AllInFocus(
+        image.reshape(*batch, *stack.shape[-3:]),
+        index.reshape(*batch, *size),
+        _confidence(energy, best, floor).reshape(*batch, *size),
+    )
+
+
+def index_to_slope(index: Tensor, slopes: Slopes) -> Tensor:
+    """Slopes, which are disparities, at positions between the planes of a stack.
+
+    Args:
+        index: Positions in the stack, floating point, held within [0, N - 1], any shape.
+        slopes: Slopes of its planes in pixels per view step, rising or falling throughout, [N].
+
+    Returns:
+        Slopes in pixels per view step, linear between the planes, in the type and shape of the index.
+
+    Raises:
+        InputError: The slopes are not finite, or neither rise nor fall throughout; an index of integers.
+    """
+    if not index.is_floating_point():
+        raise InputError("index must be floating point", got=index.dtype)
+    # A grid of one view shifts nothing: only the numbers are checked.
+    planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))
+    steps = planes.diff()
+    if not (bool((steps > 0).all()) or bool((steps < 0).all())):
+        raise InputError("slopes must rise or fall throughout", got=planes.tolist(), remedy="sort the planes")
+    if len(planes) == 1:
+        return planes.to(index).expand_as(index)
+    inside = index.clamp(0, len(steps))
+    below = inside.detach().nan_to_num().long().clamp(max=len(steps) - 1)
+    return planes.to(index)[below] + (inside - below) * steps.to(index)[below]
+
+
+def _check(stack: Tensor, radius: float) -> None:
+    if stack.ndim < 4 or 0 in stack.shape:
+        raise InputError("a stack must be [..., N, C, H, W] with no axis empty", got=f"shape {list(stack.shape)}")
+    if not stack.is_floating_point():
+        raise InputError("a stack must be floating point", got=stack.dtype, remedy="scale integers to [0, 1]")
+    if not (math.isfinite(radius) and radius >= 0):
+        raise InputError("radius must be finite and at least 0, in pixels", got=radius)
+
+
+def _sharpness(plane: Tensor, radius: float) -> Tensor:
+    """Squared Laplacian under the window, [B, C, H, W] -> [B, H, W]."""
+    padded = F.pad(plane, (1, 1, 1, 1), mode="replicate")
+    rows = padded[..., :-2, 1:-1] + padded[..., 2:, 1:-1]
+    columns = padded[..., 1:-1, :-2] + padded[..., 1:-1, 2:]
+    energy = (4 * plane - rows - columns).square().sum(1)
+    return torch.lerp(_smoothed(energy, radius), _smoothed(energy, SKIRT_WIDTH * radius), SKIRT_SHARE)
+
+
+def _smoothed(images: Tensor, sigma: float) -> Tensor:
+    """Gaussian local means, [B, H, W]; beyond the border the outermost pixel goes on."""
+    if sigma == 0:
+        return images
+    reach = math.ceil(3 * sigma)
+    offsets = torch.arange(-reach, reach + 1, dtype=torch.float64, device=images.device)
+    window = (-(offsets / sigma).square() / 2).softmax(0).to(images.dtype)
+    padded = F.pad(images, (reach,) * 4, mode="replicate")[None]
+    with torch.autocast(images.device.type, enabled=False):
+        # Images as channels: CUDA never runs a depthwise convolution in TF32.
+        rows = F.conv2d(padded, window.expand(len(images), 1, 1, -1), groups=len(images))
+        return F.conv2d(rows, window[:, None].expand(len(images), 1, -1, 1), groups=len(images))[0]
+
+
+def _peak(log_energy: Tensor, best: Tensor) -> Tensor:
+    """Where a parabola through the best plane and its neighbours peaks, in planes from the best one, [B, 1, H, W]."""
+    last = log_energy.shape[1] - 1
+    peak, before, after = (log_energy.gather(1, (best + step).clamp(0, last)) for step in (0, -1, 1))
+    fall_before, fall_after = peak - before, peak - after
+    # Both are at least 0, so the quotient stays within 1/2.
+    offset = (fall_before - fall_after) / (2 * (fall_before + fall_after) + TIE)
+    return torch.where((best > 0) & (best < last), offset, 0.0)
+
+
+def _confidence(energy: Tensor, best: Tensor, floor: float) -> Tensor:
+    """(E - R) / (E + F), [B, 1, H, W]."""
+    planes = torch.arange(energy.shape[1], device=energy.device)[:, None, None]
+    rival = torch.where((planes - best).abs() > 1, energy, 0.0).amax(1, keepdim=True)
+    peak = energy.gather(1, best)
+    return (peak - rival) / (peak + floor)

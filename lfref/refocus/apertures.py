@@ -1,0 +1,135 @@
+"""Synthetic apertures: how much each view counts, as weights [V, U] that every operator takes.
+
+Sizes are in view steps and every view owns a cell of 1 x 1, so that seven views span a diameter of 7. A view that
+the edge of an aperture crosses counts by the share of its cell that the aperture covers. Operators divide by the sum.
+Letters: `V U` view rows and columns.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.errors import InputError
+from lfref.geometry import Slopes
+from lfref.lightfield import check_axes
+from lfref.refocus import batches
+
+STRIPS = 4096  # that a disc is cut into: the shares are exact to 1e-6 of its area
+
+
+def disc(grid: Sequence[int], diameter: float | None = None) -> Tensor:
+    """A round aperture about the angular centre.
+
+    Args:
+        grid: Number of view rows and columns (V, U).
+        diameter: In view steps, above 0; None takes the largest disc on the grid. What lies off the grid is lost.
+
+    Returns:
+        Share of each cell that the disc covers, [0, 1], float64, [V, U].
+
+    Raises:
+        InputError: The diameter is not finite or not above 0.
+    """
+    radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
+    # Strips that are narrow where the edge runs along them.
+    edges = -radius * torch.linspace(0, torch.pi, STRIPS + 1, dtype=torch.float64).cos()
+    middle = (edges[1:] + edges[:-1]) / 2
+    half_chord = (radius**2 - middle.square()).sqrt()
+    return _overlap(edges[:-1], edges[1:], grid[0]).T @ _overlap(-half_chord, half_chord, grid[1])
+
+
+def square(grid: Sequence[int], side: float | None = None) -> Tensor:
+    """A square aperture about the angular centre.
+
+    Args:
+        grid: Number of view rows and columns (V, U).
+        side: In view steps, above 0; None takes the largest square on the grid. What lies off the grid is lost.
+
+    Returns:
+        Share of each cell that the square covers, [0, 1], float64, [V, U].
+
+    Raises:
+        InputError: The side is not finite or not above 0.
+    """
+    edge = torch.tensor([_checked("side", min(grid) if side is None else side) / 2], dtype=torch.float64)
+    rows, columns = (_overlap(-edge, edge, n_views) for n_views in grid)
+    return rows.T * columns
+
+
+def gaussian(grid: Sequence[int], sigma: float) -> Tensor:
+    """An aperture that fades out from the angular centre.
+
+    Args:
+        grid: Number of view rows and columns (V, U).
+        sigma: Standard deviation in view steps, above 0.
+
+    Returns:
+        Weights proportional to exp(-r^2 / (2 sigma^2)) at distance r, of sum 1, float64, [V, U].
+
+    Raises:
+        InputError: Sigma is not finite or not above 0.
+    """
+    width = _checked("sigma", sigma)
+    rows, columns = ((-(geometry.angular_offsets(n_views) / width).square() / 2).softmax(0) for n_views in grid)
+    return rows[:, None] * columns
+
+
+def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tensor:
+    """Any aperture: the weight of each view written out.
+
+    Args:
+        grid: Number of view rows and columns (V, U).
+        rows: Weights >= 0, one list for each view row, [V, U].
+
+    Returns:
+        The weights, float64, CPU, [V, U].
+
+    Raises:
+        InputError: They are not one number for each view, finite, >= 0 and not all zero.
+    """
+    try:
+        weights = torch.as_tensor(rows, dtype=torch.float64, device="cpu")
+    except (TypeError, ValueError) as error:
+        raise InputError("a mask must be one list of numbers for each view row", got=repr(rows)) from error
+    batches.checked_weights(weights, (grid[0], grid[1]))
+    return weights
+
+
+APERTURES: dict[str, Callable[..., Tensor]] = {"disc": disc, "square": square, "gaussian": gaussian, "mask": mask}
+
+
+def through(
+    aperture: Callable[[Sequence[int]], Tensor], operator: Callable[..., Tensor]
+) -> Callable[[Tensor, Slopes], Tensor]:
+    """An operator that looks through an aperture, whatever the grid of the views it is given.
+
+    Args:
+        aperture: From the grid (V, U) to weights [V, U], for example `functools.partial(disc, diameter=5)`.
+        operator: A refocusing operator that takes `weights`.
+
+    Returns:
+        The operator (views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W].
+    """
+
+    def refocus(views: Tensor, slopes: Slopes) -> Tensor:
+        check_axes(views)
+        return operator(views, slopes, weights=aperture(tuple(views.shape[-5:-3])))
+
+    return refocus
+
+
+def _overlap(start: Tensor, stop: Tensor, n_views: int) -> Tensor:
+    """Length that each interval shares with each view's cell along one angular axis, [K] twice -> [K, n_views]."""
+    centre = geometry.angular_offsets(n_views)
+    low, high = torch.maximum(start[:, None], centre - 0.5), torch.minimum(stop[:, None], centre + 0.5)
+    return (high - low).clamp(min=0)
+
+
+def _checked(name: str, size: float) -> float:
+    """The size, once it is known to be finite and above 0."""
+    if not (math.isfinite(size) and size > 0):
+        raise InputError(f"{name} must be finite and above 0, in view steps", got=size)
+    return float(size)

@@ -1,0 +1,123 @@
+"""The discrete focal stack transform: all planes of an even grid of slopes at once.
+
+On such a grid the phase of view u in plane j is a product j u at every frequency: a fractional Fourier transform.
+As `j u = (j^2 + u^2 - (j - u)^2) / 2`, it is a convolution with a chirp (Bluestein), so that a row of U views becomes
+N planes in the time of two FFTs of length U + N - 1, in place of U N steps.
+Letters: `u v` view column and row, `j` plane, each counted from its middle, `kx ky` frequency in cycles per pixel.
+Source: Nava, Marichal-Hernandez, Rodriguez-Ramos, "The Discrete Focal Stack Transform", 2008.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.functional import fourier
+from lfref.refocus import batches
+
+BAND = 8  # rows of the spectra that become planes at a time, so that the padded sums stay small beside the stack
+
+
+def focal_stack_transform(
+    views: Tensor, n_planes: int, first: float = -1.0, last: float = 1.0, weights: Tensor | None = None
+) -> Tensor:
+    """Refocus light fields at evenly spaced slopes, the views taken as periodic.
+
+    Equals `exact_fourier` at `geometry.even_slopes`, and is faster only for many views and planes: on one core, for
+    3x128x128, never with 7x7 views (1.4 times the time), with 13x13 from some 50 planes, with 17x17 from some 12
+    (0.7 times the time at 64).
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        n_planes: Number of planes, >= 1; a single one lies midway.
+        first: Slope of the first plane, in pixels per view step.
+        last: Slope of the last plane, in pixels per view step.
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+
+    Returns:
+        Stacks from the first slope to the last, type (float32 for integers) and device of the views,
+        [..., n_planes, C, H, W].
+
+    Raises:
+        InputError: Views, slopes or weights that cannot be used.
+    """
+    slopes = geometry.even_slopes(n_planes, first, last)
+    return batches.over_batches(views, lambda batch: _stack(batch, slopes, weights))
+
+
+class _Chirps(NamedTuple):
+    """Factors that carry out the sum over u for all planes: `exp(2 pi i s (u - u0) kx)` as a convolution."""
+
+    before: Tensor
+    """Of the views, complex, [U, 1, 1, W // 2 + 1]."""
+    between: Tensor
+    """Of their transforms along u, padded to M, complex, [M, 1, 1, W // 2 + 1]."""
+    after: Tensor
+    """Of the planes, complex, [N, 1, 1, W // 2 + 1]; the same for all rows of views, so left to the end."""
+
+    def planes(self, spectra: Tensor) -> Tensor:
+        """Views of one row, [B, U, C, h, W // 2 + 1], as planes, [B, N, C, h, W // 2 + 1], but for `after`."""
+        padded = torch.fft.fft(spectra * self.before, n=len(self.between), dim=1)
+        return torch.fft.ifft(padded * self.between, dim=1)[:, : len(self.after)]
+
+
+def _stack(views: Tensor, slopes: Tensor, weights: Tensor | None) -> Tensor:
+    grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
+    slopes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
+    device, dtype = views.device, fourier.complex_dtype(views.dtype)
+    rows = fourier.shift_phases(fourier.frequencies(size[0]), slopes[:, None] * geometry.angular_offsets(grid[0]))
+    chirps = _Chirps(*(factors.to(device, dtype) for factors in _chirps(slopes, grid[1], size[1])))
+    spectra = _sum_of_rows(views, rows.to(device, dtype), chirps, aperture)
+    return torch.stack([_image(plane, size[1]) for plane in spectra.unbind(1)], dim=1)
+
+
+def _sum_of_rows(views: Tensor, rows: Tensor, chirps: _Chirps, weights: Tensor) -> Tensor:
+    """Spectra of the planes, [B, N, C, H, W // 2 + 1]; `rows` are the factors of the view rows, [N, V, H]."""
+    shape, (n_planes, *_, n_bins) = views.shape, chirps.after.shape
+    factors = rows[..., None].split(BAND, dim=-2)
+    bands = [rows.new_zeros(shape[0], n_planes, shape[3], part.shape[-2], n_bins) for part in factors]
+    for v, view_row in enumerate(views.unbind(1)):
+        # One view row at a time: its spectra are all that is held beside the planes.
+        radiance = batches.radiance(view_row)
+        spectra = torch.fft.rfft2(radiance * weights[v].to(radiance)[:, None, None, None])
+        for band, part, factor in zip(bands, spectra.split(BAND, dim=-2), factors, strict=True):
+            band.addcmul_(chirps.planes(part), factor[:, v, None])
+    return torch.cat([band.mul_(chirps.after) for band in bands], dim=-2)
+
+
+def _image(spectrum: Tensor, width: int) -> Tensor:
+    """The picture with a spectrum [..., H, W // 2 + 1] whose columns were shifted by one sign of the Nyquist bin.
+
+    With the rows transformed back, that bin holds a real signal times its factor, so the mean of both signs is the
+    real part. It is taken here because no inverse transform promises to ignore the imaginary one.
+    """
+    columns = torch.fft.ifft(spectrum, dim=-2)
+    half = fourier.half_frequencies(width).to(spectrum.device)
+    return torch.fft.irfft(fourier.real_at_nyquist(columns, half), n=width)
+
+
+def _chirps(slopes: Tensor, n_views: int, width: int) -> _Chirps:
+    n_planes, frequencies = len(slopes), fourier.half_frequencies(width)[None, None, :]
+    middle, step = (slopes[0] + slopes[-1]) / 2, (slopes[-1] - slopes[0]) / max(n_planes - 1, 1)
+    u, j = (geometry.angular_offsets(n)[:, None, None, None] for n in (n_views, n_planes))
+    padded = _fast_length(n_views + n_planes - 1)
+    lag = torch.arange(padded, dtype=torch.float64)[:, None, None, None]
+    lag = torch.where(lag < n_planes, lag, lag - padded) + j[0] - u[0]
+    return _Chirps(
+        _turned(frequencies * (middle * u + step * u**2 / 2)),
+        torch.fft.fft(_turned(-frequencies * step * lag**2 / 2), dim=0),
+        _turned(frequencies * step * j**2 / 2),
+    )
+
+
+def _turned(turns: Tensor) -> Tensor:
+    """exp(2 pi i turns); whole turns are taken off first, for the squares make many of them."""
+    angle = 2 * torch.pi * (turns - turns.round())
+    return torch.polar(torch.ones_like(angle), angle)
+
+
+def _fast_length(least: int) -> int:
+    """The first length from `least` on whose only prime factors are 2, 3 and 5, which FFTs are fast at."""
+    return next(n for n in itertools.count(least) if pow(30, n.bit_length(), n) == 0)

@@ -1,0 +1,290 @@
+"""The compiled inner loops of shift-and-sum: each source row is read once and serves every plane.
+
+For a row y of the U views of one view row, and for each plane, one pass adds up the horizontally shifted views; the
+sum goes, weighted, into the output rows that it lies between. All of that stays in the first two caches: U source rows
+as floating point, one row of sums, and a ring of unfinished output rows a plane, written out once when complete.
+Letters: `n` plane, `v u` view row and column, `c` channel, `y x` source row and column, `r` output row, `k` tap.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+TAPS = 8
+"""Taps that one pass over a row adds up: more would leave no registers for their weights."""
+VECTOR = 16
+"""Row lengths are rounded up to this many samples, so that no loop ends in single steps."""
+
+Integers = NDArray[np.int64]
+Reals = NDArray[np.floating]
+
+
+def _keeping(**options: object) -> Callable[[Callable], Callable]:
+    """Compile, and keep the machine code for later runs where there is a place to keep it."""
+
+    def compiled(function: Callable) -> Callable:
+        jit = functools.partial(
+            numba.njit, nogil=True, boundscheck=False, error_model="numpy", fastmath={"contract"}, **options
+        )
+        try:
+            return jit(cache=True)(function)
+        except RuntimeError:  # neither the package's folder nor the user's can be written
+            return jit()(function)
+
+    return compiled
+
+
+compiled = _keeping()
+inlined = _keeping(forceinline=True)  # the tables, handed on as arguments, would cost more than the call's work
+
+
+class Source(NamedTuple):
+    """Views where they lie in memory, and what continues them beyond their edges."""
+
+    samples: NDArray
+    """Memory of the views, any type, one axis."""
+    strides: Integers
+    """Steps in it along v, u, c, y, x."""
+    n_columns: int
+    """View columns, U."""
+    rows: Integers
+    """Source row of each row from -reach to H + reach; -1: black, [H + 2 reach]."""
+    columns: Integers
+    """The same for columns, the end filled up to whole vectors, [reach + W + reach + ...]."""
+
+
+class Horizontal(NamedTuple):
+    """Taps of the horizontal pass, `TAPS` at a time in G groups; those of weight 0 fill up the last group."""
+
+    starts: Integers
+    """Where in the U rows (one after the other) each tap reads for x = 0, [N, G, TAPS]."""
+    weights: Reals
+    """[N, V, G, TAPS]."""
+    groups: Integers
+    """Groups in use, [N]."""
+    begins: Integers
+    """First column that each tap serves, [N, G, TAPS]."""
+    ends: Integers
+    """One past the last column that each tap serves, [N, G, TAPS]."""
+    left: Integers
+    """First column that all taps serve, [N]."""
+    right: Integers
+    """One past the last column that all taps serve, [N]."""
+
+
+class Vertical(NamedTuple):
+    """Taps of the vertical pass: source row y serves output row y - offset."""
+
+    offsets: Integers
+    """[N, V, M]."""
+    weights: Reals
+    """[N, V, M]."""
+    begins: Integers
+    """First output row that each view row serves, [N, V]."""
+    ends: Integers
+    """One past the last output row that each view row serves, [N, V]."""
+    lowest: Integers
+    """Least offset, [N]."""
+    highest: Integers
+    """Greatest offset, [N]."""
+
+
+class Scale(NamedTuple):
+    """What the sums are multiplied by; rows of one kind share their factors."""
+
+    factors: Reals
+    """[N, kinds, W]."""
+    kinds: Integers
+    """[N, H]."""
+
+
+class Scratch(NamedTuple):
+    """What one thread works in."""
+
+    rows: Reals
+    """The U source rows, continued beyond their ends, [U, ...]."""
+    total: Reals
+    """One row of sums, [W rounded up]."""
+    ring: Reals
+    """Unfinished output rows, used in turn, those of all planes one after the other."""
+    first: Integers
+    """Where each plane's begin, and the end, [N + 1]."""
+
+
+@compiled
+def add_band(
+    source: Source, across: Horizontal, down: Vertical, scale: Scale, stack: Reals, top: int, end: int
+) -> None:
+    """Refocus the rows from `top` to before `end` of a stack.
+
+    Args:
+        source: The views.
+        across: Taps of the horizontal pass.
+        down: Taps of the vertical pass.
+        scale: Factors of the sums.
+        stack: Filled in these rows, [N, C, H, W].
+        top: First row.
+        end: One past the last row.
+    """
+    reach = (source.rows.size - stack.shape[2]) // 2
+    scratch = _new_scratch(source, down, stack)
+    for c in range(stack.shape[1]):
+        for y in range(top + down.lowest.min(), end + down.highest.max()):
+            y_source = source.rows[y + reach]
+            for v in range(across.weights.shape[1] if y_source >= 0 else 0):
+                _gather(source, v, c, y_source, scratch.rows, reach, stack.shape[3])
+                _serve_planes(scratch, v, y, across, down, stack.shape[3], top, end)
+            for n in range(stack.shape[0]):
+                r = y - down.highest[n]
+                if top <= r < end:
+                    _finish(_unfinished(scratch, n, r), scale.factors[n, scale.kinds[n, r]], stack[n, c, r])
+
+
+@compiled
+def _new_scratch(source: Source, down: Vertical, stack: Reals) -> Scratch:
+    width = (stack.shape[3] + VECTOR - 1) // VECTOR * VECTOR
+    first = np.zeros(stack.shape[0] + 1, np.int64)
+    first[1:] = np.cumsum(down.highest - down.lowest + 1)
+    rows = np.zeros((source.n_columns, source.columns.size), stack.dtype)
+    return Scratch(rows, np.empty(width, stack.dtype), np.zeros((first[-1], width), stack.dtype), first)
+
+
+@inlined
+def _unfinished(scratch: Scratch, n: int, r: int) -> Reals:
+    return scratch.ring[scratch.first[n] + r % (scratch.first[n + 1] - scratch.first[n])]
+
+
+@inlined
+def _gather(source: Source, v: int, c: int, y: int, rows: Reals, reach: int, width: int) -> None:
+    """Copy row y of the views of view row v, continued beyond both ends."""
+    strides, columns = source.strides, source.columns
+    for u in range(source.n_columns):
+        first = v * strides[0] + u * strides[1] + c * strides[2] + y * strides[3]
+        row, step = rows[u], strides[4]
+        if step == 1:
+            line, inner = source.samples[first : first + width], row[reach : reach + width]
+            for x in range(width):
+                inner[x] = line[x]
+        else:
+            for x in range(width):
+                row[reach + x] = source.samples[first + x * step]
+        for x in range(reach):
+            row[x] = row[reach + columns[x]] if columns[x] >= 0 else 0
+        for x in range(reach + width, row.size):
+            row[x] = row[reach + columns[x]] if columns[x] >= 0 else 0
+
+
+@inlined
+def _serve_planes(
+    scratch: Scratch, v: int, y: int, across: Horizontal, down: Vertical, width: int, top: int, end: int
+) -> None:
+    """Add source row y of view row v to the unfinished output rows of every plane."""
+    rows, total = scratch.rows.reshape(-1), scratch.total
+    for n in range(scratch.first.size - 1):
+        begin, stop = max(top, down.begins[n, v]), min(end, down.ends[n, v])
+        is_summed = False
+        for m in range(down.offsets.shape[2]):
+            r, weight = y - down.offsets[n, v, m], down.weights[n, v, m]
+            if begin <= r < stop and weight != 0:
+                if not is_summed:
+                    _sum_row(rows, across, n, v, total, width)
+                    is_summed = True
+                _add(weight, total, _unfinished(scratch, n, r))
+
+
+@inlined
+def _sum_row(rows: Reals, across: Horizontal, n: int, v: int, total: Reals, width: int) -> None:
+    """The shifted views of one view row added up for one plane."""
+    starts, weights, begins, ends = across.starts[n], across.weights[n, v], across.begins[n], across.ends[n]
+    _set_taps(rows, starts[0], weights[0], total)
+    for g in range(1, across.groups[n]):
+        _add_taps(rows, starts[g], weights[g], total)
+    if across.left[n] > 0:
+        _sum_edge(rows, starts, weights, begins, ends, total, 0, across.left[n])
+    if across.right[n] < width:
+        _sum_edge(rows, starts, weights, begins, ends, total, across.right[n], width)
+
+
+@compiled
+def _set_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
+    """The weighted sum of `TAPS` stretches of `rows`, in one pass."""
+    n = total.size
+    r0, r1, r2, r3 = (
+        rows[starts[0] : starts[0] + n],
+        rows[starts[1] : starts[1] + n],
+        rows[starts[2] : starts[2] + n],
+        rows[starts[3] : starts[3] + n],
+    )
+    r4, r5, r6, r7 = (
+        rows[starts[4] : starts[4] + n],
+        rows[starts[5] : starts[5] + n],
+        rows[starts[6] : starts[6] + n],
+        rows[starts[7] : starts[7] + n],
+    )
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
+    for x in range(n):
+        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
+        total[x] = low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]
+
+
+@compiled
+def _add_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
+    """The same, added to what is there."""
+    n = total.size
+    r0, r1, r2, r3 = (
+        rows[starts[0] : starts[0] + n],
+        rows[starts[1] : starts[1] + n],
+        rows[starts[2] : starts[2] + n],
+        rows[starts[3] : starts[3] + n],
+    )
+    r4, r5, r6, r7 = (
+        rows[starts[4] : starts[4] + n],
+        rows[starts[5] : starts[5] + n],
+        rows[starts[6] : starts[6] + n],
+        rows[starts[7] : starts[7] + n],
+    )
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
+    for x in range(n):
+        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
+        total[x] += low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]
+
+
+@compiled
+def _sum_edge(
+    rows: Reals,
+    starts: Integers,
+    weights: Reals,
+    begins: Integers,
+    ends: Integers,
+    total: Reals,
+    left: int,
+    right: int,
+) -> None:
+    """Sum again, tap by tap, the columns from left to right that not every tap serves."""
+    for x in range(left, right):
+        total[x] = 0
+    for g in range(starts.shape[0]):
+        for k in range(TAPS):
+            weight, start = weights[g, k], starts[g, k]
+            for x in range(max(left, begins[g, k]), min(right, ends[g, k])):
+                total[x] += weight * rows[start + x]
+
+
+@compiled
+def _add(weight: float, total: Reals, row: Reals) -> None:
+    for x in range(total.size):
+        row[x] += weight * total[x]
+
+
+@compiled
+def _finish(row: Reals, factors: Reals, result: Reals) -> None:
+    """Write a complete row out, and leave it black for the next use."""
+    for x in range(result.size):
+        result[x] = row[x] * factors[x]
+    row[:] = 0

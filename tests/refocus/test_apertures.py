@@ -1,0 +1,148 @@
+"""Apertures as weights: areas and ratios by hand, and through an operator only the chosen views are seen."""
+
+import functools
+import math
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.refocus import apertures
+from lfref.refocus.exact_fourier import exact_fourier
+from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.super_resolution import super_resolve
+
+GRIDS = [(7, 7), (6, 6), (5, 8)]
+SHAPES = [apertures.disc, apertures.square, functools.partial(apertures.gaussian, sigma=1.3)]
+
+
+@pytest.mark.parametrize("grid", [(7, 7), (6, 6), (7, 10)])
+@pytest.mark.parametrize("diameter", [0.01, 1.0, 3.3, 6.0])
+def test_a_disc_has_the_area_of_a_disc(grid, diameter):
+    assert float(apertures.disc(grid, diameter).sum()) == pytest.approx(math.pi / 4 * diameter**2, rel=1e-6)
+
+
+def test_shares_of_a_disc_are_those_of_fine_samples():
+    cells = (torch.arange(5 * 200, dtype=torch.float64) + 0.5) / 200 - 2.5
+    inside = (cells[:, None].square() + cells.square() <= 2.1**2).double()
+    expected = torch.nn.functional.avg_pool2d(inside[None], 200)[0]
+    torch.testing.assert_close(apertures.disc((5, 5), 4.2), expected, atol=1e-3, rtol=0)
+
+
+def test_without_a_size_a_shape_fills_the_grid():
+    assert torch.equal(apertures.disc((7, 9)), apertures.disc((7, 9), 7))
+    assert torch.equal(apertures.square((4, 4)), torch.ones(4, 4, dtype=torch.float64))
+
+
+def test_what_lies_off_the_grid_is_lost():
+    torch.testing.assert_close(apertures.disc((3, 3), 9), torch.ones(3, 3, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_shapes_are_symmetric(shape, grid):
+    weights = shape(grid)
+    assert weights.shape == grid
+    assert weights.dtype == torch.float64
+    torch.testing.assert_close(weights, weights.flip(0), atol=1e-12, rtol=0)
+    torch.testing.assert_close(weights, weights.flip(1), atol=1e-12, rtol=0)
+    torch.testing.assert_close(weights, shape(grid[::-1]).T, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize(("n_views", "centre"), [(7, [3]), (6, [2, 3])])
+def test_a_point_is_the_view_at_the_centre_or_those_around_it(n_views, centre):
+    expected = torch.zeros(n_views, n_views, dtype=torch.float64)
+    expected[centre[0] : centre[-1] + 1, centre[0] : centre[-1] + 1] = 1 / len(centre) ** 2
+    for shape in (apertures.disc, apertures.square, apertures.gaussian):
+        weights = shape((n_views, n_views), 1e-3)
+        torch.testing.assert_close(weights / weights.sum(), expected, atol=1e-12, rtol=0)
+
+
+def test_a_square_of_side_3_is_the_3_by_3_centre():
+    expected = torch.zeros(7, 7, dtype=torch.float64)
+    expected[2:5, 2:5] = 1
+    assert torch.equal(apertures.square((7, 7), 3), expected)
+
+
+def test_a_square_counts_the_views_on_its_edge_by_their_share():
+    side = torch.tensor([0, 0.25, 1, 0.25, 0], dtype=torch.float64)
+    assert torch.equal(apertures.square((5, 5), 1.5), side[:, None] * side)
+    half = torch.tensor([0, 0.5, 1, 1, 0.5, 0], dtype=torch.float64)
+    assert torch.equal(apertures.square((6, 6), 3), half[:, None] * half)
+
+
+@pytest.mark.parametrize("sigma", [0.5, 1.0, 2.5])
+def test_a_gaussian_falls_as_a_gaussian(sigma):
+    weights = apertures.gaussian((5, 7), sigma)
+    ratio = math.exp(-1 / (2 * sigma**2))
+    assert float(weights[2, 4] / weights[2, 3]) == pytest.approx(ratio)
+    assert float(weights[3, 4] / weights[2, 3]) == pytest.approx(ratio**2)
+    assert float(weights.sum()) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge"])
+def test_a_mask_of_two_views_is_their_mean(border):
+    views = torch.rand(3, 3, 2, 12, 13, dtype=torch.float64)
+    rows = [[0, 0, 1], [0, 0, 0], [1, 0, 0]]
+    stack = apertures.through(
+        functools.partial(apertures.mask, rows=rows), functools.partial(shift_and_sum, border=border)
+    )(views, [0.0, 1.0])
+    torch.testing.assert_close(stack[0], (views[0, 2] + views[2, 0]) / 2)
+    inner = (views[0, 2, :, :10, 2:] + views[2, 0, :, 2:, :11]) / 2
+    torch.testing.assert_close(stack[1, :, 1:11, 1:12], inner)
+
+
+def test_at_a_border_only_the_chosen_views_with_a_sample_count():
+    views = torch.rand(1, 3, 1, 4, 9, dtype=torch.float64)
+    stack = apertures.through(functools.partial(apertures.mask, rows=[[2, 0, 6]]), shift_and_sum)(views, [1.0])[0]
+    torch.testing.assert_close(stack[..., 0], views[0, 2, ..., 1])
+    torch.testing.assert_close(stack[..., -1], views[0, 0, ..., -2])
+    torch.testing.assert_close(stack[..., 4], views[0, 0, ..., 3] / 4 + views[0, 2, ..., 5] * 3 / 4)
+
+
+@pytest.mark.parametrize("operator", [shift_and_sum, exact_fourier, super_resolve])
+@pytest.mark.parametrize("name", list(apertures.APERTURES))
+def test_every_aperture_goes_through_every_operator(operator, name):
+    options = {"disc": {"diameter": 2.5}, "square": {"side": 2.5}, "gaussian": {"sigma": 1.0}}
+    aperture = functools.partial(apertures.APERTURES[name], **options.get(name, {"rows": torch.rand(3, 4).tolist()}))
+    views = torch.rand(2, 3, 4, 1, 10, 11, dtype=torch.float64)
+    stack = apertures.through(aperture, operator)(views, [0.5])
+    assert torch.equal(stack, operator(views, [0.5], weights=aperture((3, 4))))
+
+
+def test_a_smaller_aperture_has_more_depth_of_field(plane):
+    views, image = plane(0.5)
+    errors = [
+        (apertures.through(functools.partial(apertures.disc, diameter=size), exact_fourier)(views, [0.0])[0] - image)
+        .square()
+        .mean()
+        for size in (1, 3, 5, 7)
+    ]
+    assert errors == sorted(errors)
+    assert errors[0] < 1e-20
+
+
+@pytest.mark.parametrize(
+    ("shape", "options", "message"),
+    [
+        (apertures.disc, {"diameter": 0}, "diameter must be finite and above 0"),
+        (apertures.disc, {"diameter": math.nan}, "diameter must be finite and above 0"),
+        (apertures.square, {"side": math.inf}, "side must be finite and above 0"),
+        (apertures.gaussian, {"sigma": -1.0}, "sigma must be finite and above 0"),
+        (apertures.mask, {"rows": []}, "one for each view"),
+        (apertures.mask, {"rows": [[1, 1], [1, 1]]}, "one for each view"),
+        (apertures.mask, {"rows": [[1, 1, 1], [1, 1]]}, "one list of numbers"),
+        (apertures.mask, {"rows": [["a", "b", "c"]]}, "one list of numbers"),
+        (apertures.mask, {"rows": torch.zeros(2, 3)}, "not all zero"),
+        (apertures.mask, {"rows": [[1, 1, 1], [1, 1, -1]]}, "finite, >= 0"),
+        (apertures.mask, {"rows": torch.full((2, 3), math.inf)}, "finite, >= 0"),
+    ],
+)
+def test_what_is_no_aperture_is_refused(shape, options, message):
+    with pytest.raises(InputError, match=message):
+        shape((2, 3), **options)
+
+
+def test_what_are_no_views_is_refused_before_the_aperture_is_made():
+    with pytest.raises(InputError, match="views must be"):
+        apertures.through(apertures.disc, shift_and_sum)(torch.zeros(3, 3, 8, 8), [0.0])

@@ -1,0 +1,151 @@
+"""Every linear operator, under all its options and with views that weigh differently, keeps every contract."""
+
+import functools
+import itertools
+
+import pytest
+import torch
+
+from lfref.refocus import batches
+from lfref.refocus.borders import BORDERS
+from lfref.refocus.exact_fourier import exact_fourier
+from lfref.refocus.focal_stack_transform import focal_stack_transform
+from lfref.refocus.fourier_slice import fourier_slice
+from lfref.refocus.homography import homography, slope_homographies
+from lfref.refocus.interpolation import INTERPOLATIONS
+from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.super_resolution import super_resolve
+from lfref.refocus.surface import per_pixel, tilt_shift
+
+from . import contracts
+
+OPTIONS = ("interpolation", "border")
+SLOPES = [-1.3, 0.0, 0.37]
+SHAPES = [(3, 2, 1, 7, 8), (3, 2, 3, 8, 7), (1, 4, 3, 9, 11), (1, 4, 1, 8, 10)]
+SMALL = (2, 2, 1, 3, 4)
+
+
+def on_a_bowl(views, **options):
+    """Slopes from -1.3 to 0.4, another one at every pixel."""
+    rows, columns = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in views.shape[-2:])
+    return per_pixel(views, 0.4 * rows[:, None] - 0.9 * columns**2, **options)
+
+
+def through_turned_cameras(views, **options):
+    """The shifts of the slopes, all views besides turned and foreshortened, but still filling the picture."""
+    turn = torch.tensor([[0.9, 0.02, 0.2], [-0.01, 0.9, 0.3], [0.003, -0.002, 1]], dtype=torch.float64)
+    return homography(views, slope_homographies(SLOPES, views.shape[-5:-3]) @ turn, **options)
+
+
+def every(operator, *interpolations):
+    """The operator by name, with each of these interpolations and every border."""
+    return {
+        " ".join([operator.__name__, *choice]): functools.partial(operator, **dict(zip(OPTIONS, choice, strict=True)))
+        for choice in itertools.product(interpolations, BORDERS)
+    }
+
+
+def shifted(views, **options):
+    return shift_and_sum(views, SLOPES, **options)
+
+
+# Views and `weights` in, stack out.
+OPERATORS = {
+    **every(shifted, *INTERPOLATIONS),
+    **every(on_a_bowl, "nearest", "linear", "cubic"),
+    **every(through_turned_cameras, "linear"),
+    "tilt_shift": functools.partial(tilt_shift, slope=SLOPES, tilt=(0.03, -0.02)),
+    "exact_fourier": functools.partial(exact_fourier, slopes=SLOPES),
+    "fourier_slice linear": functools.partial(fourier_slice, slopes=SLOPES, kernel="linear"),
+    "fourier_slice linear unpadded": functools.partial(fourier_slice, slopes=SLOPES, kernel="linear", padding=1),
+    "fourier_slice kaiser_bessel": functools.partial(fourier_slice, slopes=SLOPES),
+    "fourier_slice kaiser_bessel wide": functools.partial(fourier_slice, slopes=SLOPES, width=6, padding=1.5),
+    "focal_stack_transform": functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0.37),
+    "super_resolve by 1": functools.partial(super_resolve, slopes=SLOPES, factor=1),
+    "super_resolve by 3": functools.partial(super_resolve, slopes=SLOPES, factor=3),
+}
+
+
+def weighted(operator, views):
+    """With weights that differ, one of them 0."""
+    grid = views.shape[-5:-3]
+    return operator(views, weights=torch.arange(grid.numel(), dtype=torch.float64).reshape(grid))
+
+
+WEIGHTED = {f"{name} weighted": functools.partial(weighted, operator) for name, operator in OPERATORS.items()}
+
+
+def each(operators):
+    return pytest.mark.parametrize("operator", [pytest.param(operators[name], id=name) for name in operators])
+
+
+@each(OPERATORS | WEIGHTED)
+def test_is_linear(operator):
+    for shape in SHAPES:
+        contracts.assert_linear(operator, shape)
+
+
+@each(OPERATORS | WEIGHTED)
+def test_has_an_adjoint(operator):
+    for shape in SHAPES:
+        contracts.assert_adjoint(operator, shape)
+
+
+@pytest.mark.parametrize("name", [name for name in OPERATORS | WEIGHTED if "zero" not in name])
+def test_keeps_the_brightness(name):
+    # A Kaiser-Bessel kernel reproduces a constant only nearly.
+    tolerance = 1e-3 if "kaiser_bessel" in name else 1e-6
+    for shape in SHAPES:
+        contracts.assert_gain_of_1((OPERATORS | WEIGHTED)[name], shape, tolerance)
+
+
+@each(OPERATORS)
+def test_is_its_own_derivative(operator):
+    contracts.assert_forward_mode(operator, SMALL)
+
+
+@each(OPERATORS)
+def test_gradients_are_right(operator):
+    contracts.assert_gradients(operator, SMALL)
+
+
+@each(OPERATORS)
+def test_takes_any_batch(operator):
+    for shape in SHAPES[1:3]:
+        contracts.assert_any_batch(operator, shape)
+
+
+@each(OPERATORS)
+def test_takes_any_memory_layout(operator):
+    for shape in SHAPES[1:3]:
+        contracts.assert_any_layout(operator, shape)
+
+
+@each(OPERATORS)
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_takes_half_precision(operator, dtype):
+    contracts.assert_half_precision(operator, SHAPES[1], dtype)
+
+
+@each(OPERATORS)
+@pytest.mark.parametrize("dtype", list(batches.FULL_SCALE))
+def test_takes_integers(operator, dtype):
+    contracts.assert_integers(operator, SHAPES[1], dtype)
+
+
+@pytest.mark.parametrize(
+    ("contract", "broken", "more"),
+    [
+        (contracts.assert_linear, lambda views: views[..., 0, :2, :, :, :] + 1, ()),
+        (contracts.assert_adjoint, lambda views: views[..., 0, :2, :, :, :] + views.detach()[..., 1, :2, :, :, :], ()),
+        (contracts.assert_gain_of_1, lambda views: views[..., 0, :2, :, :, :] * 1.01, (1e-3,)),
+        (contracts.assert_forward_mode, lambda views: views[..., 0, :2, :, :, :].square(), ()),
+        (contracts.assert_any_batch, lambda views: views[..., 0, :2, :, :, :].cumsum(0), ()),
+        (contracts.assert_any_layout, lambda views: views[..., 0, :2, :, :, :] * views.stride(-1), ()),
+        (contracts.assert_half_precision, lambda views: views[..., 0, :2, :, :, :].float(), (torch.float16,)),
+        (contracts.assert_integers, lambda views: views[..., 0, :2, :, :, :].float(), (torch.uint8,)),
+    ],
+)
+def test_a_broken_operator_is_noticed(contract, broken, more):
+    with pytest.raises(AssertionError):
+        contract(broken, SMALL, *more)

@@ -1,0 +1,44 @@
+import subprocess
+import sys
+
+import numpy as np
+
+from lfref.refocus import row_kernel
+
+PROGRAM = """
+import torch
+from lfref.refocus import row_kernel
+from lfref.refocus.shift_and_sum import shift_and_sum
+shift_and_sum(torch.rand(2, 2, 1, 8, 9), [0.5])
+print(sum(row_kernel.add_band.stats.cache_hits.values()), sum(row_kernel.add_band.stats.cache_misses.values()))
+"""
+
+
+def test_machine_code_is_kept_between_runs(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    runs = [subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True) for _ in "12"]
+    assert [run.stdout.split() for run in runs] == [["0", "1"], ["1", "0"]]
+
+
+def test_a_package_that_cannot_be_written_still_compiles(monkeypatch):
+    calls = []
+
+    def njit(**options):
+        calls.append(options.get("cache", False))
+        if options.get("cache"):
+            raise RuntimeError("cannot cache function: no locator available")
+        return lambda function: function
+
+    monkeypatch.setattr(row_kernel.numba, "njit", njit)
+    assert row_kernel._keeping()(len) is len
+    assert calls == [True, False]
+
+
+def test_taps_are_added_up_in_one_pass():
+    rows, total = np.arange(40.0), np.ones(16)
+    starts, weights = np.arange(row_kernel.TAPS), np.linspace(1, 2, row_kernel.TAPS)
+    expected = sum(weight * rows[start : start + 16] for start, weight in zip(starts, weights, strict=True))
+    row_kernel._set_taps(rows, starts, weights, total)
+    np.testing.assert_allclose(total, expected, rtol=1e-14)
+    row_kernel._add_taps(rows, starts, weights, total)
+    np.testing.assert_allclose(total, 2 * expected, rtol=1e-14)
