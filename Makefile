@@ -39,6 +39,7 @@ demo: install
 
 figures: install
 	$(BIN)/lfref bench output=runs/figures/bench repeats=5
+	$(BIN)/lfref bench group=operators output=runs/figures/operators repeats=5
 	$(BIN)/python docs/measure.py
 
 lint: install

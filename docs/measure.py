@@ -1,6 +1,6 @@
 """Measure the figures that the README and these pages quote, and write them between their markers.
 
-Run by `make figures`, after `lfref bench` has left its table; a marker is `<!-- measured: NAME -->` ... `<!-- end -->`.
+Run by `make figures` when `lfref bench` has left its tables; a marker is `<!-- measured: NAME -->` ... `<!-- end -->`.
 """
 
 import functools
@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -21,23 +22,39 @@ from lfref.refocus.fourier_slice import fourier_slice
 from lfref.report import tables
 
 ROOT = Path(__file__).resolve().parents[1]
-BENCH = ROOT / "runs" / "figures" / "bench"
+RUNS = ROOT / "runs" / "figures"
 PAPER = FocalPlanes(tuple(step / 8 for step in range(1, 17)))
 PATCH, FIELD = 192, 256
 
 
 def bench() -> Iterator[str]:
     """Time and accuracy of every operator setting, from the table of `lfref bench`."""
-    facts = json.loads((BENCH / "machine.json").read_text())
+    facts = json.loads((RUNS / "bench" / "machine.json").read_text())
     yield "| method | median, s | times faster than NumPy's 4-D FFT | PSNR against exact, dB | SSIM |"
     yield "|---|---|---|---|---|"
-    for row in tables.read_table(BENCH / "bench.csv"):
+    for row in tables.read_table(RUNS / "bench" / "bench.csv"):
         quality = ("", "") if row["psnr_db"] is None else (f"{row['psnr_db']:.1f}", f"{row['ssim']:.4f}")
         cells = (row["method"], f"{row['median_s']:.2f}", f"{row['ratio_to_numpy_fft']:.2f}", *quality)
         yield f"| {' | '.join(cells)} |"
     yield ""
     yield f"One simulated light field, 7x7x3x375x540, 16 planes; {facts['processor']}, {facts['threads']} threads,"
     yield f"torch {facts['torch']}, NumPy {facts['numpy']}, {facts['repeats']} rounds. PSNR is capped at 100 dB."
+
+
+def operators() -> Iterator[str]:
+    """Time, memory and growth of every operator, from the tables of `lfref bench group=operators`."""
+    facts = json.loads((RUNS / "operators" / "machine.json").read_text())
+    rows = tables.read_table(RUNS / "operators" / "operators.csv")
+    yield from _times(rows)
+    yield ""
+    yield from _memory(rows[1:], tables.read_table(RUNS / "operators" / "exponents.csv"))
+    yield ""
+    for row in rows:
+        if row["ratio_to_same_in_numpy"] is not None:
+            yield f"`{row['method']}` is {row['ratio_to_same_in_numpy']:.1f} times faster than the same in NumPy alone."
+    yield f"One simulated light field, {facts['views']}, {facts['planes']} planes; {facts['processor']},"
+    yield f"{facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']}, Numba {facts['numba']},"
+    yield f"{facts['repeats']} rounds."
 
 
 def patch_labels() -> Iterator[str]:
@@ -54,7 +71,36 @@ def patch_labels() -> Iterator[str]:
     yield "Kaiser-Bessel width 4, padded twice."
 
 
-FIGURES = {"bench": bench, "patch_labels": patch_labels}
+FIGURES = {"bench": bench, "operators": operators, "patch_labels": patch_labels}
+
+
+def _times(rows: list[dict[str, Any]]) -> Iterator[str]:
+    yield "| method | first call, s | median (p10 to p90), s | times faster than NumPy's 4-D FFT | PSNR, dB | error |"
+    yield "|---|---|---|---|---|---|"
+    for row in rows:
+        span = f"{row['median_s']:.3f} ({row['p10_s']:.3f} to {row['p90_s']:.3f})"
+        cells = [_case(row), _shown(row["first_call_s"], ".2f"), span, f"{row['ratio_to_numpy_fft']:.2f}"]
+        yield f"| {' | '.join([*cells, _shown(row['psnr_db'], '.1f'), _shown(row['max_error'], '.1e')])} |"
+
+
+def _memory(rows: list[dict[str, Any]], exponents: list[dict[str, Any]]) -> Iterator[str]:
+    powers = tables.grouped(exponents, "method")
+    yield "| method | memory beside the views, MB | peak / allowed | exponent in pixels | in views | in planes |"
+    yield "|---|---|---|---|---|---|"
+    for row in rows:
+        extra = None if row["extra_bytes"] is None else row["extra_bytes"] / 1e6
+        own = powers.get((row["method"],), ()) if row["input"] == "float32" else ()
+        grown = [_shown(power["exponent"], ".2f") for power in own]
+        cells = [_case(row), _shown(extra, ".0f"), _shown(row["memory_ratio"], ".2f"), *(grown or [""] * 3)]
+        yield f"| {' | '.join(cells)} |"
+
+
+def _case(row: dict[str, Any]) -> str:
+    return row["method"] if row["input"] == "float32" else f"{row['method']}, {row['input']} views"
+
+
+def _shown(value: float | None, form: str) -> str:
+    return "" if value is None else f"{value:{form}}"
 
 
 def _label_psnr(source: LabelSource, index: int, corner: int) -> torch.Tensor:

@@ -87,5 +87,18 @@ def interior_quality(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tup
     return float(psnr(inner, wanted).mean()), float(ssim(inner, wanted).mean())
 
 
+def interior_errors(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> tuple[float, float]:
+    """PSNR in dB, mean over the planes, and the largest difference, where every view covers every plane.
+
+    Args:
+        stack: [N, C, H, W].
+        reference: [N, C, H, W].
+        slopes: In pixels per view step, [N].
+        grid: Number of view rows and columns (V, U).
+    """
+    inner, wanted = interior(stack, slopes, grid), interior(reference, slopes, grid)
+    return float(psnr(inner, wanted).mean()), float((inner - wanted).abs().max())
+
+
 def _mean(rows: list[Row], column: str) -> float:
     return float(torch.tensor([row[column] for row in rows], dtype=torch.float64).mean())

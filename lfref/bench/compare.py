@@ -2,23 +2,18 @@
 
 import functools
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import torch
-from torch import Tensor
 
 from lfref.bench import accuracy, timing
 from lfref.bench.accuracy import Row
 from lfref.bench.methods import Method
+from lfref.bench.timing import FFT, Progress
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.exact_fourier import exact_fourier
-
-Progress = Callable[[Iterable[int]], Iterable[int]]
-"""Passes rounds on, showing how far it is."""
-
-FFT = "numpy_fft_4d"
 
 
 @torch.no_grad()
@@ -67,8 +62,11 @@ def compare(
         ]
         for method in methods
     }
-    seconds = _seconds(methods, moved, planes.slopes, progress(range(warmup + repeats)))
-    spans = {name: timing.summary(times[warmup * len(fields) :]) for name, times in seconds.items()}
+    watches = {(name, i): watch for i, field in enumerate(moved) for name, watch in _watches(methods, field, planes)}
+    seconds: dict[str, list[float]] = {}
+    for (name, _), times in timing.in_turns(watches, progress(range(warmup + repeats)), warmup).items():
+        seconds.setdefault(name, []).extend(times)
+    spans = {name: timing.summary(times) for name, times in seconds.items()}
     rows = [_row(FFT, spans[FFT], None, None, 1.0)]
     for name, values in qualities.items():
         psnr_db, ssim = (statistics.fmean(column) for column in zip(*values, strict=True))
@@ -76,18 +74,13 @@ def compare(
     return rows
 
 
-def _seconds(
-    methods: Sequence[Method], fields: Sequence[LightField], slopes: Tensor, rounds: Iterable[int]
-) -> dict[str, list[float]]:
-    """Times by method. All methods take turns, so that a slow spell of a shared machine falls on all alike."""
-    seconds: dict[str, list[float]] = {FFT: [], **{method.name: [] for method in methods}}
-    for _ in rounds:
-        for field in fields:
-            seconds[FFT].append(timing.numpy_fft_time(field.views))
-            for method in methods:
-                run = functools.partial(method.stack, field, slopes)
-                seconds[method.name].append(timing.seconds(run, field.views.device))
-    return seconds
+def _watches(
+    methods: Sequence[Method], field: LightField, planes: FocalPlanes
+) -> Iterator[tuple[str, Callable[[], float]]]:
+    yield FFT, functools.partial(timing.numpy_fft_time, field.views)
+    for method in methods:
+        run = functools.partial(method.stack, field, planes.slopes)
+        yield method.name, functools.partial(timing.seconds, run, field.views.device)
 
 
 def _row(name: str, seconds: timing.Seconds, psnr_db: float | None, ssim: float | None, ratio: float) -> Row:

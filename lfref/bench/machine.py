@@ -7,10 +7,10 @@ from pathlib import Path
 
 import torch
 
-PACKAGES = ("torch", "numpy", "lightning", "torchmetrics", "OpenImageIO")
+PACKAGES = ("torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
 
 
-def facts(device: torch.device) -> dict[str, str | int]:
+def facts(device: torch.device) -> dict[str, str | int | None]:
     """Machine, libraries and thread count.
 
     Args:
@@ -24,8 +24,20 @@ def facts(device: torch.device) -> dict[str, str | int]:
         "system": platform.platform(),
         "python": platform.python_version(),
         "lfref": metadata.version("lfref"),
-        **{package: metadata.version(package) for package in PACKAGES},
+        **{package: version(package) for package in PACKAGES},
     }
+
+
+def version(package: str) -> str | None:
+    """Version of a package; None where it is not installed.
+
+    Args:
+        package: Its name.
+    """
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def processor() -> str:

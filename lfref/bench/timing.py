@@ -6,12 +6,22 @@ needs before its first plane.
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
+
+Key = TypeVar("Key")
+Result = TypeVar("Result")
+
+Progress = Callable[[Iterable[int]], Iterable[int]]
+"""Passes rounds on, showing how far it is."""
+
+FFT = "numpy_fft_4d"
+"""What tables call NumPy's 4-D FFT."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +46,41 @@ def seconds(run: Callable[[], object], device: torch.device) -> float:
         run: What to time; its result is thrown away.
         device: Where the work is done.
     """
+    return result_and_seconds(run, device)[1]
+
+
+def result_and_seconds(run: Callable[[], Result], device: torch.device) -> tuple[Result, float]:
+    """What one run makes, and how long it takes, from an idle device to an idle device.
+
+    Args:
+        run: What to time.
+        device: Where the work is done.
+    """
     synchronize(device)
     start = time.perf_counter()
-    run()
+    result = run()
     synchronize(device)
-    return time.perf_counter() - start
+    return result, time.perf_counter() - start
+
+
+def in_turns(
+    watches: Mapping[Key, Callable[[], float]], rounds: Iterable[int], warmup: int = 0
+) -> dict[Key, list[float]]:
+    """Times from several rounds in which all take turns, so that a slow spell of a shared machine falls on all alike.
+
+    Args:
+        watches: Each makes one run and returns its seconds.
+        rounds: One item a round.
+        warmup: How many of the first rounds do not count.
+
+    Returns:
+        Seconds of the counted runs, in their order, under the keys of the watches.
+    """
+    times: dict[Key, list[float]] = {key: [] for key in watches}
+    for _ in rounds:
+        for key, watch in watches.items():
+            times[key].append(watch())
+    return {key: counted[warmup:] for key, counted in times.items()}
 
 
 def summary(times: list[float]) -> Seconds:

@@ -15,12 +15,15 @@ from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.refocus import view_order
-from lfref.report import drawing, pictures
+from lfref.refocus import apertures, view_order
+from lfref.refocus.all_in_focus import all_in_focus, index_to_slope
+from lfref.report import drawing, focus, pictures
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
     """Write `stack.exr` (data), and `planes/`, `contact_sheet.png` and `all_views_mean.png` (pictures).
+
+    With `all_in_focus`, also `all_in_focus.png` and `focus_map.png`.
 
     Args:
         config: `conf/refocus.yaml`.
@@ -35,7 +38,10 @@ def refocus(config: DictConfig, folder: Path) -> None:
     with torch.no_grad():
         stack = method.stack(field.to(device), planes.slopes).cpu()
     write.write_stack(folder / "stack.exr", stack, planes)
-    _write_pictures(folder, field, stack, planes, exposure)
+    gain = _gain(field, exposure)
+    _write_pictures(folder, field, stack, planes, gain)
+    if config.all_in_focus:
+        _write_focus(folder, stack, planes, gain)
     log.info("%s refocused by %s to %d planes in %s", field.name, method.name, len(planes), folder)
 
 
@@ -43,7 +49,8 @@ def _method(config: DictConfig, device: torch.device) -> tuple[Method, FocalPlan
     """The checkpoint with its own planes, or the operator with the planes asked for."""
     asked = FocalPlanes(configs.plain(config.alphas), config.planes.convention)
     if config.checkpoint is None:
-        return Method(config.method.name, configs.build(config.method.operator)), asked
+        operator = apertures.through(configs.build(config.aperture), configs.build(config.method.operator))
+        return Method(config.method.name, operator), asked
     network = methods.network(config.checkpoint, device)
     planes = network.planes or asked
     if config.alphas != config.planes.alphas and asked != planes:
@@ -55,16 +62,27 @@ def _method(config: DictConfig, device: torch.device) -> tuple[Method, FocalPlan
     return network, planes
 
 
-def _write_pictures(
-    folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, exposure: float | None
-) -> None:
-    mean = field.views.mean(dim=(0, 1))
-    gain = max(1.0, pictures.common_exposure(mean)) if exposure is None else exposure
+def _gain(field: LightField, exposure: float | None) -> float:
+    """What the pictures are multiplied by: the exposure asked for, or what a dark capture needs."""
+    if exposure is not None:
+        return exposure
+    gain = max(1.0, pictures.common_exposure(field.views.mean(dim=(0, 1))))
     if gain > 1:
         log.info("pictures are brightened %.2f times (exposure=1 leaves them; stack.exr is never changed)", gain)
+    return gain
+
+
+def _write_pictures(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, gain: float) -> None:
     write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes)
-    images.write_image(folder / "all_views_mean.png", pictures.for_display(mean, gain))
+    images.write_image(folder / "all_views_mean.png", pictures.for_display(field.views.mean(dim=(0, 1)), gain))
     drawing.save_figure(pictures.contact_sheet(stack, planes.alphas, exposure=gain), folder / "contact_sheet.png")
+
+
+def _write_focus(folder: Path, stack: Tensor, planes: FocalPlanes, gain: float) -> None:
+    image, index, confidence = all_in_focus(stack)
+    images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
+    figure = focus.focus_map(index_to_slope(index, planes.slopes), confidence)
+    drawing.save_figure(figure, folder / "focus_map.png")
 
 
 main = command(refocus)

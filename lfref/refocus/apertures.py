@@ -20,6 +20,18 @@ from lfref.refocus import batches
 STRIPS = 4096  # that a disc is cut into: the shares are exact to 1e-6 of its area
 
 
+def full(grid: Sequence[int]) -> Tensor:
+    """All views alike.
+
+    Args:
+        grid: Number of view rows and columns (V, U).
+
+    Returns:
+        Ones, float64, [V, U].
+    """
+    return torch.ones(tuple(grid), dtype=torch.float64)
+
+
 def disc(grid: Sequence[int], diameter: float | None = None) -> Tensor:
     """A round aperture about the angular centre.
 
@@ -98,7 +110,13 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
     return weights
 
 
-APERTURES: dict[str, Callable[..., Tensor]] = {"disc": disc, "square": square, "gaussian": gaussian, "mask": mask}
+APERTURES: dict[str, Callable[..., Tensor]] = {
+    "full": full,
+    "disc": disc,
+    "square": square,
+    "gaussian": gaussian,
+    "mask": mask,
+}
 
 
 def through(

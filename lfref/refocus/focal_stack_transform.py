@@ -14,7 +14,9 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
+from lfref.errors import InputError
 from lfref.functional import fourier
+from lfref.geometry import Slopes
 from lfref.refocus import batches
 
 BAND = 8  # rows of the spectra that become planes at a time, so that the padded sums stay small beside the stack
@@ -45,6 +47,30 @@ def focal_stack_transform(
     """
     slopes = geometry.even_slopes(n_planes, first, last)
     return batches.over_batches(views, lambda batch: _stack(batch, slopes, weights))
+
+
+def at_slopes(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+    """The same for slopes that are given, once they are known to be evenly spaced.
+
+    Args:
+        views: As in `focal_stack_transform`.
+        slopes: Focus in pixels per view step, evenly spaced, [N].
+        weights: As in `focal_stack_transform`.
+
+    Raises:
+        InputError: Slopes that are not evenly spaced, or what `focal_stack_transform` refuses.
+    """
+    values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").reshape(-1)
+    if len(values) == 0:
+        raise InputError("slopes must be at least one", got="an empty list")
+    first, last = float(values[0]), float(values[-1])
+    if not torch.allclose(values, torch.linspace(first, last, len(values), dtype=torch.float64), rtol=0, atol=1e-6):
+        raise InputError(
+            "the focal stack transform makes evenly spaced planes only",
+            got=f"slopes {[round(slope, 4) for slope in values.tolist()]}",
+            remedy="take evenly spaced alphas with planes.convention=parallel, or another operator",
+        )
+    return focal_stack_transform(views, len(values), first, last, weights)
 
 
 class _Chirps(NamedTuple):

@@ -35,7 +35,8 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
         spectra = torch.fft.rfft2(batches.radiance(view_row) * row_weights[:, None, None, None])
         for plane, row_factors, column_factors in zip(planes, rows[:, v], columns, strict=True):
             plane.addcmul_(_row_sum(spectra, column_factors), row_factors[:, None])
-    return torch.stack([torch.fft.irfft2(plane, s=size) for plane in planes], dim=1)
+    # Each spectrum is given up as its image is made: both together would be the peak of memory.
+    return torch.stack([torch.fft.irfft2(planes.pop(0), s=size) for _ in range(len(planes))], dim=1)
 
 
 def _row_sum(spectra: Tensor, factors: Tensor) -> Tensor:

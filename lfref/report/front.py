@@ -14,7 +14,7 @@ from matplotlib.path import Path as MplPath
 from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox, BboxBase
 
-from lfref.report import tables
+from lfref.report import tables, wording
 from lfref.report.drawing import BLUE, CYAN, GREY, RED, calm, capped, fold_below_cap, new_figure
 from lfref.report.tables import Row
 
@@ -85,7 +85,7 @@ def _label_points(axes: Axes, rows: Sequence[Row]) -> None:
     paths = [line.get_transform().transform_path(line.get_path()) for line in axes.get_lines()]
     for row, point in zip(rows, points, strict=True):
         where = (row["median_s"], row["psnr_db"])
-        text = axes.annotate(tables.drawable(row["method"]), where, (0, 0), "data", "offset points", **CENTRED)
+        text = axes.annotate(wording.drawable(row["method"]), where, (0, 0), "data", "offset points", **CENTRED)
         place = _free_place(axes.bbox, point, text.get_window_extent(), taken, paths)
         text.xyann = (np.array(place.p0 + place.p1) / 2 - point) * 72 / axes.figure.dpi
         text.set_in_layout(False)

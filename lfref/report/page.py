@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from lfref.errors import FileError
 from lfref.io import atomic
-from lfref.report import drawing, tables
+from lfref.report import drawing, tables, wording
 from lfref.report.tables import Row
 
 CONTENTS_FROM = 4
@@ -70,7 +70,7 @@ def _facts(facts: Mapping[str, object]) -> str:
 
 
 def _fact(value: object) -> str:
-    return tables.cell_for_people("", value)
+    return wording.cell_for_people("", value)
 
 
 def _contents(sections: Sequence[Section]) -> str:

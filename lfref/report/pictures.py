@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.report import drawing, tables
+from lfref.report import drawing, wording
 
 Image = Tensor | np.ndarray
 
@@ -86,7 +86,7 @@ def comparison(
     exposure = common_exposure(mean_image)
     figure, grid = _grid(len(rows), len(planes), mean_image, exposure, gamma)
     for line, (name, cells) in zip(grid, rows, strict=True):
-        line[0].set_ylabel(tables.drawable(name, width=22), fontsize=10)
+        line[0].set_ylabel(wording.drawable(name, width=22), fontsize=10)
         for axes, cell in zip(line, cells, strict=True):
             _show(axes, cell, exposure, gamma)
     return figure
@@ -161,7 +161,7 @@ def _mean_row(mean_image: Image, n_columns: int) -> _Row:
 
 def _label(label: object) -> str:
     text = f"{label:g}" if isinstance(label, Real) else ""
-    return f"{tables.heading('alpha')} = {text}" if text else tables.drawable(label)
+    return f"{wording.heading('alpha')} = {text}" if text else wording.drawable(label)
 
 
 def _grid(n_rows: int, n_columns: int, image: Image, exposure: float, gamma: float) -> tuple[Figure, np.ndarray]:

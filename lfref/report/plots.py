@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lfref.report import tables
+from lfref.report import tables, wording
 from lfref.report.drawing import (
     BLACK,
     BLUE,
@@ -106,7 +106,7 @@ def quality_by_plane(rows: Sequence[Row]) -> Figure:
         kept = capped(tables.some(rows, "alpha", column), column)
         _draw_planes(axes, kept, column, styles)
         _label_slopes(axes, kept)
-        calm(axes, tables.heading("alpha"), tables.heading(column), "")
+        calm(axes, wording.heading("alpha"), wording.heading(column), "")
     handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
@@ -121,7 +121,7 @@ def _series_styles(rows: Sequence[Row]) -> dict[tuple[Any, ...], dict[str, Any]]
             "color": METHOD_COLOURS[methods.index(method) % len(METHOD_COLOURS)],
             "marker": MARKERS[methods.index(method) % len(MARKERS)],
             "linestyle": DASHES[references.index(reference) % len(DASHES)],
-            "label": f"{tables.drawable(method, 40)}\nagainst {tables.drawable(reference, 40)}",
+            "label": f"{wording.drawable(method, 40)}\nagainst {wording.drawable(reference, 40)}",
         }
         for method, reference in tables.grouped(rows, "method", "reference")
     }
@@ -140,9 +140,9 @@ def _label_slopes(axes: Axes, rows: Sequence[Row]) -> None:
     pairs = sorted({row["alpha"]: row["slope"] for row in tables.complete(rows, "alpha", "slope")}.items())
     shown = pairs[:: max(1, math.ceil(len(pairs) / 8))]
     upper = axes.secondary_xaxis("top")
-    labels = [f"{slope:.2f}".replace("-", tables.MINUS) for _, slope in shown]
+    labels = [f"{slope:.2f}".replace("-", wording.MINUS) for _, slope in shown]
     upper.set_xticks([alpha for alpha, _ in shown], labels, fontsize=8, color=GREY)
-    upper.set_xlabel(tables.heading("slope"), fontsize=9, color=GREY)
+    upper.set_xlabel(wording.heading("slope"), fontsize=9, color=GREY)
     upper.spines["top"].set_visible(False)
 
 
@@ -164,6 +164,6 @@ def scatter(rows: Sequence[Row]) -> Figure:
         x, y = [row["mssim"] for row in group], [row["mpsnr_db"] for row in group]
         axes.plot(x, y, markersize=6.5, alpha=0.75, **shape)
     fold_below_cap(axes)
-    calm(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), "One point per light field")
+    calm(axes, wording.heading("mssim"), wording.heading("mpsnr_db"), "One point per light field")
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure

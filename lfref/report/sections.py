@@ -8,11 +8,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lfref.errors import FileError
-from lfref.report import front, plots, tables
+from lfref.report import costs, front, plots, tables
 from lfref.report.page import Section
 from lfref.report.tables import Row
 
 METRICS = "log/metrics.csv"
+OPERATOR_COLUMNS = (
+    "method", "input", "first_call_s", "median_s", "p10_s", "p90_s", "ratio_to_numpy_fft", "ratio_to_same_in_numpy",
+    "psnr_db", "max_error", "extra_bytes", "memory_ratio",
+)  # fmt: skip
 
 
 def sections(folders: Sequence[Path]) -> list[Section]:
@@ -100,6 +104,32 @@ def benchmark(folder: Path) -> Section:
     )
 
 
+def operators(folder: Path) -> Section:
+    """What operators cost in time and memory, and how time grows.
+
+    Args:
+        folder: Run folder of `lfref bench group=operators`.
+    """
+    rows, exponents = tables.read_table(folder / "operators.csv"), tables.read_table(folder / "exponents.csv")
+    tables.need(rows, *OPERATOR_COLUMNS)
+    text = (
+        "One call for the whole stack of one light field. Speed is measured in NumPy's 4-D FFTs of the three channels "
+        "in the same run. Memory is the views and all that a call takes beside them, the stack included; allowed is "
+        "twice the field in float32 and the stack. Errors are against exact Fourier refocusing, where every view "
+        "covers every plane."
+    )
+    growth = costs.growth(tables.read_table(folder / "scaling.csv"), exponents)
+    return Section(
+        "What operators cost",
+        text,
+        {"Speed and memory": costs.operator_costs(rows), "Growth of time, and its exponents": growth},
+        {
+            "All figures": [{column: row[column] for column in OPERATOR_COLUMNS} for row in rows],
+            "Exponents of time along each axis": _by_axis(exponents),
+        },
+    )
+
+
 def sweep(folder: Path) -> Section:
     """The jobs of a multirun, best first.
 
@@ -123,6 +153,7 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     METRICS: training,
     "summary.csv": evaluation,
     "bench.csv": benchmark,
+    "operators.csv": operators,
     "contact_sheet.png": refocusing,
     f"*/{METRICS}": sweep,
 }
@@ -138,6 +169,15 @@ def _of_folder(folder: Path) -> list[Section]:
             remedy="give runs=[FOLDER,...]",
         )
     return made
+
+
+def _by_axis(exponents: Sequence[Row]) -> list[Row]:
+    """One row a method, one column an axis."""
+    methods = tables.grouped(exponents, "method")
+    return [
+        {"method": name} | {f"exponent_{row['axis']}": row["exponent"] for row in rows}
+        for (name,), rows in methods.items()
+    ]
 
 
 def _validations(rows: Sequence[Row]) -> list[float]:

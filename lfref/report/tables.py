@@ -7,42 +7,16 @@ import csv
 import io
 import math
 import re
-import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from lfref.errors import FileError, InputError
 from lfref.io import atomic
+from lfref.report import wording
 
 Row = Mapping[str, Any]
-
-# A name stays text even where it looks like a number: light field "0012" is not 12.
-TEXT_COLUMNS = frozenset({"light_field", "method", "reference"})
-CAP_DB = 100.0
-MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
-
-HEADINGS = {
-    "light_field": "Light field",
-    "method": "Method",
-    "reference": "Reference",
-    "alpha": "\N{GREEK SMALL LETTER ALPHA}",
-    "slope": "Slope (px/view)",
-    "psnr_db": "PSNR (dB)",
-    "ssim": "SSIM",
-    "mpsnr_db": "MPSNR (dB)",
-    "mssim": "MSSIM",
-    "light_fields": "Light fields",
-    "job": "Job",
-    "first_mpsnr_db": "First MPSNR (dB)",
-    "best_mpsnr_db": "Best MPSNR (dB)",
-    "median_s": "Median (s)",
-    "p10_s": "P10 (s)",
-    "p90_s": "P90 (s)",
-    "ratio_to_numpy_fft": "Speed-up over NumPy FFT",
-}
 
 _INTEGER = re.compile(r"-?(0|[1-9]\d*)")
 _NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d*)?([eE][-+]?\d+)?|-?inf|nan")
@@ -106,7 +80,7 @@ def _lines(path: Path) -> list[list[str]]:
 
 
 def _cell(column: str, text: str) -> float | int | str | None:
-    if column in TEXT_COLUMNS or not _NUMBER.fullmatch(text):
+    if column in wording.TEXT_COLUMNS or not _NUMBER.fullmatch(text):
         return text or None
     return int(text) if _INTEGER.fullmatch(text) else float(text)
 
@@ -214,73 +188,22 @@ def to_html(rows: Sequence[Row], columns: Sequence[str] | None = None) -> str:
     columns = columns_of(rows) if columns is None else columns
     need(rows, *columns)
     kinds = {column: ' class="number"' if _is_numeric(rows, column) else "" for column in columns}
-    head = "".join(f'<th scope="col"{kinds[column]}>{escape(heading(column))}</th>' for column in columns)
+    head = "".join(f'<th scope="col"{kinds[column]}>{escape(wording.heading(column))}</th>' for column in columns)
     lines = [
-        "".join(f"<td{kinds[column]}>{escape(cell_for_people(column, row.get(column)))}</td>" for column in columns)
+        "".join(
+            f"<td{kinds[column]}>{escape(wording.cell_for_people(column, row.get(column)))}</td>" for column in columns
+        )
         for row in rows
     ]
     body = "\n".join(f"<tr>{line}</tr>" for line in lines)
     return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
 
-def heading(column: str) -> str:
-    """What people read above a column or along an axis."""
-    return HEADINGS.get(column, column)
-
-
-def drawable(name: object, width: int = 28) -> str:
-    """A user's name as matplotlib should draw it: wrapped after words and underscores, `$` being no formula."""
-    wrapped = textwrap.fill(str(name).replace("_", "_ "), width).replace("_ ", "_").replace("$", r"\$")
-    return f" {wrapped}" if wrapped.startswith("_") else wrapped  # matplotlib hides labels that begin with _
-
-
-def cell_for_people(column: str, value: Any) -> str:
-    """A cell as people read it: digits that mean something, a dash for nothing, a true minus sign."""
-    if value is None or value == "" or (_is_real(value) and math.isnan(value)):
-        return DASH
-    if not _is_real(value) or column in TEXT_COLUMNS:
-        return str(value)
-    return _FORMATS.get(column, _plain)(value).replace("-", MINUS).replace("inf", "∞")
-
-
-def _is_real(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
 def is_number(value: Any) -> bool:
     """Whether a cell holds a number: not empty, not text, not NaN."""
-    return _is_real(value) and not math.isnan(value)
+    return wording.is_real(value) and not math.isnan(value)
 
 
 def _is_numeric(rows: Sequence[Row], column: str) -> bool:
     values = [row.get(column) for row in rows if row.get(column) is not None]
-    return column not in TEXT_COLUMNS and bool(values) and all(map(_is_real, values))
-
-
-def _plain(value: float) -> str:
-    whole = isinstance(value, int) or 1e4 <= abs(value) < 1e15
-    return f"{value:,.0f}" if whole else f"{value:.4g}"
-
-
-def _decibel(value: float) -> str:
-    return f"≥ {CAP_DB:.0f}" if value >= CAP_DB else f"{value:.2f}"
-
-
-def _short(value: float) -> str:
-    return f"{value:.0f}" if 1000 <= abs(value) < 1e15 else f"{value:#.3g}".rstrip(".")
-
-
-_FORMATS: dict[str, Callable[[float], str]] = {
-    "alpha": "{:.3f}".format,
-    "slope": "{:.3f}".format,
-    "psnr_db": _decibel,
-    "mpsnr_db": _decibel,
-    "first_mpsnr_db": _decibel,
-    "best_mpsnr_db": _decibel,
-    "ssim": "{:.4f}".format,
-    "mssim": "{:.4f}".format,
-    "median_s": _short,
-    "p10_s": _short,
-    "p90_s": _short,
-    "ratio_to_numpy_fft": lambda value: f"{_short(value)}\N{MULTIPLICATION SIGN}",
-}
+    return column not in wording.TEXT_COLUMNS and bool(values) and all(map(wording.is_real, values))

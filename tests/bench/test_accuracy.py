@@ -77,6 +77,15 @@ def test_summaries_are_the_means_over_the_planes_of_each_group():
     assert accuracy.summaries([]) == []
 
 
+def test_interior_errors_are_the_mean_psnr_and_the_largest_difference():
+    reference = torch.full((2, 3, 16, 16), 0.5)
+    spoiled = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
+    spoiled[..., 0, :] = spoiled[..., -1] = 9
+    psnr_db, largest = accuracy.interior_errors(spoiled, reference, PLANES.slopes, (3, 3))
+    assert psnr_db == pytest.approx(30, abs=1e-3)
+    assert largest == pytest.approx(0.1)
+
+
 def test_only_the_interior_counts_for_interior_quality():
     slopes = PLANES.slopes
     reference = torch.rand(2, 3, 16, 16)

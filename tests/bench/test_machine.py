@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import torch
 
 import lfref
@@ -19,6 +20,11 @@ def test_facts_name_machine_libraries_and_threads():
     assert facts["lfref"] == lfref.__version__
     assert {"processor", "system", "python", *machine.PACKAGES} <= facts.keys()
     assert json.loads(json.dumps(facts)) == facts
+
+
+def test_a_package_that_is_not_installed_has_no_version():
+    assert machine.version("numpy") == np.__version__
+    assert machine.version("no-such-package") is None
 
 
 def test_a_gpu_is_called_by_its_name(monkeypatch):

@@ -51,6 +51,21 @@ def test_only_a_gpu_is_waited_for(monkeypatch):
     assert waited == [torch.device("cuda", 1)]
 
 
+def test_the_result_of_a_timed_run_can_be_kept(clock):
+    assert timing.result_and_seconds(lambda: "stack", CPU) == ("stack", 0)
+
+
+def test_all_take_turns_in_every_round():
+    calls = []
+
+    def watch(name, seconds):
+        return lambda: calls.append(name) or seconds + len(calls)
+
+    times = timing.in_turns({"a": watch("a", 0.0), "b": watch("b", 0.5)}, range(3), warmup=1)
+    assert calls == ["a", "b"] * 3
+    assert times == {"a": [3, 5], "b": [4.5, 6.5]}
+
+
 def test_median_and_percentiles_by_hand():
     seconds = timing.summary([float(value) for value in range(10, -1, -1)])
     assert (seconds.median, seconds.p10, seconds.p90) == (5, 1, 9)

@@ -8,6 +8,8 @@ import wandb
 import yaml
 
 from lfref.io.read import read, read_stack
+from lfref.refocus import apertures
+from lfref.refocus.all_in_focus import all_in_focus
 from lfref.refocus.shift_and_sum import shift_and_sum
 from tests.cli.conftest import TINY
 
@@ -82,6 +84,25 @@ def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
     assert abs(torch.from_numpy(shown) - stack[1].permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
 
 
+def test_refocus_looks_through_an_aperture(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_0_0_000"
+    words = ("aperture=disc", "aperture.diameter=3", "alphas=[1.5]", f"output={tmp_path}/out")
+    assert lfref("refocus", f"input={field}", *words)[0] == 0
+    stack, planes = read_stack(tmp_path / "out" / "stack.exr")
+    views = read(field, views=7).views
+    torch.testing.assert_close(stack, shift_and_sum(views, planes.slopes, weights=apertures.disc((7, 7), 3)))
+
+
+def test_refocus_finds_the_sharpest_plane_of_each_pixel(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_0_0_000"
+    words = ("all_in_focus=true", "exposure=1", "alphas=[0.6,0.8,1,1.5]", f"output={tmp_path}/out")
+    assert lfref("refocus", f"input={field}", *words)[0] == 0
+    stack, _ = read_stack(tmp_path / "out" / "stack.exr")
+    shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / "all_in_focus.png")).get_pixels("float")
+    assert abs(torch.from_numpy(shown) - all_in_focus(stack).image.permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
+    assert OpenImageIO.ImageBuf(str(tmp_path / "out" / "focus_map.png")).spec().width > 100
+
+
 def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
     field = trained / "scenes" / "simulated_0_0_000"
     checkpoint = trained / "run" / "checkpoints" / "best.ckpt"
@@ -146,6 +167,38 @@ def test_report_gathers_everything_into_one_page(lfref, trained):
     assert "A &lt;title&gt;" in page
     for words in ("rise of", "Accuracy against time", "MPSNR against MSSIM", "data:image/png;base64"):
         assert words in page
+
+
+def test_bench_measures_what_operators_cost(lfref, workplace):
+    dropped = [f"~methods.shift_and_sum{name}" for name in ("_nearest", "_cubic", "_exact")]
+    dropped += [f"~methods.fourier_slice{name}" for name in ("_linear", "_linear_padded", "_wide")]
+    words = ("group=operators", "source.size=[48,64]", "repeats=1", "warmup=0", "scale_repeats=1", "device=cpu")
+    sizes = ("scales.sides=[0.5,1]", "scales.views=[1,3]", "scales.planes=[1,2]")
+    assert lfref("bench", f"output={workplace}/operators", *words, *sizes, *dropped)[0] == 0
+    folder = workplace / "operators"
+    rows = {(row["method"], row["input"]): row for row in table(folder / "operators.csv")}
+    grown = ["shift_and_sum", "exact_fourier", "fourier_slice", "tilt_shift"]
+    others = ["super_resolve", "focal_stack_transform", "homography", "all_in_focus"]
+    names = [*grown[:3], "fourier_slice_numpy", grown[3], *others]
+    assert list(rows) == [("numpy_fft_4d", "float32"), (names[0], "float32"), (names[0], "uint8")] + [
+        (name, "float32") for name in names[1:]
+    ]
+    for key in list(rows)[1:]:
+        assert float(rows[key]["first_call_s"]) > 0
+        assert float(rows[key]["memory_ratio"]) > 0
+        if key[0] in ("super_resolve", "focal_stack_transform", "all_in_focus"):
+            assert rows[key]["psnr_db"] == ""
+        else:
+            assert float(rows[key]["psnr_db"]) > 50
+    twice = [float(rows[name, "float32"]["median_s"]) for name in ("fourier_slice_numpy", "fourier_slice")]
+    assert float(rows["fourier_slice", "float32"]["ratio_to_same_in_numpy"]) == pytest.approx(twice[0] / twice[1])
+    measured = {(row["method"], row["axis"]) for row in table(folder / "exponents.csv")}
+    assert measured == {(name, axis) for name in [*grown, *others] for axis in ("pixels", "views", "planes")}
+    assert len(table(folder / "scaling.csv")) == 2 * len(measured)
+    assert json.loads((folder / "machine.json").read_text())["repeats"] == 1
+    assert all((folder / picture).stat().st_size > 1000 for picture in ("operators.png", "scaling.png"))
+    assert lfref("report", f"output={workplace}/costs", f"runs=[{folder}]")[0] == 0
+    assert "What operators cost" in (workplace / "costs" / "index.html").read_text()
 
 
 BODY = slice(140, 215), slice(250, 380)

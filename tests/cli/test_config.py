@@ -11,7 +11,7 @@ FOLDER = configs.directory()
 GROUPS = sorted(
     path.relative_to(FOLDER).with_suffix("").as_posix()
     for path in FOLDER.glob("*/*.yaml")
-    if path.parent.name not in ("experiment", "method")
+    if path.parent.name not in ("experiment", "method", "group", "aperture")
 )
 
 
@@ -42,7 +42,33 @@ def test_every_method_composes_and_refocuses(composed, name):
     config = composed("refocus", f"method={name}", "input=x")
     stack = configs.build(config.method.operator)(torch.full((5, 5, 3, 16, 16), 0.5), [0.5, -1.0])
     assert config.method.name == name
-    torch.testing.assert_close(stack, torch.full((2, 3, 16, 16), 0.5), atol=1e-3, rtol=0)
+    torch.testing.assert_close(stack, torch.full_like(stack, 0.5), atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (FOLDER / "aperture").glob("*.yaml")))
+def test_every_aperture_composes_and_weighs_the_views(composed, name):
+    import torch
+
+    rows = ["aperture.rows=[[1,0,1],[0,2,0],[1,0,1]]"] if name == "mask" else []
+    weights = configs.build(composed("refocus", f"aperture={name}", "input=x", *rows).aperture)((3, 3))
+    assert weights.shape == (3, 3)
+    assert float(weights.sum()) > 0
+    torch.testing.assert_close(weights, weights.flip(0))
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (FOLDER / "group").glob("*.yaml")))
+def test_every_group_of_bench_composes_and_has_a_command(composed, name):
+    from lfref.cli.bench import GROUPS
+
+    config = composed("bench", f"group={name}")
+    assert config.group == name
+    assert name in GROUPS
+    assert {entry.name for entry in config.methods.values()} == set(config.methods)
+    assert all(callable(configs.build(entry.operator)) for entry in config.methods.values())
+
+
+def test_accuracy_against_time_is_what_bench_measures_by_default(composed):
+    assert composed("bench").group == "front"
 
 
 def test_the_papers_network_is_the_default(composed):

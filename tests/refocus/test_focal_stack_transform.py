@@ -9,7 +9,7 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.refocus import focal_stack_transform as module
 from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.focal_stack_transform import focal_stack_transform
+from lfref.refocus.focal_stack_transform import at_slopes, focal_stack_transform
 from tests.refocus.conftest import dirichlet
 
 
@@ -91,3 +91,14 @@ def test_bad_arguments_are_refused(change, message):
     arguments = {"views": torch.rand(3, 3, 1, 10, 10), "n_planes": 4} | change
     with pytest.raises(InputError, match=message):
         focal_stack_transform(**arguments)
+
+
+def test_given_slopes_must_be_even():
+    views = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
+    even = [0.8, 0.2, -0.4]
+    torch.testing.assert_close(at_slopes(views, even), exact_fourier(views, even), atol=1e-12, rtol=0)
+    torch.testing.assert_close(at_slopes(views, [0.3]), exact_fourier(views, [0.3]), atol=1e-12, rtol=0)
+    with pytest.raises(InputError, match="evenly spaced planes only"):
+        at_slopes(views, [-0.4, 0.3, 0.8])
+    with pytest.raises(InputError, match="at least one"):
+        at_slopes(views, [])

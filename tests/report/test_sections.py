@@ -55,6 +55,24 @@ def benchmark(tmp_path):
 
 
 @pytest.fixture
+def operators(tmp_path):
+    def row(method, seconds, **more):
+        times = {"first_call_s": None, "median_s": seconds, "p10_s": seconds, "p90_s": seconds}
+        ratios = {"ratio_to_numpy_fft": 2 / seconds, "ratio_to_same_in_numpy": None}
+        errors = {"psnr_db": None, "max_error": None, "extra_bytes": None, "memory_ratio": None}
+        return {"method": method, "input": "float32", "device": "cpu"} | times | ratios | errors | more
+
+    folder, axes = tmp_path / "operators", ("pixels", "views", "planes")
+    tables.write_table(folder / "operators.csv", [row("numpy_fft_4d", 2.0), row("sum", 0.1, extra_bytes=4_500_000)])
+    grown = [{"method": "sum", "axis": axis, "n": n, "median_s": n, "min_s": n} for axis in axes for n in (1, 2)]
+    tables.write_table(folder / "scaling.csv", grown)
+    tables.write_table(
+        folder / "exponents.csv", [{"method": "sum", "axis": axis, "exponent": 1.0 + i} for i, axis in enumerate(axes)]
+    )
+    return folder
+
+
+@pytest.fixture
 def refocusing(tmp_path):
     write_picture(tmp_path / "refocus" / "contact_sheet.png")
     return tmp_path / "refocus"
@@ -120,6 +138,16 @@ def test_a_benchmark_shows_all_rows_but_draws_only_what_was_judged(benchmark, mo
     assert fft == 2.0
 
 
+def test_what_operators_cost_is_two_tables_and_two_figures(operators):
+    (section,) = sections.sections([operators])
+    assert section.title == "What operators cost"
+    costs, exponents = section.tables.values()
+    assert [(row["method"], row["extra_bytes"]) for row in costs] == [("numpy_fft_4d", None), ("sum", 4_500_000)]
+    assert "device" not in costs[0]
+    assert exponents == [{"method": "sum", "exponent_pixels": 1.0, "exponent_views": 2.0, "exponent_planes": 3.0}]
+    assert len(section.figures) == 2
+
+
 def test_a_refocusing_run_shows_its_planes(refocusing):
     (section,) = sections.sections([refocusing])
     assert section.title == "Refocused: refocus"
@@ -154,11 +182,11 @@ def test_a_folder_of_two_kinds_becomes_two_sections(training, refocusing):
     assert [section.title for section in sections.sections([training])] == ["Training", "Refocused: train"]
 
 
-def test_all_kinds_make_a_page(training, evaluation, benchmark, refocusing, sweep, tmp_path):
-    made = sections.sections([training, evaluation, benchmark, refocusing, sweep])
+def test_all_kinds_make_a_page(training, evaluation, benchmark, operators, refocusing, sweep, tmp_path):
+    made = sections.sections([training, evaluation, benchmark, operators, refocusing, sweep])
     page.write_page(tmp_path / "index.html", "All", made, {})
     text = (tmp_path / "index.html").read_text("utf-8")
-    assert text.count("<section") == 5
+    assert text.count("<section") == 6
     assert "net.style=sibling" in text
 
 
@@ -175,6 +203,7 @@ def test_a_folder_without_results_is_one_clear_error(tmp_path, exists):
     ("name", "text"),
     [
         pytest.param("bench.csv", "method,median_s\na,1.0\n"),
+        ("operators.csv", "method,median_s\na,1.0\n"),
         ("bench.csv", ""),
         ("summary.csv", "method\nnet\n"),
     ],

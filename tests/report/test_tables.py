@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError
-from lfref.report import tables
+from lfref.report import tables, wording
 
 numbers = st.one_of(st.integers(-(10**15), 10**15), st.floats(allow_nan=False))
 texts = st.text(string.ascii_letters + ' ,";\n\u03b1', min_size=1).filter(lambda text: text not in ("inf", "nan"))
@@ -111,7 +111,7 @@ def test_html_escapes_names_and_aligns_numbers():
     assert '<th scope="col" class="number">PSNR (dB)</th>' in html
     assert '<td class="number">31.26</td>' in html
     assert '<td class="number">≥ 100</td>' in html
-    assert html.count(f">{tables.DASH}</td>") == 2
+    assert html.count(f">{wording.DASH}</td>") == 2
     assert html.count("<tr>") == 4
 
 
@@ -121,30 +121,3 @@ def test_html_shows_the_columns_asked_for_in_that_order():
     assert ">2<" not in html
     with pytest.raises(InputError, match="'nothing'"):
         tables.to_html([{"a": 1}], ["nothing"])
-
-
-@pytest.mark.parametrize(
-    ("column", "value", "shown"),
-    [
-        ("median_s", 0.00123456, "0.00123"),
-        ("median_s", 0.2, "0.200"),
-        ("median_s", 1541.1, "1541"),
-        ("median_s", 123.4, "123"),
-        ("ratio_to_numpy_fft", 73.4, "73.4\N{MULTIPLICATION SIGN}"),
-        ("slope", -7.0, f"{tables.MINUS}7.000"),
-        ("ssim", 0.98765, "0.9877"),
-        ("mpsnr_db", math.inf, "≥ 100"),
-        ("parameters", 12500768, "12,500,768"),
-        ("anything", 0.123456, "0.1235"),
-        ("anything", math.nan, tables.DASH),
-        ("anything", True, "True"),
-        ("light_field", "IMG_1085", "IMG_1085"),
-    ],
-)
-def test_cells_have_digits_that_mean_something(column, value, shown):
-    assert tables.cell_for_people(column, value) == shown
-
-
-def test_a_name_with_dollars_is_no_formula():
-    assert tables.drawable("cost_$x$") == r"cost_\$x\$"
-    assert tables.drawable("one_two_three", width=9) == "one_two_\nthree"

@@ -1,0 +1,1 @@
+"""Groups of `lfref bench`, one module each."""

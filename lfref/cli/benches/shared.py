@@ -1,0 +1,73 @@
+"""What the groups of `lfref bench` share: their light fields, and a note of what they were measured on."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from omegaconf import DictConfig
+
+from lfref.bench import machine
+from lfref.cli import config as configs
+from lfref.cli.command import paths
+from lfref.data.sources import SimulatedSource
+from lfref.geometry import FocalPlanes
+from lfref.io import atomic
+from lfref.io import read as reader
+from lfref.lightfield import LightField
+
+
+class Rounds(NamedTuple):
+    """How often everything is run."""
+
+    counted: int
+    warmup: int
+
+    @property
+    def all(self) -> range:
+        """One number a round, the warm-up first."""
+        return range(self.warmup + self.counted)
+
+
+def rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
+    """The rounds that a configuration asks for.
+
+    Args:
+        config: Where they stand.
+        counted: Under which name.
+
+    Raises:
+        InputError: They are no numbers, or too small.
+    """
+    return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
+
+
+def light_fields(config: DictConfig) -> list[LightField]:
+    """The light fields given, or simulated ones of the paper's size."""
+    if config.input is not None:
+        found = [path for entry in paths(configs.plain(config.input)) for path in reader.find(entry)]
+        return [reader.read(path, **configs.plain(config.reader)) for path in found]
+    source: SimulatedSource = configs.build(config.source)
+    return [source.field(index) for index in range(len(source))]
+
+
+def write_facts(
+    folder: Path, device: torch.device, fields: Sequence[LightField], planes: FocalPlanes, counted: int
+) -> None:
+    """Write `machine.json`: machine, libraries, threads, and what was measured how often.
+
+    Args:
+        folder: The run folder.
+        device: Where the work was done.
+        fields: What was refocused.
+        planes: To which planes.
+        counted: Runs that counted.
+    """
+    facts = machine.facts(device) | {
+        "light_fields": ", ".join(field.name for field in fields),
+        "views": ", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
+        "planes": len(planes),
+        "repeats": counted,
+    }
+    atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")

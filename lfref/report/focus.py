@@ -1,0 +1,39 @@
+"""The picture of a focus index: where each pixel is sharpest, in colour, and how sure that is, as opacity."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from lfref.errors import InputError
+
+COLOURS = "viridis"
+WIDTH = 7.0  # inches
+
+
+def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
+    """A map of slopes with its colour bar; what nobody can tell fades to white.
+
+    Args:
+        slopes: Slope at which each pixel is sharpest, in pixels per view step, [H, W].
+        confidence: How clearly it is, [0, 1], [H, W].
+
+    Raises:
+        InputError: They are no maps of one size.
+    """
+    if slopes.ndim != 2 or slopes.shape != confidence.shape:
+        raise InputError(
+            "slopes and confidence must be [H, W]", got=f"{list(slopes.shape)} and {list(confidence.shape)}"
+        )
+    height, width = slopes.shape
+    figure = Figure(figsize=(WIDTH, 0.4 + (WIDTH - 1) * height / width), layout="constrained")
+    axes = figure.subplots()
+    values, opacity = slopes.double().cpu().numpy(), confidence.double().cpu().numpy().clip(0, 1)
+    low, high = np.percentile(values[opacity >= np.median(opacity)], [1, 99])
+    # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
+    shown = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, alpha=0 * opacity)
+    bar = figure.colorbar(shown, ax=axes, label="slope, px per view step", pad=0.02)
+    if bar.solids is not None:
+        bar.solids.set_alpha(1)
+    axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, alpha=opacity)
+    axes.set_axis_off()
+    return figure

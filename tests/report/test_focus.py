@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.report import focus
+
+
+def drawn(slopes: torch.Tensor, confidence: torch.Tensor):
+    figure = focus.focus_map(slopes, confidence)
+    _, shown = figure.axes[0].images
+    return figure, shown
+
+
+def test_colour_is_the_slope_and_opacity_the_confidence():
+    slopes = torch.linspace(-1, 0.5, 12).reshape(3, 4)
+    confidence = torch.linspace(0, 1, 12).reshape(3, 4)
+    figure, shown = drawn(slopes, confidence)
+    np.testing.assert_allclose(shown.get_array(), slopes, atol=1e-7)
+    np.testing.assert_allclose(shown.get_alpha(), confidence, atol=1e-7)
+    assert figure.axes[1].get_ylabel() == "slope, px per view step"
+
+
+def test_the_scale_is_that_of_the_surer_half():
+    slopes = torch.full((10, 10), 0.25)
+    slopes[:, 5:] = torch.linspace(-1, 1, 50).reshape(10, 5)
+    slopes[0, 0] = 99  # nothing can be told here
+    confidence = torch.full((10, 10), 0.0)
+    confidence[:, 5:] = 0.9
+    _, shown = drawn(slopes, confidence)
+    low, high = shown.get_clim()
+    assert -1 <= low < -0.9
+    assert high < 1.1
+
+
+def test_one_slope_everywhere_can_be_drawn():
+    drawn(torch.zeros(4, 5), torch.zeros(4, 5))
+
+
+@pytest.mark.parametrize("shape", [(4,), (1, 4, 5), (5, 4)])
+def test_maps_that_do_not_fit_are_refused(shape):
+    with pytest.raises(InputError, match=r"must be \[H, W\]"):
+        focus.focus_map(torch.zeros(shape), torch.zeros(4, 5))
