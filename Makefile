@@ -48,7 +48,12 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: lint
+# Triton's interpreter runs the GPU's kernel on the CPU, line by line.
+$(VENV)/triton: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton]'
+	touch $@
+
+test: lint $(VENV)/triton
 	$(BIN)/python -m pytest -n 2
 
 quick: install

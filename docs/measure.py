@@ -52,6 +52,11 @@ def operators() -> Iterator[str]:
     for row in rows:
         if row["ratio_to_same_in_numpy"] is not None:
             yield f"`{row['method']}` is {row['ratio_to_same_in_numpy']:.1f} times faster than the same in NumPy alone."
+    limits, (fastest,) = facts["shift_and_sum_limits"], (row for row in rows if _case(row) == "shift_and_sum")
+    yield f"Linear shift-and-sum takes {1e3 * fastest['median_s']:.0f} ms; the machine needs at least"
+    yield f"{1e3 * limits['bytes_s']:.0f} ms to read the field and write the stack once at the rate of a copy, and"
+    yield f"{1e3 * limits['arithmetic_s']:.0f} ms for the multiply-adds at the rate of a matrix product."
+    yield ""
     yield f"One simulated light field, {facts['views']}, {facts['planes']} planes; {facts['processor']},"
     yield f"{facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']}, Numba {facts['numba']},"
     yield f"{facts['repeats']} rounds."

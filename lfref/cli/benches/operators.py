@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 from lfref.bench import cost, scaling
 from lfref.bench.accuracy import Row
 from lfref.bench.cost import Case
+from lfref.bench.limits import shift_and_sum_limits
 from lfref.bench.methods import Method
 from lfref.bench.scaling import Scales, Size
 from lfref.cli import config as configs
@@ -40,7 +41,8 @@ def operators(config: DictConfig, folder: Path) -> None:
     views = functools.partial(scaling.random_views, channels=field.views.shape[2], device=device)
     growth = scaling.times(progress(list(methods.values()), "measuring growth"), sizes, views, *scale_rounds)
     _write(folder, rows, growth)
-    shared.write_facts(folder, device, [field], planes, rounds.counted)
+    limits = shift_and_sum_limits(field.views, len(planes))
+    shared.write_facts(folder, device, [field], planes, rounds.counted, shift_and_sum_limits=limits._asdict())
     log.info("%d operators on %s: %s", len(cases), field.name, folder / "operators.csv")
 
 

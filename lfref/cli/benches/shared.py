@@ -53,7 +53,12 @@ def light_fields(config: DictConfig) -> list[LightField]:
 
 
 def write_facts(
-    folder: Path, device: torch.device, fields: Sequence[LightField], planes: FocalPlanes, counted: int
+    folder: Path,
+    device: torch.device,
+    fields: Sequence[LightField],
+    planes: FocalPlanes,
+    counted: int,
+    **more: object,
 ) -> None:
     """Write `machine.json`: machine, libraries, threads, and what was measured how often.
 
@@ -63,11 +68,13 @@ def write_facts(
         fields: What was refocused.
         planes: To which planes.
         counted: Runs that counted.
+        **more: Further facts, by name.
     """
     facts = machine.facts(device) | {
         "light_fields": ", ".join(field.name for field in fields),
         "views": ", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
         "planes": len(planes),
         "repeats": counted,
+        **more,
     }
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
