@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.refocus import batches, row_kernel
-from lfref.refocus.row_kernel import TAPS, VECTOR, Horizontal, Scale, Source, Vertical
+from lfref.refocus.row_kernel import TAPS, VECTOR, Horizontal, Scale, Scratch, Source, Vertical
 from lfref.refocus.task import Shifts, Task
 
 WORTH_A_THREAD = 1 << 18
@@ -58,7 +58,8 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
     def refocus(job: tuple[int, tuple[int, int]]) -> None:
         index, band = job
-        row_kernel.add_band(sources[index], plan.across, plan.down, plan.scale, stack[index], *band)
+        scratch = _new_scratch(plan, task, working)
+        row_kernel.add_band(sources[index], plan.across, plan.down, plan.scale, scratch, stack[index], *band)
 
     jobs = itertools.product(range(len(views)), bands)
     if n_threads == 1:
@@ -75,6 +76,17 @@ def _source(field: NDArray, plan: _Plan) -> Source:
     span = 1 + int((strides * (np.array(field.shape) - 1)).sum())
     memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,), writeable=False)
     return Source(memory, strides, field.shape[1], plan.rows, plan.columns)
+
+
+def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:
+    width = task.size[1] + -task.size[1] % VECTOR
+    first = np.concatenate([[0], np.cumsum(plan.down.highest - plan.down.lowest + 1)])
+    return Scratch(
+        rows=np.zeros((len(task.aperture[0]), len(plan.columns)), working),
+        total=np.empty(width, working),
+        ring=np.zeros((first[-1], width), working),
+        first=first,
+    )
 
 
 @functools.lru_cache(maxsize=16)
@@ -137,7 +149,8 @@ def _vertical(task: Task, working: np.dtype) -> Vertical:
     # Offsets of taps that are not taken must not lengthen the ring of unfinished rows.
     offsets = np.where(weights != 0, offsets, offsets[:, :1, :1])
     begins, ends = np.ascontiguousarray(spans[..., 0]), np.ascontiguousarray(spans[..., 1])
-    return Vertical(offsets, weights, begins, ends, offsets.min((1, 2)), offsets.max((1, 2)))
+    lowest, highest = offsets.min((1, 2)), offsets.max((1, 2))
+    return Vertical(offsets, weights, begins, ends, lowest, highest, int(lowest.min()), int(highest.max()))
 
 
 def _scale(task: Task, working: np.dtype, full_scale: int) -> Scale:

@@ -91,6 +91,10 @@ class Vertical(NamedTuple):
     """Least offset, [N]."""
     highest: Integers
     """Greatest offset, [N]."""
+    least: int
+    """Least of all offsets."""
+    most: int
+    """Greatest of all offsets."""
 
 
 class Scale(NamedTuple):
@@ -117,7 +121,14 @@ class Scratch(NamedTuple):
 
 @compiled
 def add_band(
-    source: Source, across: Horizontal, down: Vertical, scale: Scale, stack: Reals, top: int, end: int
+    source: Source,
+    across: Horizontal,
+    down: Vertical,
+    scale: Scale,
+    scratch: Scratch,
+    stack: Reals,
+    top: int,
+    end: int,
 ) -> None:
     """Refocus the rows from `top` to before `end` of a stack.
 
@@ -126,14 +137,14 @@ def add_band(
         across: Taps of the horizontal pass.
         down: Taps of the vertical pass.
         scale: Factors of the sums.
+        scratch: To work in, black.
         stack: Filled in these rows, [N, C, H, W].
         top: First row.
         end: One past the last row.
     """
     reach = (source.rows.size - stack.shape[2]) // 2
-    scratch = _new_scratch(source, down, stack)
     for c in range(stack.shape[1]):
-        for y in range(top + down.lowest.min(), end + down.highest.max()):
+        for y in range(top + down.least, end + down.most):
             y_source = source.rows[y + reach]
             for v in range(across.weights.shape[1] if y_source >= 0 else 0):
                 _gather(source, v, c, y_source, scratch.rows, reach, stack.shape[3])
@@ -142,15 +153,6 @@ def add_band(
                 r = y - down.highest[n]
                 if top <= r < end:
                     _finish(_unfinished(scratch, n, r), scale.factors[n, scale.kinds[n, r]], stack[n, c, r])
-
-
-@compiled
-def _new_scratch(source: Source, down: Vertical, stack: Reals) -> Scratch:
-    width = (stack.shape[3] + VECTOR - 1) // VECTOR * VECTOR
-    first = np.zeros(stack.shape[0] + 1, np.int64)
-    first[1:] = np.cumsum(down.highest - down.lowest + 1)
-    rows = np.zeros((source.n_columns, source.columns.size), stack.dtype)
-    return Scratch(rows, np.empty(width, stack.dtype), np.zeros((first[-1], width), stack.dtype), first)
 
 
 @inlined
