@@ -41,10 +41,11 @@ figures: install
 	$(BIN)/lfref bench output=runs/figures/bench repeats=5
 	$(BIN)/lfref bench group=operators output=runs/figures/operators repeats=5
 	$(BIN)/python docs/measure.py
+	$(BIN)/python docs/pictures.py
 
 lint: install
-	$(BIN)/ruff check lfref tests docs/measure.py
-	$(BIN)/ruff format --check lfref tests docs/measure.py
+	$(BIN)/ruff check lfref tests docs/*.py
+	$(BIN)/ruff format --check lfref tests docs/*.py
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

@@ -4,6 +4,7 @@ The public names load on first use, so that `import lfref` brings in nothing but
 """
 
 import importlib
+from typing import Any
 
 __version__ = "0.1.0"
 
@@ -33,7 +34,7 @@ _HOMES = {
 __all__ = sorted([*_HOMES, "__version__"])
 
 
-def __getattr__(name: str) -> object:
+def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'lfref' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)

@@ -8,6 +8,7 @@ from lfref.errors import InputError
 
 COLOURS = "viridis"
 WIDTH = 7.0  # inches
+SURE = 0.1  # confidence from which a slope has a say in the scale of colours
 
 
 def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
@@ -28,7 +29,7 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.4 + (WIDTH - 1) * height / width), layout="constrained")
     axes = figure.subplots()
     values, opacity = slopes.double().cpu().numpy(), confidence.double().cpu().numpy().clip(0, 1)
-    low, high = np.percentile(values[opacity >= np.median(opacity)], [1, 99])
+    low, high = np.percentile(values[(opacity > SURE) | (opacity == opacity.max())], [1, 99])
     # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, alpha=0 * opacity)
     bar = figure.colorbar(shown, ax=axes, label="slope, px per view step", pad=0.02)

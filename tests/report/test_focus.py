@@ -21,7 +21,7 @@ def test_colour_is_the_slope_and_opacity_the_confidence():
     assert figure.axes[1].get_ylabel() == "slope, px per view step"
 
 
-def test_the_scale_is_that_of_the_surer_half():
+def test_the_scale_is_that_of_pixels_that_can_tell():
     slopes = torch.full((10, 10), 0.25)
     slopes[:, 5:] = torch.linspace(-1, 1, 50).reshape(10, 5)
     slopes[0, 0] = 99  # nothing can be told here

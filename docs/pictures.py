@@ -1,0 +1,260 @@
+"""Draw the pictures of `refocusing.md` from simulated scenes, and pictures of a light field of one's own on request.
+
+Run by `make figures`. `--capture LIGHT_FIELD` also writes a focal sweep, an all-in-focus picture and its focus index
+to `runs/figures/capture`: pictures of a capture are no part of the project.
+Letters: `s` slope in pixels per view step, `x y` pixel column and row.
+"""
+
+import argparse
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scenes
+import sheets
+import torch
+from matplotlib.figure import Figure
+from torch import Tensor
+from torch.nn import functional as F
+
+import lfref
+from lfref import geometry
+from lfref.io import images
+from lfref.refocus import apertures
+from lfref.refocus.all_in_focus import index_to_slope
+from lfref.refocus.homography import plane_homographies
+from lfref.refocus.shift_and_sum import coverage
+from lfref.report import drawing, focus, pictures, wording
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+CAPTURE = ROOT / "runs" / "figures" / "capture"
+DEPTH: dict[str, Any] = {"cmap": "viridis", "vmin": scenes.FAR, "vmax": scenes.NEAR}
+ALPHA = wording.heading("alpha")
+GAMMA = 1.6  # captures are linear and dark
+SLOPE_LABEL = "slope, px per view step"
+
+still_life, wall = functools.cache(scenes.still_life), functools.cache(scenes.wall)
+
+
+def alpha() -> Figure:
+    """The two meanings of alpha, with the planes of the paper as dots."""
+    figure = drawing.new_figure(sheets.WIDTH, 2.5)
+    line, paper = np.linspace(0.117, 2.05, 400), [step / 8 for step in range(1, 17)]
+    titles = {"the paper's 16 planes": (-7.6, 1.5), "near the captured focus": (-1.1, 1.1)}
+    for axes, (title, limits) in zip(figure.subplots(1, 2), titles.items(), strict=True):
+        for convention, label, colour in (
+            ("ng", f"ng: s = 1 \N{MINUS SIGN} 1/{ALPHA}", drawing.BLUE),
+            ("parallel", f"parallel: s = {ALPHA} \N{MINUS SIGN} 1", drawing.RED),
+        ):
+            axes.plot(line, geometry.slopes(line, convention), color=colour, linewidth=1.4)
+            axes.plot(paper, geometry.slopes(paper, convention), "o", color=colour, markersize=3.5, label=label)
+        sheets.label(axes, ALPHA, SLOPE_LABEL, title)
+        axes.set_ylim(limits)
+    axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def shift_and_sum() -> Figure:
+    """The still life, focused far, in the middle and near."""
+    views, _ = still_life()
+    slopes = [scenes.FAR, scenes.MIDDLE, scenes.NEAR]
+    return sheets.sheet(zip(map(sheets.at, slopes), lfref.shift_and_sum(views, slopes), strict=True))
+
+
+def interpolation() -> Figure:
+    """A wall in focus at half-pixel shifts by each interpolation, and what each does wrong."""
+    views, slope = wall(0.5), [0.5]
+    exact = lfref.exact_fourier(views, slope)[0]
+    window = (..., slice(64, 112), slice(68, 140))
+    names = ("nearest", "linear", "cubic", "exact")
+    shown = [(name, lfref.shift_and_sum(views, slope, interpolation=name)[0][window]) for name in names]
+    errors = [sheets.error("error, PSNR ", image, exact[window]) for _, image in shown]
+    return sheets.sheet([*shown, *errors], 4, bar="absolute error", **sheets.ERROR)
+
+
+def borders() -> Figure:
+    """A corner of a wall in focus at a large slope, under the four border rules."""
+    views, slope = wall(8.0), [8.0]
+    window = (..., slice(0, 56), slice(0, 72))
+    names = ("renormalize", "edge", "zero", "wrap")
+    corners = [(name, lfref.shift_and_sum(views, slope, border=name)[0][window]) for name in names]
+    share = coverage(slope, scenes.GRID, scenes.SIZE)[0][window]
+    return sheets.sheet([*corners, ("coverage", share)], 5, bar="share of views", **sheets.SHARE)
+
+
+def exact_fourier() -> Figure:
+    """The reference, and how far shift-and-sum is from it under two border rules."""
+    views, _ = still_life()
+    exact = lfref.exact_fourier(views, [scenes.NEAR])[0]
+    cells = [(f"exact_fourier\n{sheets.at(scenes.NEAR)}", exact)]
+    for name in ("wrap", "renormalize"):
+        image = lfref.shift_and_sum(views, [scenes.NEAR], interpolation="exact", border=name)[0]
+        cells.append(sheets.error(f"against exact shift_and_sum,\nborder {name}: ", image, exact))
+    return sheets.sheet(cells, bar="absolute difference", **sheets.ERROR)
+
+
+def fourier_slice() -> Figure:
+    """How far Fourier slices are from the reference, by kernel and padding."""
+    views, _ = still_life()
+    exact = lfref.exact_fourier(views, [scenes.NEAR])[0]
+    settings: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("linear,\nnot padded: ", {"kernel": "linear", "padding": 1}),
+        ("linear,\npadded twice: ", {"kernel": "linear", "padding": 2}),
+        ("Kaiser-Bessel, 4 bins,\npadded twice: ", {"width": 4}),
+        ("Kaiser-Bessel, 6 bins,\npadded twice: ", {"width": 6}),
+    )
+    cells = [
+        sheets.error(name, lfref.fourier_slice(views, [scenes.NEAR], **options)[0], exact) for name, options in settings
+    ]
+    return sheets.sheet(cells, 4, bar="absolute error", **sheets.ERROR)
+
+
+def focal_stack_transform() -> Figure:
+    """Five planes of a stack, and a cut through all 61 of them along one row of pixels."""
+    views, _ = still_life()
+    slopes, row = geometry.even_slopes(61, -1.5, 1.5).tolist(), 119
+    stack = lfref.focal_stack_transform(views, 61, -1.5, 1.5)
+    figure = drawing.new_figure(sheets.WIDTH, 3.0)
+    grid = figure.add_gridspec(2, 5, height_ratios=(1, 2.3))
+    for column, plane in enumerate((14, 23, 32, 40, 48)):
+        axes = figure.add_subplot(grid[0, column])
+        sheets.show(axes, sheets.at(slopes[plane]), stack[plane])
+        axes.axhline(row, color="white", linewidth=0.7, linestyle=":")
+    axes = figure.add_subplot(grid[1, :])
+    cut = pictures.for_display(stack[:, :, row].movedim(0, 1))
+    axes.imshow(cut, extent=(-0.5, scenes.SIZE[1] - 0.5, -1.525, 1.525), origin="lower", aspect="auto")
+    sheets.label(axes, "x along the dotted row, px", SLOPE_LABEL)
+    axes.grid(visible=False)
+    return figure
+
+
+def tilt_shift() -> Figure:
+    """A page on a table: one slope for the picture, and a slope that changes from top to bottom."""
+    views = scenes.table_top(scenes.camera_array())
+    slope, tilt = scenes.table_slopes()
+    flat = lfref.shift_and_sum(views, [0.0])[0]
+    tilted = lfref.tilt_shift(views, slope, tilt)[0]
+    return sheets.sheet([("one view", views[3, 3]), ("shift_and_sum, s = 0", flat), ("tilt_shift", tilted)])
+
+
+def per_pixel() -> Figure:
+    """Noisy views averaged along a map of slopes."""
+    views, truth = still_life()
+    noisy = views + 0.12 * torch.randn(views.shape, generator=torch.Generator().manual_seed(0))
+    refocused = lfref.per_pixel(noisy, truth, interpolation="cubic")[0]
+    cells = [("one of 49 noisy views", noisy[3, 3]), ("per_pixel", refocused), ("slope_map", truth)]
+    return sheets.sheet(cells, bar=SLOPE_LABEL, **DEPTH)
+
+
+def homography() -> Figure:
+    """The page again, seen by cameras that stand and look anyhow."""
+    cameras = scenes.camera_array(disorder=1.0)
+    views = scenes.table_top(cameras)
+    matrices = plane_homographies(cameras, scenes.pinhole(), torch.tensor([scenes.TABLE]), scenes.SIZE)
+    slope, tilt = scenes.table_slopes()
+    tilted = lfref.tilt_shift(views, slope, tilt)[0]
+    refocused = lfref.homography(views, matrices)[0]
+    return sheets.sheet([("one view", views[1, 5]), ("tilt_shift", tilted), ("homography", refocused)])
+
+
+def all_in_focus() -> Figure:
+    """The still life, sharp throughout, and the slope at which each pixel is sharpest."""
+    views, truth = still_life()
+    slopes = geometry.even_slopes(17, -1.2, 1.2)
+    image, index, confidence = lfref.all_in_focus(lfref.exact_fourier(views, slopes))
+    found = index_to_slope(index, slopes)
+    pair = [("image", image), ("confidence, white: 1", confidence[None])]
+    return sheets.sheet([*pair, ("index, as slope", found), ("true disparity", truth)], 2, bar=SLOPE_LABEL, **DEPTH)
+
+
+def super_resolve() -> Figure:
+    """Small print in a view, refocused and enlarged, and super-resolved."""
+    slope = [0.25]
+    views, truth = scenes.small_print(slope[0])
+    sharper = lfref.super_resolve(views, slope, factor=2)[0]
+    mean = lfref.shift_and_sum(views, slope, interpolation="exact")[0]
+    inner = (..., slice(6, -6), slice(6, -6))
+    names = ("one view, bicubic", "shift_and_sum, bicubic", "super_resolve")
+    inside = [image[inner] for image in (_enlarged(views[3, 3]), _enlarged(mean), sharper)]
+    return sheets.sheet(
+        (f"{name}: {sheets.decibels(image, truth[inner])}", image) for name, image in zip(names, inside, strict=True)
+    )
+
+
+def aperture() -> Figure:
+    """What lights out of focus look like through four apertures."""
+    grid = (15, 15)
+    views = scenes.lights(1.3, grid)
+    weights = {
+        "square": apertures.square(grid),
+        "disc": apertures.disc(grid),
+        "gaussian, sigma 3": apertures.gaussian(grid, 3.0),
+        "mask": apertures.mask(grid, scenes.heart(grid)),
+    }
+    shapes = [(name, weight / weight.max()) for name, weight in weights.items()]
+    lit = [("", lfref.shift_and_sum(views, [0.0], weights=weight)[0]) for weight in weights.values()]
+    return sheets.sheet([*shapes, *lit], 4, bar="weight", **sheets.SHARE)
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {
+    "alpha.png": alpha,
+    "shift_and_sum.jpg": shift_and_sum,
+    "interpolation.jpg": interpolation,
+    "borders.jpg": borders,
+    "exact_fourier.jpg": exact_fourier,
+    "fourier_slice.jpg": fourier_slice,
+    "focal_stack_transform.jpg": focal_stack_transform,
+    "tilt_shift.jpg": tilt_shift,
+    "per_pixel.jpg": per_pixel,
+    "homography.jpg": homography,
+    "all_in_focus.jpg": all_in_focus,
+    "super_resolve.jpg": super_resolve,
+    "apertures.jpg": aperture,
+}
+
+
+def capture(path: Path, folder: Path) -> None:
+    """Write a focal sweep, an all-in-focus picture and its focus index of a light field.
+
+    Args:
+        path: The light field.
+        folder: Where the pictures go.
+    """
+    field = lfref.read(path, views=7)
+    slopes = geometry.even_slopes(23, -1.75, 1.0)
+    stack = lfref.shift_and_sum(field.views, slopes, interpolation="exact")
+    gain = pictures.common_exposure(field.views.mean((0, 1)))
+    sweep = pictures.contact_sheet(stack[::2], [sheets.at(slope) for slope in slopes[::2].tolist()], gain, GAMMA)
+    image, index, confidence = lfref.all_in_focus(stack)
+    drawing.save_figure(sweep, folder / "focal_sweep.png")
+    images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain, GAMMA))
+    figure = focus.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
+    drawing.save_figure(figure, folder / "focus_index.png")
+
+
+def _enlarged(image: Tensor) -> Tensor:
+    """Twice finer by bicubic interpolation, fine pixel X at x = X / 2 as `super_resolve` has it."""
+    size = [2 * length - 1 for length in image.shape[-2:]]
+    enlarged = F.interpolate(image[None], size=size, mode="bicubic", align_corners=True)
+    return F.pad(enlarged, (0, 1, 0, 1), mode="replicate")[0]
+
+
+def main() -> None:
+    """Write all pictures."""
+    parser = argparse.ArgumentParser(description="Draw the pictures of refocusing.md.")
+    parser.add_argument("--capture", type=Path, help=f"a light field to draw too, into {CAPTURE.relative_to(ROOT)}")
+    parser.add_argument("--output", type=Path, default=HERE / "pictures", help="folder of the pictures")
+    arguments = parser.parse_args()
+    for name, draw in PICTURES.items():
+        sheets.save(draw(), arguments.output / name)
+    print(f"wrote {len(PICTURES)} pictures to {arguments.output}")
+    if arguments.capture is not None:
+        capture(arguments.capture, CAPTURE)
+        print(f"wrote a focal sweep, an all-in-focus picture and its focus index to {CAPTURE}")
+
+
+if __name__ == "__main__":
+    main()
