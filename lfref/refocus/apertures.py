@@ -110,15 +110,6 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
     return weights
 
 
-APERTURES: dict[str, Callable[..., Tensor]] = {
-    "full": full,
-    "disc": disc,
-    "square": square,
-    "gaussian": gaussian,
-    "mask": mask,
-}
-
-
 def through(
     aperture: Callable[[Sequence[int]], Tensor], operator: Callable[..., Tensor]
 ) -> Callable[[Tensor, Slopes], Tensor]:
