@@ -7,8 +7,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import cards
 import numpy as np
 import torch
+from cards import Card
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -18,8 +20,6 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.refocus.homography import Cameras
-from lfref.simulate import render, textures
-from lfref.simulate.scenes import Layer, Scene
 
 SIZE = (192, 288)
 GRID = (7, 7)
@@ -69,19 +69,19 @@ def still_life() -> tuple[Tensor, Tensor]:
         Views, [7, 7, 3, H, W], and the disparity that the middle view shows, [H, W].
     """
     margin = math.ceil(3 * NEAR) + 2
-    cards = ((FAR, _bricks), (MIDDLE, _target), (NEAR, _label))
-    layers = [_layer(disparity, draw, margin, seed) for seed, (disparity, draw) in enumerate(cards)]
+    drawn = ((FAR, _bricks), (MIDDLE, _target), (NEAR, _label))
+    layers = [_layer(disparity, draw, margin, seed) for seed, (disparity, draw) in enumerate(drawn)]
     truth = torch.full(layers[0].opacity.shape[1:], FAR)
     for layer in layers[1:]:
         truth = torch.where(layer.opacity[0] > 0.5, layer.disparity, truth)
-    return render.views(Scene(tuple(layers), margin), GRID), truth[margin:-margin, margin:-margin]
+    return cards.views(layers, GRID, margin), truth[margin:-margin, margin:-margin]
 
 
 def wall(disparity: float) -> Tensor:
     """The brick wall with the target on it, one flat surface, [7, 7, 3, H, W]."""
     margin = math.ceil(3 * abs(disparity)) + 2
     both = [_layer(disparity, draw, margin, seed) for seed, draw in enumerate((_bricks, _target))]
-    return render.views(Scene(tuple(both), margin), GRID)
+    return cards.views(both, GRID, margin)
 
 
 def camera_array(disorder: float = 0.0) -> Cameras:
@@ -169,14 +169,14 @@ def heart(grid: tuple[int, int]) -> Tensor:
     return ((x**2 + y**2 - 1) ** 3 < x**2 * y**3).double()
 
 
-def _layer(disparity: float, draw: Draw, margin: int, seed: int) -> Layer:
+def _layer(disparity: float, draw: Draw, margin: int, seed: int) -> Card:
     """A card as large as the canvas, with a grain of its own."""
     height, width = (length + 2 * margin for length in SIZE)
     drawn = F.avg_pool2d(_drawn(draw, (height, width)), FINE)
     opacity = _softened(drawn[3:])
     colour = _softened(drawn[:3] * drawn[3:]) / opacity.clamp(min=1e-3)
-    grain = textures.power_noise(torch.Generator().manual_seed(seed), (1, height, width), 0.7)
-    return Layer(disparity, (colour * (1 + 0.06 * grain)).clamp(0, 1), opacity.clamp(0, 1))
+    grain = cards.grain(seed, (height, width))
+    return Card(disparity, (colour * (1 + 0.06 * grain)).clamp(0, 1), opacity.clamp(0, 1))
 
 
 def _drawn(draw: Draw, size: tuple[int, int]) -> Tensor:

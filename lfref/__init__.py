@@ -24,6 +24,7 @@ _HOMES = {
     "super_resolve": "lfref.refocus.super_resolution",
     "all_in_focus": "lfref.refocus.all_in_focus",
     "adjoint": "lfref.refocus.adjoint",
+    "simulate": "lfref.simulator.simulate",
     "RefNet": "lfref.nets.refnet",
     "load": "lfref.nets.checkpoint",
     "CompositeLoss": "lfref.losses.composite",

@@ -142,7 +142,7 @@ class SimulatedData(PatchData):
         n_validation: Held-out scenes.
         size: Height and width of a view in pixels.
         grid: Number of view rows and columns (V, U).
-        n_layers: Fewest and most surfaces in a scene.
+        n_surfaces: Fewest and most surfaces in a scene.
         disparities: Smallest and largest disparity in pixels per view step.
         **options: Arguments of `PatchData`.
     """
@@ -154,12 +154,12 @@ class SimulatedData(PatchData):
         n_validation: int = 8,
         size: Sequence[int] = (256, 256),
         grid: Sequence[int] = (7, 7),
-        n_layers: Sequence[int] = (3, 5),
+        n_surfaces: Sequence[int] = (3, 5),
         disparities: Sequence[float] = (-1.0, 1.0),
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
-        scene: dict[str, Any] = {"size": size, "grid": grid, "n_layers": n_layers, "disparities": disparities}
+        scene: dict[str, Any] = {"size": size, "grid": grid, "n_surfaces": n_surfaces, "disparities": disparities}
         # Held-out scenes come from a stream of their own.
         self.streams = (
             SimulatedSource(n_fields, self.seed, **scene),

@@ -16,7 +16,8 @@ from lfref.data import cache
 from lfref.data.cache import CachedField
 from lfref.errors import InputError
 from lfref.lightfield import LightField
-from lfref.simulate import render, scenes
+from lfref.simulator import bitmaps, render, scenes
+from lfref.simulator.scene import Camera
 
 Field = LightField | CachedField
 """What patches are cut from: has `name`, `grid`, `size` and `crop`."""
@@ -66,14 +67,14 @@ class FolderSource(Source):
 
 
 class SimulatedSource(Source):
-    """Random layered scenes, each fixed by (seed, epoch, index).
+    """Random scenes of flat surfaces that hide each other, each fixed by (seed, epoch, index).
 
     Args:
         n_fields: Fields in an epoch.
         seed: Of all scenes.
         size: Height and width of a view in pixels.
         grid: Number of view rows and columns (V, U).
-        n_layers: Fewest and most surfaces.
+        n_surfaces: Fewest and most surfaces.
         disparities: Smallest and largest disparity in pixels per view step.
 
     Raises:
@@ -86,7 +87,7 @@ class SimulatedSource(Source):
         seed: int,
         size: Sequence[int] = (256, 256),
         grid: Sequence[int] = (7, 7),
-        n_layers: Sequence[int] = (3, 5),
+        n_surfaces: Sequence[int] = (3, 5),
         disparities: Sequence[float] = (-1.0, 1.0),
     ) -> None:
         if min(n_fields, *size, *grid) < 1 or seed < 0:
@@ -96,7 +97,7 @@ class SimulatedSource(Source):
         self.seed = seed
         self.size = (size[0], size[1])
         self.grid = (grid[0], grid[1])
-        self.n_layers = (n_layers[0], n_layers[1])
+        self.n_surfaces = (n_surfaces[0], n_surfaces[1])
         self.disparities = (disparities[0], disparities[1])
 
     def __len__(self) -> int:
@@ -106,6 +107,7 @@ class SimulatedSource(Source):
         """Render the field at that place of that epoch."""
         key = np.random.SeedSequence((self.seed, epoch, index)).generate_state(1, np.uint64)
         generator = torch.Generator().manual_seed(int(key[0]))
-        reach = (max(self.grid) - 1) / 2
-        scene = scenes.random_scene(generator, self.size, self.n_layers, self.disparities, reach)
-        return LightField(render.views(scene, self.grid), f"simulated_{self.seed}_{epoch}_{index:03d}")
+        camera = Camera(self.grid, self.size)
+        scene = scenes.random_scene(generator, camera, self.n_surfaces, self.disparities)
+        views = render.views(bitmaps.paint(scene), camera).clamp(0, 1)
+        return LightField(views, f"simulated_{self.seed}_{epoch}_{index:03d}")

@@ -6,13 +6,12 @@ as floating point, one row of sums, and a ring of unfinished output rows a plane
 Letters: `n` plane, `v u` view row and column, `c` channel, `y x` source row and column, `r` output row, `k` tap.
 """
 
-import functools
-from collections.abc import Callable
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from lfref.functional.jit import compiled, inlined
 
 TAPS = 8
 """Taps that one pass over a row adds up: more would leave no registers for their weights."""
@@ -21,25 +20,6 @@ VECTOR = 16
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.floating]
-
-
-def _keeping(**options: object) -> Callable[[Callable], Callable]:
-    """Compile, and keep the machine code for later runs where there is a place to keep it."""
-
-    def compiled(function: Callable) -> Callable:
-        jit = functools.partial(
-            numba.njit, nogil=True, boundscheck=False, error_model="numpy", fastmath={"contract"}, **options
-        )
-        try:
-            return jit(cache=True)(function)
-        except RuntimeError:  # neither the package's folder nor the user's can be written
-            return jit()(function)
-
-    return compiled
-
-
-compiled = _keeping()
-inlined = _keeping(forceinline=True)  # the tables, handed on as arguments, would cost more than the call's work
 
 
 class Source(NamedTuple):

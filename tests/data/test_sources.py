@@ -52,7 +52,7 @@ def test_simulated_parallax_runs_in_our_order():
 
 def test_options_of_the_scene_are_passed_on():
     # One layer without parallax: all views alike.
-    views = SimulatedSource(1, 0, **SMALL, n_layers=(1, 1), disparities=(0.0, 0.0)).field(0).views
+    views = SimulatedSource(1, 0, **SMALL, n_surfaces=(1, 1), disparities=(0.0, 0.0)).field(0).views
     torch.testing.assert_close(views, views[:1, :1].expand_as(views), atol=1e-5, rtol=0)
 
 
@@ -62,7 +62,7 @@ def test_nothing_to_simulate_is_refused(options):
         SimulatedSource(**{"n_fields": 1, "seed": 0} | SMALL | options)
 
 
-@pytest.mark.parametrize("options", [{"n_layers": (0, 1)}, {"disparities": (1.0, -1.0)}])
+@pytest.mark.parametrize("options", [{"n_surfaces": (0, 1)}, {"disparities": (1.0, -1.0)}])
 def test_ranges_that_are_empty_are_refused(options):
     with pytest.raises(InputError, match="ranges must go"):
         SimulatedSource(1, 0, **SMALL, **options).field(0)

@@ -1,5 +1,6 @@
 """All-in-focus: known disparities come back, the picture is that of the sharp planes, flat areas claim nothing."""
 
+import dataclasses
 import functools
 import math
 
@@ -12,7 +13,10 @@ from lfref.errors import InputError
 from lfref.refocus.all_in_focus import all_in_focus, index_to_slope
 from lfref.refocus.exact_fourier import exact_fourier
 from lfref.refocus.shift_and_sum import shift_and_sum
-from lfref.simulate import render, scenes
+from lfref.simulator import scenes
+from lfref.simulator.scene import Camera
+from lfref.simulator.simulate import simulate
+from lfref.simulator.textures import Noise
 from tests.refocus.conftest import shifted_views, texture
 
 SLOPES = torch.linspace(-1, 1, 9, dtype=torch.float64)
@@ -86,12 +90,11 @@ def test_a_slanted_plane_comes_back_within_half_a_step():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_simulated_scenes_come_back_where_they_are_textured(seed):
-    scene = scenes.random_scene(torch.Generator().manual_seed(seed), (128, 136))
-    views = (render.views(scene, (7, 7)) * 255).round() / 255
-    disparity = torch.full(scene.layers[0].opacity.shape[1:], scene.layers[0].disparity)
-    for layer in scene.layers[1:]:
-        disparity = torch.where(layer.opacity[0] > 0.5, layer.disparity, disparity)
-    disparity = disparity[scene.margin : -scene.margin, scene.margin : -scene.margin]
+    scene = scenes.random_scene(torch.Generator().manual_seed(seed), Camera(size=(128, 136)))
+    noise = Noise((0.5, 0.4, 0.3), (0.2, 0.2, 0.2), exponent=1.3)
+    textured = tuple(dataclasses.replace(surface, texture=noise) for surface in scene.surfaces)
+    simulated = simulate(dataclasses.replace(scene, surfaces=textured), outputs=["views", "disparity"])
+    views, disparity = (simulated.views.clamp(0, 1) * 255).round() / 255, simulated.disparity
     spread = F.max_pool2d(torch.stack([disparity, -disparity])[None], 17, 1, 8)[0].sum(0)
     stack = shift_and_sum(views, SLOPES, "exact")
     found = all_in_focus(stack)

@@ -34,7 +34,8 @@ def test_the_scale_is_that_of_pixels_that_can_tell():
 
 
 def test_one_slope_everywhere_can_be_drawn():
-    drawn(torch.zeros(4, 5), torch.zeros(4, 5))
+    _, shown = drawn(torch.full((4, 5), 0.5), torch.zeros(4, 5))
+    assert shown.get_clim() == (0.5, 0.5)
 
 
 @pytest.mark.parametrize("shape", [(4,), (1, 4, 5), (5, 4)])

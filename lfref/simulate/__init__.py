@@ -1,1 +1,0 @@
-"""Simulated light fields: scenes described, rendered, and repeatable by seed."""

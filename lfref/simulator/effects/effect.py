@@ -1,0 +1,74 @@
+"""What every effect is: plain numbers, the results it needs and makes, when it changes nothing, and what it does.
+
+An effect's random numbers come from the scene's seed and its own name alone, so that they are the same whichever other
+effects run. They are drawn on the CPU: the same on every device.
+"""
+
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+import numpy as np
+import torch
+from torch import Generator, Tensor
+
+from lfref.errors import InputError
+from lfref.simulator import checks
+
+if TYPE_CHECKING:
+    from lfref.simulator.scene import Scene
+
+
+class Effect(Protocol):
+    """A frozen dataclass of plain numbers that says what it does to the views."""
+
+    name: ClassVar[str]
+    """As it is called in a scene's sensor and in explanations."""
+    needs: ClassVar[tuple[str, ...]]
+    """Names of the results that it takes; the first is passed on where it is inert."""
+    makes: ClassVar[str]
+    """Name of the result that it makes."""
+
+    def inert(self, scene: "Scene") -> str | None:
+        """Why it changes nothing in this scene; None where it may change something."""
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Views with the effect; see the effect's own function for their axes."""
+
+
+def generator(seed: int, name: str) -> Generator:
+    """The source of an effect's random numbers.
+
+    Args:
+        seed: The scene's, at least 0.
+        name: The effect's.
+    """
+    # The name itself, not a place in a list: another effect must not change what this one draws.
+    key = np.random.SeedSequence((seed, int.from_bytes(name.encode(), "big"))).generate_state(1, np.uint64)
+    return Generator().manual_seed(int(key[0]))
+
+
+def normal(shape: tuple[int, ...], generator: Generator, like: Tensor) -> Tensor:
+    """Draw from the standard normal distribution.
+
+    Args:
+        shape: Of the draws.
+        generator: On the CPU.
+        like: Whose type and device the draws take on.
+    """
+    return torch.randn(shape, generator=generator).to(like)
+
+
+def check_colour(what: str, values: tuple[float, ...], least: float, most: float) -> None:
+    """Refuse what is not one number of a range each for red, green and blue.
+
+    Args:
+        what: The option, for the error.
+        values: Should be three numbers.
+        least: Smallest legal value.
+        most: Largest legal value.
+
+    Raises:
+        InputError: They are not.
+    """
+    if not isinstance(values, tuple) or len(values) != 3:
+        raise InputError(f"{what} must be three numbers, for red, green and blue", got=repr(values))
+    checks.numbers(what, values, least, most)

@@ -1,0 +1,86 @@
+"""Vignetting: light that falls off towards the corners, and the rim of the lens that cuts into the pupil (cat's eye).
+
+Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre, `r` its distance from
+there in half diagonals of the picture. Falloff is cos^4 of the field angle. The rim is a disc that holds every view;
+off the axis it is displaced, and a view counts by the share of its cell that lies within.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import torch
+from torch import Generator, Tensor
+
+from lfref import geometry
+from lfref.simulator import checks
+
+if TYPE_CHECKING:
+    from lfref.simulator.scene import Scene
+
+
+@dataclass(frozen=True)
+class Vignetting:
+    """Falloff towards the corners, and a pupil that is clipped there."""
+
+    name: ClassVar[str] = "vignetting"
+    needs: ClassVar[tuple[str, ...]] = ("dispersed",)
+    makes: ClassVar[str] = "vignetted"
+
+    field: float = 0.0
+    """Tangent of the field angle at the picture's corner, [0, 10]; 0: no falloff."""
+    cats_eye: float = 0.0
+    """How far the rim is displaced at the picture's corner, in its radii, [0, 2]; 0: all views see all."""
+
+    def __post_init__(self) -> None:
+        checks.numbers("a vignetting's field", [self.field], 0, 10)
+        checks.numbers("a vignetting's cats_eye", [self.cats_eye], 0, 2)
+
+    def inert(self, scene: "Scene") -> str | None:
+        """Nothing changes without falloff and displacement."""
+        return None if self.field or self.cats_eye else "field and cat's eye are 0"
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """See `falloff` and `clipped_pupil`; nothing is drawn."""
+        gain = falloff(views, self.field) * clipped_pupil(views, self.cats_eye)
+        return views * gain
+
+
+def falloff(views: Tensor, field: float) -> Tensor:
+    """cos^4 of the field angle at every pixel.
+
+    Args:
+        views: Whose shape, type and device are asked for, [V, U, C, H, W].
+        field: Tangent of the field angle at the corner.
+
+    Returns:
+        Gain in (0, 1], [H, W].
+    """
+    x, y = _pixels(views)
+    return (1 + field**2 * (x**2 + y**2)) ** -2
+
+
+def clipped_pupil(views: Tensor, displacement: float) -> Tensor:
+    """Share of each view's cell that the rim lets through at every pixel.
+
+    Args:
+        views: Whose shape, type and device are asked for, [V, U, C, H, W].
+        displacement: Of the rim at the corner, in its radii.
+
+    Returns:
+        Gain in [0, 1], [V, U, 1, H, W].
+    """
+    x, y = _pixels(views)
+    grid = views.shape[:2]
+    radius = math.hypot(*grid) / 2
+    q, p = (geometry.angular_offsets(n_views).to(views) for n_views in grid)
+    across = p[:, None, None, None] - displacement * radius * x
+    down = q[:, None, None, None, None] - displacement * radius * y
+    return (radius - torch.sqrt(across**2 + down**2) + 0.5).clamp(0, 1)
+
+
+def _pixels(views: Tensor) -> tuple[Tensor, Tensor]:
+    """Columns [W] and rows [H, 1] in half diagonals from the centre."""
+    size = views.shape[-2:]
+    y, x = (geometry.angular_offsets(length) / (math.hypot(*size) / 2) for length in size)
+    return x.to(views), y.to(views)[:, None]

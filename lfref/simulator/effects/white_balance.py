@@ -1,0 +1,37 @@
+"""White balance: one gain for each colour."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import torch
+from torch import Generator, Tensor
+
+from lfref.simulator import checks
+from lfref.simulator.effects.effect import check_colour
+
+if TYPE_CHECKING:
+    from lfref.simulator.scene import Scene
+
+
+@dataclass(frozen=True)
+class WhiteBalance:
+    """Gains that make white white."""
+
+    name: ClassVar[str] = "white_balance"
+    needs: ClassVar[tuple[str, ...]] = ("demosaicked",)
+    makes: ClassVar[str] = "balanced"
+
+    gains: tuple[float, ...] = (1.0, 1.0, 1.0)
+    """Factors on red, green and blue, [0, 1e4]."""
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        check_colour("a white balance's gains", self.gains, 0, 1e4)
+
+    def inert(self, scene: "Scene") -> str | None:
+        """Nothing changes where all gains are 1."""
+        return "all gains are 1" if all(gain == 1 for gain in self.gains) else None
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Multiply every channel; nothing is drawn."""
+        return views * torch.tensor(self.gains).to(views)[:, None, None]

@@ -1,0 +1,105 @@
+"""Reading a painted bitmap between its samples, by Keys' cubic convolution.
+
+Letters: `h w` rows and columns of the bitmap, `i j` column and row in samples, `t` fraction of a sample. Source: Keys,
+"Cubic convolution interpolation for digital image processing", 1981 (a = -1/2, which reproduces quadratics).
+"""
+
+import torch
+from torch import Tensor
+
+TAPS = 4
+
+
+def cubic_weights(t: Tensor) -> Tensor:
+    """Weights of the samples at -1, 0, 1 and 2 for positions between 0 and 1.
+
+    Args:
+        t: Positions, [...].
+
+    Returns:
+        [..., 4].
+    """
+    squared, cubed = t**2, t**3
+    return torch.stack(
+        [
+            -0.5 * t + squared - 0.5 * cubed,
+            1 - 2.5 * squared + 1.5 * cubed,
+            0.5 * t + 2 * squared - 1.5 * cubed,
+            -0.5 * squared + 0.5 * cubed,
+        ],
+        dim=-1,
+    )
+
+
+def taps(position: Tensor, length: int) -> tuple[Tensor, Tensor]:
+    """Which samples to read along one axis, and their weights.
+
+    Args:
+        position: In samples, float64, [...].
+        length: Of the axis; its ends go on beyond it.
+
+    Returns:
+        Places, int64, [..., 4], and weights, float32, [..., 4].
+    """
+    whole = position.floor()
+    weights = cubic_weights((position - whole).float())
+    first = whole.clamp(-TAPS, length + TAPS).long() - 1
+    offsets = torch.arange(TAPS, device=position.device)
+    return (first[..., None] + offsets).clamp(0, length - 1), weights
+
+
+def anywhere(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
+    """The bitmap at any positions.
+
+    Args:
+        bitmap: [C, h, w].
+        i: Columns in samples, float64, [M, H, W].
+        j: Rows in samples, float64, [M, H, W].
+
+    Returns:
+        [M, C, H, W].
+    """
+    n_channels, height, width = bitmap.shape
+    samples = bitmap.movedim(0, -1).reshape(-1, n_channels)
+    columns, across = taps(i, width)
+    rows, down = taps(j, height)
+    result = samples.new_zeros(*i.shape, n_channels)
+    for row in range(TAPS):
+        line = torch.zeros_like(result)
+        for column in range(TAPS):
+            line += samples[rows[..., row] * width + columns[..., column]] * across[..., column, None]
+        result += line * down[..., row, None]
+    return result.movedim(-1, -3)
+
+
+def on_grid(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
+    """The bitmap on grids, axis by axis.
+
+    Args:
+        bitmap: [C, h, w].
+        i: Columns in samples, float64, [M, 1, W].
+        j: Rows in samples, float64, [M, H, 1].
+
+    Returns:
+        [M, C, H, W].
+    """
+    rows, down = taps(j[..., 0], bitmap.shape[-2])
+    columns, across = taps(i[:, 0], bitmap.shape[-1])
+    lines = sum(bitmap[:, rows[..., k]] * down[..., k, None] for k in range(TAPS))
+    assert isinstance(lines, Tensor)
+    shape = (*lines.shape[:-1], columns.shape[1])
+    result = sum(lines.gather(-1, columns[:, None, :, k].expand(shape)) * across[:, None, :, k] for k in range(TAPS))
+    assert isinstance(result, Tensor)
+    return result.movedim(0, 1)
+
+
+def legal(rgba: Tensor) -> Tensor:
+    """Premultiplied colours without the excess that a cubic makes beside edges: none below 0, opacity at most 1.
+
+    Where opacity is more than 1, colours are scaled as it is, so that edges of a surface do not shine.
+
+    Args:
+        rgba: [..., 4, H, W].
+    """
+    alpha = rgba.narrow(-3, 3, 1)
+    return torch.where(alpha > 0, rgba.clamp(min=0) / alpha.clamp(min=1), 0)

@@ -1,0 +1,192 @@
+"""Planning passes: from the results asked for, only those passes run that change one, each after what it needs.
+
+A pass takes named results and makes one. Where it is inert it is skipped, and its first need is passed on under the
+name of what it makes; its other needs are then not needed. The planner knows nothing else about passes.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
+from typing import Any, NamedTuple
+
+import torch
+
+from lfref.errors import InputError
+
+
+def never(context: object) -> None:
+    """What a pass gives as `inert` that always changes its result."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One step from results to a result."""
+
+    name: str
+    """As it is called in explanations."""
+    needs: tuple[str, ...]
+    """Names of the results that it takes, the main one first."""
+    makes: str
+    """Name of the result that it makes."""
+    run: Callable[..., Any]
+    """Makes the result of those that it needs, given in their order."""
+    inert: Callable[[Any], str | None] = never
+    """(context) -> why its result would be its main input, or None."""
+
+
+class Row(NamedTuple):
+    """What became of one pass."""
+
+    name: str
+    state: str
+    """`run` or `skipped`."""
+    why: str
+    milliseconds: float | None
+    """That it took when the plan last ran, None where it did not run."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A pass that has its place in a plan."""
+
+    work: Pass
+    needs: tuple[str, ...]
+    """Of the pass; the main one alone where it is skipped."""
+    skipped: bool
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Passes in the order in which they run, and how long they took."""
+
+    steps: tuple[Step, ...]
+    """In order."""
+    wanted: tuple[str, ...]
+    """Names of the results asked for."""
+    unneeded: tuple[Pass, ...] = ()
+    """Passes on which no wanted result depends."""
+    milliseconds: dict[str, float] = field(default_factory=dict)
+    """Time of every pass in the last run, by the name of its result."""
+
+    def run(self) -> dict[str, Any]:
+        """Make the wanted results, each pass timed from an idle device to an idle device.
+
+        Returns:
+            The results by name; the others are let go as soon as no pass needs them any more.
+        """
+        results: dict[str, Any] = {}
+        for place, step in enumerate(self.steps):
+            results[step.work.makes] = self._result(step, results)
+            needed = {*self.wanted, *(name for later in self.steps[place + 1 :] for name in later.needs)}
+            results = {name: results[name] for name in results if name in needed}
+        return {name: results[name] for name in self.wanted}
+
+    def explain(self) -> list[Row]:
+        """What becomes of every pass, in the order in which they run, and why; those not needed come last."""
+        planned = [
+            Row(
+                step.work.name,
+                "skipped" if step.skipped else "run",
+                step.why,
+                None if step.skipped else self.milliseconds.get(step.work.makes),
+            )
+            for step in self.steps
+        ]
+        return planned + [Row(each.name, "skipped", "nothing asked for needs it", None) for each in self.unneeded]
+
+    def _result(self, step: Step, results: Mapping[str, Any]) -> object:
+        inputs = [results[name] for name in step.needs]
+        if step.skipped:
+            return inputs[0]
+        _synchronize()
+        start = time.perf_counter()
+        made = step.work.run(*inputs)
+        _synchronize()
+        self.milliseconds[step.work.makes] = 1000 * (time.perf_counter() - start)
+        return made
+
+
+def plan(passes: Iterable[Pass], wanted: Sequence[str], context: object = None, force: bool = False) -> Plan:
+    """Order the passes that wanted results take.
+
+    Args:
+        passes: All there are, in any order.
+        wanted: Names of the results asked for, at least one.
+        context: What `inert` of the passes looks at.
+        force: Run inert passes too.
+
+    Returns:
+        A plan that can be run any number of times.
+
+    Raises:
+        InputError: Nothing is wanted, a result that is wanted or needed is made by no pass or by two, or passes need
+            each other in a circle.
+    """
+    if isinstance(wanted, str) or not wanted:
+        raise InputError("at least one result must be wanted, as a list of names", got=repr(wanted))
+    makers = _makers(passes)
+    steps: dict[str, Step] = {}
+    open_ends = list(dict.fromkeys(wanted))
+    for name in open_ends:
+        if name not in steps:
+            steps[name] = _step(_maker(name, makers), context, force)
+            open_ends += steps[name].needs
+    order = _ordered({name: step.needs for name, step in steps.items()})
+    unneeded = tuple(made_by for name, made_by in makers.items() if name not in steps)
+    return Plan(tuple(steps[name] for name in order), tuple(wanted), unneeded)
+
+
+def table(rows: Iterable[Row]) -> str:
+    """An explanation as plain text, one line a pass.
+
+    Args:
+        rows: As `Plan.explain` gives them.
+    """
+    lines = [("pass", "", "why", "ms")]
+    lines += [
+        (row.name, row.state, row.why, "" if row.milliseconds is None else f"{row.milliseconds:.1f}") for row in rows
+    ]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    texts = [[text.ljust(width) for text, width in zip(line[:3], widths, strict=False)] for line in lines]
+    return "\n".join(
+        "  ".join([*text, line[3].rjust(widths[3])]).rstrip() for text, line in zip(texts, lines, strict=True)
+    )
+
+
+def _makers(passes: Iterable[Pass]) -> dict[str, Pass]:
+    makers: dict[str, Pass] = {}
+    for each in passes:
+        if each.makes in makers:
+            names = f"{makers[each.makes].name} and {each.name}"
+            raise InputError(f"only one pass may make {each.makes!r}", got=names)
+        makers[each.makes] = each
+    return makers
+
+
+def _maker(name: str, makers: Mapping[str, Pass]) -> Pass:
+    if name not in makers:
+        raise InputError(f"results must be among {', '.join(makers)}", got=repr(name))
+    return makers[name]
+
+
+def _step(work: Pass, context: object, force: bool) -> Step:
+    reason = work.inert(context)
+    assert reason is None or work.needs, f"{work.name} is inert but has nothing to pass on"
+    if reason is None or force:
+        return Step(work, work.needs, False, f"makes {work.makes}" if reason is None else f"forced, though {reason}")
+    return Step(work, work.needs[:1], True, reason)
+
+
+def _ordered(needs: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
+    try:
+        return tuple(TopologicalSorter(needs).static_order())
+    except CycleError as error:
+        raise InputError("passes must not need each other in a circle", got=" -> ".join(error.args[1])) from error
+
+
+def _synchronize() -> None:
+    """Wait until a GPU, where one is in use, has done what was asked of it."""
+    if torch.cuda.is_initialized():
+        torch.cuda.synchronize()

@@ -1,0 +1,152 @@
+"""Where surfaces stand: disparity as a function of the central view, and where a ray meets it.
+
+Letters: `X Y` point of the surface in pixels of the central view, origin at the picture's centre; `p q` aperture point
+in view steps from the centre, along columns and rows; `x y` pixel of the picture seen from there. `D` disparity.
+x = X + D(X, Y) p and y = Y + D(X, Y) q, so that D alone is unknown: D = d(x - D p, y - D q).
+"""
+
+import abc
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lfref.simulator import checks
+
+STEEPEST = 0.5
+"""Most that the disparity's slope times the aperture's half width may be: a surface is then met once by every ray."""
+NEWTON_STEPS = 12
+CONVERGED = 1e-8
+"""Pixels per view step that a disparity found by Newton's method may still change by."""
+
+
+class Geometry(abc.ABC):
+    """A surface's place in space."""
+
+    is_parallel: bool = False
+    """The same disparity everywhere: every view is a shifted copy."""
+
+    @abc.abstractmethod
+    def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
+        """Disparity in pixels per view step at points of the central view.
+
+        Args:
+            x: Columns from the centre, in pixels.
+            y: Rows from the centre, in pixels, of a shape that goes with x.
+        """
+
+    @abc.abstractmethod
+    def met_at(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Tensor:
+        """Disparity of what is seen at a pixel from an aperture point.
+
+        Args:
+            x: Columns from the centre, in pixels.
+            y: Rows from the centre, in pixels.
+            p: Columns of the aperture point, in view steps.
+            q: Rows of the aperture point, in view steps. All four of shapes that go together.
+        """
+
+    @abc.abstractmethod
+    def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
+        """Least and greatest disparity over the central view.
+
+        Args:
+            size: Its height and width in pixels.
+        """
+
+    @abc.abstractmethod
+    def steepness(self) -> tuple[float, float]:
+        """Greatest change of disparity along a pixel of x, and of y."""
+
+    def intersect(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
+        """The point (X, Y) that is seen at a pixel from an aperture point; arguments as for `met_at`."""
+        disparity = self.met_at(x, y, p, q)
+        return x - disparity * p, y - disparity * q
+
+
+@dataclass(frozen=True)
+class Plane(Geometry):
+    """A plane: d(X, Y) = disparity + a X + b Y."""
+
+    disparity: float
+    """At the centre, in pixels per view step."""
+    gradient: tuple[float, float] = (0.0, 0.0)
+    """(a, b): change of disparity a pixel to the right, and down."""
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        checks.numbers("a plane's disparity", [self.disparity])
+        checks.pair("a plane's gradient", self.gradient)
+
+    @property
+    def is_parallel(self) -> bool:  # type: ignore[override]
+        """The plane faces the camera."""
+        return self.gradient == (0, 0)
+
+    def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
+        """As in `Geometry`."""
+        return self.disparity + self.gradient[0] * x + self.gradient[1] * y
+
+    def met_at(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Tensor:
+        """As in `Geometry`; closed form, since d is affine."""
+        return self.disparity_at(x, y) / (1 + self.gradient[0] * p + self.gradient[1] * q)
+
+    def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
+        """As in `Geometry`."""
+        spread = sum(abs(g) * (n - 1) / 2 for g, n in zip(self.gradient, reversed(size), strict=True))
+        return self.disparity - spread, self.disparity + spread
+
+    def steepness(self) -> tuple[float, float]:
+        """As in `Geometry`."""
+        return abs(self.gradient[0]), abs(self.gradient[1])
+
+
+@dataclass(frozen=True)
+class Dome(Geometry):
+    """A round bump on a plane that faces the camera: d = disparity + bulge (1 - r^2/radius^2)^2 within the radius."""
+
+    disparity: float
+    """Of the plane, in pixels per view step."""
+    bulge: float
+    """What the top has more, in pixels per view step; below 0 it is a hollow."""
+    radius: float
+    """In pixels of the central view."""
+    centre: tuple[float, float] = (0.0, 0.0)
+    """(X, Y) of the top."""
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        checks.numbers("a dome's disparity and bulge", [self.disparity, self.bulge])
+        checks.above_zero("a dome's radius", self.radius)
+        checks.pair("a dome's centre", self.centre)
+
+    def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
+        """As in `Geometry`."""
+        return self.disparity + self.bulge * self._rise(x, y) ** 2
+
+    def _rise(self, x: Tensor, y: Tensor) -> Tensor:
+        return (1 - ((x - self.centre[0]) ** 2 + (y - self.centre[1]) ** 2) / self.radius**2).clamp(min=0)
+
+    def met_at(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Tensor:
+        """As in `Geometry`; by Newton's method."""
+        disparity = self.disparity_at(x, y) + torch.zeros_like(p + q)
+        for _ in range(NEWTON_STEPS):
+            at_x, at_y = x - disparity * p, y - disparity * q
+            steepness = -4 * self.bulge / self.radius**2 * self._rise(at_x, at_y)
+            slope = steepness * ((at_x - self.centre[0]) * p + (at_y - self.centre[1]) * q)
+            step = (disparity - self.disparity_at(at_x, at_y)) / (1 + slope)
+            disparity = disparity - step
+            if float(step.abs().max()) < CONVERGED:
+                break
+        return disparity
+
+    def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
+        """As in `Geometry`; of the whole dome, which may be more than the picture shows."""
+        ends = (self.disparity, self.disparity + self.bulge)
+        return min(ends), max(ends)
+
+    def steepness(self) -> tuple[float, float]:
+        """As in `Geometry`; (1 - r^2)^2 is steepest at r = 1 / sqrt 3."""
+        steepest = abs(self.bulge) / self.radius * 8 / (3 * math.sqrt(3))
+        return steepest, steepest

@@ -1,0 +1,254 @@
+"""Colours of surfaces, painted on a canvas and band-limited to what pixels can show.
+
+Nothing is left at or above half a cycle a pixel: waves lose their higher harmonics, by weights (Fejer's) that never
+overshoot; noise and pictures are made on the grid of pixels and carried to the canvas with the response
+cos^2(pi f) on each axis, 1/2 at a quarter of a cycle a pixel. So pixels may sample what is painted without aliasing.
+Letters: `X Y` as in `surfaces`, `h w` rows and columns of the canvas, `f` frequency in cycles per pixel.
+"""
+
+import abc
+import functools
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lfref.errors import InputError
+from lfref.io import images
+from lfref.simulator import checks
+from lfref.simulator.canvases import OVERSAMPLING, Canvas
+
+NYQUIST = 0.5
+"""Cycles per pixel where everything has ended."""
+HARMONICS = 0.35
+"""Cycles per pixel of a wave's last harmonic; a checker's two waves together then end before Nyquist."""
+WAVE_SAMPLES = 4096
+"""Samples of a tabulated wave."""
+GREY = (0.5, 0.5, 0.5)
+
+Colour = tuple[float, float, float]
+"""Red, green and blue reflectance from 0 to 1."""
+
+
+class Texture(abc.ABC):
+    """Colours of a surface."""
+
+    @abc.abstractmethod
+    def painted(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
+        """The colours of a canvas.
+
+        Args:
+            canvas: Where.
+            key: Numbers that fix what is random.
+
+        Returns:
+            Colours from 0 to 1, float32, CPU, [3, h, w].
+        """
+
+
+@dataclass(frozen=True)
+class Flat(Texture):
+    """One colour."""
+
+    colour: Colour = GREY
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        checks.colour("a texture's colour", self.colour)
+
+    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """As in `Texture`."""
+        return torch.tensor(self.colour)[:, None, None].expand(3, canvas.height, canvas.width)
+
+
+@dataclass(frozen=True)
+class _Wave(Texture):
+    """Two colours in turn along one direction or two."""
+
+    period: float
+    """Pixels from one to the next of the same colour."""
+    low: Colour = (0.2, 0.2, 0.2)
+    """First colour."""
+    high: Colour = (0.8, 0.8, 0.8)
+    """Second colour."""
+    angle: float = 0.0
+    """Of the direction in which it changes, in degrees from x towards y."""
+    phase: float = 0.0
+    """In periods."""
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        checks.above_zero("a wave's period", self.period)
+        checks.numbers("a wave's angle and phase", [self.angle, self.phase])
+        checks.colour("a texture's colour", self.low)
+        checks.colour("a texture's colour", self.high)
+
+    def _mixed(self, share: Tensor) -> Tensor:
+        """Colours where the second has that share."""
+        low, high = (torch.tensor(colour)[:, None, None] for colour in (self.low, self.high))
+        return low + (high - low) * share.float()
+
+    def _cycles(self, canvas: Canvas, turn: float) -> Tensor:
+        """Periods since the start of the wave, along its direction turned by so many degrees further."""
+        angle = math.radians(self.angle + turn)
+        return (canvas.x * math.cos(angle) + canvas.y[:, None] * math.sin(angle)) / self.period + self.phase
+
+
+@dataclass(frozen=True)
+class Gradient(_Wave):
+    """A smooth way from one colour to the other and back: half a period each."""
+
+    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """As in `Texture`."""
+        visible = 1.0 if self.period * NYQUIST > 1 else 0.0
+        return self._mixed(0.5 - 0.5 * visible * torch.cos(2 * torch.pi * self._cycles(canvas, 0)))
+
+
+@dataclass(frozen=True)
+class Stripes(_Wave):
+    """Stripes half a period wide."""
+
+    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """As in `Texture`."""
+        return self._mixed(0.5 + 0.5 * _square_wave(self._cycles(canvas, 0), self.period))
+
+
+@dataclass(frozen=True)
+class Checker(_Wave):
+    """Squares half a period wide."""
+
+    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """As in `Texture`."""
+        along, across = (_square_wave(self._cycles(canvas, turn), self.period) for turn in (0, 90))
+        return self._mixed(0.5 + 0.5 * along * across)
+
+
+def _square_wave(cycles: Tensor, period: float) -> Tensor:
+    """A band-limited wave between -1 and 1."""
+    table = _wave_table(math.floor(HARMONICS * period))
+    place = (cycles - cycles.floor()) * WAVE_SAMPLES
+    below = place.long().clamp(max=WAVE_SAMPLES - 1)
+    return torch.lerp(table[below], table[below + 1], (place - below).to(table))
+
+
+@functools.lru_cache(maxsize=64)
+def _wave_table(n_harmonics: int) -> Tensor:
+    """One period of a square wave of so many harmonics, and its first sample again, [WAVE_SAMPLES + 1]."""
+    phase = torch.linspace(0, 2 * torch.pi, WAVE_SAMPLES + 1, dtype=torch.float64)
+    wave = torch.zeros_like(phase)
+    for n in range(1, n_harmonics + 1, 2):
+        wave += (1 - n / (n_harmonics + 1)) * 4 / (torch.pi * n) * torch.sin(n * phase)
+    return wave.float()
+
+
+@dataclass(frozen=True)
+class Noise(Texture):
+    """A pattern of spectrum 1/f^exponent with soft or hard edges between two colours, and a little colour noise."""
+
+    colour: Colour = GREY
+    """Mean."""
+    contrast: Colour = (0.3, 0.3, 0.3)
+    """Most that the pattern adds or takes away."""
+    exponent: float = 1.5
+    """Fall of the amplitude with frequency; larger is smoother."""
+    hardness: float = 0.2
+    """From 0, smooth, to 1, patches with edges."""
+    grain: float = 0.02
+    """Standard deviation of the colour noise."""
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        checks.colour("a texture's colour", self.colour)
+        checks.colour("a noise's contrast", self.contrast)
+        checks.numbers("a noise's exponent", [self.exponent], 0, 4)
+        checks.numbers("a noise's hardness", [self.hardness], 0, 1)
+        checks.numbers("a noise's grain", [self.grain], 0, 1)
+
+    def painted(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
+        """As in `Texture`."""
+        random = np.random.Generator(np.random.SFC64(key))
+        pattern = torch.tanh(_noise(random, 1, canvas.period, self.exponent) * (0.5 + 4 * self.hardness**2))
+        contrast, mean = (torch.tensor(values)[:, None, None] for values in (self.contrast, self.colour))
+        tile = mean + contrast * pattern + self.grain * _noise(random, 3, canvas.period, 1.0)
+        return _tiled(finer(tile.clamp(0, 1)), canvas).clamp(0, 1)
+
+
+@dataclass(frozen=True)
+class Picture(Texture):
+    """An image file in the middle of the surface, mirrored again and again beyond its edges."""
+
+    path: str
+    """PNG, EXR, TIFF or JPEG; grey or colour."""
+    width: float = 256.0
+    """Pixels of the central view that its width spans."""
+
+    def __post_init__(self) -> None:
+        checks.numbers("a picture's width", [self.width], 4, 16384)
+        if not isinstance(self.path, str) or not self.path:
+            raise InputError("a picture's path must name a file", got=repr(self.path))
+
+    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """As in `Texture`.
+
+        Raises:
+            FileError: The file is missing, damaged or of another kind.
+        """
+        image = torch.from_numpy(images.to_float(images.read_image(Path(self.path)))).movedim(-1, 0)
+        image = image[:3] if len(image) > 2 else image[:1].expand(3, -1, -1)
+        size = [max(2, round(length * self.width / image.shape[-1])) for length in image.shape[-2:]]
+        options = {"mode": "bicubic", "align_corners": False, "antialias": True}
+        small = torch.nn.functional.interpolate(image[None], size, **options)[0].clamp(0, 1)  # type: ignore[arg-type]
+        wide = torch.cat([small, small.flip(-1)], dim=-1)
+        tile = finer(torch.cat([wide, wide.flip(-2)], dim=-2))
+        # Its middle, not its corner, belongs in the picture's centre.
+        return _tiled(tile.roll((1 - size[0], 1 - size[1]), (-2, -1)), canvas).clamp(0, 1)
+
+
+def _noise(random: np.random.Generator, n_channels: int, size: tuple[int, int], exponent: float) -> Tensor:
+    """Periodic noise of spectrum 1/f^exponent, mean 0 and deviation 1, float32, [n_channels, *size]."""
+    shape = (n_channels, size[0], size[1] // 2 + 1, 2)
+    spectrum = torch.view_as_complex(torch.from_numpy(random.standard_normal(shape, np.float32)))
+    noise = torch.fft.irfft2(spectrum * _fall(size, exponent), s=size)
+    return noise / noise.square().mean(dim=(-2, -1), keepdim=True).sqrt()
+
+
+def _fall(size: tuple[int, int], exponent: float) -> Tensor:
+    """1/f^exponent at each bin of `rfft2`, 0 at f = 0, float32."""
+    radius = torch.hypot(torch.fft.fftfreq(size[0])[:, None], torch.fft.rfftfreq(size[1]))
+    radius[0, 0] = torch.inf
+    return radius**-exponent
+
+
+def finer(tile: Tensor) -> Tensor:
+    """A periodic tile of pixels on the canvas's finer grid, band-limited.
+
+    Args:
+        tile: Even height and width, [C, H, W].
+
+    Returns:
+        [C, OVERSAMPLING H, OVERSAMPLING W]; its mean is kept, and it hardly leaves the range of the tile.
+    """
+    height, width = tile.shape[-2:]
+    spectrum = torch.fft.rfft2(tile) * _response(height, width)
+    half = height // 2
+    padded = spectrum.new_zeros(*spectrum.shape[:-2], height * OVERSAMPLING, width // 2 + 1)
+    padded[..., :half, :], padded[..., -half:, :] = spectrum[..., :half, :], spectrum[..., half:, :]
+    # Column by column first: only those below Nyquist are not empty.
+    columns = torch.fft.ifft(padded, dim=-2)
+    return torch.fft.irfft(columns, n=width * OVERSAMPLING, dim=-1) * OVERSAMPLING**2
+
+
+@functools.lru_cache(maxsize=16)
+def _response(height: int, width: int) -> Tensor:
+    rows = torch.cos(torch.pi * torch.fft.fftfreq(height)) ** 2
+    return rows[:, None] * torch.cos(torch.pi * torch.fft.rfftfreq(width)) ** 2
+
+
+def _tiled(tile: Tensor, canvas: Canvas) -> Tensor:
+    """A canvas covered with a tile whose first sample is at the picture's centre."""
+    rows = torch.arange(canvas.top, canvas.top + canvas.height) % tile.shape[-2]
+    columns = torch.arange(canvas.left, canvas.left + canvas.width) % tile.shape[-1]
+    return tile.index_select(-2, rows).index_select(-1, columns)

@@ -1,0 +1,121 @@
+"""The chain: in the order of the light, and what is planned equals what is forced, draw for draw."""
+
+import random
+
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfref.simulator import planner
+from lfref.simulator.effects import chain
+from lfref.simulator.effects.chromatic import Chromatic
+from lfref.simulator.effects.clipping import Clipping
+from lfref.simulator.effects.crosstalk import Crosstalk
+from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator.effects.misalignment import Misalignment
+from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
+from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.quantisation import Quantisation
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.tone_curve import CURVES, ToneCurve
+from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.effects.white_balance import WhiteBalance
+from lfref.simulator.planner import Pass
+
+from .conftest import Grid, Setting, applied
+
+ORDER = [
+    "chromatic", "vignetting", "misalignment", "crosstalk", "exposure", "mosaic", "noise", "clipping", "quantisation",
+    "demosaic", "white_balance", "tone_curve",
+]  # fmt: skip
+
+
+def colour(low, high, neutral):
+    return st.just((neutral,) * 3) | st.tuples(*[st.floats(low, high)] * 3)
+
+
+def number(high):
+    return st.just(0.0) | st.floats(0, high)
+
+
+SENSORS = st.builds(
+    Sensor,
+    chromatic=st.none() | st.builds(Chromatic, colour(0.9, 1.1, 1.0), colour(-0.5, 0.5, 0.0)),
+    vignetting=st.none() | st.builds(Vignetting, number(1), number(2)),
+    misalignment=st.none() | st.builds(Misalignment, number(1)),
+    crosstalk=st.none() | st.builds(Crosstalk, number(1 / 3)),
+    exposure=st.none() | st.builds(Exposure, st.just(1.0) | st.floats(0, 4)),
+    mosaic=st.none() | st.builds(Mosaic, st.none() | st.sampled_from(list(PATTERNS))),
+    noise=st.none() | st.builds(Noise, number(0.1), number(0.01)),
+    clipping=st.none() | st.just(Clipping()),
+    quantisation=st.none() | st.builds(Quantisation, st.none() | st.integers(1, 16)),
+    white_balance=st.none() | st.builds(WhiteBalance, colour(0, 3, 1.0)),
+    tone_curve=st.none() | st.builds(ToneCurve, st.sampled_from(list(CURVES)), st.just(1.0) | st.floats(1, 3)),
+)
+
+FULL = Sensor(
+    Chromatic((1.01, 1.0, 0.99)), Vignetting(0.5, 0.5), Misalignment(0.1), Crosstalk(0.1), Exposure(1.3), Mosaic(),
+    Noise(0.01, 1e-4), Clipping(), Quantisation(10), WhiteBalance((1.2, 1.0, 1.1)), ToneCurve("srgb"),
+)  # fmt: skip
+
+
+def planned(scene, radiance, wanted="views", force=False):
+    render = Pass("render", (), "radiance", lambda: radiance)
+    return planner.plan([render, *chain.sensor_passes(scene)], [wanted], scene, force)
+
+
+@given(sensor=SENSORS, seed=st.integers(0, 2**32), grid=st.sampled_from([(3, 2), (1, 1), (1, 4)]))
+@settings(max_examples=80, deadline=None)
+def test_planned_is_forced_draw_for_draw(sensor, seed, grid):
+    radiance = 1.2 * torch.rand(*grid, 3, 6, 7, generator=torch.Generator().manual_seed(seed))
+    scene = Setting(sensor, camera=Grid(grid), seed=seed)
+    few, all_ = (planned(scene, radiance, force=force) for force in (False, True))
+    views = few.run()["views"]
+    torch.testing.assert_close(views, all_.run()["views"], atol=1e-6, rtol=0)
+    assert views.shape == radiance.shape
+    assert bool(views.isfinite().all())
+    assert sum(row.state == "run" for row in all_.explain()) == len(ORDER) + 1
+
+
+def test_a_sensor_without_effects_passes_the_radiance_on():
+    radiance = torch.rand(2, 2, 3, 4, 4)
+    plan = planned(Setting(), radiance)
+    assert plan.run()["views"] is radiance
+    assert [row.state for row in plan.explain()] == ["run", *["skipped"] * len(ORDER)]
+
+
+def test_effects_run_in_the_order_of_the_light_however_they_are_listed():
+    render = Pass("render", (), "radiance", lambda: torch.rand(2, 2, 3, 4, 4))
+    passes = [*chain.sensor_passes(Setting(FULL)), render]
+    for seed in range(5):
+        random.Random(seed).shuffle(passes)
+        rows = planner.plan(passes, ["views"], Setting(FULL)).explain()
+        assert [row.name for row in rows] == ["render", *ORDER]
+        assert {row.state for row in rows} == {"run"}
+    assert [effect.name for effect in chain.effects(FULL)] == ORDER
+
+
+def test_all_effects_together_are_one_after_the_other():
+    radiance = torch.rand(3, 3, 3, 8, 8)
+    expected = radiance
+    for effect in chain.effects(FULL):
+        expected = applied(effect, expected, seed=4)
+    assert torch.equal(planned(Setting(FULL, seed=4), radiance).run()["views"], expected)
+
+
+def test_raw_samples_can_be_asked_for():
+    radiance = torch.rand(2, 2, 3, 6, 6)
+    plan = planned(Setting(FULL), radiance, wanted="quantised")
+    assert plan.run()["quantised"].shape == (2, 2, 1, 6, 6)
+    assert [row.name for row in plan.explain() if row.why == "nothing asked for needs it"] == ORDER[9:]
+
+
+def test_another_effect_does_not_change_what_noise_draws():
+    radiance = torch.rand(2, 2, 3, 6, 6)
+    draws = []
+    for others in ({}, {"misalignment": Misalignment(0.4)}, {"exposure": Exposure(0.5)}):
+        quiet, loud = Sensor(**others), Sensor(noise=Noise(read=1.0), **others)
+        views = [planned(Setting(sensor, seed=9), radiance).run()["views"] for sensor in (quiet, loud)]
+        draws.append(views[1] - views[0])
+    torch.testing.assert_close(draws[1], draws[0], atol=1e-6, rtol=0)
+    torch.testing.assert_close(draws[2], draws[0], atol=1e-6, rtol=0)

@@ -1,0 +1,21 @@
+"""Clipping cuts at its limits, and is inert only without any."""
+
+import math
+
+import torch
+
+from lfref.simulator.effects.clipping import Clipping
+
+from .conftest import Setting, applied
+
+
+def test_values_beyond_the_limits_are_cut_off():
+    views = torch.tensor([-1.0, 0.0, 0.3, 1.0, 7.0])
+    assert applied(Clipping(), views).tolist() == torch.tensor([0, 0, 0.3, 1, 1]).tolist()
+    assert applied(Clipping(0.5, math.inf), views).tolist() == [0.5, 0.5, 0.5, 1, 7]
+
+
+def test_without_limits_it_is_inert():
+    assert Clipping(-math.inf, math.inf).inert(Setting()) == "there are no limits"
+    assert Clipping().inert(Setting()) is None
+    assert Clipping(-math.inf, 1e6).inert(Setting()) is None

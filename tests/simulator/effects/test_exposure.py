@@ -1,0 +1,17 @@
+"""Exposure is one factor, exactly."""
+
+import torch
+
+from lfref.simulator.effects.exposure import Exposure
+
+from .conftest import Setting, applied
+
+
+def test_all_radiances_are_multiplied():
+    views = torch.rand(2, 3, 3, 4, 5)
+    assert torch.equal(applied(Exposure(2.5), views), 2.5 * views)
+
+
+def test_only_gain_1_is_inert():
+    assert Exposure().inert(Setting()) == "gain is 1"
+    assert Exposure(1.01).inert(Setting()) is None

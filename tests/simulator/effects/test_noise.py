@@ -1,0 +1,44 @@
+"""Noise: its mean and variance at known radiances are those of the model, sample by sample independent."""
+
+import pytest
+import torch
+
+from lfref.simulator.effects.noise import Noise, noisy
+
+from .conftest import Setting, applied
+
+N = 1_000_000
+LEVELS = [0.0, 0.1, 0.5, 2.0]
+
+
+@pytest.mark.parametrize(("shot", "read"), [(0.01, 0.0), (0.0, 4e-4), (0.02, 1e-3)])
+def test_variance_is_a_x_plus_b_and_the_mean_is_x(shot, read):
+    for seed, level in enumerate(LEVELS):
+        made = applied(Noise(shot, read), torch.full((N,), level), seed).double()
+        variance = shot * level + read
+        assert float(made.var()) == pytest.approx(variance, rel=0.02)
+        assert float(made.mean()) == pytest.approx(level, abs=5 * (variance / N) ** 0.5 + 1e-7)
+
+
+def test_samples_are_independent():
+    made = applied(Noise(read=1.0), torch.zeros(4, 4, 3, 120, 120))
+    for axis in range(made.ndim):
+        first, second = made.narrow(axis, 0, made.shape[axis] - 1), made.narrow(axis, 1, made.shape[axis] - 1)
+        assert abs(float((first * second).mean())) < 0.01
+
+
+def test_black_and_what_lies_below_have_read_noise_alone():
+    views = torch.tensor([-0.5, 0.0])
+    assert torch.equal(noisy(views, 0.3, 0.0, torch.ones(2)), views)
+    torch.testing.assert_close(noisy(views, 0.3, 0.04, torch.ones(2)), views + 0.2)
+
+
+def test_a_draw_is_scaled_by_the_standard_deviation():
+    made = noisy(torch.tensor([0.25, 1.0]), 0.04, 0.0, torch.tensor([1.0, -2.0]))
+    torch.testing.assert_close(made, torch.tensor([0.35, 0.6]))
+
+
+def test_only_zero_variance_is_inert():
+    assert Noise().inert(Setting()) == "shot and read noise are 0"
+    assert Noise(shot=1e-4).inert(Setting()) is None
+    assert Noise(read=1e-6).inert(Setting()) is None

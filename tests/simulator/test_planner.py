@@ -1,0 +1,128 @@
+"""The planner: only what is needed runs, in order, inert passes pass their input on, and every step is explained."""
+
+import time
+
+import pytest
+
+from lfref.errors import InputError
+from lfref.simulator import planner
+from lfref.simulator.planner import Pass, Row
+
+
+def adding(name, needs, makes, amount, inert=None):
+    """A pass that adds a number to its main input, inert where the context says so."""
+    return Pass(name, needs, makes, lambda first, *_: first + amount, lambda context: inert if context else None)
+
+
+SOURCE = Pass("source", (), "a", lambda: 1)
+PASSES = [
+    adding("third", ("c",), "d", 100),
+    adding("second", ("b", "side"), "c", 0, inert="it adds 0"),
+    SOURCE,
+    Pass("aside", ("a",), "side", lambda a: 50),
+    adding("first", ("a",), "b", 10),
+    adding("other", ("b",), "e", 1000),
+]
+
+
+def states(plan):
+    return {row.name: (row.state, row.why) for row in plan.explain()}
+
+
+def test_passes_run_after_what_they_need():
+    plan = planner.plan(PASSES, ["d", "e"])
+    assert plan.run() == {"d": 111, "e": 1011}
+    names = [row.name for row in plan.explain()]
+    for before, after in (("source", "first"), ("first", "second"), ("aside", "second"), ("second", "third")):
+        assert names.index(before) < names.index(after)
+
+
+def test_what_nothing_asked_for_needs_does_not_run():
+    plan = planner.plan(PASSES, ["b"])
+    assert plan.run() == {"b": 11}
+    assert [step.work.name for step in plan.steps] == ["source", "first"]
+    unneeded = {name for name, state in states(plan).items() if state == ("skipped", "nothing asked for needs it")}
+    assert unneeded == {"second", "third", "aside", "other"}
+
+
+def test_an_inert_pass_passes_its_main_input_on_and_needs_no_other():
+    plan = planner.plan(PASSES, ["c", "d"], context=True)
+    assert plan.run() == {"c": 11, "d": 111}
+    assert states(plan)["second"] == ("skipped", "it adds 0")
+    assert states(plan)["aside"] == ("skipped", "nothing asked for needs it")
+
+
+def test_forced_all_that_is_needed_runs():
+    plan = planner.plan(PASSES, ["d"], context=True, force=True)
+    assert plan.run() == {"d": 111}
+    assert states(plan)["second"] == ("run", "forced, though it adds 0")
+    assert states(plan)["aside"] == ("run", "makes side")
+    assert states(plan)["other"][0] == "skipped"
+
+
+def test_each_pass_that_runs_is_timed():
+    slow = Pass("slow", ("a",), "z", lambda a: time.sleep(0.02))
+    plan = planner.plan([SOURCE, slow, adding("idle", ("z",), "y", 0, inert="it is idle")], ["y"], context=True)
+    assert [row.milliseconds for row in plan.explain()] == [None, None, None]
+    plan.run()
+    source, waited, idle = (row.milliseconds for row in plan.explain())
+    assert 0 <= source < waited
+    assert waited >= 20
+    assert idle is None
+
+
+def test_a_plan_runs_any_number_of_times():
+    calls = []
+    plan = planner.plan([Pass("count", (), "n", lambda: calls.append(0) or len(calls))], ["n"])
+    assert [plan.run()["n"] for _ in range(3)] == [1, 2, 3]
+
+
+def test_a_result_is_let_go_once_nothing_needs_it():
+    class Large:
+        alive = 0
+
+        def __init__(self):
+            Large.alive += 1
+
+        def __del__(self):
+            Large.alive -= 1
+
+    peak = []
+    passes = [Pass("0", (), "0", Large)]
+    for place in range(1, 6):
+        passes.append(Pass(str(place), (str(place - 1),), str(place), lambda _: (Large(), peak.append(Large.alive))[0]))
+    result = planner.plan(passes, ["5"]).run()
+    assert max(peak) == 2
+    assert Large.alive == len(result) == 1
+
+
+def test_an_explanation_reads_as_a_table():
+    rows = [Row("render", "run", "makes views", 12.345), Row("noise", "skipped", "noise is 0", None)]
+    assert planner.table(rows).splitlines() == [
+        "pass             why            ms",
+        "render  run      makes views  12.3",
+        "noise   skipped  noise is 0",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("passes", "wanted", "message"),
+    [
+        (PASSES, ["z"], "results must be among .*; got 'z'"),
+        ([adding("lost", ("nowhere",), "b", 1)], ["b"], "got 'nowhere'"),
+        ([SOURCE, Pass("twin", (), "a", lambda: 2)], ["a"], "only one pass may make 'a'; got source and twin"),
+        ([adding("egg", ("hen",), "egg", 1), adding("hen", ("egg",), "hen", 1)], ["hen"], "circle; got .*egg -> hen"),
+        ([adding("self", ("s",), "s", 1)], ["s"], "circle; got s -> s"),
+        (PASSES, [], "at least one result"),
+        (PASSES, "d", "as a list of names"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(passes, wanted, message):
+    with pytest.raises(InputError, match=message):
+        planner.plan(passes, wanted)
+
+
+def test_a_result_asked_for_twice_is_made_once():
+    plan = planner.plan(PASSES, ["b", "b"])
+    assert plan.run() == {"b": 11}
+    assert len(plan.steps) == 2

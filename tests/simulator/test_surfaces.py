@@ -1,0 +1,87 @@
+"""Rays meet surfaces where the defining equation x = X + d(X, Y) p says so."""
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfref.errors import InputError
+from lfref.simulator.surfaces import Dome, Plane
+
+X, Y = torch.meshgrid(*(torch.linspace(-60, 60, 41, dtype=torch.float64),) * 2, indexing="xy")
+GEOMETRIES = [
+    Plane(0.7),
+    Plane(-0.4, (0.02, -0.03)),
+    Plane(3.0, (0.0, 0.05)),
+    Dome(-0.5, 2.0, 40.0),
+    Dome(0.5, -1.5, 30.0, (7.0, -12.0)),
+]
+
+
+def gap(geometry, p, q):
+    """How far from its pixel a ray through the point that it is said to meet arrives."""
+    at_x, at_y = geometry.intersect(X, Y, torch.tensor(p), torch.tensor(q))
+    disparity = geometry.disparity_at(at_x, at_y)
+    return max(float((at_x + disparity * p - X).abs().max()), float((at_y + disparity * q - Y).abs().max()))
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+@pytest.mark.parametrize(("p", "q"), [(0.0, 0.0), (3.0, -3.0), (-3.5, 3.5), (1.2, 0.0)])
+def test_the_point_met_is_seen_at_the_pixel(geometry, p, q):
+    assert gap(geometry, p, q) < 1e-6
+
+
+@given(
+    st.floats(-3, 3), st.floats(-0.5, 0.5), st.floats(5, 100), st.floats(-0.99, 0.99), st.floats(-3.5, 3.5), st.data()
+)
+def test_every_legal_dome_is_met(disparity, centre, radius, share, p, data):
+    # As steep as a scene of 7 x 7 views allows.
+    dome = Dome(disparity, 1.0, radius, (centre * radius, 0.0))
+    dome = Dome(disparity, share * 0.5 / sum(3.5 * s for s in dome.steepness()), radius, dome.centre)
+    assert gap(dome, p, data.draw(st.floats(-3.5, 3.5))) < 1e-4
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_the_central_view_sees_each_point_in_its_place(geometry):
+    at_x, at_y = geometry.intersect(X, Y, torch.tensor(0.0), torch.tensor(0.0))
+    torch.testing.assert_close((at_x, at_y), (X, Y))
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_disparities_stay_in_their_range_and_below_their_steepness(geometry):
+    low, high = geometry.disparity_range((121, 121))
+    disparity = geometry.disparity_at(X, Y)
+    assert low - 1e-9 <= float(disparity.min())
+    assert float(disparity.max()) <= high + 1e-9
+    across, down = (disparity.diff(dim=dim).abs().max() / 3 for dim in (1, 0))
+    assert float(across) <= geometry.steepness()[0] + 1e-9
+    assert float(down) <= geometry.steepness()[1] + 1e-9
+
+
+def test_the_range_of_a_plane_is_that_of_its_corners():
+    assert Plane(1.0, (0.1, 0.01)).disparity_range((11, 21)) == pytest.approx((-0.05, 2.05))
+    assert Dome(1.0, -0.5, 5.0).disparity_range((11, 21)) == (0.5, 1.0)
+
+
+def test_a_dome_is_highest_at_its_centre_and_flat_beyond_its_radius():
+    dome = Dome(-1.0, 1.5, 20.0, (5.0, 3.0))
+    x, y = torch.tensor([5.0, 25.0, 5.0, 40.0]), torch.tensor([3.0, 3.0, 30.0, 3.0])
+    torch.testing.assert_close(dome.disparity_at(x, y), torch.tensor([0.5, -1.0, -1.0, -1.0]))
+
+
+def test_only_a_plane_without_gradient_is_parallel():
+    assert [geometry.is_parallel for geometry in GEOMETRIES] == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Plane(float("nan")), "a plane's disparity"),
+        (lambda: Plane(0.0, (1.0,)), "a plane's gradient must have 2 numbers"),
+        (lambda: Dome(0.0, float("inf"), 1.0), "a dome's disparity and bulge"),
+        (lambda: Dome(0.0, 1.0, 0.0), "a dome's radius must be above 0"),
+    ],
+)
+def test_surfaces_that_are_none_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()

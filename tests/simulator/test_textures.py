@@ -1,0 +1,139 @@
+"""Textures stay in [0, 1], end before Nyquist, and come from their key alone."""
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.errors import FileError, InputError
+from lfref.io import images
+from lfref.simulator import textures
+from lfref.simulator.canvases import Canvas
+from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Picture, Stripes
+
+CANVAS = Canvas(-64, -60, 128, 120, (60, 64))
+TEXTURES = [
+    Flat((0.1, 0.5, 1.0)),
+    Gradient(150.0, angle=30.0),
+    Checker(10.0),
+    Checker(7.3, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 25.0, 0.3),
+    Stripes(4.0, (0.0, 0.1, 0.2), (1.0, 0.9, 0.8), 70.0),
+    Noise(),
+    Noise((0.1, 0.5, 0.9), (0.9, 0.9, 0.9), 1.0, 1.0, 0.1),
+]
+
+
+def aliased_share(image):
+    """Part of the power at or above half a cycle a pixel along either axis; the window's own leakage is below 1e-6."""
+    height, width = image.shape[-2:]
+    window = torch.hann_window(height, dtype=torch.float64)[:, None] ** 2 * torch.hann_window(width) ** 2
+    centred = (image.double() - image.double().mean((-2, -1), keepdim=True)) * window
+    power = torch.fft.fft2(centred).abs().square().sum(0)
+    rows, columns = (torch.fft.fftfreq(length).abs() * 2 for length in (height, width))
+    above = (rows[:, None] > 0.53) | (columns > 0.53)
+    return float(power[above].sum() / power.sum().clamp(min=1e-12))
+
+
+@pytest.mark.parametrize("texture", TEXTURES)
+def test_colours_stay_in_range_and_fill_the_canvas(texture):
+    colours = texture.painted(CANVAS, (1, 2))
+    assert colours.shape == (3, 120, 128)
+    assert colours.dtype == torch.float32
+    assert float(colours.min()) >= -1e-6
+    assert float(colours.max()) <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("texture", TEXTURES[1:])
+def test_pixels_sample_them_without_aliasing(texture):
+    assert aliased_share(texture.painted(CANVAS, (1, 2))) < 1e-5
+
+
+@pytest.mark.parametrize("texture", TEXTURES)
+def test_the_key_fixes_the_colours_and_a_larger_canvas_shows_the_same(texture):
+    colours = texture.painted(CANVAS, (1, 2))
+    torch.manual_seed(5)
+    assert torch.equal(colours, texture.painted(CANVAS, (1, 2)))
+    larger = texture.painted(Canvas(-74, -68, 148, 136, CANVAS.period), (1, 2))
+    torch.testing.assert_close(larger[:, 8:-8, 10:-10], colours, atol=1e-6, rtol=0)
+
+
+def test_other_keys_are_other_noise():
+    assert not torch.allclose(Noise().painted(CANVAS, (1, 2)), Noise().painted(CANVAS, (1, 3)))
+
+
+def test_flat_is_its_colour_and_waves_have_the_mean_of_theirs():
+    torch.testing.assert_close(Flat((0.1, 0.5, 1.0)).painted(CANVAS).mean((1, 2)), torch.tensor([0.1, 0.5, 1.0]))
+    for texture in (Checker(8.0), Stripes(8.0), Gradient(32.0)):
+        torch.testing.assert_close(
+            texture.painted(CANVAS).mean(2)[:, :16].mean(1), torch.full((3,), 0.5), atol=0.01, rtol=0
+        )
+
+
+def test_waves_repeat_after_their_period_and_along_their_direction():
+    stripes = Stripes(8.0, angle=0.0).painted(CANVAS)
+    torch.testing.assert_close(stripes[..., 16:], stripes[..., :-16], atol=1e-5, rtol=0)
+    assert bool((stripes == stripes[:, :1]).all())
+    checker = Checker(8.0).painted(CANVAS)
+    torch.testing.assert_close(checker[..., 8:], 1 - checker[..., :-8], atol=1e-5, rtol=0)
+
+
+def test_waves_finer_than_pixels_are_their_mean():
+    assert float(Stripes(1.5).painted(CANVAS).std()) < 1e-6
+    assert float(Gradient(1.5).painted(CANVAS).std()) < 1e-6
+
+
+def test_the_amplitude_of_noise_falls_as_the_power_of_the_frequency():
+    random = np.random.default_rng(0)
+    for exponent in (1.0, 2.0):
+        spectrum = torch.fft.fft2(textures._noise(random, 16, (96, 96), exponent)).abs().square().mean(0)
+        radius = torch.hypot(torch.fft.fftfreq(96)[:, None], torch.fft.fftfreq(96))
+        band = (radius > 0.05) & (radius < 0.45)
+        logs = torch.stack([radius[band].log(), torch.ones(int(band.sum()))], dim=1)
+        assert float(torch.linalg.lstsq(logs, spectrum[band].log()[:, None]).solution[0, 0]) == pytest.approx(
+            -2 * exponent, abs=0.1
+        )
+
+
+def test_the_finer_grid_keeps_a_slow_wave_and_weighs_a_quick_one():
+    place = torch.arange(64) / 64
+    for cycles, response in ((0, 1.0), (4, np.cos(np.pi / 16) ** 2), (16, 0.5), (32, 0.0)):
+        tile = torch.cos(2 * torch.pi * cycles * place).expand(1, 8, -1)
+        fine = torch.cos(2 * torch.pi * cycles * torch.arange(128) / 128).expand(1, 16, -1)
+        torch.testing.assert_close(textures.finer(tile), response * fine, atol=1e-5, rtol=0)
+
+
+def test_a_picture_lies_in_the_middle_pixel_on_pixel(tmp_path):
+    y, x = torch.meshgrid(torch.arange(40.0), torch.arange(48.0), indexing="ij")
+    image = torch.stack([x / 47, y / 39, 0.5 + 0.3 * torch.sin(x / 6)])
+    images.write_image(tmp_path / "image.exr", image.movedim(0, -1).numpy())
+    # Pixel (0, 0) of a picture of 40 x 48 is 19.5 and 23.5 px from the centre.
+    painted = Picture(str(tmp_path / "image.exr"), 48.0).painted(Canvas(-47, -39, 96, 80, (40, 48)))
+    torch.testing.assert_close(painted[:, ::2, ::2][:, 2:-2, 2:-2], image[:, 2:-2, 2:-2], atol=6e-3, rtol=0)
+
+
+def test_a_grey_picture_has_equal_channels_and_is_mirrored_beyond_its_edges(tmp_path):
+    images.write_image(tmp_path / "grey.png", torch.linspace(0, 1, 32).expand(16, 32)[..., None].numpy(), bits=16)
+    painted = Picture(str(tmp_path / "grey.png"), 32.0).painted(Canvas(-95, 0, 192, 4, (4, 4)))
+    assert torch.equal(painted[0], painted[2])
+    torch.testing.assert_close(painted[..., 1:63:2], painted[..., 65:127:2].flip(-1), atol=1e-5, rtol=0)
+
+
+def test_pictures_that_cannot_be_read_are_refused(tmp_path):
+    with pytest.raises(FileError, match="nowhere"):
+        Picture(str(tmp_path / "nowhere.png")).painted(CANVAS)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Flat((2.0, 0.0, 0.0)), "a texture's colour"),
+        (lambda: Checker(0.0), "a wave's period must be above 0"),
+        (lambda: Stripes(8.0, angle=float("nan")), "a wave's angle and phase"),
+        (lambda: Noise(exponent=-1.0), "a noise's exponent"),
+        (lambda: Noise(hardness=2.0), "a noise's hardness"),
+        (lambda: Picture(""), "a picture's path must name a file"),
+        (lambda: Picture("a.png", 0.0), "a picture's width"),
+    ],
+)
+def test_textures_that_are_none_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
