@@ -83,9 +83,10 @@ class _Chirps(NamedTuple):
     after: Tensor
     """Of the planes, complex, [N, 1, 1, W // 2 + 1]; the same for all rows of views, so left to the end."""
 
-    def planes(self, spectra: Tensor) -> Tensor:
-        """Views of one row, [B, U, C, h, W // 2 + 1], as planes, [B, N, C, h, W // 2 + 1], but for `after`."""
-        padded = torch.fft.fft(spectra * self.before, n=len(self.between), dim=1)
+    def planes(self, spectra: Tensor, weights: Tensor) -> Tensor:
+        """Weighted views of one row, [B, U, C, h, W // 2 + 1], as planes, [B, N, C, h, W // 2 + 1], but for `after`."""
+        before = self.before * weights[:, None, None, None]
+        padded = torch.fft.fft(spectra * before, n=len(self.between), dim=1)
         return torch.fft.ifft(padded * self.between, dim=1)[:, : len(self.after)]
 
 
@@ -106,10 +107,9 @@ def _sum_of_rows(views: Tensor, rows: Tensor, chirps: _Chirps, weights: Tensor) 
     bands = [rows.new_zeros(shape[0], n_planes, shape[3], part.shape[-2], n_bins) for part in factors]
     for v, view_row in enumerate(views.unbind(1)):
         # One view row at a time: its spectra are all that is held beside the planes.
-        radiance = batches.radiance(view_row)
-        spectra = torch.fft.rfft2(radiance * weights[v].to(radiance)[:, None, None, None])
+        spectra = torch.fft.rfft2(batches.radiance(view_row))
         for band, part, factor in zip(bands, spectra.split(BAND, dim=-2), factors, strict=True):
-            band.addcmul_(chirps.planes(part), factor[:, v, None])
+            band.addcmul_(chirps.planes(part, weights[v].to(rows)), factor[:, v, None])
     return torch.cat([band.mul_(chirps.after) for band in bands], dim=-2)
 
 

@@ -32,11 +32,14 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
     planes = [rows.new_zeros(shape) for _ in rows]
     for v, (view_row, row_weights) in enumerate(zip(views.unbind(1), weights, strict=True)):
         # One view row at a time: its spectra are all that is held beside the planes.
-        spectra = torch.fft.rfft2(batches.radiance(view_row) * row_weights[:, None, None, None])
-        for plane, row_factors, column_factors in zip(planes, rows[:, v], columns, strict=True):
+        spectra = torch.fft.rfft2(batches.radiance(view_row))
+        for plane, row_factors, column_factors in zip(planes, rows[:, v], columns * row_weights[:, None], strict=True):
             plane.addcmul_(_row_sum(spectra, column_factors), row_factors[:, None])
-    # Each spectrum is given up as its image is made: both together would be the peak of memory.
-    return torch.stack([torch.fft.irfft2(planes.pop(0), s=size) for _ in range(len(planes))], dim=1)
+    # Each spectrum is given up as its image is made: all of both together would be the peak of memory.
+    stack = views.new_empty((views.shape[0], len(planes), views.shape[3], *size), dtype=working)
+    for n in reversed(range(len(planes))):
+        stack[:, n] = torch.fft.irfft2(planes.pop(), s=size)
+    return stack
 
 
 def _row_sum(spectra: Tensor, factors: Tensor) -> Tensor:
