@@ -98,5 +98,19 @@ def assert_integers(operator: Operator, shape: Shape, dtype: torch.dtype) -> Non
     torch.testing.assert_close(stack, expected, atol=2 * torch.finfo(torch.float32).eps, rtol=0)
 
 
+def assert_same_on_gpu(operator: Operator, shape: Shape, dtype: torch.dtype) -> None:
+    """A GPU gives the stack of the CPU, and the gradient of the CPU."""
+    views = torch.randn(shape, dtype=dtype)
+    here, there = (views.to(device).requires_grad_() for device in ("cpu", "cuda"))
+    stacks = operator(here), operator(there)
+    assert stacks[1].is_cuda
+    tolerance = {"atol": 1e-12 if dtype == torch.float64 else 1e-5, "rtol": 0}
+    torch.testing.assert_close(stacks[1].cpu(), stacks[0], **tolerance)
+    torch.testing.assert_close(operator(there.detach()), stacks[1].detach(), **tolerance)  # its own kernel
+    for stack in stacks:
+        stack.square().sum().backward()
+    torch.testing.assert_close(there.grad.cpu(), here.grad, atol=20 * tolerance["atol"], rtol=0)
+
+
 def _assert_equal(got: Tensor, expected: Tensor) -> None:
     torch.testing.assert_close(got, expected, atol=1e-12, rtol=0)

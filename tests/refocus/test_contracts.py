@@ -149,3 +149,18 @@ def test_takes_integers(operator, dtype):
 def test_a_broken_operator_is_noticed(contract, broken, more):
     with pytest.raises(AssertionError):
         contract(broken, SMALL, *more)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@each(OPERATORS | WEIGHTED)
+def test_same_on_a_gpu(operator, dtype):
+    contracts.assert_same_on_gpu(operator, SHAPES[1], dtype)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.parametrize("dtype", list(batches.FULL_SCALE))
+@each(OPERATORS)
+def test_integers_on_a_gpu(operator, dtype):
+    views = torch.randint(0, batches.FULL_SCALE[dtype] + 1, SHAPES[1]).to(dtype)
+    torch.testing.assert_close(operator(views.cuda()).cpu(), operator(views), atol=1e-5, rtol=0)
