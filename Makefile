@@ -29,17 +29,19 @@ $(VENV)/installed: pyproject.toml constraints.txt
 
 demo: install
 	rm -rf "$(DEMO)"
-	$(BIN)/lfref simulate output="$(DEMO)/scenes" source.n_fields=4 source.size=[240,320] seed=2026
+	$(BIN)/lfref simulate output="$(DEMO)/scenes" n_fields=4 scene.camera.size=[240,320] outputs=[views] seed=2026
 	$(BIN)/lfref train experiment=demo output="$(DEMO)/refnet_demo"
 	$(BIN)/lfref eval output="$(DEMO)/eval" input="$(DEMO)/scenes" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
-	$(BIN)/lfref refocus output="$(DEMO)/refocus_refnet" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
-	$(BIN)/lfref refocus output="$(DEMO)/refocus_shift_and_sum" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" method=shift_and_sum
-	$(BIN)/lfref bench output="$(DEMO)/bench" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_2026_0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt" repeats=2
+	$(BIN)/lfref refocus output="$(DEMO)/refocus_refnet" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
+	$(BIN)/lfref refocus output="$(DEMO)/refocus_shift_and_sum" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)'" method=shift_and_sum
+	$(BIN)/lfref bench output="$(DEMO)/bench" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt" repeats=2
 	$(BIN)/lfref report output="$(DEMO)/report" title="lfref demo" 'runs=[$(DEMO)/refnet_demo,$(DEMO)/eval,$(DEMO)/refocus_refnet,$(DEMO)/refocus_shift_and_sum,$(DEMO)/bench]'
 
-figures: install
+figures: $(VENV)/checks
 	$(BIN)/lfref bench output=runs/figures/bench repeats=5
 	$(BIN)/lfref bench group=operators output=runs/figures/operators repeats=5
+	$(BIN)/lfref bench group=simulate output=runs/figures/simulate
+	$(BIN)/lfref bench group=stability output=runs/figures/stability
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py
 
@@ -49,12 +51,12 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Triton's interpreter runs the GPU's kernel on the CPU, line by line.
-$(VENV)/triton: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton]'
+# Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by.
+$(VENV)/checks: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba]'
 	touch $@
 
-test: lint $(VENV)/triton
+test: lint $(VENV)/checks
 	$(BIN)/python -m pytest -n 2
 
 quick: install

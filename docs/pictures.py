@@ -1,4 +1,4 @@
-"""Draw the pictures of `refocusing.md` from simulated scenes, and pictures of a light field of one's own on request.
+"""Draw the pictures of the pages from simulated scenes, and pictures of a light field of one's own on request.
 
 Run by `make figures`. `--capture LIGHT_FIELD` also writes a focal sweep, an all-in-focus picture and its focus index
 to `runs/figures/capture`: pictures of a capture are no part of the project.
@@ -11,10 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import against_mitsuba
+import effects
+import hard_cases
 import numpy as np
 import scenes
 import sheets
 import torch
+import truths
 from matplotlib.figure import Figure
 from torch import Tensor
 from torch.nn import functional as F
@@ -213,6 +217,10 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "all_in_focus.jpg": all_in_focus,
     "super_resolve.jpg": super_resolve,
     "apertures.jpg": aperture,
+    **effects.PICTURES,
+    **truths.PICTURES,
+    **against_mitsuba.PICTURES,
+    **hard_cases.PICTURES,
 }
 
 
@@ -244,7 +252,7 @@ def _enlarged(image: Tensor) -> Tensor:
 
 def main() -> None:
     """Write all pictures."""
-    parser = argparse.ArgumentParser(description="Draw the pictures of refocusing.md.")
+    parser = argparse.ArgumentParser(description="Draw the pictures of the pages.")
     parser.add_argument("--capture", type=Path, help=f"a light field to draw too, into {CAPTURE.relative_to(ROOT)}")
     parser.add_argument("--output", type=Path, default=HERE / "pictures", help="folder of the pictures")
     arguments = parser.parse_args()

@@ -1,5 +1,6 @@
 """The pages keep their word: pictures and pages that they link exist, code runs as written, pictures can be drawn."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from tests.conftest import ROOT
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 CODE = re.compile(r"^```.*?^```$|^ {4,}.*?$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#:]*)(?:#([^)]*))?\)")
-REFOCUSING = ROOT / "docs" / "refocusing.md"
+REFOCUSING, SIMULATOR = (ROOT / "docs" / f"{name}.md" for name in ("refocusing", "simulator"))
 LARGEST = 120_000  # bytes of a picture
 
 
@@ -33,7 +34,7 @@ def test_what_a_page_links_exists(page):
 
 def test_pictures_are_small_and_each_is_shown():
     pictures = [path for path in (ROOT / "docs" / "pictures").iterdir() if path.suffix in (".png", ".jpg")]
-    shown = REFOCUSING.read_text("utf-8")
+    shown = "".join(page.read_text("utf-8") for page in PAGES)
     assert pictures
     for picture in pictures:
         assert picture.stat().st_size <= LARGEST, picture.name
@@ -53,10 +54,20 @@ def test_the_code_of_the_page_on_refocusing_runs_as_written():
     assert names["back"].shape == names["views"].shape
 
 
+def test_the_code_of_the_page_on_the_simulator_runs_as_written():
+    names = {}
+    for block in re.findall(r"^```python\n(.*?)^```$", SIMULATOR.read_text("utf-8"), re.MULTILINE | re.DOTALL):
+        exec(block, names)
+        assert names["result"].views.shape == (7, 7, 3, 96, 144)
+    assert names["result"].truth is None
+
+
 @pytest.mark.slow
-def test_all_pictures_of_the_page_are_drawn(tmp_path):
+def test_all_pictures_of_the_pages_are_drawn(tmp_path):
     subprocess.run([sys.executable, ROOT / "docs" / "pictures.py", "--output", tmp_path], check=True, cwd=tmp_path)
     drawn = {path.name for path in tmp_path.iterdir()}
-    linked = re.findall(r"\(pictures/(.*?)\)", REFOCUSING.read_text("utf-8"))
-    assert drawn == set(linked)
+    linked = {name for page in PAGES for name in re.findall(r"\(pictures/(.*?)\)", page.read_text("utf-8"))}
+    if importlib.util.find_spec("mitsuba") is None:
+        linked.remove("simulator_mitsuba.jpg")
+    assert drawn == linked
     assert all((tmp_path / name).stat().st_size <= LARGEST for name in drawn)

@@ -19,8 +19,9 @@ Array = NDArray[Any]
 def fourier_slice_numpy(views: Tensor, slopes: Tensor | Sequence[float], width: int = 4, padding: float = 2) -> Tensor:
     """Fourier-slice refocusing by `numpy.fft.fftn`, one channel after the other as the paper does.
 
-    The same picture as `lfref.refocus.fourier_slice.fourier_slice` with the Kaiser-Bessel kernel, to some 1e-5; where a
-    size is even, its highest frequency differs.
+    The same spectrum as `lfref.refocus.fourier_slice.fourier_slice` with the Kaiser-Bessel kernel, to some 1e-5; at
+    frequency 0, which is interpolated here as all others, to some 1e-3. Where a size is even, its highest frequency
+    differs.
 
     Args:
         views: Radiance, float32 or float64, CPU, [V, U, C, H, W].

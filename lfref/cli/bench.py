@@ -7,10 +7,17 @@ from omegaconf import DictConfig
 
 from lfref.cli.benches.front import front
 from lfref.cli.benches.operators import operators
+from lfref.cli.benches.simulate import simulate
+from lfref.cli.benches.stability import stability
 from lfref.cli.command import command
 from lfref.errors import chosen
 
-GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {"front": front, "operators": operators}
+GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
+    "front": front,
+    "operators": operators,
+    "simulate": simulate,
+    "stability": stability,
+}
 """Each has its options in `conf/group/NAME.yaml`."""
 
 

@@ -10,7 +10,7 @@ from lfref.bench import accuracy, methods
 from lfref.bench.methods import Method
 from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.data.labels import LabelSource
+from lfref.data.labels import Labels
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import read as reader
@@ -27,7 +27,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     """
     device = device_of(config.device)
     planes: FocalPlanes = configs.build(config.planes)
-    references: dict[str, LabelSource] = configs.build(config.references)
+    references: dict[str, Labels] = configs.build(config.references)
     judged = _judged(config, device, planes)
     found = [path for entry in paths(config.input) for path in reader.find(entry)]
     rows: list[accuracy.Row] = []

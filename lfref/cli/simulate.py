@@ -1,27 +1,96 @@
-"""`lfref simulate`: write simulated light fields to a folder."""
+"""`lfref simulate`: write the views of simulated scenes, the truth that a lens records, and what else is known."""
 
+import re
 from pathlib import Path
 
 from omegaconf import DictConfig
+from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli.command import command, log, progress
-from lfref.data.sources import SimulatedSource
-from lfref.io import write
+from lfref.cli.command import command, device_of, log, progress
+from lfref.errors import InputError
+from lfref.geometry import FocalPlanes
+from lfref.io import images, write
+from lfref.lightfield import LightField
+from lfref.report import contact, drawing
+from lfref.simulator import planner
+from lfref.simulator.developed import developed
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import Fixed, Scenes
+from lfref.simulator.simulate import Simulated
+from lfref.simulator.simulate import simulate as simulated
+
+ROUNDING = 0.5 / 255
+"""What a PNG file may change in a sample that it can hold."""
 
 
 def simulate(config: DictConfig, folder: Path) -> None:
-    """Write light fields as folders of views or as EXR files.
+    """Write light fields, `truth/NAME.exr` (linear), `disparity/NAME.exr` and `contact_sheets/NAME.png`.
 
     Args:
         config: `conf/simulate.yaml`.
-        folder: The run folder; each light field becomes an entry of it.
+        folder: The run folder; the views of each light field become an entry of it.
     """
-    source: SimulatedSource = configs.build(config.source)
-    for index in progress(range(len(source)), "simulating"):
-        field = source.field(index)
-        write.write(folder / f"{field.name}{config.suffix}", field)
-    log.info("wrote %d light fields to %s", len(source), folder)
+    n_fields, seed = int(configs.number(config, "n_fields", 1)), int(configs.number(config, "seed", 0))
+    device, outputs, suffix = device_of(config.device), _outputs(config), _suffix(config)
+    planes: FocalPlanes = configs.build(config.planes)
+    scenes = _scenes(config)
+    for index in progress(range(n_fields), "simulating"):
+        scene = _named(scenes.scene(seed, 0, index))
+        made = simulated(scene, 0, outputs, planes.slopes, config.force, device)
+        _write(folder, scene, made, planes, suffix)
+        if config.explain:
+            log.info("%s\n%s", scene.name, planner.table(made.rows))
+    log.info("simulated %d light fields in %s", n_fields, folder)
+
+
+def _outputs(config: DictConfig) -> list[str]:
+    asked = configs.plain(config.outputs)
+    if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
+        raise InputError("outputs must be a list of names", got=asked, remedy="write outputs=[views,truth]")
+    return asked
+
+
+def _suffix(config: DictConfig) -> str:
+    if config.suffix not in write.VIEW_WRITERS:
+        known = " or ".join(map(repr, write.VIEW_WRITERS))
+        raise InputError(f"suffix must be {known}", got=repr(config.suffix))
+    return str(config.suffix)
+
+
+def _scenes(config: DictConfig) -> Scenes:
+    made: Scenes | Scene = configs.build(config.scene)
+    return Fixed((made,)) if isinstance(made, Scene) else made
+
+
+def _named(scene: Scene) -> Scene:
+    """The scene, once its name is known to be usable for files."""
+    if not re.fullmatch(r"\w[\w.-]*", scene.name):
+        raise InputError("a scene's name must be usable as the name of a file", got=repr(scene.name))
+    return scene
+
+
+def _write(folder: Path, scene: Scene, made: Simulated, planes: FocalPlanes, suffix: str) -> None:
+    cells: dict[str, Tensor] = {}
+    if made.views is not None:
+        _warn_of_clipping(scene.name, made.views, suffix)
+        write.write(folder / f"{scene.name}{suffix}", LightField(made.views, scene.name))
+        cells |= contact.view_cells(made.views)
+    if made.disparity is not None:
+        images.write_image(folder / "disparity" / f"{scene.name}.exr", made.disparity[..., None].cpu().numpy())
+        cells["disparity, px per view step"] = made.disparity
+    if made.truth is not None:
+        write.write_stack(folder / "truth" / f"{scene.name}.exr", made.truth, planes)
+        cells |= contact.plane_cells(developed(made.truth, scene.sensor), planes)
+    drawing.save_figure(contact.contact_sheet(cells), folder / "contact_sheets" / f"{scene.name}.png")
+
+
+def _warn_of_clipping(name: str, views: Tensor, suffix: str) -> None:
+    """Say what PNG files cannot hold."""
+    share = float(((views < -ROUNDING) | (views > 1 + ROUNDING)).float().mean())
+    if share > 0 and not suffix:
+        reach = f"{float(views.min()):.3g} to {float(views.max()):.3g}"
+        log.warning("%s reaches from %s: PNG clips %.2g %% of it, suffix=.exr keeps all", name, reach, 100 * share)
 
 
 main = command(simulate)

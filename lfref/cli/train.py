@@ -50,7 +50,8 @@ def _module(config: DictConfig) -> Refocusing:
 
 
 def _trainer(config: DictConfig) -> Trainer:
-    callbacks = [RankAgreement(configs.fingerprint(config)), *configs.build(config.callbacks).values()]
+    chosen = [callback for callback in configs.build(config.callbacks).values() if callback is not None]
+    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen]
     loggers = _loggers(config)
     return configs.build(config.trainer, callbacks=callbacks, logger=loggers, plugins=[AtomicCheckpointIO()])
 

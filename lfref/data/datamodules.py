@@ -2,7 +2,7 @@
 
 import abc
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,13 @@ from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
 from lfref.data import splits
-from lfref.data.labels import LabelSource
+from lfref.data.labels import Labels
 from lfref.data.patches import Batch, EpochSampler, FieldPatches, concatenate
 from lfref.data.sources import FolderSource, SimulatedSource, Source
 from lfref.errors import InputError
 from lfref.io import read as reader
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import RandomScenes, Scenes
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +35,7 @@ class PatchData(LightningDataModule, abc.ABC):
 
     def __init__(
         self,
-        labels: LabelSource,
+        labels: Labels,
         patch: int = 192,
         patches_per_field: int = 4,
         fields_per_batch: int = 1,
@@ -98,7 +100,7 @@ class FolderData(PatchData):
     def __init__(
         self,
         path: str,
-        labels: LabelSource,
+        labels: Labels,
         cache_folder: str,
         validation_path: str | None = None,
         validation_share: float = 0.1,
@@ -140,31 +142,24 @@ class SimulatedData(PatchData):
         labels: As in `PatchData`.
         n_fields: Scenes in a training epoch.
         n_validation: Held-out scenes.
-        size: Height and width of a view in pixels.
-        grid: Number of view rows and columns (V, U).
-        n_surfaces: Fewest and most surfaces in a scene.
-        disparities: Smallest and largest disparity in pixels per view step.
+        scenes: Where they come from.
+        validation_scenes: Where held-out scenes come from, the same whatever the seed; None takes others of `scenes`.
         **options: Arguments of `PatchData`.
     """
 
     def __init__(
         self,
-        labels: LabelSource,
+        labels: Labels,
         n_fields: int = 64,
         n_validation: int = 8,
-        size: Sequence[int] = (256, 256),
-        grid: Sequence[int] = (7, 7),
-        n_surfaces: Sequence[int] = (3, 5),
-        disparities: Sequence[float] = (-1.0, 1.0),
+        scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
+        validation_scenes: Scenes | Scene | None = None,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
-        scene: dict[str, Any] = {"size": size, "grid": grid, "n_surfaces": n_surfaces, "disparities": disparities}
         # Held-out scenes come from a stream of their own.
-        self.streams = (
-            SimulatedSource(n_fields, self.seed, **scene),
-            SimulatedSource(n_validation, self.seed + 1_000_000, **scene),
-        )
+        held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, 0)
+        self.streams = SimulatedSource(n_fields, self.seed, scenes), SimulatedSource(n_validation, stream, held)
 
     def sources(self) -> tuple[Source, Source]:
         """The two streams of scenes."""

@@ -1,6 +1,7 @@
 """Random patches of light fields with their labels, each repeatable by (seed, epoch, index).
 
 One item is one light field: its patches are cut together, so that a field is read or rendered once an epoch.
+Where a patch is flat there is nothing to learn, and normalisation divides by nearly nothing: another one is drawn.
 """
 
 import math
@@ -12,9 +13,14 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
-from lfref.data.labels import LabelSource
+from lfref.data.labels import Labels
 from lfref.data.sources import Field, Source
 from lfref.errors import InputError
+
+FLAT = 1 / 255
+"""Least difference between the brightest and the darkest sample of a patch's views: a step of 8 bits."""
+DRAWS = 8
+"""Corners drawn for a patch before it is left out."""
 
 
 class Batch(TypedDict):
@@ -26,9 +32,11 @@ class Batch(TypedDict):
     """[P, N, C, H, W]."""
     where: list[str]
     """Light field and top left corner of each patch, P entries."""
+    resampled: int
+    """Corners that were drawn again because the patch there is flat."""
 
 
-def cut(field: Field, labels: LabelSource, top: int, left: int, patch: int) -> tuple[Tensor, Tensor]:
+def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[Tensor, Tensor]:
     """One patch and its label, made with as much surroundings as the label depends on.
 
     Args:
@@ -68,9 +76,12 @@ class FieldPatches(Dataset[Batch]):
         patch: Height and width in pixels.
         patches_per_field: Patches cut from a field in an epoch.
         seed: Of the corners.
+
+    Raises:
+        InputError: A size below 1; later, a field smaller than a patch, or no field with anything to see in it.
     """
 
-    def __init__(self, source: Source, labels: LabelSource, patch: int, patches_per_field: int, seed: int) -> None:
+    def __init__(self, source: Source, labels: Labels, patch: int, patches_per_field: int, seed: int) -> None:
         if min(patch, patches_per_field) < 1:
             raise InputError("patch and patches_per_field must be at least 1", got=(patch, patches_per_field))
         self.source = source
@@ -84,22 +95,45 @@ class FieldPatches(Dataset[Batch]):
 
     def __getitem__(self, key: tuple[int, int]) -> Batch:
         epoch, index = key
+        # A field without a patch is replaced by the next one, so that every rank takes as many steps.
+        for step in range(len(self)):
+            field, corners, resampled = self._places(epoch, (index + step) % len(self))
+            if corners:
+                pairs = [cut(field, self.labels, top, left, self.patch) for top, left in corners]
+                return {
+                    "views": torch.stack([views for views, _ in pairs]),
+                    "labels": torch.stack([label for _, label in pairs]),
+                    "where": [f"{field.name}@{top},{left}" for top, left in corners],
+                    "resampled": resampled,
+                }
+        raise InputError(
+            "light fields must have something to see in them",
+            got=f"{len(self)} whose patches are flat",
+            remedy="give other fields, or set data.patch larger",
+        )
+
+    def _places(self, epoch: int, index: int) -> tuple[Field, list[tuple[int, int]], int]:
+        """A field, the corners of its patches, and how many corners were drawn in vain."""
         field = self.source.field(index, epoch)
-        free = [length - self.patch for length in field.size]
-        if min(free) < 0:
+        if min(field.size) < self.patch:
             raise InputError(
                 f"light field {field.name} must be at least {self.patch} pixels in both directions",
                 got=f"{field.size[0]}x{field.size[1]}",
                 remedy="set data.patch smaller",
             )
         random = np.random.default_rng((self.seed, epoch, index))
-        corners = random.integers(0, np.array(free) + 1, size=(self.patches_per_field, 2)).tolist()
-        pairs = [cut(field, self.labels, top, left, self.patch) for top, left in corners]
-        return {
-            "views": torch.stack([views for views, _ in pairs]),
-            "labels": torch.stack([label for _, label in pairs]),
-            "where": [f"{field.name}@{top},{left}" for top, left in corners],
-        }
+        drawn = [self._corner(field, random) for _ in range(self.patches_per_field)]
+        return field, [corner for corner, _ in drawn if corner is not None], sum(wasted for _, wasted in drawn)
+
+    def _corner(self, field: Field, random: np.random.Generator) -> tuple[tuple[int, int] | None, int]:
+        """A corner whose patch is not flat, or None; and how many were drawn in vain."""
+        free = np.array(field.size) - self.patch
+        for wasted in range(DRAWS):
+            top, left = random.integers(0, free + 1).tolist()
+            darkest, brightest = field.crop(top, left, self.patch, self.patch).views.aminmax()
+            if not brightest - darkest < FLAT:  # what is not finite is left to those who can name it
+                return (top, left), wasted
+        return None, DRAWS
 
 
 class EpochSampler(Sampler[tuple[int, int]]):
@@ -149,4 +183,5 @@ def concatenate(items: Sequence[Batch]) -> Batch:
         "views": torch.cat([item["views"] for item in items]),
         "labels": torch.cat([item["labels"] for item in items]),
         "where": [place for item in items for place in item["where"]],
+        "resampled": sum(item["resampled"] for item in items),
     }

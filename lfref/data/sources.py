@@ -5,19 +5,22 @@ scenes each epoch.
 """
 
 import abc
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
+from torch import Tensor
 
 from lfref.data import cache
 from lfref.data.cache import CachedField
 from lfref.errors import InputError
 from lfref.lightfield import LightField
-from lfref.simulator import bitmaps, render, scenes
-from lfref.simulator.scene import Camera
+from lfref.simulator.developed import developed
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
+from lfref.simulator.simulate import simulate
 
 Field = LightField | CachedField
 """What patches are cut from: has `name`, `grid`, `size` and `crop`."""
@@ -66,48 +69,56 @@ class FolderSource(Source):
         return cache.cached(self.paths[index], self.reader, self.cache_folder)
 
 
+@dataclass(frozen=True, eq=False)
+class SimulatedField(LightField):
+    """A light field whose scene is known, so that it can be photographed through the whole lens."""
+
+    photograph: Callable[[tuple[float, ...]], Tensor] = field(kw_only=True)
+    """(slopes) -> what the lens records of the field's rectangle at each of them, in [0, 1], [N, C, H, W]."""
+
+    def crop(self, top: int, left: int, height: int, width: int) -> "SimulatedField":
+        """As `LightField.crop`; photographs are cut alike."""
+        window = (..., slice(top, top + height), slice(left, left + width))
+        views = super().crop(top, left, height, width).views
+        return replace(self, views=views, photograph=lambda slopes: self.photograph(slopes)[window])
+
+
 class SimulatedSource(Source):
-    """Random scenes of flat surfaces that hide each other, each fixed by (seed, epoch, index).
+    """Simulated scenes, each fixed by (seed, epoch, index).
 
     Args:
         n_fields: Fields in an epoch.
         seed: Of all scenes.
-        size: Height and width of a view in pixels.
-        grid: Number of view rows and columns (V, U).
-        n_surfaces: Fewest and most surfaces.
-        disparities: Smallest and largest disparity in pixels per view step.
+        scenes: Where they come from; a single scene is seen again and again with other textures and noise.
 
     Raises:
-        InputError: No field, or sizes below 1.
+        InputError: No field, or a seed below 0.
     """
 
-    def __init__(
-        self,
-        n_fields: int,
-        seed: int,
-        size: Sequence[int] = (256, 256),
-        grid: Sequence[int] = (7, 7),
-        n_surfaces: Sequence[int] = (3, 5),
-        disparities: Sequence[float] = (-1.0, 1.0),
-    ) -> None:
-        if min(n_fields, *size, *grid) < 1 or seed < 0:
-            got = f"n_fields={n_fields}, size={list(size)}, grid={list(grid)}, seed={seed}"
-            raise InputError("a simulated source needs at least one field, view and pixel, and a seed >= 0", got=got)
+    def __init__(self, n_fields: int, seed: int, scenes: Scenes | Scene = RandomScenes()) -> None:  # noqa: B008  frozen
+        if n_fields < 1 or seed < 0:
+            raise InputError(
+                "a simulated source needs at least one field, and a seed >= 0", got=f"n_fields={n_fields}, seed={seed}"
+            )
         self.n_fields = n_fields
         self.seed = seed
-        self.size = (size[0], size[1])
-        self.grid = (grid[0], grid[1])
-        self.n_surfaces = (n_surfaces[0], n_surfaces[1])
-        self.disparities = (disparities[0], disparities[1])
+        self.scenes = Fixed((scenes,)) if isinstance(scenes, Scene) else scenes
 
     def __len__(self) -> int:
         return self.n_fields
 
-    def field(self, index: int, epoch: int = 0) -> LightField:
-        """Render the field at that place of that epoch."""
-        key = np.random.SeedSequence((self.seed, epoch, index)).generate_state(1, np.uint64)
-        generator = torch.Generator().manual_seed(int(key[0]))
-        camera = Camera(self.grid, self.size)
-        scene = scenes.random_scene(generator, camera, self.n_surfaces, self.disparities)
-        views = render.views(bitmaps.paint(scene), camera).clamp(0, 1)
-        return LightField(views, f"simulated_{self.seed}_{epoch}_{index:03d}")
+    def field(self, index: int, epoch: int = 0) -> SimulatedField:
+        """Render the field at that place of that epoch; what leaves [0, 1] is clipped."""
+        scene = self.scenes.scene(self.seed, epoch, index)
+        # Surfaces are painted as far as slopes reach: views need none.
+        views = simulate(scene, outputs=["views"], slopes=[0.0]).views
+        assert views is not None
+        once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, scene))
+        return SimulatedField(views.clamp(0, 1), scene.name, photograph=once)
+
+
+def _photograph(scene: Scene, slopes: tuple[float, ...]) -> Tensor:
+    """The truth in the brightness and colours of the views, clipped like them."""
+    truth = simulate(scene, outputs=["truth"], slopes=slopes).truth
+    assert truth is not None
+    return developed(truth, scene.sensor).clamp(0, 1)

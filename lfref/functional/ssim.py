@@ -6,23 +6,19 @@ variance, `P` a plane (one channel of one image). With the constants of Wang et 
     1 - SSIM = a + b - ab,    a = mu_d^2 / (mu_x^2 + mu_y^2 + C1),    b = var_d / ((var_s + var_d) / 2 + C2),
 
 which holds the digits that 1 minus a number near 1 loses. Window and borders are those of torchmetrics
-(Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel). Bright planes lose nothing in
-float32; a plane whose own contrast is hundreds of times the data range does, and wants float64.
+(Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel). All of it is computed in float64
+and rounded once, also under autocast: a flat plane adds up the same rounding in every pixel.
 """
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.functional.psnr import check_data_range, image_pair
+from lfref.functional.ssim_kernel import RADIUS
+from lfref.functional.ssim_planes import plane_values
 
-RADIUS = 5
-"""Pixels that the window reaches to each side; reflection needs images one pixel larger."""
-SIGMA = 1.5
 K1, K2 = 0.01, 0.03
-# Larger pieces pass the 32 MiB above which glibc maps fresh pages for every tensor: 3 times slower on the CPU.
-_PIXELS_AT_ONCE = 2**20
 
 
 def ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
@@ -61,8 +57,8 @@ def one_minus_ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) 
     _check_size(x)
     constants = (K1 * data_range) ** 2, (K2 * data_range) ** 2
     with torch.autocast(x.device.type, enabled=False):
-        parts = [_plane_values(*pair, *constants) for pair in zip(_portions(x), _portions(y), strict=True)]
-    return torch.cat(parts).reshape(x.shape[:-2]).mean(-1)
+        values = plane_values(_planes(x), _planes(y), *constants)
+    return values.reshape(x.shape[:-2]).mean(-1).to(x.dtype)
 
 
 def _check_size(images: Tensor) -> None:
@@ -73,54 +69,6 @@ def _check_size(images: Tensor) -> None:
         raise InputError(expected, got=f"{height} x {width}", remedy="use larger crops")
 
 
-def _portions(images: Tensor) -> tuple[Tensor, ...]:
-    """The planes [P, H, W] of all images, as many at once as `_PIXELS_AT_ONCE` allows."""
-    height, width = images.shape[-2:]
-    return images.reshape(-1, height, width).split(max(1, _PIXELS_AT_ONCE // (height * width)))
-
-
-def _plane_values(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    """1 - SSIM of each plane, [P, H, W] twice -> [P]."""
-    (mu_d, mu_s), (var_d, var_s) = _local_statistics(x, y)
-    # mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2; numerators and denominators carry a factor of 2.
-    squared = mu_d.square()
-    a = 2 * squared / (mu_s.square() + squared + 2 * C1)
-    b = 2 * var_d / (var_s + var_d + 2 * C2)
-    return torch.addcmul(a + b, a, b, value=-1).mean((-2, -1))
-
-
-def _local_statistics(x: Tensor, y: Tensor) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
-    """Local means and variances of x - y and x + y, each [P, H, W]: ((mu_d, mu_s), (var_d, var_s)).
-
-    Each is centred by its plane's mean first, or the squares of a bright plane would swamp its variance. The result
-    does not depend on what was subtracted, so no gradient need flow through it.
-    """
-    d = x - y
-    centre_x, centre_y, centre_d = (_plane_mean(planes) for planes in (x, y, d))
-    mean, square = _window_means(torch.cat((d - centre_d, (x - centre_x) + (y - centre_y))))
-    variance = (square - mean.square()).clamp(min=0)
-    mu_d, mu_s = mean.chunk(2)
-    return (mu_d + centre_d, mu_s + (centre_x + centre_y)), variance.chunk(2)
-
-
-def _plane_mean(planes: Tensor) -> Tensor:
-    """Mean of each plane, cut from the graph, [P, H, W] -> [P, 1, 1]."""
-    return planes.detach().mean((-2, -1), keepdim=True)
-
-
-def _window_means(planes: Tensor) -> tuple[Tensor, ...]:
-    """Gaussian local means of the planes and of their squares, [P, H, W] -> two of [P, H, W]."""
-    padded = F.pad(planes, (RADIUS,) * 4, mode="reflect")
-    # Planes as channels of one image: a depthwise convolution is the fastest here, and CUDA never runs it in TF32.
-    stacked = torch.cat((padded, padded.square()))[None]
-    n_planes, window = stacked.shape[1], _window(stacked)
-    rows = F.conv2d(stacked, window.expand(n_planes, 1, 1, -1), groups=n_planes)
-    both = F.conv2d(rows, window[:, None].expand(n_planes, 1, -1, 1), groups=n_planes)
-    return both[0].chunk(2)
-
-
-def _window(like: Tensor) -> Tensor:
-    """Normalised Gaussian weights of one axis, in the type and on the device of `like`, [11]."""
-    offsets = torch.arange(-RADIUS, RADIUS + 1, dtype=torch.float64, device=like.device)
-    weights = (-offsets.square() / (2 * SIGMA**2)).exp()
-    return (weights / weights.sum()).to(like.dtype)
+def _planes(images: Tensor) -> Tensor:
+    """The planes of all images, [P, H, W]."""
+    return images.reshape(-1, *images.shape[-2:])

@@ -20,12 +20,16 @@ ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
     "elu": nn.ELU,
 }
 
+EPSILON = 1e-3
+"""Added to each variance: TensorFlow's, in which the paper was made. PyTorch's 1e-5 lets 22 normalisations of a black
+frame, which divide by nothing else, amplify a gradient beyond what float32 holds."""
+
 NORMALIZATIONS: dict[str, Callable[[int], nn.Module]] = {
-    "instance": lambda channels: nn.InstanceNorm2d(channels, affine=True),
-    "batch": nn.BatchNorm2d,
-    "group": lambda channels: nn.GroupNorm(math.gcd(32, channels), channels),
+    "instance": lambda channels: nn.InstanceNorm2d(channels, EPSILON, affine=True),
+    "batch": lambda channels: nn.BatchNorm2d(channels, EPSILON),
+    "group": lambda channels: nn.GroupNorm(math.gcd(32, channels), channels, EPSILON),
     # Layer norm of a convolutional network: over all channels and pixels of one sample.
-    "layer": lambda channels: nn.GroupNorm(1, channels),
+    "layer": lambda channels: nn.GroupNorm(1, channels, EPSILON),
     "none": lambda channels: nn.Identity(),
 }
 

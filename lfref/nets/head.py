@@ -11,7 +11,7 @@ from torch import Tensor
 
 from lfref.nets.refnet import RefNet
 
-FLAT = 1e-6  # standard deviation below which an output is taken for constant
+FLAT = 1e-3  # standard deviation below which an output is taken for constant
 SPREAD = 0.1  # standard deviation of each output channel at the start, in radiance
 
 

@@ -32,7 +32,25 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
         raise InputError(f"weights must be {list(grid)}, one for each view", got=f"shape {list(values.shape)}")
     if not bool(values.isfinite().all()) or bool((values < 0).any()) or float(values.sum()) <= 0:
         raise InputError("weights must be finite, >= 0 and not all zero", got=f"a sum of {float(values.sum()):g}")
+    # Divided by the largest first: the sum of huge weights is infinite.
+    values = values / values.max()
     return values / values.sum()
+
+
+def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
+    """The views, those of weight 0 black if what they hold could do harm: 0 times NaN is NaN.
+
+    Args:
+        views: Light fields, [B, V, U, C, H, W].
+        aperture: Weight of each view, [V, U].
+    """
+    unread = (aperture == 0).nonzero().tolist()
+    if not unread or not views.is_floating_point():
+        return views
+    sums = [views[:, v, u].sum(dtype=working_dtype(views.dtype)) for v, u in unread] if is_plain(views) else []
+    if sums and bool(torch.stack(sums).isfinite().all()):
+        return views
+    return views.masked_fill((aperture == 0).to(views.device)[:, :, None, None, None], 0)
 
 
 def radiance(views: Tensor) -> Tensor:

@@ -96,7 +96,7 @@ def _stack(views: Tensor, slopes: Tensor, weights: Tensor | None) -> Tensor:
     device, dtype = views.device, fourier.complex_dtype(views.dtype)
     rows = fourier.shift_phases(fourier.frequencies(size[0]), slopes[:, None] * geometry.angular_offsets(grid[0]))
     chirps = _Chirps(*(factors.to(device, dtype) for factors in _chirps(slopes, grid[1], size[1])))
-    spectra = _sum_of_rows(views, rows.to(device, dtype), chirps, aperture)
+    spectra = _sum_of_rows(batches.without_unread(views, aperture), rows.to(device, dtype), chirps, aperture)
     return torch.stack([_image(plane, size[1]) for plane in spectra.unbind(1)], dim=1)
 
 

@@ -84,4 +84,6 @@ def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor
     bins = torch.ceil(position - kernel.width / 2) + torch.arange(kernel.width + 1, dtype=torch.float64)
     taps = kernel.weight(position - bins)
     angle = -2 * torch.pi * bins[:, None] * offsets[:, None, None] / padded
-    return torch.polar(taps[:, None].expand_as(angle), angle).sum(-1) / kernel.transform(offsets / padded)[:, None]
+    read = torch.polar(taps[:, None].expand_as(angle), angle).sum(-1) / kernel.transform(offsets / padded)[:, None]
+    # Where the slice crosses bin 0 itself there is nothing to interpolate: every plane is as bright as the views.
+    return torch.where(crossing[:, None] == 0, 1.0, read)

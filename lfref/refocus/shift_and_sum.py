@@ -80,6 +80,7 @@ def coverage(
 
 def _stack(views: Tensor, planned: Task) -> Tensor:
     """By the device's own kernel where that can serve, else by PyTorch's operations."""
+    views = batches.without_unread(views, torch.tensor(planned.aperture))
     kernel = KERNELS.get(views.device.type)
     if kernel is None or planned.interpolation.taps is None or not batches.is_plain(views):
         return eager.shift_and_sum(views, planned)

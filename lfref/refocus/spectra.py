@@ -27,7 +27,7 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
     size, working = (views.shape[-2], views.shape[-1]), batches.working_dtype(views.dtype)
     dtype = fourier.complex_dtype(working)
     rows, columns = rows.to(views.device, dtype), columns.to(views.device, dtype)
-    weights = weights.to(views.device, working)
+    views, weights = batches.without_unread(views, weights), weights.to(views.device, working)
     shape = (views.shape[0], *views.shape[3:5], size[1] // 2 + 1)
     planes = [rows.new_zeros(shape) for _ in rows]
     for v, (view_row, row_weights) in enumerate(zip(views.unbind(1), weights, strict=True)):

@@ -47,6 +47,7 @@ def _stack(views: Tensor, slopes: Slopes, factor: int, weights: Tensor | None) -
     grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
     planes = geometry.checked_slopes(slopes, grid, size)[:, None]
     aperture = batches.checked_weights(weights, grid)
+    views = batches.without_unread(views, aperture)
     rows, columns = ((planes * geometry.angular_offsets(n_views)).tolist() for n_views in grid)
     like = batches.radiance(views[:, 0, 0])
     images = [like.new_zeros(factor, factor, *like.shape) for _ in rows]

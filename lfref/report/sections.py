@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lfref.errors import FileError
-from lfref.report import costs, front, plots, tables
+from lfref.report import costs, front, plots, stability, tables
 from lfref.report.page import Section
 from lfref.report.tables import Row
 
@@ -154,6 +154,8 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "summary.csv": evaluation,
     "bench.csv": benchmark,
     "operators.csv": operators,
+    "goals.csv": stability.goals,
+    "stability.csv": stability.hard_cases,
     "contact_sheet.png": refocusing,
     f"*/{METRICS}": sweep,
 }

@@ -48,6 +48,13 @@ def pair(what: str, values: tuple[float, ...], least: float = -math.inf, most: f
     numbers(what, values, least, most)
 
 
+def span(what: str, values: tuple[float, ...], least: float = -math.inf, most: float = math.inf) -> None:
+    """Refuse what is no pair of finite numbers from small to large; arguments as in `numbers`."""
+    pair(what, values, least, most)
+    if values[0] > values[1]:
+        raise InputError(f"{what} must go from small to large", got=values)
+
+
 def colour(what: str, values: tuple[float, ...], most: float = 1.0) -> None:
     """Refuse what is no red, green and blue from 0 to `most`; arguments as in `numbers`."""
     _of_length(what, values, 3)

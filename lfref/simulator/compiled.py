@@ -3,12 +3,16 @@
 Letters: `i j` columns and rows of a bitmap in samples, `M` pictures, `h w` rows and columns of the bitmap.
 """
 
+import itertools
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.simulator import lookups, view_kernel
+from lfref.simulator import look_kernel, lookups, view_kernel
 from lfref.simulator.canvases import OVERSAMPLING
 from lfref.simulator.view_kernel import Sheet, Shifts
 
@@ -72,5 +76,22 @@ def anywhere(interleaved: Tensor, i: Tensor, j: Tensor) -> Tensor:
     """As `lookups.anywhere`, of a bitmap whose channels lie side by side, [h, w, 4]."""
     columns, rows = (value.reshape(-1).numpy() for value in (i, j))
     result = np.empty((4, columns.size), np.float32)
-    view_kernel.read_anywhere(interleaved.numpy(), columns, rows, result)
+    look_kernel.read_anywhere(interleaved.numpy(), columns, rows, result)
     return torch.from_numpy(result).reshape(4, *i.shape).movedim(0, 1)
+
+
+def in_bands(work: Callable[[int, int], None], edges: Sequence[int], n_threads: int) -> None:
+    """Work on bands of rows, on several threads where that is asked for.
+
+    Args:
+        work: (first row, one past the last row), lets go of the interpreter's lock.
+        edges: Of the bands, ascending.
+        n_threads: How many may work at once.
+    """
+    bands = list(itertools.pairwise(edges))
+    if min(n_threads, len(bands)) <= 1:
+        for band in bands:
+            work(*band)
+        return
+    with ThreadPoolExecutor(min(n_threads, len(bands))) as pool:
+        list(pool.map(work, *zip(*bands, strict=True)))

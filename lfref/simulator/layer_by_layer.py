@@ -1,135 +1,122 @@
 """Views made in bands of rows, one layer after the other laid over the band: on the CPU the fastest way.
 
-Layers that face the camera and look the same from everywhere go through the compiled loops; others are read point by
-point. Threads are plain ones, started for the call, as in shift-and-sum: they work after a fork.
+Layers of which all views are shifted copies are carried along whole rows; the rays to others are followed one by one.
+Threads are plain ones, started for the call, as in shift-and-sum: they work after a fork.
 Letters: as in `render`.
 """
 
-import itertools
-import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref import geometry
-from lfref.simulator import compiled, view_kernel
-from lfref.simulator.bitmaps import Layer
-from lfref.simulator.canvases import OVERSAMPLING
+from lfref.simulator import compiled, ray_tables, ray_views, reach, view_kernel
+from lfref.simulator.blurs import Bitmap
+from lfref.simulator.canvases import OVERSAMPLING, Canvas
+from lfref.simulator.layers import Layer
+from lfref.simulator.ray_tables import Picture
 from lfref.simulator.scene import Camera
-from lfref.simulator.surfaces import Plane
+from lfref.simulator.view_kernel import Shifts
 
 BAND = 8
 """Rows of all views that are finished before the next: they stay in a core's second cache."""
+CUBIC = 1.5
+"""Pixels around a point that a cubic looks at, and half a pixel for rounding."""
 
 Cover = Callable[[int, int], None]
-"""(first row, one past the last row): lays a layer over these rows of the picture."""
+"""(first row, one past the last row): lays layers over these rows of the picture."""
 
 
-def can_serve(layers: Sequence[Layer], camera: Camera) -> bool:
-    """Whether no layer is in front of another at some pixels and behind it at others.
+class Points(NamedTuple):
+    """A grid of aperture points, and the picture seen from each."""
 
-    Args:
-        layers: From far to near.
-        camera: The views.
-    """
-    spans = [_span(layer, camera) for layer in layers]
-    return all(far[1] <= near[0] for far, near in itertools.pairwise(spans))
-
-
-def _span(layer: Layer, camera: Camera) -> tuple[float, float]:
-    """Least and greatest disparity that any pixel of any view sees; of a dome, that it has anywhere."""
-    if not isinstance(layer.surface.geometry, Plane):
-        return layer.disparities(camera.size)
-    # A plane's lie in the corners.
-    x, y = (pixels.flatten()[[0, -1]] for pixels in camera.pixels())
-    p, q = (points[[0, -1]] for points in camera.view_points())
-    met = layer.surface.geometry.met_at(x[:, None, None, None], y[:, None, None], p[:, None], q)
-    return float(met.min()), float(met.max())
+    p: NDArray[np.float64]
+    """Columns in view steps from the centre, [U]."""
+    q: NDArray[np.float64]
+    """Rows in view steps from the centre, [V]."""
+    slope: float
+    """In pixels per view step, of the plane that the pictures are registered on; 0 for views."""
+    picture: NDArray[np.float32]
+    """Radiance, [V, U, 3, H, W]."""
 
 
-def views(layers: Sequence[Layer], camera: Camera) -> Tensor:
-    """Pictures from all view points of layers that `can_serve`.
+def pictures(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float = 0.0) -> Tensor:
+    """Pictures from a grid of aperture points.
 
     Args:
         layers: From far to near, on the CPU.
-        camera: The views.
+        camera: The size of the pictures.
+        p: Columns of the aperture points, in view steps from the centre, [U].
+        q: Rows of the aperture points, [V].
+        slope: In pixels per view step, of the plane that is at the same place in all pictures.
 
     Returns:
         Radiance, float32, [V, U, 3, H, W].
     """
     # Only a plain copy may go over what memory happens to hold.
-    make = np.empty if layers[0].hides and _is_shifted(layers[0]) else np.zeros
-    picture = make((*camera.grid, 3, *camera.size), np.float32)
-    covers = [_cover(layer, camera, picture) for layer in layers]
-    height = camera.size[0]
-    bands = [(top, min(top + BAND, height)) for top in range(0, height, BAND)]
+    make = np.empty if layers[0].hides and not layers[0].is_traced else np.zeros
+    picture = make((len(q), len(p), 3, *camera.size), np.float32)
+    covers = _covers(layers, camera, Points(p.numpy(), q.numpy(), slope, picture))
 
-    def finish(band: tuple[int, int]) -> None:
+    def finish(top: int, end: int) -> None:
         for cover in covers:
-            cover(*band)
+            cover(top, end)
 
-    n_threads = min(torch.get_num_threads(), len(bands))
-    if n_threads == 1:
-        list(map(finish, bands))
-    else:
-        with ThreadPoolExecutor(n_threads) as pool:
-            list(pool.map(finish, bands))
+    height = camera.size[0]
+    compiled.in_bands(finish, [*range(0, height, BAND), height], torch.get_num_threads())
     return torch.from_numpy(picture)
 
 
-def _cover(layer: Layer, camera: Camera, picture: np.ndarray) -> Cover:
-    if _is_shifted(layer):
-        return _shifted(layer, camera, picture)
-    return _seen(layer, camera, torch.from_numpy(picture))
-
-
-def _is_shifted(layer: Layer) -> bool:
-    return layer.surface.geometry.is_parallel and not layer.is_view_dependent
-
-
-def _shifted(layer: Layer, camera: Camera, picture: np.ndarray) -> Cover:
-    """A layer of which all views are shifted copies."""
-    samples, canvas = layer.bitmap.samples.numpy(), layer.bitmap.canvas
-    sheet = compiled.filled(samples[:3]) if layer.hides else compiled.outlined(samples)
-    disparity, _ = layer.disparities(camera.size)
-    across, down = (
-        compiled.shifts((pixels.min() - disparity * geometry.angular_offsets(n_views)) * OVERSAMPLING - edge)
-        for pixels, n_views, edge in zip(camera.pixels(), camera.grid[::-1], (canvas.left, canvas.top), strict=True)
-    )
-    return lambda top, end: view_kernel.over(sheet, across, down, picture, top, end)
-
-
-def _seen(layer: Layer, camera: Camera, picture: Tensor) -> Cover:
-    """Any layer."""
-    (p, q), (x, y) = camera.view_points(), camera.pixels()
-    rows, columns = _reached(layer, camera)
-
-    def cover(top: int, end: int) -> None:
-        top, end = max(top, rows.start), min(end, rows.stop)
-        if top < end and columns.start < columns.stop:
-            rgba = layer.seen(p, q, x[..., columns], y[:, top:end]).unflatten(0, camera.grid)
-            picture[..., top:end, columns].mul_(1 - rgba[:, :, 3:]).add_(rgba[:, :, :3])
-
-    return cover
-
-
-def _reached(layer: Layer, camera: Camera) -> tuple[slice, slice]:
-    """Rows and columns where any view may see the layer."""
-    canvas, farthest = layer.bitmap.canvas, max(map(abs, _span(layer, camera)))
-    spans = [
-        _within(first / OVERSAMPLING, (first + count) / OVERSAMPLING, farthest * (n_views - 1) / 2 + 1, length)
-        for first, count, n_views, length in (
-            (canvas.top, canvas.height, camera.grid[0], camera.size[0]),
-            (canvas.left, canvas.width, camera.grid[1], camera.size[1]),
-        )
+def _covers(layers: Sequence[Layer], camera: Camera, points: Points) -> list[Cover]:
+    if any(layer.is_sorted for layer in layers):
+        return [_followed(layers, camera, points)]
+    return [
+        _followed([layer], camera, points) if layer.is_traced else _shifted(layer, camera, points) for layer in layers
     ]
-    return spans[0], spans[1]
 
 
-def _within(first: float, last: float, reach: float, length: int) -> slice:
-    """Pixels of an axis from `reach` before one position to `reach` behind another, both from the centre."""
-    centre = (length - 1) / 2
-    return slice(max(0, math.floor(first - reach + centre)), min(length, math.ceil(last + reach + centre) + 1))
+def _shifted(layer: Layer, camera: Camera, points: Points) -> Cover:
+    """A layer of which all pictures are shifted copies."""
+    samples = layer.bitmap.samples.numpy()
+    sheet = compiled.filled(samples[:3]) if layer.hides else compiled.outlined(samples)
+    across, down = _shifts(layer.bitmap.canvas, layer.surface.geometry.form.disparity, camera, points)
+    return lambda top, end: view_kernel.over(sheet, across, down, points.picture, top, end)
+
+
+def _shifts(canvas: Canvas, disparity: float, camera: Camera, points: Points) -> tuple[Shifts, Shifts]:
+    """How a bitmap that faces the camera is read along rows, and along columns."""
+    across, down = (
+        compiled.shifts((pixels.min() + (points.slope - disparity) * torch.from_numpy(steps)) * OVERSAMPLING - edge)
+        for pixels, steps, edge in zip(camera.pixels(), points[:2], (canvas.left, canvas.top), strict=True)
+    )
+    return across, down
+
+
+def _followed(layers: Sequence[Layer], camera: Camera, points: Points) -> Cover:
+    """Any layers, sorted at each pixel where there are several."""
+    pictures: list[Picture] = []
+    places, shifts = [], []
+    for layer in layers:
+        geometry, reflection = layer.surface.geometry, layer.reflection
+        places.append((len(pictures), len(pictures) + 1 if reflection else -1))
+        pictures.append(_picture(layer.bitmap, geometry.is_parallel))
+        shifts.append(_shifts(layer.bitmap.canvas, geometry.form.disparity, camera, points))
+        if reflection:
+            pictures.append(_picture(reflection.picture, True))
+            shifts.append(_shifts(reflection.picture.canvas, reflection.disparity, camera, points))
+    spans = [reach.span(camera, layer.surface.geometry, abs(points.slope)) for layer in layers]
+    boxes = [ray_tables.box(pictures[place], CUBIC) for place, _ in places]
+    sights, atlas = ray_tables.sights(layers, spans, boxes, places), ray_tables.atlas(pictures)
+    across, down = (ray_views.Shifts(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*shifts, strict=True))
+    aperture = ray_views.Aperture(points.p, points.q, points.slope, across, down)
+    over = ray_views.over if len(layers) == 1 else ray_views.over_ranked
+    return lambda top, end: over(sights, atlas, aperture, points.picture, top, end)
+
+
+def _picture(bitmap: Bitmap, faces: bool) -> Picture:
+    """A bitmap as loops want it: planar where it faces the camera."""
+    samples = (bitmap.samples if faces else bitmap.interleaved).numpy()
+    return Picture(samples, bitmap.samples[3].numpy(), bitmap.canvas.top, bitmap.canvas.left)

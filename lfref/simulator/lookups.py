@@ -93,6 +93,19 @@ def on_grid(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
     return result.movedim(0, 1)
 
 
+def linear(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
+    """The bitmap at any positions, its ends going on beyond it; arguments and result as for `anywhere`."""
+    n_channels, height, width = bitmap.shape
+    samples = bitmap.movedim(0, -1).reshape(-1, n_channels)
+    i, j = i.clamp(0, width - 1), j.clamp(0, height - 1)
+    column, row = i.long().clamp(max=width - 2), j.long().clamp(max=height - 2)
+    across, down = ((at - whole).to(samples)[..., None] for at, whole in ((i, column), (j, row)))
+    first = row * width + column
+    upper = torch.lerp(samples[first], samples[first + 1], across)
+    lower = torch.lerp(samples[first + width], samples[first + width + 1], across)
+    return torch.lerp(upper, lower, down).movedim(-1, -3)
+
+
 def legal(rgba: Tensor) -> Tensor:
     """Premultiplied colours without the excess that a cubic makes beside edges: none below 0, opacity at most 1.
 

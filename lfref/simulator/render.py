@@ -4,18 +4,15 @@ Letters: `p q` aperture point in view steps, `x y` pixel from the picture's cent
 `D` disparity that a pixel sees.
 """
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
+from lfref import geometry
 from lfref.simulator import layer_by_layer
-from lfref.simulator.bitmaps import Layer
+from lfref.simulator.layers import Layer, rays
 from lfref.simulator.scene import Camera
-
-Blur = float | Callable[[Layer], float | Tensor]
-"""Width in pixels of a further low-pass, for all layers or for each."""
 
 
 def composite(rgba: Sequence[Tensor]) -> Tensor:
@@ -33,7 +30,7 @@ def composite(rgba: Sequence[Tensor]) -> Tensor:
     return picture
 
 
-def radiance(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor, blur: Blur = 0.0) -> Tensor:
+def radiance(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
     """Light that reaches pixels through aperture points.
 
     Args:
@@ -42,36 +39,20 @@ def radiance(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor
         q: Rows of the aperture points, [M].
         x: Columns of pixels from the picture's centre, of a shape that goes with [M, H, W].
         y: Rows of pixels, likewise.
-        blur: A further low-pass, box-like.
 
     Returns:
         [M, 3, H, W], float32.
     """
-
-    def seen(layer: Layer) -> Tensor:
-        return layer.seen(p, q, x, y, blur(layer) if callable(blur) else blur)
-
-    if not may_cross(layers):
-        return composite([seen(layer) for layer in visible(layers)])
-    rgba = [seen(layer) for layer in layers]
-    depths = torch.stack([_met(layer, p, q, x, y).expand(rgba[0][:, 3].shape) for layer in layers])
-    return composite(rgba if is_ordered(depths) else nearest_last(rgba, depths))
+    rgba = [layer.seen(p, q, x, y) for layer in layers]
+    if any(layer.is_sorted for layer in layers):
+        rgba = nearest_last(rgba, met(layers, *rays(p, q, x, y, layers[0].device)))
+    return composite(rgba)
 
 
-def visible(layers: Sequence[Layer]) -> Sequence[Layer]:
-    """Layers that do not cross, from the nearest one that hides all behind it."""
-    hiding = [index for index, layer in enumerate(layers) if layer.hides]
-    return layers[hiding[-1] :] if hiding else layers
-
-
-def may_cross(layers: Sequence[Layer]) -> bool:
-    """Whether one layer may be in front of another at some pixels, and behind it at others."""
-    return len(layers) > 1 and not all(layer.surface.geometry.is_parallel for layer in layers)
-
-
-def is_ordered(depths: Tensor) -> bool:
-    """Whether layers stand from far to near at every pixel; disparities [K, M, H, W]."""
-    return all(bool((far <= near).all()) for far, near in itertools.pairwise(depths))
+def met(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Disparity that rays meet of each layer, [K, M, H, W]; rays as from `layers.rays`."""
+    shape = torch.broadcast_shapes(p.shape, q.shape, x.shape, y.shape)
+    return torch.stack([layer.surface.geometry.met_at(x, y, p, q).expand(shape) for layer in layers])
 
 
 def nearest_last(rgba: Sequence[Tensor], depths: Tensor) -> list[Tensor]:
@@ -85,11 +66,6 @@ def nearest_last(rgba: Sequence[Tensor], depths: Tensor) -> list[Tensor]:
     return list(torch.stack(list(rgba)).gather(0, order))
 
 
-def _met(layer: Layer, p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    rays = (value.double().to(layer.bitmap.samples.device) for value in (x, y, p[:, None, None], q[:, None, None]))
-    return layer.surface.geometry.met_at(*rays)
-
-
 def views(layers: Sequence[Layer], camera: Camera) -> Tensor:
     """Pictures from all view points.
 
@@ -100,9 +76,25 @@ def views(layers: Sequence[Layer], camera: Camera) -> Tensor:
     Returns:
         Radiance, float32, [V, U, 3, H, W].
     """
-    on_cpu = all(layer.bitmap.samples.device.type == "cpu" for layer in layers)
-    if on_cpu and layer_by_layer.can_serve(layers, camera):
-        return layer_by_layer.views(visible(layers), camera)
-    p, q = camera.view_points()
-    rows = zip(p.split(camera.grid[1]), q.split(camera.grid[1]), strict=True)
-    return torch.stack([radiance(layers, *row, *camera.pixels()) for row in rows])
+    q, p = (geometry.angular_offsets(n_views) for n_views in camera.grid)
+    return pictures(layers, camera, p, q)
+
+
+def pictures(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float = 0.0) -> Tensor:
+    """Pictures from a grid of aperture points.
+
+    Args:
+        layers: From far to near, painted for a reach of |slope|.
+        camera: The size of the pictures.
+        p: Columns of the aperture points, in view steps from the centre, float64, [U].
+        q: Rows of the aperture points, likewise, [V].
+        slope: In pixels per view step, of the plane that is at the same place in all pictures.
+
+    Returns:
+        Radiance, float32, [V, U, 3, H, W].
+    """
+    if layers[0].device.type == "cpu":
+        return layer_by_layer.pictures(layers, camera, p, q, slope)
+    x, y = camera.pixels()
+    across = x + slope * p[:, None, None]
+    return torch.stack([radiance(layers, p, row.expand(len(p)), across, y + slope * row) for row in q])

@@ -1,177 +1,176 @@
-"""Random scenes in plain numbers: a full background, and islands of all outlines in front of it."""
+"""Where scenes come from: one after the other drawn from a distribution, or the same few again and again.
 
-import math
-from collections.abc import Callable
+Every scene is fixed by (seed, epoch, index) alone.
+"""
 
-import torch
+import abc
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 from torch import Generator
 
 from lfref.errors import InputError
-from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
+from lfref.simulator import checks, random_surfaces
+from lfref.simulator.dice import Dice, Range, Tone
+from lfref.simulator.materials import Glass, Material, Matte
+from lfref.simulator.mattes import Full
+from lfref.simulator.random_sensor import RandomSensor
+from lfref.simulator.random_surfaces import MATERIALS
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.surfaces import STEEPEST, Plane
-from lfref.simulator.textures import Checker, Colour, Flat, Gradient, Noise, Picture, Stripes, Texture
+from lfref.simulator.surfaces import STEEPEST, Geometry, Plane
+
+SHARES = ("domes", *MATERIALS, "translucent", "moving")
 
 
-class Dice:
-    """Numbers drawn from a generator.
+class Scenes(abc.ABC):
+    """Scenes by their place."""
 
-    Args:
-        generator: Source of randomness.
+    @abc.abstractmethod
+    def scene(self, seed: int, epoch: int, index: int) -> Scene:
+        """One scene, with a name of its own in its epoch.
+
+        Args:
+            seed: Of all scenes, at least 0.
+            epoch: From 0.
+            index: Its place in the epoch.
+        """
+
+
+@dataclass(frozen=True)
+class Fixed(Scenes):
+    """The same scenes one after the other, and from the first again with other textures and noise.
+
+    In the first round of epoch 0 the seed is added to their own: seed 0 gives the scenes as they are.
     """
 
-    def __init__(self, generator: Generator) -> None:
-        self.generator = generator
+    scenes: tuple[Scene, ...]
+    """At least one, of different names."""
 
-    def uniform(self, low: float = 0.0, high: float = 1.0) -> float:
-        """A number between two others."""
-        return low + (high - low) * float(torch.rand((), generator=self.generator))
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise InputError("there must be at least one scene", got="none")
 
-    def whole(self, low: int, high: int) -> int:
-        """A whole number from one to another, both included."""
-        return int(torch.randint(low, high + 1, (), generator=self.generator))
-
-    def colour(self, low: float, high: float) -> Colour:
-        """Red, green and blue, each between two numbers."""
-        return self.uniform(low, high), self.uniform(low, high), self.uniform(low, high)
-
-    def within(self, camera: Camera) -> tuple[float, float]:
-        """A point of the central view, from its centre."""
-        height, width = camera.size
-        return self.uniform(-width / 2, width / 2), self.uniform(-height / 2, height / 2)
+    def scene(self, seed: int, epoch: int, index: int) -> Scene:
+        """As in `Scenes`."""
+        again, place = divmod(index, len(self.scenes))
+        scene = self.scenes[place]
+        added = _key(seed, epoch, again) % 2**62 if epoch or again else seed
+        name = f"{scene.name or 'scene'}{f'_{again}' if again else ''}"
+        return dataclasses.replace(scene, name=name, seed=scene.seed + added)
 
 
-class Tone:
-    """How bright and how colourful a scene is as a whole, as photographs are.
+@dataclass(frozen=True)
+class RandomScenes(Scenes):
+    """Scenes without end: a full background, and islands of all outlines in front of it.
 
-    Args:
-        brightness: Factor of all colours.
-        saturation: 1 keeps colours, 0 leaves grey.
+    Shares are of all surfaces, from 0 to 1. What has the share 0 takes no random number.
     """
 
-    def __init__(self, brightness: float, saturation: float) -> None:
-        self.brightness = brightness
-        self.saturation = saturation
+    camera: Camera = Camera()  # noqa: RUF009  frozen
+    n_surfaces: tuple[int, int] = (3, 5)
+    """Fewest and most surfaces."""
+    disparities: Range = (-1.0, 1.0)
+    """In pixels per view step."""
+    slant: float = 0.0
+    """Greatest change of disparity a pixel along each axis; surfaces then may cross each other."""
+    pictures: tuple[str, ...] = ()
+    """Image files to take some textures from."""
+    domes: float = 0.0
+    """Share of surfaces that are curved."""
+    bulge: Range = (-0.5, 0.5)
+    """What the top of a dome has more, in pixels per view step."""
+    glossy: float = 0.0
+    mirror: float = 0.0
+    glass: float = 0.0
+    emissive: float = 0.0
+    """Shares of the materials, together 1 at most; the rest is matte."""
+    translucent: float = 0.0
+    """Share of islands that let through what is behind."""
+    opacity: Range = (0.3, 0.9)
+    """Of those."""
+    moving: float = 0.0
+    """Share of surfaces that move during the exposure."""
+    motion: Range = (-6.0, 6.0)
+    """Of those, in pixels along each axis."""
+    sensor: RandomSensor = RandomSensor()  # noqa: RUF009  frozen
 
-    def __call__(self, colour: Colour) -> Colour:
-        """The colour as it is in such a scene."""
-        grey = sum(colour) / 3
-        red, green, blue = (self.brightness * (grey + self.saturation * (value - grey)) for value in colour)
-        return red, green, blue
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        if not (1 <= self.n_surfaces[0] <= self.n_surfaces[1] and self.disparities[0] <= self.disparities[1]):
+            got = (self.n_surfaces, self.disparities)
+            raise InputError("ranges must go from small to large, with one surface at least", got=got)
+        if not 0 <= self.slant * sum(self.camera.half_aperture) <= STEEPEST:
+            raise InputError("slant must be from 0 to 0.5 / (half the view rows + half the columns)", got=self.slant)
+        for name in SHARES:
+            checks.numbers(f"the share of {name}", [getattr(self, name)], 0, 1)
+        checks.numbers("the shares of materials together", [sum(getattr(self, name) for name in MATERIALS)], 0, 1)
+        for what, span in (("bulges", self.bulge), ("motions", self.motion)):
+            checks.span(f"the range of {what}", span)
+        checks.span("the range of opacities", self.opacity, 0, 1)
+
+    def scene(self, seed: int, epoch: int, index: int) -> Scene:
+        """As in `Scenes`."""
+        scene = self.drawn(Generator().manual_seed(_key(seed, epoch, index)))
+        # No two numbers side by side at its end: files would look like views by row and column.
+        return dataclasses.replace(scene, name=f"simulated_s{seed}_e{epoch}_{index:03d}")
+
+    def drawn(self, generator: Generator) -> Scene:
+        """Draw a scene.
+
+        Args:
+            generator: Source of randomness; it fixes the scene with all its textures.
+
+        Returns:
+            The scene, its surfaces from far to near.
+        """
+        dice = Dice(generator)
+        disparities = sorted(dice.uniform(*self.disparities) for _ in range(dice.whole(*self.n_surfaces)))
+        tone = Tone(1 - 0.75 * dice.uniform(), 1 - 0.75 * dice.uniform())
+        surfaces = [self._surface(dice, tone, disparity, bool(place)) for place, disparity in enumerate(disparities)]
+        seed = dice.whole(0, 2**31 - 1)
+        return Scene(self.camera, tuple(surfaces), sensor=self.sensor.drawn(dice), seed=seed)
+
+    def _surface(self, dice: Dice, tone: Tone, disparity: float, is_island: bool) -> Surface:
+        geometry = self._geometry(dice, disparity)
+        matte = random_surfaces.outline(dice, self.camera) if is_island else Full()
+        texture = random_surfaces.texture(dice, tone, self.camera, self.pictures)
+        material = self._material(dice, tone)
+        opacity = self._opacity(dice, material) if is_island else 1.0
+        motion = (dice.uniform(*self.motion), dice.uniform(*self.motion)) if dice.happens(self.moving) else (0.0, 0.0)
+        return Surface(geometry, texture, matte, material, opacity, motion)
+
+    def _geometry(self, dice: Dice, disparity: float) -> Geometry:
+        plane = Plane(disparity, (dice.uniform(-self.slant, self.slant), dice.uniform(-self.slant, self.slant)))
+        return random_surfaces.dome(dice, self.camera, disparity, self.bulge) if dice.happens(self.domes) else plane
+
+    def _material(self, dice: Dice, tone: Tone) -> Material:
+        place = dice.chosen([getattr(self, name) for name in MATERIALS])
+        if place is None:
+            return Matte()
+        return list(MATERIALS.values())[place](dice, tone, self.camera, self.disparities)
+
+    def _opacity(self, dice: Dice, material: Material) -> float:
+        if isinstance(material, Glass):
+            return dice.uniform(0, 0.2)
+        return dice.uniform(*self.opacity) if dice.happens(self.translucent) else 1.0
 
 
-def random_scene(
-    generator: Generator,
-    camera: Camera,
-    n_surfaces: tuple[int, int] = (3, 5),
-    disparities: tuple[float, float] = (-1.0, 1.0),
-    slant: float = 0.0,
-    pictures: tuple[str, ...] = (),
-) -> Scene:
-    """Draw a scene of matte surfaces.
+def random_scene(generator: Generator, camera: Camera, **options: Any) -> Scene:
+    """Draw one scene.
 
     Args:
         generator: Source of randomness; it fixes the scene with all its textures.
         camera: What looks at it.
-        n_surfaces: Fewest and most surfaces.
-        disparities: Range to draw from, in pixels per view step.
-        slant: Greatest change of disparity a pixel along each axis; surfaces then may cross each other.
-        pictures: Image files to take some textures from.
-
-    Returns:
-        The scene, its surfaces from far to near.
+        **options: Of `RandomScenes`.
 
     Raises:
-        InputError: An empty range, or a slant that is too steep for the camera.
+        InputError: As `RandomScenes`.
     """
-    if not (1 <= n_surfaces[0] <= n_surfaces[1] and disparities[0] <= disparities[1]):
-        raise InputError("ranges must go from small to large, with one surface at least", got=(n_surfaces, disparities))
-    if not 0 <= slant * sum(camera.half_aperture) <= STEEPEST:
-        raise InputError("slant must be from 0 to 0.5 / (half the view rows + half the columns)", got=slant)
-    dice = Dice(generator)
-    drawn = sorted(dice.uniform(*disparities) for _ in range(dice.whole(*n_surfaces)))
-    tone = Tone(1 - 0.75 * dice.uniform(), 1 - 0.75 * dice.uniform())
-    surfaces = []
-    for index, disparity in enumerate(drawn):
-        plane = Plane(disparity, (dice.uniform(-slant, slant), dice.uniform(-slant, slant)))
-        matte = _outline(dice, camera) if index else Full()
-        surfaces.append(Surface(plane, _texture(dice, tone, camera, pictures), matte))
-    return Scene(camera, tuple(surfaces), seed=dice.whole(0, 2**31 - 1))
+    return RandomScenes(camera, **options).drawn(generator)
 
 
-def _texture(dice: Dice, tone: Tone, camera: Camera, pictures: tuple[str, ...]) -> Texture:
-    if pictures and dice.uniform() < 0.5:
-        name = pictures[dice.whole(0, len(pictures) - 1)]
-        return Picture(name, max(camera.size) * dice.uniform(1, 2))
-    return TEXTURES[dice.whole(0, len(TEXTURES) - 1)](dice, tone)
-
-
-def _noise(dice: Dice, tone: Tone) -> Texture:
-    tint, strength = dice.colour(0.5, 1.5), dice.uniform(0.1, 0.33)
-    contrast = tone((strength * tint[0], strength * tint[1], strength * tint[2]))
-    return Noise(tone(dice.colour(0.15, 0.85)), contrast, dice.uniform(1, 2), dice.uniform(), 0.03 * tone.brightness)
-
-
-def _two_colours(dice: Dice, tone: Tone) -> tuple[Colour, Colour, float, float]:
-    """The arguments that all waves have after their period."""
-    return tone(dice.colour(0, 0.9)), tone(dice.colour(0.1, 1)), dice.uniform(0, 180), dice.uniform()
-
-
-def _checker(dice: Dice, tone: Tone) -> Texture:
-    return Checker(dice.uniform(6, 60), *_two_colours(dice, tone))
-
-
-def _stripes(dice: Dice, tone: Tone) -> Texture:
-    return Stripes(dice.uniform(4, 40), *_two_colours(dice, tone))
-
-
-def _gradient(dice: Dice, tone: Tone) -> Texture:
-    return Gradient(dice.uniform(100, 600), *_two_colours(dice, tone))
-
-
-def _flat(dice: Dice, tone: Tone) -> Texture:
-    return Flat(tone(dice.colour(0, 1)))
-
-
-TEXTURES: tuple[Callable[[Dice, Tone], Texture], ...] = (_noise,) * 6 + (_checker, _stripes, _gradient, _flat)
-"""Drawn from evenly; most of what there is to see is no regular pattern."""
-
-
-def _outline(dice: Dice, camera: Camera) -> Outline:
-    # The radius of a disc that covers 10 to 35 % of the picture.
-    radius = (dice.uniform(0.1, 0.35) * camera.size[0] * camera.size[1] / math.pi) ** 0.5
-    return OUTLINES[dice.whole(0, len(OUTLINES) - 1)](dice, camera, max(radius, 1.0))
-
-
-def _disc(dice: Dice, camera: Camera, radius: float) -> Outline:
-    return Disc(radius, dice.within(camera))
-
-
-def _polygon(dice: Dice, camera: Camera, radius: float) -> Outline:
-    (x, y), n_corners, turn = dice.within(camera), dice.whole(3, 9), dice.uniform(0, 2 * math.pi)
-    corners = []
-    for n in range(n_corners):
-        angle, reach = turn + 2 * math.pi * n / n_corners, radius * dice.uniform(0.7, 1.5)
-        corners.append((x + reach * math.cos(angle), y + reach * math.sin(angle)))
-    return Polygon(tuple(corners))
-
-
-def _leaf(dice: Dice, camera: Camera, radius: float) -> Outline:
-    return Leaf(3 * radius, radius * dice.uniform(0.6, 1.8), dice.uniform(0, 360), dice.within(camera))
-
-
-def _twigs(dice: Dice, camera: Camera, radius: float) -> Outline:
-    width, angle = dice.uniform(1, 5), dice.uniform(0, 360)
-    return Twigs(radius, width, dice.whole(2, 5), angle, dice.within(camera), dice.whole(0, 2**31 - 1))
-
-
-def _perforated(dice: Dice, camera: Camera, radius: float) -> Outline:
-    pitch = dice.uniform(8, 48)
-    return Perforated(pitch, pitch * dice.uniform(0.25, 0.43), dice.uniform(0, 90))
-
-
-OUTLINES: tuple[Callable[[Dice, Camera, float], Outline], ...] = (
-    *(_disc, _polygon, _leaf, _twigs) * 2,
-    _perforated,
-)
-"""Drawn from evenly; a lattice before everything is rare."""
+def _key(*numbers: int) -> int:
+    """One seed of several numbers, each of which may be large."""
+    return int(np.random.SeedSequence(numbers).generate_state(1, np.uint64)[0])

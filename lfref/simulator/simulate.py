@@ -1,11 +1,11 @@
 """Simulating a scene: the passes that the results asked for depend on, planned so that only those run that matter.
 
-Letters: `V U` view rows and columns, `N` planes.
+Letters: `V U` view rows and columns, `N` planes, `K` surfaces.
 """
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -14,16 +14,14 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
-from lfref.simulator import bitmaps, planner, render, truth
-from lfref.simulator.bitmaps import Layer
+from lfref.simulator import bitmaps, central, planner, render, truth
 from lfref.simulator.effects import chain
 from lfref.simulator.planner import Pass, Row
-from lfref.simulator.scene import Camera, Scene
+from lfref.simulator.scene import Scene
 
 PAPER = FocalPlanes(tuple(step / 8 for step in range(1, 17)))
 """The planes of the paper's stacks."""
-OUTPUTS = ("views", "truth", "disparity")
-SEEN = 0.5  # opacity from which a surface is what a pixel shows
+OUTPUTS = ("views", "truth", "disparity", "all_in_focus", "masks")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,6 +38,10 @@ class Simulated:
     """What a lens with the whole aperture records, linear and without the sensor's effects, float32, [N, 3, H, W]."""
     disparity: Tensor | None = None
     """Of what the central view shows, in pixels per view step, float32, [H, W]."""
+    all_in_focus: Tensor | None = None
+    """The central view through a pinhole, linear and without the sensor's effects, float32, [3, H, W]."""
+    masks: Tensor | None = None
+    """Share of each surface of the scene in what the central view shows, float32, [K, H, W]."""
 
 
 def simulate(
@@ -55,9 +57,12 @@ def simulate(
     Args:
         scene: The scene.
         seed: Added to the scene's own: other textures and noise of the same kind.
-        outputs: Any of `views`, `truth`, `disparity`.
+        outputs: Any of `views`, `truth`, `disparity`, `all_in_focus`, `masks`.
         slopes: Planes of the truth, in pixels per view step, [N]; None takes the paper's 16.
-        force: Run passes that change nothing too, which gives the same results later.
+        force: Run passes that change nothing too, and each of them on every surface: all rays are followed one by
+            one, met by highlights without light and mirrors that reflect nothing, and sorted by depth at each pixel;
+            every effect of the sensor is applied. That gives the same results later. The aperture's cells stay as
+            many; a surface alone is composited cell by cell too, instead of filtered by their sum.
         device: Where it is rendered.
 
     Returns:
@@ -71,42 +76,37 @@ def simulate(
     seeded = dataclasses.replace(scene, seed=scene.seed + seed)
     camera = scene.camera
     planes = geometry.checked_slopes(PAPER.slopes if slopes is None else slopes, camera.grid, camera.size)
-    plan = planner.plan(passes(seeded, planes, device), list(outputs), seeded, force)
+    chosen = planes if "truth" in outputs else None
+    plan = planner.plan(passes(seeded, chosen, device, force), list(outputs), seeded, force)
     results: dict[str, Any] = plan.run()
     return Simulated(planes, tuple(plan.explain()), **results)
 
 
-def passes(scene: Scene, slopes: Tensor, device: str | torch.device = "cpu") -> list[Pass]:
+def passes(
+    scene: Scene, slopes: Tensor | None = None, device: str | torch.device = "cpu", force: bool = False
+) -> list[Pass]:
     """All passes, whatever is asked for.
 
     Args:
         scene: The scene.
-        slopes: Planes of the truth, [N].
+        slopes: Planes of the truth, [N]; None if there is to be no truth: surfaces then need not reach as far.
         device: Where it is rendered.
+        force: Passes that run change all surfaces, those too that stay as they are.
     """
-    reach, camera = float(slopes.abs().max()), scene.camera
+    planes = torch.zeros(1) if slopes is None else slopes
+    reach, camera = float(planes.abs().max()), scene.camera
+    on_layers: dict[str, tuple[str, Callable[..., Tensor]]] = {
+        "view": ("radiance", render.views),
+        "photograph": ("truth", functools.partial(truth.stack, slopes=planes)),
+        "look through a pinhole": ("all_in_focus", central.all_in_focus),
+        "find disparity": ("disparity", central.disparity),
+        "find masks": ("masks", functools.partial(central.masks, n_surfaces=len(scene.surfaces))),
+    }
     return [
-        Pass("paint", (), "layers", functools.partial(bitmaps.paint, scene, device, reach)),
-        Pass("view", ("layers",), "radiance", functools.partial(render.views, camera=camera)),
+        *bitmaps.passes(scene, device, reach, force),
+        *(
+            Pass(name, ("layers",), makes, functools.partial(make, camera=camera))
+            for name, (makes, make) in on_layers.items()
+        ),
         *chain.sensor_passes(scene),
-        Pass("photograph", ("layers",), "truth", functools.partial(truth.stack, camera=camera, slopes=slopes)),
-        Pass("find disparity", ("layers",), "disparity", functools.partial(central_disparity, camera=camera)),
     ]
-
-
-def central_disparity(layers: Sequence[Layer], camera: Camera) -> Tensor:
-    """Disparity of the nearest surface that each pixel of the central view shows, float32, [H, W].
-
-    Args:
-        layers: From far to near.
-        camera: What looks at them.
-    """
-    centre = torch.zeros(1, dtype=torch.float64)
-    x, y = camera.pixels()
-    shape = (1, *camera.size)
-    found = torch.full(shape, -torch.inf, dtype=torch.float64)
-    for layer in layers:
-        met = layer.surface.geometry.met_at(x, y, centre[:, None, None], centre[:, None, None]).expand(shape)
-        seen = layer.seen(centre, centre, x, y)[:, 3].cpu() > SEEN
-        found = torch.where(seen, torch.maximum(found, met), found)
-    return torch.where(found.isfinite(), found, 0.0)[0].float()

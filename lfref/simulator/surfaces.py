@@ -8,6 +8,7 @@ x = X + D(X, Y) p and y = Y + D(X, Y) q, so that D alone is unknown: D = d(x - D
 import abc
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,11 +22,30 @@ CONVERGED = 1e-8
 """Pixels per view step that a disparity found by Newton's method may still change by."""
 
 
+class Form(NamedTuple):
+    """Of all surfaces: d = disparity + a X + b Y + bulge (1 - r^2/radius^2)^2, without the last beyond r."""
+
+    disparity: float
+    """At the centre, without the bump."""
+    a: float = 0.0
+    b: float = 0.0
+    bulge: float = 0.0
+    radius: float = 1.0
+    centre_x: float = 0.0
+    """X of the bump's top."""
+    centre_y: float = 0.0
+
+
 class Geometry(abc.ABC):
     """A surface's place in space."""
 
     is_parallel: bool = False
     """The same disparity everywhere: every view is a shifted copy."""
+
+    @property
+    @abc.abstractmethod
+    def form(self) -> Form:
+        """The numbers that compiled loops take."""
 
     @abc.abstractmethod
     def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
@@ -56,8 +76,24 @@ class Geometry(abc.ABC):
         """
 
     @abc.abstractmethod
+    def met_range(self, half_size: tuple[float, float], half_aperture: tuple[float, float]) -> tuple[float, float]:
+        """Least and greatest disparity that any ray to a picture may meet.
+
+        Args:
+            half_size: Greatest |x| and |y| of its pixels.
+            half_aperture: Greatest |p| and |q| of the aperture points.
+        """
+
+    @abc.abstractmethod
     def steepness(self) -> tuple[float, float]:
         """Greatest change of disparity along a pixel of x, and of y."""
+
+    def gradient_at(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Change of disparity a pixel of X and of Y at points of the central view; arguments as for `disparity_at`."""
+        form = self.form
+        off_x, off_y = (x - form.centre_x) / form.radius, (y - form.centre_y) / form.radius
+        steep = -4 * form.bulge / form.radius * (1 - off_x**2 - off_y**2).clamp(min=0)
+        return form.a + steep * off_x, form.b + steep * off_y
 
     def intersect(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
         """The point (X, Y) that is seen at a pixel from an aperture point; arguments as for `met_at`."""
@@ -84,6 +120,11 @@ class Plane(Geometry):
         """The plane faces the camera."""
         return self.gradient == (0, 0)
 
+    @property
+    def form(self) -> Form:
+        """As in `Geometry`."""
+        return Form(self.disparity, *self.gradient)
+
     def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
         """As in `Geometry`."""
         return self.disparity + self.gradient[0] * x + self.gradient[1] * y
@@ -96,6 +137,14 @@ class Plane(Geometry):
         """As in `Geometry`."""
         spread = sum(abs(g) * (n - 1) / 2 for g, n in zip(self.gradient, reversed(size), strict=True))
         return self.disparity - spread, self.disparity + spread
+
+    def met_range(self, half_size: tuple[float, float], half_aperture: tuple[float, float]) -> tuple[float, float]:
+        """As in `Geometry`; the extremes are in corners."""
+        if self.is_parallel:
+            return self.disparity, self.disparity
+        ends = [torch.tensor([-half, half], dtype=torch.float64) for half in (*half_size, *half_aperture)]
+        met = self.met_at(*torch.meshgrid(*ends, indexing="ij"))
+        return float(met.min()), float(met.max())
 
     def steepness(self) -> tuple[float, float]:
         """As in `Geometry`."""
@@ -121,6 +170,11 @@ class Dome(Geometry):
         checks.above_zero("a dome's radius", self.radius)
         checks.pair("a dome's centre", self.centre)
 
+    @property
+    def form(self) -> Form:
+        """As in `Geometry`."""
+        return Form(self.disparity, 0.0, 0.0, self.bulge, self.radius, *self.centre)
+
     def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
         """As in `Geometry`."""
         return self.disparity + self.bulge * self._rise(x, y) ** 2
@@ -143,6 +197,10 @@ class Dome(Geometry):
 
     def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
         """As in `Geometry`; of the whole dome, which may be more than the picture shows."""
+        return self.met_range(size, (0, 0))
+
+    def met_range(self, half_size: tuple[float, float], half_aperture: tuple[float, float]) -> tuple[float, float]:
+        """As in `Geometry`; of the whole dome."""
         ends = (self.disparity, self.disparity + self.bulge)
         return min(ends), max(ends)
 

@@ -1,28 +1,28 @@
 """The truth: the stack that a lens with the full continuous aperture records.
 
 I_s(x, y) = mean over aperture points (p, q) of the radiance through them at (x + s p, y + s q). Only what hides what is
-sampled, cell by cell of the aperture, and within a cell each surface is blurred by the way it moves there: a surface
-in focus needs no cells, and one that nothing covers has a closed form.
+sampled, cell by cell of the aperture, and within a cell each surface is blurred by the way it moves there. A surface in
+focus needs no cells; of one that is seen alone, only shifted, the sum over all cells is a single filter.
 Letters: `N` planes, `J I` rows and columns of cells; `s` slope, `d` disparity, others as in `aperture_cells`.
 """
 
-import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.simulator import aperture_cells, render, truth_parallel
-from lfref.simulator.aperture_cells import Aperture
-from lfref.simulator.bitmaps import Layer
-from lfref.simulator.materials import Glass, Glossy, Mirror
+from lfref.simulator import alone, aperture_cells, together, together_eager
+from lfref.simulator.layers import Layer, only_shifts
 from lfref.simulator.scene import Camera
+from lfref.simulator.scenery import Plane, Scenery, visible
 
-CELLS_AT_ONCE = 16
-"""More take memory and no less time."""
+CELLS_ALONE = 24
+"""Cells a side for a surface alone: 58 dB and more against closed forms, for waves of up to 0.3 cycles a pixel."""
+LOBE = 1.5
+"""Standard deviations that a highlight may move over its surface within a cell."""
 
 
 def stack(
@@ -39,10 +39,10 @@ def stack(
         camera: The lens and the size of the picture.
         slopes: Of the planes in pixels per view step, [N].
         opening: Part of the aperture's width and height that is open, 0 to 1; 0 is the central view.
-        n_cells: Cells along the aperture's longer side; None takes as many as each plane needs, and closed forms.
+        n_cells: Cells along the aperture's longer side; None takes as many as each plane needs.
 
     Returns:
-        The stack, float32 (float64 for such layers), [N, 3, H, W].
+        The stack, of the layers' type and device, [N, 3, H, W].
 
     Raises:
         InputError: Slopes that the picture is too small for, an opening outside [0, 1], or no cell.
@@ -52,72 +52,49 @@ def stack(
         raise InputError("opening must lie between 0 and 1", got=opening)
     if n_cells is not None and n_cells < 1:
         raise InputError("n_cells must be at least 1", got=n_cells)
-    whole = aperture_cells.aperture(camera, opening)
-    if not all(map(truth_parallel.can_serve, layers)):
-        return torch.stack([_through_cells(layers, camera, whole, slope, n_cells) for slope in values])
-    pictures = truth_parallel.sampled(layers, camera, whole, values)
-    return torch.stack([truth_parallel.plane(pictures, slope, n_cells) for slope in values])
+    all_layers = Scenery(tuple(layers), camera, aperture_cells.aperture(camera, opening)).for_planes(values)
+    planes = [_planned(all_layers, slope, n_cells) for slope in values]
+    on_cpu = layers[0].device.type == "cpu"
+    several = together.camera(planes) if on_cpu else together_eager.photograph
+    nothing = layers[0].bitmap.samples.new_zeros(3, *camera.size)
+    return torch.stack([_photographed(plane, several) if plane.seen.layers else nothing for plane in planes])
 
 
-def _through_cells(
-    layers: Sequence[Layer], camera: Camera, whole: Aperture, slope: float, n_cells: int | None
-) -> Tensor:
-    """One plane of any layers, [3, H, W]."""
-    cells = aperture_cells.cut(whole, n_cells or cells_needed(layers, camera, whole, slope))
-    widths = {layer: _speeds(layer, camera, slope)[0] * (cells.height + cells.width) / 2 for layer in layers}
-    q, p = (points.flatten() for points in torch.meshgrid(cells.q, cells.p, indexing="ij"))
-    is_open = cells.weights.flatten() > 0
-    x, y = camera.pixels()
-    picture = torch.zeros(())
-    for part in torch.stack([p, q, cells.weights.flatten()])[:, is_open].split(CELLS_AT_ONCE, dim=1):
-        p, q, weights = part
-        places = x + slope * p[:, None, None], y + slope * q[:, None, None]
-        seen = render.radiance(layers, p, q, *places, widths.__getitem__)
-        picture = torch.einsum("m,mchw->chw", weights.to(seen), seen) + picture.to(seen)
-    return picture
+def _planned(scenery: Scenery, slope: float, n_cells: int | None) -> Plane:
+    seen = scenery.only(visible(scenery, slope))
+    return Plane(slope, seen, aperture_cells.cut(scenery.whole, n_cells or cells_needed(seen, slope)))
 
 
-def cells_needed(layers: Sequence[Layer], camera: Camera, whole: Aperture, slope: float) -> int:
-    """How many cells a side of the aperture a plane of any layers needs.
+def _photographed(plane: Plane, several: Callable[[Plane], Tensor]) -> Tensor:
+    is_alone = len(plane.seen.layers) == 1 and not plane.followed
+    return alone.photograph(plane) if is_alone else several(plane)
 
-    Besides `aperture_cells.needed`, within a cell the ways of a surface's parts, which share one blur, may differ by a
-    pixel, the line where surfaces cross may move by one, and a highlight by half its width.
+
+def cells_needed(seen: Scenery, slope: float) -> int:
+    """How many cells a side of the aperture a plane needs.
+
+    Besides `aperture_cells.needed`, a highlight may move over its surface by some of its width within a cell. A surface
+    that is alone and only shifted gets more: there they make the picture better and cost nothing.
 
     Args:
-        layers: From far to near.
-        camera: The lens and the size of the picture.
-        whole: The aperture, as far as it is open.
+        seen: What shows in it.
         slope: Of the plane, in pixels per view step.
     """
-    shown = layers if render.may_cross(layers) else render.visible(layers)
-    ways = [_speeds(layer, camera, slope) for layer in shown]
-    steps = [
-        *(whole.extent * (fastest - slowest) for slowest, fastest in ways),
-        *(whole.extent * max(ways[k][1] for k in pair) for pair in _crossing(shown, camera)),
-        *(whole.extent * _highlight_speed(layer) for layer in shown),
-    ]
-    joint = aperture_cells.needed(whole, [fastest for _, fastest in ways])
-    return max(joint, *(math.ceil(step - 1e-9) for step in steps))
+    if len(seen.layers) == 1 and only_shifts(seen.layers[0].surface):
+        return CELLS_ALONE
+    joint = aperture_cells.needed(seen.whole, [_fastest(layer, seen.camera, slope) for layer in seen.layers])
+    steps = [seen.whole.extent * _highlight_speed(layer) for layer in seen.layers]
+    return max(joint, *(math.ceil(step - 1e-9) for step in steps), 1)
 
 
-def _crossing(layers: Sequence[Layer], camera: Camera) -> list[tuple[int, int]]:
-    """Pairs of layers that may cross: there a hard edge moves, which no blur of layers softens."""
-    ranges = [layer.disparities(camera.size) for layer in layers]
-    pairs = itertools.combinations(range(len(ranges)), 2)
-    return [(k, m) for k, m in pairs if max(ranges[k][0], ranges[m][0]) < min(ranges[k][1], ranges[m][1])]
-
-
-def _speeds(layer: Layer, camera: Camera, slope: float) -> tuple[float, float]:
-    """Least and most pixels per view step that anything seen in a layer moves in a plane."""
-    material = layer.surface.material
-    low, high = layer.disparities(camera.size)
-    if isinstance(material, Mirror | Glass):
-        low, high = min(low, material.disparity), max(high, material.disparity)
-    ends = abs(low - slope), abs(high - slope)
-    return 0.0 if low <= slope <= high else min(ends), max(ends)
+def _fastest(layer: Layer, camera: Camera, slope: float) -> float:
+    """Most pixels per view step that anything seen in a layer moves in a plane."""
+    ends = [*layer.disparities(camera.size)]
+    if layer.reflection and layer.reflection.share > 0:
+        ends.append(layer.reflection.disparity)
+    return max(abs(end - slope) for end in ends)
 
 
 def _highlight_speed(layer: Layer) -> float:
-    """Of a highlight over its surface, in half widths per view step."""
-    material = layer.surface.material
-    return 2 * abs(material.drift) / material.width if isinstance(material, Glossy) else 0.0
+    """Of a highlight over its surface, in `LOBE` per view step."""
+    return abs(layer.highlight.drift) / (LOBE * layer.highlight.width) if layer.highlight else 0.0

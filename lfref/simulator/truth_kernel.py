@@ -1,8 +1,7 @@
-"""The compiled loops of the truth: layers blurred by a cell, then composited through every cell of the aperture.
+"""The compiled loops of the truth: layers composited through every cell of the aperture.
 
-A layer's samples lie phase by phase: of `o` samples a pixel, sample m = o x + f is column x of phase f, so that a row
-of pixels reads contiguous memory wherever it starts. A row of the picture is finished before the next one begins; the
-rows of all layers that it reads for one row of cells are interpolated once and serve all cells of that row.
+A row of the picture is finished before the next one begins. Smoothed that every cell only shifts are read along whole
+rows, interpolated once for all cells of a row of cells; the rays to others are followed one by one.
 Letters: `k` layer from far to near, `c` channel of premultiplied RGBA, `j i` row and column of cells, `y x` pixel.
 """
 
@@ -11,21 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.functional.jit import compiled
-
-Integers = NDArray[np.int64]
-Reals = NDArray[np.floating]
-
-
-class Layers(NamedTuple):
-    """Layers that are seen together, from far to near."""
-
-    samples: Reals
-    """Premultiplied RGBA, blurred by a cell, [K, 4, rows, o, columns]."""
-    first: Integers
-    """First column of a row that is not transparent, [K, rows]."""
-    last: Integers
-    """One past the last such column, [K, rows]."""
+from lfref.functional.jit import compiled, inlined
+from lfref.simulator import ray_kernel, ray_truth
+from lfref.simulator.ray_kernel import Atlas, Row, Sights
+from lfref.simulator.ray_truth import Levels
+from lfref.simulator.smooth_kernel import Integers, Reals, Smoothed
 
 
 class Positions(NamedTuple):
@@ -37,116 +26,137 @@ class Positions(NamedTuple):
     """For each column of cells, >= 0, float64, [K, I]."""
 
 
-@compiled
-def smooth(samples: Reals, down: Reals, across: Reals, result: Reals, first: Integers, last: Integers) -> None:
-    """Filter a layer along both axes where it is not transparent, and sort its columns by phase.
+class Followed(NamedTuple):
+    """Smoothed whose rays are followed one by one."""
 
-    Args:
-        samples: Premultiplied RGBA, its ends going on beyond it, [4, rows, columns].
-        down: Taps along a column, symmetric, odd in number.
-        across: Taps along a row, symmetric, odd in number.
-        result: Filled, [4, rows, o, columns / o].
-        first: Filled: first column of each row that is not transparent, [rows].
-        last: Filled: one past the last such column, [rows].
-    """
-    n_phases, n_columns = result.shape[2:]
-    side, half = across.size // 2, down.size // 2
-    begins, ends = _seen_spans(samples[3])
-    row = np.zeros(samples.shape[2] + 2 * side + n_phases, samples.dtype)
-    line = np.zeros((n_phases, row.size // n_phases), samples.dtype)
-    for m in range(samples.shape[1]):
-        near = slice(max(m - half, 0), m + half + 1)
-        begin, end = begins[near].min(), ends[near].max()
-        result[:, m] = 0
-        first[m], last[m] = max(begin - side, 0) // n_phases, min((end + side - 1) // n_phases + 1, n_columns)
-        if begin >= end:
-            first[m] = last[m] = 0
-            continue
-        for c in range(4):
-            _filter_down(samples[c], m, down, begin, end, side, row)
-            _sort(row, line, first[m])
-            for f in range(n_phases):
-                target = result[c, m, f, first[m] : last[m]]
-                for t in range(across.size):
-                    start = first[m] + (f + t) // n_phases
-                    _add(across[t], line[(f + t) % n_phases, start : start + target.size], target)
+    sights: Sights
+    levels: Levels
+    atlas: Atlas
+    order: Integers
+    """Of all layers from far to near: place among those read along rows, or -1 - place among those followed."""
+    crosses: NDArray[np.bool_]
+    """Pairs of layers that cross, [K, K]."""
+
+
+class Through(NamedTuple):
+    """Cells of the aperture that a plane is seen through."""
+
+    p: Reals
+    """Columns of their middles in view steps, float64, [I]."""
+    q: Reals
+    """Rows, float64, [J]."""
+    weights: Reals
+    """Share of each, of sum 1, float64, [J, I]."""
+    cell: float
+    """Width of one."""
+    slope: float
+    """Of the plane."""
 
 
 @compiled
-def _seen_spans(opacity: Reals) -> tuple[Integers, Integers]:
-    """First column of each row that is not transparent, and one past the last; [rows] each."""
-    n_rows, n_columns = opacity.shape
-    begins, ends = np.full(n_rows, n_columns), np.zeros(n_rows, np.int64)
-    for m in range(n_rows):
-        x = 0
-        while x < n_columns and opacity[m, x] == 0:
-            x += 1
-        begins[m] = x
-        end = n_columns
-        while end > x and opacity[m, end - 1] == 0:
-            end -= 1
-        ends[m] = end if end > x else 0
-    return begins, ends
-
-
-@compiled
-def _filter_down(samples: Reals, m: int, down: Reals, begin: int, end: int, side: int, row: Reals) -> None:
-    """Row m of the filtered samples from column `begin` to before `end`, continued by `side` at both ends."""
-    row[:] = 0
-    target = row[side + begin : side + end]
-    for t in range(down.size):
-        source = min(max(m + t - down.size // 2, 0), samples.shape[0] - 1)
-        _add(down[t], samples[source, begin:end], target)
-    if begin == 0:
-        row[:side] = row[side]
-    if end == samples.shape[1]:
-        row[side + end :] = row[side + end - 1]
-
-
-@compiled
-def _sort(row: Reals, line: Reals, first: int) -> None:
-    """Columns of each phase side by side, from pixel column `first` on."""
-    n_phases = line.shape[0]
-    for f in range(n_phases):
-        target = line[f]
-        for x in range(first, target.size):
-            target[x] = row[x * n_phases + f]
-
-
-@compiled
-def add_cells(layers: Layers, positions: Positions, weights: Reals, picture: Reals, top: int, end: int) -> None:
+def add_shifted(shifted: Smoothed, positions: Positions, through: Through, picture: Reals, top: int, end: int) -> None:
     """Composite the rows from `top` to before `end` of a picture through every cell.
 
     Args:
-        layers: What is seen.
-        positions: Where it is seen through each cell.
-        weights: Share of each cell, of sum 1, [J, I].
+        shifted: Layers, all read along whole rows.
+        positions: Where they are seen through each cell.
+        through: The cells.
         picture: Filled in these rows, [3, H, W].
         top: First row.
         end: One past the last row.
     """
-    n_layers, n_phases = layers.samples.shape[0], layers.samples.shape[3]
-    n_columns = layers.samples.shape[4]
-    lines = np.zeros((n_layers, 4, n_phases, n_columns), layers.samples.dtype)
-    spans = np.zeros((n_layers, 2), np.int64)
-    sight = np.zeros((3, picture.shape[2]), layers.samples.dtype)
+    lines, spans = _room_for_lines(shifted)
+    sight, total = np.zeros((3, picture.shape[2]), picture.dtype), np.zeros((3, picture.shape[2]))
     for y in range(top, end):
-        picture[:, y] = 0
-        for j in range(weights.shape[0]):
-            for k in range(n_layers):
-                _read_line(layers, k, positions.rows[k, j] + y * n_phases, lines[k], spans[k])
-            for i in range(weights.shape[1]):
-                if weights[j, i] > 0:
+        total[:] = 0
+        for j in range(through.q.size):
+            _read_lines(shifted, positions, j, y, lines, spans)
+            for i in range(through.p.size):
+                if through.weights[j, i] > 0:
                     sight[:] = 0
-                    for k in range(n_layers):
-                        if spans[k, 0] < spans[k, 1]:
-                            _cover(lines[k], positions.columns[k, i], spans[k], sight)
-                    for c in range(3):
-                        _add(weights[j, i], sight[c], picture[c, y])
+                    for k in range(len(lines)):
+                        _cover(lines[k], positions.columns[k, i], spans[k], sight)
+                    _add(through.weights[j, i], sight, total)
+        picture[:, y] = total
 
 
 @compiled
-def _read_line(layers: Layers, k: int, position: float, line: Reals, span: Integers) -> None:
+def add_mixed(
+    shifted: Smoothed, positions: Positions, followed: Followed, through: Through, picture: Reals, top: int, end: int
+) -> None:
+    """The same, where the rays to some layers are followed; arguments as for `add_shifted`, and these layers."""
+    lines, spans = _room_for_lines(shifted)
+    sight, total = np.zeros((3, picture.shape[2]), picture.dtype), np.zeros((3, picture.shape[2]))
+    rgba, at = np.zeros((4, picture.shape[2]), picture.dtype), np.zeros((5, picture.shape[2]))
+    for y in range(top, end):
+        total[:] = 0
+        for j in range(through.q.size):
+            _read_lines(shifted, positions, j, y, lines, spans)
+            for i in range(through.p.size):
+                if through.weights[j, i] > 0:
+                    sight[:] = 0
+                    for k in followed.order:
+                        if k >= 0:
+                            _cover(lines[k], positions.columns[k, i], spans[k], sight)
+                        else:
+                            row = _row(through, i, j, y, picture)
+                            begin, stop = _see(followed, -1 - k, row, at, rgba)
+                            ray_kernel.lay(rgba, begin, stop, sight)
+                    _add(through.weights[j, i], sight, total)
+        picture[:, y] = total
+
+
+@compiled
+def add_sorted(followed: Followed, through: Through, picture: Reals, top: int, end: int) -> None:
+    """The same, where the rays to all layers are followed and layers sorted at every pixel; arguments as above."""
+    n_layers, width = len(followed.order), picture.shape[2]
+    sight, total = np.zeros((3, width), picture.dtype), np.zeros((3, width))
+    rgba, at = np.zeros((n_layers, 4, width), picture.dtype), np.zeros((n_layers, 5, width))
+    shares = np.empty(width, picture.dtype)
+    for y in range(top, end):
+        total[:] = 0
+        for j in range(through.q.size):
+            for i in range(through.p.size):
+                if through.weights[j, i] > 0:
+                    row = _row(through, i, j, y, picture)
+                    for k in range(n_layers):
+                        begin, stop = _see(followed, k, row, at[k], rgba[k])
+                        rgba[k, :, :begin] = 0
+                        rgba[k, :, stop:] = 0
+                    ray_kernel.lay_shared(rgba, at, followed.crosses, row, shares, sight)
+                    _add(through.weights[j, i], sight, total)
+        picture[:, y] = total
+
+
+@compiled
+def _see(followed: Followed, k: int, row: Row, at: Reals, rgba: Reals) -> tuple[int, int]:
+    return ray_truth.see(followed.sights, followed.levels, followed.atlas, k, row, at, rgba)
+
+
+@inlined
+def _row(through: Through, i: int, j: int, y: int, picture: Reals) -> Row:
+    """The rays through the middle of a cell to a row of pixels."""
+    p, q, slope = through.p[i], through.q[j], through.slope
+    x = slope * p - (picture.shape[2] - 1) / 2
+    return Row(p, q, x, y + slope * q - (picture.shape[1] - 1) / 2, slope, through.cell)
+
+
+@compiled
+def _room_for_lines(shifted: Smoothed) -> tuple[Reals, Integers]:
+    """Room for a row of every layer, and for where it is not transparent."""
+    n_layers, n_phases, n_columns = shifted.samples.shape[0], shifted.samples.shape[3], shifted.samples.shape[4]
+    lines = np.zeros((n_layers, 4, n_phases, n_columns), shifted.samples.dtype)
+    return lines, np.zeros((n_layers, 2), np.int64)
+
+
+@compiled
+def _read_lines(shifted: Smoothed, positions: Positions, j: int, y: int, lines: Reals, spans: Integers) -> None:
+    for k in range(len(lines)):
+        _read_line(shifted, k, positions.rows[k, j] + y * lines.shape[2], lines[k], spans[k])
+
+
+@compiled
+def _read_line(layers: Smoothed, k: int, position: float, line: Reals, span: Integers) -> None:
     """Row of a layer at any height, between the two next to it."""
     m = int(position)
     share = line.dtype.type(position - m)
@@ -177,7 +187,7 @@ def _cover(line: Reals, position: float, span: Integers, sight: Reals) -> None:
     f, g = m % n_phases, (m + 1) % n_phases
     p, q = m // n_phases, (m + 1) // n_phases
     begin, stop = max(0, span[0] - q), min(width, span[1] - p)
-    if begin >= stop:
+    if span[0] >= span[1] or begin >= stop:
         return
     n = stop - begin
     p, q = p + begin, q + begin
@@ -192,7 +202,7 @@ def _cover(line: Reals, position: float, span: Integers, sight: Reals) -> None:
 
 
 @compiled
-def _add(weight: float, sight: Reals, row: Reals) -> None:
-    share = sight.dtype.type(weight)
-    for x in range(row.size):
-        row[x] += share * sight[x]
+def _add(weight: float, sight: Reals, total: Reals) -> None:
+    for c in range(3):
+        for x in range(sight.shape[1]):
+            total[c, x] += weight * sight[c, x]

@@ -60,7 +60,7 @@ def over(sheet: Sheet, across: Shifts, down: Shifts, picture: Reals, top: int, e
             begin, stop = _lay(sheet, down.starts[v] + 2 * y, down.weights[v], lines)
             for u in range(picture.shape[1] if begin < stop else 0):
                 start, weights = across.starts[u], across.weights[u]
-                left, right = _span(start, begin, stop, picture.shape[4])
+                left, right = read_span(start, begin, stop, picture.shape[4])
                 if left < right:
                     _cover(lines, start, weights, left, right, veil, picture[v, u, :, y])
 
@@ -80,9 +80,9 @@ def read(sheet: Sheet, across: Shifts, down: Shifts, pictures: Reals) -> None:
         start, weights = across.starts[m], across.weights[m]
         for y in range(pictures.shape[2]):
             begin, stop = _lay(sheet, down.starts[m] + 2 * y, down.weights[m], lines)
-            left, right = _span(start, begin, stop, pictures.shape[3])
+            left, right = read_span(start, begin, stop, pictures.shape[3])
             for c in range(pictures.shape[1] if begin < stop and left < right else 0):
-                _put(lines[c], start, weights, left, right, pictures[m, c, y])
+                put(lines[c], start, weights, left, right, pictures[m, c, y])
 
 
 @inlined
@@ -95,6 +95,14 @@ def _lay(sheet: Sheet, first: int, weights: Reals, lines: Reals) -> tuple[int, i
     begin, end = begin // 2, (end + 1) // 2
     if begin >= end:
         return 0, 0
+    lay_lines(sheet.samples, first, weights, begin, end, lines)
+    return begin, end
+
+
+@inlined
+def lay_lines(samples: Reals, first: int, weights: Reals, begin: int, end: int, lines: Reals) -> None:
+    """Four rows of a bitmap [C, h, w], from `first` on, as one line each channel, between two pairs of columns."""
+    height = samples.shape[1]
     # Beyond its first and last row a bitmap is empty.
     w0, w1, w2, w3 = (
         _within(weights, 0, first, height),
@@ -108,8 +116,8 @@ def _lay(sheet: Sheet, first: int, weights: Reals, lines: Reals) -> tuple[int, i
         min(max(first + 2, 0), height - 1),
         min(max(first + 3, 0), height - 1),
     )
-    for c in range(sheet.samples.shape[0]):
-        rows, line = sheet.samples[c], lines[c]
+    for c in range(samples.shape[0]):
+        rows, line = samples[c], lines[c]
         line[:, PAD + begin - 2 : PAD + begin] = 0
         line[:, PAD + end : PAD + end + 2] = 0
         span = slice(2 * begin, 2 * end)
@@ -122,7 +130,6 @@ def _lay(sheet: Sheet, first: int, weights: Reals, lines: Reals) -> tuple[int, i
             line[0, PAD + begin : PAD + end],
             line[1, PAD + begin : PAD + end],
         )
-    return begin, end
 
 
 @inlined
@@ -148,7 +155,7 @@ def _mix_rows(
 
 
 @inlined
-def _span(start: int, begin: int, end: int, width: int) -> tuple[int, int]:
+def read_span(start: int, begin: int, end: int, width: int) -> tuple[int, int]:
     """Pixels that read any of the pairs of columns from `begin` to before `end`."""
     left = max(0, (2 * begin - 2 - start) // 2)
     return left, max(left, min(width, (2 * end - start + 1) // 2))
@@ -162,7 +169,7 @@ def _stretch(line: Reals, start: int, tap: int, left: int, right: int) -> Reals:
 
 
 @inlined
-def _put(line: Reals, start: int, weights: Reals, left: int, right: int, row: Reals) -> None:
+def put(line: Reals, start: int, weights: Reals, left: int, right: int, row: Reals) -> None:
     """A shifted line in place of what is there."""
     _mix(
         _stretch(line, start, 0, left, right),
@@ -179,24 +186,14 @@ def _cover(lines: Reals, start: int, weights: Reals, left: int, right: int, veil
     """Shifted lines over a row of a view, [3, W]."""
     if lines.shape[0] == 3:
         for c in range(3):
-            _put(lines[c], start, weights, left, right, row[c])
+            put(lines[c], start, weights, left, right, row[c])
             _darken(row[c, left:right])
         return
-    alpha, scale = veil[0, left:right], veil[1, left:right]
-    _put(lines[3], start, weights, left, right, veil[0])
-    _limit(alpha, scale)
+    opacity, colour = veil[0, left:right], veil[1, left:right]
+    put(lines[3], start, weights, left, right, veil[0])
     for c in range(3):
-        line = lines[c]
-        _blend(
-            _stretch(line, start, 0, left, right),
-            _stretch(line, start, 1, left, right),
-            _stretch(line, start, 2, left, right),
-            _stretch(line, start, 3, left, right),
-            weights,
-            alpha,
-            scale,
-            row[c, left:right],
-        )
+        put(lines[c], start, weights, left, right, veil[1])
+        _blend(colour, opacity, row[c, left:right])
 
 
 @compiled
@@ -214,65 +211,15 @@ def _darken(row: Reals) -> None:
 
 
 @compiled
-def _limit(alpha: Reals, scale: Reals) -> None:
-    """Opacities that a cubic has driven out of [0, 1] made legal, and what colours must be multiplied by for it."""
+def _blend(colour: Reals, opacity: Reals, row: Reals) -> None:
     one, zero = np.float32(1), np.float32(0)
-    for x in range(alpha.size):
-        opacity = alpha[x]
-        scale[x] = one / max(opacity, one) if opacity > zero else zero
-        alpha[x] = min(max(opacity, zero), one)
-
-
-@compiled
-def _blend(s0: Reals, s1: Reals, s2: Reals, s3: Reals, weights: Reals, alpha: Reals, scale: Reals, row: Reals) -> None:
-    one, zero = np.float32(1), np.float32(0)
-    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
     for x in range(row.size):
-        colour = w0 * s0[x] + w1 * s1[x] + w2 * s2[x] + w3 * s3[x]
-        row[x] = row[x] * (one - alpha[x]) + scale[x] * max(colour, zero)
-
-
-@compiled
-def read_anywhere(samples: Reals, i: NDArray[np.float64], j: NDArray[np.float64], result: Reals) -> None:
-    """Read a bitmap at any points, its ends going on beyond it.
-
-    Args:
-        samples: The channels of a sample side by side, [h, w, 4].
-        i: Columns in samples, [n].
-        j: Rows in samples, [n].
-        result: Filled, [4, n].
-    """
-    height, width = samples.shape[:2]
-    for point in range(i.size):
-        column, row = np.floor(i[point]), np.floor(j[point])
-        across, down = _weights(np.float32(i[point] - column)), _weights(np.float32(j[point] - row))
-        first, top = _clamped(column, width) - 1, _clamped(row, height) - 1
-        c0 = c1 = c2 = c3 = np.float32(0)
-        for b in range(4):
-            line = samples[min(max(top + b, 0), height - 1)]
-            for a in range(4):
-                weight = across[a] * down[b]
-                sample = line[min(max(first + a, 0), width - 1)]
-                c0 += weight * sample[0]
-                c1 += weight * sample[1]
-                c2 += weight * sample[2]
-                c3 += weight * sample[3]
-        result[0, point], result[1, point], result[2, point], result[3, point] = c0, c1, c2, c3
+        passed = one - min(max(opacity[x], zero), one)
+        row[x] = legal(colour[x], opacity[x]) + passed * row[x]
 
 
 @inlined
-def _clamped(position: float, length: int) -> int:
-    return int(min(max(position, -4.0), length + 4.0))
-
-
-@inlined
-def _weights(t: np.float32) -> Quadruple:
-    """Keys' weights, as in `lookups`."""
-    half, squared = np.float32(0.5), t * t
-    cubed = squared * t
-    return (
-        squared - half * (t + cubed),
-        np.float32(1) - np.float32(2.5) * squared + np.float32(1.5) * cubed,
-        half * t + np.float32(2) * squared - np.float32(1.5) * cubed,
-        half * (cubed - squared),
-    )
+def legal(colour: np.float32, opacity: np.float32) -> np.float32:
+    """A premultiplied colour as `lookups.legal` makes it, where a cubic has driven it or its opacity out of [0, 1]."""
+    zero = np.float32(0)
+    return max(colour, zero) / max(opacity, np.float32(1)) if opacity > zero else zero

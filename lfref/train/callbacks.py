@@ -12,15 +12,24 @@ from lfref.data.patches import Batch
 from lfref.errors import InputError
 from lfref.io import images
 from lfref.nets import head
+from lfref.train.guard import finite_patches
 
 
 class HeadInitialization(Callback):
     """Scales the last convolution on the first batch, so that no output channel starts dead."""
 
+    def __init__(self) -> None:
+        self._is_due = False
+
+    def on_train_start(self, trainer: Trainer, module: Any) -> None:
+        """A run that was resumed keeps its head."""
+        self._is_due = trainer.global_step == 0
+
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
-        """Act once, before the first step of a run that was not resumed."""
-        if trainer.global_step > 0 or batch_index > 0:
+        """Act once, on the first batch that is finite in every process."""
+        if not (self._is_due and trainer.strategy.reduce_boolean_decision(_is_finite(batch))):
             return
+        self._is_due = False
         head.initialize_head(module.net, batch["views"], batch["labels"])
         # Each rank saw another batch: all take the first one's head.
         state = trainer.strategy.broadcast({name: value.cpu() for name, value in module.net.head.state_dict().items()})
@@ -79,6 +88,10 @@ class RankAgreement(Callback):
                 got="different ones",
                 remedy="start one run at a time instead of a sweep that draws for every process",
             )
+
+
+def _is_finite(batch: Batch) -> bool:
+    return all(bool(each.all()) for each in finite_patches(batch).values())
 
 
 def nearest(alphas: Sequence[float], alpha: float) -> int:

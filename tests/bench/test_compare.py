@@ -14,6 +14,8 @@ from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
 from lfref.refocus.exact_fourier import exact_fourier
 from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 
 PLANES = FocalPlanes((0.5, 1.0, 1.4))
 CPU = torch.device("cpu")
@@ -22,7 +24,7 @@ COLUMNS = ["method", "median_s", "p10_s", "p90_s", "psnr_db", "ssim", "ratio_to_
 
 @pytest.fixture(scope="module")
 def fields():
-    source = SimulatedSource(2, 0, size=(24, 28), grid=(3, 3))
+    source = SimulatedSource(2, 0, RandomScenes(Camera((3, 3), (24, 28))))
     return [source.field(index) for index in range(2)]
 
 

@@ -12,7 +12,7 @@ from lfref.cli import main as cli
 
 TINY_DATA = (
     "data=simulated",
-    "data.size=[64,64]",
+    "scene.camera.size=[64,64]",
     "data.patch=32",
     "data.patches_per_field=1",
     "data.n_fields=2",

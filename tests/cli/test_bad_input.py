@@ -181,6 +181,16 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("train", "data.patch=wide"), "must fit what it describes"),
         (("train", "net.n_planes=3"), "net.n_planes=16"),
         (("refocus", "input={field}", "reader.views=99"), "99"),
+        (("simulate", "n_fields=0"), "n_fields must be a number"),
+        (("simulate", "seed=-1"), "seed must be a number"),
+        (("simulate", "outputs=views"), "outputs must be a list"),
+        (("simulate", "outputs=[pictures]"), "outputs must be some of views, truth"),
+        (("simulate", "suffix=.png"), "suffix must be '' or '.exr'"),
+        (("simulate", "scene.name=../up", "scene=plane"), "usable as the name of a file"),
+        (("simulate", "scene=sim30", "scene.name=nowhere"), "sim30 scene must be one of"),
+        (("simulate", "scene.n_surfaces=[3,1]"), "ranges must go from small to large"),
+        (("simulate", "scene=varied", "scene.glossy=2"), "the share of glossy"),
+        (("simulate", "scene.camera.size=[32,32]"), "less than half the height"),
     ],
 )
 def test_missing_or_wrong_options(lfref, tmp_path, field, words, said):

@@ -26,7 +26,7 @@ def workplace(tmp_path_factory):
 def trained(lfref, workplace):
     """A trained run and simulated scenes, made once for all tests of this file."""
     if not (workplace / "scenes").exists():
-        assert lfref("simulate", f"output={workplace}/scenes", "source.n_fields=2", "source.size=[64,72]")[0] == 0
+        assert lfref("simulate", f"output={workplace}/scenes", "n_fields=2", "scene.camera.size=[64,72]")[0] == 0
         assert lfref("train", f"output={workplace}/run", *QUICK)[0] == 0
     return workplace
 
@@ -74,7 +74,7 @@ def test_tensorboard_gets_metrics_and_pictures(lfref, trained):
 
 
 def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
-    field = trained / "scenes" / "simulated_0_0_000"
+    field = trained / "scenes" / "simulated_s0_e0_000"
     status, _ = lfref("refocus", f"input={field}", "alphas=[0.5,1,2]", "exposure=1", f"output={tmp_path}/out")
     assert status == 0
     stack, planes = read_stack(tmp_path / "out" / "stack.exr")
@@ -85,7 +85,7 @@ def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
 
 
 def test_refocus_looks_through_an_aperture(lfref, trained, tmp_path):
-    field = trained / "scenes" / "simulated_0_0_000"
+    field = trained / "scenes" / "simulated_s0_e0_000"
     words = ("aperture=disc", "aperture.diameter=3", "alphas=[1.5]", f"output={tmp_path}/out")
     assert lfref("refocus", f"input={field}", *words)[0] == 0
     stack, planes = read_stack(tmp_path / "out" / "stack.exr")
@@ -94,7 +94,7 @@ def test_refocus_looks_through_an_aperture(lfref, trained, tmp_path):
 
 
 def test_refocus_finds_the_sharpest_plane_of_each_pixel(lfref, trained, tmp_path):
-    field = trained / "scenes" / "simulated_0_0_000"
+    field = trained / "scenes" / "simulated_s0_e0_000"
     words = ("all_in_focus=true", "exposure=1", "alphas=[0.6,0.8,1,1.5]", f"output={tmp_path}/out")
     assert lfref("refocus", f"input={field}", *words)[0] == 0
     stack, _ = read_stack(tmp_path / "out" / "stack.exr")
@@ -104,7 +104,7 @@ def test_refocus_finds_the_sharpest_plane_of_each_pixel(lfref, trained, tmp_path
 
 
 def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
-    field = trained / "scenes" / "simulated_0_0_000"
+    field = trained / "scenes" / "simulated_s0_e0_000"
     checkpoint = trained / "run" / "checkpoints" / "best.ckpt"
     assert lfref("refocus", f"input={field}", f"checkpoint={checkpoint}", f"output={tmp_path}/out")[0] == 0
     stack, planes = read_stack(tmp_path / "out" / "stack.exr")
@@ -118,7 +118,7 @@ def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
 
 
 def test_refocus_warns_when_one_axis_of_views_is_reversed(lfref, trained, tmp_path):
-    field = trained / "scenes" / "simulated_0_0_001"
+    field = trained / "scenes" / "simulated_s0_e0_001"
     words = ("refocus", f"input={field}", "alphas=[1]", f"output={tmp_path}/out")
     log = tmp_path / "out" / "refocus.log"
     assert lfref(*words)[0] == 0
@@ -138,7 +138,7 @@ def test_eval_writes_every_plane_and_the_means(lfref, trained):
     assert {float(row["psnr_db"]) for row in own} == {100.0}
     mean = sum(float(row["psnr_db"]) for row in planes[:16]) / 16
     assert float(summary[0]["mpsnr_db"]) == pytest.approx(mean)
-    for picture in ("scatter.png", "quality_by_plane.png", "comparison/simulated_0_0_000.png"):
+    for picture in ("scatter.png", "quality_by_plane.png", "comparison/simulated_s0_e0_000.png"):
         assert (trained / "eval" / picture).stat().st_size > 1000
 
 
@@ -172,7 +172,7 @@ def test_report_gathers_everything_into_one_page(lfref, trained):
 def test_bench_measures_what_operators_cost(lfref, workplace):
     dropped = [f"~methods.shift_and_sum{name}" for name in ("_nearest", "_cubic", "_exact")]
     dropped += [f"~methods.fourier_slice{name}" for name in ("_linear", "_linear_padded", "_wide")]
-    words = ("group=operators", "source.size=[48,64]", "repeats=1", "warmup=0", "scale_repeats=1", "device=cpu")
+    words = ("group=operators", "scene.camera.size=[48,64]", "repeats=1", "warmup=0", "scale_repeats=1", "device=cpu")
     sizes = ("scales.sides=[0.5,1]", "scales.views=[1,3]", "scales.planes=[1,2]")
     assert lfref("bench", f"output={workplace}/operators", *words, *sizes, *dropped)[0] == 0
     folder = workplace / "operators"

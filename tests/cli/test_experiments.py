@@ -53,6 +53,14 @@ def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, expe
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("label", sorted(path.stem for path in (configs.directory() / "label").glob("*.yaml")))
+def test_every_label_source_passes_a_fast_dev_run(composed, tmp_path, losses, label):
+    config = composed("train", f"label={label}", *TINY, *FAST)
+    command.train(config, tmp_path)
+    assert [bool(loss.isfinite()) for loss in losses] == [True]
+
+
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("member", members(), ids=" ".join)
 def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, losses, member):
     config = composed("train", *TINY, *FAST, *member)

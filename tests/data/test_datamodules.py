@@ -8,11 +8,15 @@ import pytest
 import torch
 
 from lfref.data.datamodules import FolderData, PatchData, SimulatedData
-from lfref.data.labels import LabelSource
+from lfref.data.labels import LabelSource, RenderedLabels
+from lfref.data.sources import SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 
+SCENES = RandomScenes(Camera((3, 3), (16, 18)))
 LABELS = LabelSource("label", shift_and_sum, FocalPlanes((0.5, 2.0)))
 
 
@@ -23,9 +27,9 @@ def folder_data(tmp_path):
     return functools.partial(FolderData, str(tmp_path / "fields"), LABELS, **options)
 
 
-def simulated(**options):
-    small = {"n_fields": 5, "n_validation": 3, "size": (16, 18), "grid": (3, 3), "patch": 8, "patches_per_field": 2}
-    data = SimulatedData(LABELS, **small | options)
+def simulated(labels=LABELS, **options):
+    small = {"n_fields": 5, "n_validation": 3, "scenes": SCENES, "patch": 8, "patches_per_field": 2}
+    data = SimulatedData(labels, **small | options)
     data.setup("fit")
     return data
 
@@ -68,6 +72,23 @@ def test_held_out_scenes_are_not_those_of_training():
     train = [data.train.field(index).views for index in range(3)]
     held = [data.validation.field(index).views for index in range(3)]
     assert all(not torch.allclose(one, two, atol=1e-2) for one in train for two in held)
+
+
+def test_held_out_scenes_may_be_fixed_ones_the_same_for_every_seed():
+    fixed = RandomScenes(Camera((3, 3), (16, 18)), disparities=(0.3, 0.4))
+    held = [simulated(seed=seed, validation_scenes=fixed).validation.field(1) for seed in (0, 5)]
+    assert torch.equal(held[0].views, held[1].views)
+    assert torch.equal(held[0].views, SimulatedSource(3, 0, fixed).field(1).views)
+
+
+def test_workers_render_the_labels_that_the_training_process_would():
+    labels = RenderedLabels("rendered", FocalPlanes((0.5, 2.0)))
+    alone, helped = (simulated(labels=labels, n_fields=2, workers=workers).train_dataloader() for workers in (0, 1))
+    batches = list(helped)
+    helped._iterator._shutdown_workers()
+    for one, two in zip(alone, batches, strict=True):
+        assert one["where"] == two["where"]
+        assert torch.equal(one["labels"], two["labels"])
 
 
 @pytest.mark.parametrize("options", [{"fields_per_batch": 0}, {"workers": -1}])
@@ -171,6 +192,16 @@ def test_nothing_left_to_train_on_is_refused(store, folder_data, tmp_path):
     store("b", seed=0, folder="held")
     with pytest.raises(InputError, match="no light field is left to train on"):
         folder_data(validation_path=str(tmp_path / "held")).sources()
+
+
+def test_a_folder_has_no_rendered_labels(store, folder_data):
+    for seed in (0, 1):
+        store(f"field_{seed}", seed=seed)
+    data = folder_data()
+    data.labels = RenderedLabels("rendered", FocalPlanes((0.5, 2.0)))
+    data.setup("fit")
+    with pytest.raises(InputError, match="use data=simulated"):
+        next(iter(data.train_dataloader()))
 
 
 def test_a_single_field_cannot_be_split(store, folder_data):

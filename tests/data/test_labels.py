@@ -1,4 +1,4 @@
-"""A label is what its operator makes of the field, and the margin is what a local operator depends on."""
+"""A label is what its operator makes of the field, or a photograph; the margin is what a local operator depends on."""
 
 import dataclasses
 import functools
@@ -8,13 +8,18 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.data.labels import LabelSource
+from lfref.data import patches
+from lfref.data.labels import LabelSource, RenderedLabels
+from lfref.data.sources import SimulatedSource
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus import weighted
 from lfref.refocus.exact_fourier import exact_fourier
 from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.simulator import bitmaps, truth
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 
 PLANES = FocalPlanes((0.4, 1.0, 2.0))
 
@@ -64,3 +69,30 @@ def test_a_source_cannot_be_changed():
     source = LabelSource("name", shift_and_sum, PLANES)
     with pytest.raises(dataclasses.FrozenInstanceError):
         source.name = "other"
+
+
+def test_a_rendered_label_is_the_photograph_of_the_same_crop():
+    scenes = RandomScenes(Camera((3, 3), (24, 28)))
+    source = RenderedLabels("rendered", PLANES)
+    field = SimulatedSource(1, 3, scenes).field(0)
+    views, label = patches.cut(field, source, 5, 9, 12)
+    layers = bitmaps.paint(scenes.scene(3, 0, 0), reach=float(PLANES.slopes.abs().max()))
+    expected = truth.stack(layers, scenes.camera, PLANES.slopes).clamp(0, 1)[..., 5:17, 9:21]
+    assert torch.equal(views, field.views[..., 5:17, 9:21])
+    torch.testing.assert_close(label, expected)
+    assert source.margin(field.grid) == 0
+
+
+def test_a_rendered_label_is_close_to_shift_and_sum_where_views_sample_the_aperture_densely():
+    """Slopes within half a pixel per view step of all disparities leave no ghosts."""
+    scenes = RandomScenes(Camera((5, 5), (40, 44)), disparities=(-0.2, 0.2))
+    field = SimulatedSource(1, 1, scenes).field(0)
+    planes = FocalPlanes((0.9, 1.0, 1.1))
+    rendered, summed = RenderedLabels("r", planes)(field), LabelSource("s", shift_and_sum, planes)(field)
+    inside = (..., slice(4, -4), slice(4, -4))
+    assert float((rendered - summed)[inside].abs().mean()) < 0.01
+
+
+def test_captures_have_no_rendered_label():
+    with pytest.raises(InputError, match="simulated scenes; got capture; use data=simulated"):
+        RenderedLabels("rendered", PLANES)(LightField(torch.rand(3, 3, 3, 12, 13), "capture"))

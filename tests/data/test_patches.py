@@ -20,8 +20,11 @@ from lfref.lightfield import LightField
 from lfref.refocus.exact_fourier import exact_fourier
 from lfref.refocus.fourier_slice import fourier_slice
 from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 
 HEIGHT, WIDTH, PATCH = 40, 44, 16
+SCENES = RandomScenes(Camera((3, 3), (24, 26)))
 PLANES = FocalPlanes((0.25, 0.7, 1.0, 2.0))  # shifts of up to 3 pixels on 3x3 views
 LAST = (HEIGHT - PATCH, WIDTH - PATCH)
 CORNERS = [(0, 0), (0, LAST[1]), (LAST[0], 0), LAST, (0, 9), (11, 0), (12, 13), (2, 3), (LAST[0] - 1, LAST[1] - 2)]
@@ -76,7 +79,7 @@ def test_labels_of_weighted_samples_agree_too(field):
 @pytest.mark.parametrize("operator", [exact_fourier, fourier_slice])
 def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_border(operator):
     """On a field of 128 and a patch of 80 pixels; the docs give the figures for 256 and 192."""
-    scene = SimulatedSource(1, 0, size=(128, 128)).field(0)
+    scene = SimulatedSource(1, 0, RandomScenes(Camera(size=(128, 128)))).field(0)
     source = label_of(operator, planes=FocalPlanes((0.75, 1.5, 2.0)))
     _, label = patches.cut(scene, source, 24, 24, 80)
     whole = source(scene)[..., 24:104, 24:104]
@@ -86,7 +89,7 @@ def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_b
 
 
 def test_whole_slopes_do_not_ring():
-    scene = SimulatedSource(1, 0, size=(128, 128)).field(0)
+    scene = SimulatedSource(1, 0, RandomScenes(Camera(size=(128, 128)))).field(0)
     source = label_of(exact_fourier, planes=FocalPlanes((0.25, 0.5, 1.0)))
     _, label = patches.cut(scene, source, 24, 24, 80)
     torch.testing.assert_close(label, source(scene)[..., 24:104, 24:104], atol=1e-5, rtol=0)
@@ -100,7 +103,7 @@ def test_a_small_patch_in_a_corner_of_a_large_field_has_a_label():
 
 
 def dataset(n_fields=3, patch=12, seed=0, per_field=2):
-    source = SimulatedSource(n_fields, 7, size=(24, 26), grid=(3, 3))
+    source = SimulatedSource(n_fields, 7, SCENES)
     return FieldPatches(source, label_of(shift_and_sum, FocalPlanes((0.5, 2.0))), patch, per_field, seed)
 
 
@@ -112,7 +115,7 @@ def test_an_item_holds_the_patches_of_one_field_and_says_where_they_lie():
     item = dataset()[(0, 1)]
     assert item["views"].shape == (2, 3, 3, 3, 12, 12)
     assert item["labels"].shape == (2, 2, 3, 12, 12)
-    field = SimulatedSource(3, 7, size=(24, 26), grid=(3, 3)).field(1)
+    field = SimulatedSource(3, 7, SCENES).field(1)
     for views, where in zip(item["views"], item["where"], strict=True):
         name, _, corner = where.partition("@")
         top, left = map(int, corner.split(","))
@@ -129,7 +132,7 @@ def test_items_repeat_by_seed_epoch_and_index_and_by_nothing_else():
 
 
 def test_corners_reach_every_place_a_patch_fits_and_no_other():
-    source = SimulatedSource(1, 0, size=(8, 9), grid=(1, 1))
+    source = SimulatedSource(1, 0, RandomScenes(Camera((1, 1), (8, 9))))
     items = FieldPatches(source, label_of(shift_and_sum, FocalPlanes((1.0,))), 6, 40, 0)
     places = {where.partition("@")[2] for epoch in range(3) for where in items[(epoch, 0)]["where"]}
     assert places == {f"{top},{left}" for top, left in itertools.product(range(3), range(4))}
@@ -141,7 +144,7 @@ def test_corners_of_the_same_field_differ_by_seed_epoch_and_place_in_the_source(
             return 2
 
         def field(self, index, epoch=0):
-            return LightField(torch.zeros(1, 1, 1, 300, 300), "field")
+            return LightField(torch.linspace(0, 1, 300).expand(1, 1, 1, 300, 300), "field")
 
     def corners(seed, epoch, index):
         return tuple(FieldPatches(OneField(), label_of(shift_and_sum), 8, 3, seed)[(epoch, index)]["where"])
@@ -152,14 +155,61 @@ def test_corners_of_the_same_field_differ_by_seed_epoch_and_place_in_the_source(
 
 
 def test_a_patch_as_large_as_the_field_is_the_field():
-    source = SimulatedSource(1, 0, size=(12, 12), grid=(3, 3))
+    source = SimulatedSource(1, 0, RandomScenes(Camera((3, 3), (12, 12))))
     item = FieldPatches(source, label_of(shift_and_sum, FocalPlanes((2.0,))), 12, 1, 0)[(0, 0)]
     assert torch.equal(item["views"][0], source.field(0).views)
 
 
 def test_a_patch_larger_than_the_field_is_refused_by_naming_the_field():
-    with pytest.raises(InputError, match=r"simulated_7_0_001 must be at least 25 pixels.*got 24x26; set data\.patch"):
+    with pytest.raises(InputError, match=r"simulated_s7_e0_001 must be at least 25 pixels.*got 24x26; set data\.patch"):
         dataset(patch=25)[(0, 1)]
+
+
+class Cards:
+    """Black fields, each but the first with a card of 8 x 8 pixels somewhere."""
+
+    def __init__(self, n_fields):
+        self.n_fields = n_fields
+
+    def __len__(self):
+        return self.n_fields
+
+    def field(self, index, epoch=0):
+        views = torch.zeros(1, 1, 1, 64, 64)
+        views[..., 24:32, 8 * index : 8 * index + 8] = min(index, 1)
+        return LightField(views, f"card {index}")
+
+
+def test_flat_patches_are_drawn_again_and_counted():
+    items = FieldPatches(Cards(5), label_of(shift_and_sum, FocalPlanes((1.0,))), 24, 6, 0)
+    found = [items[(epoch, 3)] for epoch in range(8)]
+    assert all(bool((item["views"].amax((1, 2, 3, 4, 5)) > 0).all()) for item in found)
+    assert sum(len(item["where"]) for item in found) > 36
+    assert sum(item["resampled"] for item in found) > 8
+    assert same(found[2], items[(2, 3)])
+    assert patches.concatenate(found)["resampled"] == sum(item["resampled"] for item in found)
+
+
+def test_a_flat_field_gives_way_to_the_next_one():
+    items = FieldPatches(Cards(3), label_of(shift_and_sum, FocalPlanes((1.0,))), 60, 2, 0)
+    assert {where.partition("@")[0] for where in items[(0, 0)]["where"]} == {"card 1"}
+
+
+def test_nothing_but_flat_fields_is_refused():
+    with pytest.raises(InputError, match="something to see in them; got 1 whose patches are flat"):
+        FieldPatches(Cards(1), label_of(shift_and_sum), 8, 2, 0)[(0, 0)]
+
+
+def test_patches_that_are_not_finite_are_left_to_the_trainings_guard():
+    class Broken:
+        def __len__(self):
+            return 1
+
+        def field(self, index, epoch=0):
+            return LightField(torch.full((1, 1, 1, 9, 9), torch.nan), "broken")
+
+    item = FieldPatches(Broken(), label_of(shift_and_sum, FocalPlanes((1.0,))), 8, 2, 0)[(0, 0)]
+    assert bool(item["views"].isnan().all())
 
 
 @pytest.mark.parametrize("options", [{"patch": 0}, {"per_field": 0}])

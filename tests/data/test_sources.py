@@ -3,24 +3,45 @@
 import pytest
 import torch
 
+from lfref.data import sources
 from lfref.data.sources import FolderSource, SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
 from lfref.refocus import view_order
+from lfref.simulator.developed import developed
+from lfref.simulator.effects.clipping import Clipping
+from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.materials import Emissive
+from lfref.simulator.mattes import Disc
+from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.scenes import RandomScenes
+from lfref.simulator.simulate import simulate
+from lfref.simulator.surfaces import Plane
+from lfref.simulator.textures import Checker
 
-SMALL = {"size": (10, 12), "grid": (3, 2)}
+CAMERA = Camera((3, 2), (10, 12))
+SMALL = RandomScenes(CAMERA)
+LAMP = Scene(
+    CAMERA,
+    (Surface(Plane(0.1), Checker(7.0)), Surface(Plane(0.4), Checker(9.0), Disc(3.0), Emissive(5.0))),
+    sensor=Sensor(exposure=Exposure(1.4), noise=Noise(1e-3, 1e-4), clipping=Clipping()),
+    name="lamp",
+)
+SLOPES = (-0.5, 0.4)
 
 
 def test_simulated_fields_have_the_size_and_grid_asked_for():
-    field = SimulatedSource(2, 0, **SMALL).field(1)
+    field = SimulatedSource(2, 0, SMALL).field(1)
     assert (field.grid, field.size) == ((3, 2), (10, 12))
     assert field.views.dtype == torch.float32
-    assert field.name == "simulated_0_0_001"
+    assert field.name == "simulated_s0_e0_001"
 
 
 def test_a_simulated_field_is_fixed_by_seed_epoch_and_index():
     def views(seed, epoch, index):
-        return SimulatedSource(9, seed, **SMALL).field(index, epoch).views
+        return SimulatedSource(9, seed, SMALL).field(index, epoch).views
 
     torch.manual_seed(5)
     reference = views(1, 2, 3)
@@ -33,7 +54,7 @@ def test_a_simulated_field_is_fixed_by_seed_epoch_and_index():
 
 
 def test_the_order_of_asking_does_not_matter():
-    source = SimulatedSource(3, 0, **SMALL)
+    source = SimulatedSource(3, 0, SMALL)
     last = source.field(2).views
     source.field(0)
     assert torch.equal(source.field(2).views, last)
@@ -41,31 +62,61 @@ def test_the_order_of_asking_does_not_matter():
 
 @pytest.mark.parametrize("seed", [20261121, 2**32 - 1])
 def test_any_seed_that_lightning_takes_works(seed):
-    assert SimulatedSource(1, seed, **SMALL).field(0).size == (10, 12)
+    assert SimulatedSource(1, seed, SMALL).field(0).size == (10, 12)
 
 
 def test_simulated_parallax_runs_in_our_order():
-    views = SimulatedSource(1, 0, size=(64, 64), grid=(5, 5)).field(0).views
+    views = SimulatedSource(1, 0, RandomScenes(Camera((5, 5), (64, 64)))).field(0).views
     assert not view_order.seems_reversed(views)
     assert view_order.seems_reversed(views.flip(0))
 
 
-def test_options_of_the_scene_are_passed_on():
-    # One layer without parallax: all views alike.
-    views = SimulatedSource(1, 0, **SMALL, n_surfaces=(1, 1), disparities=(0.0, 0.0)).field(0).views
+def test_scenes_without_parallax_have_views_that_are_all_alike():
+    still = RandomScenes(CAMERA, n_surfaces=(1, 1), disparities=(0.0, 0.0))
+    views = SimulatedSource(1, 0, still).field(0).views
     torch.testing.assert_close(views, views[:1, :1].expand_as(views), atol=1e-5, rtol=0)
 
 
-@pytest.mark.parametrize("options", [{"n_fields": 0}, {"size": (0, 5)}, {"grid": (3, 0)}])
-def test_nothing_to_simulate_is_refused(options):
-    with pytest.raises(InputError, match="at least one field, view and pixel"):
-        SimulatedSource(**{"n_fields": 1, "seed": 0} | SMALL | options)
+def test_a_single_scene_is_seen_as_it_is_and_then_with_other_noise():
+    source = SimulatedSource(2, 0, LAMP)
+    first, second = source.field(0), source.field(1)
+    torch.testing.assert_close(first.views, simulate(LAMP, outputs=["views"], slopes=[0.0]).views)
+    assert (first.name, second.name) == ("lamp", "lamp_1")
+    assert 0 < float((first.views - second.views).abs().max()) < 0.3
 
 
-@pytest.mark.parametrize("options", [{"n_surfaces": (0, 1)}, {"disparities": (1.0, -1.0)}])
-def test_ranges_that_are_empty_are_refused(options):
-    with pytest.raises(InputError, match="ranges must go"):
-        SimulatedSource(1, 0, **SMALL, **options).field(0)
+def test_views_and_photographs_of_a_bright_scene_are_clipped_alike():
+    field = SimulatedSource(1, 0, LAMP).field(0)
+    truth = simulate(LAMP, outputs=["truth"], slopes=SLOPES).truth
+    photograph = field.photograph(SLOPES)
+    assert float(truth.max()) > 3
+    assert float(field.views.max()) == float(photograph.max()) == 1.0
+    assert torch.equal(photograph, developed(truth, LAMP.sensor))
+
+
+def test_what_no_sensor_clips_is_clipped_at_white():
+    field = SimulatedSource(1, 0, Scene(CAMERA, LAMP.surfaces)).field(0)
+    truth = simulate(Scene(CAMERA, LAMP.surfaces), outputs=["truth"], slopes=SLOPES).truth
+    assert torch.equal(field.photograph(SLOPES), truth.clamp(0, 1))
+    assert float(field.views.max()) == 1.0
+
+
+def test_a_crop_is_photographed_as_the_whole_field_is_and_only_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(sources, "simulate", lambda *args, **more: asked.append(more) or simulate(*args, **more))
+    field = SimulatedSource(1, 0, SMALL).field(0)
+    assert [more["outputs"] for more in asked] == [["views"]]
+    crop, corner = field.crop(2, 3, 6, 7), field.crop(2, 3, 6, 7).crop(1, 2, 3, 4)
+    assert torch.equal(crop.views, field.views[..., 2:8, 3:10])
+    assert torch.equal(crop.photograph(SLOPES), field.photograph(SLOPES)[..., 2:8, 3:10])
+    assert torch.equal(corner.photograph(SLOPES), field.photograph(SLOPES)[..., 3:6, 5:9])
+    assert len(asked) == 2
+
+
+@pytest.mark.parametrize(("n_fields", "seed"), [(0, 0), (1, -1)])
+def test_nothing_to_simulate_is_refused(n_fields, seed):
+    with pytest.raises(InputError, match="at least one field"):
+        SimulatedSource(n_fields, seed, SMALL)
 
 
 def test_a_folder_source_reads_its_fields_in_order_and_alike_every_epoch(store, tmp_path):

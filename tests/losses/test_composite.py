@@ -8,10 +8,14 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from torch.autograd import gradcheck
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.autograd import gradcheck, gradgradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from lfref.errors import InputError
+from lfref.functional.psnr import psnr
+from lfref.functional.ssim import ssim
 from lfref.losses.composite import PAPER_WEIGHTS, TERMS, CompositeLoss, paper_weights
 
 
@@ -43,6 +47,13 @@ def test_loss_is_the_papers_formula(decibel: float, beta: float, gamma: float) -
     prediction, target = pair_at(decibel)
     loss = CompositeLoss(paper_weights(beta, gamma))(prediction, target).item()
     assert loss == pytest.approx(paper_loss(prediction, target, beta, gamma), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("decibel", np.linspace(8.7, 99.9, 9))
+def test_the_loss_of_float32_images_is_the_papers_to_a_millionth(decibel: float) -> None:
+    prediction, target = (image.float() for image in pair_at(decibel))
+    expected = paper_loss(prediction.double(), target.double(), 0.65, 500)
+    assert CompositeLoss()(prediction, target).item() == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_default_is_the_papers_loss() -> None:
@@ -97,6 +108,55 @@ def test_each_terms_gradient_matches_differences(name: str, decibel: float) -> N
     step = min(1e-6, 1e-4 * 10 ** (-decibel / 20))
     # Away from the kink of |x - y|, the differences of the fixture are larger than the step.
     assert gradcheck(lambda x: TERMS[name](x, target), prediction.requires_grad_(), eps=step, rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("decibel", [90, 60, 30, 10, -6])
+def test_each_terms_second_derivative_matches_differences(name: str, decibel: float) -> None:
+    prediction, target = (image[:1, :6, :7].contiguous() for image in pair_at(decibel))
+    scale = 10 ** (-decibel / 20)
+
+    def term(difference: torch.Tensor) -> torch.Tensor:
+        # Counted in units of the error, so that every scale is checked to as many digits.
+        return TERMS[name](target + scale * difference, target)
+
+    assert gradgradcheck(term, ((prediction - target) / scale).requires_grad_(), atol=1e-7, rtol=1e-3)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_loss_never_falls_as_a_flat_error_grows_over_36_decades(dtype: torch.dtype) -> None:
+    errors = torch.logspace(-15, 3, 1001, dtype=torch.float64).to(dtype)
+    losses = torch.stack(
+        [CompositeLoss()(error.expand(1, 6, 6), torch.zeros(1, 6, 6, dtype=dtype)) for error in errors]
+    )
+    assert (losses.diff() >= 0).all()
+
+
+@given(
+    st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(6, 14), st.integers(6, 14)),
+    st.sampled_from([torch.float16, torch.bfloat16, torch.float32]),
+    st.floats(-1000, 1000),
+    st.sampled_from([0.0, 1e-6, 1e-3, 0.1, 1.0, 30.0]),
+    st.sampled_from([0.0, 1e-7, 1e-4, 0.01, 1.0, 100.0]),
+    st.integers(0, 10_000),
+)
+@settings(max_examples=150, deadline=None)
+def test_any_pair_has_a_finite_positive_loss_that_metrics_agree_with(
+    shape, dtype, level, contrast, error, seed
+) -> None:
+    target = (level + contrast * images(*shape, seed=seed)).to(dtype)
+    prediction = (target + (error * (images(*shape, seed=seed + 1) - 0.5)).to(dtype)).requires_grad_()
+    loss = CompositeLoss()
+    terms = loss.terms(prediction, target)
+    total = loss.total(terms)
+    total.backward()
+    assert total.isfinite()
+    assert total > 0
+    assert prediction.grad.isfinite().all()
+    assert terms["ssim"].item() == pytest.approx((1 - ssim(prediction, target)).mean().item(), abs=1e-7)
+    decibels = psnr(prediction, target).double()
+    if decibels.min() >= 8.69 and decibels.max() < 100:
+        assert terms["inverse_psnr"].item() == pytest.approx((1 / decibels).mean().item(), rel=1e-6)
 
 
 def test_the_loss_survives_copying_and_pickling() -> None:

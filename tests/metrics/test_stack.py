@@ -4,6 +4,8 @@ import pickle
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
@@ -92,6 +94,37 @@ def test_sums_stay_float64_over_many_updates() -> None:
         metric.update(prediction, target)
     assert metric.total.dtype == metric.compute().dtype == torch.float64
     assert metric.compute().item() == pytest.approx(psnr(prediction, target).item(), rel=1e-14)
+
+
+@pytest.mark.parametrize(("metric_class", "quality"), CLASSES)
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_autocast_and_half_types_cost_no_digit(metric_class, quality, dtype) -> None:
+    pair = [stacks(2, 4, 3, 8, 9, seed=seed).to(dtype) for seed in (0, 1)]
+    metric, expected = metric_class(n_planes=4), metric_class(n_planes=4)
+    with torch.autocast("cpu", dtype=dtype):
+        metric.update(*pair)
+    expected.update(*(each.float() for each in pair))
+    assert torch.equal(metric.per_plane(), expected.per_plane())
+
+
+@given(st.integers(1, 3), st.integers(1, 4), st.integers(0, 10_000), st.permutations(range(4)))
+@settings(max_examples=25, deadline=None)
+def test_the_order_of_stacks_and_the_way_they_come_change_nothing(first, n_planes, seed, order) -> None:
+    prediction, target = (stacks(4, n_planes, 1, 6, 7, seed=2 * seed + odd) for odd in (0, 1))
+    for metric_class, _ in CLASSES:
+        whole, parts = metric_class(n_planes=n_planes), metric_class(n_planes=n_planes)
+        whole.update(prediction, target)
+        for places in (order[:first], order[first:]):
+            parts.update(prediction[places], target[places])
+        torch.testing.assert_close(parts.per_plane(), whole.per_plane(), rtol=1e-13, atol=0)
+
+
+@pytest.mark.parametrize("metric_class", [MSSIM, MPSNR])
+def test_a_stack_that_is_not_finite_is_not_hidden(metric_class) -> None:
+    metric, prediction = metric_class(n_planes=2), stacks(1, 2, 1, 8, 8)
+    prediction[0, 1, 0, 3, 3] = torch.nan
+    metric.update(prediction, stacks(1, 2, 1, 8, 8, seed=1))
+    assert metric.per_plane().isfinite().tolist() == [True, False]
 
 
 def test_metrics_survive_pickling_and_state_dicts() -> None:

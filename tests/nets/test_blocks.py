@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from lfref.errors import InputError
-from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS, STYLES, ResBlock
+from lfref.nets.blocks import ACTIVATIONS, EPSILON, NORMALIZATIONS, STYLES, ResBlock
 
 
 def convolutions(block):
@@ -70,7 +70,35 @@ def test_layer_norm_looks_at_all_channels_and_pixels_of_a_sample():
     features = torch.rand(2, 6, 4, 5) * 3 + 1
     normalised = NORMALIZATIONS["layer"](6)(features)
     torch.testing.assert_close(normalised.mean((1, 2, 3)), torch.zeros(2), atol=1e-6, rtol=0)
-    torch.testing.assert_close(normalised.var((1, 2, 3), correction=0), torch.ones(2), atol=1e-4, rtol=0)
+    before, after = (each.var((1, 2, 3), correction=0) for each in (features, normalised))
+    torch.testing.assert_close(after, before / (before + EPSILON))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+def test_softplus_and_its_gradient_are_exact_at_both_ends(dtype):
+    ends = [value for end in (0, 5, 9.7, 10.4, 16.6, 19.9, 20, 20.1, 60, 100, 1e4, 6e4) for value in (end, -end)]
+    features = torch.tensor(ends).to(dtype).requires_grad_()
+    exact = features.detach().double()
+    ACTIVATIONS["softplus"]()(features).backward(torch.ones_like(features))
+    # Half an epsilon of rounding, and float32's own steps on the way.
+    accuracy = {"rtol": 1.5 * torch.finfo(dtype).eps, "atol": torch.finfo(dtype).tiny}
+    value, slope = exact.clamp(min=0) + (-exact.abs()).exp().log1p(), exact.sigmoid()
+    torch.testing.assert_close(ACTIVATIONS["softplus"]()(features).double(), value, **accuracy)
+    torch.testing.assert_close(features.grad.double(), slope, **accuracy)
+
+
+@pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+@pytest.mark.parametrize("level", [0.0, 0.9, 1000.0])
+def test_a_constant_is_normalised_to_nothing_with_a_finite_gradient(normalization, dtype, level):
+    norm = NORMALIZATIONS[normalization](8).to(dtype)
+    features = torch.full((2, 8, 6, 7), level, dtype=dtype, requires_grad=True)
+    output = norm(features)
+    output.backward(torch.randn_like(output))
+    if normalization != "none":
+        assert output.abs().max() <= 1e-3
+    assert features.grad.isfinite().all()
+    assert features.grad.abs().max() < 5 / EPSILON**0.5
 
 
 @pytest.mark.parametrize("filters", [-2, 0, 1, 7])

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from torch import nn
 
 from lfref.nets.blocks import NORMALIZATIONS
 from lfref.nets.head import SPREAD, initialize_head
@@ -27,10 +28,19 @@ def dead(network, views):
     return int((raw(network, views) <= 0).all(3).all(2).all(0).sum())
 
 
-def test_no_channel_is_born_dead_on_any_of_16_seeds():
+def kaiming(network):
+    """The other usual initialisation."""
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d):
+            nn.init.kaiming_normal_(module.weight)
+
+
+@pytest.mark.parametrize("initialize", [lambda network: None, kaiming], ids=["default", "kaiming"])
+def test_no_channel_is_born_dead_on_any_of_16_seeds(initialize):
     before, after = [], []
     for seed in SEEDS:
         network, views, labels = small(seed)
+        initialize(network)
         before.append(dead(network, views))
         initialize_head(network, views, labels)
         after.append(dead(network, views))

@@ -178,6 +178,31 @@ def test_under_autocast_the_type_of_the_views_is_free(dtype):
     assert bool(stack.isfinite().all())
 
 
+@pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("autocast", [False, True])
+def test_eleven_blocks_have_a_gradient_of_finite_norm_on_flat_views(level, autocast):
+    network = RefNet(n_planes=2, grid=(2, 2), widths=(32,) * 11, stem_width=32)
+    with torch.autocast("cpu", torch.bfloat16, enabled=autocast):
+        network(torch.full((1, 2, 2, 3, 12, 12), level)).float().square().mean().backward()
+    assert nn.utils.get_total_norm([parameter.grad for parameter in network.parameters()]).isfinite()
+
+
+def test_repeated_runs_are_bit_equal_and_threads_agree_to_a_hundred_thousandth():
+    network, views = RefNet(**TINY | {"widths": (32, 32)}), torch.rand(2, 3, 2, 1, 40, 40)
+
+    def gradients(n_threads):
+        torch.set_num_threads(n_threads)
+        try:
+            return torch.autograd.grad(network(views).square().mean(), list(network.parameters()))
+        finally:
+            torch.set_num_threads(1)
+
+    once, again, shared = gradients(1), gradients(1), gradients(4)
+    assert all(map(torch.equal, once, again))
+    for alone, together in zip(once, shared, strict=True):
+        torch.testing.assert_close(alone, together, rtol=0, atol=1e-5 * max(1, alone.abs().max().item()))
+
+
 def test_the_narrowest_views_that_have_a_neighbour_work():
     assert bool(RefNet(**TINY)(torch.rand(3, 2, 1, 1, 2)).isfinite().all())
 

@@ -81,6 +81,19 @@ def assert_gain_of_1(operator: Operator, shape: Shape, tolerance: float) -> None
     torch.testing.assert_close(stack, torch.full_like(stack, 0.7), rtol=tolerance, atol=0)
 
 
+def assert_unread(operator: Operator, shape: Shape) -> None:
+    """The first view weighs nothing, so that what it holds does not matter, forwards and backwards."""
+    views = torch.rand(shape, dtype=torch.float64)
+    expected = operator(views)
+    for rubbish in (torch.nan, torch.inf):
+        spoilt = views.clone()
+        spoilt[0, 0] = rubbish
+        _assert_equal(operator(spoilt), expected)
+        spoilt.requires_grad_()
+        (gradient,) = torch.autograd.grad(operator(spoilt).sum(), spoilt)
+        assert bool(gradient.isfinite().all())
+
+
 def assert_half_precision(operator: Operator, shape: Shape, dtype: torch.dtype) -> None:
     """Half precision is computed in float32 and handed back as it came."""
     views = torch.rand(shape).to(dtype)

@@ -26,6 +26,12 @@ def test_weights_are_scaled_to_a_sum_of_1_and_keep_their_ratios(values, scale):
     torch.testing.assert_close(aperture * weights.sum(), weights, rtol=1e-12, atol=0)
 
 
+@pytest.mark.parametrize("scale", [5e-324, 1e-300, 1e308])
+def test_weights_may_be_as_small_or_large_as_numbers_are(scale):
+    weights = torch.full((2, 3), scale, dtype=torch.float64)
+    torch.testing.assert_close(batches.checked_weights(weights, (2, 3)), torch.full((2, 3), 1 / 6).double())
+
+
 @pytest.mark.parametrize("weights", [[[1, 3]], torch.tensor([[1, 3]]), torch.tensor([[True, True]]) * 1])
 def test_weights_of_any_kind_are_taken(weights):
     assert batches.checked_weights(weights, (1, 2)).sum() == 1
@@ -33,6 +39,16 @@ def test_weights_of_any_kind_are_taken(weights):
 
 def test_a_view_may_weigh_nothing():
     assert batches.checked_weights(torch.tensor([[0.0, 2.0]]), (1, 2)).tolist() == [[0, 1]]
+
+
+def test_views_that_are_not_read_are_copied_only_where_they_could_do_harm():
+    views, aperture = torch.ones(1, 2, 3, 1, 300, 300, dtype=torch.float16), torch.ones(2, 3)
+    aperture[0, 1] = 0
+    assert batches.without_unread(views, aperture) is views
+    views[0, 0, 1, 0, 5, 5] = torch.inf
+    made = batches.without_unread(views, aperture)
+    assert torch.equal(made[0].mean((-3, -2, -1)), aperture.half())
+    assert batches.without_unread(views, torch.ones(2, 3)) is views
 
 
 @pytest.mark.parametrize(

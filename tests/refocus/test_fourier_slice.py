@@ -55,6 +55,10 @@ def slow_transform(kernel: str, width: int, sigma: float, n_views: int, padded: 
 
 def slow_taps(position: float, kernel: str, width: int, sigma: float, n_views: int, padded: int):
     """Angular bins about a position, and their weights with the phase that puts the angular origin in the middle."""
+    if position == 0:
+        # On bin 0 itself nothing is interpolated; the views must be put back to what they were before the correction.
+        undone = slow_transform(kernel, width, sigma, n_views, padded)
+        return np.arange(padded), np.fft.ifft(undone, padded)
     reach = 1 if kernel == "linear" else width / 2
     bins = np.arange(math.ceil(position - reach), math.floor(position + reach) + 1)
     distance = np.abs(position - bins)

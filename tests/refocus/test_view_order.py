@@ -5,11 +5,13 @@ import torch
 
 from lfref.data.sources import SimulatedSource
 from lfref.refocus import view_order
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 
 
 @pytest.fixture(scope="module")
 def scenes():
-    source = SimulatedSource(4, 0, size=(64, 72), grid=(5, 5))
+    source = SimulatedSource(4, 0, RandomScenes(Camera((5, 5), (64, 72))))
     return [source.field(index).views for index in range(len(source))]
 
 

@@ -4,6 +4,18 @@ import torch
 from hypothesis import strategies as st
 
 from lfref.simulator import bitmaps, blurs, compiled, render
+from lfref.simulator.effects.chromatic import Chromatic
+from lfref.simulator.effects.clipping import Clipping
+from lfref.simulator.effects.crosstalk import Crosstalk
+from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator.effects.misalignment import Misalignment
+from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
+from lfref.simulator.effects.noise import Noise as SensorNoise
+from lfref.simulator.effects.quantisation import Quantisation
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.tone_curve import CURVES, ToneCurve
+from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface
@@ -46,6 +58,25 @@ SURFACES = st.builds(
     Surface, GEOMETRIES, TEXTURES, MATTES, MATERIALS, SHARE, st.tuples(st.floats(-4, 4), st.floats(-4, 4))
 )
 LIGHTS = st.builds(Light, st.floats(0, 3), LEVELS)
+SENSORS = st.builds(
+    Sensor,
+    *(
+        st.none() | effect
+        for effect in (
+            st.builds(Chromatic, st.tuples(*3 * [st.floats(0.9, 1.1)]), st.tuples(*3 * [st.floats(-1, 1)])),
+            st.builds(Vignetting, st.floats(0, 2), SHARE),
+            st.builds(Misalignment, st.floats(0, 3)),
+            st.builds(Crosstalk, st.floats(0, 1 / 3)),
+            st.builds(Exposure, st.floats(0, 8)),
+            st.builds(Mosaic, st.sampled_from([None, *PATTERNS])),
+            st.builds(SensorNoise, SHARE, SHARE),
+            st.builds(Clipping, st.floats(-1, 0), st.floats(0.5, 2)),
+            st.builds(Quantisation, st.none() | st.integers(1, 20)),
+            st.builds(WhiteBalance, st.tuples(*3 * [st.floats(0, 4)])),
+            st.builds(ToneCurve, st.sampled_from([*CURVES]), st.floats(0.3, 4)),
+        )
+    ),
+)
 SCENES = st.builds(
     Scene, st.just(CAMERA), st.lists(SURFACES, min_size=1, max_size=4).map(tuple), LIGHTS, seed=st.integers(0, 2**31)
 )

@@ -46,13 +46,19 @@ def test_a_pinhole_has_one_cell_in_the_middle():
     assert (cells.p.tolist(), cells.q.tolist(), cells.weights.tolist()) == ([0], [0], [[1]])
 
 
-def test_what_moves_alone_needs_one_cell():
+def test_what_moves_while_others_stand_still_needs_one_cell():
     assert aperture_cells.needed(Aperture("square", 7, 7), [0.0, 7.5, 0.0]) == 1
-    assert aperture_cells.needed(Aperture("square", 7, 7), [7.5]) == 1
+    assert aperture_cells.needed(Aperture("square", 7, 7), []) == 1
     assert aperture_cells.needed(Aperture("disc", 7, 7), [0.0]) == 1
+
+
+def test_a_surface_alone_gets_the_cells_of_two():
+    for shape in ("square", "disc"):
+        whole = Aperture(shape, 7, 7)
+        assert aperture_cells.needed(whole, [7.5]) == aperture_cells.needed(whole, [7.5, 7.5]) > 1
 
 
 def test_cells_grow_with_the_second_fastest_and_on_a_disc_with_the_fastest():
     speeds = [0.0, 1.0, 4.0]
-    assert aperture_cells.needed(Aperture("square", 7, 7), speeds) == math.ceil(2 * math.sqrt(7))
-    assert aperture_cells.needed(Aperture("disc", 7, 7), speeds) == math.ceil(2 * math.sqrt(28))
+    assert aperture_cells.needed(Aperture("square", 7, 7), speeds) == 1 + math.ceil(1.2 * math.sqrt(7))
+    assert aperture_cells.needed(Aperture("disc", 7, 7), speeds) == 1 + math.ceil(2 * math.sqrt(28))

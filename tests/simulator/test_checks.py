@@ -55,3 +55,11 @@ def test_parts_of_another_kind_are_refused_with_the_choices():
         checks.kind("a geometry", "plane", Geometry)
     with pytest.raises(InputError, match="one of Emissive, Glass, Glossy, Matte, Mirror"):
         checks.kind("a material", Plane(0.0), Material)
+
+
+def test_a_span_goes_from_small_to_large_within_its_limits():
+    checks.span("the range", (0.2, 0.2), 0, 1)
+    with pytest.raises(InputError, match="the range must go from small to large"):
+        checks.span("the range", (0.3, 0.2))
+    with pytest.raises(InputError, match="the range must be finite numbers, at least 0"):
+        checks.span("the range", (-0.1, 0.2), 0)

@@ -1,13 +1,13 @@
-"""Bands and threads change nothing, and layers that may cross are left to the slow way."""
+"""Bands and threads change nothing, nor does where the pictures are registered."""
 
 import pytest
 import torch
 
-from lfref.simulator import bitmaps, layer_by_layer
+from lfref.simulator import bitmaps, layer_by_layer, render
 from lfref.simulator.materials import Glossy
-from lfref.simulator.mattes import Disc, Full, Twigs
+from lfref.simulator.mattes import Disc, Twigs
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat, Noise
 
 CAMERA = Camera((3, 4), (37, 45))
@@ -20,7 +20,7 @@ SURFACES = (
 
 
 def views(surfaces=SURFACES, camera=CAMERA):
-    return layer_by_layer.views(bitmaps.paint(Scene(camera, tuple(surfaces))), camera)
+    return render.views(bitmaps.paint(Scene(camera, tuple(surfaces))), camera)
 
 
 @pytest.mark.parametrize("band", [1, 5, 100])
@@ -45,17 +45,14 @@ def test_an_opaque_slanted_background_is_laid_over_black():
     torch.testing.assert_close(views([flat]), expected, atol=1e-6, rtol=0)
 
 
-@pytest.mark.parametrize(
-    ("geometries", "serves"),
-    [
-        ((Plane(0.0), Plane(0.5)), True),
-        ((Plane(0.0), Plane(0.0)), True),
-        ((Plane(0.0), Plane(1.0, (0.01, 0.0))), True),
-        ((Plane(0.0), Plane(0.1, (0.01, 0.0))), False),
-        ((Dome(0.0, 0.5, 30.0), Plane(0.5)), True),
-        ((Dome(0.0, 0.5, 30.0), Plane(0.3)), False),
-    ],
-)
-def test_only_layers_that_never_cross_are_served(geometries, serves):
-    layers = bitmaps.paint(Scene(CAMERA, tuple(Surface(geometry, Flat(), Full()) for geometry in geometries)))
-    assert layer_by_layer.can_serve(layers, CAMERA) is serves
+CROSSING = (Surface(Plane(0.0, (0.02, 0.0)), Checker(9.0)), Surface(Plane(0.0, (-0.02, 0.0)), Noise()))
+
+
+@pytest.mark.parametrize("surfaces", [SURFACES, (*SURFACES, *CROSSING)])
+def test_pictures_may_be_seen_from_any_points_and_registered_on_any_plane(surfaces):
+    layers = bitmaps.paint(Scene(CAMERA, tuple(surfaces)), reach=2.0)
+    p, q = torch.tensor([-1.3, 0.4], dtype=torch.float64), torch.tensor([0.9], dtype=torch.float64)
+    found = layer_by_layer.pictures(layers, CAMERA, p, q, -1.7)
+    x, y = CAMERA.pixels()
+    rays = p, q.expand(2), x - 1.7 * p[:, None, None], y - 1.7 * q
+    torch.testing.assert_close(found[0], render.radiance(layers, *rays), atol=1e-5, rtol=0)

@@ -88,12 +88,6 @@ def test_a_dome_breaks_through_a_plane_within_a_circle():
     assert bool((view[radius > edge + 1] == 0).all())
 
 
-def test_what_is_hidden_by_all_of_a_nearer_layer_is_not_looked_at():
-    surfaces = [Surface(Plane(d), Flat(), Disc(9.0) if d > 0 else Surface(Plane(d), Flat()).matte) for d in (-1, 0, 1)]
-    layers = bitmaps.paint(Scene(CAMERA, tuple(surfaces)))
-    assert [layer.surface.geometry.disparity for layer in render.visible(layers)] == [0, 1]
-
-
 @pytest.mark.parametrize("grid", [(1, 1), (2, 5), (4, 3)])
 def test_the_central_view_and_single_views_are_radiance_there(grid):
     camera = Camera(grid, (20, 23))

@@ -2,6 +2,8 @@ import dataclasses
 
 import pytest
 import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from lfref.errors import InputError
 from lfref.simulator import bitmaps, render, scenes, truth
@@ -10,9 +12,10 @@ from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.simulate import simulate
+from lfref.simulator.simulate import OUTPUTS, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
+from tests.simulator import drawing
 
 CAMERA = Camera(grid=(3, 3), size=(24, 30))
 SLOPES = [-0.5, 0.0, 0.5]
@@ -34,7 +37,8 @@ def test_only_what_is_asked_for_is_made():
     found = simulate(CARDS, outputs=["disparity"])
     assert found.views is None
     assert found.truth is None
-    assert {row.name for row in found.rows if row.state == "run"} == {"paint", "find disparity"}
+    ran = {row.name for row in found.rows if row.state == "run"}
+    assert ran == {"line up", "paint", "outline", "follow rays", "find disparity"}
 
 
 def test_views_and_truth_are_those_of_the_painted_layers():
@@ -53,20 +57,30 @@ def test_effects_that_are_off_are_skipped_for_a_reason():
     assert rows["view"].milliseconds > 0
 
 
+@pytest.mark.slow
+@settings(deadline=None, max_examples=200, suppress_health_check=list(HealthCheck))
+@given(drawing.SCENES, drawing.SENSORS, st.sampled_from(["square", "disc"]))
+def test_planned_equals_forced(scene, sensor, aperture):
+    camera = dataclasses.replace(scene.camera, aperture=aperture)
+    assert_planned_equals_forced(dataclasses.replace(scene, camera=camera, sensor=sensor))
+
+
 @pytest.mark.parametrize("seed", range(4))
-def test_planned_equals_forced(seed):
+def test_planned_equals_forced_also_in_few_scenes(seed):
     sensor = Sensor(exposure=Exposure(1.0 + seed % 2), noise=Noise(0.001, 1e-4) if seed > 1 else None)
-    scene = random_scene(seed, sensor=sensor)
-    planned, forced = (simulate(scene, outputs=["views"], slopes=SLOPES, force=force) for force in (False, True))
-    torch.testing.assert_close(planned.views, forced.views, atol=1e-6, rtol=0)
-    assert sum(row.state == "run" for row in forced.rows) > sum(row.state == "run" for row in planned.rows)
+    assert_planned_equals_forced(random_scene(seed, sensor=sensor))
 
 
-def test_disparity_is_that_of_the_nearest_surface_shown():
-    disparity = simulate(CARDS, outputs=["disparity"]).disparity
-    x = torch.arange(30) - 14.5
-    torch.testing.assert_close(disparity[12, 10:20], 0.5 + 0.01 * x[10:20])
-    assert disparity[0, 0] == -0.5
+def assert_planned_equals_forced(scene):
+    planned, forced = (simulate(scene, 0, OUTPUTS, slopes=[-2.3, 0.3], force=force) for force in (False, True))
+    for output in OUTPUTS:
+        found, expected = getattr(planned, output), getattr(forced, output)
+        scale = max(1.0, float(expected.abs().max()))
+        torch.testing.assert_close(found, expected, atol=1e-6 * scale, rtol=0)
+    # Draw for draw, and not to the nearest step of a quantisation either: the last bit agrees.
+    assert torch.equal(planned.views, forced.views)
+    n_planned, n_forced = (sum(row.state == "run" for row in found.rows) for found in (planned, forced))
+    assert n_forced == len(forced.rows) >= n_planned
 
 
 def test_a_seed_changes_noise_and_textures():
@@ -78,10 +92,23 @@ def test_a_seed_changes_noise_and_textures():
 
 @pytest.mark.parametrize("outputs", [[], ["pictures"]])
 def test_outputs_that_do_not_exist_are_refused(outputs):
-    with pytest.raises(InputError, match="outputs must be some of views, truth, disparity"):
+    with pytest.raises(InputError, match="outputs must be some of views, truth, disparity, all_in_focus, masks"):
         simulate(CARDS, outputs=outputs)
 
 
 def test_slopes_that_the_views_are_too_small_for_are_refused():
     with pytest.raises(InputError, match="less than half"):
         simulate(CARDS, slopes=[20.0])
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@settings(deadline=None, max_examples=30, suppress_health_check=list(HealthCheck))
+@given(drawing.SCENES, drawing.SENSORS)
+def test_a_gpu_simulates_the_same(scene, sensor):
+    # Rounding, and the tone curves near 0, make more of differences.
+    whole = dataclasses.replace(scene, sensor=dataclasses.replace(sensor, quantisation=None, tone_curve=None))
+    here, there = (simulate(whole, 0, OUTPUTS, [-2.3, 0.3], device=device) for device in ("cpu", "cuda"))
+    for output in OUTPUTS:
+        expected = getattr(here, output)
+        scale = max(1.0, float(expected.abs().max()))
+        torch.testing.assert_close(getattr(there, output).cpu(), expected, atol=1e-5 * scale, rtol=0)

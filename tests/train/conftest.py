@@ -13,10 +13,13 @@ from lfref.geometry import FocalPlanes
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 from lfref.train.module import Refocusing
 from lfref.train.storage import AtomicCheckpointIO
 
 PLANES = FocalPlanes((0.5, 1.0, 2.0))
+SCENES = RandomScenes(Camera((3, 3), (32, 32)))
 
 
 @pytest.fixture
@@ -28,7 +31,7 @@ def module() -> Refocusing:
 @pytest.fixture
 def data() -> SimulatedData:
     labels = LabelSource("shift_and_sum", shift_and_sum, PLANES)
-    return SimulatedData(labels, n_fields=3, n_validation=2, size=(32, 32), grid=(3, 3), patch=24, patches_per_field=2)
+    return SimulatedData(labels, n_fields=3, n_validation=2, scenes=SCENES, patch=24, patches_per_field=2)
 
 
 @pytest.fixture

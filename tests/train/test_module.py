@@ -51,6 +51,13 @@ class TestFit:
         assert refocuser.alphas == (0.5, 1.0, 2.0)
         assert torch.equal(refocuser(views), module.net.eval()(views))
 
+    def test_a_run_that_is_repeated_is_bit_equal(self, module, data, trainer):
+        twin = copy.deepcopy(module)
+        for each in (module, twin):
+            trainer(max_epochs=1, callbacks=[HeadInitialization()]).fit(each, datamodule=data)
+        for name, value in module.state_dict().items():
+            assert torch.equal(value, twin.state_dict()[name]), name
+
 
 def test_another_number_of_planes_than_the_labels_is_refused(module):
     with pytest.raises(InputError, match=r"net\.n_planes=2"):

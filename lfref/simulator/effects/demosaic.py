@@ -58,11 +58,13 @@ def demosaicked(raw: Tensor, pattern: str) -> Tensor:
         Radiance, [..., 3, H, W].
     """
     pictures = F.pad(raw.reshape(-1, 1, *raw.shape[-2:]), (2, 2, 2, 2), mode="reflect")
+    # A GPU's convolution keeps but ten bits of float32.
+    pictures = pictures.double() if pictures.is_cuda else pictures
     views = raw.new_empty(len(pictures), 3, *raw.shape[-2:])
     for row, channels in enumerate(PATTERNS[pattern]):
         for column, channel in enumerate(channels):
             # Only the pixels of this phase: the filters step by two.
-            weight = _filters(channel, PATTERNS[pattern][row][1 - column]).to(raw)
+            weight = _filters(channel, PATTERNS[pattern][row][1 - column]).to(pictures)
             views[..., row::2, column::2] = F.conv2d(pictures[..., row:, column:], weight[:, None], stride=2)
     return views.reshape(*raw.shape[:-3], 3, *raw.shape[-2:])
 

@@ -1,0 +1,87 @@
+"""What the page on hard cases quotes, from the tables of `lfref bench group=stability`, and its picture, tried anew."""
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import torch
+from matplotlib.figure import Figure
+
+from lfref.bench.stability import images
+from lfref.bench.stability import trials as trials_of
+from lfref.bench.stability.catalogue import Case, Demand
+from lfref.functional.psnr import inverse_psnr_of_mse
+from lfref.report import stability, tables, wording
+from lfref.report.tables import Row
+
+ROOT = Path(__file__).resolve().parents[1]
+RUN = ROOT / "runs" / "figures" / "stability"
+SHOWN = ("1 - SSIM", "loss")
+PRECISIONS = ("float32", "float16", "autocast bfloat16")
+BENIGN = ("benign", "saturated", "black prediction", "11 pixels wide", "batch of 1", "channels last")
+DECIBELS = (120, 110, 100, 50, 20 / math.log(10), 6, 3, 1, 0, -6)
+
+
+def goals() -> Iterator[str]:
+    """Every goal with what was measured, and how our trials and the usual ones ended."""
+    yield "| figure | goal | measured | usual form | holds |"
+    yield "|---|---|---|---|---|"
+    for row in tables.read_table(RUN / "goals.csv"):
+        cells = (row["figure"], row["goal"], _number(row["measured"]), _number(row["usual"]), row["holds"])
+        yield f"| {' | '.join(cells)} |"
+
+
+def trials() -> Iterator[str]:
+    """How many trials hold, ours beside the usual ones, and which of ours do not."""
+    rows = tables.read_table(RUN / "stability.csv")
+    yield "| component | ours hold | usual form | it holds |"
+    yield "|---|---|---|---|"
+    for (component,), members in tables.grouped(rows, "component").items():
+        ours, *others = tables.grouped(members, "formulation").items()
+        usual = others or [(("",), [])]
+        for (name,), trials_of_usual in usual:
+            yield f"| {component} | {_held(ours[1])} | {name} | {_held(trials_of_usual)} |"
+    yield ""
+    yield "Of ours these do not hold:"
+    yield ""
+    lost = [row for row in rows if row["formulation"] == stability.OURS and row["holds"] != "yes"]
+    for (component, outcome), members in tables.grouped(lost, "component", "outcome").items():
+        cases = ", ".join(row["note"] or f"{row['case']} in {row['precision']}" for row in members)
+        yield f"- {component}: {outcome} ({cases})"
+
+
+def departures() -> Iterator[str]:
+    """1 / PSNR as the paper has it and as it is here, inside and outside of the range where both are one."""
+    yield "| PSNR, dB | paper | here |"
+    yield "|---|---|---|"
+    for decibel in DECIBELS:
+        ours = float(inverse_psnr_of_mse(torch.tensor(10 ** (-decibel / 10), dtype=torch.float64)))
+        paper = f"{1 / decibel:.5f}" if decibel else "infinite"
+        yield f"| {decibel:.4g} | {paper} | {ours:.5f} |".replace("-", wording.MINUS)
+    ours = float(inverse_psnr_of_mse(torch.zeros((), dtype=torch.float64)))
+    yield f"| infinite | 0, gradient not a number | {ours:.5f} |"
+
+
+def picture() -> Figure:
+    """Trials of 1 - SSIM and of the loss in three precisions, on the cases that take no seconds and are not benign."""
+    components = [component for component in images.components() if component.name in SHOWN]
+    quick = [each._replace(cases=tuple(case for case in each.cases if _is_shown(case))) for each in components]
+    return stability.heat_map([row for row in trials_of.trials(quick) if row["precision"] in PRECISIONS])
+
+
+def _is_shown(case: Case) -> bool:
+    return not case.is_large and case.demand == Demand.ACCURATE and case.name not in BENIGN
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {"stability.png": picture}
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"goals": goals, "trials": trials, "departures": departures}
+
+
+def _held(rows: list[Row]) -> str:
+    return f"{sum(row['holds'] == 'yes' for row in rows)} of {len(rows)}" if rows else ""
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ""
+    return "not finite" if math.isnan(value) else wording.cell_for_people("measured", value)

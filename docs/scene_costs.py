@@ -1,0 +1,45 @@
+"""What the page on the simulator quotes from the tables of `lfref bench group=simulate`."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from lfref.report import tables
+
+RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "simulate"
+LARGE = 0.1
+"""Share of a scene's time from which a pass is named."""
+
+
+def costs() -> Iterator[str]:
+    """Planned beside forced time by scene, and where the planned time goes."""
+    shares = tables.grouped(tables.read_table(RUN / "passes.csv"), "scene")
+    yield "| scene | views, ms | forced / planned | truth, ms | forced / planned | most of the time |"
+    yield "|---|---|---|---|---|---|"
+    for (scene,), members in tables.grouped(tables.read_table(RUN / "simulate.csv"), "scene").items():
+        cells = [f"{1e3 * row['planned_s']:.0f} | {row['forced_over_planned']:.2f}" for row in members]
+        large = sorted((row for row in shares[scene,] if row["share"] >= LARGE), key=lambda row: -row["share"])
+        named = ", ".join(f"{row['pass']} {100 * row['share']:.0f} %" for row in large)
+        yield f"| {scene} | {' | '.join(cells)} | {named} |"
+    facts = json.loads((RUN / "machine.json").read_text())
+    yield ""
+    yield f"Scenes of sim30 (version {facts['sim30']}), {facts['planes']} planes; {facts['processor']},"
+    yield f"{facts['threads']} threads, {facts['repeats']} rounds. Random scenes of 3 to 5 surfaces, 192x192, one patch"
+    yield "each, in one process:"
+    yield ""
+    for row in tables.read_table(RUN / "rates.csv"):
+        yield f"- {row['asked']}: {row['per_second']:.1f} patches a second"
+
+
+def distances() -> Iterator[str]:
+    """Shift-and-sum of the views against the truth, plane by plane."""
+    groups = tables.grouped(tables.read_table(RUN / "alphas.csv"), "alpha")
+    methods = tables.names((row for members in groups.values() for row in members), "method")
+    yield f"| alpha | {' | '.join(f'{method}, mean, dB | worst scene, dB' for method in methods)} |"
+    yield "|---" * (1 + 2 * len(methods)) + "|"
+    for (alpha,), members in groups.items():
+        cells = [f"{row['mean_db']:.1f} | {row['worst_db']:.1f} ({row['worst_scene']})" for row in members]
+        yield f"| {alpha:g} | {' | '.join(cells)} |"
+
+
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"simulate": costs, "distances": distances}

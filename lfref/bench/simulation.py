@@ -1,0 +1,229 @@
+"""What simulating costs, pass by pass, and how far refocused views are from the truth.
+
+Planned passes run where they change a result; forced ones run all the same. A scene of few effects should cost less
+planned, and one of all effects no more. Errors are where every view covers every pixel.
+Letters: `N` planes, `H W` height and width.
+"""
+
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from lfref.bench import accuracy, timing
+from lfref.bench.accuracy import Row
+from lfref.bench.methods import Method
+from lfref.functional.psnr import psnr
+from lfref.geometry import FocalPlanes, Slopes
+from lfref.simulator import bitmaps, truth
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import Scenes
+from lfref.simulator.simulate import Simulated, simulate
+
+ASKED = {"views": ("views",), "truth": ("truth",), "views and truth": ("views", "truth")}
+"""Results by what tables call them."""
+
+
+class Work(NamedTuple):
+    """One simulation that is timed."""
+
+    scene: Scene
+    asked: str
+    """A key of `ASKED`."""
+    is_forced: bool
+
+    def run(self, slopes: Slopes, device: torch.device) -> Simulated:
+        """Simulate."""
+        return simulate(self.scene, 0, ASKED[self.asked], slopes, self.is_forced, device)
+
+
+def costs(
+    scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device, rounds: Iterable[int], warmup: int = 1
+) -> list[Row]:
+    """Time planned against forced simulation of every scene, all taking turns.
+
+    Args:
+        scenes: By class.
+        slopes: Of the truth's planes in pixels per view step, [N].
+        device: Where it is rendered.
+        rounds: One item a round.
+        warmup: How many of the first rounds do not count.
+
+    Returns:
+        Rows `scene, asked, planned_s, forced_s, forced_over_planned` with medians in seconds.
+    """
+    watches = {
+        (name, asked, is_forced): functools.partial(
+            timing.seconds, functools.partial(Work(scene, asked, is_forced).run, slopes, device), device
+        )
+        for name, scene in scenes.items()
+        for asked in ("views", "truth")
+        for is_forced in (False, True)
+    }
+    median = {key: timing.summary(times).median for key, times in timing.in_turns(watches, rounds, warmup).items()}
+    return [
+        {
+            "scene": name,
+            "asked": asked,
+            "planned_s": median[name, asked, False],
+            "forced_s": median[name, asked, True],
+            "forced_over_planned": median[name, asked, True] / median[name, asked, False],
+        }
+        for name, asked, is_forced in watches
+        if not is_forced
+    ]
+
+
+def passes(scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device) -> list[Row]:
+    """Time of every pass that runs for views and truth.
+
+    Args:
+        scenes: By class.
+        slopes: Of the truth's planes in pixels per view step, [N].
+        device: Where it is rendered.
+
+    Returns:
+        Rows `scene, pass, milliseconds, share`; the shares of a scene add up to 1.
+    """
+    rows: list[Row] = []
+    for name, scene in scenes.items():
+        work = Work(scene, "views and truth", False)
+        work.run(slopes, device)  # compiles what is not compiled yet
+        taken = {row.name: row.milliseconds for row in work.run(slopes, device).rows if row.milliseconds is not None}
+        total = sum(taken.values())
+        rows += [
+            {"scene": name, "pass": each, "milliseconds": spent, "share": spent / total}
+            for each, spent in taken.items()
+        ]
+    return rows
+
+
+def rates(scenes: Scenes, n_scenes: int, slopes: Slopes, device: torch.device) -> list[Row]:
+    """How many random scenes are simulated in a second, one patch each, in this process.
+
+    Args:
+        scenes: Where they come from, of the size of a patch.
+        n_scenes: How many.
+        slopes: Of the truth's planes in pixels per view step, [N].
+        device: Where they are rendered.
+
+    Returns:
+        Rows `asked, n_scenes, median_s, per_second`.
+    """
+    rows: list[Row] = []
+    for asked in ("views", "views and truth"):
+        works = [Work(scenes.scene(0, 0, index), asked, False) for index in range(n_scenes + 1)]
+        _first, *times = [timing.seconds(functools.partial(work.run, slopes, device), device) for work in works]
+        rows.append(
+            {
+                "asked": asked,
+                "n_scenes": n_scenes,
+                "median_s": timing.summary(times).median,
+                "per_second": n_scenes / sum(times),
+            }
+        )
+    return rows
+
+
+@torch.no_grad()
+def distances(
+    scenes: Iterable[tuple[str, Scene]], methods: Sequence[Method], planes: FocalPlanes, device: torch.device
+) -> list[Row]:
+    """How far stacks of refocused views are from the truth, linear and without the sensor's effects.
+
+    Args:
+        scenes: Names and scenes.
+        methods: Refocus the views.
+        planes: Of the stacks.
+        device: Where all is done.
+
+    Returns:
+        Rows `scene, method, alpha, psnr_db`.
+    """
+    rows: list[Row] = []
+    for name, scene in scenes:
+        # A sensor's noise and clipping are no fault of refocusing.
+        clean = replace(scene, sensor=Sensor())
+        made = simulate(clean, 0, ("views", "truth"), planes.slopes, device=device)
+        assert made.views is not None
+        assert made.truth is not None
+        for method in methods:
+            errors = plane_errors(method.refocus(made.views, planes.slopes), made.truth, planes.slopes, made.views)
+            rows += [
+                {"scene": name, "method": method.name, "alpha": alpha, "psnr_db": value}
+                for alpha, value in zip(planes.alphas, errors, strict=True)
+            ]
+    return rows
+
+
+def plane_errors(stack: Tensor, reference: Tensor, slopes: Tensor, views: Tensor) -> list[float]:
+    """PSNR of every plane in dB, where every view covers the pixel; peak 1.
+
+    Args:
+        stack: [N, C, H, W].
+        reference: Likewise.
+        slopes: Of the planes in pixels per view step, [N].
+        views: That the stack was made of, [V, U, C, H, W].
+    """
+    grid = (views.shape[0], views.shape[1])
+    return [
+        accuracy.interior_errors(image[None], true[None], slope[None], grid)[0]
+        for image, true, slope in zip(stack.cpu(), reference.cpu(), slopes, strict=True)
+    ]
+
+
+def by_alpha(rows: Iterable[Row]) -> list[Row]:
+    """Mean and worst distance from the truth over scenes.
+
+    Args:
+        rows: Of `distances`.
+
+    Returns:
+        Rows `method, alpha, mean_db, worst_db, worst_scene`.
+    """
+    groups: dict[tuple[str, float], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((str(row["method"]), float(str(row["alpha"]))), []).append(row)
+    return [
+        {
+            "method": method,
+            "alpha": alpha,
+            "mean_db": sum(_db(row) for row in group) / len(group),
+            "worst_db": _db(worst := min(group, key=_db)),
+            "worst_scene": worst["scene"],
+        }
+        for (method, alpha), group in groups.items()
+    ]
+
+
+@torch.no_grad()
+def aperture_errors(
+    scenes: Iterable[tuple[str, Scene]], planes: FocalPlanes, n_cells: int, device: torch.device
+) -> list[Row]:
+    """How far truths through as many cells as each plane needs are from those through very many.
+
+    Args:
+        scenes: Names and scenes.
+        planes: Of the truths.
+        n_cells: Cells along the aperture's longer side of the reference.
+        device: Where they are rendered.
+
+    Returns:
+        Rows `scene, psnr_db, worst_alpha`, the PSNR that of the worst plane.
+    """
+    rows: list[Row] = []
+    for name, scene in scenes:
+        layers = bitmaps.paint(scene, device, float(planes.slopes.abs().max()))
+        adaptive, brute = (truth.stack(layers, scene.camera, planes.slopes, 1.0, count) for count in (None, n_cells))
+        quality = psnr(adaptive, brute)
+        worst = int(quality.argmin())
+        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_alpha": planes.alphas[worst]})
+    return rows
+
+
+def _db(row: Row) -> float:
+    return float(str(row["psnr_db"]))

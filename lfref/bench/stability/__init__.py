@@ -1,0 +1,1 @@
+"""Hard cases: what they are, what is tried on them, and what must hold."""

@@ -1,0 +1,155 @@
+"""What is right: the same quantities in float64, in forms whose every step is well conditioned.
+
+They share no code with what they judge: local means are products with banded matrices, views are read through a
+matrix of the interpolation's kernel, the continuation of 1 / PSNR is written out piece by piece.
+Letters: `x y` prediction and target, [..., C, H, W]; `d` distance in pixels, `s` slope, `m` mean squared error.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from lfref.losses.composite import paper_weights
+
+C1, C2 = 0.01**2, 0.03**2
+RADIUS, SIGMA = 5, 1.5
+FLOOR, JOIN = 1e-10, math.exp(-2)
+"""The mean squared errors between which 1 / PSNR is the paper's: 100 and 8.69 dB."""
+_K = math.log(10) / 10
+
+
+def mse(x: Tensor, y: Tensor) -> Tensor:
+    """Mean squared error of each image, [...]."""
+    return (x - y).square().mean((-3, -2, -1))
+
+
+def l1(x: Tensor, y: Tensor) -> Tensor:
+    """Mean absolute error of each image, [...]."""
+    return (x - y).abs().mean((-3, -2, -1))
+
+
+def psnr(x: Tensor, y: Tensor) -> Tensor:
+    """PSNR in dB, at most 100, [...]."""
+    return -10 * mse(x, y).clamp(min=FLOOR).log10()
+
+
+def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
+    """1 / PSNR between 100 and 8.69 dB, its tangents beyond, [...]."""
+    m = mse(x, y)
+    low, high = (-_K / math.log(end) + _K / (end * math.log(end) ** 2) * (m - end) for end in (FLOOR, JOIN))
+    return torch.where(m < FLOOR, low, torch.where(m > JOIN, high, -_K / m.clamp(FLOOR, JOIN).log()))
+
+
+def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
+    """1 - SSIM of each image, through the differences, each plane centred, [...]."""
+    d, s = x - y, (x - _mean(x)) + (y - _mean(y))
+    (mu_d, var_d), (mu_s, var_s) = _local(d), _local(s)
+    mu_s = mu_s + _mean(x) + _mean(y)
+    a = 2 * mu_d.square() / (mu_s.square() + mu_d.square() + 2 * C1)
+    b = 2 * var_d / (var_s + var_d + 2 * C2)
+    return (a + b - a * b).mean((-3, -2, -1))
+
+
+def ssim(x: Tensor, y: Tensor) -> Tensor:
+    """SSIM of each image, [...]."""
+    return 1 - one_minus_ssim(x, y)
+
+
+def composite(x: Tensor, y: Tensor) -> Tensor:
+    """The paper's loss, [...]."""
+    weights, terms = paper_weights(), {"mse": mse, "l1": l1, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}
+    return torch.stack([weights[name] * term(x, y) for name, term in terms.items()]).sum(0)
+
+
+def _mean(planes: Tensor) -> Tensor:
+    return planes.mean((-2, -1), keepdim=True)
+
+
+def _local(planes: Tensor) -> tuple[Tensor, Tensor]:
+    """Local mean and variance, from values centred by the plane's mean."""
+    centre = _mean(planes)
+    rows, columns = (_window(length) for length in planes.shape[-2:])
+    mean, square = (rows @ part @ columns.mT for part in (planes - centre, (planes - centre).square()))
+    return mean + centre, (square - mean.square()).clamp(min=0)
+
+
+@functools.cache
+def _window(length: int) -> Tensor:
+    """Gaussian local means along an axis that is reflected at its ends, [length, length]."""
+    offsets = torch.arange(-RADIUS, RADIUS + 1)
+    weights = (-offsets.double().square() / (2 * SIGMA**2)).softmax(0)
+    place = (torch.arange(length)[:, None] + offsets).abs()
+    place = length - 1 - (length - 1 - place).abs()
+    return torch.zeros(length, length, dtype=torch.float64).scatter_add_(1, place, weights.expand(length, -1))
+
+
+Kernel = Callable[[Tensor], Tensor]
+"""Weight of a sample at a distance in pixels."""
+
+
+def _linear(d: Tensor) -> Tensor:
+    return (1 - d.abs()).clamp(min=0)
+
+
+def _cubic(d: Tensor) -> Tensor:
+    d = d.abs()
+    near, far = (1.5 * d - 2.5) * d * d + 1, ((-0.5 * d + 2.5) * d - 4) * d + 2
+    return torch.where(d < 1, near, torch.where(d < 2, far, 0.0))
+
+
+KERNELS: dict[str, Kernel] = {"nearest": _linear, "linear": _linear, "cubic": _cubic}
+
+
+def refocused(
+    views: Tensor, slopes: Tensor, weights: Tensor, interpolation: str = "exact", border: str = "wrap"
+) -> Tensor:
+    """The stack by matrices: the weighted sum of `rows @ view @ columns^T`, over the weight of the views that count.
+
+    Args:
+        views: [V, U, C, H, W], float64; views of weight 0 are not read.
+        slopes: In pixels per view step, [N].
+        weights: Of the views, [V, U].
+        interpolation: A key of `KERNELS`, or `exact` (periodic only).
+        border: `wrap`, `edge`, or `renormalize`: only views with a sample count.
+
+    Returns:
+        Stack, [N, C, H, W].
+    """
+    share = weights / weights.max()
+    return torch.stack([_plane(views, float(s), share / share.sum(), interpolation, border) for s in slopes])
+
+
+def _plane(views: Tensor, slope: float, share: Tensor, interpolation: str, border: str) -> Tensor:
+    total, covered = torch.zeros_like(views[0, 0]), torch.zeros_like(views[0, 0, 0])
+    for v, u in share.nonzero().tolist():
+        down, right = slope * (v - (share.shape[0] - 1) / 2), slope * (u - (share.shape[1] - 1) / 2)
+        rows, has_row = _reading(down, views.shape[-2], interpolation, border)
+        columns, has_column = _reading(right, views.shape[-1], interpolation, border)
+        weight = share[v, u] * has_row[:, None] * has_column
+        total, covered = total + weight * (rows @ views[v, u] @ columns.mT), covered + weight
+    return torch.where(covered > 0, total / covered, 0.0)
+
+
+def _reading(shift: float, length: int, interpolation: str, border: str) -> tuple[Tensor, Tensor]:
+    """The matrix that reads a shifted axis, [length, length], and where it has a sample, 1 or 0, [length]."""
+    x = torch.arange(length, dtype=torch.float64)
+    if interpolation == "exact":
+        return _dirichlet(x[:, None] + shift - x, length), torch.ones_like(x)
+    shift = math.floor(shift + 0.5) if interpolation == "nearest" else shift
+    reach = math.ceil(abs(shift)) + 3
+    samples = torch.arange(-reach, length + reach)
+    place = samples % length if border == "wrap" else samples.clamp(0, length - 1)
+    weights = KERNELS[interpolation](x[:, None] + shift - samples)
+    matrix = torch.zeros(length, length, dtype=torch.float64).index_add_(1, place, weights)
+    is_on_view = (x + shift >= 0) & (x + shift <= length - 1)
+    return matrix, (is_on_view | (border != "renormalize")).double()
+
+
+def _dirichlet(d: Tensor, length: int) -> Tensor:
+    """Trigonometric interpolation; of even sizes with the real part of the Nyquist bin."""
+    d = d - length * (d / length).round()
+    at_nyquist = (math.pi * d / length).cos() if length % 2 == 0 else 1.0
+    return torch.sinc(d) / torch.sinc(d / length) * at_nyquist

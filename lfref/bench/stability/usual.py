@@ -1,0 +1,181 @@
+"""The formulations that are in wide use, as they are written everywhere, for the table to stand beside ours.
+
+None of them is a straw man: on benign input in float32 each is as right as its definition lets it be.
+Letters: `x y` prediction and target, [B, C, H, W]; `u v` view column and row, `s` slope in pixels per view step.
+"""
+
+import importlib
+import importlib.util
+from collections.abc import Callable, Mapping
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
+
+from lfref import geometry
+from lfref.functional.psnr import CEILING_DB
+from lfref.losses.composite import paper_weights
+from lfref.refocus.kernels import kaiser_bessel
+
+_DIMENSIONS = (-3, -2, -1)
+RADIUS = 5  # pixels that the window of SSIM reaches to each side
+
+
+def mse(x: Tensor, y: Tensor) -> Tensor:
+    """PyTorch's squared error, averaged in the type of the images, [B]."""
+    return F.mse_loss(x, y, reduction="none").mean(_DIMENSIONS)
+
+
+def l1(x: Tensor, y: Tensor) -> Tensor:
+    """PyTorch's absolute error, [B]."""
+    return F.l1_loss(x, y, reduction="none").mean(_DIMENSIONS)
+
+
+def psnr(x: Tensor, y: Tensor) -> Tensor:
+    """Torchmetrics' PSNR, capped as ours is, so that identical images are compared alike, [B]."""
+    values = [peak_signal_noise_ratio(a, b, data_range=1.0) for a, b in zip(x, y, strict=True)]
+    return torch.stack(values).clamp(max=CEILING_DB)
+
+
+def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
+    """The paper's psi_2 as it stands, [B]."""
+    return 1 / (-10 * torch.log10(mse(x, y)))
+
+
+def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
+    """One less torchmetrics' SSIM, [B]."""
+    values = structural_similarity_index_measure(x, y, data_range=1.0, reduction="none")
+    assert isinstance(values, Tensor)
+    return 1 - values.reshape(-1)
+
+
+def one_minus_ssim_of_package(x: Tensor, y: Tensor) -> Tensor:
+    """One less the SSIM of the package pytorch-msssim, with the borders reflected as torchmetrics does, [B]."""
+    package = importlib.import_module("pytorch_msssim")
+    padded = (F.pad(images, (RADIUS,) * 4, mode="reflect") for images in (x, y))
+    return 1 - package.ssim(*padded, data_range=1.0, size_average=False)
+
+
+def ssim(x: Tensor, y: Tensor) -> Tensor:
+    """Torchmetrics' SSIM, [B]."""
+    return 1 - one_minus_ssim(x, y)
+
+
+def composite(x: Tensor, y: Tensor) -> Tensor:
+    """The paper's loss of these parts, [B]."""
+    weights, terms = paper_weights(), {"mse": mse, "l1": l1, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}
+    return torch.stack([weights[name] * term(x, y) for name, term in terms.items()]).sum(0)
+
+
+SSIMS: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = {"torchmetrics": one_minus_ssim} | (
+    {"pytorch-msssim": one_minus_ssim_of_package} if importlib.util.find_spec("pytorch_msssim") else {}
+)
+"""Those that are installed."""
+
+
+def grid_sample(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    """Shift-and-sum by `grid_sample`, edges repeated, in the type of the views, [N, C, H, W]."""
+    share = weights.to(views.dtype) / weights.to(views.dtype).sum()
+    return torch.stack([_warped(views, float(slope), share) for slope in slopes])
+
+
+def _warped(views: Tensor, slope: float, share: Tensor) -> Tensor:
+    height, width = views.shape[-2:]
+    rows, columns = (slope * geometry.angular_offsets(n) for n in share.shape)
+    scale = torch.tensor([2 / max(width - 1, 1), 2 / max(height - 1, 1)])
+    centre = torch.tensor([width - 1, height - 1]) / 2
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    grid = torch.stack(
+        [x + columns[:, None, None].expand(-1, *x.shape), y + torch.zeros_like(columns)[:, None, None]], -1
+    )
+    total = torch.zeros_like(views[0, 0])
+    for v in range(share.shape[0]):
+        moved = grid + torch.tensor([0.0, float(rows[v])])
+        samples = F.grid_sample(
+            views[v], ((moved - centre) * scale).to(views.dtype), padding_mode="border", align_corners=True
+        )
+        total = total + (samples * share[v, :, None, None, None]).sum(0)
+    return total
+
+
+def phase_ramps(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    """Fourier shifts with phases of float32 and no care for the Nyquist bin, [N, C, H, W]."""
+    share, size = weights.to(views.dtype) / weights.to(views.dtype).sum(), views.shape[-2:]
+    spectra = torch.fft.rfft2(views * share[:, :, None, None, None])
+    ky, kx = torch.fft.fftfreq(size[0])[:, None], torch.fft.rfftfreq(size[1])
+    v, u = (geometry.angular_offsets(n).float() for n in share.shape)
+    crossing = v[:, None, None, None] * ky + u[:, None, None] * kx
+    ramps = [torch.exp(2j * torch.pi * float(slope) * crossing)[:, :, None] for slope in slopes]
+    return torch.stack([torch.fft.irfft2((spectra * ramp).sum((0, 1)), s=size) for ramp in ramps])
+
+
+def slice_without_compensation(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    """A slice read with a Kaiser-Bessel kernel, the views not divided by its transform, [N, C, H, W]."""
+    share, size = weights.to(views.dtype) / weights.to(views.dtype).sum(), views.shape[-2:]
+    spectra = torch.fft.rfft2(views * share[:, :, None, None, None])
+    planes = []
+    for slope in slopes.float():
+        rows = _read(slope * torch.fft.fftfreq(size[0]), share.shape[0])
+        columns = _read(slope * torch.fft.rfftfreq(size[1]), share.shape[1])
+        planes.append(torch.fft.irfft2(torch.einsum("vuchk,vh,uk->chk", spectra, rows, columns), s=size))
+    return torch.stack(planes)
+
+
+def _read(crossing: Tensor, n_views: int, width: int = 4, padding: int = 2) -> Tensor:
+    padded, kernel = padding * n_views, kaiser_bessel(width, padding)
+    position = -crossing[:, None] * padded
+    bins = (position - width / 2).ceil() + torch.arange(width + 1)
+    offsets = geometry.angular_offsets(n_views).float()
+    ramps = torch.exp(-2j * torch.pi * bins * offsets[:, None, None] / padded)
+    taps = kernel.weight((position - bins).double()) / kernel.transform(torch.zeros(1, dtype=torch.float64))
+    return (taps.float() * ramps).sum(-1)
+
+
+class Softplus(nn.Module):
+    """log(1 + e^x) as it is written."""
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Any shape, elementwise."""
+        return torch.log(1 + torch.exp(features))
+
+
+class Standardized(nn.Module):
+    """(x - mean) / deviation as the paper writes it, without a constant in the denominator.
+
+    Args:
+        axes: Over which mean and deviation are taken.
+        groups: Into which the channels are split first.
+    """
+
+    def __init__(self, axes: tuple[int, ...], groups: int | None = None) -> None:
+        super().__init__()
+        self.axes, self.groups = axes, groups
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Features [B, C, H, W] of the same shape."""
+        groups = self.groups or features.shape[1]
+        split = features.reshape(len(features), groups, -1, *features.shape[-2:])
+        deviation, mean = torch.std_mean(split, self.axes, correction=0, keepdim=True)
+        return ((split - mean) / deviation).reshape(features.shape)
+
+
+def rewritten(network: nn.Module) -> nn.Module:
+    """The same network with the usual softplus and normalisation in place of PyTorch's, in place.
+
+    Args:
+        network: Normalisations without learned scale and offset yet.
+    """
+    for module in network.modules():
+        for name, child in module.named_children():
+            if type(child) in REWRITES:
+                setattr(module, name, REWRITES[type(child)](child))
+    return network
+
+
+REWRITES: dict[type, Callable[..., nn.Module]] = {
+    nn.Softplus: lambda old: Softplus(),
+    nn.InstanceNorm2d: lambda old: Standardized((2, 3, 4)),
+    nn.BatchNorm2d: lambda old: Standardized((0, 2, 3, 4)),
+    nn.GroupNorm: lambda old: Standardized((2, 3, 4), old.num_groups),
+}

@@ -1,0 +1,56 @@
+"""Group `simulate`: what simulating costs by scene and by pass, and how far refocused views are from the truth."""
+
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from lfref.bench import simulation
+from lfref.bench.methods import Method
+from lfref.cli import config as configs
+from lfref.cli.benches import shared
+from lfref.cli.command import device_of, log, progress
+from lfref.errors import chosen
+from lfref.geometry import FocalPlanes
+from lfref.report import drawing, tables
+from lfref.report import simulation as pictures
+from lfref.simulator import sim30
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import Scenes
+
+
+def simulate(config: DictConfig, folder: Path) -> None:
+    """Write `simulate.csv`, `passes.csv`, `rates.csv`, `truth.csv`, `alphas.csv` and their picture; see the docs.
+
+    Args:
+        config: `conf/bench.yaml` with `group=simulate`.
+        folder: The run folder.
+    """
+    device, rounds = device_of(config.device), shared.rounds(config)
+    planes: FocalPlanes = configs.build(config.planes)
+    classes, judged = _scenes(config.classes), _scenes(config.judged)
+    patches: Scenes = configs.build(config.patches)
+    methods = [Method(entry.name, configs.build(entry.operator)) for entry in config.methods.values()]
+    costs = simulation.costs(classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup)
+    distances = simulation.distances(progress(list(judged.items()), "photographing"), methods, planes, device)
+    alphas = simulation.by_alpha(distances)
+    written = {
+        "simulate": costs,
+        "passes": simulation.passes(classes, planes.slopes, device),
+        "rates": simulation.rates(patches, int(configs.number(config, "n_patches", 1)), planes.slopes, device),
+        "truth": distances,
+        "alphas": alphas,
+    }
+    if config.n_cells is not None:
+        n_cells, scenes = int(configs.number(config, "n_cells", 1)), progress(list(judged.items()), "brute force")
+        written["aperture"] = simulation.aperture_errors(scenes, planes, n_cells, device)
+    for name, rows in written.items():
+        tables.write_table(folder / f"{name}.csv", rows)
+    drawing.save_figure(pictures.costs_and_distances(costs, alphas), folder / "simulate.png")
+    shared.write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
+    log.info("%d classes of scenes, %d scenes judged: %s", len(classes), len(judged), folder / "simulate.csv")
+
+
+def _scenes(names: DictConfig) -> dict[str, Scene]:
+    """Test scenes by name; null takes all thirty."""
+    wanted = list(sim30.SCENES) if names is None else list(configs.plain(names))
+    return {name: chosen("sim30 scene", name, sim30.SCENES) for name in wanted}

@@ -1,0 +1,161 @@
+"""sim30: thirty fixed scenes that span what the simulator knows, the counterpart of the 30 Scenes test set.
+
+Their disparities lie among the slopes of the paper's planes in either convention, most of them between -1 and 0.5
+pixels per view step. Figures are comparable between equal `VERSION`s.
+"""
+
+import dataclasses
+import hashlib
+
+from lfref.errors import chosen
+from lfref.simulator.effects.chromatic import Chromatic
+from lfref.simulator.effects.clipping import Clipping
+from lfref.simulator.effects.crosstalk import Crosstalk
+from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator.effects.misalignment import Misalignment
+from lfref.simulator.effects.mosaic import Mosaic
+from lfref.simulator.effects.noise import Noise as SensorNoise
+from lfref.simulator.effects.quantisation import Quantisation
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.tone_curve import ToneCurve
+from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.effects.white_balance import WhiteBalance
+from lfref.simulator.materials import Emissive, Glass, Glossy, Mirror
+from lfref.simulator.mattes import Disc, Leaf, Perforated, Polygon, Twigs
+from lfref.simulator.scene import Camera, Light, Scene, Surface
+from lfref.simulator.scenes import Fixed
+from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
+
+CAMERA = Camera(grid=(7, 7), size=(128, 192))
+ROUND = dataclasses.replace(CAMERA, aperture="disc")
+DAY = Light()
+IDEAL = Sensor()
+
+# What several scenes are made of.
+STONE = Noise((0.45, 0.43, 0.40), (0.25, 0.25, 0.25), exponent=1.2)
+MOSS = Noise((0.25, 0.40, 0.20), (0.18, 0.22, 0.15), exponent=1.4, hardness=0.5)
+BARK = Noise((0.35, 0.25, 0.17), (0.20, 0.16, 0.12), exponent=1.1, hardness=0.6)
+SKY = Gradient(260, (0.35, 0.50, 0.75), (0.85, 0.88, 0.92), angle=90, phase=0.25)
+CLOTH = Checker(16, (0.75, 0.15, 0.12), (0.90, 0.86, 0.78), angle=12)
+LINES = Stripes(9, (0.08, 0.08, 0.10), (0.92, 0.92, 0.88), angle=65)
+PAPER = Flat((0.85, 0.84, 0.80))
+WALL = Surface(Plane(-1.0), STONE)
+GARDEN = Surface(Plane(-0.6), MOSS)
+LEAVES = (
+    Surface(Plane(-0.2), MOSS, Leaf(90, 30, 25, (-40, 10))),
+    Surface(Plane(0.15), BARK, Leaf(80, 26, -50, (35, -15))),
+    Surface(Plane(0.4), MOSS, Leaf(110, 34, 80, (60, 20))),
+)
+TWIGS = (
+    Surface(Plane(0.0), BARK, Twigs(45, 4, 4, -80, (-45, 70), seed=3)),
+    Surface(Plane(0.4), BARK, Twigs(55, 3, 5, -100, (40, 72), seed=8)),
+)
+FENCE = Surface(Plane(0.3), CLOTH, Perforated(26, 10, 20))
+BALL = Dome(-0.3, 0.6, 60, (10, 5))
+CARDS = (
+    WALL,
+    Surface(Plane(-0.3), CLOTH, Polygon(((-75, -40), (-5, -50), (5, 35), (-70, 45)))),
+    Surface(Plane(0.25), LINES, Disc(30, (45, 8))),
+)
+"""What the optics and sensor are shown with."""
+LAMPS = (
+    Surface(Plane(-0.9), PAPER, Disc(4, (-60, -30)), Emissive(6)),
+    Surface(Plane(-0.9), Flat((1.0, 0.6, 0.2)), Disc(3, (-10, -45)), Emissive(8)),
+    Surface(Plane(-0.6), Flat((0.3, 0.7, 1.0)), Disc(5, (40, -20)), Emissive(4)),
+)
+SHINE = Glossy(0.7, 10, 3, (5, 0))
+
+
+def _scene(name: str, *surfaces: Surface, camera: Camera = CAMERA, light: Light = DAY, sensor: Sensor = IDEAL) -> Scene:
+    return Scene(camera, surfaces, light, sensor, name)
+
+
+SCENES: dict[str, Scene] = {
+    scene.name: scene
+    for scene in (
+        # Matte planes that face the camera, and what hides what.
+        _scene("plane", Surface(Plane(-1 / 3), STONE)),
+        _scene("stripes", Surface(Plane(-0.6), LINES)),
+        _scene("edge", WALL, Surface(Plane(0.0), CLOTH, Polygon(((0, -200), (300, -200), (300, 200), (0, 200))))),
+        _scene("discs", GARDEN, *(Surface(Plane(d), LINES, Disc(22, (130 * d, 50 * d))) for d in (-0.35, 0.1, 0.45))),
+        _scene("shards", WALL, *CARDS[1:2], Surface(Plane(0.2), MOSS, Polygon(((-30, 50), (20, -55), (75, 30))))),
+        _scene("leaves", WALL, *LEAVES),
+        _scene("twigs", Surface(Plane(-1.0), SKY), *TWIGS),
+        _scene("lattice", GARDEN, FENCE),
+        _scene("thicket", WALL, *LEAVES[:2], *TWIGS, FENCE),
+        _scene("deep", Surface(Plane(-3.0), STONE), Surface(Plane(-5 / 3), MOSS, Leaf(150, 60, 10)), *TWIGS[1:]),
+        # Planes at a slant, and curved ones.
+        _scene("floor", Surface(Plane(-0.3, (0.0, 0.008)), CLOTH)),
+        _scene("wall", Surface(Plane(-0.25, (0.006, -0.002)), LINES), *TWIGS[1:]),
+        _scene("crossing", Surface(Plane(-0.3, (0.006, 0.0)), STONE), Surface(Plane(-0.3, (-0.006, 0.001)), CLOTH)),
+        _scene("dome", Surface(BALL, CLOTH)),
+        _scene("hollow", Surface(Dome(0.2, -0.9, 80), STONE), *LEAVES[2:]),
+        # What does more with light.
+        _scene("gloss", Surface(Plane(-0.4), BARK, material=Glossy(0.6, 14, 4)), *LEAVES[:1]),
+        _scene("apple", WALL, Surface(BALL, Flat((0.55, 0.08, 0.06)), Disc(52, (10, 5)), SHINE)),
+        _scene("window", GARDEN, Surface(Plane(0.1), PAPER, Disc(55), Glass(0.3, LINES, -1.0), opacity=0.1)),
+        _scene("mirror", WALL, Surface(Plane(0.0), PAPER, Leaf(150, 80, 15), Mirror(0.85, CLOTH, -0.8))),
+        _scene("lamps", Surface(Plane(-1.0), STONE), *LAMPS, light=Light(0.3)),
+        _scene("bokeh", WALL, *LAMPS, *TWIGS[1:], camera=ROUND, light=Light(0.4), sensor=Sensor(clipping=Clipping())),
+        _scene("veil", WALL, LEAVES[0], Surface(Plane(0.3), CLOTH, Disc(50, (10, 0)), opacity=0.5)),
+        _scene("running", WALL, Surface(Plane(0.1), CLOTH, Disc(30, (-15, 0)), motion=(14.0, 3.0)), *TWIGS[:1]),
+        # What optics and sensor do.
+        _scene("vignetting", *CARDS, sensor=Sensor(vignetting=Vignetting(0.6, 0.5))),
+        _scene("colours", *CARDS, sensor=Sensor(Chromatic((1.004, 1, 0.996), (0.05, 0, -0.05)))),
+        _scene("misaligned", *CARDS, sensor=Sensor(misalignment=Misalignment(0.25))),
+        _scene("crosstalk", *CARDS, sensor=Sensor(crosstalk=Crosstalk(0.08))),
+        _scene("grainy", *CARDS, sensor=Sensor(mosaic=Mosaic(), noise=SensorNoise(2e-3, 1e-4), clipping=Clipping())),
+        _scene(
+            "graded",
+            *CARDS,
+            sensor=Sensor(
+                exposure=Exposure(0.8),
+                quantisation=Quantisation(8),
+                white_balance=WhiteBalance((1.2, 1.0, 0.8)),
+                tone_curve=ToneCurve("srgb"),
+            ),
+        ),
+        _scene(
+            "everything",
+            Surface(Plane(-0.9, (0.002, 0.001)), STONE),
+            *LAMPS[1:2],
+            Surface(Plane(-0.5), PAPER, Leaf(120, 60, 15, (-40, 10)), Mirror(0.8, CLOTH, -0.8)),
+            Surface(Dome(-0.3, 0.6, 50, (30, 10)), BARK, Disc(40, (30, 10)), SHINE),
+            Surface(Plane(0.1), MOSS, Leaf(80, 26, -50, (-50, -15)), motion=(5.0, -2.0)),
+            Surface(Plane(0.35), PAPER, Disc(30, (60, -20)), Glass(0.3, LINES, -1.0), opacity=0.2),
+            *TWIGS[1:],
+            camera=ROUND,
+            light=Light(0.9, (1.0, 0.95, 0.85)),
+            sensor=Sensor(
+                Chromatic((1.002, 1, 0.998), (0.02, 0, -0.02)),
+                Vignetting(0.4, 0.3),
+                Misalignment(0.1),
+                Crosstalk(0.04),
+                Exposure(0.9),
+                Mosaic(),
+                SensorNoise(1e-3, 1e-5),
+                Clipping(),
+                Quantisation(12),
+                WhiteBalance((1.1, 1.0, 0.9)),
+                ToneCurve("srgb"),
+            ),
+        ),
+    )
+}
+"""By name, in their order."""
+
+VERSION = hashlib.sha256(repr(SCENES).encode()).hexdigest()[:12]
+"""Of the descriptions of all scenes."""
+
+
+def scenes(name: str | None = None) -> Fixed:
+    """The thirty scenes, or one of them.
+
+    Args:
+        name: A key of `SCENES`; None takes all.
+
+    Raises:
+        InputError: There is no such scene.
+    """
+    return Fixed(tuple(SCENES.values()) if name is None else (chosen("sim30 scene", name, SCENES),))

@@ -1,0 +1,183 @@
+"""Training that survives numbers that are not finite: such steps are not taken, and never reach a checkpoint.
+
+A step whose loss or gradient is not finite leaves weights, moments of the optimiser and running statistics as they
+were, is counted, and is logged with the patches it came from. All processes of a distributed run decide alike.
+"""
+
+import logging
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import torch
+from lightning.pytorch import Callback, Trainer
+from lightning.pytorch.callbacks import ModelCheckpoint
+from torch import Tensor, nn
+
+from lfref.data.patches import Batch
+from lfref.errors import InputError, LfrefError
+
+log = logging.getLogger(__name__)
+
+COUNTS = ("skipped", "overflowed", "resampled")
+"""What is logged, as `train/NAME`, and kept across a resume."""
+LEAST_SCALE = 1.0
+"""Scale of float16's loss below which overflow is no explanation any more."""
+
+
+class Seen(NamedTuple):
+    """What is kept of a batch until the step that it leads to."""
+
+    where: list[str]
+    is_finite: dict[str, Tensor]
+    """Of views and labels, for each patch, [P]."""
+
+
+class StepGuard(Callback):
+    """Skips steps whose loss or gradient is not finite, and stops after too many in a row.
+
+    A gradient counts as finite if float32 holds its norm: Adam squares its entries. Under float16, gradients that
+    overflow are the loss scaler's business, which then tries a smaller scale; they are counted apart.
+
+    Args:
+        patience: Steps skipped in a row after which training stops, at least 1.
+
+    Raises:
+        InputError: The patience is below 1.
+    """
+
+    def __init__(self, patience: int = 10) -> None:
+        if patience < 1:
+            raise InputError("patience must be at least 1", got=patience)
+        self.patience = patience
+        self.skipped = 0
+        """Steps that were not taken."""
+        self.overflowed = 0
+        """Steps that the loss scaler of float16 gave up."""
+        self.in_a_row = 0
+        """Steps skipped since the last one that was taken."""
+        self.resampled = 0
+        """Patches that were drawn again because they were flat."""
+        self._window: list[Seen] = []
+        self._losses: list[Tensor] = []
+        self._statistics: list[Tensor] = []
+
+    def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
+        """Remember the batch, and before the first of a step the running statistics."""
+        if not self._window:
+            self._statistics = [buffer.clone() for buffer in module.buffers()]
+        self._window.append(Seen(batch["where"], finite_patches(batch)))
+        self.resampled += batch["resampled"]
+
+    def on_before_backward(self, trainer: Trainer, module: Any, loss: Tensor) -> None:
+        """Remember the loss."""
+        self._losses.append(loss.detach())
+
+    def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: torch.optim.Optimizer) -> None:
+        """Take the gradients away if one of them or the loss is not finite: an optimiser passes over what has none.
+
+        Raises:
+            LfrefError: The weights are not finite, or too many steps in a row were skipped.
+        """
+        is_loss_finite, norm = torch.stack(self._losses).isfinite().all(), gradient_norm(module)
+        window, self._window, self._losses = self._window, [], []
+        if trainer.strategy.reduce_boolean_decision(bool(is_loss_finite & norm.isfinite())):
+            self.in_a_row = 0
+            return
+        what = "gradient" if is_loss_finite else "loss"
+        blame = "; ".join(blamed(window)) or f"{what} of {_places(window)}"
+        optimizer.zero_grad(set_to_none=True)
+        for buffer, value in zip(module.buffers(), self._statistics, strict=True):
+            buffer.copy_(value)
+        refuse_corrupted(module.state_dict(), "train from the last checkpoint with a lower learning rate")
+        could_overflow = bool(is_loss_finite) and _loss_scale(trainer) >= LEAST_SCALE
+        self._count(trainer, blame, is_overflow=trainer.strategy.reduce_boolean_decision(could_overflow))
+
+    def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
+        """Log the counts."""
+        module.log_dict({f"train/{name}": float(getattr(self, name)) for name in COUNTS})
+
+    def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
+        """Refuse to write weights that are not finite.
+
+        Raises:
+            LfrefError: One of them is not.
+        """
+        refuse_corrupted(checkpoint["state_dict"], "no checkpoint was written; go on from the last one")
+
+    def state_dict(self) -> dict[str, int]:
+        """The counts, as a checkpoint keeps them."""
+        return {name: getattr(self, name) for name in (*COUNTS, "in_a_row")}
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        """Go on counting."""
+        vars(self).update(state)
+
+    def _count(self, trainer: Trainer, blame: str, is_overflow: bool) -> None:
+        if is_overflow:
+            self.overflowed += 1
+            log.debug("step %d overflowed float16; the loss scaler tries a smaller scale", trainer.global_step)
+            return
+        self.skipped += 1
+        self.in_a_row += 1
+        place = trainer.current_epoch, trainer.global_step
+        log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, blame)
+        if self.in_a_row >= self.patience:
+            raise LfrefError(
+                f"training needs steps with a finite loss and gradient; got none in {self.in_a_row} steps",
+                remedy=f"at last for the {blame}; lower optimizer.lr or set trainer.gradient_clip_val=1",
+            )
+
+
+class BestCheckpoint(ModelCheckpoint):
+    """Keeps the checkpoint with the best value of what it monitors; a value that is not finite is never the best."""
+
+    def check_monitor_top_k(self, trainer: Trainer, current: Tensor | None = None) -> bool:
+        """Whether to save: as Lightning's own, which takes the first value whatever it is."""
+        if current is not None and not current.isfinite():
+            log.warning("epoch %d: %s is not finite; no best checkpoint", trainer.current_epoch, self.monitor)
+            return False
+        return super().check_monitor_top_k(trainer, current)
+
+
+def finite_patches(batch: Batch) -> dict[str, Tensor]:
+    """Whether views and labels of each patch are finite, [P] each."""
+    images = {"views": batch["views"], "labels": batch["labels"]}
+    return {name: each.isfinite().flatten(1).all(1) for name, each in images.items()}
+
+
+def gradient_norm(module: nn.Module) -> Tensor:
+    """Norm of all gradients, in their type, a scalar."""
+    gradients = [parameter.grad for parameter in module.parameters() if parameter.grad is not None]
+    return nn.utils.get_total_norm(gradients) if gradients else torch.zeros(())
+
+
+def blamed(window: list[Seen]) -> list[str]:
+    """The patches whose views or labels are not finite, by name."""
+    return [
+        f"{name} of {place}"
+        for seen in window
+        for name, is_finite in seen.is_finite.items()
+        for place, is_good in zip(seen.where, is_finite.tolist(), strict=True)
+        if not is_good
+    ]
+
+
+def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
+    """Refuse tensors that are not finite.
+
+    Raises:
+        LfrefError: One of them is not; it is named.
+    """
+    for name, value in state.items():
+        if isinstance(value, Tensor) and not bool(value.isfinite().all()):
+            raise LfrefError(f"weights must be finite; {name} is not", remedy=remedy)
+
+
+def _places(window: list[Seen]) -> str:
+    return ", ".join(place for seen in window for place in seen.where)
+
+
+def _loss_scale(trainer: Trainer) -> float:
+    """Scale of the loss under float16, 0 where it has none."""
+    scaler = getattr(trainer.precision_plugin, "scaler", None)
+    return 0.0 if scaler is None else scaler.get_scale()

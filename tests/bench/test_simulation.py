@@ -1,0 +1,90 @@
+"""Costs of scenes and passes, rates, and distances from the truth: every table's numbers mean what they say."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lfref.bench import simulation
+from lfref.bench.methods import Method
+from lfref.geometry import FocalPlanes
+from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.mattes import Disc
+from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.scenes import RandomScenes
+from lfref.simulator.surfaces import Plane
+from lfref.simulator.textures import Flat, Noise
+
+CAMERA = Camera((3, 3), (24, 30))
+CPU = torch.device("cpu")
+PLANES = FocalPlanes((0.5, 1.0))
+WALL = Surface(Plane(0.0), Noise())
+SCENES = {
+    "wall": Scene(CAMERA, (WALL,), name="wall"),
+    "card": Scene(CAMERA, (WALL, Surface(Plane(0.4), Flat((0.9, 0.1, 0.1)), Disc(6))), name="card"),
+}
+
+
+def test_costs_are_medians_of_planned_and_forced_runs():
+    rows = simulation.costs(SCENES, PLANES.slopes, CPU, range(3))
+    assert [(row["scene"], row["asked"]) for row in rows] == [
+        ("wall", "views"), ("wall", "truth"), ("card", "views"), ("card", "truth"),
+    ]  # fmt: skip
+    for row in rows:
+        assert row["planned_s"] > 0
+        assert row["forced_over_planned"] == pytest.approx(row["forced_s"] / row["planned_s"])
+
+
+def test_forced_work_runs_more_passes():
+    planned, forced = (
+        simulation.Work(SCENES["wall"], "views", is_forced).run(PLANES.slopes, CPU) for is_forced in (False, True)
+    )
+    ran = [sum(row.state == "run" for row in made.rows) for made in (planned, forced)]
+    assert ran[0] < ran[1]
+    assert planned.truth is None
+
+
+def test_shares_of_passes_add_up():
+    rows = simulation.passes(SCENES, PLANES.slopes, CPU)
+    for name in SCENES:
+        mine = [row for row in rows if row["scene"] == name]
+        assert {"view", "photograph"} <= {row["pass"] for row in mine}
+        assert sum(row["share"] for row in mine) == pytest.approx(1)
+
+
+def test_rates_count_scenes_by_what_was_asked():
+    rows = simulation.rates(RandomScenes(CAMERA), 3, PLANES.slopes, CPU)
+    assert [row["asked"] for row in rows] == ["views", "views and truth"]
+    assert all(row["n_scenes"] == 3 and row["per_second"] > 0 and row["median_s"] > 0 for row in rows)
+
+
+def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
+    methods = [
+        Method("sum", shift_and_sum),
+        Method("dark", lambda views, slopes: shift_and_sum(views, slopes) * 0.5),
+    ]
+    dim = replace(SCENES["wall"], sensor=Sensor(exposure=Exposure(0.1)))  # the sensor is left out
+    rows = simulation.distances([("wall", dim)], methods, PLANES, CPU)
+    found = {(row["method"], row["alpha"]): row["psnr_db"] for row in rows}
+    assert found["sum", 1.0] > 50
+    assert found["sum", 0.5] < found["sum", 1.0]
+    assert found["dark", 1.0] < 25
+
+
+def test_alphas_have_the_mean_and_the_worst_scene():
+    rows = [
+        {"scene": scene, "method": "sum", "alpha": alpha, "psnr_db": value}
+        for scene, alpha, value in (("a", 1.0, 30.0), ("b", 1.0, 40.0), ("a", 2.0, 50.0), ("b", 2.0, 20.0))
+    ]
+    assert simulation.by_alpha(rows) == [
+        {"method": "sum", "alpha": 1.0, "mean_db": 35.0, "worst_db": 30.0, "worst_scene": "a"},
+        {"method": "sum", "alpha": 2.0, "mean_db": 35.0, "worst_db": 20.0, "worst_scene": "b"},
+    ]
+
+
+def test_as_many_cells_as_needed_agree_with_many_and_one_does_not(monkeypatch):
+    (good,) = simulation.aperture_errors([("card", SCENES["card"])], PLANES, 24, CPU)
+    assert good["psnr_db"] > 45
+    assert good["worst_alpha"] in PLANES.alphas

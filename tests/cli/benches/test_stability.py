@@ -1,0 +1,30 @@
+"""`lfref bench group=stability` leaves its tables, its picture and a page."""
+
+import csv
+import json
+
+from lfref.bench.stability import scenes
+
+
+def test_the_simulators_trials_are_written_and_shown(lfref, tmp_path):
+    assert lfref("bench", "group=stability", "parts=[simulator]", f"output={tmp_path}/run")[0] == 0
+    folder = tmp_path / "run"
+    rows = list(csv.DictReader((folder / "stability.csv").read_text().splitlines()))
+    assert len(rows) == 2 * len(scenes.SCENES)
+    assert {row["holds"] for row in rows} == {"yes"}
+    assert not (folder / "goals.csv").exists()
+    assert (folder / "stability.png").stat().st_size > 1000
+    page = (folder / "index.html").read_text()
+    assert "Hard cases" in page
+    assert "data:image/png;base64" in page
+    assert json.loads((folder / "machine.json").read_text())["torch"]
+
+
+def test_parts_that_do_not_exist_are_one_clear_line(lfref, tmp_path):
+    for words, message in (
+        ("parts=[lens]", "parts must be one of losses"),
+        ("parts=[]", "parts must be some of losses"),
+    ):
+        status, errors = lfref("bench", "group=stability", words, f"output={tmp_path}/run")
+        assert status == 1
+        assert message in errors

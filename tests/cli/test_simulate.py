@@ -1,0 +1,102 @@
+"""`lfref simulate`: what it writes is what was simulated, and what other commands read."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from lfref.cli import config as configs
+from lfref.io import images
+from lfref.io.read import find, read, read_stack
+from lfref.simulator import sim30
+from lfref.simulator.scene import Scene
+from lfref.simulator.simulate import PAPER, simulate
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+SMALL = ("scene.camera.size=[48,56]", "scene.camera.grid=[3,3]", "planes.alphas=[0.5,1,2]")
+SCENES = sorted(path.stem for path in (configs.directory() / "scene").glob("*.yaml"))
+OF_ANY_SIZE = sorted({*SCENES} - {"sim30", "everything"})
+
+
+@pytest.fixture
+def scene_of(composed):
+    """Function (*overrides) -> the scene that `lfref simulate` makes of them."""
+
+    def make(*overrides: str) -> Scene:
+        return configs.build(composed("simulate", *overrides).scene)
+
+    return make
+
+
+def depth(path):
+    return torch.from_numpy(images.read_image(path))[..., 0]
+
+
+@pytest.mark.parametrize("name", OF_ANY_SIZE)
+def test_every_scene_can_be_seen(scene_of, name):
+    made = scene_of(f"scene={name}", "scene.camera.size=[24,32]", "scene.camera.grid=[3,3]")
+    scene = made if isinstance(made, Scene) else made.scene(0, 0, 0)
+    found = simulate(scene, outputs=["views", "disparity"], slopes=[0.0])
+    assert found.views.shape == (3, 3, 3, 24, 32)
+    assert bool(found.views.isfinite().all())
+    assert scene.name == ("simulated_s0_e0_000" if name in ("random", "varied") else name)
+
+
+def test_everything_is_a_scene_of_sim30(scene_of):
+    assert scene_of("scene=everything").scenes == (sim30.SCENES["everything"],)
+
+
+def test_files_hold_what_was_simulated(lfref, scene_of, tmp_path):
+    assert lfref("simulate", "scene=foliage", "suffix=.exr", *SMALL, f"output={tmp_path}/out")[0] == 0
+    stack, planes = read_stack(tmp_path / "out" / "truth" / "foliage.exr")
+    found = simulate(scene_of("scene=foliage", *SMALL), 0, ["views", "truth", "disparity"], planes.slopes)
+    assert planes.alphas == (0.5, 1.0, 2.0)
+    assert torch.equal(read(tmp_path / "out" / "foliage.exr").views, found.views)
+    assert torch.equal(stack, found.truth)
+    assert torch.equal(depth(tmp_path / "out" / "disparity" / "foliage.exr"), found.disparity)
+    assert (tmp_path / "out" / "contact_sheets" / "foliage.png").stat().st_size > 10000
+
+
+@pytest.mark.parametrize("suffix", ["", ".exr"])
+def test_light_fields_are_found_and_nothing_else_is_taken_for_one(lfref, tmp_path, suffix):
+    words = ("n_fields=3", "seed=5", f"suffix={suffix}", *SMALL)
+    assert lfref("simulate", *words, f"output={tmp_path}/out")[0] == 0
+    names = [f"simulated_s5_e0_00{index}" for index in range(3)]
+    assert [path.stem for path in find(tmp_path / "out")] == names
+
+
+def test_only_what_is_asked_for_is_written(lfref, tmp_path):
+    assert lfref("simulate", "outputs=[disparity]", *SMALL, f"output={tmp_path}/out")[0] == 0
+    folders = {path.name for path in (tmp_path / "out").iterdir() if path.is_dir()}
+    assert folders == {"disparity", "contact_sheets"}
+
+
+def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
+    words = ("simulate", "scene=grainy", "outputs=[views]", *SMALL, f"output={tmp_path}/out")
+    assert lfref(*words)[0] == 0
+    log = tmp_path / "out" / "simulate.log"
+    assert "skipped" not in log.read_text()
+    assert lfref(*words, "explain=true")[0] == 0
+    lines = [line.split() for line in log.read_text().splitlines()]
+    states = {line[0]: line[1] for line in lines if len(line) > 1}
+    assert states["mosaic"] == states["noise"] == states["paint"] == "run"
+    assert states["vignetting"] == states["photograph"] == "skipped"
+
+
+def test_what_png_files_cannot_hold_is_said_and_kept_in_exr_files(lfref, tmp_path):
+    words = ("simulate", "scene=lamp", "~scene.sensor", "outputs=[views]", *SMALL, "scene.camera.size=[180,200]")
+    for suffix, clips in (("", True), (".exr", False)):
+        assert lfref(*words, f"suffix={suffix}", f"output={tmp_path}/out{suffix}")[0] == 0
+        said = (tmp_path / f"out{suffix}" / "simulate.log").read_text()
+        assert ("PNG clips" in said) is clips
+    kept, clipped = read(tmp_path / "out.exr" / "lamp.exr").views, read(tmp_path / "out" / "lamp").views
+    assert float(kept.max()) > 5
+    torch.testing.assert_close(clipped, kept.clamp(0, 1), atol=0.5 / 255 + 1e-6, rtol=0)
+
+
+def test_sim30_is_written_by_name_as_it_is(lfref, tmp_path):
+    words = ("scene=sim30", "scene.name=plane", "outputs=[truth,disparity]", "planes.convention=parallel")
+    assert lfref("simulate", *words, f"output={tmp_path}/out")[0] == 0
+    stack, planes = read_stack(tmp_path / "out" / "truth" / "plane.exr")
+    assert planes == dataclasses.replace(PAPER, convention="parallel")
+    assert torch.equal(stack, simulate(sim30.SCENES["plane"], 0, ["truth"], planes.slopes).truth)

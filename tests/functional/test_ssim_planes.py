@@ -1,0 +1,69 @@
+"""ssim_planes.py: the compiled values and gradients against the formula in PyTorch, and on any number of threads."""
+
+import pytest
+import torch
+from torch.autograd import gradcheck, gradgradcheck
+
+from lfref.functional import ssim_planes
+from lfref.functional.ssim_planes import formula, plane_values
+
+C1, C2 = 1e-4, 9e-4
+
+
+def planes(*shape: int, dtype: torch.dtype = torch.float64, seed: int = 0) -> torch.Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64).to(dtype)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("shape", [(1, 6, 6), (3, 6, 30), (2, 31, 7), (4, 40, 52)])
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+def test_values_and_gradients_are_those_of_the_formula(dtype, shape, offset) -> None:
+    pair = [(offset + planes(*shape, seed=seed)).to(dtype).requires_grad_() for seed in (0, 1)]
+    weights = torch.linspace(0.5, 2, len(pair[0]), dtype=torch.float64)
+    values = [function(*pair, C1, C2) for function in (plane_values, formula)]
+    torch.testing.assert_close(*values, rtol=1e-10, atol=1e-13)
+    gradients = [torch.autograd.grad(each, pair, weights) for each in values]
+    for ours, theirs in zip(*gradients, strict=True):
+        accuracy = 1e-6 if dtype == torch.float32 else 1e-9
+        torch.testing.assert_close(ours, theirs, rtol=accuracy, atol=accuracy * theirs.abs().max().item())
+
+
+def test_first_and_second_derivatives_match_differences() -> None:
+    pair = [planes(2, 7, 6, seed=seed).requires_grad_() for seed in (0, 1)]
+    assert gradcheck(lambda x, y: plane_values(x, y, C1, C2), pair)
+    assert gradgradcheck(lambda x, y: plane_values(x, y, C1, C2), pair, fast_mode=True)
+
+
+def test_functional_gradients_are_the_same() -> None:
+    x, y = planes(2, 7, 6).requires_grad_(), planes(2, 7, 6, seed=1)
+    (expected,) = torch.autograd.grad(plane_values(x, y, C1, C2).sum(), x)
+    assert torch.equal(torch.func.grad(lambda x: plane_values(x, y, C1, C2).sum())(x.detach()), expected)
+
+
+def test_the_compiled_operations_keep_pytorchs_rules() -> None:
+    x, y = planes(2, 7, 6), planes(2, 6, 7, seed=1).mT
+    given = {ssim_planes._compiled: (x, y, C1, C2), ssim_planes._compiled_gradients: (x, y, x[:, 0, 0], C1, C2)}
+    for operation, arguments in given.items():
+        results = torch.library.opcheck(operation, arguments, test_utils=("test_schema", "test_faketensor"))
+        assert set(results.values()) == {"SUCCESS"}
+
+
+def test_threads_change_no_digit(monkeypatch) -> None:
+    monkeypatch.setattr(ssim_planes, "WORTH_A_THREAD", 1)
+    x, y = planes(5, 9, 8, dtype=torch.float32).requires_grad_(), planes(5, 9, 8, dtype=torch.float32, seed=1)
+    results = []
+    for n_threads in (1, 2, 4, 9):
+        monkeypatch.setattr(torch, "get_num_threads", lambda n_threads=n_threads: n_threads)
+        values = plane_values(x, y, C1, C2)
+        results.append((values, *torch.autograd.grad(values.sum(), x)))
+    for others in results[1:]:
+        assert all(torch.equal(*each) for each in zip(results[0], others, strict=True))
+
+
+def test_nothing_that_is_not_finite_leaves_its_plane() -> None:
+    x, y = planes(3, 8, 8), planes(3, 8, 8, seed=1)
+    x[1, 3, 3], y[1, 4, 4] = torch.nan, torch.inf
+    x.requires_grad_()
+    values = plane_values(x, y, C1, C2)
+    (gradient,) = torch.autograd.grad(values.sum(), x)
+    assert values.isfinite().tolist() == gradient.isfinite().all((1, 2)).tolist() == [True, False, True]

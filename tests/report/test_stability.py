@@ -1,0 +1,81 @@
+"""Heat maps have a cell for every trial, in the colour of what became of it; tables count the trials."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+from lfref.errors import InputError
+from lfref.report import stability, tables
+from lfref.report.drawing import BLACK, RED, TEAL
+
+
+def row(component="SSIM", case="black", precision="float32", formulation="lfref", outcome="holds", times=0.1):
+    holds = "yes" if outcome in ("holds", "refused") else "no"
+    names = {"component": component, "case": case, "precision": precision, "formulation": formulation}
+    return names | {"times_allowed": times, "outcome": outcome, "holds": holds, "error": 1e-9, "note": ""}
+
+
+ROWS = [
+    row(),
+    row(formulation="other", outcome="inexact", times=1e9),
+    row(precision="float16"),
+    row(precision="float16", formulation="other", outcome="not finite", times=None),
+    row(case="white"),
+]
+
+
+def cells(axes):
+    return np.asarray(axes.images[0].get_array())
+
+
+def test_each_trial_is_a_cell_of_its_outcomes_colour():
+    (axes,) = stability.heat_map(ROWS).axes
+    picture = cells(axes)
+    assert picture.shape == (2, 4, 3)
+    # Both precisions of ours, then both of the other; what was not tried is white.
+    np.testing.assert_allclose(picture[0], [to_rgb(colour) for colour in (TEAL, TEAL, RED, BLACK)], atol=1e-9)
+    np.testing.assert_allclose(picture[1], [to_rgb(colour) for colour in (TEAL, "white", "white", "white")], atol=1e-9)
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["black", "white"]
+    assert {text.get_text() for text in axes.texts} == {"lfref", "other"}
+
+
+def test_cells_turn_redder_the_farther_they_miss():
+    rows = [row(case=str(power), outcome="inexact", times=10.0**power) for power in range(1, 8)]
+    green = cells(stability.heat_map(rows).axes[0])[:, 0, 1]
+    assert bool((np.diff(green[:6]) < 0).all())
+    assert green[5] == green[6]
+
+
+def test_components_with_the_same_cases_share_a_picture_up_to_its_width():
+    many = [row(component=f"operator {i}", precision=str(p)) for i in range(5) for p in range(10)]
+    maps = stability.heat_maps([*ROWS, *many, row("net", "views")])
+    assert list(maps) == ["SSIM", "operator 0 to operator 3", "operator 4", "net"]
+    assert [len(figure.axes) for figure in maps.values()] == [1, 4, 1, 1]
+
+
+def test_what_is_missing_is_listed_and_not_drawn():
+    rows = [*ROWS, row("export", "all", outcome="missing")]
+    assert list(stability.heat_maps(rows)) == ["SSIM"]
+    assert [each["component"] for each in stability.failures(rows)] == ["export"]
+    assert stability.failures(ROWS) == [{"component": "none"}]
+
+
+def test_trials_are_counted_by_outcome():
+    counts = {each["formulation"]: each for each in stability.counts(ROWS)}
+    assert counts["lfref"]["trials"] == counts["lfref"]["holds"] == 3
+    assert (counts["other"]["inexact"], counts["other"]["not finite"], counts["other"]["holds"]) == (1, 1, 0)
+
+
+def test_sections_are_made_of_a_run_folder(tmp_path):
+    tables.write_table(tmp_path / "stability.csv", ROWS)
+    goal = {"figure": "error", "goal": "at most 1", "measured": 0.5, "usual": None}
+    tables.write_table(tmp_path / "goals.csv", [goal | {"holds": "yes"}, goal | {"holds": "no"}])
+    assert "1 of 2 goals" in stability.goals(tmp_path).text
+    section = stability.hard_cases(tmp_path)
+    assert list(section.figures) == ["SSIM"]
+    assert set(section.tables) == {"Trials", "Where ours fails"}
+
+
+def test_a_table_of_something_else_is_refused():
+    with pytest.raises(InputError, match="must have a column"):
+        stability.heat_map([{"component": "SSIM"}])

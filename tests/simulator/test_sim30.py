@@ -1,0 +1,74 @@
+"""sim30: thirty scenes that stay as they are, and span what the simulator knows."""
+
+import dataclasses
+
+import pytest
+
+from lfref.errors import InputError
+from lfref.geometry import FocalPlanes, checked_slopes
+from lfref.simulator import sim30
+from lfref.simulator.effects.sensor import EFFECTS
+from lfref.simulator.materials import Material
+from lfref.simulator.mattes import Outline
+from lfref.simulator.simulate import PAPER, simulate
+from lfref.simulator.surfaces import Geometry
+
+SURFACES = [surface for scene in sim30.SCENES.values() for surface in scene.surfaces]
+
+
+def kinds(of):
+    below = of.__subclasses__()
+    return {kind for cls in below for kind in kinds(cls)} if below else {of}
+
+
+def test_a_change_of_a_scene_is_made_on_purpose():
+    # Whoever changes this makes all figures measured on sim30 before incomparable.
+    assert sim30.VERSION == "d8d1d6f245da"
+
+
+def test_there_are_thirty_of_different_names():
+    assert len(sim30.SCENES) == len(sim30.scenes().scenes) == 30
+    assert all(scene.name == name for name, scene in sim30.SCENES.items())
+    assert len({dataclasses.replace(scene, name="") for scene in sim30.SCENES.values()}) == 30
+
+
+@pytest.mark.parametrize(("part", "of"), [("geometry", Geometry), ("matte", Outline), ("material", Material)])
+def test_every_kind_of_surface_is_there(part, of):
+    assert {type(getattr(surface, part)) for surface in SURFACES} == kinds(of)
+
+
+def test_every_effect_is_there_and_most_of_them_without_others():
+    sensors = [scene.sensor for scene in sim30.SCENES.values()]
+    shown = [{type(effect) for effect in vars(sensor).values() if effect} for sensor in sensors]
+    assert set.union(*shown) == set(EFFECTS)
+    assert sum(len(effects) == 1 for effects in shown) >= 4
+    assert sum(not effects for effects in shown) >= 15
+
+
+def test_what_else_there_is():
+    assert any(surface.opacity < 1 for surface in SURFACES)
+    assert any(surface.motion != (0, 0) for surface in SURFACES)
+    assert {scene.camera.aperture for scene in sim30.SCENES.values()} == {"square", "disc"}
+
+
+def test_the_papers_planes_fit_in_either_convention():
+    camera = sim30.CAMERA
+    for planes in (PAPER, FocalPlanes(PAPER.alphas, "parallel")):
+        slopes = checked_slopes(planes.slopes, camera.grid, camera.size)
+        for scene in sim30.SCENES.values():
+            far = min(surface.geometry.disparity_range((1, 1))[0] for surface in scene.surfaces)
+            assert far >= min(-3.0, float(slopes.min()))
+
+
+@pytest.mark.parametrize("name", ["plane", "everything"])
+def test_scenes_can_be_seen(name):
+    scene = sim30.scenes(name).scene(0, 0, 0)
+    assert scene == sim30.SCENES[name]
+    views = simulate(scene, outputs=["views"], slopes=[0.0]).views
+    assert views.shape == (7, 7, 3, 128, 192)
+    assert bool(views.isfinite().all())
+
+
+def test_a_scene_that_does_not_exist_is_refused_by_naming_those_that_do():
+    with pytest.raises(InputError, match="sim30 scene must be one of plane, stripes"):
+        sim30.scenes("nowhere")
