@@ -241,7 +241,7 @@ def test_random_scenes_are_finite_and_within_range(slant):
 
 
 @pytest.mark.parametrize(
-    ("name", "slope", "n_cells"), [("islands", -0.2, 5), ("glossy", 0.6, 3), ("crossing", -1.0, 7)]
+    ("name", "slope", "n_cells"), [("islands", -0.2, 4), ("glossy", 0.6, 3), ("crossing", -1.0, 5)]
 )
 def test_cells_follow_what_moves(name, slope, n_cells):
     camera = Camera(size=(32, 32))
