@@ -40,7 +40,7 @@ demo: install
 figures: $(VENV)/checks
 	$(BIN)/lfref bench output=runs/figures/bench repeats=5
 	$(BIN)/lfref bench group=operators output=runs/figures/operators repeats=5
-	$(BIN)/lfref bench group=simulate output=runs/figures/simulate
+	$(BIN)/lfref bench group=simulate output=runs/figures/simulate repeats=2
 	$(BIN)/lfref bench group=stability output=runs/figures/stability
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py

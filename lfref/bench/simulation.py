@@ -18,9 +18,10 @@ from lfref.bench.accuracy import Row
 from lfref.bench.methods import Method
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, Slopes
-from lfref.simulator import bitmaps, truth
+from lfref.simulator import bitmaps, render, truth
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.scene import Scene
+from lfref.simulator.layers import Layer
+from lfref.simulator.scene import Camera, Scene
 from lfref.simulator.scenes import Scenes
 from lfref.simulator.simulate import Simulated, simulate
 
@@ -202,14 +203,14 @@ def by_alpha(rows: Iterable[Row]) -> list[Row]:
 
 @torch.no_grad()
 def aperture_errors(
-    scenes: Iterable[tuple[str, Scene]], planes: FocalPlanes, n_cells: int, device: torch.device
+    scenes: Iterable[tuple[str, Scene]], planes: FocalPlanes, n_points: int, device: torch.device
 ) -> list[Row]:
-    """How far truths through as many cells as each plane needs are from those through very many.
+    """How far truths are from the mean over very many points of the aperture.
 
     Args:
         scenes: Names and scenes.
         planes: Of the truths.
-        n_cells: Cells along the aperture's longer side of the reference.
+        n_points: Points along a side of the aperture.
         device: Where they are rendered.
 
     Returns:
@@ -218,11 +219,32 @@ def aperture_errors(
     rows: list[Row] = []
     for name, scene in scenes:
         layers = bitmaps.paint(scene, device, float(planes.slopes.abs().max()))
-        adaptive, brute = (truth.stack(layers, scene.camera, planes.slopes, 1.0, count) for count in (None, n_cells))
-        quality = psnr(adaptive, brute)
+        brute = [through_points(layers, scene.camera, slope, n_points) for slope in planes.slopes.tolist()]
+        quality = psnr(truth.stack(layers, scene.camera, planes.slopes), torch.stack(brute))
         worst = int(quality.argmin())
         rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_alpha": planes.alphas[worst]})
     return rows
+
+
+def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_points: int) -> Tensor:
+    """A plane as the mean of pictures through points of the aperture, none of them blurred.
+
+    Args:
+        layers: From far to near, painted for a reach of |slope|.
+        camera: The lens and the size of the picture.
+        slope: Of the plane in pixels per view step.
+        n_points: Points along each side of the square about the aperture.
+
+    Returns:
+        Picture, [3, H, W].
+    """
+    shares = (torch.arange(n_points, dtype=torch.float64) + 0.5) / n_points - 0.5
+    total, count = torch.zeros(3, *camera.size, dtype=torch.float64), 0
+    for share in shares:
+        p = shares[torch.hypot(shares, share) <= 0.5] if camera.aperture == "disc" else shares
+        pictures = render.pictures(layers, camera, p * camera.grid[1], share[None] * camera.grid[0], slope)
+        total, count = total.to(pictures.device) + pictures[0].double().sum(0), count + len(p)
+    return (total / count).float()
 
 
 def _db(row: Row) -> float:

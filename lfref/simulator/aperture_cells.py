@@ -16,7 +16,7 @@ from lfref.simulator.scene import Camera
 
 STRIPS = 4096  # that a disc is cut into: the shares are exact to 1e-6 of its area
 CELLS_PER_ROOT = {"square": 1.2, "disc": 2.0}
-"""Cells a side for a blur of 1 px, beside the first; they grow with its root. A disc's edge is not that of cells."""
+"""Cells a side for a blur of 1 px beside the first one; they grow with its root. A disc's edge is not that of cells."""
 
 
 @dataclass(frozen=True)

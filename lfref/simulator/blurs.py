@@ -2,7 +2,7 @@
 
 A blur is a mean of two copies that has the variance wanted. Copies are read linearly, which blurs by itself, by up to
 1/4 of a sample squared; the first copy is sharpened by as much, so that variances go on below 0.
-Letters: `X Y` as in `surfaces`, `M` aperture points, `h w` rows and columns in samples, `i j` column and row.
+Letters: `X Y` as in `surfaces`, `M` aperture points, `h w` rows and columns, `i j` column and row, in samples.
 """
 
 import functools

@@ -23,7 +23,7 @@ CONVERGED = 1e-8
 
 
 class Form(NamedTuple):
-    """Of all surfaces: d = disparity + a X + b Y + bulge (1 - r^2/radius^2)^2, without the last beyond r."""
+    """What surfaces have in common: d = disparity + a X + b Y + bulge (1 - r^2/radius^2)^2 within the radius."""
 
     disparity: float
     """At the centre, without the bump."""

@@ -112,25 +112,31 @@ def _adding(plane: Plane, shelf: Shelf) -> Callable[[Through, NDArray, int, int]
 
 def _smoothed(plane: Plane, layers: Sequence[Layer]) -> tuple[Smoothed, Positions]:
     """Layers that are only shifted, blurred by a cell."""
-    parts = [_blurred(plane, layer.bitmap, layer.surface.geometry.form.disparity) for layer in layers]
-    if not parts:
-        none = Smoothed(np.empty((0, 4, 0, OVERSAMPLING, 0), _dtype([plane])), *np.empty((2, 0, 0), np.int64))
-        return none, Positions(*np.empty((2, 0, 0)))
-    pictures, filters = zip(*parts, strict=True)
-    smoothed = Smoothed(*(np.stack(values) for values in zip(*pictures, strict=True)))
-    return smoothed, Positions(np.stack([one.rows for one in filters]), np.stack([one.columns for one in filters]))
+    room = _room(plane, len(layers))
+    filters = [
+        _blur(plane, layer.bitmap, layer.surface.geometry.form.disparity, room, k) for k, layer in enumerate(layers)
+    ]
+    rows, columns = np.empty((len(layers), len(plane.cells.q))), np.empty((len(layers), len(plane.cells.p)))
+    for k, one in enumerate(filters):
+        rows[k], columns[k] = one.rows, one.columns
+    return room, Positions(rows, columns)
 
 
-def _blurred(plane: Plane, bitmap: Bitmap, disparity: float) -> tuple[tuple[NDArray, NDArray, NDArray], Filter]:
-    """A picture that faces the camera."""
+def _room(plane: Plane, n_layers: int) -> Smoothed:
+    """Room for windows of a plane."""
+    reach = plane.seen.reach(plane.slope)
+    height, width = (length + 2 * reach for length in plane.seen.camera.size)
+    samples = np.empty((n_layers, 4, height * OVERSAMPLING, OVERSAMPLING, width), _dtype([plane]))
+    return Smoothed(samples, *np.empty((2, n_layers, height * OVERSAMPLING), np.int64))
+
+
+def _blur(plane: Plane, bitmap: Bitmap, disparity: float, room: Smoothed, k: int) -> Filter:
+    """Fill a place with a picture that faces the camera."""
     samples = plane.seen.window(bitmap, plane.slope).numpy()
     one = cell_blur.cell_filter(plane.slope - disparity, plane.cells, plane.seen.reach(plane.slope))
-    _, height, width = samples.shape
-    result = np.empty((4, height, OVERSAMPLING, width // OVERSAMPLING), samples.dtype)
-    first, last = np.empty((2, height), np.int64)
     down, across = (taps.astype(samples.dtype) for taps in one[:2])
-    smooth_kernel.smooth(samples, down, across, result, first, last)
-    return (result, first, last), one
+    smooth_kernel.smooth(samples, down, across, room.samples[k], room.first[k], room.last[k])
+    return one
 
 
 def _followed(plane: Plane, shelf: Shelf) -> Followed:
@@ -158,8 +164,9 @@ def _followed(plane: Plane, shelf: Shelf) -> Followed:
 
 def _fill(shelf: Shelf, place: int, plane: Plane, bitmap: Bitmap, disparity: float) -> int:
     """Put a blurred window into an atlas."""
-    (phases, _, _), _ = _blurred(plane, bitmap, disparity)
-    samples = phases.transpose(1, 3, 2, 0)
+    room = _room(plane, 1)
+    _blur(plane, bitmap, disparity, room, 0)
+    samples = room.samples[0].transpose(1, 3, 2, 0)
     frame = shelf.atlas.frames[place]
     frame[1:] = samples.shape[0], samples.shape[1] * samples.shape[2], *plane.seen.corner(plane.slope)
     shelf.atlas.samples[frame[0] : frame[0] + samples.size].reshape(samples.shape)[:] = samples

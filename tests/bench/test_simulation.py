@@ -9,6 +9,7 @@ from lfref.bench import simulation
 from lfref.bench.methods import Method
 from lfref.geometry import FocalPlanes
 from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.simulator import bitmaps, central
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
@@ -84,7 +85,16 @@ def test_alphas_have_the_mean_and_the_worst_scene():
     ]
 
 
-def test_as_many_cells_as_needed_agree_with_many_and_one_does_not(monkeypatch):
-    (good,) = simulation.aperture_errors([("card", SCENES["card"])], PLANES, 24, CPU)
+@pytest.mark.parametrize("aperture", ["square", "disc"])
+def test_as_many_cells_as_needed_agree_with_many_points(aperture):
+    card = replace(SCENES["card"], camera=replace(CAMERA, aperture=aperture))
+    (good,) = simulation.aperture_errors([("card", card)], PLANES, 32, CPU)
     assert good["psnr_db"] > 45
     assert good["worst_alpha"] in PLANES.alphas
+
+
+def test_few_points_are_not_the_whole_aperture_and_one_is_its_middle():
+    layers = bitmaps.paint(SCENES["card"], reach=1.0)
+    one, few, many = (simulation.through_points(layers, CAMERA, -1.0, n_points) for n_points in (1, 2, 32))
+    assert torch.equal(one, central.all_in_focus(layers, CAMERA))
+    assert float((few - many).abs().max()) > 0.05

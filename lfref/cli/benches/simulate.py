@@ -40,9 +40,9 @@ def simulate(config: DictConfig, folder: Path) -> None:
         "truth": distances,
         "alphas": alphas,
     }
-    if config.n_cells is not None:
-        n_cells, scenes = int(configs.number(config, "n_cells", 1)), progress(list(judged.items()), "brute force")
-        written["aperture"] = simulation.aperture_errors(scenes, planes, n_cells, device)
+    if config.n_points is not None:
+        n_points, scenes = int(configs.number(config, "n_points", 1)), progress(list(judged.items()), "brute force")
+        written["aperture"] = simulation.aperture_errors(scenes, planes, n_points, device)
     for name, rows in written.items():
         tables.write_table(folder / f"{name}.csv", rows)
     drawing.save_figure(pictures.costs_and_distances(costs, alphas), folder / "simulate.png")
