@@ -10,7 +10,7 @@ from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, progress
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import images, write
+from lfref.io import encode, images, write
 from lfref.lightfield import LightField
 from lfref.report import contact, drawing
 from lfref.simulator import planner
@@ -25,7 +25,7 @@ ROUNDING = 0.5 / 255
 
 
 def simulate(config: DictConfig, folder: Path) -> None:
-    """Write light fields, `truth/NAME.exr` (linear), `disparity/NAME.exr` and `contact_sheets/NAME.png`.
+    """Write light fields, `contact_sheets/NAME.png` and, of all outputs asked for, `OUTPUT/NAME.exr` (linear).
 
     Args:
         config: `conf/simulate.yaml`.
@@ -79,6 +79,14 @@ def _write(folder: Path, scene: Scene, made: Simulated, planes: FocalPlanes, suf
     if made.disparity is not None:
         images.write_image(folder / "disparity" / f"{scene.name}.exr", made.disparity[..., None].cpu().numpy())
         cells["disparity, px per view step"] = made.disparity
+    if made.all_in_focus is not None:
+        images.write_image(folder / "all_in_focus" / f"{scene.name}.exr", made.all_in_focus.movedim(0, 2).cpu().numpy())
+        cells["all in focus"] = developed(made.all_in_focus, scene.sensor)
+    if made.masks is not None:
+        shares = {f"surface_{k:02d}": mask for k, mask in enumerate(made.masks)}
+        parts = [encode.Part(mask[..., None].cpu().numpy(), name) for name, mask in shares.items()]
+        encode.encode(folder / "masks" / f"{scene.name}.exr", parts)
+        cells |= shares
     if made.truth is not None:
         write.write_stack(folder / "truth" / f"{scene.name}.exr", made.truth, planes)
         cells |= contact.plane_cells(developed(made.truth, scene.sensor), planes)

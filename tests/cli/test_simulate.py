@@ -2,11 +2,12 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 
 from lfref.cli import config as configs
-from lfref.io import images
+from lfref.io import decode, images
 from lfref.io.read import find, read, read_stack
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
@@ -69,6 +70,18 @@ def test_only_what_is_asked_for_is_written(lfref, tmp_path):
     assert lfref("simulate", "outputs=[disparity]", *SMALL, f"output={tmp_path}/out")[0] == 0
     folders = {path.name for path in (tmp_path / "out").iterdir() if path.is_dir()}
     assert folders == {"disparity", "contact_sheets"}
+
+
+def test_the_pinhole_picture_and_masks_are_written(lfref, scene_of, tmp_path):
+    assert lfref("simulate", "scene=twigs", "outputs=[all_in_focus,masks]", *SMALL, f"output={tmp_path}/out")[0] == 0
+    found = simulate(scene_of("scene=twigs", *SMALL), 0, ["all_in_focus", "masks"])
+    sharp = images.read_image(tmp_path / "out" / "all_in_focus" / "twigs.exr")
+    assert torch.equal(torch.from_numpy(sharp).movedim(2, 0), found.all_in_focus)
+    with decode.opened(tmp_path / "out" / "masks" / "twigs.exr") as source:
+        masks = [decode.decode(source, tmp_path, part)[..., 0] for part in range(len(found.masks))]
+        names = [source.seek_subimage(k, 0) and source.spec()["oiio:subimagename"] for k in range(len(masks) + 1)]
+    assert np.array_equal(masks, found.masks)
+    assert names == [*(f"surface_{k:02d}" for k in range(len(masks))), False]
 
 
 def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
