@@ -1,6 +1,6 @@
 """The compiled loops of the truth: layers composited through every cell of the aperture.
 
-A row of the picture is finished before the next one begins. Smoothed that every cell only shifts are read along whole
+A row of the picture is finished before the next one begins. Layers that every cell only shifts are read along whole
 rows, interpolated once for all cells of a row of cells; the rays to others are followed one by one.
 Letters: `k` layer from far to near, `c` channel of premultiplied RGBA, `j i` row and column of cells, `y x` pixel.
 """
@@ -27,7 +27,7 @@ class Positions(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """Smoothed whose rays are followed one by one."""
+    """Layers whose rays are followed one by one."""
 
     sights: Sights
     levels: Levels
