@@ -1,9 +1,31 @@
 """Inner loops compiled by Numba: without the interpreter's lock, so that plain threads can share the work."""
 
+import contextlib
 import functools
 from collections.abc import Callable
+from pathlib import Path
 
 import numba
+
+
+def forget_outdated(package: Path) -> None:
+    """Delete machine code that is older than any source that machine code is kept of.
+
+    Numba itself sees that the file of a loop has changed, not that a loop which it calls has, in another file.
+
+    Args:
+        package: A folder of Python files, and the folders in it.
+    """
+    kept = list(package.rglob("__pycache__/*.nbi"))
+    sources = {path.parent.parent / f"{path.name.split('.')[0]}.py" for path in kept}
+    last_change = max((source.stat().st_mtime for source in sources if source.exists()), default=0.0)
+    for path in kept:
+        with contextlib.suppress(OSError):  # gone by now, or not ours to delete
+            if path.stat().st_mtime < last_change:
+                path.unlink()
+
+
+forget_outdated(Path(__file__).resolve().parents[1])
 
 
 def keeping(**options: object) -> Callable[[Callable], Callable]:

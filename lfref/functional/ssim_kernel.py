@@ -111,21 +111,21 @@ def set_values(x: Reals, y: Reals, plan: Plan, values: Reals) -> None:
 
 
 @compiled
-def set_gradients(x: Reals, y: Reals, weights: Reals, plan: Plan, g_x: Reals, g_y: Reals) -> None:
-    """The gradient of the weighted sum of what `set_values` sets.
+def set_values_and_gradients(x: Reals, y: Reals, plan: Plan, values: Reals, g_x: Reals, g_y: Reals) -> None:
+    """1 - SSIM of each plane, and its gradient.
 
     Args:
         x: Planes, [P, H, W].
         y: Planes, [P, H, W].
-        weights: Of each plane, [P].
         plan: Of their size.
-        g_x: Is set, [P, H, W].
-        g_y: Is set, [P, H, W].
+        values: Is set, float64, [P].
+        g_x: Is set, [P, H, W]; or [P, 0, 0].
+        g_y: Is set, [P, H, W]; or [P, 0, 0].
     """
     _, height, width = x.shape
     means, slopes = _scratch(width), _scratch(width)
     for p in range(len(x)):
-        centres, weight = (_mean(x[p]), _mean(y[p])), weights[p] / (height * width)
+        centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
         means.ring[:], slopes.ring[:] = 0, 0
         # Rows come in, those whose neighbours have come are compared, and those whose neighbours have been go out.
         for i in range(height + 2 * RADIUS):
@@ -135,11 +135,14 @@ def set_gradients(x: Reals, y: Reals, weights: Reals, plan: Plan, g_x: Reals, g_
                 _filter_row(means.fields, plan.mean, means.ring[i % TAPS])
             if 0 <= middle < height:
                 _filter_columns(means.ring, plan.rows.mean[middle], middle, means.row)
-                _set_slopes(means.row, plan, centres, weight, slopes.fields[:, RADIUS:])
+                _add_values_and_set_slopes(means.row, plan, centres, total, slopes.fields[:, RADIUS:])
                 _filter_row(slopes.fields, plan.adjoint, slopes.ring[middle % TAPS])
             if last >= 0:
                 _filter_columns(slopes.ring, plan.rows.adjoint[last], last, slopes.row)
-                _combine(x[p, last], y[p, last], centres, slopes.row, g_x[p, last], g_y[p, last])
+                for sign, g in ((1, g_x), (-1, g_y)):
+                    if g.size:
+                        _combine(x[p, last], y[p, last], centres, slopes.row, sign, g[p, last])
+        values[p] = total.sum() / (height * width)
 
 
 @compiled
@@ -208,17 +211,21 @@ def _add_values(row: Reals, plan: Plan, centres: tuple[float, float], total: Rea
 
 
 @compiled
-def _set_slopes(row: Reals, plan: Plan, centres: tuple[float, float], weight: float, slopes: Reals) -> None:
-    """Derivatives of a row of the weighted a + b - ab with respect to the four local means, [4, W]."""
+def _add_values_and_set_slopes(
+    row: Reals, plan: Plan, centres: tuple[float, float], total: Reals, slopes: Reals
+) -> None:
+    """a + b - ab of a row, and the derivatives of its mean with respect to the four local means, [4, W]."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
-    for j in range(row.shape[1]):
+    share = 1 / (len(plan.rows.mean) * len(total))
+    for j in range(len(total)):
         mean_d, mean_s = row[0, j], row[1, j]
         mu_d, mu_s = mean_d + centre_d, mean_s + centre_s
         raw_d, raw_s = row[2, j] - mean_d * mean_d, row[3, j] - mean_s * mean_s
         var_d, var_s = _positive(raw_d), _positive(raw_s)
         luminance, structure = mu_s * mu_s + mu_d * mu_d + 2 * plan.C1, var_s + var_d + 2 * plan.C2
         a, b = 2 * mu_d * mu_d / luminance, 2 * var_d / structure
-        g_a, g_b = 2 * weight * (1 - b) / luminance, weight * (1 - a) / structure
+        total[j] += a + b - a * b
+        g_a, g_b = 2 * share * (1 - b) / luminance, share * (1 - a) / structure
         # A variance that rounding made negative counts as 0 and has no slope.
         g_var_d, g_var_s = 0.0 if raw_d < 0 else (2 - b) * g_b, 0.0 if raw_s < 0 else -b * g_b
         slopes[0, j] = g_a * mu_d * (2 - a) - 2 * mean_d * g_var_d
@@ -234,11 +241,11 @@ def _positive(value: float) -> float:
 
 
 @compiled
-def _combine(x: Reals, y: Reals, centres: tuple[float, float], g: Reals, g_x: Reals, g_y: Reals) -> None:
-    """A row of the derivatives with respect to the pixels, from those of the four centred fields."""
+def _combine(x: Reals, y: Reals, centres: tuple[float, float], fields: Reals, sign: int, g: Reals) -> None:
+    """A row of the derivatives with respect to x (sign 1) or y (-1), from those of the four centred fields."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
-    for j in range(len(x)):
+    for j in range(len(g)):
         first, second = np.float64(x[j]), np.float64(y[j])
-        g_d = g[0, j] + 2 * (first - second - centre_d) * g[2, j]
-        g_s = g[1, j] + 2 * (first + second - centre_s) * g[3, j]
-        g_x[j], g_y[j] = g_s + g_d, g_s - g_d
+        g_d = fields[0, j] + 2 * (first - second - centre_d) * fields[2, j]
+        g_s = fields[1, j] + 2 * (first + second - centre_s) * fields[3, j]
+        g[j] = g_s + sign * g_d

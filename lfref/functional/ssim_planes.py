@@ -32,7 +32,11 @@ def plane_values(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
     Returns:
         Float64, [P]; differentiable twice.
     """
-    return _Values.apply(x, y, C1, C2) if x.device.type == "cpu" else formula(x, y, C1, C2)
+    if x.device.type != "cpu":
+        return formula(x, y, C1, C2)
+    asked = [torch.is_grad_enabled() and each.requires_grad for each in (x, y)]
+    values, *_ = _Values.apply(x, y, C1, C2, *asked)
+    return values
 
 
 def formula(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
@@ -71,29 +75,29 @@ def _window_means(planes: Tensor) -> tuple[Tensor, ...]:
 
 
 @torch.library.custom_op("lfref::one_minus_ssim", mutates_args=(), device_types="cpu")
-def _compiled(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    planes, values = (x.contiguous().numpy(), y.contiguous().numpy()), x.new_empty(len(x), dtype=torch.float64)
-    plan, result = ssim_kernel.plan(x.shape[1], x.shape[2], C1, C2), values.numpy()
-
-    def work(first: int, last: int) -> None:
-        ssim_kernel.set_values(*(each[first:last] for each in planes), plan, result[first:last])
-
-    _share(work, x)
-    return values
-
-
-@torch.library.custom_op("lfref::one_minus_ssim_gradients", mutates_args=(), device_types="cpu")
-def _compiled_gradients(x: Tensor, y: Tensor, weights: Tensor, C1: float, C2: float) -> tuple[Tensor, Tensor]:
-    given, results = (x, y, weights), (torch.empty_like(x).contiguous(), torch.empty_like(y).contiguous())
-    arrays, gradients = [each.contiguous().numpy() for each in given], [each.numpy() for each in results]
-    plan = ssim_kernel.plan(x.shape[1], x.shape[2], C1, C2)
+def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bool) -> tuple[Tensor, Tensor, Tensor]:
+    """Values and, on the way, their gradient: made apart, it would take all steps to the values once more."""
+    results = _room(x, y, C1, C2, for_x, for_y)
+    planes = [each.contiguous().numpy() for each in (x, y)]
+    plan, (values, *gradients) = ssim_kernel.plan(x.shape[1], x.shape[2], C1, C2), [each.numpy() for each in results]
 
     def work(first: int, last: int) -> None:
         part = slice(first, last)
-        ssim_kernel.set_gradients(*(each[part] for each in arrays), plan, *(each[part] for each in gradients))
+        parts = [each[part] for each in planes]
+        if for_x or for_y:
+            ssim_kernel.set_values_and_gradients(*parts, plan, values[part], *(each[part] for each in gradients))
+        else:
+            ssim_kernel.set_values(*parts, plan, values[part])
 
     _share(work, x)
     return results
+
+
+@_compiled.register_fake
+def _room(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bool) -> tuple[Tensor, Tensor, Tensor]:
+    values, nothing = x.new_empty(len(x), dtype=torch.float64), (len(x), 0, 0)
+    g_x, g_y = (x.new_empty(x.shape if asked else nothing) for asked in (for_x, for_y))
+    return values, g_x, g_y
 
 
 def _share(work: Callable[[int, int], None], planes: Tensor) -> None:
@@ -110,49 +114,53 @@ def _share(work: Callable[[int, int], None], planes: Tensor) -> None:
             list(pool.map(work, *zip(*shares, strict=True)))
 
 
-@_compiled.register_fake
-def _(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    return x.new_empty(len(x), dtype=torch.float64)
-
-
-@_compiled_gradients.register_fake
-def _(x: Tensor, y: Tensor, weights: Tensor, C1: float, C2: float) -> tuple[Tensor, Tensor]:
-    return torch.empty_like(x).contiguous(), torch.empty_like(y).contiguous()
-
-
 class _Values(torch.autograd.Function):
     """The compiled values, with the compiled gradient."""
 
     @staticmethod
-    def forward(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-        return _compiled(x, y, C1, C2)
+    def forward(x: Tensor, y: Tensor, C1: float, C2: float, *asked: bool) -> tuple[Tensor, Tensor, Tensor]:
+        values, g_x, g_y = _compiled(x, y, C1, C2, *asked)
+        return values, g_x, g_y
 
     @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        ctx.save_for_backward(*inputs[:2])
-        ctx.constants = inputs[2:]
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor, Tensor]) -> None:
+        x, y, *ctx.constants = inputs[:4]
+        ctx.mark_non_differentiable(*output[1:])
+        ctx.set_materialize_grads(False)
+        ctx.save_for_backward(x, y, *output[1:])
 
     @staticmethod
-    def backward(ctx: Any, weights: Tensor) -> Any:
-        return *_Gradients.apply(*ctx.saved_tensors, weights, *ctx.constants), None, None
+    def backward(ctx: Any, weights: Tensor | None, *_: None) -> Any:
+        if weights is None:
+            return (None,) * 6
+        gradients = _Gradients.apply(*ctx.saved_tensors, weights, *ctx.constants)
+        asked = zip(gradients, ctx.needs_input_grad, strict=False)
+        return *(gradient if needed else None for gradient, needed in asked), None, None, None, None
 
 
 class _Gradients(torch.autograd.Function):
-    """The compiled gradient; its own, rarely asked for, comes from the formula."""
+    """The weighted gradient; its own, rarely asked for, comes from the formula."""
 
     @staticmethod
-    def forward(x: Tensor, y: Tensor, weights: Tensor, C1: float, C2: float) -> tuple[Tensor, Tensor]:
-        return _compiled_gradients(x, y, weights, C1, C2)
+    def forward(
+        x: Tensor, y: Tensor, g_x: Tensor, g_y: Tensor, weights: Tensor, C1: float, C2: float
+    ) -> tuple[Tensor, Tensor]:
+        shares = weights[:, None, None].to(x)
+        return g_x * shares, g_y * shares
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
-        ctx.save_for_backward(*inputs[:3])
-        ctx.constants = inputs[3:]
+        x, y, _, _, weights, *ctx.constants = inputs
+        ctx.save_for_backward(x, y, weights)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, g_x: Tensor, g_y: Tensor) -> Any:
+    def backward(ctx: Any, *further: Tensor) -> Any:
         with torch.enable_grad():
             x, y, weights = (tensor.detach().requires_grad_() for tensor in ctx.saved_tensors)
-            gradients = torch.autograd.grad(formula(x, y, *ctx.constants), (x, y), weights, create_graph=True)
-        return *torch.autograd.grad(gradients, (x, y, weights), (g_x, g_y)), None, None
+            both = torch.autograd.grad(formula(x, y, *ctx.constants), (x, y), weights, create_graph=True)
+        # A gradient that was not asked for is empty, and has none of its own.
+        asked = [(first, second) for first, second in zip(both, further, strict=True) if first.shape == second.shape]
+        gradients, seconds = zip(*asked, strict=True)
+        g_x, g_y, g_weights = torch.autograd.grad(gradients, (x, y, weights), seconds)
+        return g_x, g_y, None, None, g_weights, None, None

@@ -58,4 +58,5 @@ def _draw_distances(axes: Axes, rows: Sequence[Row]) -> None:
             alphas, [row["worst_db"] for row in kept], "o:", color=colour, markersize=3, label=f"{method}, worst scene"
         )
     calm(axes, wording.heading("alpha"), "PSNR, dB", "Refocused views against the truth")
-    axes.legend(frameon=False, fontsize=8)
+    # Below: lines are all over the place.
+    axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))

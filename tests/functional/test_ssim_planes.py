@@ -40,12 +40,31 @@ def test_functional_gradients_are_the_same() -> None:
     assert torch.equal(torch.func.grad(lambda x: plane_values(x, y, C1, C2).sum())(x.detach()), expected)
 
 
-def test_the_compiled_operations_keep_pytorchs_rules() -> None:
+@pytest.mark.parametrize("asked", [(False, False), (True, False), (False, True), (True, True)])
+def test_the_compiled_operation_keeps_pytorchs_rules(asked) -> None:
     x, y = planes(2, 7, 6), planes(2, 6, 7, seed=1).mT
-    given = {ssim_planes._compiled: (x, y, C1, C2), ssim_planes._compiled_gradients: (x, y, x[:, 0, 0], C1, C2)}
-    for operation, arguments in given.items():
-        results = torch.library.opcheck(operation, arguments, test_utils=("test_schema", "test_faketensor"))
-        assert set(results.values()) == {"SUCCESS"}
+    tests = ("test_schema", "test_faketensor")
+    results = torch.library.opcheck(ssim_planes._compiled, (x, y, C1, C2, *asked), test_utils=tests)
+    assert set(results.values()) == {"SUCCESS"}
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_derivatives_by_one_of_the_two_are_those_by_both(which) -> None:
+    pair = [planes(2, 7, 6, seed=seed).requires_grad_() for seed in (0, 1)]
+    alone = [each if place == which else each.detach() for place, each in enumerate(pair)]
+    first = torch.autograd.grad(plane_values(*pair, C1, C2).sum(), pair, create_graph=True)[which]
+    (first_alone,) = torch.autograd.grad(plane_values(*alone, C1, C2).sum(), pair[which], create_graph=True)
+    assert torch.equal(first_alone, first)
+    second, second_alone = (torch.autograd.grad(each.square().sum(), pair[which])[0] for each in (first, first_alone))
+    torch.testing.assert_close(second_alone, second, rtol=1e-12, atol=1e-15)
+
+
+def test_a_graph_may_be_walked_twice() -> None:
+    x, y = planes(2, 7, 6).requires_grad_(), planes(2, 7, 6, seed=1)
+    values = plane_values(x, y, C1, C2)
+    once, twice = (torch.autograd.grad(values, x, weights, retain_graph=True)[0] for weights in torch.eye(2).double())
+    torch.testing.assert_close(once + twice, torch.autograd.grad(values.sum(), x)[0], rtol=1e-14, atol=0)
+    assert float(once[1].abs().max()) == float(twice[0].abs().max()) == 0
 
 
 def test_threads_change_no_digit(monkeypatch) -> None:
