@@ -56,7 +56,7 @@ class RandomSensor:
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        for name in EFFECTS:
+        for name in DRAWN:
             checks.numbers(f"the share of {name}", [getattr(self, name)], 0, 1)
         for name in RANGES:
             checks.span(f"the range of {name}", getattr(self, name))
@@ -70,7 +70,7 @@ class RandomSensor:
         Raises:
             InputError: A range that leaves what its effect can have.
         """
-        made = {name: make(self, dice) for name, make in EFFECTS.items() if dice.happens(getattr(self, name))}
+        made = {name: make(self, dice) for name, make in DRAWN.items() if dice.happens(getattr(self, name))}
         return Sensor(**made)
 
 
@@ -79,7 +79,7 @@ def _beside(green: float, dice: Dice, span: Range) -> tuple[float, float, float]
     return dice.uniform(*span), green, dice.uniform(*span)
 
 
-EFFECTS: dict[str, Callable[[RandomSensor, Dice], Any]] = {
+DRAWN: dict[str, Callable[[RandomSensor, Dice], Any]] = {
     "chromatic": lambda of, dice: Chromatic(_beside(1, dice, of.magnification), _beside(0, dice, of.focus)),
     "vignetting": lambda of, dice: Vignetting(dice.uniform(*of.field), dice.uniform(*of.cats_eye)),
     "misalignment": lambda of, dice: Misalignment(dice.uniform(*of.sigma)),

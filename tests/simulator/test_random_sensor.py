@@ -8,9 +8,9 @@ import torch
 from lfref.errors import InputError
 from lfref.simulator.dice import Dice
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.random_sensor import EFFECTS, RandomSensor
+from lfref.simulator.random_sensor import DRAWN, RandomSensor
 
-ALL = dict.fromkeys(EFFECTS, 1.0)
+ALL = dict.fromkeys(DRAWN, 1.0)
 
 
 def drawn(seed=0, **options):
@@ -24,11 +24,11 @@ def test_by_default_there_is_no_effect_and_no_number_is_taken():
 
 
 def test_every_effect_of_a_sensor_can_be_drawn():
-    assert set(EFFECTS) == {field.name for field in dataclasses.fields(Sensor)}
+    assert set(DRAWN) == {field.name for field in dataclasses.fields(Sensor)}
     assert all(dataclasses.asdict(drawn(**ALL)).values())
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", DRAWN)
 def test_an_effect_comes_alone_and_as_often_as_asked_for(name):
     sensors = [drawn(seed, **{name: 0.5}) for seed in range(60)]
     assert 15 < sum(getattr(sensor, name) is not None for sensor in sensors) < 45

@@ -12,7 +12,7 @@ from lfref.simulator import bitmaps, render, scenes
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.materials import Glass, Matte
 from lfref.simulator.mattes import Full
-from lfref.simulator.random_sensor import EFFECTS, RandomSensor
+from lfref.simulator.random_sensor import DRAWN, RandomSensor
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.scenes import Fixed, RandomScenes
 from lfref.simulator.simulate import simulate
@@ -22,7 +22,7 @@ from lfref.simulator.textures import Flat, Noise, Picture
 CAMERA = Camera((3, 4), (36, 44))
 EVERYTHING = {
     "slant": 0.01, "domes": 0.3, "glossy": 0.2, "mirror": 0.2, "glass": 0.2, "emissive": 0.2, "translucent": 0.3,
-    "moving": 0.3, "sensor": RandomSensor(**dict.fromkeys(EFFECTS, 0.5)),
+    "moving": 0.3, "sensor": RandomSensor(**dict.fromkeys(DRAWN, 0.5)),
 }  # fmt: skip
 ONE, TWO = (Scene(CAMERA, (Surface(Plane(0.0), texture),), name=name, seed=seed)
     for texture, name, seed in ((Flat(), "one", 4), (Noise(), "two", 5)))  # fmt: skip

@@ -7,24 +7,19 @@ from typing import TYPE_CHECKING
 from torch import Tensor
 
 from lfref.simulator.effects import effect
-from lfref.simulator.effects.chromatic import Chromatic
 from lfref.simulator.effects.clipping import Clipping
-from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.demosaic import Demosaic
 from lfref.simulator.effects.effect import Effect
-from lfref.simulator.effects.exposure import Exposure
-from lfref.simulator.effects.misalignment import Misalignment
 from lfref.simulator.effects.mosaic import Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.quantisation import Quantisation
-from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
-from lfref.simulator.effects.vignetting import Vignetting
-from lfref.simulator.effects.white_balance import WhiteBalance
+from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.planner import Pass
 
 if TYPE_CHECKING:
     from lfref.simulator.scene import Scene
+
+NO_MOSAIC = Mosaic(None)
+OFF: dict[str, Effect] = {"mosaic": NO_MOSAIC, "clipping": Clipping(-math.inf, math.inf)}
+"""What changes nothing, for effects that do something as they come."""
 
 
 def sensor_passes(scene: "Scene") -> list[Pass]:
@@ -51,24 +46,11 @@ def effects(sensor: Sensor) -> tuple[Effect, ...]:
     Returns:
         One of every kind, in the order in which they run.
     """
-    # The way of the light: the lens makes the pictures and shades them, lenslets beside their place displace and mix
-    # them, the exposure collects them. From mosaic to quantisation the samples are raw, one colour a pixel where there
-    # is a mosaic. What software does with raw samples comes last.
-    mosaic = sensor.mosaic or Mosaic(None)
-    return (
-        sensor.chromatic or Chromatic(),
-        sensor.vignetting or Vignetting(),
-        sensor.misalignment or Misalignment(),
-        sensor.crosstalk or Crosstalk(),
-        sensor.exposure or Exposure(),
-        mosaic,
-        sensor.noise or Noise(),
-        sensor.clipping or Clipping(-math.inf, math.inf),
-        sensor.quantisation or Quantisation(),
-        Demosaic(mosaic.pattern),
-        sensor.white_balance or WhiteBalance(),
-        sensor.tone_curve or ToneCurve(),
-    )
+    chain = {name: getattr(sensor, name) or OFF.get(name) or kind() for name, kind in EFFECTS.items()}
+    # Demosaicing is the first that software does with raw samples, once they are whole numbers.
+    last_raw = list(chain).index("quantisation") + 1
+    demosaic = Demosaic((sensor.mosaic or NO_MOSAIC).pattern)
+    return (*list(chain.values())[:last_raw], demosaic, *list(chain.values())[last_raw:])
 
 
 def _applied(one: Effect, seed: int, views: Tensor) -> Tensor:

@@ -1,6 +1,7 @@
 """Which effects a scene's optics and sensor have."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import get_args, get_type_hints
 
 from lfref.simulator import checks
 from lfref.simulator.effects.chromatic import Chromatic
@@ -15,16 +16,15 @@ from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.effects.white_balance import WhiteBalance
 
-EFFECTS: tuple[type, ...] = (
-    Chromatic, Vignetting, Misalignment, Crosstalk, Exposure, Mosaic, Noise, Clipping, Quantisation, WhiteBalance,
-    ToneCurve,
-)  # fmt: skip
-"""What the fields of `Sensor` hold, in their order."""
-
 
 @dataclass(frozen=True)
 class Sensor:
-    """One optional effect a field, in the order in which light meets them; None is off."""
+    """One optional effect a field, in the order in which light meets them; None is off.
+
+    The lens makes the pictures and shades them, lenslets beside their place displace and mix them, the exposure
+    collects them. From mosaic to quantisation the samples are raw, one colour a pixel where there is a mosaic. What
+    software does with raw samples comes last.
+    """
 
     chromatic: Chromatic | None = None
     vignetting: Vignetting | None = None
@@ -39,6 +39,10 @@ class Sensor:
     tone_curve: ToneCurve | None = None
 
     def __post_init__(self) -> None:
-        for field, effect in zip(fields(self), EFFECTS, strict=True):
-            if (value := getattr(self, field.name)) is not None:
-                checks.kind(f"a sensor's {field.name}", value, effect)
+        for name, effect in EFFECTS.items():
+            if (value := getattr(self, name)) is not None:
+                checks.kind(f"a sensor's {name}", value, effect)
+
+
+EFFECTS: dict[str, type] = {name: get_args(hint)[0] for name, hint in get_type_hints(Sensor).items()}
+"""What each field of a sensor holds."""

@@ -5,14 +5,13 @@ from dataclasses import fields
 import pytest
 
 from lfref.errors import InputError
-from lfref.simulator.effects import sensor
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.sensor import EFFECTS, Sensor
 
 
 def test_fields_are_called_as_their_effects():
-    assert [field.name for field in fields(Sensor)] == [effect.name for effect in sensor.EFFECTS]
+    assert [field.name for field in fields(Sensor)] == [effect.name for effect in EFFECTS.values()]
 
 
 def test_everything_is_off_unless_told():
