@@ -100,13 +100,16 @@ class OutputFolder(Callback):
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         """Before a single run."""
-        self._make(config, Path(config.hydra.run.dir))
+        self._make(config, "run")
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Before a sweep."""
-        self._make(config, Path(config.hydra.sweep.dir))
+        self._make(config, "sweep")
 
-    def _make(self, config: DictConfig, folder: Path) -> None:
+    def _make(self, config: DictConfig, mode: str) -> None:
+        # The folder may be named after the command, which Hydra itself makes known only later.
+        HydraConfig.instance().set_config(config)
+        folder = Path(config.hydra[mode].dir)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / ".writable").touch()

@@ -1,6 +1,8 @@
 """`lfref simulate`: what it writes is what was simulated, and what other commands read."""
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -113,3 +115,13 @@ def test_sim30_is_written_by_name_as_it_is(lfref, tmp_path):
     stack, planes = read_stack(tmp_path / "out" / "truth" / "plane.exr")
     assert planes == dataclasses.replace(PAPER, convention="parallel")
     assert torch.equal(stack, simulate(sim30.SCENES["plane"], 0, ["truth"], planes.slopes).truth)
+
+
+@pytest.mark.parametrize("words", [("seed=1",), ("-m", "seed=1,2")])
+def test_without_an_output_the_run_folder_is_of_the_command_and_the_time(tmp_path, words):
+    # In a process of its own: a run before it would have left Hydra's configuration behind.
+    command = [sys.executable, "-m", "lfref.cli.main", "simulate", *words, "outputs=[disparity]", *SMALL]
+    said = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stderr
+    (folder,) = (tmp_path / "runs" / "simulate").iterdir()
+    assert {path.name for path in folder.iterdir()} >= ({"0", "1"} if "-m" in words else {"config.yaml", "disparity"})
+    assert "Callback" not in said
