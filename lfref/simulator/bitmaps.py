@@ -56,7 +56,7 @@ def passes(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0,
     all_shown = None if len(order.shown) < len(scene.surfaces) else "no surface hides all of another"
     return [
         Pass("line up", (), "surfaces", lambda: order.from_far_to_near),
-        Pass("leave out hidden", ("surfaces",), "shown", lambda _: order.shown, lambda _: all_shown),
+        Pass("leave out hidden", ("surfaces",), "shown", lambda _: order.shown, all_shown),
         Pass("paint", ("shown",), "painted", functools.partial(_painted, order)),
         *(step.planned(order, force) for step in STEPS),
     ]

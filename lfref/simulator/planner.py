@@ -15,10 +15,6 @@ import torch
 from lfref.errors import InputError
 
 
-def never(context: object) -> None:
-    """What a pass gives as `inert` that always changes its result."""
-
-
 @dataclass(frozen=True)
 class Pass:
     """One step from results to a result."""
@@ -31,8 +27,8 @@ class Pass:
     """Name of the result that it makes."""
     run: Callable[..., Any]
     """Makes the result of those that it needs, given in their order."""
-    inert: Callable[[Any], str | None] = never
-    """(context) -> why its result would be its main input, or None."""
+    inert: str | None = None
+    """Why its result would be its main input; None where it may be another."""
 
 
 class Row(NamedTuple):
@@ -108,13 +104,12 @@ class Plan:
         return made
 
 
-def plan(passes: Iterable[Pass], wanted: Sequence[str], context: object = None, force: bool = False) -> Plan:
+def plan(passes: Iterable[Pass], wanted: Sequence[str], force: bool = False) -> Plan:
     """Order the passes that wanted results take.
 
     Args:
         passes: All there are, in any order.
         wanted: Names of the results asked for, at least one.
-        context: What `inert` of the passes looks at.
         force: Run inert passes too.
 
     Returns:
@@ -131,7 +126,7 @@ def plan(passes: Iterable[Pass], wanted: Sequence[str], context: object = None, 
     open_ends = list(dict.fromkeys(wanted))
     for name in open_ends:
         if name not in steps:
-            steps[name] = _step(_maker(name, makers), context, force)
+            steps[name] = _step(_maker(name, makers), force)
             open_ends += steps[name].needs
     order = _ordered({name: step.needs for name, step in steps.items()})
     unneeded = tuple(made_by for name, made_by in makers.items() if name not in steps)
@@ -171,12 +166,13 @@ def _maker(name: str, makers: Mapping[str, Pass]) -> Pass:
     return makers[name]
 
 
-def _step(work: Pass, context: object, force: bool) -> Step:
-    reason = work.inert(context)
-    assert reason is None or work.needs, f"{work.name} is inert but has nothing to pass on"
-    if reason is None or force:
-        return Step(work, work.needs, False, f"makes {work.makes}" if reason is None else f"forced, though {reason}")
-    return Step(work, work.needs[:1], True, reason)
+def _step(work: Pass, force: bool) -> Step:
+    assert work.inert is None or work.needs, f"{work.name} is inert but has nothing to pass on"
+    if work.inert is None:
+        return Step(work, work.needs, False, f"makes {work.makes}")
+    if force:
+        return Step(work, work.needs, False, f"forced, though {work.inert}")
+    return Step(work, work.needs[:1], True, work.inert)
 
 
 def _ordered(needs: Mapping[str, Iterable[str]]) -> tuple[str, ...]:

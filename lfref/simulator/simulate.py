@@ -77,7 +77,7 @@ def simulate(
     camera = scene.camera
     planes = geometry.checked_slopes(PAPER.slopes if slopes is None else slopes, camera.grid, camera.size)
     chosen = planes if "truth" in outputs else None
-    plan = planner.plan(passes(seeded, chosen, device, force), list(outputs), seeded, force)
+    plan = planner.plan(passes(seeded, chosen, device, force), list(outputs), force)
     results: dict[str, Any] = plan.run()
     return Simulated(planes, tuple(plan.explain()), **results)
 
@@ -108,5 +108,5 @@ def passes(
             Pass(name, ("layers",), makes, functools.partial(make, camera=camera))
             for name, (makes, make) in on_layers.items()
         ),
-        *chain.sensor_passes(scene),
+        *chain.sensor_passes(scene.sensor, camera.grid, scene.seed),
     ]

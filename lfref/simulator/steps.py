@@ -75,13 +75,7 @@ class Step(NamedTuple):
             force: Change layers too that stay as they are.
         """
         reason = self.why if all(self.is_idle(order, place) for place in order.shown) else None
-        return Pass(
-            self.name,
-            (self.needs,),
-            self.makes,
-            functools.partial(self._changed, order, force),
-            lambda _: reason,
-        )
+        return Pass(self.name, (self.needs,), self.makes, functools.partial(self._changed, order, force), reason)
 
     def _changed(self, order: Order, force: bool, layers: Sequence[Layer]) -> list[Layer]:
         return [

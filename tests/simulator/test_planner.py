@@ -1,6 +1,7 @@
 """The planner: only what is needed runs, in order, inert passes pass their input on, and every step is explained."""
 
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -10,8 +11,8 @@ from lfref.simulator.planner import Pass, Row
 
 
 def adding(name, needs, makes, amount, inert=None):
-    """A pass that adds a number to its main input, inert where the context says so."""
-    return Pass(name, needs, makes, lambda first, *_: first + amount, lambda context: inert if context else None)
+    """A pass that adds a number to its main input."""
+    return Pass(name, needs, makes, lambda first, *_: first + amount, inert)
 
 
 SOURCE = Pass("source", (), "a", lambda: 1)
@@ -30,7 +31,7 @@ def states(plan):
 
 
 def test_passes_run_after_what_they_need():
-    plan = planner.plan(PASSES, ["d", "e"])
+    plan = planner.plan([replace(each, inert=None) for each in PASSES], ["d", "e"])
     assert plan.run() == {"d": 111, "e": 1011}
     names = [row.name for row in plan.explain()]
     for before, after in (("source", "first"), ("first", "second"), ("aside", "second"), ("second", "third")):
@@ -46,14 +47,14 @@ def test_what_nothing_asked_for_needs_does_not_run():
 
 
 def test_an_inert_pass_passes_its_main_input_on_and_needs_no_other():
-    plan = planner.plan(PASSES, ["c", "d"], context=True)
+    plan = planner.plan(PASSES, ["c", "d"])
     assert plan.run() == {"c": 11, "d": 111}
     assert states(plan)["second"] == ("skipped", "it adds 0")
     assert states(plan)["aside"] == ("skipped", "nothing asked for needs it")
 
 
 def test_forced_all_that_is_needed_runs():
-    plan = planner.plan(PASSES, ["d"], context=True, force=True)
+    plan = planner.plan(PASSES, ["d"], force=True)
     assert plan.run() == {"d": 111}
     assert states(plan)["second"] == ("run", "forced, though it adds 0")
     assert states(plan)["aside"] == ("run", "makes side")
@@ -62,7 +63,7 @@ def test_forced_all_that_is_needed_runs():
 
 def test_each_pass_that_runs_is_timed():
     slow = Pass("slow", ("a",), "z", lambda a: time.sleep(0.02))
-    plan = planner.plan([SOURCE, slow, adding("idle", ("z",), "y", 0, inert="it is idle")], ["y"], context=True)
+    plan = planner.plan([SOURCE, slow, adding("idle", ("z",), "y", 0, inert="it is idle")], ["y"])
     assert [row.milliseconds for row in plan.explain()] == [None, None, None]
     plan.run()
     source, waited, idle = (row.milliseconds for row in plan.explain())

@@ -50,11 +50,11 @@ def test_a_step_changes_the_layers_it_is_not_idle_for_or_all_if_forced():
     step = Step("add", "a", "b", doubled, lambda order, place: place == 1, "there is nothing to add")
     layers = [layer(1), layer(0)]
     planned, forced = (step.planned(order(), force) for force in (False, True))
-    assert (planned.needs, planned.makes, planned.inert(None)) == (("a",), "b", None)
+    assert (planned.needs, planned.makes, planned.inert) == (("a",), "b", None)
     assert [float(one.bitmap.samples.max()) for one in planned.run(layers)] == [0, 1]
     assert [float(one.bitmap.samples.max()) for one in forced.run(layers)] == [1, 1]
 
 
 def test_a_step_that_is_idle_for_all_that_is_shown_says_why():
     step = Step("add", "a", "b", doubled, lambda order, place: place != 2, "there is nothing to add")
-    assert step.planned(order()).inert(None) == "there is nothing to add"
+    assert step.planned(order()).inert == "there is nothing to add"

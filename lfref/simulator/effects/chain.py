@@ -1,8 +1,7 @@
-"""The effects of a scene as passes of the planner, from the radiance that the lens offers to the views of a file."""
+"""The effects of a sensor as passes of the planner, from the radiance that the lens offers to the views of a file."""
 
 import functools
 import math
-from typing import TYPE_CHECKING
 
 from torch import Tensor
 
@@ -14,26 +13,25 @@ from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.planner import Pass
 
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
-
 NO_MOSAIC = Mosaic(None)
 OFF: dict[str, Effect] = {"mosaic": NO_MOSAIC, "clipping": Clipping(-math.inf, math.inf)}
 """What changes nothing, for effects that do something as they come."""
 
 
-def sensor_passes(scene: "Scene") -> list[Pass]:
+def sensor_passes(sensor: Sensor, grid: tuple[int, int], seed: int) -> list[Pass]:
     """A pass for every effect, those that are off included.
 
     Args:
-        scene: Whose sensor and seed count.
+        sensor: What is on.
+        grid: View rows and columns.
+        seed: Of what effects draw.
 
     Returns:
-        Passes that turn the result `radiance` into the result `views`, to be planned with the scene as context.
+        Passes that turn the result `radiance` into the result `views`.
     """
     return [
-        Pass(one.name, one.needs, one.makes, functools.partial(_applied, one, scene.seed), one.inert)
-        for one in effects(scene.sensor)
+        Pass(one.name, one.needs, one.makes, functools.partial(_applied, one, seed), one.inert(grid))
+        for one in effects(sensor)
     ]
 
 

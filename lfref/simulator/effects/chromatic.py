@@ -5,7 +5,7 @@ A focus of its own is a disparity that is added to that of every surface, L_c(x)
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
@@ -14,9 +14,6 @@ from lfref import geometry
 from lfref.simulator import checks
 from lfref.simulator.effects import resampling
 from lfref.simulator.effects.effect import check_colour
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 Colour = tuple[float, ...]
 """One number each for red, green and blue."""
@@ -40,13 +37,13 @@ class Chromatic:
         check_colour("a chromatic aberration's magnification", self.magnification, 0.5, 2)
         check_colour("a chromatic aberration's disparity", self.disparity, -10, 10)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where all channels keep their size, and their focus or the only view."""
         if any(size != 1 for size in self.magnification):
             return None
         if not any(self.disparity):
             return "all colours share magnification and focus"
-        return "a single view has no focus" if tuple(scene.camera.grid) == (1, 1) else None
+        return "a single view has no focus" if tuple(grid) == (1, 1) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """See `disperse`; nothing is drawn."""

@@ -2,14 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from torch import Generator, Tensor
 
 from lfref.errors import InputError
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -30,7 +27,7 @@ class Clipping:
         if not (are_numbers and self.low < self.high):
             raise InputError("a clipping needs a low limit below its high one", got=f"{self.low} and {self.high}")
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes without limits; that radiances keep within them is not known beforehand."""
         return "there are no limits" if math.isinf(self.low) and math.isinf(self.high) else None
 

@@ -5,15 +5,12 @@ that energy is conserved and an even light stays even.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
 
 from lfref.simulator import checks
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -30,11 +27,11 @@ class Crosstalk:
     def __post_init__(self) -> None:
         checks.numbers("a crosstalk's leak", [self.leak], 0, 1 / 3)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where nothing leaks, or there is no neighbour."""
         if not self.leak:
             return "leak is 0"
-        return "a single view has no neighbour" if tuple(scene.camera.grid) == (1, 1) else None
+        return "a single view has no neighbour" if tuple(grid) == (1, 1) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """See `mix`; nothing is drawn."""

@@ -5,7 +5,7 @@ Source: Malvar, He and Cutler, "High-quality linear interpolation for demosaicin
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
@@ -13,9 +13,6 @@ from torch.nn import functional as F
 
 from lfref.errors import chosen
 from lfref.simulator.effects.mosaic import PATTERNS
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 # In eighths: green at red or blue; red or blue at a green pixel with this colour to its left and right; red at blue.
 CROSS = ((0, 0, -1, 0, 0), (0, 0, 2, 0, 0), (-1, 2, 4, 2, -1), (0, 0, 2, 0, 0), (0, 0, -1, 0, 0))
@@ -38,7 +35,7 @@ class Demosaic:
         if self.pattern is not None:
             chosen("mosaic pattern", self.pattern, PATTERNS)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where there was no mosaic."""
         return None if self.pattern else "there is no mosaic"
 

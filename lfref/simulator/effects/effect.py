@@ -4,7 +4,7 @@ An effect's random numbers come from the scene's seed and its own name alone, so
 effects run. They are drawn on the CPU: the same on every device.
 """
 
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import torch
@@ -12,9 +12,6 @@ from torch import Generator, Tensor
 
 from lfref.errors import InputError
 from lfref.simulator import checks
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 class Effect(Protocol):
@@ -27,8 +24,8 @@ class Effect(Protocol):
     makes: ClassVar[str]
     """Name of the result that it makes."""
 
-    def inert(self, scene: "Scene") -> str | None:
-        """Why it changes nothing in this scene; None where it may change something."""
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """Why it changes nothing in this many view rows and columns; None where it may change something."""
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Views with the effect; see the effect's own function for their axes."""

@@ -1,14 +1,11 @@
 """Exposure: one gain for the whole light field."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from torch import Generator, Tensor
 
 from lfref.simulator import checks
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -25,7 +22,7 @@ class Exposure:
     def __post_init__(self) -> None:
         checks.numbers("an exposure's gain", [self.gain], 0, 1e4)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes at gain 1."""
         return "gain is 1" if self.gain == 1 else None
 

@@ -1,7 +1,7 @@
 """View misalignment: every view sits a random fraction of a pixel beside its place."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
@@ -10,9 +10,6 @@ from lfref import geometry
 from lfref.simulator import checks
 from lfref.simulator.effects import resampling
 from lfref.simulator.effects.effect import normal
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,7 @@ class Misalignment:
     def __post_init__(self) -> None:
         checks.numbers("a misalignment's sigma", [self.sigma], 0, 10)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where the shifts are 0."""
         return None if self.sigma else "sigma is 0"
 

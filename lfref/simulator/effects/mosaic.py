@@ -5,14 +5,11 @@ from view to view.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from torch import Generator, Tensor
 
 from lfref.errors import InputError, chosen
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 PATTERNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "RGGB": ((0, 1), (1, 2)),
@@ -38,7 +35,7 @@ class Mosaic:
         if self.pattern is not None:
             chosen("mosaic pattern", self.pattern, PATTERNS)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where every pixel sees three colours."""
         return None if self.pattern else "every pixel sees three colours"
 

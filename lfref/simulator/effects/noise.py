@@ -4,15 +4,12 @@ Source: Foi et al., "Practical Poissonian-Gaussian noise modeling and fitting fo
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from torch import Generator, Tensor
 
 from lfref.simulator import checks
 from lfref.simulator.effects.effect import normal
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 TINY = 1e-20  # variance below which there is no noise: the square root has no slope at 0
 
@@ -33,7 +30,7 @@ class Noise:
     def __post_init__(self) -> None:
         checks.numbers("a noise's shot and read", [self.shot, self.read], 0, 1)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where the variance is 0."""
         return None if self.shot or self.read else "shot and read noise are 0"
 

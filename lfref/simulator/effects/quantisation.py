@@ -1,14 +1,11 @@
 """Quantisation: samples are rounded to the steps of an analogue-digital converter."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from torch import Generator, Tensor
 
 from lfref.errors import InputError
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 MOST_BITS = 20  # float32 holds 24
 
@@ -29,7 +26,7 @@ class Quantisation:
         if self.bits is not None and not (whole and 1 <= self.bits <= MOST_BITS):
             raise InputError(f"quantisation bits must be a whole number from 1 to {MOST_BITS}", got=repr(self.bits))
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes without a number of bits."""
         return None if self.bits else "samples are not rounded"
 

@@ -5,16 +5,13 @@ Below 0 every curve is continued so that nothing is undefined. Source of `srgb`:
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Generator, Tensor
 
 from lfref.errors import chosen
 from lfref.simulator import checks
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 class Curve(NamedTuple):
@@ -80,7 +77,7 @@ class ToneCurve:
         chosen("tone curve", self.curve, CURVES)
         checks.numbers("a tone curve's gamma", [self.gamma], 0.1, 10)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where the curve is a straight line."""
         straight = self.curve == "linear" or (self.curve == "gamma" and self.gamma == 1)
         return "the curve is linear" if straight else None

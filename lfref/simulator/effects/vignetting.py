@@ -7,16 +7,13 @@ off the axis it is displaced, and a view counts by the share of its cell that li
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
 
 from lfref import geometry
 from lfref.simulator import checks
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class Vignetting:
         checks.numbers("a vignetting's field", [self.field], 0, 10)
         checks.numbers("a vignetting's cats_eye", [self.cats_eye], 0, 2)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes without falloff and displacement."""
         return None if self.field or self.cats_eye else "field and cat's eye are 0"
 

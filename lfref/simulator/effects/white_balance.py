@@ -1,16 +1,13 @@
 """White balance: one gain for each colour."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
 
 from lfref.simulator import checks
 from lfref.simulator.effects.effect import check_colour
-
-if TYPE_CHECKING:
-    from lfref.simulator.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,7 @@ class WhiteBalance:
         checks.freeze(self)
         check_colour("a white balance's gains", self.gains, 0, 1e4)
 
-    def inert(self, scene: "Scene") -> str | None:
+    def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where all gains are 1."""
         return "all gains are 1" if all(gain == 1 for gain in self.gains) else None
 

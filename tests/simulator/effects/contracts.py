@@ -5,7 +5,7 @@ from torch.autograd import gradcheck
 
 from lfref.simulator.effects.effect import Effect
 
-from .conftest import Grid, Setting, applied
+from .conftest import applied
 
 Shape = tuple[int, ...]
 
@@ -35,14 +35,14 @@ def assert_repeatable(effect: Effect, shape: Shape) -> None:
 
 def assert_inert_means_unchanged(effect: Effect, shape: Shape) -> None:
     """It gives a reason, and run all the same, it changes no value."""
-    assert effect.inert(Setting(camera=Grid(shape[:2])))
+    assert effect.inert(shape[:2])
     views = torch.rand(shape) * 1.5 - 0.1
     torch.testing.assert_close(applied(effect, views), views, atol=0, rtol=0)
 
 
 def assert_changes_something(effect: Effect, shape: Shape) -> None:
     """It gives no reason to be skipped, and changes the views."""
-    assert effect.inert(Setting(camera=Grid(shape[:2]))) is None
+    assert effect.inert(shape[:2]) is None
     views = torch.rand(shape) * 1.5 - 0.1
     assert not torch.equal(applied(effect, views), views)
 

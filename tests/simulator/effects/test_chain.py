@@ -22,7 +22,7 @@ from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.planner import Pass
 
-from .conftest import Grid, Setting, applied
+from .conftest import GRID, applied
 
 ORDER = [
     "chromatic", "vignetting", "misalignment", "crosstalk", "exposure", "mosaic", "noise", "clipping", "quantisation",
@@ -59,17 +59,17 @@ FULL = Sensor(
 )  # fmt: skip
 
 
-def planned(scene, radiance, wanted="views", force=False):
+def planned(sensor, radiance, seed=0, wanted="views", force=False):
     render = Pass("render", (), "radiance", lambda: radiance)
-    return planner.plan([render, *chain.sensor_passes(scene)], [wanted], scene, force)
+    passes = chain.sensor_passes(sensor, tuple(radiance.shape[:2]), seed)
+    return planner.plan([render, *passes], [wanted], force)
 
 
 @given(sensor=SENSORS, seed=st.integers(0, 2**32), grid=st.sampled_from([(3, 2), (1, 1), (1, 4)]))
 @settings(max_examples=80, deadline=None)
 def test_planned_is_forced_draw_for_draw(sensor, seed, grid):
     radiance = 1.2 * torch.rand(*grid, 3, 6, 7, generator=torch.Generator().manual_seed(seed))
-    scene = Setting(sensor, camera=Grid(grid), seed=seed)
-    few, all_ = (planned(scene, radiance, force=force) for force in (False, True))
+    few, all_ = (planned(sensor, radiance, seed, force=force) for force in (False, True))
     views = few.run()["views"]
     torch.testing.assert_close(views, all_.run()["views"], atol=1e-6, rtol=0)
     assert views.shape == radiance.shape
@@ -79,17 +79,17 @@ def test_planned_is_forced_draw_for_draw(sensor, seed, grid):
 
 def test_a_sensor_without_effects_passes_the_radiance_on():
     radiance = torch.rand(2, 2, 3, 4, 4)
-    plan = planned(Setting(), radiance)
+    plan = planned(Sensor(), radiance)
     assert plan.run()["views"] is radiance
     assert [row.state for row in plan.explain()] == ["run", *["skipped"] * len(ORDER)]
 
 
 def test_effects_run_in_the_order_of_the_light_however_they_are_listed():
     render = Pass("render", (), "radiance", lambda: torch.rand(2, 2, 3, 4, 4))
-    passes = [*chain.sensor_passes(Setting(FULL)), render]
+    passes = [*chain.sensor_passes(FULL, GRID, 0), render]
     for seed in range(5):
         random.Random(seed).shuffle(passes)
-        rows = planner.plan(passes, ["views"], Setting(FULL)).explain()
+        rows = planner.plan(passes, ["views"]).explain()
         assert [row.name for row in rows] == ["render", *ORDER]
         assert {row.state for row in rows} == {"run"}
     assert [effect.name for effect in chain.effects(FULL)] == ORDER
@@ -100,12 +100,12 @@ def test_all_effects_together_are_one_after_the_other():
     expected = radiance
     for effect in chain.effects(FULL):
         expected = applied(effect, expected, seed=4)
-    assert torch.equal(planned(Setting(FULL, seed=4), radiance).run()["views"], expected)
+    assert torch.equal(planned(FULL, radiance, seed=4).run()["views"], expected)
 
 
 def test_raw_samples_can_be_asked_for():
     radiance = torch.rand(2, 2, 3, 6, 6)
-    plan = planned(Setting(FULL), radiance, wanted="quantised")
+    plan = planned(FULL, radiance, wanted="quantised")
     assert plan.run()["quantised"].shape == (2, 2, 1, 6, 6)
     assert [row.name for row in plan.explain() if row.why == "nothing asked for needs it"] == ORDER[9:]
 
@@ -115,7 +115,7 @@ def test_another_effect_does_not_change_what_noise_draws():
     draws = []
     for others in ({}, {"misalignment": Misalignment(0.4)}, {"exposure": Exposure(0.5)}):
         quiet, loud = Sensor(**others), Sensor(noise=Noise(read=1.0), **others)
-        views = [planned(Setting(sensor, seed=9), radiance).run()["views"] for sensor in (quiet, loud)]
+        views = [planned(sensor, radiance, seed=9).run()["views"] for sensor in (quiet, loud)]
         draws.append(views[1] - views[0])
     torch.testing.assert_close(draws[1], draws[0], atol=1e-6, rtol=0)
     torch.testing.assert_close(draws[2], draws[0], atol=1e-6, rtol=0)

@@ -6,7 +6,7 @@ from lfref import geometry
 from lfref.functional import fourier
 from lfref.simulator.effects.chromatic import Chromatic, disperse
 
-from .conftest import Grid, Setting
+from .conftest import GRID
 
 EQUAL, NONE = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 
@@ -50,7 +50,7 @@ def test_a_wave_moves_as_by_fouriers_shift():
 
 
 def test_the_reason_names_what_is_equal():
-    assert Chromatic().inert(Setting()) == "all colours share magnification and focus"
-    single = Setting(camera=Grid((1, 1)))
+    assert Chromatic().inert(GRID) == "all colours share magnification and focus"
+    single = (1, 1)
     assert Chromatic(disparity=(0.1, 0, 0)).inert(single) == "a single view has no focus"
     assert Chromatic((1.1, 1, 1)).inert(single) is None

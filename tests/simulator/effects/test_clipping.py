@@ -6,7 +6,7 @@ import torch
 
 from lfref.simulator.effects.clipping import Clipping
 
-from .conftest import Setting, applied
+from .conftest import GRID, applied
 
 
 def test_values_beyond_the_limits_are_cut_off():
@@ -16,6 +16,6 @@ def test_values_beyond_the_limits_are_cut_off():
 
 
 def test_without_limits_it_is_inert():
-    assert Clipping(-math.inf, math.inf).inert(Setting()) == "there are no limits"
-    assert Clipping().inert(Setting()) is None
-    assert Clipping(-math.inf, 1e6).inert(Setting()) is None
+    assert Clipping(-math.inf, math.inf).inert(GRID) == "there are no limits"
+    assert Clipping().inert(GRID) is None
+    assert Clipping(-math.inf, 1e6).inert(GRID) is None

@@ -5,7 +5,7 @@ import torch
 
 from lfref.simulator.effects.crosstalk import Crosstalk, mix
 
-from .conftest import Grid, Setting
+from .conftest import GRID
 
 GRIDS = [(5, 5), (1, 4), (2, 3)]
 
@@ -36,6 +36,6 @@ def test_a_third_is_the_mean_of_the_nine():
 
 
 def test_the_reason_names_what_is_missing():
-    assert Crosstalk(0.0).inert(Setting()) == "leak is 0"
-    assert Crosstalk(0.1).inert(Setting(camera=Grid((1, 1)))) == "a single view has no neighbour"
-    assert Crosstalk(0.1).inert(Setting(camera=Grid((1, 2)))) is None
+    assert Crosstalk(0.0).inert(GRID) == "leak is 0"
+    assert Crosstalk(0.1).inert((1, 1)) == "a single view has no neighbour"
+    assert Crosstalk(0.1).inert((1, 2)) is None

@@ -4,7 +4,7 @@ import torch
 
 from lfref.simulator.effects.exposure import Exposure
 
-from .conftest import Setting, applied
+from .conftest import GRID, applied
 
 
 def test_all_radiances_are_multiplied():
@@ -13,5 +13,5 @@ def test_all_radiances_are_multiplied():
 
 
 def test_only_gain_1_is_inert():
-    assert Exposure().inert(Setting()) == "gain is 1"
-    assert Exposure(1.01).inert(Setting()) is None
+    assert Exposure().inert(GRID) == "gain is 1"
+    assert Exposure(1.01).inert(GRID) is None

@@ -6,7 +6,7 @@ import torch
 from lfref.errors import InputError
 from lfref.simulator.effects.mosaic import PATTERNS, Mosaic, mosaicked
 
-from .conftest import Setting
+from .conftest import GRID
 
 
 @pytest.mark.parametrize("pattern", list(PATTERNS))
@@ -33,5 +33,5 @@ def test_views_too_small_to_demosaic_are_refused(size):
 
 
 def test_no_pattern_is_inert():
-    assert Mosaic(None).inert(Setting()) == "every pixel sees three colours"
-    assert Mosaic().inert(Setting()) is None
+    assert Mosaic(None).inert(GRID) == "every pixel sees three colours"
+    assert Mosaic().inert(GRID) is None

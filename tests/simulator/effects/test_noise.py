@@ -5,7 +5,7 @@ import torch
 
 from lfref.simulator.effects.noise import Noise, noisy
 
-from .conftest import Setting, applied
+from .conftest import GRID, applied
 
 N = 1_000_000
 LEVELS = [0.0, 0.1, 0.5, 2.0]
@@ -39,6 +39,6 @@ def test_a_draw_is_scaled_by_the_standard_deviation():
 
 
 def test_only_zero_variance_is_inert():
-    assert Noise().inert(Setting()) == "shot and read noise are 0"
-    assert Noise(shot=1e-4).inert(Setting()) is None
-    assert Noise(read=1e-6).inert(Setting()) is None
+    assert Noise().inert(GRID) == "shot and read noise are 0"
+    assert Noise(shot=1e-4).inert(GRID) is None
+    assert Noise(read=1e-6).inert(GRID) is None

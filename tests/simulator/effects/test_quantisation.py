@@ -5,7 +5,7 @@ import torch
 
 from lfref.simulator.effects.quantisation import Quantisation, quantised
 
-from .conftest import Setting
+from .conftest import GRID
 
 
 @pytest.mark.parametrize("bits", [1, 2, 8, 12, 20])
@@ -31,5 +31,5 @@ def test_it_is_idempotent():
 
 
 def test_no_bits_are_inert():
-    assert Quantisation().inert(Setting()) == "samples are not rounded"
-    assert Quantisation(16).inert(Setting()) is None
+    assert Quantisation().inert(GRID) == "samples are not rounded"
+    assert Quantisation(16).inert(GRID) is None

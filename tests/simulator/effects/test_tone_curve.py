@@ -5,7 +5,7 @@ import torch
 
 from lfref.simulator.effects.tone_curve import ToneCurve
 
-from .conftest import Setting, applied
+from .conftest import GRID, applied
 
 CURVES = [ToneCurve(), ToneCurve("srgb"), ToneCurve("gamma"), ToneCurve("gamma", 0.5), ToneCurve("gamma", 1.0)]
 
@@ -38,5 +38,5 @@ def test_gamma_is_a_root():
 
 
 def test_only_a_straight_line_is_inert():
-    reasons = [curve.inert(Setting()) for curve in CURVES]
+    reasons = [curve.inert(GRID) for curve in CURVES]
     assert reasons == ["the curve is linear", None, None, None, "the curve is linear"]

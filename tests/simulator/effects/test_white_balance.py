@@ -4,7 +4,7 @@ import torch
 
 from lfref.simulator.effects.white_balance import WhiteBalance
 
-from .conftest import Setting, applied
+from .conftest import GRID, applied
 
 
 def test_every_channel_has_its_gain():
@@ -21,5 +21,5 @@ def test_gains_undo_the_colour_of_the_light():
 
 
 def test_only_three_gains_of_1_are_inert():
-    assert WhiteBalance().inert(Setting()) == "all gains are 1"
-    assert WhiteBalance((1, 1, 1.1)).inert(Setting()) is None
+    assert WhiteBalance().inert(GRID) == "all gains are 1"
+    assert WhiteBalance((1, 1, 1.1)).inert(GRID) is None
