@@ -18,12 +18,14 @@ from lfref.bench.accuracy import Row
 from lfref.bench.methods import Method
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, Slopes
-from lfref.simulator import bitmaps, render, truth
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.layers import Layer
+from lfref.simulator.lens import truth
+from lfref.simulator.painting import bitmaps
+from lfref.simulator.painting.layers import Layer
 from lfref.simulator.scene import Camera, Scene
 from lfref.simulator.scenes import Scenes
 from lfref.simulator.simulate import Simulated, simulate
+from lfref.simulator.views import render
 
 ASKED = {"views": ("views",), "truth": ("truth",), "views and truth": ("views", "truth")}
 """Results by what tables call them."""

@@ -12,12 +12,13 @@ import numpy as np
 from torch import Generator
 
 from lfref.errors import InputError
-from lfref.simulator import checks, random_surfaces
-from lfref.simulator.dice import Dice, Range, Tone
+from lfref.simulator import checks
+from lfref.simulator.chance import random_surfaces
+from lfref.simulator.chance.dice import Dice, Range, Tone
+from lfref.simulator.chance.random_sensor import RandomSensor
+from lfref.simulator.chance.random_surfaces import MATERIALS
 from lfref.simulator.materials import Glass, Material, Matte
 from lfref.simulator.mattes import Full
-from lfref.simulator.random_sensor import RandomSensor
-from lfref.simulator.random_surfaces import MATERIALS
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import STEEPEST, Geometry, Plane
 

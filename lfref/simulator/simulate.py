@@ -14,10 +14,13 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
-from lfref.simulator import bitmaps, central, planner, render, truth
+from lfref.simulator import planner
 from lfref.simulator.effects import chain
+from lfref.simulator.lens import truth
+from lfref.simulator.painting import bitmaps
 from lfref.simulator.planner import Pass, Row
 from lfref.simulator.scene import Scene
+from lfref.simulator.views import central, render
 
 PAPER = FocalPlanes(tuple(step / 8 for step in range(1, 17)))
 """The planes of the paper's stacks."""

@@ -9,14 +9,15 @@ from lfref.bench import simulation
 from lfref.bench.methods import Method
 from lfref.geometry import FocalPlanes
 from lfref.refocus.shift_and_sum import shift_and_sum
-from lfref.simulator import bitmaps, central
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
+from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat, Noise
+from lfref.simulator.views import central
 
 CAMERA = Camera((3, 3), (24, 30))
 CPU = torch.device("cpu")

@@ -17,7 +17,8 @@ from lfref.lightfield import LightField
 from lfref.refocus import weighted
 from lfref.refocus.exact_fourier import exact_fourier
 from lfref.refocus.shift_and_sum import shift_and_sum
-from lfref.simulator import bitmaps, truth
+from lfref.simulator.lens import truth
+from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 

@@ -3,7 +3,6 @@
 import torch
 from hypothesis import strategies as st
 
-from lfref.simulator import bitmaps, blurs, compiled, render
 from lfref.simulator.effects.chromatic import Chromatic
 from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.crosstalk import Crosstalk
@@ -18,9 +17,12 @@ from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
+from lfref.simulator.painting import bitmaps
+from lfref.simulator.reading import blurs, compiled
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
+from lfref.simulator.views import render
 
 CAMERA = Camera((3, 4), (26, 33))
 SHARE = st.floats(0, 1)

@@ -27,10 +27,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lfref.simulator import bitmaps
 from lfref.simulator.canvases import OVERSAMPLING, Canvas
 from lfref.simulator.materials import Matte
 from lfref.simulator.mattes import Disc, Full, Polygon
+from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Scene, Surface
 from lfref.simulator.textures import Texture
 

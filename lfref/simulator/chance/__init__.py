@@ -1,0 +1,1 @@
+"""Scenes at random: the dice, and what is drawn of surfaces and of sensors."""

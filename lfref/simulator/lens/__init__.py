@@ -1,0 +1,1 @@
+"""Pictures through the whole aperture: the truth."""

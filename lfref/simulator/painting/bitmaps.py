@@ -1,0 +1,227 @@
+"""Painting the surfaces of a scene, step by step, on the CPU: so layers are the same on every device.
+
+Letters: `h w` rows and columns of a canvas.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from lfref.simulator import canvases, planner
+from lfref.simulator.canvases import OVERSAMPLING, Box, Canvas
+from lfref.simulator.materials import Glass, Glossy, Mirror
+from lfref.simulator.mattes import Full
+from lfref.simulator.painting import layers
+from lfref.simulator.painting import reach as rays
+from lfref.simulator.painting.layers import Highlight, Layer, Reflection
+from lfref.simulator.painting.steps import Order, Step
+from lfref.simulator.planner import Pass
+from lfref.simulator.reading import lookups
+from lfref.simulator.reading.blurs import Bitmap
+from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.surfaces import Geometry, Plane
+from lfref.simulator.textures import Flat
+
+
+def paint(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0) -> list[Layer]:
+    """Paint all surfaces of a scene that can be seen.
+
+    Args:
+        scene: The scene.
+        device: Where the layers go.
+        reach: Greatest |slope|, in pixels per view step, that the layers will be refocused at.
+
+    Returns:
+        Layers from far to near (by their mean disparity), large enough for every aperture point.
+
+    Raises:
+        FileError: A picture cannot be read.
+    """
+    painted: list[Layer] = planner.plan(passes(scene, device, reach), ["layers"]).run()["layers"]
+    return painted
+
+
+def passes(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0, force: bool = False) -> list[Pass]:
+    """The passes that turn a scene into the result `layers`.
+
+    Args:
+        scene: The scene.
+        device: Where the layers go.
+        reach: As in `paint`.
+        force: Passes that run change all layers, those too that stay as they are.
+    """
+    order = Order(scene, torch.device(device), reach)
+    all_shown = None if len(order.shown) < len(scene.surfaces) else "no surface hides all of another"
+    return [
+        Pass("line up", (), "surfaces", lambda: order.from_far_to_near),
+        Pass("leave out hidden", ("surfaces",), "shown", lambda _: order.shown, all_shown),
+        Pass("paint", ("shown",), "painted", functools.partial(_painted, order)),
+        *(step.planned(order, force) for step in STEPS),
+    ]
+
+
+def _painted(order: Order, places: Sequence[int]) -> list[Layer]:
+    """Colours without light, opaque all over."""
+    return [_colours(order, place) for place in places]
+
+
+def _colours(order: Order, place: int) -> Layer:
+    surface = order.surface(place)
+    canvas = _canvas(order, surface.geometry, surface)
+    samples = _opaque(canvas, surface.texture.painted(canvas, (order.scene.seed, place)))
+    return Layer(surface, Bitmap(canvas, samples), place)
+
+
+def _opaque(canvas: Canvas, colours: Tensor) -> Tensor:
+    samples = torch.empty(4, canvas.height, canvas.width)
+    samples[:3], samples[3] = colours, 1
+    return samples
+
+
+def _lit(order: Order, layer: Layer) -> Layer:
+    return _times(layer, _gains(order, layer.surface))
+
+
+def _gains(order: Order, surface: Surface) -> Tensor:
+    """What light multiplies colours by, and opacity by 1, [4, 1, 1]."""
+    own_gain, light = surface.material.own_gain, order.scene.light
+    gains = [part * light.gain if own_gain is None else own_gain for part in light.colour]
+    return torch.tensor([*gains, 1.0])[:, None, None]
+
+
+def _is_lit(order: Order, place: int) -> bool:
+    return bool((_gains(order, order.surface(place)) == 1).all())
+
+
+def _thinned(order: Order, layer: Layer) -> Layer:
+    own, total = _opacities(layer.surface)
+    return _times(layer, torch.tensor([own, own, own, total])[:, None, None])
+
+
+def _opacities(surface: Surface) -> tuple[float, float]:
+    """Share of its own colours, and of all that it hides."""
+    return surface.opacity * (1 - surface.material.reflectance), layers.total_opacity(surface)
+
+
+def _is_opaque(order: Order, place: int) -> bool:
+    return _opacities(order.surface(place)) == (1, 1)
+
+
+def _outlined(order: Order, layer: Layer) -> Layer:
+    canvas = layer.bitmap.canvas
+    return _times(layer, layer.surface.matte.opacity(canvas.x.float(), canvas.y.float()))
+
+
+def _is_full(order: Order, place: int) -> bool:
+    return isinstance(order.surface(place).matte, Full)
+
+
+def _smeared(order: Order, layer: Layer) -> Layer:
+    """The mean of a bitmap over its way during the exposure."""
+    samples, motion = layer.bitmap.samples, layer.surface.motion
+    n_places = math.ceil(OVERSAMPLING * math.hypot(*motion)) + 1
+    way = OVERSAMPLING * ((torch.arange(n_places, dtype=torch.float64) + 0.5) / n_places - 0.5)
+    height, width = samples.shape[-2:]
+    i = torch.arange(width, dtype=torch.float64) - way[:, None, None] * motion[0]
+    j = torch.arange(height, dtype=torch.float64)[:, None] - way[:, None, None] * motion[1]
+    return _with_samples(layer, lookups.on_grid(samples, i, j).mean(0))
+
+
+def _stands_still(order: Order, place: int) -> bool:
+    return order.surface(place).motion == (0, 0)
+
+
+def _reflecting(order: Order, layer: Layer) -> Layer:
+    """A mirror that reflects nothing where the surface is none."""
+    own, opacity = layer.surface.material, layers.total_opacity(layer.surface)
+    form = layer.surface.geometry.form
+    material = own if isinstance(own, Mirror | Glass) else Mirror(0.0, Flat(), form.disparity)
+    canvas = _canvas(order, Plane(material.disparity))
+    picture = _opaque(canvas, material.texture.painted(canvas, (order.scene.seed, layer.place, 1)))
+    picture *= _gains(order, layer.surface)
+    share = material.share / opacity if opacity > 0 else 0.0
+    return replace(layer, reflection=Reflection(Bitmap(canvas, picture), share, material.disparity))
+
+
+def _reflects_nothing(order: Order, place: int) -> bool:
+    return order.surface(place).material.reflectance == 0
+
+
+def _shining(order: Order, layer: Layer) -> Layer:
+    """A highlight without light where the surface has none."""
+    own, light = layer.surface.material, order.scene.light
+    material = own if isinstance(own, Glossy) else Glossy(strength=0.0, drift=0.0)
+    red, green, blue = (material.strength * light.gain * part for part in light.colour)
+    return replace(layer, highlight=Highlight(red, green, blue, material.width, material.drift, *material.centre))
+
+
+def _is_dull(order: Order, place: int) -> bool:
+    material = order.surface(place).material
+    return not (isinstance(material, Glossy) and material.strength > 0)
+
+
+def _traced(order: Order, layer: Layer) -> Layer:
+    return replace(layer, is_traced=True)
+
+
+def _only_shifts(order: Order, place: int) -> bool:
+    return layers.only_shifts(order.surface(place))
+
+
+def _sorted(order: Order, layer: Layer) -> Layer:
+    return replace(layer, is_sorted=True)
+
+
+def _keeps_its_rank(order: Order, place: int) -> bool:
+    return place not in order.crossing
+
+
+def _sent(order: Order, layer: Layer) -> Layer:
+    picture = layer.reflection and layer.reflection._replace(picture=layer.reflection.picture.to(order.device))
+    return replace(layer, bitmap=layer.bitmap.to(order.device), reflection=picture)
+
+
+STEPS = (
+    Step("light", "painted", "lit", _lit, _is_lit, "the light is white, of gain 1, and nothing shines"),
+    Step("opacity", "lit", "thinned", _thinned, _is_opaque, "all surfaces are opaque"),
+    Step("outline", "thinned", "outlined", _outlined, _is_full, "no surface has an edge"),
+    Step("motion", "outlined", "smeared", _smeared, _stands_still, "nothing moves"),
+    Step("reflection", "smeared", "reflecting", _reflecting, _reflects_nothing, "no mirror, no glass"),
+    Step("gloss", "reflecting", "shining", _shining, _is_dull, "no surface is glossy"),
+    Step("follow rays", "shining", "traced", _traced, _only_shifts, "from everywhere, all surfaces look but shifted"),
+    Step("sort by depth", "traced", "sorted", _sorted, _keeps_its_rank, "no two surfaces cross"),
+    Step("send", "sorted", "layers", _sent, lambda order, _: order.device.type == "cpu", "layers stay on the CPU"),
+)
+"""From colours to layers. The last ones mark what views and truth then have to take into account."""
+
+
+def _times(layer: Layer, factors: Tensor) -> Layer:
+    return _with_samples(layer, layer.bitmap.samples * factors)
+
+
+def _with_samples(layer: Layer, samples: Tensor) -> Layer:
+    return replace(layer, bitmap=Bitmap(layer.bitmap.canvas, samples))
+
+
+def _canvas(order: Order, geometry: Geometry, surface: Surface | None = None) -> Canvas:
+    """What rays can reach of a surface, or of all of a mirrored picture."""
+    camera = order.scene.camera
+    # The period must not depend on the reach: it decides what random textures look like.
+    left, top, right, bottom = _box(camera, geometry, surface, 0.0)
+    period = canvases.fast_length(bottom - top + 1), canvases.fast_length(right - left + 1)
+    return canvases.covering(_box(camera, geometry, surface, order.reach), period)
+
+
+def _box(camera: Camera, geometry: Geometry, surface: Surface | None, reach: float) -> Box:
+    right, bottom = rays.ends(camera, geometry, reach)
+    box = (-right, -bottom, right, bottom)
+    if surface and (limits := surface.matte.box()):
+        box = canvases.intersection(box, limits)
+    # A cubic smears a pixel farther than the motion goes.
+    motion = surface.motion if surface else (0.0, 0.0)
+    more = [abs(step) / 2 + 1 if step else 0.0 for step in motion]
+    return box[0] - more[0], box[1] - more[1], box[2] + more[0], box[3] + more[1]

@@ -1,0 +1,1 @@
+"""Bitmaps on surfaces: their blurred copies, and what lies between their samples."""
