@@ -27,7 +27,7 @@ def costs() -> Iterator[str]:
     yield ""
     yield f"Scenes of sim30 (version {facts['sim30']}), {facts['planes']} planes; {facts['processor']},"
     yield f"{facts['threads']} threads, {facts['repeats']} rounds. Random scenes of 3 to 5 surfaces, 192x192, one patch"
-    yield "each, in one process:"
+    yield "each, in as many processes as threads:"
     yield ""
     for row in tables.read_table(RUN / "rates.csv"):
         yield f"- {row['asked']}: {row['per_second']:.1f} patches a second"

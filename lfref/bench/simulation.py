@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
 
 from lfref.bench import accuracy, timing
 from lfref.bench.accuracy import Row
@@ -105,30 +106,42 @@ def passes(scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device) ->
     return rows
 
 
-def rates(scenes: Scenes, n_scenes: int, slopes: Slopes, device: torch.device) -> list[Row]:
-    """How many random scenes are simulated in a second, one patch each, in this process.
+class Patches(Dataset[int]):
+    """Random scenes, simulated one by one and thrown away, as the workers of a data loader would."""
+
+    def __init__(self, scenes: Scenes, n_scenes: int, asked: str, slopes: Tensor, device: torch.device) -> None:
+        self.scenes, self.n_scenes, self.asked, self.slopes, self.device = scenes, n_scenes, asked, slopes, device
+
+    def __len__(self) -> int:
+        return self.n_scenes
+
+    def __getitem__(self, index: int) -> int:
+        Work(self.scenes.scene(0, 0, index), self.asked, False).run(self.slopes, self.device)
+        return index
+
+
+def rates(scenes: Scenes, n_scenes: int, slopes: Tensor, device: torch.device, n_workers: int = 0) -> list[Row]:
+    """How many random scenes are simulated in a second, one patch each, without waiting for the first ones.
 
     Args:
         scenes: Where they come from, of the size of a patch.
         n_scenes: How many.
         slopes: Of the truth's planes in pixels per view step, [N].
         device: Where they are rendered.
+        n_workers: Processes of one thread that share them; 0: this process, with all its threads.
 
     Returns:
-        Rows `asked, n_scenes, median_s, per_second`.
+        Rows `asked, n_scenes, n_workers, per_second`.
     """
+    n_first = 4 * max(1, n_workers)  # workers are a few scenes ahead of what was fetched
     rows: list[Row] = []
     for asked in ("views", "views and truth"):
-        works = [Work(scenes.scene(0, 0, index), asked, False) for index in range(n_scenes + 1)]
-        _first, *times = [timing.seconds(functools.partial(work.run, slopes, device), device) for work in works]
-        rows.append(
-            {
-                "asked": asked,
-                "n_scenes": n_scenes,
-                "median_s": timing.summary(times).median,
-                "per_second": n_scenes / sum(times),
-            }
-        )
+        patches = Patches(scenes, n_first + n_scenes, asked, slopes, device)
+        fetched = iter(DataLoader(patches, batch_size=None, num_workers=n_workers))
+        for _ in range(n_first):
+            next(fetched)
+        taken = timing.seconds(functools.partial(list, fetched), device)
+        rows.append({"asked": asked, "n_scenes": n_scenes, "n_workers": n_workers, "per_second": n_scenes / taken})
     return rows
 
 

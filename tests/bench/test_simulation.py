@@ -56,10 +56,19 @@ def test_shares_of_passes_add_up():
         assert sum(row["share"] for row in mine) == pytest.approx(1)
 
 
-def test_rates_count_scenes_by_what_was_asked():
-    rows = simulation.rates(RandomScenes(CAMERA), 3, PLANES.slopes, CPU)
+@pytest.mark.parametrize("n_workers", [0, 2])
+def test_rates_count_scenes_by_what_was_asked(n_workers):
+    rows = simulation.rates(RandomScenes(CAMERA), 3, PLANES.slopes, CPU, n_workers)
     assert [row["asked"] for row in rows] == ["views", "views and truth"]
-    assert all(row["n_scenes"] == 3 and row["per_second"] > 0 and row["median_s"] > 0 for row in rows)
+    assert all(row["n_scenes"] == 3 and row["n_workers"] == n_workers and row["per_second"] > 0 for row in rows)
+
+
+def test_patches_are_simulated_as_asked(monkeypatch):
+    made = []
+    monkeypatch.setattr(simulation, "simulate", lambda scene, seed, outputs, *_: made.append((scene.name, outputs)))
+    patches = simulation.Patches(RandomScenes(CAMERA), 2, "views and truth", PLANES.slopes, CPU)
+    assert [patches[index] for index in range(len(patches))] == [0, 1]
+    assert made == [(f"simulated_s0_e0_00{index}", ("views", "truth")) for index in range(2)]
 
 
 def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import torch
 from omegaconf import DictConfig
 
 from lfref.bench import simulation
@@ -29,6 +30,8 @@ def simulate(config: DictConfig, folder: Path) -> None:
     planes: FocalPlanes = configs.build(config.planes)
     classes, judged = _scenes(config.classes), _scenes(config.judged)
     patches: Scenes = configs.build(config.patches)
+    n_patches = int(configs.number(config, "n_patches", 1))
+    n_workers = torch.get_num_threads() if device.type == "cpu" else 0
     methods = [Method(entry.name, configs.build(entry.operator)) for entry in config.methods.values()]
     costs = simulation.costs(classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup)
     distances = simulation.distances(progress(list(judged.items()), "photographing"), methods, planes, device)
@@ -36,7 +39,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     written = {
         "simulate": costs,
         "passes": simulation.passes(classes, planes.slopes, device),
-        "rates": simulation.rates(patches, int(configs.number(config, "n_patches", 1)), planes.slopes, device),
+        "rates": simulation.rates(patches, n_patches, planes.slopes, device, n_workers),
         "truth": distances,
         "alphas": alphas,
     }
