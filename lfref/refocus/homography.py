@@ -188,11 +188,26 @@ def _checked_matrices(matrices: Tensor, aperture: Tensor, device: torch.device) 
 def _stack(views: Tensor, matrices: Tensor, interpolation: str, border: str, weights: Tensor | None) -> Tensor:
     aperture = batches.checked_weights(weights, (views.shape[1], views.shape[2]))
     planes = _checked_matrices(matrices, aperture, views.device)
-    images = [_image(views, plane, interpolation, border, aperture) for plane in planes]
-    return torch.stack(images, dim=1)
+    if kernel := sampling.kernel(views, planes):
+        no_slope = torch.zeros(views.shape[-2:], dtype=torch.float64)
+        tables = [(plane, no_slope) for plane in planes]
+        stack, coverage = kernel.means(views, aperture, tables, interpolation, border)
+    else:
+        images = [_image(views, plane, interpolation, border, aperture) for plane in planes]
+        stack, coverage = (
+            torch.stack(parts, dim) for parts, dim in zip(zip(*images, strict=True), (1, 0), strict=True)
+        )
+    if not bool(coverage.flatten(1).any(1).all()):
+        raise InputError(
+            "at least one view must have a sample of each plane",
+            got="none",
+            remedy="matrices go from output to view pixels; a plane that is behind all cameras may need the sign -1",
+        )
+    return stack
 
 
-def _image(views: Tensor, matrices: Tensor, interpolation: str, border: str, aperture: Tensor) -> Tensor:
+def _image(views: Tensor, matrices: Tensor, interpolation: str, border: str, aperture: Tensor) -> tuple[Tensor, Tensor]:
+    """One plane and its coverage, [B, C, H, W] and [H, W]."""
     x, y = sampling.pixels(views)
 
     def positions(v: int, u: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -202,11 +217,4 @@ def _image(views: Tensor, matrices: Tensor, interpolation: str, border: str, ape
         w = torch.where(in_front, w, 1.0)
         return view_x / w, view_y / w, in_front
 
-    image, coverage = sampling.mean_of_views(views, aperture, positions, interpolation, border)
-    if not bool(coverage.any()):
-        raise InputError(
-            "at least one view must have a sample of each plane",
-            got="none",
-            remedy="matrices go from output to view pixels; a plane that is behind all cameras may need the sign -1",
-        )
-    return image
+    return sampling.mean_of_views(views, aperture, positions, interpolation, border)

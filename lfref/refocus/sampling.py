@@ -5,7 +5,10 @@ a pixel and a weight.
 Letters: `u v` view column and row, `x y` pixel column and row, `t` fraction of a pixel.
 """
 
+import importlib
+import importlib.util
 from collections.abc import Callable
+from types import ModuleType
 from typing import NamedTuple
 
 import torch
@@ -21,6 +24,9 @@ Tap = tuple[Tensor, Tensor]
 
 Positions = Callable[[int, int], tuple[Tensor, Tensor, Tensor | bool]]
 """(v, u) -> x and y in that view, in pixels, and where the view can see the point at all, [H, W] each."""
+
+KERNEL = "lfref.refocus.gather" if importlib.util.find_spec("numba") else None
+"""The room that computes the same on the CPU where nobody asks for derivatives, if its compiler is installed."""
 
 ON_VIEW = 1e-9  # pixels by which rounding may put a position beyond the outermost sample
 FARTHEST = 2.0**50  # positions beyond have no fraction left, and soon no index
@@ -181,3 +187,11 @@ def mean_of_views(
         image = image + torch.where(counted, samples, 0.0) * weight
         coverage = coverage + counted.to(coverage) * weight
     return image * torch.where(coverage > 0, 1 / coverage, 0.0).to(image), coverage
+
+
+def kernel(*tensors: Tensor) -> ModuleType | None:
+    """The room `gather` where it can serve these tensors, else None: then PyTorch's operations have to."""
+    if KERNEL is None or not all(tensor.device.type == "cpu" and batches.is_plain(tensor) for tensor in tensors):
+        return None
+    # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
+    return importlib.import_module(KERNEL)

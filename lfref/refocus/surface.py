@@ -104,6 +104,10 @@ def _checked_map(slope_map: Tensor, views: Tensor) -> Tensor:
 
 def _stack(views: Tensor, slopes: Tensor, interpolation: str, border: str, weights: Tensor | None) -> Tensor:
     aperture = batches.checked_weights(weights, (views.shape[1], views.shape[2]))
+    if kernel := sampling.kernel(views, slopes):
+        still = torch.eye(3, dtype=torch.float64).expand(*aperture.shape, 3, 3)
+        stack: Tensor = kernel.means(views, aperture, [(still, slope) for slope in slopes], interpolation, border)[0]
+        return stack
     images = [_image(views, slope, interpolation, border, aperture) for slope in slopes]
     return torch.stack(images, dim=1)
 

@@ -1,0 +1,72 @@
+"""Views read at any position on the CPU, at the machine's speed: what the compiled loop takes, and threads for it."""
+
+import itertools
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.errors import chosen
+from lfref.refocus import batches, gather_kernel
+from lfref.refocus.gather_kernel import Places, Rule
+
+INTERPOLATIONS = {"nearest": gather_kernel.NEAREST, "linear": gather_kernel.LINEAR, "cubic": gather_kernel.CUBIC}
+BEYOND = {
+    "renormalize": gather_kernel.LEFT_OUT,
+    "edge": gather_kernel.REPLICATED,
+    "zero": gather_kernel.BLACK,
+    "wrap": gather_kernel.PERIODIC,
+}
+WORTH_A_THREAD = 1 << 16
+"""Samples of a stack from which one more thread saves more than it costs."""
+
+
+def means(
+    views: Tensor, aperture: Tensor, tables: Sequence[tuple[Tensor, Tensor]], interpolation: str, border: str
+) -> tuple[Tensor, Tensor]:
+    """What `sampling.means` computes.
+
+    Args:
+        views: Light fields on the CPU, floating point, uint8 or uint16, any strides, [B, V, U, C, H, W].
+        aperture: Weights that sum to 1, float64, [V, U].
+        tables: Matrices [V, U, 3, 3] and slopes [H, W] of each plane, float64; as in `gather_kernel.Places`.
+        interpolation: A key of `INTERPOLATIONS`.
+        border: A key of `BEYOND`.
+
+    Returns:
+        Stacks, float32 (float64 for such views), [B, N, C, H, W], and coverages, float64, [N, H, W].
+
+    Raises:
+        InputError: Another interpolation or border.
+    """
+    rule = Rule(
+        chosen("interpolation at positions that vary over the picture", interpolation, INTERPOLATIONS),
+        chosen("border", border, BEYOND),
+        1 / batches.FULL_SCALE.get(views.dtype, 1),
+    )
+    fields = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
+    height, width = views.shape[-2:]
+    offsets = [geometry.angular_offsets(n).numpy() for n in aperture.shape]
+    places = [Places(*(each.contiguous().numpy() for each in table), *offsets) for table in tables]
+    weights = aperture.contiguous().numpy()
+    working = np.float64 if views.dtype == torch.float64 else np.float32
+    stack = np.empty((len(fields), len(places), views.shape[3], height, width), working)
+    coverage = np.empty((len(fields), len(places), height, width))
+    n_threads = max(1, min(torch.get_num_threads(), stack.size // WORTH_A_THREAD))
+    bands = itertools.pairwise(round(height * i / n_threads) for i in range(n_threads + 1))
+
+    def work(job: tuple[int, int, tuple[int, int]]) -> None:
+        b, n, band = job
+        gather_kernel.mean(fields[b], weights, places[n], rule, stack[b, n], coverage[b, n], *band)
+
+    jobs = itertools.product(range(len(fields)), range(len(places)), bands)
+    if n_threads == 1:
+        list(map(work, jobs))
+    else:
+        with ThreadPoolExecutor(n_threads) as pool:
+            list(pool.map(work, jobs))
+    # What is covered is the same for all light fields.
+    return torch.from_numpy(stack), torch.from_numpy(coverage[0])
