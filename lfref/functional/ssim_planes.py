@@ -5,7 +5,6 @@ Both compute in float64, whatever the images' type, so that only the result is r
 
 import itertools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import torch
@@ -13,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from lfref.functional import ssim_kernel
+from lfref.functional import ssim_kernel, threads
 from lfref.functional.ssim_kernel import RADIUS
 
 WORTH_A_THREAD = 1 << 17
@@ -107,11 +106,7 @@ def _share(work: Callable[[int, int], None], planes: Tensor) -> None:
     """
     n_threads = max(1, min(torch.get_num_threads(), len(planes), planes.numel() // WORTH_A_THREAD))
     shares = list(itertools.pairwise(len(planes) * i // n_threads for i in range(n_threads + 1)))
-    if n_threads == 1:
-        work(*shares[0])
-    else:
-        with ThreadPoolExecutor(n_threads) as pool:
-            list(pool.map(work, *zip(*shares, strict=True)))
+    threads.share(lambda part: work(*part), shares, n_threads)
 
 
 class _Values(torch.autograd.Function):

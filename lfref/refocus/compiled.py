@@ -8,7 +8,6 @@ Letters: `n` plane, `v u` view row and column, `k` tap; others as in `row_kernel
 import functools
 import itertools
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lfref.functional import threads
 from lfref.refocus import batches, row_kernel
 from lfref.refocus.row_kernel import TAPS, VECTOR, Horizontal, Scale, Scratch, Source, Vertical
 from lfref.refocus.task import Shifts, Task
@@ -62,11 +62,7 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
         row_kernel.add_band(sources[index], plan.across, plan.down, plan.scale, scratch, stack[index], *band)
 
     jobs = itertools.product(range(len(views)), bands)
-    if n_threads == 1:
-        list(map(refocus, jobs))
-    else:
-        with ThreadPoolExecutor(n_threads) as pool:
-            list(pool.map(refocus, jobs))
+    threads.share(refocus, jobs, n_threads)
     return torch.from_numpy(stack)
 
 

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
@@ -10,6 +9,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import chosen
+from lfref.functional import threads
 from lfref.refocus import batches, gather_kernel
 from lfref.refocus.gather_kernel import Places, Rule
 
@@ -63,10 +63,6 @@ def means(
         gather_kernel.mean(fields[b], weights, places[n], rule, stack[b, n], coverage[b, n], *band)
 
     jobs = itertools.product(range(len(fields)), range(len(places)), bands)
-    if n_threads == 1:
-        list(map(work, jobs))
-    else:
-        with ThreadPoolExecutor(n_threads) as pool:
-            list(pool.map(work, jobs))
+    threads.share(work, jobs, n_threads)
     # What is covered is the same for all light fields.
     return torch.from_numpy(stack), torch.from_numpy(coverage[0])

@@ -5,13 +5,13 @@ Letters: `i j` columns and rows of a bitmap in samples, `M` pictures, `h w` rows
 
 import itertools
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lfref.functional import threads
 from lfref.simulator.canvases import OVERSAMPLING
 from lfref.simulator.reading import look_kernel, lookups, shift_kernel
 from lfref.simulator.reading.shift_kernel import Sheet, Shifts
@@ -88,10 +88,4 @@ def in_bands(work: Callable[[int, int], None], edges: Sequence[int], n_threads: 
         edges: Of the bands, ascending.
         n_threads: How many may work at once.
     """
-    bands = list(itertools.pairwise(edges))
-    if min(n_threads, len(bands)) <= 1:
-        for band in bands:
-            work(*band)
-        return
-    with ThreadPoolExecutor(min(n_threads, len(bands))) as pool:
-        list(pool.map(work, *zip(*bands, strict=True)))
+    threads.share(lambda band: work(*band), itertools.pairwise(edges), n_threads)

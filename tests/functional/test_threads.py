@@ -1,0 +1,41 @@
+"""threads.py: every job once, by as many threads as asked for, and what goes wrong is heard of."""
+
+import threading
+
+import pytest
+
+from lfref.functional import threads
+
+
+@pytest.mark.parametrize("n_threads", [0, 1, 2, 5])
+def test_every_job_is_done_once(n_threads):
+    done = []
+    threads.share(done.append, range(100), n_threads)
+    assert sorted(done) == list(range(100))
+
+
+@pytest.mark.parametrize("n_threads", [1, 2, 4])
+def test_as_many_threads_work_at_once_the_calling_one_among_them(n_threads):
+    barrier, names = threading.Barrier(n_threads, timeout=20), []
+
+    def work(job):
+        barrier.wait()  # breaks unless so many arrive
+        names.append(threading.get_ident())
+
+    threads.share(work, range(n_threads), n_threads)
+    assert len(set(names)) == n_threads
+    assert threading.get_ident() in names
+    before = threading.active_count()
+    threads.share(lambda job: None, range(3), n_threads)
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("n_threads", [1, 3])
+@pytest.mark.parametrize("bad", range(4))
+def test_what_a_job_raises_is_raised(n_threads, bad):
+    def work(job):
+        if job == bad:
+            raise ValueError(f"job {job}")
+
+    with pytest.raises(ValueError, match=f"job {bad}"):
+        threads.share(work, range(4), n_threads)
