@@ -3,7 +3,6 @@
 Both compute in float64, whatever the images' type, so that only the result is rounded. Letters: as in `ssim`.
 """
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -104,9 +103,8 @@ def _share(work: Callable[[int, int], None], planes: Tensor) -> None:
 
     Which thread computes a plane changes no digit of it.
     """
-    n_threads = max(1, min(torch.get_num_threads(), len(planes), planes.numel() // WORTH_A_THREAD))
-    shares = list(itertools.pairwise(len(planes) * i // n_threads for i in range(n_threads + 1)))
-    threads.share(lambda part: work(*part), shares, n_threads)
+    n_threads = min(threads.worthwhile(planes.numel(), WORTH_A_THREAD), max(len(planes), 1))
+    threads.share(work, threads.bands(len(planes), n_threads), n_threads)
 
 
 class _Values(torch.autograd.Function):

@@ -1,32 +1,48 @@
 """Plain threads that share work which lets go of the interpreter's lock: as many as asked for, gone when it is done."""
 
+import itertools
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any
 
-Job = TypeVar("Job")
+import torch
 
 
-def share(work: Callable[[Job], None], jobs: Iterable[Job], n_threads: int) -> None:
+def worthwhile(size: int, worth_a_thread: int) -> int:
+    """How many threads work of some size is worth: at most as many as PyTorch has, at least 1.
+
+    Args:
+        size: Of the work.
+        worth_a_thread: Size from which one more thread saves more than it costs.
+    """
+    return max(1, min(torch.get_num_threads(), size // worth_a_thread))
+
+
+def bands(length: int, n_bands: int) -> list[tuple[int, int]]:
+    """First item and one past the last of so many parts of a row of items, about as long as each other."""
+    return list(itertools.pairwise(round(length * i / n_bands) for i in range(n_bands + 1)))
+
+
+def share(work: Callable[..., None], jobs: Iterable[tuple[Any, ...]], n_threads: int) -> None:
     """Do all jobs, each once, in any order.
 
     Args:
         work: Does one; what it raises is raised here.
-        jobs: What it is given.
-        n_threads: How many work at once. The calling thread is one of them: were it to wait instead, the others might
-            both be started on one core, and stay there.
+        jobs: The arguments of each.
+        n_threads: How many work at once, the calling thread among them.
     """
-    queue = iter(list(jobs))
+    waiting = list(jobs)
+    n_others, queue = min(n_threads, len(waiting)) - 1, iter(waiting)
 
     def work_on() -> None:
         for job in queue:
-            work(job)
+            work(*job)
 
-    if n_threads <= 1:
+    if n_others < 1:
         work_on()
         return
-    with ThreadPoolExecutor(n_threads - 1) as pool:
-        others = [pool.submit(work_on) for _ in range(n_threads - 1)]
+    with ThreadPoolExecutor(n_others) as pool:
+        others = [pool.submit(work_on) for _ in range(n_others)]
         work_on()
         for other in others:
             other.result()

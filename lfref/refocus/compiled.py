@@ -53,15 +53,13 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
     # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
     stack = np.empty((len(views), len(task.planes), views.shape[3], *task.size), working)
     sources = [_source(field, plan) for field in samples]
-    n_threads = max(1, min(torch.get_num_threads(), stack.size // WORTH_A_THREAD))
-    bands = list(itertools.pairwise(round(task.size[0] * i / n_threads) for i in range(n_threads + 1)))
+    n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
 
-    def refocus(job: tuple[int, tuple[int, int]]) -> None:
-        index, band = job
+    def refocus(index: int, band: tuple[int, int]) -> None:
         scratch = _new_scratch(plan, task, working)
         row_kernel.add_band(sources[index], plan.across, plan.down, plan.scale, scratch, stack[index], *band)
 
-    jobs = itertools.product(range(len(views)), bands)
+    jobs = itertools.product(range(len(views)), threads.bands(task.size[0], n_threads))
     threads.share(refocus, jobs, n_threads)
     return torch.from_numpy(stack)
 

@@ -27,7 +27,7 @@ WORTH_A_THREAD = 1 << 16
 def means(
     views: Tensor, aperture: Tensor, tables: Sequence[tuple[Tensor, Tensor]], interpolation: str, border: str
 ) -> tuple[Tensor, Tensor]:
-    """What `sampling.means` computes.
+    """Means of the views that have a sample, plane by plane: what `sampling.mean_of_views` computes.
 
     Args:
         views: Light fields on the CPU, floating point, uint8 or uint16, any strides, [B, V, U, C, H, W].
@@ -54,15 +54,13 @@ def means(
     weights = aperture.contiguous().numpy()
     working = np.float64 if views.dtype == torch.float64 else np.float32
     stack = np.empty((len(fields), len(places), views.shape[3], height, width), working)
-    coverage = np.empty((len(fields), len(places), height, width))
-    n_threads = max(1, min(torch.get_num_threads(), stack.size // WORTH_A_THREAD))
-    bands = itertools.pairwise(round(height * i / n_threads) for i in range(n_threads + 1))
+    coverage = np.empty((len(places), height, width))
+    n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
 
-    def work(job: tuple[int, int, tuple[int, int]]) -> None:
-        b, n, band = job
-        gather_kernel.mean(fields[b], weights, places[n], rule, stack[b, n], coverage[b, n], *band)
+    def work(b: int, n: int, band: tuple[int, int]) -> None:
+        # All light fields write the same coverage.
+        gather_kernel.mean(fields[b], weights, places[n], rule, stack[b, n], coverage[n], *band)
 
-    jobs = itertools.product(range(len(fields)), range(len(places)), bands)
+    jobs = itertools.product(range(len(fields)), range(len(places)), threads.bands(height, n_threads))
     threads.share(work, jobs, n_threads)
-    # What is covered is the same for all light fields.
-    return torch.from_numpy(stack), torch.from_numpy(coverage[0])
+    return torch.from_numpy(stack), torch.from_numpy(coverage)

@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.functional.jit import compiled, inlined
+from lfref.refocus.interpolation import cubic_weights
+from lfref.refocus.sampling import FARTHEST, ON_VIEW
 
 NEAREST, LINEAR, CUBIC = range(3)
 """Interpolations."""
 LEFT_OUT, REPLICATED, BLACK, PERIODIC = range(4)
 """What is beyond a view: left out of the mean, or made up."""
-FARTHEST = 2.0**50  # positions beyond have no fraction left, and soon no index
-ON_VIEW = 1e-9  # pixels by which rounding may put a position beyond the outermost sample
 MOST_TAPS = 4
 
 Reals = NDArray[np.floating]
+_cubic_weights = inlined(cubic_weights)
 
 
 class Rule(NamedTuple):
@@ -157,7 +158,7 @@ def _set_taps(position: float, length: int, rule: Rule, indices: NDArray[np.int6
         n_taps, weights[0], weights[1] = 2, 1 - t, t
     else:
         n_taps, first = 4, first - 1
-        _set_cubic(t, weights)
+        weights[0], weights[1], weights[2], weights[3] = _cubic_weights(t)
     for k in range(n_taps):
         index = first + k
         within = min(max(index, 0), length - 1)
@@ -165,12 +166,3 @@ def _set_taps(position: float, length: int, rule: Rule, indices: NDArray[np.int6
             weights[k] = 0.0
         indices[k] = index % length if rule.beyond == PERIODIC else within
     return n_taps
-
-
-@inlined
-def _set_cubic(t: float, weights: Reals) -> None:
-    """Keys' kernel (1981), a = -1/2, for the four samples around t."""
-    weights[0] = ((-0.5 * t + 1.0) * t - 0.5) * t
-    weights[1] = (1.5 * t - 2.5) * t * t + 1.0
-    weights[2] = ((-1.5 * t + 2.0) * t + 0.5) * t
-    weights[3] = (0.5 * t - 0.5) * t * t

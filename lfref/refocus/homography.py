@@ -194,9 +194,7 @@ def _stack(views: Tensor, matrices: Tensor, interpolation: str, border: str, wei
         stack, coverage = kernel.means(views, aperture, tables, interpolation, border)
     else:
         images = [_image(views, plane, interpolation, border, aperture) for plane in planes]
-        stack, coverage = (
-            torch.stack(parts, dim) for parts, dim in zip(zip(*images, strict=True), (1, 0), strict=True)
-        )
+        stack, coverage = torch.stack([image for image, _ in images], dim=1), torch.stack([each for _, each in images])
     if not bool(coverage.flatten(1).any(1).all()):
         raise InputError(
             "at least one view must have a sample of each plane",

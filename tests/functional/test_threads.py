@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+import torch
 
 from lfref.functional import threads
 
@@ -10,7 +11,7 @@ from lfref.functional import threads
 @pytest.mark.parametrize("n_threads", [0, 1, 2, 5])
 def test_every_job_is_done_once(n_threads):
     done = []
-    threads.share(done.append, range(100), n_threads)
+    threads.share(done.append, ((job,) for job in range(100)), n_threads)
     assert sorted(done) == list(range(100))
 
 
@@ -22,11 +23,11 @@ def test_as_many_threads_work_at_once_the_calling_one_among_them(n_threads):
         barrier.wait()  # breaks unless so many arrive
         names.append(threading.get_ident())
 
-    threads.share(work, range(n_threads), n_threads)
+    threads.share(work, [(job,) for job in range(n_threads)], n_threads)
     assert len(set(names)) == n_threads
     assert threading.get_ident() in names
     before = threading.active_count()
-    threads.share(lambda job: None, range(3), n_threads)
+    threads.share(lambda: None, [()] * 3, n_threads)
     assert threading.active_count() == before
 
 
@@ -38,4 +39,17 @@ def test_what_a_job_raises_is_raised(n_threads, bad):
             raise ValueError(f"job {job}")
 
     with pytest.raises(ValueError, match=f"job {bad}"):
-        threads.share(work, range(4), n_threads)
+        threads.share(work, [(job,) for job in range(4)], n_threads)
+
+
+@pytest.mark.parametrize(("size", "expected"), [(0, 1), (99, 1), (200, 2), (299, 2), (10**9, 4)])
+def test_threads_are_as_many_as_pay_and_pytorch_has(monkeypatch, size, expected):
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 4)
+    assert threads.worthwhile(size, 100) == expected
+
+
+@pytest.mark.parametrize(("length", "n_bands"), [(7, 1), (7, 2), (375, 16), (5, 5)])
+def test_bands_are_the_whole_in_parts_as_long_as_each_other(length, n_bands):
+    found = threads.bands(length, n_bands)
+    assert [place for start, end in found for place in range(start, end)] == list(range(length))
+    assert {end - start for start, end in found} <= {length // n_bands, -(-length // n_bands)}

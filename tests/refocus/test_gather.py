@@ -14,6 +14,11 @@ CHOICES = [(interpolation, border) for interpolation in sampling.READINGS for bo
 GRID, SIZE = (2, 3), (9, 12)
 
 
+def test_all_interpolations_and_borders_are_there():
+    assert list(gather.INTERPOLATIONS) == list(sampling.READINGS)
+    assert list(gather.BEYOND) == list(BORDERS)
+
+
 def noise(*shape, seed=0):
     return torch.rand(shape, generator=torch.Generator().manual_seed(seed))
 

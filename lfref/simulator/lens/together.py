@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lfref.functional import threads
 from lfref.simulator.canvases import OVERSAMPLING
 from lfref.simulator.lens import cell_blur, smooth_kernel, truth_kernel
 from lfref.simulator.lens.cell_blur import Filter
@@ -25,7 +26,6 @@ from lfref.simulator.painting.layers import Layer
 from lfref.simulator.rays import ray_tables
 from lfref.simulator.rays.ray_kernel import Atlas
 from lfref.simulator.rays.ray_tables import Picture
-from lfref.simulator.reading import compiled
 from lfref.simulator.reading.blurs import Bitmap, margin
 
 LINEAR = 1.0
@@ -97,9 +97,9 @@ def _photograph(plane: Plane, shelf: Shelf) -> Tensor:
     through = Through(cells.p.numpy(), cells.q.numpy(), cells.weights.numpy(), plane.cell, slope)
     picture = np.zeros((3, *seen.camera.size), _dtype([plane]))
     n_look_ups = len(seen.layers) * through.weights.size * picture[0].size
-    n_threads = max(1, min(torch.get_num_threads(), n_look_ups // WORTH_A_THREAD))
-    edges = [round(seen.camera.size[0] * i / n_threads) for i in range(n_threads + 1)]
-    compiled.in_bands(functools.partial(_adding(plane, shelf), through, picture), edges, n_threads)
+    n_threads = threads.worthwhile(n_look_ups, WORTH_A_THREAD)
+    work = functools.partial(_adding(plane, shelf), through, picture)
+    threads.share(work, threads.bands(seen.camera.size[0], n_threads), n_threads)
     return torch.from_numpy(picture)
 
 

@@ -3,15 +3,11 @@
 Letters: `i j` columns and rows of a bitmap in samples, `M` pictures, `h w` rows and columns of the bitmap.
 """
 
-import itertools
-from collections.abc import Callable, Sequence
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional import threads
 from lfref.simulator.canvases import OVERSAMPLING
 from lfref.simulator.reading import look_kernel, lookups, shift_kernel
 from lfref.simulator.reading.shift_kernel import Sheet, Shifts
@@ -78,14 +74,3 @@ def anywhere(interleaved: Tensor, i: Tensor, j: Tensor) -> Tensor:
     result = np.empty((4, columns.size), np.float32)
     look_kernel.read_anywhere(interleaved.numpy(), columns, rows, result)
     return torch.from_numpy(result).reshape(4, *i.shape).movedim(0, 1)
-
-
-def in_bands(work: Callable[[int, int], None], edges: Sequence[int], n_threads: int) -> None:
-    """Work on bands of rows, on several threads where that is asked for.
-
-    Args:
-        work: (first row, one past the last row), lets go of the interpreter's lock.
-        edges: Of the bands, ascending.
-        n_threads: How many may work at once.
-    """
-    threads.share(lambda band: work(*band), itertools.pairwise(edges), n_threads)

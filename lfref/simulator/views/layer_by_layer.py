@@ -5,6 +5,7 @@ Threads are plain ones, started for the call, as in shift-and-sum: they work aft
 Letters: as in `render`.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lfref.functional import threads
 from lfref.simulator.canvases import OVERSAMPLING, Canvas
 from lfref.simulator.painting import reach
 from lfref.simulator.painting.layers import Layer
@@ -69,7 +71,7 @@ def pictures(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slop
             cover(top, end)
 
     height = camera.size[0]
-    compiled.in_bands(finish, [*range(0, height, BAND), height], torch.get_num_threads())
+    threads.share(finish, itertools.pairwise([*range(0, height, BAND), height]), torch.get_num_threads())
     return torch.from_numpy(picture)
 
 
