@@ -2,10 +2,10 @@
 
 from torch import Tensor
 
-from lfref.refocus.all_in_focus import all_in_focus
-from lfref.refocus.focal_stack_transform import focal_stack_transform
-from lfref.refocus.homography import homography, slope_homographies
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.anywhere.homography import homography, slope_homographies
+from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 
 def even_stack(views: Tensor, slopes: Tensor) -> Tensor:

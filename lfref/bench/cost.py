@@ -16,7 +16,7 @@ from lfref.bench.accuracy import Row
 from lfref.bench.memory import Workload
 from lfref.bench.methods import Method
 from lfref.bench.timing import FFT
-from lfref.refocus.exact_fourier import exact_fourier
+from lfref.refocus.fourier.exact import exact_fourier
 
 Columns = dict[tuple[str, str], Row]
 """What was measured, by name of the method and type of its input."""

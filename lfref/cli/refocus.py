@@ -15,8 +15,9 @@ from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.refocus import apertures, view_order
-from lfref.refocus.all_in_focus import all_in_focus, index_to_slope
+from lfref.refocus import apertures
+from lfref.refocus.focus import view_order
+from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
 from lfref.report import drawing, focus, pictures
 
 

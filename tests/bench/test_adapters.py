@@ -1,8 +1,8 @@
 import torch
 
 from lfref.bench import adapters
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SLOPES = torch.tensor([-1.0, -0.2, 0.6], dtype=torch.float64)
 
