@@ -12,7 +12,7 @@ from lfref.bench.timing import FFT, Progress
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.exact_fourier import exact_fourier
+from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
 

@@ -15,7 +15,7 @@ from lfref.bench import accuracy, memory, timing
 from lfref.bench.accuracy import Row
 from lfref.bench.memory import Workload
 from lfref.bench.timing import FFT
-from lfref.refocus.exact_fourier import exact_fourier
+from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
 

@@ -14,8 +14,8 @@ from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.refocus import view_order
-from lfref.refocus.all_in_focus import all_in_focus, index_to_slope
+from lfref.refocus.focus import view_order
+from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import drawing, focus, pictures

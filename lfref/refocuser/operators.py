@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from lfref.refocus import batches
-from lfref.refocus.all_in_focus import all_in_focus
-from lfref.refocus.focal_stack_transform import focal_stack_transform
-from lfref.refocus.homography import homography, slope_homographies
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
+from lfref.refocus.anywhere.homography import homography, slope_homographies
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import Refocuser
 
 Operator = Callable[..., Tensor]

@@ -7,8 +7,8 @@ import torch
 
 from lfref.lightfield import LightField
 from lfref.refocus import weighted
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SLOPES = torch.tensor([-1.5, 0.0, 0.4], dtype=torch.float64)
 

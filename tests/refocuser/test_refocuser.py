@@ -14,8 +14,8 @@ from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 PLANES = FocalPlanes((0.5, 2.0))
 
