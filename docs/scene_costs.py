@@ -46,10 +46,10 @@ def distances() -> Iterator[str]:
 
 def apertures() -> Iterator[str]:
     """The truth of every scene against brute force, its worst plane."""
-    yield "| scene | worst of the planes, dB | at alpha |"
+    yield "| scene | worst of the planes, dB | which |"
     yield "|---|---|---|"
     for row in tables.read_table(BRUTE).itertuples():
-        yield f"| {row.scene} | {row.psnr_db:.1f} | {row.worst_alpha:g} |"
+        yield f"| {row.scene} | {row.psnr_db:.1f} | {row.worst_plane} |"
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {"simulate": costs, "distances": distances}

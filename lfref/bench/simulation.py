@@ -222,7 +222,7 @@ def aperture_errors(
         device: Where they are rendered.
 
     Returns:
-        Rows `scene, psnr_db, worst_alpha, worst_slope`, the PSNR that of the worst plane.
+        Rows `scene, psnr_db, worst_plane`, the PSNR that of the worst plane.
     """
     rows: list[Row] = []
     for name, scene in scenes:
@@ -230,8 +230,7 @@ def aperture_errors(
         brute = [through_points(layers, scene.camera, slope, n_points) for slope in planes.slopes.tolist()]
         quality = psnr(truth.stack(layers, scene.camera, planes.slopes), torch.stack(brute))
         worst = int(quality.argmin())
-        place = {f"worst_{column}": value for column, value in accuracy.plane_names(planes)[worst].items()}
-        rows.append({"scene": name, "psnr_db": float(quality[worst])} | place)
+        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_plane": planes.labels[worst]})
     return rows
 
 

@@ -72,7 +72,7 @@ def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Te
         raise InputError("a comparison must have at least one method", got="none")
     shown = ends_and_middle(planes)
     middle, exposure = (len(stacks) + 1) // 2, common_exposure(mean_image)
-    figure, grid = _grid(len(stacks) + 1, len(shown), mean_image, f"exposure × {exposure:.3g}")
+    figure, grid = _grid(len(stacks) + 1, len(shown), mean_image, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}")
     _show(grid[middle, len(shown) // 2], "mean of all views, not refocused", for_display(mean_image, exposure))
     for line, (name, stack) in zip(np.delete(grid, middle, axis=0), stacks.items(), strict=True):
         if stack.ndim != 4 or len(stack) != len(planes):
@@ -101,7 +101,7 @@ def contact_sheet(stack: Tensor, labels: Sequence[str], exposure: float | None =
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
     n_columns = min(4, len(stack))
     n_rows = math.ceil(len(stack) / n_columns)
-    figure, grid = _grid(n_rows, n_columns, stack, f"exposure × {exposure:.3g}, gamma {gamma:g}")
+    figure, grid = _grid(n_rows, n_columns, stack, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, gamma {gamma:g}")
     for axes, label, image in zip(grid.flat, labels, stack, strict=False):
         _show(axes, wording.drawable(label), for_display(image, exposure, gamma))
     return figure

@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lfref.errors import InputError
 from lfref.report import drawing, tables, wording
 from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, RED, TEAL, calm, fold_below_cap, new_figure
 
@@ -33,11 +34,10 @@ def training_curves(metrics: pd.DataFrame) -> Figure:
     """The loss with its terms, and validation MPSNR and MSSIM with the rise above the first validation.
 
     Args:
-        metrics: Lightning's metrics.csv: `step`, `train/loss`, `val/mpsnr`, `val/mssim`; the terms where they are
-            there.
+        metrics: Lightning's metrics.csv: `step`, `val/mpsnr`, `val/mssim`, and those of the losses that it has.
 
     Raises:
-        InputError: One of these columns is missing, or has no number.
+        InputError: One of these columns is missing, or has no number; or there is no loss.
     """
     figure = new_figure(9, 4.8)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1))
@@ -51,10 +51,12 @@ def training_curves(metrics: pd.DataFrame) -> Figure:
 
 def _draw_losses(axes: Axes, metrics: pd.DataFrame) -> None:
     axes.set_yscale("log", nonpositive="mask")
-    tables.some(metrics, "step", "train/loss")
+    # A run shorter than its logging interval has losses of validation only.
     for column, (label, colour, width) in LOSS_TERMS.items():
         if column in metrics:
             _draw_steps(axes, metrics, column, color=colour, linewidth=width, label=label)
+    if not axes.get_lines():
+        raise InputError("a training run must have logged a loss", got=f"columns {', '.join(metrics)}")
     axes.figure.legend(loc="outside lower left", ncols=len(LOSS_TERMS), frameon=False, fontsize=9)
     calm(axes, "Optimiser step", "Loss (log scale)", "Loss and its terms")
 

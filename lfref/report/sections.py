@@ -141,7 +141,9 @@ def operators(folder: Path) -> Section:
     Args:
         folder: Run folder of `lfref bench group=operators`.
     """
-    rows, times, exponents = (tables.read_table(folder / f"{name}.csv") for name in ("operators", "scaling", "exponents"))
+    rows, times, exponents = (
+        tables.read_table(folder / f"{name}.csv") for name in ("operators", "scaling", "exponents")
+    )
     tables.need(rows, *OPERATOR_COLUMNS)
     text = (
         "One call for the whole stack of one light field. Speed is measured in NumPy's 4-D FFTs of the three channels "

@@ -85,7 +85,9 @@ def test_all_text_is_escaped(tmp_path, figure):
 
 
 def test_paragraphs_facts_and_tables_are_there(tmp_path):
-    section = Section("Part", "one\nline\n\ntwo\n\n\n", tables={"All": pd.DataFrame([{"method": "a", "psnr_db": 31.256}])})
+    section = Section(
+        "Part", "one\nline\n\ntwo\n\n\n", tables={"All": pd.DataFrame([{"method": "a", "psnr_db": 31.256}])}
+    )
     texts = Outline(written(tmp_path, [section], {"Parameters": 12500768, "MPSNR": "31 dB", "Seed": 0})).texts
     assert texts["p"] == ["one\nline", "two"]
     assert texts["dt"] == ["Parameters", "MPSNR", "Seed"]
@@ -94,7 +96,9 @@ def test_paragraphs_facts_and_tables_are_there(tmp_path):
 
 
 def test_tables_have_readable_headings_and_numbers_to_the_right(tmp_path):
-    rows = pd.DataFrame({"method": ["<b>&'", "0012", None], "psnr_db": [31.256, 100.0, None], "flag": [True, False, True]})
+    rows = pd.DataFrame(
+        {"method": ["<b>&'", "0012", None], "psnr_db": [31.256, 100.0, None], "flag": [True, False, True]}
+    )
     outline = Outline(written(tmp_path, [Section("Part", tables={"": rows})]))
     assert outline.texts["th"] == ["Method", "PSNR (dB)", "flag"]
     assert outline.all("th") == [{"scope": "col"}, {"scope": "col", "class": "number"}, {"scope": "col"}]

@@ -59,7 +59,19 @@ def test_a_single_validation_has_no_arrow(tmp_path):
     drawing.save_figure(figure, tmp_path / "one.png")
 
 
-@pytest.mark.parametrize("column", ["step", "train/loss", "val/mpsnr", "val/mssim"])
+def test_a_run_too_short_for_training_losses_shows_those_of_validation():
+    short = metrics()[5:].drop(columns=["train/loss", "train/l1"]).assign(**{"val/loss": [3.0, 2.0, 1.0]})
+    loss, mpsnr, _ = plots.training_curves(short).axes
+    assert [points(line) for line in loss.get_lines()] == [[(1, 3.0), (2, 2.0), (4, 1.0)]]
+    assert len(mpsnr.get_lines()[0].get_xdata()) == 3
+
+
+def test_a_run_without_any_loss_is_refused():
+    with pytest.raises(InputError, match="must have logged a loss"):
+        plots.training_curves(metrics()[["step", "val/mpsnr", "val/mssim"]])
+
+
+@pytest.mark.parametrize("column", ["step", "val/mpsnr", "val/mssim"])
 def test_a_missing_training_column_is_named(column):
     with pytest.raises(InputError, match=f"'{column}'"):
         plots.training_curves(metrics().drop(columns=column))

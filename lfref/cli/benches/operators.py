@@ -62,9 +62,7 @@ def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[
             yield Case(method, cost.as_integers(views), has_planes_asked_for)
 
 
-def _costs(
-    cases: list[Case], planes: FocalPlanes, rounds: shared.Rounds, in_numpy: dict[str, str]
-) -> pd.DataFrame:
+def _costs(cases: list[Case], planes: FocalPlanes, rounds: shared.Rounds, in_numpy: dict[str, str]) -> pd.DataFrame:
     first = cost.first_calls(progress(cases, "first calls"), planes.slopes, ("psnr_db", "max_error"))
     times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup, in_numpy)
     peaks = cost.peaks(progress(cases, "measuring memory"), planes.slopes)
