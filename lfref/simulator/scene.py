@@ -130,7 +130,7 @@ class Scene:
 
     def _check_steepness(self, surface: Surface) -> None:
         half = self.camera.half_aperture
-        change = sum(slope * reach for slope, reach in zip(surface.geometry.steepness(), half, strict=True))
+        change = sum(slope * way for slope, way in zip(surface.geometry.steepness(), half, strict=True))
         if change > STEEPEST:
             raise InputError(
                 f"disparity may change by {STEEPEST:g} / (half the views) a pixel at most",

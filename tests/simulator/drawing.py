@@ -18,7 +18,7 @@ from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.painting import bitmaps
-from lfref.simulator.reading import blurs, compiled
+from lfref.simulator.reading import blurs, fast_lookups
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
@@ -90,7 +90,7 @@ def painted_views(scene):
 
 def slow_views(scene, monkeypatch):
     """All layers from all view points, by PyTorch's operations alone."""
-    monkeypatch.setattr(compiled, "can_serve", lambda *_: False)
+    monkeypatch.setattr(fast_lookups, "can_serve", lambda *_: False)
     monkeypatch.setattr(blurs, "RGBA", None)
     p, q = scene.camera.view_points()
     views = render.radiance(bitmaps.paint(scene), p, q, *scene.camera.pixels())

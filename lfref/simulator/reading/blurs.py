@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.simulator.canvases import OVERSAMPLING, Canvas
-from lfref.simulator.reading import blur_kernel, compiled, lookups
+from lfref.simulator.reading import blur_loop, fast_lookups, lookups
 
 Positions = tuple[Tensor, Tensor]
 """X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; single axes where they form a grid."""
@@ -46,12 +46,12 @@ class Bitmap:
         x, y = positions
         i, j = x * OVERSAMPLING - self.canvas.left, y * OVERSAMPLING - self.canvas.top
         is_grid, on_cpu = i.shape[-2] == 1 and j.shape[-1] == 1, self.samples.device.type == "cpu"
-        if is_grid and on_cpu and compiled.can_serve(self.samples, i, j):
-            return compiled.on_grid(self.samples, i, j)
+        if is_grid and on_cpu and fast_lookups.can_serve(self.samples, i, j):
+            return fast_lookups.on_grid(self.samples, i, j)
         if is_grid:
             return lookups.on_grid(self.samples, i, j)
         if on_cpu and len(self.samples) == RGBA:
-            return compiled.anywhere(self.interleaved, i, j)
+            return fast_lookups.anywhere(self.interleaved, i, j)
         return lookups.anywhere(self.samples, i, j)
 
     @functools.cached_property
@@ -123,7 +123,7 @@ def box_blurred(samples: Tensor, size: int) -> Tensor:
     if samples.device.type == "cpu" and size > 1:
         height, width, n_channels = samples.shape
         result = torch.empty(height + size - 1, width + size - 1, n_channels, dtype=samples.dtype)
-        blur_kernel.box_mean(samples.numpy(), size, result.numpy())
+        blur_loop.box_mean(samples.numpy(), size, result.numpy())
         return result
     return _running_mean(_running_mean(samples, size, 0), size, 1)
 

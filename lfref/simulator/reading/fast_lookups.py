@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.simulator.canvases import OVERSAMPLING
-from lfref.simulator.reading import look_kernel, lookups, shift_kernel
-from lfref.simulator.reading.shift_kernel import Sheet, Shifts
+from lfref.simulator.reading import look_loop, lookups, shift_loop
+from lfref.simulator.reading.shift_loop import Sheet, Shifts
 
 UNEVEN = 1e-9
 """Samples that steps between pixels may differ by."""
@@ -64,7 +64,7 @@ def _goes_on(samples: Tensor) -> bool:
 def on_grid(samples: Tensor, i: Tensor, j: Tensor) -> Tensor:
     """As `lookups.on_grid`, for positions that `can_serve`."""
     pictures = np.zeros((len(i), len(samples), j.shape[-2], i.shape[-1]), np.float32)
-    shift_kernel.read(filled(samples.numpy()), shifts(i[:, 0, 0]), shifts(j[:, 0, 0]), pictures)
+    shift_loop.read(filled(samples.numpy()), shifts(i[:, 0, 0]), shifts(j[:, 0, 0]), pictures)
     return torch.from_numpy(pictures)
 
 
@@ -72,5 +72,5 @@ def anywhere(interleaved: Tensor, i: Tensor, j: Tensor) -> Tensor:
     """As `lookups.anywhere`, of a bitmap whose channels lie side by side, [h, w, 4]."""
     columns, rows = (value.reshape(-1).numpy() for value in (i, j))
     result = np.empty((4, columns.size), np.float32)
-    look_kernel.read_anywhere(interleaved.numpy(), columns, rows, result)
+    look_loop.read_anywhere(interleaved.numpy(), columns, rows, result)
     return torch.from_numpy(result).reshape(4, *i.shape).movedim(0, 1)
