@@ -45,11 +45,6 @@ class Camera:
         """Distance of the aperture's edge from its centre along p and along q, in view steps."""
         return self.grid[1] / 2, self.grid[0] / 2
 
-    def view_points(self) -> tuple[Tensor, Tensor]:
-        """Aperture points p and q of all views, row by row, float64, [V U] each."""
-        q, p = (geometry.angular_offsets(n_views) for n_views in self.grid)
-        return p.repeat(len(q)), q.repeat_interleave(len(p))
-
     def pixels(self) -> tuple[Tensor, Tensor]:
         """Positions x [1, 1, W] and y [1, H, 1] of the pixels, from the picture's centre, float64."""
         y, x = (geometry.angular_offsets(length) for length in self.size)

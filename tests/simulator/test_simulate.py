@@ -6,7 +6,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.simulator import scenes
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.sensor import Sensor
@@ -32,7 +31,7 @@ CARDS = Scene(
 
 
 def random_scene(seed: int, **more: object) -> Scene:
-    scene = scenes.random_scene(torch.Generator().manual_seed(seed), CAMERA)
+    scene = drawing.random_scene(seed, CAMERA)
     return dataclasses.replace(scene, **more)
 
 

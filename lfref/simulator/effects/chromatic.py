@@ -13,7 +13,6 @@ from torch import Generator, Tensor
 from lfref import geometry
 from lfref.simulator import checks
 from lfref.simulator.effects import resampling
-from lfref.simulator.effects.effect import check_colour
 
 Triple = tuple[float, ...]
 """One number each for red, green and blue."""
@@ -34,8 +33,8 @@ class Chromatic:
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        check_colour("a chromatic aberration's magnification", self.magnification, 0.5, 2)
-        check_colour("a chromatic aberration's disparity", self.disparity, -10, 10)
+        checks.colour("a chromatic aberration's magnification", self.magnification, 0.5, 2)
+        checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where all channels keep their size, and their focus or the only view."""

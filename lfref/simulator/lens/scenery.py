@@ -68,7 +68,7 @@ class Scenery:
     def window(self, bitmap: Bitmap, slope: float) -> Tensor:
         """Samples of a picture that faces the camera which a plane looks at, its ends going on beyond it, [4, h, w]."""
         if bitmap not in self._windows:
-            self._windows[bitmap] = _cut_out(bitmap, self.camera.size, self.margin)
+            self._windows[bitmap] = bitmap.window(self.camera.size, self.margin)
         samples = self._windows[bitmap]
         cut = (self.margin - self.margin_at(slope)) * OVERSAMPLING
         return samples[:, cut : samples.shape[1] - cut, cut : samples.shape[2] - cut]
@@ -87,17 +87,6 @@ def _facing(layer: Layer) -> list[float]:
     """Disparities of a layer's pictures that face the camera."""
     geometry, reflection = layer.surface.geometry, layer.reflection
     return [geometry.form.disparity] * geometry.is_parallel + ([reflection.disparity] if reflection else [])
-
-
-def _cut_out(bitmap: Bitmap, size: tuple[int, int], margin: int) -> Tensor:
-    canvas, samples = bitmap.canvas, bitmap.samples
-    rows, columns = (
-        (torch.arange((length + 2 * margin) * OVERSAMPLING) - OVERSAMPLING * margin - (length - 1) - start)
-        .clamp(0, end - 1)
-        .to(samples.device)
-        for length, start, end in ((size[0], canvas.top, canvas.height), (size[1], canvas.left, canvas.width))
-    )
-    return samples[:, rows][..., columns]
 
 
 def visible(scenery: Scenery, slope: float) -> list[int]:

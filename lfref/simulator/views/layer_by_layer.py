@@ -20,7 +20,7 @@ from lfref.simulator.painting import extents
 from lfref.simulator.painting.layers import Layer
 from lfref.simulator.rays import ray_tables
 from lfref.simulator.rays.ray_tables import Page
-from lfref.simulator.reading import fast_lookups, shift_loop
+from lfref.simulator.reading import shift_loop, shift_tables
 from lfref.simulator.reading.blurs import Bitmap
 from lfref.simulator.reading.shift_loop import Shifts
 from lfref.simulator.scene import Camera
@@ -86,7 +86,7 @@ def _covers(layers: Sequence[Layer], camera: Camera, points: Points) -> list[Cov
 def _shifted(layer: Layer, camera: Camera, points: Points) -> Cover:
     """A layer of which all pictures are shifted copies."""
     samples = layer.bitmap.samples.numpy()
-    sheet = fast_lookups.filled(samples[:3]) if layer.hides else fast_lookups.outlined(samples)
+    sheet = shift_tables.filled(samples[:3]) if layer.hides else shift_tables.outlined(samples)
     across, down = _shifts(layer.bitmap.canvas, layer.surface.geometry.form.disparity, camera, points)
     return lambda top, end: shift_loop.over(sheet, across, down, points.picture, top, end)
 
@@ -94,7 +94,7 @@ def _shifted(layer: Layer, camera: Camera, points: Points) -> Cover:
 def _shifts(canvas: Canvas, disparity: float, camera: Camera, points: Points) -> tuple[Shifts, Shifts]:
     """How a bitmap that faces the camera is read along rows, and along columns."""
     across, down = (
-        fast_lookups.shifts((pixels.min() + (points.slope - disparity) * torch.from_numpy(steps)) * OVERSAMPLING - edge)
+        shift_tables.shifts((pixels.min() + (points.slope - disparity) * torch.from_numpy(steps)) * OVERSAMPLING - edge)
         for pixels, steps, edge in zip(camera.pixels(), points[:2], (canvas.left, canvas.top), strict=True)
     )
     return across, down

@@ -62,7 +62,7 @@ def test_surfaces_at_a_slant_are_blurred_by_how_far_each_point_is_out_of_focus()
     plane = FocalPlane(0.5, whole, cut(whole.whole, 5))
     places, steps = plane.blurs(plane.seen.layers[1])
     e = 100 / steps
-    one = cell_blur.cell_filter(e, plane.cells, reach=0)
+    one = cell_blur.cell_filter(e, plane.cells, margin=0)
     n = np.arange(len(one.across)) - len(one.across) // 2
     assert places[0] == 1
     assert np.interp(places[100], range(9), blurs.variances()[:9]) == pytest.approx((one.across * n**2).sum())

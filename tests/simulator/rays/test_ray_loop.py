@@ -35,7 +35,7 @@ def test_rays_meet_a_surface_where_it_says(geometry, p, q, y):
     x = torch.arange(WIDTH, dtype=torch.float64) - 14.5
     rays = x, *(torch.tensor(value, dtype=torch.float64) for value in (y, p, q))
     torch.testing.assert_close(at[2], geometry.met_at(*rays).expand(WIDTH), atol=1e-6, rtol=0)
-    at_x, at_y = geometry.intersect(*rays)
+    at_x, at_y = drawing.intersect(geometry, *rays)
     torch.testing.assert_close(at[:2], torch.stack([at_x, at_y.expand(WIDTH)]), atol=1e-5, rtol=0)
 
 
