@@ -10,7 +10,7 @@ from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
 from lfref.data import splits
-from lfref.data.labels import Labels
+from lfref.data.labels import Labels, RenderedLabels
 from lfref.data.patches import Batch, EpochSampler, FieldPatches, concatenate
 from lfref.data.sources import FolderSource, SimulatedSource, Source
 from lfref.errors import InputError
@@ -159,7 +159,12 @@ class SimulatedData(PatchData):
         super().__init__(labels, **options)
         # Held-out scenes come from a stream of their own.
         held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, 0)
-        self.streams = SimulatedSource(n_fields, self.seed, scenes), SimulatedSource(n_validation, stream, held)
+        # Views and rendered labels share a painting, if it reaches as far as the labels' planes do.
+        reach = float(labels.planes.slopes.abs().max()) if isinstance(labels, RenderedLabels) else 0.0
+        self.streams = (
+            SimulatedSource(n_fields, self.seed, scenes, reach),
+            SimulatedSource(n_validation, stream, held, reach),
+        )
 
     def sources(self) -> tuple[Source, Source]:
         """The two streams of scenes."""

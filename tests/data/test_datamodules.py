@@ -51,6 +51,13 @@ def test_a_batch_holds_the_patches_of_as_many_fields_as_asked_for():
         assert batches[0]["labels"].shape == (sizes[0], 2, 3, 8, 8)
 
 
+@pytest.mark.parametrize(
+    ("labels", "reach"), [(LABELS, 0.0), (RenderedLabels("r", planes_at_alphas((0.25, 2.0))), 3.0)]
+)
+def test_scenes_are_painted_as_far_as_rendered_labels_reach(labels, reach):
+    assert [source.reach for source in simulated(labels).sources()] == [reach, reach]
+
+
 def test_training_draws_new_patches_each_epoch_and_validation_the_same():
     data = simulated()
     train, validation = data.train_dataloader(), data.val_dataloader()
