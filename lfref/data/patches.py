@@ -6,6 +6,7 @@ Where a patch is flat there is nothing to learn, and normalisation divides by ne
 
 import math
 from collections.abc import Iterator, Sequence
+from types import EllipsisType
 from typing import TypedDict
 
 import numpy as np
@@ -16,6 +17,7 @@ from torch.utils.data import Dataset, Sampler
 from lfref.data.labels import Labels
 from lfref.data.sources import Field, Source
 from lfref.errors import InputError
+from lfref.lightfield import LightField
 
 FLAT = 1 / 255
 """Least difference between the brightest and the darkest sample of a patch's views: a step of 8 bits."""
@@ -30,6 +32,8 @@ class Batch(TypedDict):
     """[P, V, U, C, H, W] in [0, 1]."""
     labels: Tensor
     """[P, N, C, H, W]."""
+    slopes: Tensor
+    """Of the labels' planes, in pixels per view step, float64, [N]."""
     where: list[str]
     """Light field and top left corner of each patch, P entries."""
     resampled: int
@@ -49,15 +53,27 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
     Returns:
         Views [V, U, C, patch, patch] and label [N, C, patch, patch].
     """
+    context, window = _surroundings(field, labels, top, left, patch)
+    return _labelled(context, window, labels)
+
+
+Window = tuple[EllipsisType, slice, slice]
+"""Where a patch lies in its surroundings, as an index of [..., H, W]."""
+
+
+def _surroundings(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[LightField, Window]:
+    """A patch with as much around it as its label depends on."""
     margin = labels.margin(field.grid)
     rows, columns = (
         _context(start, patch, margin, length) for start, length in zip((top, left), field.size, strict=True)
     )
-    context = field.crop(rows.start, columns.start, len(rows), len(columns))
-    stack = labels(context)
     row, column = top - rows.start, left - columns.start
-    window = (..., slice(row, row + patch), slice(column, column + patch))
-    return context.views[window].contiguous(), stack[window].contiguous()
+    context = field.crop(rows.start, columns.start, len(rows), len(columns))
+    return context, (..., slice(row, row + patch), slice(column, column + patch))
+
+
+def _labelled(context: LightField, window: Window, labels: Labels) -> tuple[Tensor, Tensor]:
+    return context.views[window].contiguous(), labels(context)[window].contiguous()
 
 
 def _context(start: int, patch: int, margin: int, length: int) -> range:
@@ -97,23 +113,16 @@ class FieldPatches(Dataset[Batch]):
         epoch, index = key
         # A field without a patch is replaced by the next one, so that every rank takes as many steps.
         for step in range(len(self)):
-            field, corners, resampled = self._places(epoch, (index + step) % len(self))
-            if corners:
-                pairs = [cut(field, self.labels, top, left, self.patch) for top, left in corners]
-                return {
-                    "views": torch.stack([views for views, _ in pairs]),
-                    "labels": torch.stack([label for _, label in pairs]),
-                    "where": [f"{field.name}@{top},{left}" for top, left in corners],
-                    "resampled": resampled,
-                }
+            if batch := self._of_field(epoch, (index + step) % len(self)):
+                return batch
         raise InputError(
             "light fields must have something to see in them",
             got=f"{len(self)} whose patches are flat",
             remedy="give other fields, or set data.patch larger",
         )
 
-    def _places(self, epoch: int, index: int) -> tuple[Field, list[tuple[int, int]], int]:
-        """A field, the corners of its patches, and how many corners were drawn in vain."""
+    def _of_field(self, epoch: int, index: int) -> Batch | None:
+        """The patches of one field, None if it is flat wherever one was drawn."""
         field = self.source.field(index, epoch)
         if min(field.size) < self.patch:
             raise InputError(
@@ -122,17 +131,26 @@ class FieldPatches(Dataset[Batch]):
                 remedy="set data.patch smaller",
             )
         random = np.random.default_rng((self.seed, epoch, index))
-        drawn = [self._corner(field, random) for _ in range(self.patches_per_field)]
-        return field, [corner for corner, _ in drawn if corner is not None], sum(wasted for _, wasted in drawn)
+        drawn = [self._draw(field, random) for _ in range(self.patches_per_field)]
+        if not (patches := [patch for patch, _ in drawn if patch is not None]):
+            return None
+        return {
+            "views": torch.stack([views for views, _, _ in patches]),
+            "labels": torch.stack([label for _, label, _ in patches]),
+            "slopes": self.labels.planes.slopes,
+            "where": [where for _, _, where in patches],
+            "resampled": sum(wasted for _, wasted in drawn),
+        }
 
-    def _corner(self, field: Field, random: np.random.Generator) -> tuple[tuple[int, int] | None, int]:
-        """A corner whose patch is not flat, or None; and how many were drawn in vain."""
+    def _draw(self, field: Field, random: np.random.Generator) -> tuple[tuple[Tensor, Tensor, str] | None, int]:
+        """A patch that is not flat, its label and where it lies, or None; and how many corners were drawn in vain."""
         free = np.array(field.size) - self.patch
         for wasted in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
-            darkest, brightest = field.crop(top, left, self.patch, self.patch).views.aminmax()
+            context, window = _surroundings(field, self.labels, top, left, self.patch)
+            darkest, brightest = context.views[window].aminmax()
             if not brightest - darkest < FLAT:  # what is not finite is left to those who can name it
-                return (top, left), wasted
+                return (*_labelled(context, window, self.labels), f"{field.name}@{top},{left}"), wasted
         return None, DRAWS
 
 
@@ -182,6 +200,7 @@ def concatenate(items: Sequence[Batch]) -> Batch:
     return {
         "views": torch.cat([item["views"] for item in items]),
         "labels": torch.cat([item["labels"] for item in items]),
+        "slopes": items[0]["slopes"],
         "where": [place for item in items for place in item["where"]],
         "resampled": sum(item["resampled"] for item in items),
     }

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from lfref.errors import FileError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.io import encode, images, marks, write
 
-STACK, PLANES = torch.zeros(1, 3, 2, 2), FocalPlanes((0.5,))
+STACK, PLANES = torch.zeros(1, 3, 2, 2), planes_at_alphas((0.5,))
 
 
 def captured(path, value=7):
