@@ -6,7 +6,6 @@ Where a patch is flat there is nothing to learn, and normalisation divides by ne
 
 import math
 from collections.abc import Iterator, Sequence
-from types import EllipsisType
 from typing import TypedDict
 
 import numpy as np
@@ -17,7 +16,6 @@ from torch.utils.data import Dataset, Sampler
 from lfref.data.labels import Labels
 from lfref.data.sources import Field, Source
 from lfref.errors import InputError
-from lfref.lightfield import LightField
 
 FLAT = 1 / 255
 """Least difference between the brightest and the darkest sample of a patch's views: a step of 8 bits."""
@@ -40,7 +38,7 @@ class Batch(TypedDict):
     """Corners that were drawn again because the patch there is flat."""
 
 
-def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[Tensor, Tensor]:
+def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[Tensor, Tensor] | None:
     """One patch and its label, made with as much surroundings as the label depends on.
 
     Args:
@@ -51,29 +49,20 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
         patch: Height and width in pixels.
 
     Returns:
-        Views [V, U, C, patch, patch] and label [N, C, patch, patch].
+        Views [V, U, C, patch, patch] and label [N, C, patch, patch]; None if the views are flat.
     """
-    context, window = _surroundings(field, labels, top, left, patch)
-    return _labelled(context, window, labels)
-
-
-Window = tuple[EllipsisType, slice, slice]
-"""Where a patch lies in its surroundings, as an index of [..., H, W]."""
-
-
-def _surroundings(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[LightField, Window]:
-    """A patch with as much around it as its label depends on."""
     margin = labels.margin(field.grid)
     rows, columns = (
         _context(start, patch, margin, length) for start, length in zip((top, left), field.size, strict=True)
     )
-    row, column = top - rows.start, left - columns.start
     context = field.crop(rows.start, columns.start, len(rows), len(columns))
-    return context, (..., slice(row, row + patch), slice(column, column + patch))
-
-
-def _labelled(context: LightField, window: Window, labels: Labels) -> tuple[Tensor, Tensor]:
-    return context.views[window].contiguous(), labels(context)[window].contiguous()
+    row, column = top - rows.start, left - columns.start
+    window = (..., slice(row, row + patch), slice(column, column + patch))
+    views = context.views[window].contiguous()
+    darkest, brightest = views.aminmax()
+    if brightest - darkest < FLAT:  # false of what is not finite, which is left to those who can name it
+        return None
+    return views, labels(context)[window].contiguous()
 
 
 def _context(start: int, patch: int, margin: int, length: int) -> range:
@@ -131,27 +120,28 @@ class FieldPatches(Dataset[Batch]):
                 remedy="set data.patch smaller",
             )
         random = np.random.default_rng((self.seed, epoch, index))
-        drawn = [self._draw(field, random) for _ in range(self.patches_per_field)]
-        if not (patches := [patch for patch, _ in drawn if patch is not None]):
+        drawn = [drawn for _ in range(self.patches_per_field) for drawn in self._draw(field, random)]
+        found = [(where, *pair) for where, pair in drawn if pair is not None]
+        if not found:
             return None
+        where, views, stacks = zip(*found, strict=True)
         return {
-            "views": torch.stack([views for views, _, _ in patches]),
-            "labels": torch.stack([label for _, label, _ in patches]),
+            "views": torch.stack(views),
+            "labels": torch.stack(stacks),
             "slopes": self.labels.planes.slopes,
-            "where": [where for _, _, where in patches],
-            "resampled": sum(wasted for _, wasted in drawn),
+            "where": list(where),
+            "resampled": len(drawn) - len(found),
         }
 
-    def _draw(self, field: Field, random: np.random.Generator) -> tuple[tuple[Tensor, Tensor, str] | None, int]:
-        """A patch that is not flat, its label and where it lies, or None; and how many corners were drawn in vain."""
+    def _draw(self, field: Field, random: np.random.Generator) -> Iterator[tuple[str, tuple[Tensor, Tensor] | None]]:
+        """Corners and what is cut there, up to the first that is not flat."""
         free = np.array(field.size) - self.patch
-        for wasted in range(DRAWS):
+        for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
-            context, window = _surroundings(field, self.labels, top, left, self.patch)
-            darkest, brightest = context.views[window].aminmax()
-            if not brightest - darkest < FLAT:  # what is not finite is left to those who can name it
-                return (*_labelled(context, window, self.labels), f"{field.name}@{top},{left}"), wasted
-        return None, DRAWS
+            pair = cut(field, self.labels, top, left, self.patch)
+            yield f"{field.name}@{top},{left}", pair
+            if pair is not None:
+                return
 
 
 class EpochSampler(Sampler[tuple[int, int]]):
