@@ -34,7 +34,7 @@ SUFFIXES = {False: ".npy", True: ".weighted.npy"}
 STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
 CHECKSUM = 4
 """Bytes of the CRC-32 at the end of an entry."""
-ONLY_WRITE = {"atomic.py", "encode.py", "marks.py"}
+ONLY_WRITE = {"atomic.py", "encode.py", "folders.py", "marks.py"}
 """Modules that the reader's modules import without reading through them; one forgotten here costs a second decoding."""
 
 

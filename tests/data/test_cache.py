@@ -232,8 +232,8 @@ def copied_reader(tmp_path):
 
 def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
     names = {file.stem for file in cache._sources(Path(reader.__file__), set())}
-    assert names >= {"read", "decode", "images", "eslf", "exr", "grid", "views", "explain"}
-    assert names.isdisjoint({"write", "encode", "atomic", "marks"})
+    assert names >= {"read", "formats", "decode", "images", "eslf", "exr", "grid", "views", "explain"}
+    assert names.isdisjoint({"write", "encode", "folders", "atomic", "marks"})
 
 
 @pytest.mark.parametrize("name", ["decode", "eslf", "grid", "views", "read"])
@@ -245,7 +245,7 @@ def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
     assert cache._reader_version.__wrapped__(start) != before
 
 
-@pytest.mark.parametrize("name", ["encode", "write", "atomic", "marks"])
+@pytest.mark.parametrize("name", ["encode", "write", "folders", "atomic", "marks"])
 def test_an_edit_of_what_writes_leaves_the_cache_alone(tmp_path, name):
     start = copied_reader(tmp_path)
     before = cache._reader_version.__wrapped__(start)
