@@ -2,7 +2,7 @@
 
 import abc
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -114,12 +114,16 @@ class FolderData(PatchData):
         self.cache_folder = Path(cache_folder).expanduser()
         self.reader = dict(reader or {})
 
+    def prepare_data(self) -> None:
+        """Hash the fields in one process of a machine; the others find what it kept. Lightning calls this first."""
+        splits.without_leaks(*self._paths(), self.cache_folder)
+
     def sources(self) -> tuple[Source, Source]:
-        """Fields of the folders; training fields whose content is held out are left out and named in the log."""
+        """Fields of the folders; what is left out of training, by name or by content, is named in the log."""
         train, held = self._paths()
-        train, leaks = splits.without_leaks(train, held)
-        if leaks:
-            log.warning("left out of training, being held out too: %s", ", ".join(path.name for path in leaks))
+        _warn("being of the paper's test set", set(reader.find(self.path)).difference(train, held))
+        train, leaks = splits.without_leaks(train, held, self.cache_folder)
+        _warn("being held out too", leaks)
         if not train:
             raise InputError(
                 "no light field is left to train on", remedy="hold out other fields than those you train on"
@@ -133,6 +137,12 @@ class FolderData(PatchData):
         if self.validation_path is not None:
             return splits.without_test_set(reader.find(self.path)), reader.find(self.validation_path)
         return splits.held_out(reader.find(self.path), self.validation_share, self.seed)
+
+
+def _warn(reason: str, paths: Iterable[Path]) -> None:
+    """Name the light fields that do not train."""
+    if names := ", ".join(sorted(path.name for path in paths)):
+        log.warning("left out of training, %s: %s", reason, names)
 
 
 class SimulatedData(PatchData):
