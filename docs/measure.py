@@ -22,7 +22,7 @@ from lfref.data.sources import SimulatedSource
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
-from lfref.refocus.fourier_slice import fourier_slice
+from lfref.refocus.fourier.slice import fourier_slice
 from lfref.report import tables
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes

@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.refocus.homography import Cameras
+from lfref.refocus.anywhere.homography import Cameras
 
 SIZE = (192, 288)
 GRID = (7, 7)

@@ -30,6 +30,8 @@ class Batch(TypedDict):
     """[P, V, U, C, H, W] in [0, 1]."""
     labels: Tensor
     """[P, N, C, H, W]."""
+    slopes: Tensor
+    """Of the labels' planes, in pixels per view step, float64, [N]."""
     where: list[str]
     """Light field and top left corner of each patch, P entries."""
     resampled: int
@@ -103,6 +105,7 @@ class FieldPatches(Dataset[Batch]):
                 return {
                     "views": torch.stack([views for views, _ in pairs]),
                     "labels": torch.stack([label for _, label in pairs]),
+                    "slopes": self.labels.planes.slopes,
                     "where": [f"{field.name}@{top},{left}" for top, left in corners],
                     "resampled": resampled,
                 }
@@ -182,6 +185,7 @@ def concatenate(items: Sequence[Batch]) -> Batch:
     return {
         "views": torch.cat([item["views"] for item in items]),
         "labels": torch.cat([item["labels"] for item in items]),
+        "slopes": items[0]["slopes"],
         "where": [place for item in items for place in item["where"]],
         "resampled": sum(item["resampled"] for item in items),
     }

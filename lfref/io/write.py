@@ -21,7 +21,7 @@ from lfref.lightfield import LightField
 Writer = TypeVar("Writer")
 
 OUR_VIEW = re.compile(r".+_\d+_\d+\.png")
-OUR_PLANE = re.compile(r"plane_\d+_alpha_.+\.png")
+OUR_PLANE = re.compile(r"plane_\d+_(alpha|slope)_.+\.png")
 
 
 def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Path:
@@ -49,7 +49,7 @@ def write_stack(path: str | Path, stack: Tensor, planes: FocalPlanes, *, bits: i
 
     Args:
         path: A name in `.exr` for a multi-part EXR file, which `read_stack` reads; a name without suffix for a
-            folder of PNG images named `plane_00_alpha_0.125.png`, which clip to [0, 1].
+            folder of PNG images named `plane_00_alpha_0.125.png` or `plane_00_slope_-7.png`, which clip to [0, 1].
         stack: Refocused images, floating point, [N, C, H, W] with C 1 or 3.
         planes: The N planes.
         bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
@@ -99,7 +99,8 @@ def _write_stack_file(path: Path, stack: NDArray, planes: FocalPlanes, bits: int
 
 
 def _write_stack_folder(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None) -> Path:
-    named = ((f"plane_{index:02d}_alpha_{planes.alphas[index]:g}.png", plane) for index, plane in enumerate(stack))
+    labels = (label.replace(" ", "_") for label in planes.labels)
+    named = ((f"plane_{n:02d}_{label}.png", plane) for n, (label, plane) in enumerate(zip(labels, stack, strict=True)))
     return _write_folder(path, named, OUR_PLANE, bits)
 
 

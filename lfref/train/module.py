@@ -8,12 +8,11 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
 from lfref.data.patches import Batch
-from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.losses.composite import CompositeLoss
 from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
-from lfref.nets.refnet import RefNet
+from lfref.nets.network import Network
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
 SchedulerFactory = Callable[[torch.optim.Optimizer], torch.optim.lr_scheduler.LRScheduler]
@@ -23,7 +22,7 @@ class Refocusing(LightningModule):
     """Trains a network to make refocused stacks.
 
     Args:
-        net: Views [B, V, U, C, H, W] -> stack [B, N, C, H, W].
+        net: Views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
         loss: Named weighted terms.
         planes: What the planes of the labels are; goes into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
@@ -35,19 +34,14 @@ class Refocusing(LightningModule):
 
     def __init__(
         self,
-        net: RefNet,
+        net: Network,
         loss: CompositeLoss,
         planes: FocalPlanes,
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
     ) -> None:
         super().__init__()
-        if len(planes) != net.config["n_planes"]:
-            raise InputError(
-                f"the network must make as many planes as a label has ({len(planes)})",
-                got=net.config["n_planes"],
-                remedy=f"set net.n_planes={len(planes)}",
-            )
+        checkpoints.check_number(net, planes)
         self.net = net
         self.loss = loss
         self.planes = planes
@@ -56,17 +50,17 @@ class Refocusing(LightningModule):
         self.mpsnr = MPSNR(n_planes=len(planes))
         self.mssim = MSSIM(n_planes=len(planes))
 
-    def forward(self, views: Tensor) -> Tensor:
-        """Refocus: views [B, V, U, C, H, W] -> stack [B, N, C, H, W]."""
-        return self.net(views)
+    def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
+        """Refocus: views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W]."""
+        return self.net(views, slopes)
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The loss of one batch; every term is logged by its name."""
-        return self._loss(batch["labels"], self.net(batch["views"]), "train")
+        return self._loss(batch["labels"], self.net(batch["views"], batch["slopes"]), "train")
 
     def validation_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The stack of one held-out batch, its loss and metrics logged."""
-        stack = self.net(batch["views"])
+        stack = self.net(batch["views"], batch["slopes"])
         self._loss(batch["labels"], stack, "val")
         for name, metric in (("val/mpsnr", self.mpsnr), ("val/mssim", self.mssim)):
             metric.update(stack, batch["labels"])

@@ -12,8 +12,8 @@ from lfref.errors import InputError, LfrefError
 from lfref.geometry import FocalPlanes
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 

@@ -10,8 +10,8 @@ from lfref.bench import accuracy, cost, memory, timing
 from lfref.bench.cost import Case
 from lfref.bench.memory import Peak
 from lfref.bench.methods import Method
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SLOPES = torch.tensor([-0.5, 0.0, 0.7], dtype=torch.float64)
 CPU = torch.device("cpu")

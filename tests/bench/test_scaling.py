@@ -10,8 +10,8 @@ from lfref.bench import scaling, timing
 from lfref.bench.methods import Method
 from lfref.bench.scaling import Scales, Size
 from lfref.errors import InputError
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 FIELD = Size((7, 5), (375, 540), 16)
 SCALES = Scales(sides=(0.5, 1), views=(3, 5, 9), planes=(4, 8))

@@ -8,7 +8,7 @@ import torch
 from lfref.bench import simulation
 from lfref.bench.methods import Method
 from lfref.geometry import FocalPlanes
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc

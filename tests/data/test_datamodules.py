@@ -12,7 +12,7 @@ from lfref.data.labels import LabelSource, RenderedLabels
 from lfref.data.sources import SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 

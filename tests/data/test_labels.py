@@ -15,8 +15,8 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus import weighted
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.lens import truth
 from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera

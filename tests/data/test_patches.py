@@ -17,9 +17,9 @@ from lfref.errors import InputError, LfrefError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.fourier_slice import fourier_slice
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.slice import fourier_slice
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 

@@ -12,7 +12,7 @@ from lfref.data.labels import LabelSource
 from lfref.geometry import FocalPlanes
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 from lfref.train.module import Refocusing

@@ -1,0 +1,78 @@
+"""Samples count by their weight: the weighted mean over the views, sample by sample."""
+
+import functools
+
+import pytest
+import torch
+
+from lfref.lightfield import LightField
+from lfref.refocus import weighted
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+
+SLOPES = torch.tensor([-1.5, 0.0, 0.4], dtype=torch.float64)
+
+
+def field(weight=None, *, grid=(3, 3), size=(14, 15)):
+    return LightField(torch.rand(*grid, 3, *size, dtype=torch.float64), weight=weight)
+
+
+def test_without_weight_the_operator_alone_is_used():
+    plain = field()
+    assert torch.equal(weighted.refocus(shift_and_sum, plain, SLOPES), shift_and_sum(plain.views, SLOPES))
+
+
+@pytest.mark.parametrize("operator", [shift_and_sum, exact_fourier, functools.partial(shift_and_sum, border="zero")])
+@pytest.mark.parametrize("level", [1.0, 0.3])
+def test_a_weight_that_is_the_same_everywhere_changes_only_what_the_border_leaves_out(operator, level):
+    plain = field()
+    level_field = LightField(plain.views, weight=torch.full((3, 3, 1, 14, 15), level, dtype=torch.float64))
+    stack, expected = weighted.refocus(operator, level_field, SLOPES), operator(plain.views, SLOPES)
+    inner = (..., slice(2, -2), slice(2, -2))
+    torch.testing.assert_close(stack[inner], expected[inner], atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+def test_whole_shifts_give_the_weighted_mean_of_what_is_read(border):
+    weight = torch.rand(3, 3, 1, 14, 15, dtype=torch.float64) + 0.01
+    sampled = field(weight)
+    stack = weighted.refocus(functools.partial(shift_and_sum, border=border), sampled, torch.tensor([1.0]))
+    for y, x in [(5, 5), (7, 3), (12, 13), (6, 9)]:
+        total, weights = torch.zeros(3, dtype=torch.float64), 0.0
+        for v in range(3):
+            for u in range(3):
+                row, column = y + v - 1, x + u - 1
+                total += weight[v, u, 0, row, column] * sampled.views[v, u, :, row, column]
+                weights += weight[v, u, 0, row, column]
+        torch.testing.assert_close(stack[0, :, y, x], total / weights, atol=1e-12, rtol=0)
+
+
+def test_the_colour_of_samples_that_weigh_nothing_does_not_matter():
+    weight = (torch.rand(3, 3, 1, 14, 15) > 0.4).double()
+    first = field(weight)
+    second = LightField(torch.where(weight > 0, first.views, 7.0), weight=weight)
+    operator = shift_and_sum
+    torch.testing.assert_close(weighted.refocus(operator, first, SLOPES), weighted.refocus(operator, second, SLOPES))
+
+
+def test_a_pixel_without_any_trusted_sample_is_black():
+    weight = torch.ones(3, 3, 1, 14, 15, dtype=torch.float64)
+    weight[..., 4:11, 4:11] = 0
+    stack = weighted.refocus(shift_and_sum, field(weight), torch.tensor([0.0, 1.0]))
+    assert not stack[0, :, 4:11, 4:11].any()
+    assert not stack[1, :, 5:10, 5:10].any()
+    assert bool((stack[1, :, 4, 4:11] > 0).all())
+
+
+def test_gradients_are_finite_where_nothing_is_trusted():
+    weight = torch.zeros(3, 3, 1, 14, 15, dtype=torch.float64)
+    weight[..., :7] = 1
+    views = torch.rand(3, 3, 1, 14, 15, dtype=torch.float64, requires_grad=True)
+    weighted.refocus(shift_and_sum, LightField(views, weight=weight), SLOPES).square().sum().backward()
+    assert bool(views.grad.isfinite().all())
+    assert bool((views.grad[..., 8:] == 0).all())
+
+
+def test_the_type_follows_the_views():
+    sampled = LightField(torch.rand(3, 3, 1, 14, 15), weight=torch.ones(3, 3, 1, 14, 15, dtype=torch.float64))
+    assert weighted.refocus(shift_and_sum, sampled, SLOPES).dtype == torch.float32
