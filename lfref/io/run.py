@@ -154,6 +154,15 @@ def epochs_done(checkpoint: Path) -> int:
     return int(_progress(checkpoint)["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"])
 
 
+def steps_done(checkpoint: Path) -> int:
+    """Steps of the optimiser behind a checkpoint.
+
+    Raises:
+        CheckpointError: It is damaged, or of no training.
+    """
+    return int(_progress(checkpoint)["global_step"])
+
+
 def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
     """Whether a checkpoint has the epochs or steps that a trainer is set to.
 
@@ -164,7 +173,7 @@ def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
     Raises:
         CheckpointError: It is damaged, or of no training.
     """
-    done = {"max_epochs": epochs_done(checkpoint), "max_steps": _progress(checkpoint)["global_step"]}
+    done = {"max_epochs": epochs_done(checkpoint), "max_steps": steps_done(checkpoint)}
     wanted = {name: trainer.get(name) for name in done}
     return any(length is not None and 0 <= length <= done[name] for name, length in wanted.items())
 

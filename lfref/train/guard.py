@@ -6,6 +6,7 @@ were, is counted, and is logged with the patches it came from. All processes of 
 
 import logging
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
@@ -137,6 +138,15 @@ class BestCheckpoint(ModelCheckpoint):
             log.warning("epoch %d: %s is not finite; no best checkpoint", trainer.current_epoch, self.monitor)
             return False
         return super().check_monitor_top_k(trainer, current)
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up the best score; Lightning's own forgets it where the run folder has moved since."""
+        own = {name: self._here(state_dict[name]) for name in ("best_model_path", "kth_best_model_path")}
+        best = {self._here(path): score for path, score in state_dict["best_k_models"].items()}
+        super().load_state_dict(state_dict | own | {"best_k_models": best, "dirpath": self.dirpath})
+
+    def _here(self, path: str) -> str:
+        return str(Path(self.dirpath or "") / Path(path).name) if path else ""
 
 
 def finite_patches(batch: Batch) -> dict[str, Tensor]:
