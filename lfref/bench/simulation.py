@@ -229,7 +229,7 @@ def aperture_errors(
         device: Where they are rendered.
 
     Returns:
-        Rows `scene, psnr_db, worst_alpha`, the PSNR that of the worst plane.
+        Rows `scene, psnr_db, worst_plane`, the PSNR that of the worst plane.
     """
     rows: list[Row] = []
     for name, scene in scenes:
@@ -237,7 +237,7 @@ def aperture_errors(
         brute = [through_points(layers, scene.camera, slope, n_points) for slope in planes.slopes.tolist()]
         quality = psnr(truth.stack(layers, scene.camera, planes.slopes), torch.stack(brute))
         worst = int(quality.argmin())
-        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_alpha": planes.alphas and planes.alphas[worst]})
+        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_plane": planes.labels[worst]})
     return rows
 
 

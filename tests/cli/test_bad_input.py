@@ -9,7 +9,7 @@ import OpenImageIO
 import pytest
 import torch
 
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.io.write import write
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
@@ -34,7 +34,7 @@ def field(tmp_path):
 def network(tmp_path):
     """A checkpoint for 7x7 views."""
     path = tmp_path / "net.ckpt"
-    checkpoint.save(path, RefNet(n_planes=2, widths=(8,), stem_width=8), FocalPlanes((0.5, 1.0)))
+    checkpoint.save(path, RefNet(n_planes=2, widths=(8,), stem_width=8), planes_at_alphas((0.5, 1.0)))
     return path
 
 

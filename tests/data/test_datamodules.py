@@ -8,16 +8,17 @@ import pytest
 import torch
 
 from lfref.data.datamodules import FolderData, PatchData, SimulatedData
-from lfref.data.labels import LabelSource, RenderedLabels
+from lfref.data.labels import OperatorLabels, RenderedLabels
 from lfref.data.sources import SimulatedSource
 from lfref.errors import FileError, InputError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
 SCENES = RandomScenes(Camera((3, 3), (16, 18)))
-LABELS = LabelSource("label", shift_and_sum, FocalPlanes((0.5, 2.0)))
+LABELS = OperatorLabels(OperatorRefocuser("label", shift_and_sum), planes_at_alphas((0.5, 2.0)))
 
 
 @pytest.fixture
@@ -82,7 +83,7 @@ def test_held_out_scenes_may_be_fixed_ones_the_same_for_every_seed():
 
 
 def test_workers_render_the_labels_that_the_training_process_would():
-    labels = RenderedLabels("rendered", FocalPlanes((0.5, 2.0)))
+    labels = RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))
     alone, helped = (simulated(labels=labels, n_fields=2, workers=workers).train_dataloader() for workers in (0, 1))
     batches = list(helped)
     helped._iterator._shutdown_workers()
@@ -198,7 +199,7 @@ def test_a_folder_has_no_rendered_labels(store, folder_data):
     for seed in (0, 1):
         store(f"field_{seed}", seed=seed)
     data = folder_data()
-    data.labels = RenderedLabels("rendered", FocalPlanes((0.5, 2.0)))
+    data.labels = RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))
     data.setup("fit")
     with pytest.raises(InputError, match="use data=simulated"):
         next(iter(data.train_dataloader()))
