@@ -33,7 +33,8 @@ def is_sweep() -> bool:
 def failed(error: Exception) -> None:
     """Remember a member that failed, and say so; the next one has its turn."""
     hydra = HydraConfig.get()
-    line = f"{hydra.runtime.output_dir} ({hydra.job.override_dirname}): {' '.join(str(error).split())}"
+    own = " ".join(override for override in hydra.overrides.task if override not in sys.argv)
+    line = f"{hydra.runtime.output_dir} ({own}): {' '.join(str(error).split())}"
     log.error("failed: %s", line, exc_info=None if isinstance(error, LfrefError) else error)
     _failed.append(line)
 

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
 from lfref.errors import InputError
 from lfref.io import run as runs
 from lfref.io.run import Run
@@ -36,8 +38,8 @@ def expanded(arguments: list[str]) -> list[str]:
         InputError: It is a sweep that should resume one run.
     """
     asked = [argument for argument in arguments if argument.startswith(KEY)]
-    path = asked[-1].removeprefix(KEY).strip("\"'") if asked else "null"
-    if path == "null":
+    path = _path(asked[-1]) if asked else None
+    if path is None:
         return arguments
     if {"--multirun", "-m"} & set(arguments):
         remedy = "to go on with a sweep, say its line again with output=SWEEP"
@@ -47,12 +49,20 @@ def expanded(arguments: list[str]) -> list[str]:
     said = {key_of(argument) for argument in new} | set(FOLDERS)
     old = [override for override in run.overrides if key_of(override) not in said]
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
-    return [*old, *own, f"{KEY}{quoted(run.chosen or run.last)}", *new]
+    return [*old, *own, *new, f"{KEY}{quoted(run.chosen or run.last)}"]
 
 
 def key_of(override: str) -> str:
     """What an override sets: `+net.width=3` and `net.width=4` are one key."""
     return override.partition("=")[0].lstrip("+~")
+
+
+def _path(override: str) -> str | None:
+    """The path as it was written, or as Hydra reads it where it is quoted."""
+    text = override.removeprefix(KEY)
+    if text[:1] in ("'", '"'):
+        return str(OverridesParser.create().parse_override(override).value())
+    return None if text == "null" else text
 
 
 def quoted(path: Path) -> str:

@@ -1,6 +1,6 @@
 """A run of `lfref train` as it lies on the disk: the folder, and what each file in it is.
 
-    RUN/config.yaml, overrides.yaml, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv, pictures/*.png
+RUN/config.yaml, overrides.yaml, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv, pictures/*.png
 """
 
 import csv
@@ -45,7 +45,9 @@ class Run:
         is_checkpoint = path.suffix == ".ckpt" or path.is_file()
         folder = path.absolute().parent.parent if is_checkpoint else path.absolute()
         if is_checkpoint and not path.is_file():
-            raise CheckpointError(f"no checkpoint at {path}", remedy=f"give a run folder, or RUN/{CHECKPOINTS}/last.ckpt")
+            raise CheckpointError(
+                f"no checkpoint at {path}", remedy=f"give a run folder, or RUN/{CHECKPOINTS}/last.ckpt"
+            )
         if not (folder / CONFIG).is_file():
             kind = CheckpointError if is_checkpoint else FileError
             raise kind(f"{path} must be a run folder or a checkpoint in one", got=f"no {folder / CONFIG}")

@@ -37,7 +37,10 @@ def ailing(monkeypatch, data):
 
 
 def test_a_data_process_that_dies_is_one_line(module, trainer, ailing, tmp_path):
-    with pytest.raises(LfrefError, match=r"prepares batches has died; got .*; .*lower data\.workers"), explained(tmp_path):
+    with (
+        pytest.raises(LfrefError, match=r"prepares batches has died; got .*; .*lower data\.workers"),
+        explained(tmp_path),
+    ):
         trainer(max_epochs=1).fit(module, datamodule=ailing(signal.SIGKILL))
 
 
