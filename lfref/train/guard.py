@@ -19,8 +19,8 @@ from lfref.errors import InputError, LfrefError
 
 log = logging.getLogger(__name__)
 
-COUNTS = ("skipped", "overflowed", "resampled")
-"""What is logged, as `train/NAME`, and kept across a resume."""
+COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
+"""What is logged, as `train/NAME`, and kept across a resume; processes decide alike, but each draws its own patches."""
 LEAST_SCALE = 1.0
 """Scale of float16's loss below which overflow is no explanation any more."""
 
@@ -95,7 +95,8 @@ class StepGuard(Callback):
 
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Log the counts."""
-        module.log_dict({f"train/{name}": float(getattr(self, name)) for name in COUNTS})
+        for name, over_processes in COUNTS.items():
+            module.log(f"train/{name}", float(getattr(self, name)), sync_dist=True, reduce_fx=over_processes)
 
     def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
         """Refuse to write weights that are not finite.

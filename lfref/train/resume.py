@@ -41,13 +41,12 @@ def cut_log(path: Path, step: int) -> None:
     Raises:
         FileError: The file cannot be read or written.
     """
-    if not path.exists():
+    if step == 0 or not path.exists():
+        path.unlink(missing_ok=True)
         return
     with explain.explained(path, "read"), path.open(newline="", encoding="utf-8") as file:
         header, *lines = list(csv.reader(file)) or [[]]
     at = header.index("step") if "step" in header else None
     kept = [line for line in lines if at is not None and len(line) == len(header) and int(line[at]) < step]
-    if not kept:
-        return path.unlink()
     with atomic.replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([header, *kept])

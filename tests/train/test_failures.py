@@ -91,5 +91,5 @@ def test_a_checkpoint_of_another_network_is_one_line(tmp_path):
 
 
 def test_what_nobody_knows_stays_as_it_is(tmp_path):
-    with pytest.raises(RuntimeError, match="^unheard of$"), explained(tmp_path):
+    with pytest.raises(RuntimeError, match=r"^unheard of$"), explained(tmp_path):
         raise RuntimeError("unheard of")
