@@ -31,6 +31,7 @@ class PatchData(LightningDataModule, abc.ABC):
         fields_per_batch: Light fields whose patches make a batch.
         workers: Processes that prepare batches; 0 prepares them in the training process.
         seed: Of order and corners.
+        timeout: Seconds after which a process that still prepares one batch counts as standing still; 0: never.
     """
 
     def __init__(
@@ -41,12 +42,13 @@ class PatchData(LightningDataModule, abc.ABC):
         fields_per_batch: int = 1,
         workers: int = 0,
         seed: int = 0,
+        timeout: float = 600.0,
     ) -> None:
         super().__init__()
-        if min(patch, patches_per_field, fields_per_batch) < 1 or min(workers, seed) < 0:
-            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {workers} and {seed}"
+        if min(patch, patches_per_field, fields_per_batch) < 1 or min(workers, seed, timeout) < 0:
+            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {workers}, {seed} and {timeout}"
             raise InputError(
-                "patch, patches_per_field and fields_per_batch must be >= 1, workers and seed >= 0", got=got
+                "patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0", got=got
             )
         self.labels = labels
         self.patch = patch
@@ -54,6 +56,7 @@ class PatchData(LightningDataModule, abc.ABC):
         self.fields_per_batch = fields_per_batch
         self.workers = workers
         self.seed = seed
+        self.timeout = timeout
 
     @abc.abstractmethod
     def sources(self) -> tuple[Source, Source]:
@@ -80,6 +83,7 @@ class PatchData(LightningDataModule, abc.ABC):
             collate_fn=concatenate,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
+            timeout=self.timeout if self.workers else 0,
             pin_memory=bool(self.trainer and self.trainer.accelerator.name() == "cuda"),
         )
 
