@@ -3,6 +3,7 @@
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
 
@@ -21,7 +22,7 @@ def keeping(**options: object) -> Callable[[Callable], Callable]:
             numba.njit, nogil=True, boundscheck=False, error_model="numpy", fastmath={"contract"}, **options
         )
         try:
-            loop = jit(cache=True)(function)
+            loop: Any = jit(cache=True)(function)
         except RuntimeError:  # neither the package's folder nor the user's can be written
             return jit()(function)
         # Numba itself sees that the file of a loop has changed, not what the loop calls or takes from other files.

@@ -6,9 +6,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from lfref.bench.methods import Method
 
 from lfref.bench import methods
-from lfref.bench.methods import Method
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField

@@ -57,7 +57,8 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
 
 def _axis(task: Task, axis: int, like: Tensor) -> _Axis:
-    taps = torch.tensor([[task.taps(shift) for shift in shifts[axis]] for shifts in task.planes], dtype=torch.float64)
+    taps_of = task.interpolation.taps
+    taps = torch.tensor([[taps_of(shift) for shift in shifts[axis]] for shifts in task.planes], dtype=torch.float64)
     spans = [[task.span(shift, axis) for shift in shifts[axis]] for shifts in task.planes]
     return _Axis(
         taps[..., 0].to(like.device, torch.int32).contiguous(),
