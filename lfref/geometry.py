@@ -139,7 +139,9 @@ def checked_slopes(slopes: Slopes, grid: Sequence[int], size: Sequence[int]) -> 
     try:
         values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
     except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError("slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]") from error
+        raise InputError(
+            "slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]"
+        ) from error
     if values.numel() == 0 or not bool(values.isfinite().all()):
         raise InputError("slopes must be finite and at least one", got=values.tolist())
     for n_views, length, axis in zip(grid, size, ("height", "width"), strict=True):

@@ -40,9 +40,9 @@ class Work(NamedTuple):
     """A key of `ASKED`."""
     is_forced: bool
 
-    def run(self, slopes: Slopes, device: torch.device) -> Simulated:
+    def run(self, slopes: Slopes, device: torch.device, timed: bool = False) -> Simulated:
         """Simulate."""
-        return simulate(self.scene, 0, ASKED[self.asked], slopes, self.is_forced, device)
+        return simulate(self.scene, 0, ASKED[self.asked], slopes, self.is_forced, device, timed)
 
 
 def costs(
@@ -97,7 +97,8 @@ def passes(scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device) ->
     for name, scene in scenes.items():
         work = Work(scene, "views and truth", False)
         work.run(slopes, device)  # compiles what is not compiled yet
-        taken = {row.name: row.milliseconds for row in work.run(slopes, device).rows if row.milliseconds is not None}
+        rows_of_passes = work.run(slopes, device, timed=True).rows
+        taken = {row.name: row.milliseconds for row in rows_of_passes if row.milliseconds is not None}
         total = sum(taken.values())
         rows += [
             {"scene": name, "pass": each, "milliseconds": spent, "share": spent / total}
@@ -229,7 +230,7 @@ def aperture_errors(
         device: Where they are rendered.
 
     Returns:
-        Rows `scene, psnr_db, worst_alpha`, the PSNR that of the worst plane.
+        Rows `scene, psnr_db, worst_plane`, the PSNR that of the worst plane.
     """
     rows: list[Row] = []
     for name, scene in scenes:
@@ -237,7 +238,7 @@ def aperture_errors(
         brute = [through_points(layers, scene.camera, slope, n_points) for slope in planes.slopes.tolist()]
         quality = psnr(truth.stack(layers, scene.camera, planes.slopes), torch.stack(brute))
         worst = int(quality.argmin())
-        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_alpha": planes.alphas and planes.alphas[worst]})
+        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_plane": planes.labels[worst]})
     return rows
 
 

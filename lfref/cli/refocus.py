@@ -70,9 +70,7 @@ def _gain(field: LightField, exposure: float | None) -> float:
     return gain
 
 
-def _write(
-    folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, gain: float, with_focus: bool
-) -> None:
+def _write(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, gain: float, with_focus: bool) -> None:
     write.write_stack(folder / "stack.exr", stack, planes)
     write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes)
     images.write_image(folder / "all_views_mean.png", pictures.for_display(field.views.mean(dim=(0, 1)), gain))
