@@ -225,6 +225,7 @@ def test_planes_do_not_depend_on_those_beside_them(name):
         torch.testing.assert_close(truth.stack(layers, camera, [slope])[0], plane, atol=1e-5, rtol=0)
 
 
+@pytest.mark.slow  # compiles the loops for float64
 def test_float32_is_enough():
     camera = Camera(size=(32, 32))
     stacks = [
