@@ -16,20 +16,21 @@ import scene_costs
 import torch
 import truths
 
-from lfref.data.labels import LabelSource
+from lfref.data.labels import OperatorLabels
 from lfref.data.patches import cut
 from lfref.data.sources import SimulatedSource
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.io import atomic
-from lfref.refocus.fourier_slice import fourier_slice
+from lfref.refocus.fourier.slice import fourier_slice
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.report import tables
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
 ROOT = Path(__file__).resolve().parents[1]
 RUNS = ROOT / "runs" / "figures"
-PAPER = FocalPlanes(tuple(step / 8 for step in range(1, 17)))
+PAPER = planes_at_alphas(step / 8 for step in range(1, 17))
 PATCH, FIELD = 192, 256
 
 
@@ -70,7 +71,9 @@ def operators() -> Iterator[str]:
 
 def patch_labels() -> Iterator[str]:
     """How far a patch's Fourier-slice label is from that part of the whole field's label."""
-    source = LabelSource("fourier_slice", functools.partial(fourier_slice, width=4, padding=2), PAPER)
+    source = OperatorLabels(
+        OperatorRefocuser("fourier_slice", functools.partial(fourier_slice, width=4, padding=2)), PAPER
+    )
     start = (FIELD - PATCH) // 2
     yield "| place of the patch | mean PSNR over the planes, dB | worst plane, dB |"
     yield "|---|---|---|"
@@ -122,7 +125,7 @@ def _shown(value: float | None, form: str) -> str:
     return "" if value is None else f"{value:{form}}"
 
 
-def _label_psnr(source: LabelSource, index: int, corner: int) -> torch.Tensor:
+def _label_psnr(source: OperatorLabels, index: int, corner: int) -> torch.Tensor:
     field = SimulatedSource(4, 0, RandomScenes(Camera(size=(FIELD, FIELD)))).field(index)
     _, label = cut(field, source, corner, corner, PATCH)
     window = (..., slice(corner, corner + PATCH), slice(corner, corner + PATCH))

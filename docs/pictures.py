@@ -26,9 +26,9 @@ import lfref
 from lfref import geometry
 from lfref.io import images
 from lfref.refocus import apertures
-from lfref.refocus.all_in_focus import index_to_slope
-from lfref.refocus.homography import plane_homographies
-from lfref.refocus.shift_and_sum import coverage
+from lfref.refocus.anywhere.homography import plane_homographies
+from lfref.refocus.focus.all_in_focus import index_to_slope
+from lfref.refocus.shift.shift_and_sum import coverage
 from lfref.report import drawing, focus, pictures, wording
 
 HERE = Path(__file__).resolve().parent

@@ -13,7 +13,7 @@ from torch import Tensor
 
 import lfref
 from lfref import geometry
-from lfref.refocus.homography import Cameras
+from lfref.refocus.anywhere.homography import Cameras
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc, Polygon
 from lfref.simulator.scene import Camera, Scene, Surface

@@ -1,14 +1,14 @@
 """The angular grid and the focus parameter: alpha <-> slope, view offsets, and their legal ranges.
 
 Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
-Every other room takes slopes only; alphas are turned into slopes here and nowhere else.
+Planes are slopes; alphas and even ranges are ways to write them, which are turned into slopes here and nowhere else.
 Source: Ng, "Light Field Photography with a Hand-held Plenoptic Camera", 2005 (convention `ng`).
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -136,7 +136,12 @@ def checked_slopes(slopes: Slopes, grid: Sequence[int], size: Sequence[int]) -> 
     Raises:
         InputError: No slope, one that is not finite, or a corner shift of half a view or more.
     """
-    values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
+    try:
+        values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(
+            "slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]"
+        ) from error
     if values.numel() == 0 or not bool(values.isfinite().all()):
         raise InputError("slopes must be finite and at least one", got=values.tolist())
     for n_views, length, axis in zip(grid, size, ("height", "width"), strict=True):
@@ -144,32 +149,104 @@ def checked_slopes(slopes: Slopes, grid: Sequence[int], size: Sequence[int]) -> 
             raise InputError(
                 f"the outermost view must shift by less than half the {axis} ({length / 2:g} px)",
                 got=f"{shift:g} px at slope {float(values[values.abs().argmax()]):g}",
-                remedy="use alphas nearer to 1, or larger views",
+                remedy="set slopes=[...] nearer to 0 (alphas=[...] nearer to 1), or use larger views",
             )
     return values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class FocalPlanes:
-    """The planes of a refocused stack: alphas and what they mean."""
+    """The planes of a refocused stack: slopes, in the order of the stack.
 
-    alphas: tuple[float, ...]
-    """Relative focal distances, finite and above 0, [N]."""
-    convention: str = "ng"
-    """Meaning of alpha, a key of `CONVENTIONS`."""
+    Alphas and even ranges are ways to write them: see `planes_at_alphas` and `even_planes`. Planes are equal whose
+    slopes are, however they were written.
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "alphas", checked_alphas(self.alphas))
-        slopes(self.alphas, self.convention)
+    Args:
+        slopes: Finite, in pixels per view step, at least one, [N].
+        convention: Meaning of the alphas that they were written as, a key of `CONVENTIONS`; None: as slopes.
+
+    Raises:
+        InputError: Slopes that cannot be used, or an unknown convention.
+
+    Example:
+        >>> FocalPlanes([-1, 0, 0.5]).labels
+        ('slope -1', 'slope 0', 'slope 0.5')
+    """
+
+    values: tuple[float, ...]
+    """The slopes as plain numbers."""
+    convention: str | None = field(compare=False)
+    """As which alphas they were written, if any."""
+
+    def __init__(self, slopes: Slopes, convention: str | None = None) -> None:
+        # A grid of one view shifts nothing: only the numbers are checked.
+        object.__setattr__(self, "values", tuple(checked_slopes(slopes, (1, 1), (1, 1)).tolist()))
+        if convention is not None:
+            chosen("convention", convention, CONVENTIONS)
+        object.__setattr__(self, "convention", convention)
 
     def __len__(self) -> int:
-        return len(self.alphas)
+        return len(self.values)
 
     @property
     def slopes(self) -> Tensor:
         """Slopes in pixels per view step, float64, [N]."""
-        return slopes(self.alphas, self.convention)
+        return torch.tensor(self.values, dtype=torch.float64)
+
+    @property
+    def alphas(self) -> tuple[float, ...] | None:
+        """Alphas of planes that were written as such, to 12 digits; None of others."""
+        if self.convention is None:
+            return None
+        return tuple(float(f"{CONVENTIONS[self.convention].to_alpha(slope):.12g}") for slope in self.values)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each plane is called, as it was written: `alpha 0.125` or `slope -2`."""
+        if self.alphas is None:
+            return tuple(f"slope {slope:.4g}" for slope in self.values)
+        return tuple(f"alpha {alpha:g}" for alpha in self.alphas)
+
+    def has_slopes(self, slopes: Slopes) -> bool:
+        """Whether slopes are these planes, but for rounding to float32.
+
+        Args:
+            slopes: In pixels per view step, [N].
+        """
+        asked = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").reshape(-1)
+        return len(asked) == len(self) and torch.allclose(asked, self.slopes, rtol=1e-6, atol=1e-6)
 
     def as_dict(self) -> dict[str, object]:
-        """Plain containers that rebuild this object, as a checkpoint stores them."""
-        return {"alphas": list(self.alphas), "convention": self.convention}
+        """Plain containers that `planes_from` makes planes of again, as a checkpoint stores them."""
+        return {"slopes": list(self.values), "convention": self.convention}
+
+
+def planes_at_alphas(alphas: Iterable[float], convention: str = "ng") -> FocalPlanes:
+    """Planes that are written as alphas; arguments and errors as `slopes`.
+
+    Example:
+        >>> planes_at_alphas([0.125, 1, 2]).slopes.tolist()
+        [-7.0, 0.0, 0.5]
+    """
+    return FocalPlanes(slopes(alphas, convention), convention)
+
+
+def even_planes(n: int = 16, first: float = -1.0, last: float = 1.0) -> FocalPlanes:
+    """Planes whose slopes are an equal step apart; arguments and errors as `even_slopes`.
+
+    Example:
+        >>> even_planes(5, -2, 2).values
+        (-2.0, -1.0, 0.0, 1.0, 2.0)
+    """
+    return FocalPlanes(even_slopes(n, first, last))
+
+
+def planes_from(plain: Mapping[str, Any]) -> FocalPlanes:
+    """Planes from plain containers: `slopes` and `convention`, or, of lfref 0.1, `alphas` and `convention`.
+
+    Raises:
+        InputError: They describe no planes.
+    """
+    if "alphas" in plain and "slopes" not in plain:
+        return planes_at_alphas(plain["alphas"], plain.get("convention", "ng"))
+    return FocalPlanes(plain.get("slopes", ()), plain.get("convention"))

@@ -1,5 +1,6 @@
 """alpha <-> slope by hand, in both conventions; what no operator can use is refused."""
 
+import json
 import math
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.geometry import CONVENTIONS, FocalPlanes
+from lfref.geometry import CONVENTIONS, FocalPlanes, even_planes, planes_at_alphas, planes_from
 
 PAPER = [index / 8 for index in range(1, 17)]
 BAD_ALPHAS = [0.0, -0.0, -1.0, math.nan, math.inf, -math.inf]
@@ -80,7 +81,7 @@ def test_no_alpha_at_all_is_refused():
 def test_an_unknown_convention_is_refused_by_naming_the_known_ones():
     for use in (
         lambda name: geometry.slopes([1.0], name),
-        lambda name: FocalPlanes((1,), name),
+        lambda name: FocalPlanes((0,), name),
     ):
         with pytest.raises(InputError, match="must be one of ng, parallel; got 'Ng'"):
             use("Ng")
@@ -167,29 +168,69 @@ def test_slopes_that_are_not_numbers_are_refused(slopes):
         geometry.checked_slopes(slopes, (3, 3), (8, 8))
 
 
-def test_focal_planes_know_their_slopes_and_number():
-    planes = FocalPlanes((0.125, 1, 2))
+def test_planes_are_slopes_whatever_they_were_written_as():
+    planes = FocalPlanes((-7.0, 0, 0.5))
     assert len(planes) == 3
     assert planes.slopes.tolist() == [-7.0, 0.0, 0.5]
-    assert FocalPlanes((0.5,), "parallel").slopes.tolist() == [-0.5]
+    assert planes == planes_at_alphas([0.125, 1, 2])
+    assert hash(planes) == hash(planes_at_alphas([0.125, 1, 2]))
+    assert planes_at_alphas([0.5], "parallel") == FocalPlanes([-0.5])
 
 
-@pytest.mark.parametrize("alphas", [[0.5, 2], torch.tensor([0.5, 2.0]), (0.5, 2)])
-def test_focal_planes_are_equal_whatever_their_alphas_came_in(alphas):
-    planes = FocalPlanes(alphas)
-    assert planes == FocalPlanes((0.5, 2.0))
-    assert planes != FocalPlanes((0.5, 2.0), "parallel")
-    assert all(type(alpha) is float for alpha in planes.alphas)
+@pytest.mark.parametrize("slopes", [[-1.0, 0.5], torch.tensor([-1.0, 0.5]), (-1, 0.5)])
+def test_planes_are_equal_whatever_their_slopes_came_in(slopes):
+    planes = FocalPlanes(slopes)
+    assert planes == FocalPlanes((-1.0, 0.5))
+    assert planes != FocalPlanes((-1.0, 0.25))
+    assert all(type(slope) is float for slope in planes.values)
 
 
-def test_focal_planes_come_back_from_plain_containers():
-    planes = FocalPlanes(tuple(PAPER), "parallel")
-    plain = planes.as_dict()
-    assert plain == {"alphas": PAPER, "convention": "parallel"}
-    assert FocalPlanes(**plain) == planes
+def test_planes_may_lie_on_both_sides_of_what_alphas_reach():
+    assert even_planes(5, -2, 2).values == (-2.0, -1.0, 0.0, 1.0, 2.0)
+    assert even_planes(5, -2, 2).alphas is None
+
+
+def test_alphas_come_back_as_they_were_written():
+    assert planes_at_alphas(PAPER).alphas == tuple(PAPER)
+    assert planes_at_alphas(PAPER, "parallel").alphas == tuple(PAPER)
+
+
+def test_planes_are_called_what_they_were_written_as():
+    assert planes_at_alphas([0.125, 2]).labels == ("alpha 0.125", "alpha 2")
+    assert even_planes(2, -2, 0.5).labels == ("slope -2", "slope 0.5")
+
+
+def test_the_same_slopes_are_told_from_others():
+    planes = planes_at_alphas([0.375, 1, 2])
+    assert planes.has_slopes(planes.slopes.float())
+    assert not planes.has_slopes([-5 / 3, 0.0])
+    assert not planes.has_slopes([-5 / 3, 0.0, 0.501])
+
+
+@pytest.mark.parametrize("planes", [planes_at_alphas(PAPER, "parallel"), even_planes(3, -2, 2)])
+def test_planes_come_back_from_plain_containers(planes):
+    again = planes_from(json.loads(json.dumps(planes.as_dict())))
+    assert (again, again.convention) == (planes, planes.convention)
+
+
+def test_planes_of_older_checkpoints_are_read():
+    planes = planes_from({"alphas": PAPER, "convention": "parallel"})
+    assert (planes, planes.convention) == (planes_at_alphas(PAPER, "parallel"), "parallel")
+
+
+@pytest.mark.parametrize("plain", [{}, {"slopes": []}, {"alphas": [-1.0]}, {"slopes": [0.5], "convention": "Ng"}])
+def test_containers_that_describe_no_planes_are_refused(plain):
+    with pytest.raises(InputError):
+        planes_from(plain)
+
+
+@pytest.mark.parametrize("slopes", [[], [math.nan], [0.0, math.inf], "abc", ["x"], None])
+def test_planes_refuse_what_are_no_slopes(slopes):
+    with pytest.raises(InputError, match="slopes must be"):
+        FocalPlanes(slopes)
 
 
 @pytest.mark.parametrize("alphas", [(), *((1.0, alpha) for alpha in BAD_ALPHAS)])
-def test_focal_planes_refuse_what_slopes_refuse(alphas):
+def test_planes_at_alphas_refuse_what_slopes_refuse(alphas):
     with pytest.raises(InputError, match="alpha"):
-        FocalPlanes(alphas)
+        planes_at_alphas(alphas)

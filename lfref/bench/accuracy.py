@@ -38,7 +38,8 @@ def plane_rows(
     """
     for (method, stack), (reference, label) in itertools.product(stacks.items(), labels.items()):
         qualities = zip(psnr(stack, label).tolist(), ssim(stack, label).tolist(), strict=True)
-        for alpha, slope, (decibels, similarity) in zip(planes.alphas, planes.slopes.tolist(), qualities, strict=True):
+        alphas = planes.alphas or [None] * len(planes)
+        for alpha, slope, (decibels, similarity) in zip(alphas, planes.values, qualities, strict=True):
             yield {
                 "light_field": light_field,
                 "method": method,

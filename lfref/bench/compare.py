@@ -8,17 +8,18 @@ import torch
 
 from lfref.bench import accuracy, timing
 from lfref.bench.accuracy import Row
-from lfref.bench.methods import Method
 from lfref.bench.timing import FFT, Progress
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.exact_fourier import exact_fourier
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import Refocuser
 
 
 @torch.no_grad()
 def compare(
-    methods: Sequence[Method],
+    methods: Sequence[Refocuser],
     fields: Sequence[LightField],
     planes: FocalPlanes,
     device: torch.device,
@@ -53,11 +54,11 @@ def compare(
     if len({method.name for method in methods}) < len(methods):
         raise InputError("methods must have names of their own", got=[method.name for method in methods])
     moved = [field.to(device) for field in fields]
-    exact = Method("exact_fourier", exact_fourier)
-    references = [exact.stack(field, planes.slopes).cpu() for field in moved]
+    exact = OperatorRefocuser("exact_fourier", exact_fourier)
+    references = [exact(field, planes.slopes).cpu() for field in moved]
     qualities = {
         method.name: [
-            accuracy.interior_quality(method.stack(field, planes.slopes).cpu(), reference, planes.slopes, field.grid)
+            accuracy.interior_quality(method(field, planes.slopes).cpu(), reference, planes.slopes, field.grid)
             for field, reference in zip(moved, references, strict=True)
         ]
         for method in methods
@@ -75,11 +76,11 @@ def compare(
 
 
 def _watches(
-    methods: Sequence[Method], field: LightField, planes: FocalPlanes
+    methods: Sequence[Refocuser], field: LightField, planes: FocalPlanes
 ) -> Iterator[tuple[str, Callable[[], float]]]:
     yield FFT, functools.partial(timing.numpy_fft_time, field.views)
     for method in methods:
-        run = functools.partial(method.stack, field, planes.slopes)
+        run = functools.partial(method, field, planes.slopes)
         yield method.name, functools.partial(timing.seconds, run, field.views.device)
 
 

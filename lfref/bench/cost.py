@@ -14,9 +14,10 @@ from torch import Tensor
 from lfref.bench import accuracy, memory, timing
 from lfref.bench.accuracy import Row
 from lfref.bench.memory import Workload
-from lfref.bench.methods import Method
 from lfref.bench.timing import FFT
-from lfref.refocus.exact_fourier import exact_fourier
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import Refocuser
 
 Columns = dict[tuple[str, str], Row]
 """What was measured, by name of the method and type of its input."""
@@ -32,7 +33,7 @@ TABLE = (
 class Case:
     """A method and the views it is measured on."""
 
-    method: Method
+    method: Refocuser
     views: Tensor
     """Radiance in float32, or uint8, on the device where the method runs, [V, U, C, H, W]."""
     has_planes_asked_for: bool = True
@@ -45,12 +46,12 @@ class Case:
 
     def run(self, slopes: Tensor) -> Tensor:
         """Make the call."""
-        return self.method.refocus(self.views, slopes)
+        return self.method(self.views, slopes)
 
     def workload(self, slopes: Tensor) -> Workload:
         """The call, described for another process."""
         shape, planes = tuple(self.views.shape), tuple(slopes.tolist())
-        return Workload(self.method.refocus, shape, self.views.dtype, planes, torch.get_num_threads())
+        return Workload(self.method, shape, self.views.dtype, planes, torch.get_num_threads())
 
 
 def as_integers(views: Tensor) -> Tensor:
@@ -160,7 +161,7 @@ def table(cases: Iterable[Case], n_planes: int, *measured: Columns) -> list[Row]
         Rows with the columns of `TABLE`, None where one does not apply.
     """
     first, *_ = cases = list(cases)
-    fft = Case(Method(FFT, exact_fourier), first.views.cpu())
+    fft = Case(OperatorRefocuser(FFT, exact_fourier), first.views.cpu())
     rows = [_facts(fft, None), *(_facts(case, n_planes) for case in cases)]
     for row, case in zip(rows, (fft, *cases), strict=True):
         for columns in measured:

@@ -1,7 +1,7 @@
 """Refocusing in plain NumPy, as one would write it without this package: what the operators' speed is compared with.
 
 Letters: `u v` view column and row, `k` frequency in cycles per pixel, `M` padded angular size, `W` kernel width.
-Sources: Ng, "Fourier Slice Photography", 2005; Beatty et al., 2005, for the kernel (see `lfref.refocus.kernels`).
+Sources: Ng, "Fourier Slice Photography", 2005; Beatty et al., 2005, for the kernel (`lfref.refocus.fourier.gridding`).
 """
 
 import math
@@ -19,7 +19,7 @@ Array = NDArray[Any]
 def fourier_slice_numpy(views: Tensor, slopes: Tensor | Sequence[float], width: int = 4, padding: float = 2) -> Tensor:
     """Fourier-slice refocusing by `numpy.fft.fftn`, one channel after the other as the paper does.
 
-    The same spectrum as `lfref.refocus.fourier_slice.fourier_slice` with the Kaiser-Bessel kernel, to some 1e-5; at
+    The same spectrum as `lfref.refocus.fourier.slice.fourier_slice` with the Kaiser-Bessel kernel, to some 1e-5; at
     frequency 0, which is interpolated here as all others, to some 1e-3. Where a size is even, its highest frequency
     differs.
 

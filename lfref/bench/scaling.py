@@ -17,8 +17,8 @@ from torch import Tensor
 from lfref import geometry
 from lfref.bench import timing
 from lfref.bench.accuracy import Row
-from lfref.bench.methods import Method
 from lfref.errors import InputError
+from lfref.refocuser.refocuser import Refocuser
 
 
 class Size(NamedTuple):
@@ -69,7 +69,7 @@ class Scales:
 
 @torch.no_grad()
 def times(
-    methods: Iterable[Method],
+    methods: Iterable[Refocuser],
     sizes: dict[str, list[Size]],
     views: Callable[[Size], Tensor],
     rounds: int,
@@ -134,8 +134,8 @@ def random_views(size: Size, channels: int, device: torch.device) -> Tensor:
     return torch.rand(*size.views, channels, *size.pixels, device=device)
 
 
-def _watch(method: Method, views: Tensor, slopes: Tensor) -> Callable[[], float]:
-    return functools.partial(timing.seconds, functools.partial(method.refocus, views, slopes), views.device)
+def _watch(method: Refocuser, views: Tensor, slopes: Tensor) -> Callable[[], float]:
+    return functools.partial(timing.seconds, functools.partial(method, views, slopes), views.device)
 
 
 def _power(points: list[tuple[object, object]]) -> float:

@@ -16,9 +16,9 @@ from torch.utils.data import DataLoader, Dataset
 
 from lfref.bench import accuracy, timing
 from lfref.bench.accuracy import Row
-from lfref.bench.methods import Method
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, Slopes
+from lfref.refocuser.refocuser import Refocuser
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.lens import truth
 from lfref.simulator.painting import bitmaps
@@ -148,7 +148,7 @@ def rates(scenes: Scenes, n_scenes: int, slopes: Tensor, device: torch.device, n
 
 @torch.no_grad()
 def distances(
-    scenes: Iterable[tuple[str, Scene]], methods: Sequence[Method], planes: FocalPlanes, device: torch.device
+    scenes: Iterable[tuple[str, Scene]], methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
 ) -> list[Row]:
     """How far stacks of refocused views are from the truth, linear and without the sensor's effects.
 
@@ -169,10 +169,10 @@ def distances(
         assert made.views is not None
         assert made.truth is not None
         for method in methods:
-            errors = plane_errors(method.refocus(made.views, planes.slopes), made.truth, planes.slopes, made.views)
+            errors = plane_errors(method(made.views, planes.slopes), made.truth, planes.slopes, made.views)
             rows += [
                 {"scene": name, "method": method.name, "alpha": alpha, "psnr_db": value}
-                for alpha, value in zip(planes.alphas, errors, strict=True)
+                for alpha, value in zip(planes.alphas or [None] * len(planes), errors, strict=True)
             ]
     return rows
 
@@ -230,7 +230,7 @@ def aperture_errors(
         device: Where they are rendered.
 
     Returns:
-        Rows `scene, psnr_db, worst_alpha`, the PSNR that of the worst plane.
+        Rows `scene, psnr_db, worst_plane`, the PSNR that of the worst plane.
     """
     rows: list[Row] = []
     for name, scene in scenes:
@@ -238,7 +238,7 @@ def aperture_errors(
         brute = [through_points(layers, scene.camera, slope, n_points) for slope in planes.slopes.tolist()]
         quality = psnr(truth.stack(layers, scene.camera, planes.slopes), torch.stack(brute))
         worst = int(quality.argmin())
-        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_alpha": planes.alphas[worst]})
+        rows.append({"scene": name, "psnr_db": float(quality[worst]), "worst_plane": planes.labels[worst]})
     return rows
 
 

@@ -4,17 +4,16 @@ from pathlib import Path
 
 import torch
 from omegaconf import DictConfig
-from torch import Tensor
 
-from lfref.bench import accuracy, methods
-from lfref.bench.methods import Method
+from lfref.bench import accuracy
 from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.data.labels import Labels
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import read as reader
-from lfref.lightfield import LightField
+from lfref.refocuser.networks import load
+from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, pictures, plots, tables
 
 
@@ -28,16 +27,19 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     device = device_of(config.device)
     planes: FocalPlanes = configs.build(config.planes)
     references: dict[str, Labels] = configs.build(config.references)
-    judged = _judged(config, device, planes)
+    judged = _judged(config, device)
+    for method in judged:
+        method.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
     found = [path for entry in paths(config.input) for path in reader.find(entry)]
     rows: list[accuracy.Row] = []
     for path in progress(found, "evaluating"):
         field = reader.read(path, **configs.plain(config.reader))
-        stacks = {method.name: _stack(method, field, planes, device) for method in judged}
+        with torch.no_grad():
+            stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in judged}
         labels = {name: source(field) for name, source in references.items()}
         rows += accuracy.plane_rows(field.name, stacks, labels, planes)
         shown = stacks | {f"label: {name}": label for name, label in labels.items()}
-        figure = pictures.comparison(shown, planes.alphas, field.views.mean(dim=(0, 1)))
+        figure = pictures.comparison(shown, planes.alphas or planes.values, field.views.mean(dim=(0, 1)))
         drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
     summary = accuracy.summaries(rows)
     tables.write_table(folder / "planes.csv", rows)
@@ -47,27 +49,15 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     log.info("%d light fields, %d methods: %s", len(found), len(judged), folder / "summary.csv")
 
 
-def _judged(config: DictConfig, device: torch.device, planes: FocalPlanes) -> list[Method]:
-    networks = [methods.network(path, device) for path in paths(configs.plain(config.checkpoint))]
-    for network in networks:
-        if network.planes != planes:
-            raise InputError(
-                f"{network.name} must be trained for the planes that are evaluated",
-                got=network.planes,
-                remedy="give the same planes=... as in training",
-            )
-    operators = methods.operators({entry.name: configs.build(entry.operator) for entry in config.methods.values()})
-    judged = methods.unique_names(networks + operators)
+def _judged(config: DictConfig, device: torch.device) -> list[Refocuser]:
+    networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
+    judged = [*networks, *configs.build(config.methods).values()]
+    name_apart(judged)
     if not judged:
         raise InputError(
             "there must be something to evaluate", remedy="give checkpoint=PATH or +method@methods.NAME=NAME"
         )
     return judged
-
-
-@torch.no_grad()
-def _stack(method: Method, field: LightField, planes: FocalPlanes, device: torch.device) -> Tensor:
-    return method.stack(field.to(device), planes.slopes).cpu()
 
 
 main = command(evaluate)

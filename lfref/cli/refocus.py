@@ -1,29 +1,30 @@
-"""`lfref refocus`: refocus one light field into PNG and EXR stacks."""
+"""`lfref refocus`: refocus light fields into PNG and EXR stacks."""
 
 from pathlib import Path
 
 import torch
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 from torch import Tensor
 
-from lfref.bench import methods
-from lfref.bench.methods import Method
 from lfref.cli import config as configs
-from lfref.cli.command import command, device_of, log
+from lfref.cli.command import command, device_of, log, paths
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.io import read as reader
 from lfref.lightfield import LightField
-from lfref.refocus import apertures, view_order
-from lfref.refocus.all_in_focus import all_in_focus, index_to_slope
+from lfref.refocus.focus import view_order
+from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
+from lfref.refocuser.networks import load
+from lfref.refocuser.refocuser import Refocuser
 from lfref.report import drawing, focus, pictures
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
     """Write `stack.exr` (data), and `planes/`, `contact_sheet.png` and `all_views_mean.png` (pictures).
 
-    With `all_in_focus`, also `all_in_focus.png` and `focus_map.png`.
+    With `all_in_focus`, also `all_in_focus.png` and `focus_map.png`. Of several light fields each gets a folder.
 
     Args:
         config: `conf/refocus.yaml`.
@@ -31,35 +32,32 @@ def refocus(config: DictConfig, folder: Path) -> None:
     """
     device = device_of(config.device)
     exposure = None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
-    method, planes = _method(config, device)
-    field = reader.read(config.input, **configs.plain(config.reader))
-    if view_order.seems_reversed(field.views):
-        log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
-    with torch.no_grad():
-        stack = method.stack(field.to(device), planes.slopes).cpu()
-    write.write_stack(folder / "stack.exr", stack, planes)
-    gain = _gain(field, exposure)
-    _write_pictures(folder, field, stack, planes, gain)
-    if config.all_in_focus:
-        _write_focus(folder, stack, planes, gain)
-    log.info("%s refocused by %s to %d planes in %s", field.name, method.name, len(planes), folder)
+    refocuser, planes = _refocuser(config, device)
+    inputs = paths(configs.plain(config.input))
+    names = [path.absolute().name if path.is_dir() else path.stem for path in inputs]
+    if len(set(names)) < len(names) or not inputs:
+        raise InputError("inputs must be light fields of different names", got=", ".join(names) or "none")
+    for path, name in zip(inputs, names, strict=True):
+        field = reader.read(path, **configs.plain(config.reader))
+        if view_order.seems_reversed(field.views):
+            log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
+        with torch.no_grad():
+            stack = refocuser(field.to(device), planes.slopes).cpu()
+        results = folder if len(inputs) == 1 else folder / name
+        _write(results, field, stack, planes, _gain(field, exposure), config.all_in_focus)
+        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), results)
 
 
-def _method(config: DictConfig, device: torch.device) -> tuple[Method, FocalPlanes]:
-    """The checkpoint with its own planes, or the operator with the planes asked for."""
-    asked = FocalPlanes(configs.plain(config.alphas), config.planes.convention)
+def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, FocalPlanes]:
+    """The checkpoint with its own planes, unless others were asked for, or the operator with the planes configured."""
+    planes: FocalPlanes = configs.build(config.planes)
     if config.checkpoint is None:
-        operator = apertures.through(configs.build(config.aperture), configs.build(config.method.operator))
-        return Method(config.method.name, operator), asked
-    network = methods.network(config.checkpoint, device)
-    planes = network.planes or asked
-    if config.alphas != config.planes.alphas and asked != planes:
-        raise InputError(
-            f"this network makes the planes alpha = {list(planes.alphas)}",
-            got=f"alphas={list(asked.alphas)}",
-            remedy="leave alphas out, or use method=shift_and_sum",
-        )
-    return network, planes
+        return configs.build(config.method, aperture=configs.build(config.aperture)), planes
+    network = load(config.checkpoint, device)
+    is_asked = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
+    if network.planes is None or (is_asked and network.slopes(planes.slopes) is not None):
+        return network, planes
+    return network, network.planes
 
 
 def _gain(field: LightField, exposure: float | None) -> float:
@@ -72,17 +70,16 @@ def _gain(field: LightField, exposure: float | None) -> float:
     return gain
 
 
-def _write_pictures(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, gain: float) -> None:
+def _write(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, gain: float, with_focus: bool) -> None:
+    write.write_stack(folder / "stack.exr", stack, planes)
     write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes)
     images.write_image(folder / "all_views_mean.png", pictures.for_display(field.views.mean(dim=(0, 1)), gain))
-    drawing.save_figure(pictures.contact_sheet(stack, planes.alphas, exposure=gain), folder / "contact_sheet.png")
-
-
-def _write_focus(folder: Path, stack: Tensor, planes: FocalPlanes, gain: float) -> None:
-    image, index, confidence = all_in_focus(stack)
-    images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
-    figure = focus.focus_map(index_to_slope(index, planes.slopes), confidence)
-    drawing.save_figure(figure, folder / "focus_map.png")
+    drawing.save_figure(pictures.contact_sheet(stack, planes.labels, exposure=gain), folder / "contact_sheet.png")
+    if with_focus:
+        image, index, confidence = all_in_focus(stack)
+        images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
+        figure = focus.focus_map(index_to_slope(index, planes.slopes), confidence)
+        drawing.save_figure(figure, folder / "focus_map.png")
 
 
 main = command(refocus)

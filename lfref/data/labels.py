@@ -5,6 +5,7 @@ labels the whole field. A Fourier slice depends on every pixel of what it is giv
 those of the whole field by the ringing of the crop's own border; `docs/refocusing.md` states by how much.
 """
 
+import abc
 import math
 from dataclasses import dataclass
 
@@ -15,29 +16,26 @@ from lfref.data.sources import SimulatedField
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus import weighted
-from lfref.refocus.weighted import Operator
+from lfref.refocuser.refocuser import Refocuser
 
 
-@dataclass(frozen=True)
-class LabelSource:
+class Labels(abc.ABC):
     """Makes the refocused stack that a network should learn."""
 
     name: str
     """As tables and legends call it."""
-    operator: Operator
-    """Refocuses views at slopes."""
     planes: FocalPlanes
     """The planes of a label."""
 
+    @abc.abstractmethod
     def margin(self, grid: tuple[int, int]) -> int:
-        """Pixels around a patch that its label depends on, for a local operator.
+        """Pixels around a patch that its label is made with.
 
         Args:
             grid: Number of view rows and columns (V, U).
         """
-        return math.ceil(geometry.corner_shift(self.planes.slopes, grid)) + 1
 
+    @abc.abstractmethod
     def __call__(self, field: LightField) -> Tensor:
         """Label a light field.
 
@@ -48,14 +46,36 @@ class LabelSource:
             Stack, [N, C, H, W].
 
         Raises:
-            InputError: The field is too small for these planes.
+            InputError: The field cannot be labelled, or is too small for these planes.
         """
-        return weighted.refocus(self.operator, field, self.planes.slopes)
 
 
 @dataclass(frozen=True)
-class RenderedLabels:
-    """Photographs the refocused stack that a network should learn: what a lens with the whole aperture records."""
+class OperatorLabels(Labels):
+    """Labels made by a refocuser that depends on a patch and a margin around it only."""
+
+    refocuser: Refocuser
+    """Makes them; also gives them their name."""
+    planes: FocalPlanes
+    """The planes of a label."""
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """As tables and legends call it."""
+        return self.refocuser.name
+
+    def margin(self, grid: tuple[int, int]) -> int:
+        """As far as the outermost view shifts, and a sample for reading between two."""
+        return math.ceil(geometry.corner_shift(self.planes.slopes, grid)) + 1
+
+    def __call__(self, field: LightField) -> Tensor:
+        """The refocuser's stack; samples count by their weight."""
+        return self.refocuser(field, self.planes.slopes)
+
+
+@dataclass(frozen=True)
+class RenderedLabels(Labels):
+    """Labels that are photographs: what a lens with the whole aperture records."""
 
     name: str
     """As tables and legends call it."""
@@ -63,33 +83,15 @@ class RenderedLabels:
     """The planes of a label."""
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """No pixel around a patch is needed: its label is cut from the photograph of the whole field.
-
-        Args:
-            grid: Number of view rows and columns (V, U).
-        """
+        """None is needed: a label is cut from the photograph of the whole field."""
         return 0
 
     def __call__(self, field: LightField) -> Tensor:
-        """Photograph a light field's scene.
-
-        Args:
-            field: The light field, of a simulated scene.
-
-        Returns:
-            Stack in the brightness and colours of the views, in [0, 1], [N, C, H, W].
-
-        Raises:
-            InputError: The scene is not known, or its views are too small for these planes.
-        """
+        """Photograph a simulated field's scene, in the brightness and colours of its views, in [0, 1]."""
         if not isinstance(field, SimulatedField):
             raise InputError(
                 "rendered labels need light fields of simulated scenes",
                 got=field.name,
                 remedy="use data=simulated, or label=shift_and_sum",
             )
-        return field.photograph(tuple(self.planes.slopes.tolist()))
-
-
-Labels = LabelSource | RenderedLabels
-"""What makes labels: has `name`, `planes`, `margin`, and is called with a light field."""
+        return field.photograph(self.planes.values)

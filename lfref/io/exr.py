@@ -1,7 +1,8 @@
 """Multi-part EXR files: a light field has one part a view, a refocused stack has one part a focal plane.
 
-View parts are named `view_RR_CC` (row and column from 0), plane parts `plane_NN`; a plane carries its `alpha`,
-`slope` and `convention`. Channels are `Y` or `R G B`, then perhaps `weight`. Values are kept as they are.
+View parts are named `view_RR_CC` (row and column from 0), plane parts `plane_NN`; a plane carries its `slope`, and
+`alpha` and `convention` if it was written so. Channels are `Y` or `R G B`, then perhaps `weight`. Values are kept as
+they are.
 """
 
 import re
@@ -13,7 +14,7 @@ import OpenImageIO
 from numpy.typing import NDArray
 
 from lfref.errors import FileError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.io import decode, encode, grid
 
 VIEW = re.compile(r"view_(\d+)_(\d+)")
@@ -106,11 +107,10 @@ def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | No
         InputError: NaN or infinity, a value beyond half, or another depth or channel count.
         FileError: The folder or the disk refuses.
     """
-    # alpha as text: an EXR attribute that is a number keeps 24 bits of it.
-    attributes: list[dict[str, str | float]] = [
-        {"alpha": repr(alpha), "slope": float(slope), "convention": planes.convention}
-        for alpha, slope in zip(planes.alphas, planes.slopes, strict=True)
-    ]
+    # As text: an EXR attribute that is a number keeps 24 bits of it.
+    attributes: list[dict[str, str | float]] = [{"slope": repr(slope)} for slope in planes.values]
+    for said, alpha in zip(attributes, planes.alphas or (), strict=False):
+        said |= {"alpha": repr(alpha), "convention": str(planes.convention)}
     parts = [
         encode.Part(plane.transpose(1, 2, 0), _plane_name(index), said)
         for index, (plane, said) in enumerate(zip(stack, attributes, strict=True))
@@ -128,7 +128,7 @@ def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
         Stack, float32, [N, C, H, W], and its planes.
 
     Raises:
-        FileError: The file cannot be read, a plane is missing or does not say its alpha, or planes differ in size.
+        FileError: The file cannot be read, a plane is missing or does not say its slope, or planes differ in size.
     """
     with decode.opened(path) as source:
         parts = _numbered(_part_names(source), PLANE)
@@ -146,10 +146,14 @@ def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
 
 def _planes(specs: list[OpenImageIO.ImageSpec], path: Path) -> FocalPlanes:
     """The planes that the parts say they are."""
+    convention = specs[0].getattribute("convention")
+    # Slopes of lfref 0.1 were numbers, and so rounded: its alphas say the planes.
+    has_exact_slopes = all(isinstance(spec.getattribute("slope"), str) for spec in specs)
+    said = [spec.getattribute("slope" if has_exact_slopes else "alpha") for spec in specs]
     try:
-        alphas = tuple(float(str(spec.getattribute("alpha"))) for spec in specs)
-        return FocalPlanes(alphas, str(specs[0].getattribute("convention")))
+        numbers = [float(str(value)) for value in said]
+        if has_exact_slopes:
+            return FocalPlanes(numbers, convention)
+        return planes_at_alphas(numbers, str(convention))
     except ValueError as error:
-        raise FileError(
-            f"{path} must say alpha and convention of each plane", got=error, remedy="write it again"
-        ) from error
+        raise FileError(f"{path} must say the slope of each plane", got=error, remedy="write it again") from error

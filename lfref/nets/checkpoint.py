@@ -1,4 +1,4 @@
-"""Checkpoints of trained refocusers: plain containers and tensors, nothing that could run code.
+"""Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
 beside them. Reading is `weights_only`, networks are built from a table of names, and addresses are refused.
@@ -12,65 +12,39 @@ import torch
 from torch import Tensor, nn
 
 from lfref.errors import CheckpointError, InputError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import atomic
+from lfref.nets.network import Network
 from lfref.nets.refnet import RefNet
 
-FORMAT = 1
+FORMAT = 2
+FORMATS = (1, 2)  # that can be read: 1 kept alphas in place of slopes
 PREFIX = "net."  # under which a training module holds its network
 
-NETWORKS: dict[str, type[RefNet]] = {"refnet": RefNet}
+NETWORKS: dict[str, type[Network]] = {kind.name: kind for kind in (RefNet,)}
+"""The kinds of networks that a checkpoint may hold; `conf/net` may name no others."""
 
 
-class Refocuser(nn.Module):
-    """A trained network with the focal planes it was trained for.
-
-    Args:
-        network: Views [..., V, U, C, H, W] -> stack [..., N, C, H, W].
-        planes: What the N planes are.
-    """
-
-    def __init__(self, network: RefNet, planes: FocalPlanes) -> None:
-        super().__init__()
-        if len(planes) != network.config["n_planes"]:
-            raise InputError(f"a network of {network.config['n_planes']} planes needs as many alphas", got=len(planes))
-        self.network = network
-        self.planes = planes
-        self.eval()
-
-    @property
-    def alphas(self) -> tuple[float, ...]:
-        """Relative focal distance of each plane, [N]."""
-        return self.planes.alphas
-
-    @property
-    def slopes(self) -> Tensor:
-        """Slope of each plane in pixels per view step, float64, [N]."""
-        return self.planes.slopes
-
-    @torch.no_grad()
-    def forward(self, views: Tensor) -> Tensor:
-        """Refocus, without gradients.
-
-        Args:
-            views: Radiance in [0, 1], on the network's device, [..., V, U, C, H, W].
-
-        Returns:
-            Stack [..., N, C, H, W], type of the views.
-
-        Raises:
-            InputError: Views that do not fit the network.
-        """
-        weight = self.network.head.weight
-        return self.network(views.to(weight.dtype)).to(views.dtype)
-
-
-def payload(network: RefNet, planes: FocalPlanes) -> dict[str, Any]:
+def payload(network: Network, planes: FocalPlanes) -> dict[str, Any]:
     """The entry `lfref` of a checkpoint: what builds the network again."""
-    return {"format": FORMAT, "network": {"name": "refnet", **network.config}, "planes": planes.as_dict()}
+    return {"format": FORMAT, "network": {"name": network.name, **network.config}, "planes": planes.as_dict()}
 
 
-def save(path: str | Path, network: RefNet, planes: FocalPlanes) -> None:
+def check_number(network: Network, planes: FocalPlanes) -> None:
+    """Refuse planes that are more or fewer than a network makes.
+
+    Raises:
+        InputError: They are.
+    """
+    if network.n_planes not in (None, len(planes)):
+        raise InputError(
+            f"the network must make as many planes as there are ({len(planes)})",
+            got=network.n_planes,
+            remedy=f"set net.n_planes={len(planes)}",
+        )
+
+
+def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
     """Write a checkpoint of a network alone.
 
     Args:
@@ -86,26 +60,19 @@ def save(path: str | Path, network: RefNet, planes: FocalPlanes) -> None:
         torch.save({"lfref": payload(network, planes), "state_dict": state}, temporary)
 
 
-def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> Refocuser:
-    """Read a trained refocuser.
+def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
+    """The network of a checkpoint, on the CPU, and the planes that it was trained for.
 
     Args:
-        path: A checkpoint that `lfref train` wrote. None stands for a model that ships with lfref; this version
-            ships none.
-        device: Where the network goes.
-
-    Returns:
-        A callable from views [..., V, U, C, H, W] to a stack [..., N, C, H, W] with `alphas` and `slopes`.
+        path: A checkpoint that `lfref train` or `save` wrote.
 
     Raises:
         CheckpointError: Missing, damaged, not ours, or of another shape than it says.
     """
-    if path is None:
-        raise CheckpointError("no model ships with this version", remedy="train one (lfref train) and give its path")
     contents = read(path)
-    refocuser = _build(path, contents["lfref"])
-    _load_state(path, refocuser.network, contents["state_dict"])
-    return refocuser.to(device)
+    network, planes = _build(path, contents["lfref"])
+    _load_state(path, network, contents["state_dict"])
+    return network, planes
 
 
 def read(path: str | Path) -> dict[str, Any]:
@@ -130,19 +97,21 @@ def read(path: str | Path) -> dict[str, Any]:
     return contents
 
 
-def _build(path: str | Path, entry: Mapping[str, Any]) -> Refocuser:
-    if entry.get("format") != FORMAT:
+def _build(path: str | Path, entry: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
+    if entry.get("format") not in FORMATS:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
     try:
         arguments = dict(entry["network"])
         name = arguments.pop("name", None)
         if name not in NETWORKS:
             raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
-        return Refocuser(NETWORKS[name](**arguments), FocalPlanes(**entry["planes"]))
+        network, planes = NETWORKS[name](**arguments), planes_from(entry["planes"])
+        check_number(network, planes)
     except CheckpointError:
         raise
     except (TypeError, KeyError, ValueError) as error:
         raise CheckpointError(f"{path} describes no network that can be built", got=error) from error
+    return network, planes
 
 
 def _load_state(path: str | Path, network: nn.Module, state: Mapping[str, Tensor]) -> None:

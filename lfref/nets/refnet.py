@@ -13,13 +13,15 @@ from torch import Tensor, nn
 
 from lfref.errors import InputError
 from lfref.lightfield import check_views
+from lfref.nets import head
 from lfref.nets.blocks import ResBlock
+from lfref.nets.network import Network, Total, alone
 
 PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
 
 
-class RefNet(nn.Module):
-    """Views [..., V, U, C, H, W] -> stack [..., N, C, H, W], both in [0, 1].
+class RefNet(Network):
+    """Views [..., V, U, C, H, W] -> stack [..., N, C, H, W], both in [0, 1]; its planes are those of its labels.
 
     Args:
         n_planes: Planes of the stack, N.
@@ -36,7 +38,13 @@ class RefNet(nn.Module):
 
     Raises:
         InputError: An option that no network can be built from.
+
+    Example:
+        >>> RefNet(n_planes=2, grid=(3, 3), widths=(8,), stem_width=8)(torch.rand(3, 3, 3, 16, 16)).shape
+        torch.Size([2, 3, 16, 16])
     """
+
+    name = "refnet"
 
     def __init__(
         self,
@@ -67,7 +75,8 @@ class RefNet(nn.Module):
             "stem_kernel": stem_kernel,
             "head_kernel": head_kernel,
         }
-        """The arguments that build this network again, in plain containers."""
+        self.n_planes = n_planes
+        self.grid = (grid[0], grid[1])
         outputs = n_planes * channels
         inputs = [stem_width, *schedule[:-1]]
         self.trunk = nn.Sequential(
@@ -91,7 +100,7 @@ class RefNet(nn.Module):
             raise InputError(
                 f"this network reads views [..., {', '.join(map(str, expected))}, H, W]",
                 got=f"shape {list(views.shape)}",
-                remedy="cut the light field to that grid (views=... of the reader)",
+                remedy=f"cut the light field to that grid (reader.views={expected[0]})",
             )
         if views.shape[-1] * views.shape[-2] < 2:
             raise InputError("views must have more than one pixel: normalisation has nothing to compare", got="1x1")
@@ -102,20 +111,28 @@ class RefNet(nn.Module):
             )
         return self.trunk(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:]))
 
-    def forward(self, views: Tensor) -> Tensor:
+    def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
         """Refocus.
 
         Args:
             views: Radiance in [0, 1], [..., V, U, C, H, W].
+            slopes: Only their number is looked at: the planes are those that it was trained for, [N].
 
         Returns:
             Stack, radiance >= 0, [..., N, C, H, W].
 
         Raises:
-            InputError: Views that do not fit the network.
+            InputError: Views or a number of slopes that do not fit the network.
         """
+        if slopes is not None and len(slopes) != self.n_planes:
+            raise InputError(f"this network makes {self.n_planes} planes", got=f"{len(slopes)} slopes")
         images = torch.relu(self.head(self.features(views)))
         return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], *views.shape[-2:])
+
+    def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = alone) -> None:
+        """Scale the last convolution on a first batch: see `nets.head`."""
+        with torch.no_grad():
+            head.prime(self.head, self.features(views), labels.flatten(1, 2), total=total)
 
 
 def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:

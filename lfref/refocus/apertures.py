@@ -6,15 +6,13 @@ Letters: `V U` view rows and columns.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.geometry import Slopes
-from lfref.lightfield import check_axes
 from lfref.refocus import batches
 
 STRIPS = 4096  # that a disc is cut into: the shares are exact to 1e-6 of its area
@@ -108,26 +106,6 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
         raise InputError("a mask must be one list of numbers for each view row", got=repr(rows)) from error
     batches.checked_weights(weights, (grid[0], grid[1]))
     return weights
-
-
-def through(
-    aperture: Callable[[Sequence[int]], Tensor], operator: Callable[..., Tensor]
-) -> Callable[[Tensor, Slopes], Tensor]:
-    """An operator that looks through an aperture, whatever the grid of the views it is given.
-
-    Args:
-        aperture: From the grid (V, U) to weights [V, U], for example `functools.partial(disc, diameter=5)`.
-        operator: A refocusing operator that takes `weights`.
-
-    Returns:
-        The operator (views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W].
-    """
-
-    def refocus(views: Tensor, slopes: Slopes) -> Tensor:
-        check_axes(views)
-        return operator(views, slopes, weights=aperture(tuple(views.shape[-5:-3])))
-
-    return refocus
 
 
 def _overlap(start: Tensor, stop: Tensor, n_views: int) -> Tensor:

@@ -42,8 +42,7 @@ def plane_cells(stack: Tensor, planes: FocalPlanes) -> dict[str, Tensor]:
         Title -> picture, [C, H, W].
     """
     shown = np.unique(np.linspace(0, len(planes) - 1, COLUMNS).round().astype(int)).tolist()
-    slopes = planes.slopes.tolist()
-    return {f"alpha {planes.alphas[n]:g}, slope {slopes[n]:.2g}": stack[n] for n in shown}
+    return {planes.labels[n]: stack[n] for n in shown}
 
 
 def contact_sheet(cells: Mapping[str, Tensor]) -> Figure:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.geometry import FocalPlanes, Slopes
+from lfref.geometry import Slopes
 from lfref.simulator import planner
 from lfref.simulator.effects import chain
 from lfref.simulator.lens import truth
@@ -22,7 +22,7 @@ from lfref.simulator.planner import Outcome, Pass
 from lfref.simulator.scene import Scene
 from lfref.simulator.views import central, render
 
-PAPER = FocalPlanes(tuple(step / 8 for step in range(1, 17)))
+PAPER = geometry.planes_at_alphas(step / 8 for step in range(1, 17))
 """The planes of the paper's stacks."""
 OUTPUTS = ("views", "truth", "disparity", "all_in_focus", "masks")
 

@@ -1,5 +1,6 @@
 """What happens around the training steps: a living start for the head, pictures, and ranks that agree."""
 
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,11 @@ from torch import Tensor
 from lfref.data.patches import Batch
 from lfref.errors import InputError
 from lfref.io import images
-from lfref.nets import head
 from lfref.train.guard import finite_patches
 
 
 class HeadInitialization(Callback):
-    """Scales the last convolution on the first batch, so that no output channel starts dead."""
+    """Lets the network start itself on the first batch, for RefNet so that no output channel is born dead."""
 
     def __init__(self) -> None:
         self._is_due = False
@@ -30,10 +30,9 @@ class HeadInitialization(Callback):
         if not (self._is_due and trainer.strategy.reduce_boolean_decision(_is_finite(batch))):
             return
         self._is_due = False
-        head.initialize_head(module.net, batch["views"], batch["labels"])
-        # Each rank saw another batch: all take the first one's head.
-        state = trainer.strategy.broadcast({name: value.cpu() for name, value in module.net.head.state_dict().items()})
-        module.net.head.load_state_dict(state)
+        # Every process adds what it saw, so that all take the same start, that of the whole batch.
+        total = functools.partial(trainer.strategy.reduce, reduce_op="sum")
+        module.net.prime(batch["views"], batch["slopes"], batch["labels"], total)
 
 
 class StackPictures(Callback):
@@ -41,12 +40,12 @@ class StackPictures(Callback):
 
     Args:
         folder: Where the PNG files go; loggers that take images get them too.
-        alphas: Planes to show; the nearest there are.
+        slopes: Planes to show, in pixels per view step; the nearest there are.
     """
 
-    def __init__(self, folder: str, alphas: Sequence[float] = (0.125, 1.0, 2.0)) -> None:
+    def __init__(self, folder: str, slopes: Sequence[float] = (-7.0, 0.0, 0.5)) -> None:
         self.folder = Path(folder)
-        self.alphas = tuple(alphas)
+        self.slopes = tuple(slopes)
 
     def on_validation_batch_end(
         self,
@@ -60,7 +59,7 @@ class StackPictures(Callback):
         """Make the picture from the first batch."""
         if batch_index > 0 or trainer.sanity_checking or not trainer.is_global_zero:
             return
-        planes = [nearest(module.planes.alphas, alpha) for alpha in self.alphas]
+        planes = [nearest(module.planes.values, slope) for slope in self.slopes]
         picture = side_by_side(batch["labels"][0, planes], outputs[0, planes])
         images.write_image(self.folder / f"epoch_{trainer.current_epoch:04d}.png", picture.permute(1, 2, 0).numpy())
         for logger in trainer.loggers:
@@ -94,9 +93,9 @@ def _is_finite(batch: Batch) -> bool:
     return all(bool(each.all()) for each in finite_patches(batch).values())
 
 
-def nearest(alphas: Sequence[float], alpha: float) -> int:
-    """Index of the plane whose alpha is nearest."""
-    return min(range(len(alphas)), key=lambda i: abs(alphas[i] - alpha))
+def nearest(slopes: Sequence[float], slope: float) -> int:
+    """Index of the plane whose slope is nearest."""
+    return min(range(len(slopes)), key=lambda i: abs(slopes[i] - slope))
 
 
 def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:

@@ -6,6 +6,7 @@ from typing import Any
 import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor, nn
+from torch.optim.lr_scheduler import LRScheduler
 
 from lfref.data.patches import Batch
 from lfref.errors import InputError
@@ -13,17 +14,18 @@ from lfref.geometry import FocalPlanes
 from lfref.losses.composite import CompositeLoss
 from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
-from lfref.nets.refnet import RefNet
+from lfref.nets.network import Network
+from lfref.train import resume
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
-SchedulerFactory = Callable[[torch.optim.Optimizer], torch.optim.lr_scheduler.LRScheduler]
+SchedulerFactory = Callable[[torch.optim.Optimizer], LRScheduler]
 
 
 class Refocusing(LightningModule):
     """Trains a network to make refocused stacks.
 
     Args:
-        net: Views [B, V, U, C, H, W] -> stack [B, N, C, H, W].
+        net: Views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
         loss: Named weighted terms.
         planes: What the planes of the labels are; goes into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
@@ -35,19 +37,14 @@ class Refocusing(LightningModule):
 
     def __init__(
         self,
-        net: RefNet,
+        net: Network,
         loss: CompositeLoss,
         planes: FocalPlanes,
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
     ) -> None:
         super().__init__()
-        if len(planes) != net.config["n_planes"]:
-            raise InputError(
-                f"the network must make as many planes as a label has ({len(planes)})",
-                got=net.config["n_planes"],
-                remedy=f"set net.n_planes={len(planes)}",
-            )
+        checkpoints.check_number(net, planes)
         self.net = net
         self.loss = loss
         self.planes = planes
@@ -56,17 +53,17 @@ class Refocusing(LightningModule):
         self.mpsnr = MPSNR(n_planes=len(planes))
         self.mssim = MSSIM(n_planes=len(planes))
 
-    def forward(self, views: Tensor) -> Tensor:
-        """Refocus: views [B, V, U, C, H, W] -> stack [B, N, C, H, W]."""
-        return self.net(views)
+    def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
+        """Refocus: views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W]."""
+        return self.net(views, slopes)
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The loss of one batch; every term is logged by its name."""
-        return self._loss(batch["labels"], self.net(batch["views"]), "train")
+        return self._loss(batch["labels"], self.net(batch["views"], batch["slopes"]), "train")
 
     def validation_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The stack of one held-out batch, its loss and metrics logged."""
-        stack = self.net(batch["views"])
+        stack = self.net(batch["views"], batch["slopes"])
         self._loss(batch["labels"], stack, "val")
         for name, metric in (("val/mpsnr", self.mpsnr), ("val/mssim", self.mssim)):
             metric.update(stack, batch["labels"])
@@ -74,13 +71,28 @@ class Refocusing(LightningModule):
         return stack
 
     def configure_optimizers(self) -> dict[str, Any]:  # type: ignore[override]
-        """The optimiser over all parameters of the network, and its schedule."""
-        optimizer = self.optimizer(self.net.parameters())
-        return {"optimizer": optimizer} | ({"lr_scheduler": self.scheduler(optimizer)} if self.scheduler else {})
+        """The optimiser over all parameters of the network, and its schedule.
+
+        Raises:
+            InputError: Their settings do not fit them.
+        """
+        optimizer, schedule = self._optimization(self.net.parameters())
+        return {"optimizer": optimizer} | ({"lr_scheduler": schedule} if schedule else {})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Add what `lfref.load` needs to build the network again."""
         checkpoint["lfref"] = checkpoints.payload(self.net, self.planes)
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on with the rate and the schedule that are set now; a checkpoint brings those of its own run."""
+        resume.refit(checkpoint, *self._optimization(iter([nn.Parameter(torch.zeros(()))])))
+
+    def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[torch.optim.Optimizer, LRScheduler | None]:
+        try:
+            optimizer = self.optimizer(parameters)
+            return optimizer, self.scheduler(optimizer) if self.scheduler else None
+        except (TypeError, ValueError, ZeroDivisionError) as error:
+            raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
         terms = self.loss.terms(stack, labels)
@@ -91,6 +103,6 @@ class Refocusing(LightningModule):
             on_step=stage == "train",
             on_epoch=stage == "val",
             batch_size=len(labels),
-            sync_dist=stage == "val",
+            sync_dist=True,
         )
         return total

@@ -6,10 +6,10 @@ import torch
 from lfref.bench import accuracy
 from lfref.errors import InputError
 from lfref.functional.ssim import ssim
-from lfref.geometry import FocalPlanes
-from lfref.refocus.shift_and_sum import coverage
+from lfref.geometry import planes_at_alphas
+from lfref.refocus.shift.shift_and_sum import coverage
 
-PLANES = FocalPlanes((0.5, 2.0))  # slopes -1 and 0.5
+PLANES = planes_at_alphas((0.5, 2.0))  # slopes -1 and 0.5
 
 
 def stack_off_by(*differences):

@@ -5,19 +5,19 @@ import statistics
 import pytest
 import torch
 
-from lfref.bench import accuracy, compare, methods, timing
-from lfref.bench.methods import Method
+from lfref.bench import accuracy, compare, timing
 from lfref.data.sources import SimulatedSource
 from lfref.errors import InputError, LfrefError
-from lfref.geometry import FocalPlanes
-from lfref.nets import checkpoint
+from lfref.geometry import planes_at_alphas
 from lfref.nets.refnet import RefNet
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
-PLANES = FocalPlanes((0.5, 1.0, 1.4))
+PLANES = planes_at_alphas((0.5, 1.0, 1.4))
 CPU = torch.device("cpu")
 COLUMNS = ["method", "median_s", "p10_s", "p90_s", "psnr_db", "ssim", "ratio_to_numpy_fft"]
 
@@ -33,14 +33,14 @@ def compared(chosen, fields, **options):
 
 
 def test_the_first_row_is_numpys_fft_and_every_row_has_all_columns(fields):
-    rows = compared(methods.operators({"exact": exact_fourier, "sum": shift_and_sum}), fields)
+    rows = compared([OperatorRefocuser("exact", exact_fourier), OperatorRefocuser("sum", shift_and_sum)], fields)
     assert [row["method"] for row in rows] == ["numpy_fft_4d", "exact", "sum"]
     assert all(list(row) == COLUMNS for row in rows)
     assert (rows[0]["psnr_db"], rows[0]["ssim"], rows[0]["ratio_to_numpy_fft"]) == (None, None, 1.0)
 
 
 def test_exact_fourier_is_at_the_ceiling_and_others_are_below(fields):
-    rows = compared(methods.operators({"exact": exact_fourier, "sum": shift_and_sum}), fields)
+    rows = compared([OperatorRefocuser("exact", exact_fourier), OperatorRefocuser("sum", shift_and_sum)], fields)
     assert rows[1]["psnr_db"] == 100
     assert rows[1]["ssim"] == 1
     assert 20 < rows[2]["psnr_db"] < 99
@@ -48,7 +48,7 @@ def test_exact_fourier_is_at_the_ceiling_and_others_are_below(fields):
 
 
 def test_quality_is_the_mean_over_the_fields_of_the_interior_quality(fields):
-    (_, row) = compared(methods.operators({"sum": shift_and_sum}), fields)
+    (_, row) = compared([OperatorRefocuser("sum", shift_and_sum)], fields)
     each = [
         accuracy.interior_quality(
             shift_and_sum(field.views, PLANES.slopes), exact_fourier(field.views, PLANES.slopes), PLANES.slopes, (3, 3)
@@ -60,7 +60,7 @@ def test_quality_is_the_mean_over_the_fields_of_the_interior_quality(fields):
 
 
 def test_times_are_positive_ordered_and_give_the_ratio(fields):
-    rows = compared(methods.operators({"exact": exact_fourier}), fields)
+    rows = compared([OperatorRefocuser("exact", exact_fourier)], fields)
     for row in rows:
         assert 0 < row["p10_s"] <= row["median_s"] <= row["p90_s"]
     assert rows[1]["ratio_to_numpy_fft"] == pytest.approx(rows[0]["median_s"] / rows[1]["median_s"])
@@ -82,13 +82,13 @@ def timed(monkeypatch):
 
 
 def test_all_methods_take_turns_on_every_field_in_every_round(fields, timed):
-    chosen = methods.operators({"sum": shift_and_sum, "exact": exact_fourier})
+    chosen = [OperatorRefocuser("sum", shift_and_sum), OperatorRefocuser("exact", exact_fourier)]
     compared(chosen, fields, repeats=2, warmup=1)
-    assert timed == ["fft", *(method.stack for method in chosen)] * 2 * 3
+    assert timed == ["fft", *(method for method in chosen)] * 2 * 3
 
 
 def test_warm_up_rounds_do_not_count(fields, timed):
-    (fft, row) = compared(methods.operators({"sum": shift_and_sum}), fields, repeats=2, warmup=1)
+    (fft, row) = compared([OperatorRefocuser("sum", shift_and_sum)], fields, repeats=2, warmup=1)
     # Rounds of four calls: the FFT and the sum on both fields. The first round is the warm-up.
     assert fft["median_s"] == statistics.median([5, 7, 9, 11])
     assert row["median_s"] == statistics.median([6, 8, 10, 12])
@@ -102,7 +102,7 @@ def test_methods_run_without_gradients_and_in_order(fields):
         seen.append((torch.is_grad_enabled(), torch.equal(slopes, PLANES.slopes)))
         return exact_fourier(views, slopes)
 
-    compared([Method("watching", watching)], fields)
+    compared([OperatorRefocuser("watching", watching)], fields)
     assert set(seen) == {(False, True)}
 
 
@@ -114,14 +114,14 @@ def test_progress_sees_every_round(fields):
             passed.append(number)
             yield number
 
-    compared(methods.operators({"a": exact_fourier}), fields, repeats=3, warmup=2, progress=progress)
+    compared([OperatorRefocuser("a", exact_fourier)], fields, repeats=3, warmup=2, progress=progress)
     assert len(passed) == 5
 
 
 def test_a_network_of_other_planes_is_refused(fields):
     network = RefNet(n_planes=1, grid=(3, 3), widths=(4,), stem_width=4)
-    method = Method("net", methods.for_its_planes(checkpoint.Refocuser(network, FocalPlanes((1.0,)))))
-    with pytest.raises(InputError, match="this network makes the planes"):
+    method = NetworkRefocuser(network, planes_at_alphas((1.0,)), "net")
+    with pytest.raises(InputError, match="net makes the planes"):
         compared([method], fields)
 
 
@@ -129,4 +129,4 @@ def test_a_network_of_other_planes_is_refused(fields):
 def test_nothing_to_measure_is_the_users_mistake(fields, change):
     arguments = {"fields": fields} | change
     with pytest.raises(LfrefError):
-        compared(methods.operators({"exact": exact_fourier}), **arguments)
+        compared([OperatorRefocuser("exact", exact_fourier)], **arguments)

@@ -9,9 +9,9 @@ import torch
 from lfref.bench import accuracy, cost, memory, timing
 from lfref.bench.cost import Case
 from lfref.bench.memory import Peak
-from lfref.bench.methods import Method
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 
 SLOPES = torch.tensor([-0.5, 0.0, 0.7], dtype=torch.float64)
 CPU = torch.device("cpu")
@@ -25,9 +25,9 @@ def views():
 @pytest.fixture
 def cases(views):
     return [
-        Case(Method("sum", shift_and_sum), views),
-        Case(Method("sum", shift_and_sum), cost.as_integers(views)),
-        Case(Method("exact", exact_fourier), views),
+        Case(OperatorRefocuser("sum", shift_and_sum), views),
+        Case(OperatorRefocuser("sum", shift_and_sum), cost.as_integers(views)),
+        Case(OperatorRefocuser("exact", exact_fourier), views),
     ]
 
 
@@ -43,7 +43,7 @@ def test_a_case_is_known_by_its_method_and_input(cases):
 
 def test_a_case_describes_its_call(cases):
     workload = cases[1].workload(SLOPES)
-    assert workload.operator is shift_and_sum
+    assert workload.operator is cases[1].method
     assert (workload.shape, workload.dtype) == ((3, 3, 3, 20, 24), torch.uint8)
     assert workload.slopes == tuple(SLOPES.tolist())
     assert workload.threads == torch.get_num_threads()
@@ -53,7 +53,7 @@ def test_first_calls_are_judged_by_exact_refocusing_of_the_same_views(cases):
     found = cost.first_calls(cases, SLOPES)
     assert list(found) == [case.key for case in cases]
     for case in cases:
-        stack, exact = (operator(case.views, SLOPES) for operator in (case.method.refocus, exact_fourier))
+        stack, exact = (operator(case.views, SLOPES) for operator in (case.method, exact_fourier))
         psnr_db, largest = accuracy.interior_errors(stack, exact, SLOPES, (3, 3))
         assert (found[case.key]["psnr_db"], found[case.key]["max_error"]) == pytest.approx((psnr_db, largest))
         assert found[case.key]["first_call_s"] > 0
@@ -61,12 +61,12 @@ def test_first_calls_are_judged_by_exact_refocusing_of_the_same_views(cases):
 
 
 def test_a_stack_on_another_grid_is_not_judged(views):
-    half = Case(Method("half", lambda views, slopes: exact_fourier(views, slopes)[..., ::2]), views)
+    half = Case(OperatorRefocuser("half", lambda views, slopes: exact_fourier(views, slopes)[..., ::2]), views)
     assert list(cost.first_calls([half], SLOPES)["half", "float32"]) == ["first_call_s"]
 
 
 def test_other_planes_are_not_judged(views):
-    other = Case(Method("other", exact_fourier), views, has_planes_asked_for=False)
+    other = Case(OperatorRefocuser("other", exact_fourier), views, has_planes_asked_for=False)
     assert list(cost.first_calls([other], SLOPES)["other", "float32"]) == ["first_call_s"]
 
 
@@ -123,7 +123,7 @@ def test_methods_run_without_gradients(views):
         seen.append((note, torch.is_grad_enabled()))
         return exact_fourier(views, slopes)
 
-    case = Case(Method("watching", functools.partial(watching, note="call")), views)
+    case = Case(OperatorRefocuser("watching", functools.partial(watching, note="call")), views)
     cost.first_calls([case], SLOPES)
     cost.times([case], SLOPES, range(1))
     assert seen == [("call", False)] * 2

@@ -9,7 +9,7 @@ from lfref import geometry
 from lfref.bench import memory
 from lfref.bench.memory import Peak, Workload
 from lfref.errors import InputError
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 CPU = torch.device("cpu")
 

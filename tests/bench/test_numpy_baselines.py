@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lfref.bench.numpy_baselines import fourier_slice_numpy
-from lfref.refocus.fourier_slice import fourier_slice
+from lfref.refocus.fourier.slice import fourier_slice
 
 SLOPES = [-1.3, 0.2, 0.5, 1.0]  # at whole ones the kernel ends on bins, of which NumPy's reads one
 

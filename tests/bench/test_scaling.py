@@ -7,11 +7,11 @@ import torch
 
 from lfref import geometry
 from lfref.bench import scaling, timing
-from lfref.bench.methods import Method
 from lfref.bench.scaling import Scales, Size
 from lfref.errors import InputError
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 
 FIELD = Size((7, 5), (375, 540), 16)
 SCALES = Scales(sides=(0.5, 1), views=(3, 5, 9), planes=(4, 8))
@@ -63,7 +63,7 @@ def test_an_axis_needs_two_sizes(change):
 
 def test_the_exponent_of_a_known_cost_is_found(timed):
     sizes = SCALES.sizes(FIELD)
-    rows = scaling.times([Method("known", shift_and_sum)], sizes, tiny_views, rounds=1)
+    rows = scaling.times([OperatorRefocuser("known", shift_and_sum)], sizes, tiny_views, rounds=1)
     found = {row["axis"]: row["exponent"] for row in scaling.exponents(rows)}
     # Pixels of these small stand-ins are rounded down to whole columns.
     assert found == {"pixels": pytest.approx(1, abs=0.02), "views": pytest.approx(1), "planes": pytest.approx(2)}
@@ -83,13 +83,13 @@ def test_exponents_are_least_squares_in_logarithms(power):
 
 
 def test_sizes_of_a_method_take_turns_and_each_is_measured_once_a_round(timed):
-    methods = [Method("sum", shift_and_sum), Method("exact", exact_fourier)]
+    methods = [OperatorRefocuser("sum", shift_and_sum), OperatorRefocuser("exact", exact_fourier)]
     scaling.times(methods, SCALES.sizes(FIELD), tiny_views, rounds=2, warmup=1)
     # The field's own size is on the axis of pixels; no other one occurs on two axes.
     assert len(timed) == 2 * 3 * 7
     per_method = [timed[:21], timed[21:]]
     for method, calls in zip(methods, per_method, strict=True):
-        assert {function for function, *_ in calls} == {method.refocus}
+        assert {function for function, *_ in calls} == {method}
         assert calls[:7] == calls[7:14] == calls[14:]
 
 
@@ -97,7 +97,7 @@ def test_median_and_fastest_run_are_kept_without_the_warm_up(monkeypatch):
     spent = iter(8 * [99.0] + 8 * [1.0] + 8 * [5.0] + 8 * [3.0])
     monkeypatch.setattr(timing, "seconds", lambda run, device: next(spent))
     scales = Scales((0.5, 1), (3, 5, 9), (4, 8, 32))
-    rows = scaling.times([Method("a", shift_and_sum)], scales.sizes(FIELD), tiny_views, rounds=3, warmup=1)
+    rows = scaling.times([OperatorRefocuser("a", shift_and_sum)], scales.sizes(FIELD), tiny_views, rounds=3, warmup=1)
     assert list(rows[0]) == ["method", "axis", "n", "median_s", "min_s"]
     assert {(row["median_s"], row["min_s"]) for row in rows} == {(3.0, 1.0)}
 

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from lfref.bench import simulation
-from lfref.bench.methods import Method
-from lfref.geometry import FocalPlanes
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.geometry import planes_at_alphas
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
@@ -21,7 +21,7 @@ from lfref.simulator.views import central
 
 CAMERA = Camera((3, 3), (24, 30))
 CPU = torch.device("cpu")
-PLANES = FocalPlanes((0.5, 1.0))
+PLANES = planes_at_alphas((0.5, 1.0))
 WALL = Surface(Plane(0.0), Noise())
 SCENES = {
     "wall": Scene(CAMERA, (WALL,), name="wall"),
@@ -73,8 +73,8 @@ def test_patches_are_simulated_as_asked(monkeypatch):
 
 def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
     methods = [
-        Method("sum", shift_and_sum),
-        Method("dark", lambda views, slopes: shift_and_sum(views, slopes) * 0.5),
+        OperatorRefocuser("sum", shift_and_sum),
+        OperatorRefocuser("dark", lambda views, slopes: shift_and_sum(views, slopes) * 0.5),
     ]
     dim = replace(SCENES["wall"], sensor=Sensor(exposure=Exposure(0.1)))  # the sensor is left out
     rows = simulation.distances([("wall", dim)], methods, PLANES, CPU)
@@ -100,7 +100,7 @@ def test_as_many_cells_as_needed_agree_with_many_points(aperture):
     card = replace(SCENES["card"], camera=replace(CAMERA, aperture=aperture))
     (good,) = simulation.aperture_errors([("card", card)], PLANES, 32, CPU)
     assert good["psnr_db"] > 45
-    assert good["worst_alpha"] in PLANES.alphas
+    assert good["worst_plane"] in PLANES.labels
 
 
 def test_few_points_are_not_the_whole_aperture_and_one_is_its_middle():

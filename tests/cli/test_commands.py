@@ -9,8 +9,8 @@ import yaml
 
 from lfref.io.read import read, read_stack
 from lfref.refocus import apertures
-from lfref.refocus.all_in_focus import all_in_focus
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from tests.cli.conftest import TINY
 
 pytestmark = pytest.mark.filterwarnings("ignore")

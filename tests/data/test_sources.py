@@ -6,7 +6,7 @@ import torch
 from lfref.data.sources import FolderSource, SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
-from lfref.refocus import view_order
+from lfref.refocus.focus import view_order
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.exposure import Exposure

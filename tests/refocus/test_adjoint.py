@@ -7,8 +7,8 @@ import torch
 
 from lfref.errors import InputError
 from lfref.refocus.adjoint import adjoint
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SLOPES = [-0.7, 0.0, 1.0]
 OPERATORS = {

@@ -8,9 +8,9 @@ import torch
 
 from lfref.errors import InputError
 from lfref.refocus import apertures
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.shift_and_sum import shift_and_sum
-from lfref.refocus.super_resolution import super_resolve
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.super_resolution import super_resolve
 
 GRIDS = [(7, 7), (6, 6), (5, 8)]
 SHAPES = [apertures.disc, apertures.square, functools.partial(apertures.gaussian, sigma=1.3)]

@@ -7,15 +7,15 @@ import pytest
 import torch
 
 from lfref.refocus import batches
+from lfref.refocus.anywhere.homography import homography, slope_homographies
+from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.borders import BORDERS
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.focal_stack_transform import focal_stack_transform
-from lfref.refocus.fourier_slice import fourier_slice
-from lfref.refocus.homography import homography, slope_homographies
-from lfref.refocus.interpolation import INTERPOLATIONS
-from lfref.refocus.shift_and_sum import shift_and_sum
-from lfref.refocus.super_resolution import super_resolve
-from lfref.refocus.surface import per_pixel, tilt_shift
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
+from lfref.refocus.fourier.slice import fourier_slice
+from lfref.refocus.interpolations import INTERPOLATIONS
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.super_resolution import super_resolve
 
 from . import contracts
 

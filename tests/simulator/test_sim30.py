@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from lfref.errors import InputError
-from lfref.geometry import FocalPlanes, checked_slopes
+from lfref.geometry import checked_slopes, planes_at_alphas
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import EFFECTS
 from lfref.simulator.materials import Material
@@ -54,7 +54,7 @@ def test_what_else_there_is():
 
 def test_the_papers_planes_fit_in_either_convention():
     camera = sim30.CAMERA
-    for planes in (PAPER, FocalPlanes(PAPER.alphas, "parallel")):
+    for planes in (PAPER, planes_at_alphas(PAPER.alphas, "parallel")):
         slopes = checked_slopes(planes.slopes, camera.grid, camera.size)
         for scene in sim30.SCENES.values():
             far = min(surface.geometry.disparity_range((1, 1))[0] for surface in scene.surfaces)

@@ -9,17 +9,16 @@ from collections.abc import Callable, Iterator, Sequence
 import torch
 from torch import Tensor, nn
 
+from lfref import geometry
 from lfref.bench.stability import catalogue, trials
 from lfref.bench.stability.catalogue import noise
 from lfref.bench.stability.operators import PERIODIC
 from lfref.bench.stability.trials import OURS, PRECISIONS, Component
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
 from lfref.losses.composite import CompositeLoss
-from lfref.nets.head import initialize_head
 from lfref.nets.refnet import RefNet
 
-PAPER = FocalPlanes(tuple(step / 8 for step in range(1, 17)))
+PAPER = geometry.planes_at_alphas(step / 8 for step in range(1, 17))
 SEEDS = range(16)
 Loss = Callable[[Tensor, Tensor], Tensor]
 
@@ -117,7 +116,8 @@ def births(is_prepared: bool) -> int:
     """
     views = (0.5 + 0.4 * noise(2, *catalogue.NETWORK_GRID, 3, 16, 16)).float()
     labels = (0.5 + 0.3 * noise(2, 16, 3, 16, 16, seed=1)).float()
-    return dead_channels(initialize_head if is_prepared else lambda *unused: None, views, labels)
+    prepare = (lambda network, *batch: network.prime(batch[0], None, batch[1])) if is_prepared else lambda *unused: None
+    return dead_channels(prepare, views, labels)
 
 
 def _network_of_16_planes(seed: int, initialize: Callable[[Tensor], object] | None) -> RefNet:

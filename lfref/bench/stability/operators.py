@@ -8,14 +8,14 @@ from torch import Tensor
 
 from lfref.bench.stability import catalogue, oracles, usual
 from lfref.bench.stability.trials import OURS, Allowed, Component, Precision
-from lfref.refocus import focal_stack_transform
-from lfref.refocus.all_in_focus import all_in_focus
-from lfref.refocus.exact_fourier import exact_fourier
-from lfref.refocus.fourier_slice import fourier_slice
-from lfref.refocus.homography import homography, slope_homographies
-from lfref.refocus.shift_and_sum import shift_and_sum
-from lfref.refocus.super_resolution import super_resolve
-from lfref.refocus.surface import per_pixel, tilt_shift
+from lfref.refocus.anywhere.homography import homography, slope_homographies
+from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
+from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.fourier import focal_stack_transform
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.slice import fourier_slice
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.super_resolution import super_resolve
 
 Operator = Callable[[Tensor, Tensor, Tensor], Tensor]
 """(views [V, U, C, H, W], slopes [N], weights [V, U]) -> stack [N, C, H, W]."""

@@ -4,11 +4,13 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from lfref.bench import compare, methods
+from lfref.bench import compare
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, paths, progress
 from lfref.geometry import FocalPlanes
+from lfref.refocuser.networks import load
+from lfref.refocuser.refocuser import name_apart
 from lfref.report import drawing, tables
 from lfref.report import front as picture
 
@@ -22,9 +24,9 @@ def front(config: DictConfig, folder: Path) -> None:
     """
     device, rounds = device_of(config.device), shared.rounds(config)
     planes: FocalPlanes = configs.build(config.planes)
-    operators = methods.operators({entry.name: configs.build(entry.operator) for entry in config.methods.values()})
-    networks = [methods.network(path, device) for path in paths(configs.plain(config.checkpoint))]
-    chosen = methods.unique_names(operators + networks)
+    networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
+    chosen = [*configs.build(config.methods).values(), *networks]
+    name_apart(chosen)
     fields = shared.light_fields(config)
     rows = compare.compare(
         chosen, fields, planes, device, *rounds, progress=lambda each: progress(each, "measuring rounds")

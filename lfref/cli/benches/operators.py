@@ -10,7 +10,6 @@ from lfref.bench import cost, scaling
 from lfref.bench.accuracy import Row
 from lfref.bench.cost import Case
 from lfref.bench.limits import shift_and_sum_limits
-from lfref.bench.methods import Method
 from lfref.bench.scaling import Scales, Size
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
@@ -55,8 +54,7 @@ def _only_field(config: DictConfig) -> LightField:
 
 def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[Case]:
     """Every method on the field, as it is and, where asked for, as integers; sample weights are left out."""
-    for entry in config.methods.values():
-        method = Method(entry.name, configs.build(entry.operator))
+    for method in configs.build(config.methods).values():
         views = field.views.cpu() if method.name in on_cpu else field.views
         has_planes_asked_for = method.name not in config.other_planes
         yield Case(method, views, has_planes_asked_for)

@@ -6,7 +6,6 @@ import torch
 from omegaconf import DictConfig
 
 from lfref.bench import simulation
-from lfref.bench.methods import Method
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, progress
@@ -32,7 +31,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))
     n_workers = torch.get_num_threads() if device.type == "cpu" else 0
-    methods = [Method(entry.name, configs.build(entry.operator)) for entry in config.methods.values()]
+    methods = list(configs.build(config.methods).values())
     costs = simulation.costs(classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup)
     distances = simulation.distances(progress(list(judged.items()), "photographing"), methods, planes, device)
     alphas = simulation.by_alpha(distances)

@@ -1,0 +1,1 @@
+"""Views read wherever a pixel of the picture asks for it: surfaces, cameras that stand anywhere."""

@@ -1,0 +1,123 @@
+"""Focus on a surface: a slope for every pixel, and its affine case, the tilted plane of a view camera.
+
+`I(x, y) = sum_uv w_uv L[v, u](x + s(x, y) (u - u0), y + s(x, y) (v - v0)) / sum_uv w_uv`, over views that have a
+sample there; differentiable in the views and in the slopes.
+Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
+Source of `tilt_shift`: Vaish et al., "Synthetic aperture focusing using a shear-warp factorization of the viewing
+transform", 2005.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.errors import InputError
+from lfref.geometry import Slopes
+from lfref.refocus import batches
+from lfref.refocus.anywhere import sampling
+
+
+def per_pixel(
+    views: Tensor,
+    slope_map: Tensor,
+    interpolation: str = "linear",
+    border: str = "renormalize",
+    weights: Tensor | None = None,
+) -> Tensor:
+    """Refocus light fields on surfaces, each pixel at its own slope.
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        slope_map: Focus in pixels per view step, [H, W] or [N, H, W].
+        interpolation: `nearest`, `linear` or `cubic`.
+        border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+
+    Returns:
+        Stacks in the order of the maps (N = 1 for a single one), type (float32 for integers) and device of the views,
+        [..., N, C, H, W]. A pixel that no weighted view covers is 0.
+
+    Raises:
+        InputError: Views, slopes, weights or names that cannot be used.
+    """
+
+    def refocus(batch: Tensor) -> Tensor:
+        return _stack(batch, _checked_map(slope_map, batch), interpolation, border, weights)
+
+    return batches.over_batches(views, refocus)
+
+
+def tilt_shift(
+    views: Tensor,
+    slope: Slopes | float,
+    tilt: Tensor | Sequence[float],
+    interpolation: str = "linear",
+    border: str = "renormalize",
+    weights: Tensor | None = None,
+) -> Tensor:
+    """Refocus light fields on slanted planes: s(x, y) = slope + a x + b y, with x and y counted from pixel 0.
+
+    Args:
+        views: As in `per_pixel`.
+        slope: Focus at the top left pixel, in pixels per view step, [N] or one number.
+        tilt: Change of slope (a, b) per pixel to the right and per pixel downwards.
+        interpolation: As in `per_pixel`.
+        border: As in `per_pixel`.
+        weights: As in `per_pixel`.
+
+    Returns:
+        Stacks in the order of the slopes, otherwise as `per_pixel`, [..., N, C, H, W].
+
+    Raises:
+        InputError: As `per_pixel`, or a tilt that is not two numbers.
+    """
+
+    def refocus(batch: Tensor) -> Tensor:
+        return _stack(batch, _checked_map(_affine_map(slope, tilt, batch), batch), interpolation, border, weights)
+
+    return batches.over_batches(views, refocus)
+
+
+def _affine_map(slope: Slopes | float, tilt: Tensor | Sequence[float], views: Tensor) -> Tensor:
+    start = torch.as_tensor(slope, dtype=torch.float64, device=views.device).reshape(-1, 1, 1)
+    change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)
+    if change.shape != (2,):
+        raise InputError("tilt must be two numbers, slope per pixel along x and y", got=f"shape {list(change.shape)}")
+    x, y = sampling.pixels(views)
+    return start + change[0] * x + change[1] * y
+
+
+def _checked_map(slope_map: Tensor, views: Tensor) -> Tensor:
+    """The slopes as float64 where the views are, [N, H, W], once they are known to be usable."""
+    size = views.shape[-2:]
+    slopes = torch.as_tensor(slope_map, dtype=torch.float64, device=views.device)
+    if slopes.ndim not in (2, 3) or slopes.shape[-2:] != size or slopes.numel() == 0:
+        raise InputError(
+            f"a slope map must be {list(size)} or [N, {size[0]}, {size[1]}], one slope for each pixel",
+            got=f"shape {list(slopes.shape)}",
+            remedy="resize the map to the views",
+        )
+    geometry.checked_slopes(torch.stack(slopes.detach().aminmax()), views.shape[1:3], size)
+    return slopes.reshape(-1, *size)
+
+
+def _stack(views: Tensor, slopes: Tensor, interpolation: str, border: str, weights: Tensor | None) -> Tensor:
+    aperture = batches.checked_weights(weights, (views.shape[1], views.shape[2]))
+    if kernel := sampling.kernel(views, slopes):
+        still = torch.eye(3, dtype=torch.float64).expand(*aperture.shape, 3, 3)
+        stack: Tensor = kernel.means(views, aperture, [(still, slope) for slope in slopes], interpolation, border)[0]
+        return stack
+    images = [_image(views, slope, interpolation, border, aperture) for slope in slopes]
+    return torch.stack(images, dim=1)
+
+
+def _image(views: Tensor, slope: Tensor, interpolation: str, border: str, aperture: Tensor) -> Tensor:
+    x, y = sampling.pixels(views)
+    rows, columns = (geometry.angular_offsets(n).tolist() for n in aperture.shape)
+
+    def positions(v: int, u: int) -> tuple[Tensor, Tensor, bool]:
+        return x + slope * columns[u], y + slope * rows[v], True
+
+    return sampling.mean_of_views(views, aperture, positions, interpolation, border)[0]

@@ -1,0 +1,1 @@
+"""What is in focus, and where: sharpness of refocused planes."""

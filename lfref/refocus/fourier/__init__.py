@@ -1,0 +1,1 @@
+"""Refocusing of spectra, the views taken as periodic."""

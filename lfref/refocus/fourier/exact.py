@@ -1,0 +1,39 @@
+"""Exact Fourier refocusing: every view's 2-D spectrum times a phase ramp, summed; no 4-D transform.
+
+`I^(k) = sum_uv w_uv L^[v, u](k) exp(2 pi i s ((u - u0) kx + (v - v0) ky))`, equal to periodic shift-and-sum with
+trigonometric interpolation.
+Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` slope in pixels per view step.
+"""
+
+from torch import Tensor
+
+from lfref import geometry
+from lfref.functional import fourier
+from lfref.geometry import Slopes
+from lfref.refocus import batches
+from lfref.refocus.fourier import spectra
+
+
+def exact_fourier(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+    """Refocus light fields exactly, the views taken as periodic.
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        slopes: Focus in pixels per view step, [N].
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+
+    Returns:
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+
+    Raises:
+        InputError: Views, slopes or weights that cannot be used.
+    """
+    return batches.over_batches(views, lambda batch: _stack(batch, slopes, weights))
+
+
+def _stack(views: Tensor, slopes: Slopes, weights: Tensor | None) -> Tensor:
+    grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
+    planes = geometry.checked_slopes(slopes, grid, size)[:, None]
+    rows = fourier.shift_phases(fourier.frequencies(size[0]), planes * geometry.angular_offsets(grid[0]))
+    columns = fourier.shift_phases(fourier.half_frequencies(size[1]), planes * geometry.angular_offsets(grid[1]))
+    return spectra.filter_and_sum(views, rows, columns, batches.checked_weights(weights, grid))

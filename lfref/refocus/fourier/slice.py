@@ -1,0 +1,90 @@
+"""Fourier-slice refocusing: a photograph's spectrum is a 2-D slice of the light field's 4-D spectrum.
+
+`I^(k) = L^(k, angular bin -s k M / N)`. The angular bins fall between samples, where a kernel reads them; padding the
+aperture with black views (M bins for U views) makes the bins finer. The angular transform and the kernel's reading
+are both sums, over views and over bins, and their order is free: carried out over the bins first, they leave one
+factor for each view and frequency, so that the padded 4-D spectrum (some 500 MB in the paper's case) never exists.
+Global by nature: every pixel of the result depends on every pixel of the views.
+Letters: `u v` view column and row, `k` frequency in cycles per pixel, `m` angular bin, `M` padded angular size.
+Source: Ng, "Fourier Slice Photography", 2005.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.errors import InputError, chosen
+from lfref.functional import fourier
+from lfref.geometry import Slopes
+from lfref.refocus import batches
+from lfref.refocus.fourier import spectra
+from lfref.refocus.fourier.gridding import KERNELS, Kernel
+
+
+def fourier_slice(
+    views: Tensor,
+    slopes: Slopes,
+    kernel: str = "kaiser_bessel",
+    width: int = 4,
+    padding: float = 2,
+    weights: Tensor | None = None,
+) -> Tensor:
+    """Refocus light fields by slicing their 4-D spectrum, the views taken as periodic.
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        slopes: Focus in pixels per view step, [N].
+        kernel: `kaiser_bessel` or `linear`.
+        width: Angular bins that the kernel spans (`linear` always spans 2).
+        padding: Padded over original number of views along each angular axis, >= 1.
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+
+    Returns:
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+
+    Raises:
+        InputError: Views, slopes, weights, kernel or padding that cannot be used.
+    """
+    if not (math.isfinite(padding) and padding >= 1):
+        raise InputError("padding must be finite and at least 1", got=padding)
+    return batches.over_batches(views, lambda batch: _stack(batch, slopes, kernel, width, padding, weights))
+
+
+def _stack(views: Tensor, slopes: Slopes, kernel: str, width: int, padding: float, weights: Tensor | None) -> Tensor:
+    grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
+    planes = geometry.checked_slopes(slopes, grid, size)
+    make = chosen("kernel", kernel, KERNELS)
+    padded = [math.ceil(padding * n_views) for n_views in grid]
+    readers = [make(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
+    rows = _read(planes[:, None] * fourier.frequencies(size[0]), grid[0], padded[0], readers[0])
+    columns = _read(planes[:, None] * fourier.half_frequencies(size[1]), grid[1], padded[1], readers[1])
+    return spectra.filter_and_sum(
+        views,
+        fourier.real_at_nyquist(rows, fourier.frequencies(size[0])),
+        fourier.real_at_nyquist(columns, fourier.half_frequencies(size[1])),
+        batches.checked_weights(weights, grid),
+    )
+
+
+def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor:
+    """Share of each view in what a slice reads, taken along one angular axis.
+
+    Args:
+        crossing: s k, minus the angular frequency in cycles per view where the slice crosses, [N, K].
+        n_views: Views along the axis, U.
+        padded: Angular bins along the axis, M.
+        kernel: Reads between bins.
+
+    Returns:
+        Factors, near exp(2 pi i s k (u - u0)), complex128, [N, U, K].
+    """
+    offsets = geometry.angular_offsets(n_views)
+    position = -crossing[..., None] * padded
+    bins = torch.ceil(position - kernel.width / 2) + torch.arange(kernel.width + 1, dtype=torch.float64)
+    taps = kernel.weight(position - bins)
+    angle = -2 * torch.pi * bins[:, None] * offsets[:, None, None] / padded
+    read = torch.polar(taps[:, None].expand_as(angle), angle).sum(-1) / kernel.transform(offsets / padded)[:, None]
+    # Where the slice crosses bin 0 itself there is nothing to interpolate: every plane is as bright as the views.
+    return torch.where(crossing[:, None] == 0, 1.0, read)

@@ -1,0 +1,1 @@
+"""Views shifted as wholes and summed: one slope a plane."""

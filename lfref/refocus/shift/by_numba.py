@@ -1,0 +1,163 @@
+"""Shift-and-sum on the CPU at the machine's speed: tables for the compiled loops, and threads that share the rows.
+
+The tables say which samples each plane reads with which weights; they depend on slopes and sizes only, so the last
+ones are kept. Threads are plain ones, started for the call: they work after a fork, and are as many as PyTorch's.
+Letters: `n` plane, `v u` view row and column, `k` tap; others as in `row_loop`.
+"""
+
+import functools
+import itertools
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from lfref.functional import threads
+from lfref.refocus import batches
+from lfref.refocus.shift import row_loop
+from lfref.refocus.shift.row_loop import TAPS, VECTOR, Horizontal, Scale, Scratch, Source, Vertical
+from lfref.refocus.shift.task import Shifts, Task
+
+WORTH_A_THREAD = 1 << 18
+"""Samples of a stack from which one more thread saves more than it costs."""
+
+
+class _Plan(NamedTuple):
+    """The tables of a task."""
+
+    rows: NDArray
+    """As in `row_loop.Source`."""
+    columns: NDArray
+    """As in `row_loop.Source`."""
+    across: Horizontal
+    down: Vertical
+    scale: Scale
+
+
+def shift_and_sum(views: Tensor, task: Task) -> Tensor:
+    """The sums of the shifted views, over the weight of those that count.
+
+    Args:
+        views: Light fields on the CPU, floating point (half types are copied to float32), uint8 or uint16, any
+            strides, [B, V, U, C, H, W].
+        task: What is to be summed, by an interpolation of few taps.
+
+    Returns:
+        Stacks, float32 (float64 for such views), [B, N, C, H, W].
+    """
+    samples = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
+    working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
+    plan = _plan(task, working, batches.FULL_SCALE.get(views.dtype, 1))
+    # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
+    stack = np.empty((len(views), len(task.planes), views.shape[3], *task.size), working)
+    sources = [_source(field, plan) for field in samples]
+    n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
+
+    def refocus(index: int, band: tuple[int, int]) -> None:
+        scratch = _new_scratch(plan, task, working)
+        row_loop.add_band(sources[index], plan.across, plan.down, plan.scale, scratch, stack[index], *band)
+
+    jobs = itertools.product(range(len(views)), threads.bands(task.size[0], n_threads))
+    threads.share(refocus, jobs, n_threads)
+    return torch.from_numpy(stack)
+
+
+def _source(field: NDArray, plan: _Plan) -> Source:
+    """One light field [V, U, C, H, W] as the memory that it spans."""
+    strides = np.array(field.strides, np.int64) // field.itemsize
+    span = 1 + int((strides * (np.array(field.shape) - 1)).sum())
+    memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,), writeable=False)
+    return Source(memory, strides, field.shape[1], plan.rows, plan.columns)
+
+
+def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:
+    width = task.size[1] + -task.size[1] % VECTOR
+    first = np.concatenate([[0], np.cumsum(plan.down.highest - plan.down.lowest + 1)])
+    return Scratch(
+        rows=np.zeros((len(task.aperture[0]), len(plan.columns)), working),
+        total=np.empty(width, working),
+        ring=np.zeros((first[-1], width), working),
+        first=first,
+    )
+
+
+@functools.lru_cache(maxsize=16)
+def _plan(task: Task, working: np.dtype, full_scale: int) -> _Plan:
+    rows, columns = (task.beyond(axis).numpy() for axis in (0, 1))
+    n_fill = -task.size[1] % VECTOR
+    return _Plan(
+        rows,
+        np.concatenate([columns, np.full(n_fill, -1)]),
+        _horizontal(task, columns.size + n_fill, working),
+        _vertical(task, working),
+        _scale(task, working, full_scale),
+    )
+
+
+def _horizontal(task: Task, row_length: int, working: np.dtype) -> Horizontal:
+    aperture, width = np.array(task.aperture), task.size[1]
+    planes = [list(_plane_taps(task, shifts, row_length)) for shifts in task.planes]
+    groups = np.array([-(-len(taps) // TAPS) for taps in planes])
+    shape = (len(planes), groups.max(), TAPS)
+    starts, begins, ends = (np.zeros(shape, np.int64) for _ in range(3))
+    weights = np.zeros((len(planes), len(aperture), *shape[1:]), working)
+    for n, taps in enumerate(planes):
+        # What fills up the last group reads what is read anyway: 0 times a NaN from elsewhere would be NaN here.
+        starts[n] = taps[0].start
+        for k, tap in enumerate(taps):
+            place = divmod(k, TAPS)
+            starts[n][place], begins[n][place], ends[n][place] = tap.start, *tap.span
+            weights[(n, slice(None), *place)] = tap.weight * aperture[:, tap.u]
+    left = np.array([max(tap.span[0] for tap in taps) for taps in planes]).clip(max=width)
+    right = np.array([min(tap.span[1] for tap in taps) for taps in planes]).clip(left)
+    return Horizontal(starts, weights, groups, begins, ends, left, right)
+
+
+class _Tap(NamedTuple):
+    """One sample of one view that a plane reads."""
+
+    u: int
+    start: int
+    """Place in the U rows that it reads for x = 0."""
+    weight: float
+    span: tuple[int, int]
+    """Columns that it serves."""
+
+
+def _plane_taps(task: Task, shifts: Shifts, row_length: int) -> Iterator[_Tap]:
+    is_open = np.array(task.aperture).sum(axis=0) > 0
+    for u, shift in enumerate(shifts.columns):
+        for offset, weight in task.taps(shift):
+            if is_open[u] and weight != 0:
+                start = u * row_length + task.reach + offset
+                yield _Tap(u, start, weight, task.span(shift, 1))
+
+
+def _vertical(task: Task, working: np.dtype) -> Vertical:
+    taps = np.array([[task.taps(shift) for shift in shifts.rows] for shifts in task.planes])
+    is_open = np.array(task.aperture).sum(axis=1) > 0
+    spans = np.array([[task.span(shift, 0) for shift in shifts.rows] for shifts in task.planes])
+    offsets, weights = taps[..., 0].astype(np.int64), (taps[..., 1] * is_open[:, None]).astype(working)
+    # Offsets of taps that are not taken must not lengthen the ring of unfinished rows.
+    offsets = np.where(weights != 0, offsets, offsets[:, :1, :1])
+    begins, ends = np.ascontiguousarray(spans[..., 0]), np.ascontiguousarray(spans[..., 1])
+    lowest, highest = offsets.min((1, 2)), offsets.max((1, 2))
+    return Vertical(offsets, weights, begins, ends, lowest, highest, int(lowest.min()), int(highest.max()))
+
+
+def _scale(task: Task, working: np.dtype, full_scale: int) -> Scale:
+    """The factors of each plane; rows where the same views have a sample are of one kind."""
+    kinds, planes = np.zeros((len(task.planes), task.size[0]), np.int64), []
+    for n, shifts in enumerate(task.planes):
+        spans = np.array([task.span(shift, 0) for shift in shifts.rows])
+        rows = np.arange(task.size[0])
+        has_sample = (spans[:, :1] <= rows) & (rows < spans[:, 1:])
+        _, first, kinds[n] = np.unique(has_sample, axis=1, return_index=True, return_inverse=True)
+        planes.append(task.factors(shifts)[first].numpy())
+    factors = np.zeros((len(planes), max(map(len, planes)), task.size[1]), working)
+    for all_kinds, known in zip(factors, planes, strict=True):
+        all_kinds[: len(known)] = known / full_scale
+    return Scale(factors, kinds)

@@ -1,0 +1,89 @@
+"""Shift-and-sum refocusing: the mean over the aperture of views shifted in proportion to their position.
+
+`I_s(x, y) = sum_uv w_uv L[v, u](x + s (u - u0), y + s (v - v0)) / sum_uv w_uv`, over views that have a sample there.
+The shift is separable, so each plane takes a horizontal pass over every view row and one vertical pass.
+Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
+Source: Ng et al., "Light Field Photography with a Hand-held Plenoptic Camera", 2005, section 4.
+"""
+
+import importlib
+import importlib.util
+
+import torch
+from torch import Tensor
+
+from lfref.geometry import Slopes
+from lfref.refocus import batches
+from lfref.refocus.shift import by_torch, task
+from lfref.refocus.shift.task import Task
+
+COMPILERS = {"cpu": ("numba", "lfref.refocus.shift.by_numba"), "cuda": ("triton", "lfref.refocus.shift.by_triton")}
+KERNELS = {device: room for device, (compiler, room) in COMPILERS.items() if importlib.util.find_spec(compiler)}
+"""The room that serves each type of device, if its compiler is installed."""
+
+
+def shift_and_sum(
+    views: Tensor,
+    slopes: Slopes,
+    interpolation: str = "linear",
+    border: str = "renormalize",
+    weights: Tensor | None = None,
+) -> Tensor:
+    """Refocus light fields at the given slopes.
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        slopes: Focus in pixels per view step, [N].
+        interpolation: `nearest`, `linear`, `cubic` or `exact` (Fourier shift).
+        border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+
+    Returns:
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+        A pixel that no weighted view covers (see `coverage`) is 0.
+
+    Raises:
+        InputError: Views, slopes, weights or names that cannot be used.
+    """
+
+    def stack(batch: Tensor) -> Tensor:
+        grid, size = (batch.shape[1], batch.shape[2]), (batch.shape[-2], batch.shape[-1])
+        return _stack(batch, task.plan(slopes, grid, size, interpolation, border, weights))
+
+    return batches.over_batches(views, stack)
+
+
+def coverage(
+    slopes: Slopes,
+    grid: tuple[int, int],
+    size: tuple[int, int],
+    interpolation: str = "linear",
+    weights: Tensor | None = None,
+) -> Tensor:
+    """Share of the aperture that has a sample at each pixel of each plane.
+
+    Args:
+        slopes: Focus in pixels per view step, [N].
+        grid: Number of view rows and columns (V, U).
+        size: Height and width (H, W) of a view in pixels.
+        interpolation: As in `shift_and_sum`.
+        weights: As in `shift_and_sum`.
+
+    Returns:
+        Coverage in [0, 1], float64, CPU, [N, H, W].
+
+    Raises:
+        InputError: Slopes, weights or names that cannot be used.
+    """
+    planned = task.plan(slopes, grid, size, interpolation, weights=weights)
+    return torch.stack([planned.coverage(shifts) for shifts in planned.planes])
+
+
+def _stack(views: Tensor, planned: Task) -> Tensor:
+    """By the device's own kernel where that can serve, else by PyTorch's operations."""
+    views = batches.without_unread(views, torch.tensor(planned.aperture))
+    kernel = KERNELS.get(views.device.type)
+    if kernel is None or planned.interpolation.taps is None or not batches.is_plain(views):
+        return by_torch.shift_and_sum(views, planned)
+    # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
+    return importlib.import_module(kernel).shift_and_sum(views, planned)

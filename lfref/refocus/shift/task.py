@@ -1,0 +1,106 @@
+"""What shift-and-sum has to do, whoever does it: PyTorch, or loops compiled for the CPU or a GPU (`by_...`).
+
+Letters: `v u` view row and column, `s` slope in pixels per view step.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.errors import chosen
+from lfref.geometry import Slopes
+from lfref.refocus import batches, borders
+from lfref.refocus.borders import BORDERS, Border
+from lfref.refocus.interpolations import INTERPOLATIONS, Interpolation
+
+
+class Shifts(NamedTuple):
+    """How far one plane shifts the views, in pixels."""
+
+    rows: tuple[float, ...]
+    """Vertical shift of each view row, [V]."""
+    columns: tuple[float, ...]
+    """Horizontal shift of each view column, [U]."""
+
+
+class Task(NamedTuple):
+    """Planes to be summed, apart from the views themselves."""
+
+    planes: tuple[Shifts, ...]
+    """[N]."""
+    aperture: tuple[tuple[float, ...], ...]
+    """Weight of each view, together 1, [V, U]."""
+    size: tuple[int, int]
+    """Height and width of a view in pixels."""
+    interpolation: Interpolation
+    """How a view is read between its samples."""
+    border: Border
+    """How a view continues beyond its edge."""
+
+    @property
+    def reach(self) -> int:
+        """Samples beyond the edge that may be read."""
+        return math.ceil(max(abs(shift) for shifts in self.planes for axis in shifts for shift in axis)) + 1
+
+    def taps(self, shift: float) -> list[tuple[int, float]]:
+        """Samples that a local interpolation reads around a shift: offset and weight of each."""
+        assert self.interpolation.taps is not None, "this interpolation reads all samples"
+        return self.interpolation.taps(shift)
+
+    def span(self, shift: float, axis: int) -> tuple[int, int]:
+        """First and one-past-last output sample that a view shifted along an axis (0 rows, 1 columns) counts for."""
+        length = self.size[axis]
+        return borders.sampled_span(shift, length) if self.border.counts_only_samples else (0, length)
+
+    def beyond(self, axis: int) -> Tensor:
+        """Sample that stands at each place from -reach to length + reach along an axis; -1: black, int64, CPU."""
+        numbered = torch.arange(1, self.size[axis] + 1, dtype=torch.float64)
+        return self.border.extend(numbered[None], self.reach, -1)[0].long() - 1
+
+    def coverage(self, shifts: Shifts) -> Tensor:
+        """Share of the aperture that has a sample at each pixel of a plane, float64, CPU, [H, W]."""
+        rows, columns = (borders.sampled(list(axis), n) for axis, n in zip(shifts, self.size, strict=True))
+        return torch.einsum("vy,vu,ux->yx", rows, torch.tensor(self.aperture, dtype=torch.float64), columns)
+
+    def factors(self, shifts: Shifts) -> Tensor:
+        """What a plane's sum is multiplied by: 1 over the coverage if only samples count, 0 where none does."""
+        if not self.border.counts_only_samples:
+            return torch.ones(self.size, dtype=torch.float64)
+        covered = self.coverage(shifts)
+        return torch.where(covered > 0, 1 / covered, 0.0)
+
+
+def plan(
+    slopes: Slopes,
+    grid: tuple[int, int],
+    size: tuple[int, int],
+    interpolation: str = "linear",
+    border: str = "renormalize",
+    weights: Tensor | None = None,
+) -> Task:
+    """The task of refocusing at some slopes.
+
+    Args:
+        slopes: Focus in pixels per view step, [N].
+        grid: Number of view rows and columns (V, U).
+        size: Height and width (H, W) of a view in pixels.
+        interpolation: A key of `INTERPOLATIONS`.
+        border: A key of `BORDERS`.
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+
+    Raises:
+        InputError: Slopes, weights or names that cannot be used.
+    """
+    method = chosen("interpolation", interpolation, INTERPOLATIONS)
+    planes = geometry.checked_slopes(slopes, grid, size).tolist()
+    offsets = [geometry.angular_offsets(n_views).tolist() for n_views in grid]
+    return Task(
+        tuple(Shifts(*(tuple(method.snap(slope * o) for o in axis) for axis in offsets)) for slope in planes),
+        tuple(map(tuple, batches.checked_weights(weights, grid).tolist())),
+        size,
+        method,
+        chosen("border", border, BORDERS),
+    )

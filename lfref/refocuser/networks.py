@@ -1,0 +1,85 @@
+"""Trained networks as refocusers: the planes and the grid they were trained for, read from a checkpoint."""
+
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from lfref.errors import CheckpointError, InputError
+from lfref.geometry import FocalPlanes
+from lfref.nets import checkpoint
+from lfref.nets.network import Network
+from lfref.refocus import batches
+from lfref.refocuser.refocuser import Refocuser
+
+
+class NetworkRefocuser(Refocuser):
+    """A trained network with the planes that it was trained for, without gradients.
+
+    Args:
+        network: Views and slopes -> stack.
+        planes: What the planes of its labels were.
+        name: As tables and legends call it; None takes the network's own.
+
+    Raises:
+        InputError: The network makes another number of planes.
+    """
+
+    def __init__(self, network: Network, planes: FocalPlanes, name: str | None = None) -> None:
+        checkpoint.check_number(network, planes)
+        self.network = network.eval()
+        self.name = network.name if name is None else name
+        self.planes = None if network.n_planes is None else planes
+        self.grid = network.grid
+
+    @torch.no_grad()
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor) -> Tensor:
+        """The network's stack, of whole numbers scaled to [0, 1].
+
+        A network has no place for weights: what is not trusted is replaced by what the other views show there.
+
+        Raises:
+            InputError: Views that are not finite, lie on another device, or do not fit the network.
+        """
+        like = next(self.network.parameters())
+        if views.device != like.device:
+            raise InputError(f"views must be on the network's device, {like.device}", got=views.device)
+        radiance = batches.radiance(views)
+        if not bool(radiance.isfinite().all()):
+            raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
+        if weight is not None:
+            radiance = _filled(radiance, weight.to(radiance))
+        kept = views.dtype if views.is_floating_point() else torch.float32
+        return self.network(radiance.to(like.dtype), slopes).to(kept)
+
+
+def _filled(views: Tensor, weight: Tensor) -> Tensor:
+    """Views whose samples give way, as far as they are not trusted, to the weighted mean of all views there."""
+    total = weight.sum((-5, -4), keepdim=True)
+    mean = (views * weight).sum((-5, -4), keepdim=True) / total.clamp(min=torch.finfo(weight.dtype).tiny)
+    return torch.lerp(mean.expand_as(views), views, weight)
+
+
+def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> NetworkRefocuser:
+    """Read a trained refocuser.
+
+    Args:
+        path: A checkpoint that `lfref train` wrote, after whose run it is named. None stands for a model that ships
+            with lfref; this version ships none.
+        device: Where the network goes.
+
+    Returns:
+        A callable from a light field or views [..., V, U, C, H, W] to a stack [..., N, C, H, W], with `planes`.
+
+    Raises:
+        CheckpointError: Missing, damaged, not ours, or of another shape than it says.
+    """
+    if path is None:
+        raise CheckpointError("no model ships with this version", remedy="train one (lfref train) and give its path")
+    network, planes = checkpoint.restore(path)
+    return NetworkRefocuser(network.to(device), planes, run_name(Path(path)))
+
+
+def run_name(path: Path) -> str:
+    """Name of the run that a checkpoint belongs to: RUN/checkpoints/FILE.ckpt -> RUN; else the file's stem."""
+    return path.resolve().parent.parent.name if path.resolve().parent.name == "checkpoints" else path.stem

@@ -1,0 +1,101 @@
+"""What every way to refocus has in common: (light field or views, slopes) -> stack.
+
+A refocuser has a name, says which planes and which grid of views it is made for, respects the weight of samples, and
+takes views in floating point, uint8 or uint16.
+Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
+"""
+
+import abc
+import itertools
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+from lfref.errors import InputError
+from lfref.geometry import FocalPlanes, Slopes
+from lfref.lightfield import LightField, check_axes
+from lfref.refocus import batches
+
+
+class Refocuser(abc.ABC):
+    """A named way to refocus."""
+
+    name: str
+    """As tables and legends call it."""
+    planes: FocalPlanes | None = None
+    """The only planes that it makes; None: any."""
+    grid: tuple[int, int] | None = None
+    """The only view rows and columns (V, U) that it reads; None: any."""
+
+    def __call__(self, light: LightField | Tensor, slopes: Slopes | None = None) -> Tensor:
+        """Refocus.
+
+        Args:
+            light: A light field, or views [..., V, U, C, H, W] in floating point, uint8 or uint16.
+            slopes: Planes to focus on, in pixels per view step, [N]; None takes the only ones that it makes.
+
+        Returns:
+            Stack, [..., N, C, H, W], type of the views (float32 for integers).
+
+        Raises:
+            InputError: Views or slopes that it cannot use.
+        """
+        views, weight = (light.views, light.weight) if isinstance(light, LightField) else (light, None)
+        _check(views)
+        return self.stack(views, weight, self.slopes(slopes))
+
+    @abc.abstractmethod
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor) -> Tensor:
+        """Refocus views whose axes, type and slopes are known to be usable.
+
+        Args:
+            views: [..., V, U, C, H, W].
+            weight: How far each sample is to be trusted, in [0, 1], [..., V, U, 1, H, W]; None means fully.
+            slopes: In pixels per view step, [N].
+        """
+
+    def slopes(self, asked: Slopes | None) -> Tensor:
+        """The slopes asked for, once they are known to be among those that it makes, float64, [N].
+
+        Args:
+            asked: In pixels per view step, [N]; None takes the only ones that it makes.
+
+        Raises:
+            InputError: It makes others, or any, so that they must be said.
+        """
+        if self.planes is None and asked is None:
+            raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
+        if self.planes is None:
+            return torch.as_tensor(asked, dtype=torch.float64)
+        if asked is not None and not self.planes.has_slopes(asked):
+            raise InputError(
+                f"{self.name} makes the planes {', '.join(self.planes.labels)}",
+                got=", ".join(FocalPlanes(asked).labels),
+                remedy="leave the planes as it was trained, or use an operator (method=shift_and_sum)",
+            )
+        return self.planes.slopes
+
+
+def _check(views: Tensor) -> None:
+    """Refuse what are no views."""
+    if not isinstance(views, Tensor):
+        raise InputError("views must be a tensor or a LightField", got=type(views), remedy="torch.from_numpy(views)")
+    check_axes(views)
+    if not (views.is_floating_point() or views.dtype in batches.FULL_SCALE):
+        raise InputError(
+            "views must be floating point in [0, 1], uint8 or uint16", got=views.dtype, remedy="scale them to [0, 1]"
+        )
+
+
+def name_apart(refocusers: Iterable[Refocuser]) -> None:
+    """Add a number, in place, to the names of refocusers that occur before.
+
+    Args:
+        refocusers: In the order in which they keep their names.
+    """
+    taken: set[str] = set()
+    for each in refocusers:
+        candidates = (each.name if count == 1 else f"{each.name} ({count})" for count in itertools.count(1))
+        each.name = next(name for name in candidates if name not in taken)
+        taken.add(each.name)

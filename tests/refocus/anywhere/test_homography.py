@@ -1,0 +1,296 @@
+"""Views through homographies: the definition in plain Python, shift-and-sum, and camera rigs rendered exactly."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.autograd import gradcheck
+
+from lfref.errors import InputError
+from lfref.refocus.anywhere.homography import Cameras, homography, plane_homographies, slope_homographies
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from tests.refocus.anywhere.test_sampling import slow_sample
+from tests.refocus.anywhere.test_surface import BORDERS, LOCAL, decibels, smooth_texture
+
+SIZE = (40, 48)
+INTRINSICS = torch.tensor([[60.0, 0, 23.5], [0, 60, 19.5], [0, 0, 1]], dtype=torch.float64)
+SLANTED = [0.5, -0.5, -1.0, -4.0]  # nearer on the right and at the top; 4 units away in the middle
+
+
+def nearly_still(*shape: int) -> Tensor:
+    """Homographies that move a small picture by a pixel or two and tilt it a little."""
+    spread = torch.tensor([[0.1, 0.1, 1.5], [0.1, 0.1, 1.5], [0.01, 0.01, 0.1]], dtype=torch.float64)
+    return torch.eye(3) + spread * (2 * torch.rand(*shape, 3, 3, dtype=torch.float64) - 1)
+
+
+def rotation(angles: Tensor) -> Tensor:
+    """Rotations by a vector of small angles each, [..., 3] -> [..., 3, 3]."""
+    a, b, c = angles.unbind(-1)
+    zero = torch.zeros_like(a)
+    cross = torch.stack([zero, -c, b, c, zero, -a, -b, a, zero], dim=-1).unflatten(-1, (3, 3))
+    return torch.linalg.matrix_exp(cross)
+
+
+def single(intrinsics: Tensor = INTRINSICS) -> Cameras:
+    """A camera at the origin that looks along z."""
+    return Cameras(intrinsics, torch.eye(3), torch.zeros(3))
+
+
+def rig(n_rows: int, n_columns: int, disorder: float) -> Cameras:
+    """Cameras 0.25 units apart; with disorder they also move forwards, turn, and differ in focal length."""
+    v, u = torch.meshgrid(torch.arange(n_rows).double(), torch.arange(n_columns).double(), indexing="ij")
+    centre = 0.25 * torch.stack([u - u.mean(), v - v.mean(), 0.4 * disorder * torch.randn_like(u)], dim=-1)
+    turned = rotation(0.04 * disorder * torch.randn(n_rows, n_columns, 3, dtype=torch.float64))
+    intrinsics = INTRINSICS.repeat(n_rows, n_columns, 1, 1)
+    intrinsics[..., :2, :2] *= 1 + 0.02 * disorder * torch.randn(n_rows, n_columns, 1, 1)
+    return Cameras(intrinsics, turned, -(turned @ centre[..., None])[..., 0])
+
+
+def rendered(camera: tuple[Tensor, Tensor, Tensor], plane: list[float]) -> Tensor:
+    """What one camera (K, R, t) sees of the textured plane, [1, H, W], by meeting the ray of each pixel with it."""
+    intrinsics, turned, translation = camera
+    x, y = torch.arange(SIZE[1]).double().expand(SIZE), torch.arange(SIZE[0]).double()[:, None].expand(SIZE)
+    rays = torch.stack([x, y, torch.ones_like(x)], dim=-1) @ (turned.mT @ torch.linalg.inv(intrinsics)).mT
+    start, normal = -turned.mT @ translation, torch.tensor(plane[:3], dtype=torch.float64)
+    points = start + rays * ((plane[3] - start @ normal) / (rays @ normal))[..., None]
+    return smooth_texture(12 * points[..., 0], 12 * points[..., 1])[None]
+
+
+def rendered_views(cameras: Cameras, plane: list[float]) -> Tensor:
+    parts = (cameras.intrinsics, cameras.rotation, cameras.translation)
+    images = [rendered(camera, plane) for camera in zip(*(part.flatten(0, 1) for part in parts), strict=True)]
+    return torch.stack(images).unflatten(0, cameras.grid)
+
+
+def slow_homography(views: np.ndarray, matrices: np.ndarray, interpolation: str, border: str, weights: np.ndarray):
+    """The definition, one sample at a time."""
+    image = np.zeros(views.shape[2:])
+    for y, x in np.ndindex(*views.shape[3:]):
+        total, weight_sum = np.zeros(views.shape[2]), 0.0
+        for v, u in np.ndindex(*views.shape[:2]):
+            view_x, view_y, w = matrices[v, u] @ (x, y, 1)
+            value = slow_sample(views[v, u], view_x / w, view_y / w, interpolation, border) if w > 0 else None
+            if value is not None:
+                total, weight_sum = total + weights[v, u] * value, weight_sum + weights[v, u]
+        image[:, y, x] = total / weight_sum if weight_sum > 0 else 0
+    return image
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("interpolation", LOCAL)
+def test_equals_the_slow_reference(interpolation, border):
+    views = torch.rand(2, 3, 2, 6, 7, dtype=torch.float64)
+    weights = torch.rand(2, 3, dtype=torch.float64)
+    matrices = nearly_still(2, 3)
+    matrices[0, 1, 2] = torch.tensor([0.4, -0.3, 0.13])  # behind the camera in one corner of the picture
+    slow = slow_homography(views.numpy(), matrices.numpy(), interpolation, border, weights.numpy())
+    image = homography(views, matrices, interpolation, border, weights)[0]
+    np.testing.assert_allclose(image.numpy(), slow, atol=1e-12)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("interpolation", LOCAL)
+@pytest.mark.parametrize("grid", [(3, 4), (4, 3)])
+def test_shifts_are_shift_and_sum(interpolation, border, grid):
+    views = torch.rand(*grid, 2, 11, 12, dtype=torch.float64)
+    weights = torch.rand(grid, dtype=torch.float64)
+    slopes = [-1.4, -1.0, 0.0, 0.37, 2.0]
+    stack = homography(views, slope_homographies(slopes, grid), interpolation, border, weights)
+    expected = shift_and_sum(views, slopes, interpolation, border, weights)
+    torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
+
+
+def test_coplanar_cameras_that_face_the_plane_shift_by_focal_length_times_baseline_over_depth():
+    depths = torch.tensor([3.0, 5.0, 40.0])
+    planes = torch.tensor([[0, 0, 1, depth] for depth in depths])
+    matrices = plane_homographies(rig(3, 4, disorder=0), single(), planes, SIZE)
+    # A camera further to the right sees the scene further to the left: the slope is below 0.
+    expected = slope_homographies(-60 * 0.25 / depths.double(), (3, 4))
+    torch.testing.assert_close(matrices, expected, atol=1e-12, rtol=0)
+
+
+@given(where=st.tuples(*[st.floats(0, 39)] * 2), plane=st.tuples(*[st.floats(-0.5, 0.5)] * 2, st.floats(2, 9)))
+@settings(max_examples=25, deadline=None)
+def test_a_homography_follows_points_of_its_plane(where, plane):
+    cameras, normal = rig(2, 2, disorder=1), torch.tensor([*plane[:2], 1], dtype=torch.float64)
+    ray = torch.linalg.inv(INTRINSICS) @ torch.tensor([*where, 1], dtype=torch.float64)
+    point = ray * plane[2] / (ray @ normal)
+    planes = torch.tensor([[*plane[:2], 1, plane[2]]], dtype=torch.float64)
+    matrices = plane_homographies(cameras, single(), planes, SIZE)[0]
+    mapped = matrices @ torch.tensor([*where, 1], dtype=torch.float64)
+    seen = (cameras.intrinsics @ (cameras.rotation @ point + cameras.translation)[..., None])[..., 0]
+    torch.testing.assert_close(mapped / mapped[..., 2:], seen / seen[..., 2:], atol=1e-9, rtol=0)
+    # What w is beyond its sign: depth in the view over depth in the reference.
+    torch.testing.assert_close(mapped[..., 2], seen[..., 2] / point[2], atol=1e-12, rtol=0)
+
+
+def test_a_disordered_rig_is_sharp_on_a_slanted_plane_and_blurred_beside_it():
+    cameras = rig(4, 5, disorder=1)
+    views, truth = rendered_views(cameras, SLANTED), rendered_views(rig(1, 1, disorder=0), SLANTED)[0, 0]
+    beside = [[0.5, -0.5, -1.0, -8.0], [0, 0, 1, 4.0]]
+    sharp, further, facing = homography(
+        views, plane_homographies(cameras, single(), torch.tensor([SLANTED, *beside]), SIZE), "cubic"
+    )
+    assert decibels(sharp, truth) > 55
+    assert decibels(further, truth) < 20
+    assert decibels(facing, truth) < 38
+    assert max(decibels(image, truth) for image in shift_and_sum(views, torch.linspace(-5, 0, 26), "cubic")) < 22
+
+
+def test_the_reference_need_not_be_one_of_the_cameras():
+    cameras = rig(3, 3, disorder=1)
+    narrow = INTRINSICS * torch.tensor([[1.2], [1.2], [1]])
+    elsewhere = Cameras(narrow, rotation(torch.tensor([0.02, -0.03, 0.1])), torch.tensor([0.05, 0.02, 0.3]))
+    truth = rendered((elsewhere.intrinsics, elsewhere.rotation, elsewhere.translation), SLANTED)
+    matrices = plane_homographies(cameras, elsewhere, torch.tensor([SLANTED]), SIZE)
+    assert decibels(homography(rendered_views(cameras, SLANTED), matrices, "cubic")[0], truth) > 50
+
+
+@pytest.mark.parametrize("border", BORDERS)
+def test_points_behind_a_camera_have_no_sample_under_any_border(border):
+    views = torch.tensor([1.0, 3.0]).reshape(1, 2, 1, 1, 1).expand(1, 2, 1, 4, 6)
+    matrices = torch.eye(3).repeat(1, 2, 1, 1)
+    # w = 2 - x: in front of the second camera left of column 2 only, and on it throughout, near (1, 1).
+    matrices[0, 1] = torch.tensor([[-1, 1e-3, 2], [-1, 0, 2 + 1e-3], [-1, 0, 2]])
+    image = homography(views, matrices, border=border)[0, 0]
+    assert image[1].tolist() == [2, 2, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("interpolation", LOCAL)
+def test_only_the_ratio_of_the_coordinates_counts(interpolation):
+    views, matrices = torch.rand(2, 2, 1, 6, 7, dtype=torch.float64), nearly_still(2, 2)
+    scaled = matrices * torch.tensor([[0.25, 4], [2, 1024]])[..., None, None]
+    assert torch.equal(homography(views, scaled, interpolation), homography(views, matrices, interpolation))
+
+
+def test_derivatives_by_views_and_matrices_are_right():
+    views = torch.rand(1, 2, 1, 3, 3, dtype=torch.float64, requires_grad=True)
+    matrices = nearly_still(2, 1, 2)
+    matrices[0, 0, 1, 2] = torch.tensor([0.4, 0.3, -0.5])  # behind the camera in one corner
+    matrices.requires_grad_()
+
+    def refocus(views, matrices):
+        return homography(views, matrices, "cubic", "edge")
+
+    assert gradcheck(refocus, (views, matrices), check_forward_ad=True)
+
+
+def test_the_forward_derivative_by_the_views_is_the_operator_itself():
+    views, tangent = torch.rand(2, 3, 3, 1, 6, 7, 2, dtype=torch.float64).unbind(-1)
+    matrices = nearly_still(2, 3, 3)
+    _, derivative = torch.func.jvp(lambda x: homography(x, matrices), (views,), (tangent,))
+    torch.testing.assert_close(derivative, homography(tangent, matrices), atol=1e-14, rtol=0)
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+@given(level=st.floats(0.01, 1), seed=st.integers(0, 99))
+@settings(max_examples=15, deadline=None)
+def test_brightness_is_kept_wherever_a_view_has_a_sample(border, level, seed):
+    torch.manual_seed(seed)
+    matrices = torch.cat([torch.eye(3).double().repeat(1, 1, 1, 1), nearly_still(1, 3)], dim=1)
+    image = homography(torch.full((1, 4, 1, 6, 7), level, dtype=torch.float64), matrices, "cubic", border)
+    torch.testing.assert_close(image, torch.full_like(image, level), atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+def test_type_and_batch_dimensions_follow_the_input(dtype, channels):
+    views, matrices = torch.rand(2, 3, 3, 4, channels, 9, 8).to(dtype), nearly_still(2, 3, 4)
+    stack = homography(views, matrices)
+    assert stack.dtype == dtype
+    assert stack.shape == (2, 3, 2, channels, 9, 8)
+    torch.testing.assert_close(stack[1, 2], homography(views[1, 2], matrices))
+    torch.testing.assert_close(stack[:, :, 1:], homography(views, matrices[1]))
+    torch.testing.assert_close(stack, homography(views.double(), matrices).to(dtype), atol=1e-6, rtol=8e-3)
+
+
+@pytest.mark.parametrize(("dtype", "scale"), [(torch.uint8, 255), (torch.uint16, 65535)])
+def test_integer_views_are_their_share_of_full_scale(dtype, scale):
+    views, matrices = torch.randint(scale + 1, (2, 3, 3, 3, 7, 8)).to(dtype), nearly_still(2, 3, 3)
+    expected = homography(views.to(torch.float32) / scale, matrices)
+    torch.testing.assert_close(homography(views, matrices), expected, atol=2.4e-7, rtol=0)
+
+
+def test_views_of_weight_0_need_no_matrix():
+    views, matrices, weights = torch.rand(2, 2, 1, 6, 6), nearly_still(2, 2), torch.tensor([[1.0, 1.0], [0.0, 1.0]])
+    expected = homography(views, matrices, weights=weights)
+    matrices[1, 0] = math.nan
+    assert torch.equal(homography(views, matrices, weights=weights), expected)
+
+
+def grid_of(matrix: list[list[float]]) -> Tensor:
+    return torch.tensor(matrix).repeat(3, 3, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"matrices": torch.eye(3)}, r"matrices must be \[3, 3, 3, 3\] or \[N, 3, 3, 3, 3\]; got shape \[3, 3\]"),
+        ({"matrices": torch.eye(3).repeat(3, 2, 1, 1)}, "matrices must be"),
+        ({"matrices": torch.zeros(0, 3, 3, 3, 3)}, "matrices must be"),
+        ({"matrices": grid_of([[1, 0, math.nan], [0, 1, 0], [0, 0, 1]])}, "matrices must be finite"),
+        ({"matrices": grid_of([[1, 0, 0], [2, 0, 0], [0, 0, 1]])}, "matrices must be invertible"),
+        ({"matrices": torch.zeros(3, 3, 3, 3)}, "matrices must be invertible"),
+        ({"matrices": -grid_of([[1, 0, 0], [0, 1, 0], [0, 0, 1]]), "border": "edge"}, "sign -1"),
+        ({"matrices": grid_of([[1, 0, 99], [0, 1, 0], [0, 0, 1]])}, "at least one view must have a sample"),
+        ({"interpolation": "exact"}, "vary over the picture must be one of"),
+        ({"border": "mirror"}, "border must be one of"),
+        ({"weights": torch.zeros(3, 3)}, "not all zero"),
+        ({"views": torch.zeros(3, 3, 1, 10)}, "views must be"),
+        ({"views": torch.zeros(3, 3, 1, 10, 10, dtype=torch.int32)}, "uint8 or uint16"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "matrices": torch.eye(3).repeat(3, 3, 1, 1)} | change
+    with pytest.raises(InputError, match=message):
+        homography(**arguments)
+
+
+@pytest.mark.parametrize("slopes", [[], [math.inf]])
+def test_slopes_that_are_none_are_refused(slopes):
+    with pytest.raises(InputError, match="slopes must be finite and at least one"):
+        slope_homographies(slopes, (3, 3))
+
+
+@pytest.mark.parametrize(
+    ("planes", "message"),
+    [
+        (torch.tensor([0.0, 0, 1, 4]), "planes must be finite"),
+        (torch.zeros(0, 4), "planes must be finite"),
+        (torch.tensor([[0, 0, 1, math.nan]]), "planes must be finite"),
+        (torch.tensor([[0.0, 0, 1, -4]]), "in front of the reference.*got an inverse depth of -0.25"),
+        (torch.tensor([[0.0, 0, 1, 0]]), "in front of the reference"),
+        # The ground, one unit below the camera: its horizon is the middle row of the picture.
+        (torch.tensor([[0.0, 1, 0, 1]]), "away from the plane's horizon"),
+    ],
+)
+def test_planes_that_the_reference_does_not_see_everywhere_are_refused(planes, message):
+    with pytest.raises(InputError, match=message):
+        plane_homographies(rig(2, 2, disorder=0), single(), planes, SIZE)
+
+
+def test_many_references_are_refused():
+    with pytest.raises(InputError, match="reference must be a single camera"):
+        plane_homographies(rig(2, 2, disorder=0), rig(2, 2, disorder=0), torch.tensor([[0.0, 0, 1, 4]]), SIZE)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"intrinsics": torch.ones(3)}, "intrinsics must be finite"),
+        ({"intrinsics": 2 * INTRINSICS}, "divide the matrix by its last entry"),
+        ({"intrinsics": INTRINSICS * torch.tensor([0, 1, 1])}, "intrinsics must be invertible"),
+        ({"rotation": torch.eye(3).repeat(2, 1, 1)}, r"rotation must be finite, \[3, 3\]; got shape \[2, 3, 3\]"),
+        ({"rotation": 1.1 * torch.eye(3)}, "without scale or mirror; got R'R - 1 of up to 0.21"),
+        ({"rotation": torch.diag(torch.tensor([1.0, 1, -1]))}, "without scale or mirror"),
+        ({"translation": torch.tensor([0, 0, math.nan])}, "translation must be finite"),
+    ],
+)
+def test_cameras_that_cannot_be_are_refused(change, message):
+    arguments = {"intrinsics": INTRINSICS, "rotation": torch.eye(3), "translation": torch.zeros(3)} | change
+    with pytest.raises(InputError, match=message):
+        Cameras(**arguments)

@@ -1,0 +1,260 @@
+"""Focus on surfaces: the definition in plain Python, shift-and-sum on flat maps, and slanted planes known exactly."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.autograd import gradcheck, gradgradcheck
+
+from lfref.errors import InputError
+from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from tests.refocus.anywhere.test_sampling import slow_sample
+
+BORDERS = ["renormalize", "edge", "zero", "wrap"]
+LOCAL = ["nearest", "linear", "cubic"]
+
+
+def slow_per_pixel(views: np.ndarray, slopes: np.ndarray, interpolation: str, border: str, weights: np.ndarray):
+    """The definition, one sample at a time."""
+    n_rows, n_columns, channels, height, width = views.shape
+    image = np.zeros((channels, height, width))
+    for y, x in np.ndindex(height, width):
+        total, weight_sum = np.zeros(channels), 0.0
+        for v, u in np.ndindex(n_rows, n_columns):
+            place = x + slopes[y, x] * (u - (n_columns - 1) / 2), y + slopes[y, x] * (v - (n_rows - 1) / 2)
+            value = slow_sample(views[v, u], *place, interpolation, border)
+            if value is not None:
+                total, weight_sum = total + weights[v, u] * value, weight_sum + weights[v, u]
+        image[:, y, x] = total / weight_sum if weight_sum > 0 else 0
+    return image
+
+
+def smooth_texture(x: Tensor, y: Tensor) -> Tensor:
+    """A texture known at every point, about 0.5, no wave shorter than 5.6 pixels."""
+    waves = [(0.14, 0.05, 0.3), (-0.07, 0.16, 1.1), (0.17, -0.03, 2.0), (0.13, 0.12, 4.0)]
+    return 0.5 + sum(0.1 * torch.cos(2 * torch.pi * (kx * x + ky * y) + phase) for kx, ky, phase in waves)
+
+
+def slanted_views(start: float, tilt: tuple[float, float], grid: tuple[int, int], size: tuple[int, int]) -> Tensor:
+    """Views of a texture on the plane of disparity d(X, Y) = start + a X + b Y, X and Y pixels of the middle view.
+
+    A point (X, Y) is seen at x = X + d u', y = Y + d v': a linear map for each view, which is solved for X and Y.
+    """
+    (a, b), (height, width) = tilt, size
+    x, y = torch.arange(width).double(), torch.arange(height).double()[:, None]
+    views = torch.empty(*grid, 1, *size, dtype=torch.float64)
+    for v, u in np.ndindex(*grid):
+        right, down = u - (grid[1] - 1) / 2, v - (grid[0] - 1) / 2
+        forward = torch.tensor([[1 + a * right, b * right], [a * down, 1 + b * down]]).double()
+        back = torch.linalg.inv(forward)
+        from_x, from_y = x - start * right, y - start * down
+        views[v, u, 0] = smooth_texture(
+            back[0, 0] * from_x + back[0, 1] * from_y, back[1, 0] * from_x + back[1, 1] * from_y
+        )
+    return views
+
+
+def decibels(image: Tensor, truth: Tensor, margin: int = 8) -> float:
+    inside = (..., slice(margin, -margin), slice(margin, -margin))
+    return float(-10 * (image - truth)[inside].square().mean().log10())
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize(("interpolation", "grid"), [("nearest", (3, 4)), ("linear", (2, 5)), ("cubic", (3, 2))])
+def test_equals_the_slow_reference(interpolation, border, grid):
+    views = torch.rand(*grid, 2, 6, 8, dtype=torch.float64)
+    weights = torch.rand(grid, dtype=torch.float64)
+    slope_map = torch.rand(6, 8, dtype=torch.float64) * 2.6 - 1.3
+    slow = slow_per_pixel(views.numpy(), slope_map.numpy(), interpolation, border, weights.numpy())
+    image = per_pixel(views, slope_map, interpolation, border, weights)[0]
+    np.testing.assert_allclose(image.numpy(), slow, atol=1e-12)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("interpolation", LOCAL)
+@pytest.mark.parametrize("grid", [(3, 4), (4, 3)])
+def test_constant_maps_are_shift_and_sum(interpolation, border, grid):
+    views = torch.rand(*grid, 2, 11, 12, dtype=torch.float64)
+    weights = torch.rand(grid, dtype=torch.float64)
+    slopes = [-1.4, -1.0, 0.0, 0.37, 2.0]
+    maps = torch.tensor(slopes, dtype=torch.float64)[:, None, None].expand(5, 11, 12)
+    expected = shift_and_sum(views, slopes, interpolation, border, weights)
+    arguments = (interpolation, border, weights)
+    torch.testing.assert_close(per_pixel(views, maps, *arguments), expected, atol=1e-12, rtol=0)
+    torch.testing.assert_close(tilt_shift(views, slopes, (0, 0), *arguments), expected, atol=1e-12, rtol=0)
+
+
+def test_tilt_shift_is_per_pixel_on_an_affine_map():
+    views = torch.rand(2, 3, 3, 1, 9, 10, dtype=torch.float64)
+    rows, columns = torch.arange(9).double()[:, None], torch.arange(10).double()
+    maps = torch.stack([start + 0.06 * columns - 0.04 * rows for start in (-0.2, 0.5)])
+    stack = tilt_shift(views, [-0.2, 0.5], (0.06, -0.04), "cubic", "edge")
+    assert stack.shape == (2, 2, 1, 9, 10)
+    torch.testing.assert_close(stack, per_pixel(views, maps, "cubic", "edge"), atol=1e-12, rtol=0)
+    torch.testing.assert_close(tilt_shift(views, 0.5, [0.06, -0.04], "cubic", "edge")[:, 0], stack[:, 1])
+
+
+def test_a_slanted_plane_is_sharp_throughout_and_at_no_single_slope():
+    start, tilt, size = -0.9, (0.03, 0.02), (48, 56)
+    views = slanted_views(start, tilt, (7, 7), size)
+    truth = smooth_texture(torch.arange(56).double(), torch.arange(48).double()[:, None])
+    flat = shift_and_sum(views, torch.linspace(-0.9, 1.7, 27), "cubic")
+    slanted = {name: tilt_shift(views, start, tilt, name)[0] for name in LOCAL}
+    assert max(decibels(image, truth) for image in flat) < 27
+    assert decibels(slanted["cubic"], truth) > 55
+    assert decibels(slanted["linear"], truth) > 37
+    # The same tilt the other way round is worse than any good single slope.
+    assert decibels(tilt_shift(views, start + 2.6, (-0.03, -0.02), "cubic")[0], truth) < 25
+
+
+def test_a_stepped_map_focuses_each_part_of_the_scene(plane):
+    views, image = plane(1.0, 24, 30, (5, 5))
+    other, _ = plane(-1.0, 24, 30, (5, 5))
+    slope_map = torch.ones(24, 30)
+    slope_map[:, 15:] = -1.0
+    near = per_pixel(views, slope_map, border="wrap")[0]
+    torch.testing.assert_close(near[..., :15], image[..., :15], atol=1e-12, rtol=0)
+    assert (near - image)[..., 15:].abs().max() > 0.05
+    expected = shift_and_sum(other, [-1.0], border="wrap")[0][..., 15:]
+    torch.testing.assert_close(per_pixel(other, slope_map, border="wrap")[0][..., 15:], expected, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+def test_derivatives_by_views_and_slopes_are_right(interpolation, border):
+    views = torch.rand(2, 2, 1, 2, 3, dtype=torch.float64, requires_grad=True)
+    # Half a step each way: no position comes near a whole pixel.
+    slope_map = (torch.rand(2, 3, dtype=torch.float64) * 0.6 + 0.3).requires_grad_()
+
+    def refocus(views, slope_map):
+        return per_pixel(views, slope_map, interpolation, border)
+
+    assert gradcheck(refocus, (views, slope_map), check_forward_ad=True, fast_mode=True)
+
+
+def test_second_derivatives_are_right():
+    views = torch.rand(1, 2, 1, 2, 3, dtype=torch.float64, requires_grad=True)
+    slope_map = (torch.rand(2, 3, dtype=torch.float64) * 0.6 + 0.3).requires_grad_()
+    assert gradgradcheck(lambda x, s: per_pixel(x, s, "cubic", "edge"), (views, slope_map))
+
+
+def test_derivatives_by_slope_and_tilt_are_right():
+    views = torch.rand(2, 2, 1, 2, 3, dtype=torch.float64)
+    slope = torch.tensor([0.4, -0.8], dtype=torch.float64, requires_grad=True)
+    tilt = torch.tensor([0.02, 0.03], dtype=torch.float64, requires_grad=True)
+    assert gradcheck(lambda s, t: tilt_shift(views, s, t, "cubic"), (slope, tilt), check_forward_ad=True)
+
+
+def test_the_forward_derivative_by_the_views_is_the_operator_itself():
+    views, tangent = torch.rand(2, 3, 3, 1, 6, 7, 2, dtype=torch.float64).unbind(-1)
+    slope_map = torch.rand(6, 7) - 0.5
+    _, derivative = torch.func.jvp(lambda x: per_pixel(x, slope_map), (views,), (tangent,))
+    torch.testing.assert_close(derivative, per_pixel(tangent, slope_map), atol=1e-14, rtol=0)
+
+
+def test_gradients_find_the_slope_of_a_plane():
+    views = slanted_views(0.3, (0.0, 0.0), (3, 3), (20, 24))
+    truth = smooth_texture(torch.arange(24).double(), torch.arange(20).double()[:, None])
+    slope_map = torch.zeros(20, 24, dtype=torch.float64, requires_grad=True)
+    error = (per_pixel(views, slope_map, "cubic")[0] - truth).square().sum()
+    (gradient,) = torch.autograd.grad(error, slope_map)
+    assert (gradient[2:-2, 2:-2] < 0).double().mean() > 0.9
+
+
+@given(a=st.floats(-2, 2), b=st.floats(-2, 2), seed=st.integers(0, 99))
+@settings(max_examples=20, deadline=None)
+def test_is_linear_in_the_views(a, b, seed):
+    torch.manual_seed(seed)
+    one, two = torch.rand(2, 3, 2, 1, 5, 6, dtype=torch.float64)
+    slope_map = torch.rand(5, 6, dtype=torch.float64) * 2 - 1
+    combined = per_pixel(a * one + b * two, slope_map, "cubic")
+    expected = a * per_pixel(one, slope_map, "cubic") + b * per_pixel(two, slope_map, "cubic")
+    torch.testing.assert_close(combined, expected, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+@given(start=st.floats(-1, 1), a=st.floats(-0.1, 0.1), b=st.floats(-0.1, 0.1), level=st.floats(0.01, 1))
+@settings(max_examples=15, deadline=None)
+def test_brightness_is_kept_on_every_plane(border, start, a, b, level):
+    views = torch.full((3, 4, 1, 8, 8), level, dtype=torch.float64)
+    stack = tilt_shift(views, start, (a, b), "cubic", border)
+    torch.testing.assert_close(stack, torch.full_like(stack, level), atol=1e-12, rtol=0)
+
+
+def test_pixels_without_any_view_are_black():
+    weights = torch.tensor([[1.0, 0.0, 0.0]])
+    slope_map = torch.tensor([2.0, 2, 2, 0, 0, 0, -2, -2]).expand(3, 8)
+    image = per_pixel(torch.ones(1, 3, 1, 3, 8), slope_map, weights=weights)[0]
+    assert image[0, 0].tolist() == [0, 0, 1, 1, 1, 1, 0, 0]
+
+
+def test_views_of_weight_0_are_never_read():
+    views = torch.rand(2, 2, 1, 6, 6)
+    expected = per_pixel(views, torch.full((6, 6), 0.4), weights=torch.tensor([[1.0, 1.0], [0.0, 1.0]]))
+    views[1, 0] = math.nan
+    spoilt = per_pixel(views, torch.full((6, 6), 0.4), weights=torch.tensor([[1.0, 1.0], [0.0, 1.0]]))
+    assert torch.equal(spoilt, expected)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+def test_type_and_batch_dimensions_follow_the_input(dtype, channels):
+    views = torch.rand(2, 3, 3, 4, channels, 9, 8).to(dtype)
+    maps = torch.rand(2, 9, 8)
+    stack = per_pixel(views, maps)
+    assert stack.dtype == dtype
+    assert stack.shape == (2, 3, 2, channels, 9, 8)
+    torch.testing.assert_close(stack[1, 2], per_pixel(views[1, 2], maps))
+    torch.testing.assert_close(stack[:, :, 1:], per_pixel(views, maps[1]))
+    torch.testing.assert_close(stack, per_pixel(views.double(), maps).to(dtype), atol=1e-6, rtol=8e-3)
+
+
+@pytest.mark.parametrize(("dtype", "scale"), [(torch.uint8, 255), (torch.uint16, 65535)])
+def test_integer_views_are_their_share_of_full_scale(dtype, scale):
+    views = torch.randint(scale + 1, (2, 3, 3, 3, 7, 8)).to(dtype)
+    maps = torch.rand(2, 7, 8)
+    stack = per_pixel(views, maps)
+    assert stack.dtype == torch.float32
+    torch.testing.assert_close(stack, per_pixel(views.to(torch.float32) / scale, maps), atol=2.4e-7, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"slope_map": torch.zeros(10, 9)}, r"a slope map must be \[10, 10\] or \[N, 10, 10\].*got shape \[10, 9\]"),
+        ({"slope_map": torch.zeros(10)}, "one slope for each pixel"),
+        ({"slope_map": torch.zeros(1, 1, 10, 10)}, "one slope for each pixel"),
+        ({"slope_map": torch.zeros(0, 10, 10)}, "one slope for each pixel"),
+        ({"slope_map": torch.full((10, 10), math.nan)}, "finite"),
+        ({"slope_map": torch.full((10, 10), -5.0)}, "half the height.*5 px at slope -5"),
+        ({"interpolation": "exact"}, "vary over the picture must be one of"),
+        ({"border": "mirror"}, "border must be one of"),
+        ({"weights": torch.zeros(3, 3)}, "not all zero"),
+        ({"views": torch.zeros(3, 3, 1, 10)}, "views must be"),
+        ({"views": torch.zeros(3, 3, 1, 10, 10, dtype=torch.int32)}, "uint8 or uint16"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "slope_map": torch.zeros(10, 10)} | change
+    with pytest.raises(InputError, match=message):
+        per_pixel(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("slope", "tilt", "message"),
+    [
+        (0.0, (0.1,), "tilt must be two numbers"),
+        (0.0, [[0.1, 0.2]], "tilt must be two numbers"),
+        (0.0, (0.0, math.inf), "finite"),
+        ([], (0.0, 0.1), "one slope for each pixel"),
+        (4.0, (0.0, 0.12), "half the height.*at slope 5.08"),
+    ],
+)
+def test_bad_tilts_are_refused(slope, tilt, message):
+    with pytest.raises(InputError, match=message):
+        tilt_shift(torch.rand(3, 3, 1, 10, 10), slope, tilt)

@@ -1,0 +1,263 @@
+"""All-in-focus: known disparities come back, the picture is that of the sharp planes, flat areas claim nothing."""
+
+import dataclasses
+import functools
+import math
+
+import pytest
+import torch
+import torch.nn.functional as F
+
+import lfref
+from lfref.errors import InputError
+from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
+from lfref.simulator.simulate import simulate
+from lfref.simulator.textures import Noise
+from tests.refocus.conftest import shifted_views, texture
+
+SLOPES = torch.linspace(-1, 1, 9, dtype=torch.float64)
+STEP = 0.25
+
+
+def layered_views(near: float, far: float, size: tuple[int, int] = (72, 80)) -> tuple[torch.Tensor, torch.Tensor]:
+    """A disc of radius 20 in front of a plane, and the distance of each pixel of the central view from its centre."""
+    front, back = (shifted_views(texture(3, *size), disparity, (7, 7)) for disparity in (near, far))
+    y, x = (torch.arange(length, dtype=torch.float64) - length / 2 for length in size)
+    offsets = near * (torch.arange(7, dtype=torch.float64) - 3)
+    rows = (y - offsets[:, None])[:, None, :, None]
+    columns = (x - offsets[:, None])[None, :, None, :]
+    is_near = (rows.square() + columns.square() < 20**2)[:, :, None]
+    return torch.where(is_near, front, back), (y[:, None].square() + x.square()).sqrt()
+
+
+def slanted_views(start: float, rise: float, side: int = 72) -> tuple[torch.Tensor, torch.Tensor]:
+    """A plane whose disparity is start + rise * X, in closed form: pixel x of view u shows X with x = X + d(X) u."""
+    generator = torch.Generator().manual_seed(3)
+    frequencies = 0.6 * torch.rand(80, 2, generator=generator, dtype=torch.float64) - 0.3
+    phases = 2 * math.pi * torch.rand(80, generator=generator, dtype=torch.float64)
+    y = torch.arange(side, dtype=torch.float64)[:, None]
+    x = torch.arange(side, dtype=torch.float64)[None]
+    views = torch.empty(7, 7, 1, side, side, dtype=torch.float64)
+    for v in range(7):
+        for u in range(7):
+            column = (x - start * (u - 3)) / (1 + rise * (u - 3))
+            row = y - (start + rise * column) * (v - 3)
+            angle = 2 * math.pi * (row[..., None] * frequencies[:, 0] + column[..., None] * frequencies[:, 1]) + phases
+            views[v, u, 0] = 0.5 + angle.cos().mean(-1)
+    return views, (start + rise * x).expand(side, side)
+
+
+@pytest.mark.parametrize("operator", [exact_fourier, functools.partial(shift_and_sum, interpolation="exact")])
+@pytest.mark.parametrize(("near", "far"), [(0.5, -0.5), (0.87, -0.31), (0.1, -0.65)])
+def test_two_layers_come_back_within_half_a_step(operator, near, far):
+    views, distance = layered_views(near, far)
+    slopes = index_to_slope(all_in_focus(operator(views, SLOPES)).index, SLOPES)
+    assert (slopes - near).abs()[distance < 12].max() < STEP / 2
+    inner = torch.zeros_like(distance, dtype=torch.bool)
+    inner[4:-4, 4:-4] = True
+    assert (slopes - far).abs()[inner & (distance > 28)].max() < STEP / 2
+
+
+@pytest.mark.parametrize("disparity", [-0.6, 0.0, 0.07, 0.4])
+def test_exact_stacks_place_a_plane_to_a_twentieth_of_a_step(plane, disparity):
+    views, _ = plane(disparity)
+    slopes = index_to_slope(all_in_focus(exact_fourier(views, SLOPES)).index, SLOPES)
+    assert float((slopes - disparity).abs().median()) < STEP / 20
+    assert float((slopes - disparity).abs().max()) < STEP / 2
+
+
+def test_linear_interpolation_pulls_the_index_towards_whole_shifts(plane):
+    views, _ = plane(0.87)
+    exact, linear = (
+        index_to_slope(all_in_focus(shift_and_sum(views, SLOPES, name)).index, SLOPES).median()
+        for name in ("exact", "linear")
+    )
+    assert float(exact) == pytest.approx(0.87, abs=STEP / 20)
+    assert float(linear) == 1
+
+
+def test_a_slanted_plane_comes_back_within_half_a_step():
+    views, disparity = slanted_views(-0.6, 1.2 / 72)
+    found = all_in_focus(shift_and_sum(views, SLOPES, "exact"))
+    error = (index_to_slope(found.index, SLOPES) - disparity).abs()[6:-6, 6:-6]
+    assert float(error.max()) < STEP / 2
+    assert float(error.median()) < STEP / 8
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_simulated_scenes_come_back_where_they_are_textured(seed):
+    scene = RandomScenes(Camera(size=(128, 136))).drawn(torch.Generator().manual_seed(seed))
+    noise = Noise((0.5, 0.4, 0.3), (0.2, 0.2, 0.2), exponent=1.3)
+    textured = tuple(dataclasses.replace(surface, texture=noise) for surface in scene.surfaces)
+    simulated = simulate(dataclasses.replace(scene, surfaces=textured), outputs=["views", "disparity"])
+    views, disparity = (simulated.views.clamp(0, 1) * 255).round() / 255, simulated.disparity
+    spread = F.max_pool2d(torch.stack([disparity, -disparity])[None], 17, 1, 8)[0].sum(0)
+    stack = shift_and_sum(views, SLOPES, "exact")
+    found = all_in_focus(stack)
+    inner = (..., slice(8, -8), slice(8, -8))
+    is_right = ((index_to_slope(found.index, SLOPES) - disparity).abs() < STEP / 2)[inner]
+    away, textured = (spread == 0)[inner], (found.confidence > 0.5)[inner]
+    assert float(is_right[away].float().mean()) > 0.92
+    assert float(is_right[away & textured].float().mean()) > 0.98
+    # The central view is sharp everywhere, and no single plane comes as near to it.
+    errors = (torch.cat([found.image[None], stack]) - views[3, 3])[inner].square().mean((1, 2, 3))
+    assert int(errors.argmin()) == 0
+
+
+def test_the_real_capture_has_its_animal_before_its_wall(lytro):
+    views = lfref.read(lytro).views[..., 30:230, 30:370]
+    slopes = torch.linspace(-1.5, 0.5, 9)
+    found = index_to_slope(all_in_focus(shift_and_sum(views, slopes, "exact")).index, slopes)
+    assert float(found[150:190, 280:330].median()) == pytest.approx(-0.87, abs=0.05)
+    assert float(found[15:85, 10:95].median()) == pytest.approx(-0.08, abs=0.05)
+
+
+def test_every_pixel_of_the_image_comes_from_the_sharpest_plane():
+    stack = torch.full((3, 2, 40, 40), 0.5)
+    stack[2, :, :, :20] += 0.3 * torch.rand(2, 40, 20)
+    stack[1, :, :, 20:] += 0.3 * torch.rand(2, 40, 20)
+    image, index, _ = all_in_focus(stack)
+    assert torch.equal(image[..., :15], stack[2, ..., :15])
+    assert torch.equal(image[..., 25:], stack[1, ..., 25:])
+    assert bool((index[:, :15] == 2).all())
+
+
+def test_the_index_of_a_gaussian_peak_is_its_centre():
+    height = torch.exp(-(torch.arange(7, dtype=torch.float64) - 3.3).square() / 8)
+    stack = height[:, None, None, None] * torch.rand(1, 32, 33, dtype=torch.float64) * 10
+    torch.testing.assert_close(
+        all_in_focus(stack).index, torch.full((32, 33), 3.3, dtype=torch.float64), atol=1e-4, rtol=0
+    )
+
+
+def test_first_and_last_planes_keep_whole_numbers():
+    detail = torch.rand(1, 20, 20)
+    shrinking = torch.stack([detail, detail * 0.9, detail * 0.5])
+    assert bool((all_in_focus(shrinking).index == 0).all())
+    assert bool((all_in_focus(shrinking.flip(0)).index == 2).all())
+
+
+def test_confidence_is_the_lead_over_planes_that_are_not_neighbours():
+    detail = torch.rand(3, 30, 30, dtype=torch.float64)
+    heights = torch.tensor([0.5, 0.2, 0.9, 1.0, 0.8], dtype=torch.float64)
+    confidence = all_in_focus(detail * heights[:, None, None, None]).confidence
+    # Sharpness goes with the square; the floor of 8-bit rounding hardly counts beside such detail.
+    torch.testing.assert_close(confidence, torch.full_like(confidence, 1 - 0.5**2), atol=1e-3, rtol=0)
+
+
+def test_weak_detail_has_little_confidence_and_rounding_next_to_none():
+    detail = torch.rand(1, 30, 30)
+    rounding = (torch.rand(5, 1, 30, 30) - 0.5) / 255 / 7
+    strong, weak = (
+        all_in_focus(rounding + contrast * detail * torch.tensor([0, 0.1, 1, 0.1, 0])[:, None, None, None])
+        for contrast in (0.2, 0.001)
+    )
+    assert strong.confidence.min() > 0.9
+    assert weak.confidence.max() < 0.2
+    assert all_in_focus(rounding).confidence.max() < 0.03
+
+
+def test_flat_stacks_have_index_and_confidence_0():
+    image, index, confidence = all_in_focus(torch.full((4, 3, 9, 10), 0.5))
+    assert bool((image == 0.5).all())
+    assert not index.any()
+    assert not confidence.any()
+
+
+@pytest.mark.parametrize("n_planes", [1, 2])
+def test_few_planes_are_no_error(n_planes):
+    stack = torch.rand(n_planes, 3, 12, 12)
+    found = all_in_focus(stack)
+    assert bool((found.index == found.index.round()).all())
+    assert found.index.max() == n_planes - 1
+    if n_planes == 1:
+        assert torch.equal(found.image, stack[0])
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2)])
+@pytest.mark.parametrize("radius", [0.0, 0.3, 2.0])
+def test_images_smaller_than_the_window_are_no_error(size, radius):
+    found = all_in_focus(torch.rand(5, 3, *size), radius)
+    assert found.image.shape == (3, *size)
+    assert all(bool(part.isfinite().all()) for part in found)
+
+
+def test_radius_0_compares_pixels_one_by_one():
+    stack = torch.zeros(3, 1, 9, 9)
+    stack[0, 0, 2, 2] = stack[2, 0, 2, 4] = 1
+    index = all_in_focus(stack, 0).index
+    assert index[2].tolist() == [0, 0, 0, 0, 2, 2, 0, 0, 0]
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_types_and_batch_dimensions_follow_the_input(dtype, channels):
+    stack = torch.rand(2, 3, 4, channels, 12, 13).to(dtype)
+    found = all_in_focus(stack)
+    working = torch.float64 if dtype == torch.float64 else torch.float32
+    assert (found.image.dtype, found.index.dtype, found.confidence.dtype) == (dtype, working, working)
+    assert found.image.shape == (2, 3, channels, 12, 13)
+    assert found.index.shape == found.confidence.shape == (2, 3, 12, 13)
+    for part, alone in zip(found, all_in_focus(stack[1, 2]), strict=True):
+        torch.testing.assert_close(part[1, 2], alone)
+
+
+def test_gradients_are_right():
+    stack = torch.rand(4, 2, 6, 7, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda x: tuple(all_in_focus(x)), stack)
+
+
+@pytest.mark.parametrize("detail", [0.0, 1e-6, 1e-3, 1.0])
+def test_gradients_are_finite_on_flat_and_on_equal_planes(detail):
+    stack = (0.5 + detail * torch.rand(1, 3, 12, 12)).repeat(5, 1, 1, 1).requires_grad_()
+    found = all_in_focus(stack)
+    (found.image.sum() + found.index.sum() + found.confidence.sum()).backward()
+    assert bool(stack.grad.isfinite().all())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stack": torch.rand(3, 8, 8)}, "a stack must be"),
+        ({"stack": torch.rand(0, 3, 8, 8)}, "no axis empty"),
+        ({"stack": torch.ones(2, 3, 8, 8, dtype=torch.uint8)}, "floating point"),
+        ({"radius": -1.0}, "radius must be finite and at least 0"),
+        ({"radius": math.nan}, "radius must be finite and at least 0"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        all_in_focus(**({"stack": torch.rand(2, 3, 8, 8)} | change))
+
+
+@pytest.mark.parametrize("slopes", [[-1.0, 0.0, 2.0], [2.0, 0.0, -1.0]])
+def test_slopes_are_linear_between_planes(slopes):
+    index = torch.tensor([[0.0, 0.5, 1.0], [1.25, 2.0, 2.5]], dtype=torch.float64)
+    between = [[slopes[0], sum(slopes[:2]) / 2, slopes[1]], [0.75 * slopes[1] + 0.25 * slopes[2], slopes[2], slopes[2]]]
+    torch.testing.assert_close(index_to_slope(index, slopes), torch.tensor(between, dtype=torch.float64))
+
+
+def test_one_plane_has_one_slope_and_gradients_pass():
+    assert index_to_slope(torch.zeros(2, 3), [0.4]).tolist() == [[pytest.approx(0.4)] * 3] * 2
+    index = torch.tensor([0.3, 1.9], requires_grad=True)
+    index_to_slope(index, [0.0, 1.0, 4.0]).sum().backward()
+    assert index.grad.tolist() == [1, 3]
+
+
+def test_what_is_not_finite_stays_so():
+    assert bool(index_to_slope(torch.tensor([math.nan]), [0.0, 1.0]).isnan().all())
+
+
+@pytest.mark.parametrize("slopes", [[0.0, 1.0, 0.5], [0.0, 0.0], [], [0.0, math.nan]])
+def test_slopes_that_are_no_scale_are_refused(slopes):
+    with pytest.raises(InputError, match="slopes must"):
+        index_to_slope(torch.zeros(3, 3), slopes)
+
+
+def test_an_index_of_integers_is_refused():
+    with pytest.raises(InputError, match="index must be floating point"):
+        index_to_slope(torch.zeros(3, dtype=torch.int64), [0.0, 1.0])

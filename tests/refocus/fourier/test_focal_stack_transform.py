@@ -1,0 +1,104 @@
+"""All planes at once against plane by plane, on every kind of grid."""
+
+import itertools
+
+import pytest
+import torch
+
+from lfref import geometry
+from lfref.errors import InputError
+from lfref.refocus.fourier import focal_stack_transform as module
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.focal_stack_transform import at_slopes, focal_stack_transform
+from tests.refocus.conftest import dirichlet
+
+
+@pytest.mark.parametrize(
+    ("grid", "size"),
+    [
+        *itertools.product([(3, 4), (7, 6)], [(16, 18), (15, 17), (16, 17), (15, 18)]),
+        ((1, 5), (1, 20)),
+        ((4, 1), (20, 1)),
+    ],
+)
+@pytest.mark.parametrize("planes", [(1, -1.0, 0.4), (2, -1.0, 1.0), (5, 1.3, -0.4), (16, 0.2, 0.2), (33, -2.0, 2.0)])
+def test_equals_exact_fourier_on_its_grid(grid, size, planes):
+    # White noise has full energy at Nyquist, where even sizes go wrong first.
+    views = torch.rand(*grid, 2, *size, dtype=torch.float64)
+    weights = torch.rand(grid, dtype=torch.float64)
+    expected = exact_fourier(views, geometry.even_slopes(*planes), weights)
+    torch.testing.assert_close(focal_stack_transform(views, *planes, weights), expected, atol=1e-12, rtol=0)
+    single = focal_stack_transform(views.float(), *planes, weights)
+    torch.testing.assert_close(single.double(), expected, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("width", [8, 9])
+def test_equals_the_trigonometric_sum(width):
+    views = torch.rand(1, 3, 1, 1, width, dtype=torch.float64)
+    stack = focal_stack_transform(views, 3, -0.8, 0.8)
+    for image, slope in zip(stack, (-0.8, 0.0, 0.8), strict=True):
+        shifted = [views[0, u, 0, 0] @ dirichlet(width, slope * (u - 1)).T for u in range(3)]
+        torch.testing.assert_close(image[0, 0], sum(shifted) / 3, atol=1e-13, rtol=0)
+
+
+def test_the_default_planes_go_from_minus_1_to_1():
+    views = torch.rand(3, 3, 1, 8, 9, dtype=torch.float64)
+    expected = exact_fourier(views, [-1.0, -0.5, 0.0, 0.5, 1.0])
+    torch.testing.assert_close(focal_stack_transform(views, 5), expected, atol=1e-13, rtol=0)
+
+
+def test_a_plane_comes_back_at_its_own_disparity(plane):
+    views, image = plane(0.6)
+    stack = focal_stack_transform(views, 11)
+    torch.testing.assert_close(stack[8], image, atol=1e-12, rtol=0)
+    assert (stack - image).square().mean((1, 2, 3)).argmin() == 8
+
+
+def test_float32_holds_at_full_width_with_many_planes_and_large_slopes():
+    # The phases of the chirps reach some 100 turns here.
+    views = torch.rand(1, 7, 1, 2, 540, dtype=torch.float64)
+    expected = exact_fourier(views, geometry.even_slopes(200, -7.0, 7.0))
+    stack = focal_stack_transform(views.float(), 200, -7.0, 7.0)
+    torch.testing.assert_close(stack.double(), expected, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("band", [1, 3, 100])
+def test_bands_of_any_height_make_the_same_stack(band, monkeypatch):
+    views = torch.rand(3, 2, 3, 17, 8, dtype=torch.float64)
+    expected = focal_stack_transform(views, 4)
+    monkeypatch.setattr(module, "BAND", band)
+    torch.testing.assert_close(focal_stack_transform(views, 4), expected, atol=1e-14, rtol=0)
+
+
+def test_padded_lengths_are_the_next_without_large_prime_factors():
+    lengths = [1, 2, 3, 4, 5, 6, 8, 8, 9, 10, 12, 12, 15, 15, 15, 16]
+    assert [module._fast_length(least) for least in range(1, 17)] == lengths
+    assert module._fast_length(103) == 108
+    assert module._fast_length(1025) == 1080
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n_planes": 0}, "n_planes >= 1"),
+        ({"first": float("nan")}, "finite ends"),
+        ({"last": 5.0}, "half the"),
+        ({"weights": torch.zeros(3, 3)}, "not all zero"),
+        ({"views": torch.zeros(3, 3, 1, 10)}, "views must be"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "n_planes": 4} | change
+    with pytest.raises(InputError, match=message):
+        focal_stack_transform(**arguments)
+
+
+def test_given_slopes_must_be_even():
+    views = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
+    even = [0.8, 0.2, -0.4]
+    torch.testing.assert_close(at_slopes(views, even), exact_fourier(views, even), atol=1e-12, rtol=0)
+    torch.testing.assert_close(at_slopes(views, [0.3]), exact_fourier(views, [0.3]), atol=1e-12, rtol=0)
+    with pytest.raises(InputError, match="evenly spaced planes only"):
+        at_slopes(views, [-0.4, 0.3, 0.8])
+    with pytest.raises(InputError, match="at least one"):
+        at_slopes(views, [])

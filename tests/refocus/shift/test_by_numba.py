@@ -1,0 +1,123 @@
+"""The compiled loops against PyTorch's operations, which are tested against the definition in `test_shift_and_sum`."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfref.refocus.shift import by_numba, by_torch, task
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+
+SLOPES = [-2.3, -1.0, 0.0, 0.3, 0.5, 1.7]
+
+
+def in_type(views: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    full_scale = {torch.uint8: 255, torch.uint16: 65535}.get(dtype)
+    return (views * full_scale).to(dtype) if full_scale else views.to(dtype)
+
+
+def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", weights=None):
+    planned = task.plan(slopes, views.shape[1:3], views.shape[-2:], interpolation, border, weights)
+    return by_numba.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.uint8, torch.uint16])
+def test_equals_eager(border, interpolation, dtype):
+    for grid, size in (((3, 4), (23, 30)), ((2, 9), (40, 33))):
+        views = in_type(torch.rand(2, *grid, 2, *size, dtype=torch.float64), dtype)
+        fast, slow = both(views, SLOPES[1:] if grid[1] == 9 else SLOPES, interpolation, border)
+        assert fast.dtype == slow.dtype == (torch.float64 if dtype == torch.float64 else torch.float32)
+        torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 1e-6, rtol=0)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.data())
+def test_equals_eager_on_any_grid_size_slope_and_aperture(data):
+    grid = data.draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
+    size = data.draw(st.tuples(st.integers(1, 20), st.integers(1, 40)))
+    steepest = min(
+        (length / (n_views - 1) for length, n_views in zip(size, grid, strict=True) if n_views > 1), default=3
+    )
+    slopes = data.draw(st.lists(st.floats(-0.99, 0.99).map(lambda share: share * steepest), min_size=1, max_size=4))
+    weights = torch.tensor(
+        data.draw(st.lists(st.sampled_from([0.0, 0.5, 1.0]), min_size=grid[0] * grid[1], max_size=grid[0] * grid[1]))
+    ).reshape(grid)
+    if weights.sum() == 0:
+        weights[0, 0] = 1
+    border = data.draw(st.sampled_from(["renormalize", "edge", "zero"]))
+    interpolation = data.draw(st.sampled_from(["nearest", "linear", "cubic"]))
+    views = torch.rand(1, *grid, 1, *size, dtype=torch.float64)
+    fast, slow = both(views, slopes, interpolation, border, weights)
+    torch.testing.assert_close(fast, slow, atol=1e-12, rtol=0)
+
+
+def test_views_in_any_memory_layout_are_read_where_they_lie():
+    views = torch.rand(1, 3, 3, 3, 12, 15, dtype=torch.float64)
+    _, expected = both(views)
+    lenslets = views.permute(0, 4, 1, 5, 2, 3).contiguous().permute(0, 2, 4, 5, 1, 3)
+    every_other = torch.stack([views, torch.rand_like(views)], dim=-1)[..., 0]
+    for layout in (lenslets, every_other):
+        assert not layout.is_contiguous()
+        torch.testing.assert_close(both(layout)[0], expected, atol=1e-12, rtol=0)
+    same_view = views[:, :1, :1].expand(-1, 3, 3, -1, -1, -1)
+    torch.testing.assert_close(*both(same_view), atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("n_threads", [1, 2, 5])
+def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
+    monkeypatch.setattr(by_numba, "WORTH_A_THREAD", 1)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: n_threads)
+    views = torch.rand(2, 3, 3, 1, 17, 20)
+    fast, slow = both(views)
+    torch.testing.assert_close(fast, slow, atol=1e-6, rtol=0)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 1)
+    assert torch.equal(fast, both(views)[0])
+
+
+def test_more_threads_than_rows_leave_some_idle(monkeypatch):
+    monkeypatch.setattr(by_numba, "WORTH_A_THREAD", 1)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 8)
+    torch.testing.assert_close(*both(torch.rand(1, 1, 3, 1, 3, 20), [0.5]), atol=1e-6, rtol=0)
+
+
+def test_samples_that_do_not_count_may_be_anything():
+    views = torch.rand(1, 3, 3, 1, 12, 14, dtype=torch.float64)
+    views[:, 1, 1, 0, 5, 6] = float("nan")
+    views[:, 0, 2, 0, 0, 0] = float("inf")
+    for slope in (1.0, 0.0, 0.4):
+        fast, slow = both(views, [slope])
+        torch.testing.assert_close(fast, slow, atol=1e-12, rtol=0, equal_nan=True)
+
+
+def test_views_are_left_as_they_were():
+    views = torch.rand(1, 3, 3, 1, 10, 11)
+    before = views.clone()
+    both(views)
+    assert torch.equal(views, before)
+
+
+def test_derivatives_are_taken_by_eager_operations(monkeypatch):
+    monkeypatch.setattr(by_numba, "shift_and_sum", pytest.fail)
+    views = torch.rand(2, 2, 1, 6, 7, dtype=torch.float64)
+    shift_and_sum(views.requires_grad_(), [0.3]).sum().backward()
+    assert views.grad is not None
+    views = views.detach()
+    torch.func.jvp(lambda x: shift_and_sum(x, [0.3]), (views,), (views,))
+    torch.func.vmap(lambda x: shift_and_sum(x, [0.3]))(views[None])
+    with torch.autograd.forward_ad.dual_level():
+        shift_and_sum(torch.autograd.forward_ad.make_dual(views, views), [0.3])
+    shift_and_sum(views, [0.3], "exact")
+
+
+def test_plain_views_are_refocused_by_the_kernel(monkeypatch):
+    served = []
+    monkeypatch.setattr(
+        by_numba, "shift_and_sum", lambda views, planned: served.append(views) or by_torch.shift_and_sum(views, planned)
+    )
+    shift_and_sum(torch.rand(2, 2, 1, 6, 7), [0.3])
+    with torch.no_grad():
+        shift_and_sum(torch.rand(2, 2, 1, 6, 7, requires_grad=True), [0.3])
+    shift_and_sum(torch.rand(2, 2, 1, 6, 7).half(), [0.3])
+    assert len(served) == 3

@@ -1,0 +1,53 @@
+"""The GPU's kernel: on a GPU where there is one, else line by line in Triton's interpreter, which runs on the CPU."""
+
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from lfref.refocus.shift import by_torch, task
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+
+pytest.importorskip("triton", reason="Triton is not installed")
+
+CASES = [
+    ("linear", "renormalize", torch.float32),
+    ("cubic", "renormalize", torch.float64),
+    ("cubic", "edge", torch.float32),
+    ("nearest", "zero", torch.uint8),
+    ("linear", "wrap", torch.float16),
+]
+
+PROGRAM = """
+import torch
+from lfref.refocus.shift import by_torch, by_triton, task
+torch.manual_seed(0)
+for interpolation, border, dtype in {cases}:
+    views = torch.rand(2, 2, 3, 2, 9, 20, dtype=torch.float64)
+    views = (views * 255).to(dtype) if dtype == torch.uint8 else views.to(dtype)
+    views = views.transpose(0, 3).contiguous().transpose(0, 3)
+    planned = task.plan([-2.3, 1.0], (2, 3), (9, 20), interpolation, border, torch.rand(2, 3))
+    fast, slow = by_triton.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
+    torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 1e-6, rtol=0)
+print("equal")
+"""
+
+
+def test_equals_eager_in_the_interpreter(monkeypatch):
+    # A process of its own: Triton looks at the variable while the kernel is being defined.
+    monkeypatch.setenv("TRITON_INTERPRET", "1")
+    run = subprocess.run([sys.executable, "-c", PROGRAM.format(cases=CASES)], capture_output=True, text=True)
+    assert run.stdout == "equal\n", run.stderr[-2000:]
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.parametrize(("interpolation", "border", "dtype"), CASES)
+def test_equals_eager_on_a_gpu(interpolation, border, dtype):
+    views = torch.rand(7, 7, 3, 60, 90, dtype=torch.float64)
+    views = (views * 255).to(dtype) if dtype == torch.uint8 else views.to(dtype)
+    slopes = [-7.0, -0.37, 0.0, 0.5]
+    stack = shift_and_sum(views.cuda(), slopes, interpolation, border)
+    slow = by_torch.shift_and_sum(views[None], task.plan(slopes, (7, 7), (60, 90), interpolation, border))[0]
+    assert stack.device.type == "cuda"
+    torch.testing.assert_close(stack.cpu().to(slow), slow, atol=1e-3 if dtype == torch.float16 else 1e-6, rtol=0)

@@ -1,0 +1,174 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfref.errors import InputError
+from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
+
+
+def slow_shift_and_sum(views: np.ndarray, slope: float, border: str, nearest: bool, weights: np.ndarray) -> np.ndarray:
+    """The definition, one sample at a time."""
+    n_rows, n_columns, channels, height, width = views.shape
+    image = np.zeros((channels, height, width))
+    for y in range(height):
+        for x in range(width):
+            total, weight_sum = np.zeros(channels), 0.0
+            for v in range(n_rows):
+                for u in range(n_columns):
+                    sample = slow_sample(
+                        views[v, u],
+                        x + slope * (u - (n_columns - 1) / 2),
+                        y + slope * (v - (n_rows - 1) / 2),
+                        border,
+                        nearest,
+                    )
+                    if sample is not None:
+                        total += weights[v, u] * sample
+                        weight_sum += weights[v, u]
+            image[:, y, x] = total / weight_sum if weight_sum > 0 else 0
+    return image
+
+
+def slow_sample(view: np.ndarray, x: float, y: float, border: str, nearest: bool) -> np.ndarray | None:
+    height, width = view.shape[1:]
+    if nearest:
+        x, y = math.floor(x + 0.5), math.floor(y + 0.5)
+    if border == "renormalize" and not (0 <= x <= width - 1 and 0 <= y <= height - 1):
+        return None
+    total = np.zeros(view.shape[0])
+    for row, row_weight in ((math.floor(y), 1 - y % 1), (math.floor(y) + 1, y % 1)):
+        for column, column_weight in ((math.floor(x), 1 - x % 1), (math.floor(x) + 1, x % 1)):
+            if border == "zero" and not (0 <= row < height and 0 <= column < width):
+                continue
+            if border == "wrap":
+                pixel = view[:, row % height, column % width]
+            else:
+                pixel = view[:, min(max(row, 0), height - 1), min(max(column, 0), width - 1)]
+            total += row_weight * column_weight * pixel
+    return total
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
+@pytest.mark.parametrize("interpolation", ["nearest", "linear"])
+@pytest.mark.parametrize("grid", [(3, 4), (2, 5)])
+def test_equals_the_slow_reference(border, interpolation, grid):
+    views = torch.rand(*grid, 2, 9, 11, dtype=torch.float64)
+    weights = torch.rand(grid, dtype=torch.float64)
+    slopes = [-1.4, -1.0, 0.0, 0.37, 1.5]
+    stack = shift_and_sum(views, slopes, interpolation, border, weights)
+    for image, slope in zip(stack, slopes, strict=True):
+        slow = slow_shift_and_sum(views.numpy(), slope, border, interpolation == "nearest", weights.numpy())
+        np.testing.assert_allclose(image.numpy(), slow, atol=1e-12)
+
+
+def test_float32_is_within_1e_6_of_the_slow_reference():
+    views = torch.rand(7, 7, 1, 20, 21)
+    slow = slow_shift_and_sum(views.double().numpy(), 0.71, "renormalize", False, np.ones((7, 7)))
+    np.testing.assert_allclose(shift_and_sum(views, [0.71])[0].numpy(), slow, atol=1e-6)
+
+
+def test_slope_0_is_the_plain_mean():
+    views = torch.rand(4, 3, 3, 8, 9, dtype=torch.float64)
+    for interpolation in ("nearest", "linear", "cubic", "exact"):
+        torch.testing.assert_close(
+            shift_and_sum(views, [0.0], interpolation)[0], views.mean((0, 1)), atol=1e-14, rtol=0
+        )
+
+
+def test_integer_slopes_need_no_interpolation():
+    views = torch.rand(5, 5, 3, 20, 20, dtype=torch.float64)
+    stacks = [shift_and_sum(views, [-2.0, 1.0], name, "wrap") for name in ("nearest", "linear", "cubic", "exact")]
+    assert torch.equal(stacks[0], stacks[1])
+    assert torch.equal(stacks[0], stacks[2])
+    torch.testing.assert_close(stacks[0], stacks[3], atol=1e-13, rtol=0)
+
+
+def test_integer_slopes_never_read_the_neighbouring_sample():
+    views = torch.rand(3, 3, 1, 12, 12)
+    views[..., 11] = math.inf
+    stack = shift_and_sum(views, [0.0, -1.0], border="edge")
+    assert bool(stack[0, ..., :11].isfinite().all())
+    assert bool(stack[1, ..., :10].isfinite().all())
+
+
+# Linear and cubic interpolation at half a pixel are blurs themselves: the texture comes back with less error, not none.
+@pytest.mark.parametrize(("interpolation", "share"), [("linear", 0.1), ("cubic", 0.05), ("exact", 1e-20)])
+def test_a_plane_is_sharp_at_its_own_disparity_and_only_there(plane, interpolation, share):
+    views, image = plane(0.5)
+    sharp, blurred = shift_and_sum(views, [0.5, -0.5], interpolation, "wrap")
+    assert (sharp - image).square().mean() < share * (blurred - image).square().mean()
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge"])
+def test_exact_interpolation_does_not_ring_at_the_border(border):
+    ramp = torch.linspace(0, 1, 40, dtype=torch.float64).expand(5, 5, 1, 30, 40)
+    stack = shift_and_sum(ramp, [0.5], "exact", border)
+    torch.testing.assert_close(
+        stack[..., 4:-4, 4:-4], shift_and_sum(ramp, [0.5], "linear", border)[..., 4:-4, 4:-4], atol=5e-3, rtol=0
+    )
+    assert stack.min() > -0.02
+    assert stack.max() < 1.02
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic", "exact"])
+@given(slope=st.floats(-3, 3), level=st.floats(0.01, 1))
+@settings(max_examples=15, deadline=None)
+def test_brightness_is_kept_at_every_slope(interpolation, border, slope, level):
+    views = torch.full((5, 4, 1, 16, 18), level, dtype=torch.float64)
+    stack = shift_and_sum(views, [slope], interpolation, border)
+    torch.testing.assert_close(stack, torch.full_like(stack, level), atol=1e-12, rtol=0)
+
+
+def test_coverage_counts_the_weighted_views_with_a_sample():
+    weights = torch.tensor([[1.0, 2.0, 1.0]])
+    share = coverage([1.5], (1, 3), (4, 6), weights=weights)[0]
+    # The left view reads at x - 1.5, the right one at x + 1.5.
+    expected = torch.tensor([0.75, 0.75, 1.0, 1.0, 0.75, 0.75], dtype=torch.float64)
+    torch.testing.assert_close(share, expected.expand(4, 6))
+
+
+def test_pixels_without_any_view_are_black_and_their_coverage_is_0():
+    weights = torch.tensor([[1.0, 0.0, 0.0]])
+    stack = shift_and_sum(torch.ones(1, 3, 1, 3, 8), [2.0], weights=weights)
+    assert stack[0, 0, 0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
+    assert coverage([2.0], (1, 3), (3, 8), weights=weights)[0, 0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+def test_type_and_batch_dimensions_follow_the_input(dtype):
+    views = torch.rand(2, 3, 5, 5, 1, 12, 13).to(dtype)
+    stack = shift_and_sum(views, [0.5, 1.0, -1.0])
+    assert stack.dtype == dtype
+    assert stack.shape == (2, 3, 3, 1, 12, 13)
+    torch.testing.assert_close(stack[1, 2], shift_and_sum(views[1, 2], [0.5, 1.0, -1.0]))
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic", "exact"])
+def test_gradients_are_right(interpolation):
+    views = torch.rand(2, 3, 1, 6, 7, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda x: shift_and_sum(x, [0.4, -1.0], interpolation), views)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"slopes": [float("nan")]}, "finite"),
+        ({"slopes": []}, "at least one"),
+        ({"slopes": [5.0]}, "half the"),
+        ({"interpolation": "magic"}, "interpolation must be one of"),
+        ({"border": "mirror"}, "border must be one of"),
+        ({"weights": torch.zeros(3, 3)}, "not all zero"),
+        ({"weights": torch.ones(2, 3)}, "one for each view"),
+        ({"views": torch.zeros(3, 3, 1, 10)}, "views must be"),
+        ({"views": torch.zeros(3, 3, 1, 10, 10, dtype=torch.int16)}, "floating point"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "slopes": [0.5]} | change
+    with pytest.raises(InputError, match=message):
+        shift_and_sum(**arguments)
