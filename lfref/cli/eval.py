@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig
 
@@ -39,13 +40,14 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         labels = {name: source(field) for name, source in references.items()}
         rows += accuracy.plane_rows(field.name, stacks, labels, planes)
         shown = stacks | {f"label: {name}": label for name, label in labels.items()}
-        figure = pictures.comparison(shown, planes.alphas or planes.values, field.views.mean(dim=(0, 1)))
+        figure = pictures.comparison(shown, planes, field.views.mean(dim=(0, 1)))
         drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
-    summary = accuracy.summaries(rows)
-    tables.write_table(folder / "planes.csv", rows)
+    table = pd.DataFrame(rows)
+    summary = accuracy.summaries(table)
+    tables.write_table(folder / "planes.csv", table)
     tables.write_table(folder / "summary.csv", summary)
     drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
-    drawing.save_figure(plots.quality_by_plane(rows), folder / "quality_by_plane.png")
+    drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
     log.info("%d light fields, %d methods: %s", len(found), len(judged), folder / "summary.csv")
 
 
