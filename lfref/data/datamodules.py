@@ -2,7 +2,7 @@
 
 import abc
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
 from lfref.data import splits
-from lfref.data.labels import Labels
+from lfref.data.labels import Labels, RenderedLabels
 from lfref.data.patches import Batch, EpochSampler, FieldPatches, concatenate
 from lfref.data.sources import FolderSource, SimulatedSource, Source
 from lfref.errors import InputError
@@ -118,12 +118,16 @@ class FolderData(PatchData):
         self.cache_folder = Path(cache_folder).expanduser()
         self.reader = dict(reader or {})
 
+    def prepare_data(self) -> None:
+        """Hash the fields in one process of a machine; the others find what it kept. Lightning calls this first."""
+        splits.without_leaks(*self._paths(), self.cache_folder)
+
     def sources(self) -> tuple[Source, Source]:
-        """Fields of the folders; training fields whose content is held out are left out and named in the log."""
+        """Fields of the folders; what is left out of training, by name or by content, is named in the log."""
         train, held = self._paths()
-        train, leaks = splits.without_leaks(train, held)
-        if leaks:
-            log.warning("left out of training, being held out too: %s", ", ".join(path.name for path in leaks))
+        _warn("being of the paper's test set", set(reader.find(self.path)).difference(train, held))
+        train, leaks = splits.without_leaks(train, held, self.cache_folder)
+        _warn("being held out too", leaks)
         if not train:
             raise InputError(
                 "no light field is left to train on", remedy="hold out other fields than those you train on"
@@ -137,6 +141,12 @@ class FolderData(PatchData):
         if self.validation_path is not None:
             return splits.without_test_set(reader.find(self.path)), reader.find(self.validation_path)
         return splits.held_out(reader.find(self.path), self.validation_share, self.seed)
+
+
+def _warn(reason: str, paths: Iterable[Path]) -> None:
+    """Name the light fields that do not train."""
+    if names := ", ".join(sorted(path.name for path in paths)):
+        log.warning("left out of training, %s: %s", reason, names)
 
 
 class SimulatedData(PatchData):
@@ -163,7 +173,12 @@ class SimulatedData(PatchData):
         super().__init__(labels, **options)
         # Held-out scenes come from a stream of their own.
         held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, 0)
-        self.streams = SimulatedSource(n_fields, self.seed, scenes), SimulatedSource(n_validation, stream, held)
+        # Views and rendered labels share a painting, if it reaches as far as the labels' planes do.
+        reach = float(labels.planes.slopes.abs().max()) if isinstance(labels, RenderedLabels) else 0.0
+        self.streams = (
+            SimulatedSource(n_fields, self.seed, scenes, reach),
+            SimulatedSource(n_validation, stream, held, reach),
+        )
 
     def sources(self) -> tuple[Source, Source]:
         """The two streams of scenes."""

@@ -77,8 +77,8 @@ def _polygon(dice: Dice, camera: Camera, radius: float) -> Outline:
     (x, y), n_corners, turn = dice.within(camera), dice.whole(3, 9), dice.uniform(0, 2 * math.pi)
     corners = []
     for n in range(n_corners):
-        angle, reach = turn + 2 * math.pi * n / n_corners, radius * dice.uniform(0.7, 1.5)
-        corners.append((x + reach * math.cos(angle), y + reach * math.sin(angle)))
+        angle, off = turn + 2 * math.pi * n / n_corners, radius * dice.uniform(0.7, 1.5)
+        corners.append((x + off * math.cos(angle), y + off * math.sin(angle)))
     return Polygon(tuple(corners))
 
 

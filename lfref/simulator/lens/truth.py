@@ -15,7 +15,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.simulator.lens import alone, aperture_cells, together, together_eager
-from lfref.simulator.lens.scenery import Plane, Scenery, visible
+from lfref.simulator.lens.scenery import FocalPlane, Scenery, visible
 from lfref.simulator.painting.layers import Layer, only_shifts
 from lfref.simulator.scene import Camera
 
@@ -60,12 +60,12 @@ def stack(
     return torch.stack([_photographed(plane, several) if plane.seen.layers else nothing for plane in planes])
 
 
-def _planned(scenery: Scenery, slope: float, n_cells: int | None) -> Plane:
+def _planned(scenery: Scenery, slope: float, n_cells: int | None) -> FocalPlane:
     seen = scenery.only(visible(scenery, slope))
-    return Plane(slope, seen, aperture_cells.cut(scenery.whole, n_cells or cells_needed(seen, slope)))
+    return FocalPlane(slope, seen, aperture_cells.cut(scenery.whole, n_cells or cells_needed(seen, slope)))
 
 
-def _photographed(plane: Plane, several: Callable[[Plane], Tensor]) -> Tensor:
+def _photographed(plane: FocalPlane, several: Callable[[FocalPlane], Tensor]) -> Tensor:
     is_alone = len(plane.seen.layers) == 1 and not plane.followed
     return alone.photograph(plane) if is_alone else several(plane)
 

@@ -16,15 +16,15 @@ from torch import Tensor
 
 from lfref.functional import threads
 from lfref.simulator.canvases import OVERSAMPLING, Canvas
-from lfref.simulator.painting import reach
+from lfref.simulator.painting import extents
 from lfref.simulator.painting.layers import Layer
 from lfref.simulator.rays import ray_tables
-from lfref.simulator.rays.ray_tables import Picture
-from lfref.simulator.reading import compiled, shift_kernel
+from lfref.simulator.rays.ray_tables import Page
+from lfref.simulator.reading import shift_loop, shift_tables
 from lfref.simulator.reading.blurs import Bitmap
-from lfref.simulator.reading.shift_kernel import Shifts
+from lfref.simulator.reading.shift_loop import Shifts
 from lfref.simulator.scene import Camera
-from lfref.simulator.views import ray_views
+from lfref.simulator.views import ray_views_loop
 
 BAND = 8
 """Rows of all views that are finished before the next: they stay in a core's second cache."""
@@ -86,15 +86,15 @@ def _covers(layers: Sequence[Layer], camera: Camera, points: Points) -> list[Cov
 def _shifted(layer: Layer, camera: Camera, points: Points) -> Cover:
     """A layer of which all pictures are shifted copies."""
     samples = layer.bitmap.samples.numpy()
-    sheet = compiled.filled(samples[:3]) if layer.hides else compiled.outlined(samples)
+    sheet = shift_tables.filled(samples[:3]) if layer.hides else shift_tables.outlined(samples)
     across, down = _shifts(layer.bitmap.canvas, layer.surface.geometry.form.disparity, camera, points)
-    return lambda top, end: shift_kernel.over(sheet, across, down, points.picture, top, end)
+    return lambda top, end: shift_loop.over(sheet, across, down, points.picture, top, end)
 
 
 def _shifts(canvas: Canvas, disparity: float, camera: Camera, points: Points) -> tuple[Shifts, Shifts]:
     """How a bitmap that faces the camera is read along rows, and along columns."""
     across, down = (
-        compiled.shifts((pixels.min() + (points.slope - disparity) * torch.from_numpy(steps)) * OVERSAMPLING - edge)
+        shift_tables.shifts((pixels.min() + (points.slope - disparity) * torch.from_numpy(steps)) * OVERSAMPLING - edge)
         for pixels, steps, edge in zip(camera.pixels(), points[:2], (canvas.left, canvas.top), strict=True)
     )
     return across, down
@@ -102,7 +102,7 @@ def _shifts(canvas: Canvas, disparity: float, camera: Camera, points: Points) ->
 
 def _followed(layers: Sequence[Layer], camera: Camera, points: Points) -> Cover:
     """Any layers, sorted at each pixel where there are several."""
-    pictures: list[Picture] = []
+    pictures: list[Page] = []
     places, shifts = [], []
     for layer in layers:
         geometry, reflection = layer.surface.geometry, layer.reflection
@@ -112,16 +112,16 @@ def _followed(layers: Sequence[Layer], camera: Camera, points: Points) -> Cover:
         if reflection:
             pictures.append(_picture(reflection.picture, True))
             shifts.append(_shifts(reflection.picture.canvas, reflection.disparity, camera, points))
-    spans = [reach.span(camera, layer.surface.geometry, abs(points.slope)) for layer in layers]
+    spans = [extents.span(camera, layer.surface.geometry, abs(points.slope)) for layer in layers]
     boxes = [ray_tables.box(pictures[place], CUBIC) for place, _ in places]
     sights, atlas = ray_tables.sights(layers, spans, boxes, places), ray_tables.atlas(pictures)
-    across, down = (ray_views.Shifts(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*shifts, strict=True))
-    aperture = ray_views.Aperture(points.p, points.q, points.slope, across, down)
-    over = ray_views.over if len(layers) == 1 else ray_views.over_ranked
+    across, down = (Shifts(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*shifts, strict=True))
+    aperture = ray_views_loop.Viewpoints(points.p, points.q, points.slope, across, down)
+    over = ray_views_loop.over if len(layers) == 1 else ray_views_loop.over_ranked
     return lambda top, end: over(sights, atlas, aperture, points.picture, top, end)
 
 
-def _picture(bitmap: Bitmap, faces: bool) -> Picture:
+def _picture(bitmap: Bitmap, faces: bool) -> Page:
     """A bitmap as loops want it: planar where it faces the camera."""
     samples = (bitmap.samples if faces else bitmap.interleaved).numpy()
-    return Picture(samples, bitmap.samples[3].numpy(), bitmap.canvas.top, bitmap.canvas.left)
+    return Page(samples, bitmap.samples[3].numpy(), bitmap.canvas.top, bitmap.canvas.left)

@@ -6,8 +6,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from lfref.simulator.lens import aperture_cells, together, together_eager, truth
-from lfref.simulator.lens.scenery import Plane as Photograph
-from lfref.simulator.lens.scenery import Scenery, visible
+from lfref.simulator.lens.scenery import FocalPlane, Scenery, visible
 from lfref.simulator.materials import Glossy, Mirror
 from lfref.simulator.mattes import Disc
 from lfref.simulator.painting import bitmaps
@@ -31,7 +30,7 @@ def planes(scene, slopes, n_cells=4):
     layers = tuple(bitmaps.paint(scene, reach=max(map(abs, slopes))))
     whole = Scenery(layers, scene.camera, aperture_cells.aperture(scene.camera)).for_planes(slopes)
     cells = aperture_cells.cut(whole.whole, n_cells)
-    return [Photograph(slope, whole.only(visible(whole, slope)), cells) for slope in slopes]
+    return [FocalPlane(slope, whole.only(visible(whole, slope)), cells) for slope in slopes]
 
 
 @pytest.mark.parametrize("name", list(KINDS))

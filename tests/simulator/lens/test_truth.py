@@ -7,7 +7,7 @@ import torch
 
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
-from lfref.simulator import canvases, scenes
+from lfref.simulator import canvases
 from lfref.simulator.lens import truth
 from lfref.simulator.lens.aperture_cells import aperture
 from lfref.simulator.lens.scenery import Scenery
@@ -20,6 +20,7 @@ from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Noise
 from lfref.simulator.views import render
+from tests.simulator import drawing
 
 SLOPES = [-3.0, -1.0, 0.0, 0.5]
 WAVES = [(0.05, 0.02), (0.11, -0.17), (0.0, 0.3)]
@@ -238,7 +239,7 @@ def test_float32_is_enough():
 def test_random_scenes_are_finite_and_within_range(slant):
     camera = Camera(size=(24, 24), aperture="disc")
     for seed in range(4):
-        scene = scenes.random_scene(torch.Generator().manual_seed(seed), camera, slant=slant)
+        scene = drawing.random_scene(seed, camera, slant=slant)
         stack = truth.stack(bitmaps.paint(scene, reach=3.0), camera, [-3.0, 0.2])
         assert stack.isfinite().all()
         assert -0.01 < float(stack.min()) <= float(stack.max()) < 1.01

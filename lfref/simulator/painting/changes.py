@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import torch
 
-from lfref.simulator.painting import reach
+from lfref.simulator.painting import extents
 from lfref.simulator.painting.layers import Layer, hides
 from lfref.simulator.planner import Pass
 from lfref.simulator.scene import Scene, Surface
@@ -41,7 +41,7 @@ class Order:
     def crossing(self) -> frozenset[int]:
         """Places of the surfaces shown that are before another one at some point, and behind it at another."""
         shapes = [self.surface(place).geometry for place in self.shown]
-        pairs = reach.crossing(shapes, self.scene.camera, self.reach)
+        pairs = extents.crossing(shapes, self.scene.camera, self.reach)
         return frozenset(self.shown[rank] for pair in pairs for rank in pair)
 
     def surface(self, place: int) -> Surface:
@@ -50,10 +50,10 @@ class Order:
 
     def _hides(self, near: int, far: int) -> bool:
         one, other = self.surface(near), self.surface(far)
-        return hides(one) and reach.is_before(one.geometry, other.geometry, self.scene.camera, self.reach)
+        return hides(one) and extents.is_before(one.geometry, other.geometry, self.scene.camera, self.reach)
 
 
-class Step(NamedTuple):
+class Change(NamedTuple):
     """One change of layers."""
 
     name: str
@@ -61,14 +61,14 @@ class Step(NamedTuple):
     """Name of the layers that it takes."""
     makes: str
     """Name of the layers that it makes."""
-    change: Callable[[Order, Layer], Layer]
+    make: Callable[[Order, Layer], Layer]
     is_idle: Callable[[Order, int], bool]
     """Whether it would leave the surface at a place of the scene's list as it is."""
     why: str
     """Said where it would leave all of them."""
 
     def planned(self, order: Order, force: bool = False) -> Pass:
-        """The step as a pass.
+        """The change as a pass.
 
         Args:
             order: What it works on.
@@ -78,6 +78,4 @@ class Step(NamedTuple):
         return Pass(self.name, (self.needs,), self.makes, functools.partial(self._changed, order, force), reason)
 
     def _changed(self, order: Order, force: bool, layers: Sequence[Layer]) -> list[Layer]:
-        return [
-            self.change(order, layer) if force or not self.is_idle(order, layer.place) else layer for layer in layers
-        ]
+        return [self.make(order, layer) if force or not self.is_idle(order, layer.place) else layer for layer in layers]

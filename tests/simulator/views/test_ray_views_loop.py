@@ -11,6 +11,7 @@ from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Noise
 from lfref.simulator.views import render
+from tests.simulator import drawing
 
 CAMERA = Camera((3, 4), (27, 35))
 SHIFTED = (
@@ -40,6 +41,6 @@ def test_following_all_rays_changes_no_bit(surfaces):
 def test_what_rays_see_is_what_is_seen_of_the_layer(name):
     painted = layers([SHIFTED[0], FOLLOWED[name]])
     assert painted[1].is_traced
-    (p, q), (x, y) = CAMERA.view_points(), CAMERA.pixels()
+    (p, q), (x, y) = drawing.view_points(CAMERA), CAMERA.pixels()
     expected = render.radiance(painted, p, q, x, y).unflatten(0, CAMERA.grid)
     torch.testing.assert_close(render.views(painted, CAMERA), expected, atol=1e-6, rtol=0)

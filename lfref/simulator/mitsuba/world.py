@@ -17,12 +17,12 @@ ideal there, and its pixels average over their area (box filter). Surfaces shine
 shadows or light on each other.
 """
 
+import importlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 import torch
 from torch import Tensor
@@ -38,13 +38,14 @@ FOCAL = 100.0  # f
 HORIZON = 4.0  # c
 FINER = 4  # texels for a sample of a canvas, along each axis
 MARGIN = 32  # samples painted around a canvas, so that no end is felt
-STEPS = 96  # parts of a mesh, along each axis
+PARTS = 96  # of a mesh, along each axis
 
+mi: Any = importlib.import_module("mitsuba")
 mi.set_variant("scalar_rgb")
 mi.set_log_level(mi.LogLevel.Error)
 
 Points = tuple[Tensor, Tensor]
-"""X and Y of a mesh, [STEPS + 1, STEPS + 1]; from its first axis to its second it turns clockwise, as we see it."""
+"""X and Y of a mesh, [PARTS + 1, PARTS + 1]; from its first axis to its second it turns clockwise, as we see it."""
 
 
 class World:
@@ -104,8 +105,8 @@ class World:
         return torch.from_numpy(np.array(picture)).movedim(-1, 0)
 
 
-def distance(disparity: float | Tensor) -> float | Tensor:
-    """Z of a disparity."""
+def distance(disparity: Any) -> Any:
+    """Z of a disparity, a number or a tensor."""
     return FOCAL / (disparity + HORIZON)
 
 
@@ -140,12 +141,12 @@ OUTLINES: dict[type, Callable[[Any, Canvas], Points]] = {
 
 
 def _shares() -> tuple[Tensor, Tensor]:
-    shares = torch.linspace(0, 1, STEPS + 1, dtype=torch.float64)
+    shares = torch.linspace(0, 1, PARTS + 1, dtype=torch.float64)
     first, second = torch.meshgrid(shares, shares, indexing="ij")
     return first, second
 
 
-def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> mi.Mesh:
+def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     material = surface.material
     x, y = OUTLINES[type(surface.matte)](surface.matte, canvas)
     z = distance(surface.geometry.disparity_at(x, y).expand(x.shape))
@@ -160,11 +161,11 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> mi.Mesh:
     return _mesh(points, _places(x, y, canvas), bsdf, {"type": "area", "radiance": _bitmap(own * colours)})
 
 
-def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> mi.Mesh:
+def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     """The picture that a mirror shows: as far in front of it, behind the cameras, as it seems to be behind it."""
     material: Any = surface.material
     x, y = everything(canvas)
-    seen, mirror = distance(material.disparity), distance(surface.geometry.disparity)
+    seen, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)
     assert seen > 2 * mirror, "the mirrored picture must stand behind the cameras"
     points = torch.stack([x * seen / FOCAL, y * seen / FOCAL, torch.full_like(x, 2 * mirror - seen)], -1)
     colours = _bitmap(_behind_pixels(material.texture, canvas, key))
@@ -206,7 +207,7 @@ def _bitmap(values: Tensor) -> dict[str, Any]:
     return {"type": "bitmap", "bitmap": mi.Bitmap(values.float().numpy()), "raw": True, "wrap_mode": "clamp"}
 
 
-def _mesh(points: Tensor, places: Tensor, bsdf: dict[str, Any], light: dict[str, Any] | None = None) -> mi.Mesh:
+def _mesh(points: Tensor, places: Tensor, bsdf: dict[str, Any], light: dict[str, Any] | None = None) -> Any:
     """A grid of points, its face to where it turns clockwise; points [.., 3], places in its bitmap [.., 2]."""
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)

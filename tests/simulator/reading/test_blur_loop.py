@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lfref.simulator.reading import blur_kernel
+from lfref.simulator.reading import blur_loop
 
 
 @pytest.mark.parametrize("size", [3, 5, 11])
@@ -11,7 +11,7 @@ from lfref.simulator.reading import blur_kernel
 def test_each_sample_is_the_mean_of_a_box(size, kind):
     samples = np.random.default_rng(0).random((6, 8, 4)).astype(kind)
     result = np.empty((6 + size - 1, 8 + size - 1, 4), kind)
-    blur_kernel.box_mean(samples, size, result)
+    blur_loop.box_mean(samples, size, result)
     padded = np.pad(samples, ((size - 1,) * 2, (size - 1,) * 2, (0, 0)), mode="edge")
     for row in range(result.shape[0]):
         for column in range(result.shape[1]):

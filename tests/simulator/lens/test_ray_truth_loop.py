@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from lfref.simulator.lens import ray_truth
-from lfref.simulator.lens.ray_truth import Levels
+from lfref.simulator.lens import ray_truth_loop
+from lfref.simulator.lens.ray_truth_loop import Levels
 from lfref.simulator.painting.layers import Highlight, Layer, Reflection
 from lfref.simulator.rays import ray_tables
-from lfref.simulator.rays.ray_kernel import Row
-from lfref.simulator.rays.ray_tables import Picture
+from lfref.simulator.rays.ray_loop import Row
+from lfref.simulator.rays.ray_tables import Page
 from lfref.simulator.scene import Surface
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
@@ -20,7 +20,7 @@ EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
 def constant(value, opacity=1.0):
     samples = np.full((4, 6, 4), value, np.float32)
     samples[..., 3] = opacity
-    return Picture(samples, samples[..., 3], -3, -2)
+    return Page(samples, samples[..., 3], -3, -2)
 
 
 def seen(layer, pictures, places, box=EVERYWHERE, slope=1.0, mirrored=-1):
@@ -28,7 +28,7 @@ def seen(layer, pictures, places, box=EVERYWHERE, slope=1.0, mirrored=-1):
     at, rgba = np.zeros((5, WIDTH)), np.full((4, WIDTH), np.nan, np.float32)
     levels = Levels(np.array([places], float), np.array([1.0]))
     row = Row(0.0, 0.0, -9.5, 0.0, slope, 0.5)
-    return ray_truth.see(sights, levels, ray_tables.atlas(pictures), 0, row, at, rgba), rgba
+    return ray_truth_loop.see(sights, levels, ray_tables.atlas(pictures), 0, row, at, rgba), rgba
 
 
 def test_pixels_read_between_the_copies_that_suit_how_far_they_are_out_of_focus():

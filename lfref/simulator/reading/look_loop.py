@@ -7,29 +7,11 @@ Letters: `i j` column and row in samples, `t` fraction of a sample.
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.functional.jit import compiled, inlined
+from lfref.functional.jit import inlined
 
 Reals = NDArray[np.floating]
 Quadruple = tuple[np.floating, np.floating, np.floating, np.floating]
 """Weights of four samples, or red, green, blue and opacity."""
-
-
-@compiled
-def read_anywhere(samples: Reals, i: NDArray[np.float64], j: NDArray[np.float64], result: Reals) -> None:
-    """Read a bitmap at any points, cubic.
-
-    Args:
-        samples: [h, w, 4].
-        i: Columns in samples, [n].
-        j: Rows in samples, [n].
-        result: Filled, [4, n].
-    """
-    rows, columns = samples.shape[:2]
-    line = samples.reshape(-1)
-    for point in range(i.size):
-        result[0, point], result[1, point], result[2, point], result[3, point] = cubic(
-            line, 0, rows, columns, i[point], j[point]
-        )
 
 
 @inlined

@@ -65,26 +65,6 @@ def over(sheet: Sheet, across: Shifts, down: Shifts, picture: Reals, top: int, e
                     _cover(lines, start, weights, left, right, veil, picture[v, u, :, y])
 
 
-@compiled
-def read(sheet: Sheet, across: Shifts, down: Shifts, pictures: Reals) -> None:
-    """Read a bitmap for pictures that each have a shift of their own.
-
-    Args:
-        sheet: The bitmap.
-        across: Of the pictures' columns.
-        down: Of the pictures' rows.
-        pictures: Filled, black at first, [M, C, H, W].
-    """
-    lines = np.zeros((sheet.samples.shape[0], 2, sheet.samples.shape[2] // 2 + 2 * PAD), np.float32)
-    for m in range(pictures.shape[0]):
-        start, weights = across.starts[m], across.weights[m]
-        for y in range(pictures.shape[2]):
-            begin, stop = _lay(sheet, down.starts[m] + 2 * y, down.weights[m], lines)
-            left, right = read_span(start, begin, stop, pictures.shape[3])
-            for c in range(pictures.shape[1] if begin < stop and left < right else 0):
-                put(lines[c], start, weights, left, right, pictures[m, c, y])
-
-
 @inlined
 def _lay(sheet: Sheet, first: int, weights: Reals, lines: Reals) -> tuple[int, int]:
     """Four rows of the bitmap, from `first` on, as one line each channel; the pairs of columns that are not empty."""

@@ -1,11 +1,11 @@
-"""Orders and steps: what is hidden or crosses, and which surfaces a step leaves out."""
+"""Orders and steps: what is hidden or crosses, and which surfaces a change leaves out."""
 
 import torch
 
 from lfref.simulator.canvases import Canvas
 from lfref.simulator.mattes import Disc
+from lfref.simulator.painting.changes import Change, Order
 from lfref.simulator.painting.layers import Layer
-from lfref.simulator.painting.steps import Order, Step
 from lfref.simulator.reading.blurs import Bitmap
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Plane
@@ -47,14 +47,14 @@ def doubled(order, one):
 
 
 def test_a_step_changes_the_layers_it_is_not_idle_for_or_all_if_forced():
-    step = Step("add", "a", "b", doubled, lambda order, place: place == 1, "there is nothing to add")
+    change = Change("add", "a", "b", doubled, lambda order, place: place == 1, "there is nothing to add")
     layers = [layer(1), layer(0)]
-    planned, forced = (step.planned(order(), force) for force in (False, True))
+    planned, forced = (change.planned(order(), force) for force in (False, True))
     assert (planned.needs, planned.makes, planned.inert) == (("a",), "b", None)
     assert [float(one.bitmap.samples.max()) for one in planned.run(layers)] == [0, 1]
     assert [float(one.bitmap.samples.max()) for one in forced.run(layers)] == [1, 1]
 
 
 def test_a_step_that_is_idle_for_all_that_is_shown_says_why():
-    step = Step("add", "a", "b", doubled, lambda order, place: place != 2, "there is nothing to add")
-    assert step.planned(order()).inert == "there is nothing to add"
+    change = Change("add", "a", "b", doubled, lambda order, place: place != 2, "there is nothing to add")
+    assert change.planned(order()).inert == "there is nothing to add"

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.functional.jit import compiled, inlined
-from lfref.simulator.lens import ray_truth
-from lfref.simulator.lens.ray_truth import Levels
-from lfref.simulator.lens.smooth_kernel import Integers, Reals, Smoothed
-from lfref.simulator.rays import ray_kernel
-from lfref.simulator.rays.ray_kernel import Atlas, Row, Sights
+from lfref.simulator.lens import ray_truth_loop
+from lfref.simulator.lens.ray_truth_loop import Levels
+from lfref.simulator.lens.smooth_loop import Integers, Reals, Smoothed
+from lfref.simulator.rays import ray_loop
+from lfref.simulator.rays.ray_loop import Atlas, Row, Sights
 
 
-class Positions(NamedTuple):
+class Places(NamedTuple):
     """Where each layer is read, in samples, for pixel 0."""
 
     rows: Reals
@@ -55,7 +55,7 @@ class Through(NamedTuple):
 
 
 @compiled
-def add_shifted(shifted: Smoothed, positions: Positions, through: Through, picture: Reals, top: int, end: int) -> None:
+def add_shifted(shifted: Smoothed, positions: Places, through: Through, picture: Reals, top: int, end: int) -> None:
     """Composite the rows from `top` to before `end` of a picture through every cell.
 
     Args:
@@ -83,7 +83,7 @@ def add_shifted(shifted: Smoothed, positions: Positions, through: Through, pictu
 
 @compiled
 def add_mixed(
-    shifted: Smoothed, positions: Positions, followed: Followed, through: Through, picture: Reals, top: int, end: int
+    shifted: Smoothed, positions: Places, followed: Followed, through: Through, picture: Reals, top: int, end: int
 ) -> None:
     """The same, where the rays to some layers are followed; arguments as for `add_shifted`, and these layers."""
     lines, spans = _room_for_lines(shifted)
@@ -102,7 +102,7 @@ def add_mixed(
                         else:
                             row = _row(through, i, j, y, picture)
                             begin, stop = _see(followed, -1 - k, row, at, rgba)
-                            ray_kernel.lay(rgba, begin, stop, sight)
+                            ray_loop.lay(rgba, begin, stop, sight)
                     _add(through.weights[j, i], sight, total)
         picture[:, y] = total
 
@@ -124,14 +124,14 @@ def add_sorted(followed: Followed, through: Through, picture: Reals, top: int, e
                         begin, stop = _see(followed, k, row, at[k], rgba[k])
                         rgba[k, :, :begin] = 0
                         rgba[k, :, stop:] = 0
-                    ray_kernel.lay_shared(rgba, at, followed.crosses, row, shares, sight)
+                    ray_loop.lay_shared(rgba, at, followed.crosses, row, shares, sight)
                     _add(through.weights[j, i], sight, total)
         picture[:, y] = total
 
 
 @compiled
 def _see(followed: Followed, k: int, row: Row, at: Reals, rgba: Reals) -> tuple[int, int]:
-    return ray_truth.see(followed.sights, followed.levels, followed.atlas, k, row, at, rgba)
+    return ray_truth_loop.see(followed.sights, followed.levels, followed.atlas, k, row, at, rgba)
 
 
 @inlined
@@ -151,7 +151,7 @@ def _room_for_lines(shifted: Smoothed) -> tuple[Reals, Integers]:
 
 
 @compiled
-def _read_lines(shifted: Smoothed, positions: Positions, j: int, y: int, lines: Reals, spans: Integers) -> None:
+def _read_lines(shifted: Smoothed, positions: Places, j: int, y: int, lines: Reals, spans: Integers) -> None:
     for k in range(len(lines)):
         _read_line(shifted, k, positions.rows[k, j] + y * lines.shape[2], lines[k], spans[k])
 

@@ -1,15 +1,15 @@
 """The truth of layers whose rays are followed one by one: the compiled loops, with linear look-ups of blurred copies.
 
-Letters: as in `ray_kernel`; `e` relative slope, the way of a point of a layer in pixels per view step.
+Letters: as in `ray_loop`; `e` relative slope, the way of a point of a layer in pixels per view step.
 """
 
 from typing import NamedTuple
 
 from lfref.functional.jit import compiled, inlined
-from lfref.simulator.rays import ray_kernel
-from lfref.simulator.rays.ray_kernel import Atlas, Reals, Row, Sights, Wide
-from lfref.simulator.reading import look_kernel
-from lfref.simulator.reading.look_kernel import Quadruple
+from lfref.simulator.rays import ray_loop
+from lfref.simulator.rays.ray_loop import Atlas, Reals, Row, Sights, Wide
+from lfref.simulator.reading import look_loop
+from lfref.simulator.reading.look_loop import Quadruple
 
 
 class Levels(NamedTuple):
@@ -31,19 +31,19 @@ def see(sights: Sights, levels: Levels, atlas: Atlas, k: int, row: Row, at: Wide
         atlas: Their pictures.
         k: Which.
         row: The rays.
-        at: Filled where the layer is seen as by `ray_kernel.meet`, [5, W].
+        at: Filled where the layer is seen as by `ray_loop.meet`, [5, W].
         rgba: Likewise with premultiplied colours and opacity, [4, W].
 
     Returns:
         First pixel at which it may be seen, and one past the last.
     """
-    begin, stop = ray_kernel.reached(sights, k, row, rgba.shape[1])
+    begin, stop = ray_loop.reached(sights, k, row, rgba.shape[1])
     if begin >= stop:
         return 0, 0
-    ray_kernel.meet(sights, k, row, begin, stop, at)
+    ray_loop.meet(sights, k, row, begin, stop, at)
     _read(sights.pictures[k, 0], levels.places[k], levels.steps[k], atlas, row.slope, begin, stop, at, rgba)
     if sights.lobes[k, 3] > 0:
-        ray_kernel.shine(sights, k, row, begin, stop, at, rgba)
+        ray_loop.shine(sights, k, row, begin, stop, at, rgba)
     if sights.pictures[k, 1] >= 0:
         _reflect(sights, atlas, k, row, begin, stop, rgba)
     return begin, stop
@@ -85,5 +85,5 @@ def _reflect(sights: Sights, atlas: Atlas, k: int, row: Row, begin: int, stop: i
 def _linear(atlas: Atlas, n: int, at_x: float, at_y: float) -> Quadruple:
     """A picture at a point."""
     frame = atlas.frames[n]
-    i, j = ray_kernel.sample_position(frame, at_x, at_y)
-    return look_kernel.linear(atlas.samples, frame[0], frame[1], frame[2], i, j)
+    i, j = ray_loop.sample_position(frame, at_x, at_y)
+    return look_loop.linear(atlas.samples, frame[0], frame[1], frame[2], i, j)

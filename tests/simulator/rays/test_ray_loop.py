@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.simulator.painting.layers import Highlight, Layer
-from lfref.simulator.rays import ray_kernel, ray_tables
-from lfref.simulator.rays.ray_kernel import Row
+from lfref.simulator.rays import ray_loop, ray_tables
+from lfref.simulator.rays.ray_loop import Row
 from lfref.simulator.scene import Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat
@@ -24,7 +24,7 @@ def sights(geometry, box=(-np.inf, -np.inf, np.inf, np.inf), highlight=None):
 
 def met(geometry, row, begin=0, stop=WIDTH):
     at = np.full((5, WIDTH), np.nan)
-    ray_kernel.meet(sights(geometry), 0, row, begin, stop, at)
+    ray_loop.meet(sights(geometry), 0, row, begin, stop, at)
     return at
 
 
@@ -35,7 +35,7 @@ def test_rays_meet_a_surface_where_it_says(geometry, p, q, y):
     x = torch.arange(WIDTH, dtype=torch.float64) - 14.5
     rays = x, *(torch.tensor(value, dtype=torch.float64) for value in (y, p, q))
     torch.testing.assert_close(at[2], geometry.met_at(*rays).expand(WIDTH), atol=1e-6, rtol=0)
-    at_x, at_y = geometry.intersect(*rays)
+    at_x, at_y = drawing.intersect(geometry, *rays)
     torch.testing.assert_close(at[:2], torch.stack([at_x, at_y.expand(WIDTH)]), atol=1e-5, rtol=0)
 
 
@@ -60,7 +60,7 @@ def test_what_lies_in_a_box_is_reached(geometry, p, q, y, centre, half):
     row = Row(p, q, -14.5, y, 0.0, 0.0)
     at, box = met(geometry, row), (centre[0] - half, centre[1] - half, centre[0] + half, centre[1] + half)
     is_within = (abs(at[0] - centre[0]) <= half) & (abs(at[1] - centre[1]) <= half)
-    begin, stop = ray_kernel.reached(sights(geometry, box), 0, row, WIDTH)
+    begin, stop = ray_loop.reached(sights(geometry, box), 0, row, WIDTH)
     assert 0 <= begin <= stop <= WIDTH or (begin, stop) == (0, 0)
     assert not is_within[:begin].any()
     assert not is_within[stop:].any()
@@ -75,8 +75,8 @@ def test_a_highlight_keeps_its_light_however_far_it_moves_within_a_cell():
             row = Row(1.0, -1.0, -29.0, float(y), 2.0, cell)
             at, rgba = np.zeros((5, 60)), np.zeros((4, 60))
             rgba[3] = 0.5
-            ray_kernel.meet(table, 0, row, 0, 60, at)
-            ray_kernel.shine(table, 0, row, 0, 60, at, rgba)
+            ray_loop.meet(table, 0, row, 0, 60, at)
+            ray_loop.shine(table, 0, row, 0, 60, at, rgba)
             total += rgba[:3].sum(1)
         light.append(total)
     np.testing.assert_allclose(light[0], np.array([0.8, 0.4, 0.0]) * 0.5 * 2 * np.pi * 4, rtol=1e-4)
@@ -105,10 +105,10 @@ def test_layers_are_laid_in_the_order_of_their_disparities(n_layers):
     rgba, at = stacked(n_layers)
     row, room = Row(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.empty(WIDTH, np.float32)
     ranked, shared = np.full((2, 3, WIDTH), np.nan, np.float32)
-    ray_kernel.lay_ranked(rgba, at[:, 2], np.empty(n_layers, np.int64), ranked)
+    ray_loop.lay_ranked(rgba, at[:, 2], np.empty(n_layers, np.int64), ranked)
     np.testing.assert_allclose(ranked, by_sorting(rgba, at[:, 2]), atol=1e-6)
     none = np.zeros((n_layers, n_layers), np.bool_)
-    ray_kernel.lay_shared(rgba, at, none, row, room, shared)
+    ray_loop.lay_shared(rgba, at, none, row, room, shared)
     np.testing.assert_allclose(shared, by_sorting(rgba, at[:, 2]), atol=1e-6)
 
 
@@ -120,5 +120,5 @@ def test_layers_that_cross_within_a_cell_share_it():
     crosses = ~np.eye(2, dtype=np.bool_)
     sight, room = np.empty((3, WIDTH), np.float32), np.empty(WIDTH, np.float32)
     row = Row(0.0, 0.0, 0.0, 0.0, 4.025, 0.5)
-    ray_kernel.lay_shared(rgba, at, crosses, row, room, sight)
+    ray_loop.lay_shared(rgba, at, crosses, row, room, sight)
     np.testing.assert_allclose(sight, 0.75, rtol=1e-6)
