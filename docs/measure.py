@@ -21,7 +21,7 @@ from lfref.data.labels import OperatorLabels
 from lfref.data.patches import cut
 from lfref.data.sources import SimulatedSource
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.io import atomic
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocuser.operators import OperatorRefocuser
@@ -31,7 +31,7 @@ from lfref.simulator.scenes import RandomScenes
 
 ROOT = Path(__file__).resolve().parents[1]
 RUNS = ROOT / "runs" / "figures"
-PAPER = FocalPlanes(tuple(step / 8 for step in range(1, 17)))
+PAPER = planes_at_alphas(step / 8 for step in range(1, 17))
 PATCH, FIELD = 192, 256
 
 

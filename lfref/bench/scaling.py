@@ -18,6 +18,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.bench import timing
 from lfref.errors import InputError
+from lfref.functional import fourier
 from lfref.refocuser.refocuser import Refocuser
 
 
@@ -139,4 +140,4 @@ def _watch(method: Refocuser, views: Tensor, slopes: Tensor) -> Callable[[], flo
 def _smooth(length: float) -> int:
     """The nearest whole number whose only prime factors are 2, 3 and 5."""
     candidates = range(1, 2 * math.ceil(length) + 1)
-    return min((n for n in candidates if pow(30, n.bit_length(), n) == 0), key=lambda n: abs(n - length))
+    return min(filter(fourier.is_fast, candidates), key=lambda n: abs(n - length))

@@ -42,9 +42,9 @@ class Work(NamedTuple):
     """A key of `ASKED`."""
     is_forced: bool
 
-    def run(self, slopes: Slopes, device: torch.device) -> Simulated:
+    def run(self, slopes: Slopes, device: torch.device, timed: bool = False) -> Simulated:
         """Simulate."""
-        return simulate(self.scene, 0, ASKED[self.asked], slopes, self.is_forced, device)
+        return simulate(self.scene, 0, ASKED[self.asked], slopes, self.is_forced, device, timed)
 
 
 def costs(
@@ -99,7 +99,8 @@ def passes(scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device) ->
     for name, scene in scenes.items():
         work = Work(scene, "views and truth", False)
         work.run(slopes, device)  # compiles what is not compiled yet
-        taken = {row.name: row.milliseconds for row in work.run(slopes, device).rows if row.milliseconds is not None}
+        rows_of_passes = work.run(slopes, device, timed=True).rows
+        taken = {row.name: row.milliseconds for row in rows_of_passes if row.milliseconds is not None}
         total = sum(taken.values())
         rows += [
             {"scene": name, "pass": each, "milliseconds": spent, "share": spent / total}

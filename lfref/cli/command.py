@@ -17,21 +17,24 @@ from rich.console import Console
 from rich.progress import track
 
 from lfref.cli import config as configs
+from lfref.cli import members
 from lfref.errors import InputError, LfrefError
-from lfref.io import atomic
+from lfref.io import run as runs
 
 Task = Callable[[DictConfig, Path], None]
+Claim = Callable[[DictConfig, Path], bool]
 Item = TypeVar("Item")
 
 console = Console(stderr=True)
 log = logging.getLogger("lfref")
 
 
-def command(task: Task) -> Callable[[], None]:
+def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[[], None]:
     """Make a command of a function: its configuration is `conf/NAME.yaml`, its output one run folder.
 
     Args:
         task: Takes the configuration and the run folder; its module's name is the command's.
+        claim: Takes the same before anything is written into the folder; False if there is nothing to do.
     """
     name = Path(task.__code__.co_filename).stem
 
@@ -41,13 +44,25 @@ def command(task: Task) -> Callable[[], None]:
             folder = Path(HydraConfig.get().runtime.output_dir)
             with open_dict(config):
                 config.folder = str(folder)
-            configs.save(config, folder)
-            atomic.write_text(folder / "overrides.txt", " ".join(HydraConfig.get().overrides.task) + "\n")
-            task(config, folder)
-        except LfrefError as error:
-            fail(name, error)
+            if claim(config, folder):
+                configs.save(config, folder)
+                runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
+                task(config, folder)
+        except Exception as error:
+            if members.is_followed():
+                members.failed(error)
+            elif isinstance(error, LfrefError):
+                fail(name, error)
+            else:
+                raise
 
-    return hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(guarded)
+    started = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(guarded)
+
+    def main() -> None:
+        started()
+        members.finish(name)
+
+    return main
 
 
 def fail(name: str, error: object) -> None:

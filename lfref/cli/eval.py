@@ -8,11 +8,11 @@ from omegaconf import DictConfig
 
 from lfref.bench import accuracy
 from lfref.cli import config as configs
+from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.data.labels import Labels
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import read as reader
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, pictures, plots, tables
@@ -31,10 +31,10 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     judged = _judged(config, device)
     for method in judged:
         method.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
-    found = [path for entry in paths(config.input) for path in reader.find(entry)]
+    found = inputs.find(config)
     rows: list[accuracy.Row] = []
     for path in progress(found, "evaluating"):
-        field = reader.read(path, **configs.plain(config.reader))
+        field = inputs.read(path, config, judged)
         with torch.no_grad():
             stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in judged}
         labels = {name: source(field) for name, source in references.items()}

@@ -141,7 +141,7 @@ def test_a_checkpoint_of_another_shape(lfref, tmp_path, field, network):
 
 def test_a_light_field_that_does_not_fit_the_checkpoint(lfref, tmp_path, network):
     small = write(tmp_path / "small", LightField(torch.rand(3, 3, 3, 48, 48)))
-    words = (f"input={small}", f"checkpoint={network}", f"output={tmp_path}/out", "reader.views=null")
+    words = (f"input={small}", f"checkpoint={network}", f"output={tmp_path}/out")
     assert "this network reads views" in assert_one_line(*lfref("refocus", *words))
 
 
@@ -180,7 +180,10 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("bench", "group=operators", "input={field}", "scales.planes=[4]"), "planes must be at least two sizes"),
         (("train", "data.patch=wide"), "must fit what it describes"),
         (("train", "net.n_planes=3"), "net.n_planes=16"),
-        (("refocus", "input={field}", "reader.views=99"), "99"),
+        (
+            ("refocus", "input={field}", "reader.views=99"),
+            "choose views and start to fit (reader.views and reader.start",
+        ),
         (("simulate", "n_fields=0"), "n_fields must be a number"),
         (("simulate", "seed=-1"), "seed must be a number"),
         (("simulate", "outputs=views"), "outputs must be a list"),

@@ -65,6 +65,7 @@ def test_wrapped_labels_agree_where_nothing_wraps(field, corner):
 def test_wrapped_labels_differ_at_the_fields_edge_since_the_opposite_end_is_far():
     views = torch.zeros(3, 3, 1, HEIGHT, WIDTH)
     views[..., -3:] = 1
+    views[..., 0, 0] = 0.1  # a patch without anything in it is left out
     label, whole = both_labels(LightField(views), label_of(shift_and_sum, border="wrap"), 0, 0)
     assert float((label - whole).abs().max()) > 0.1
 
@@ -189,6 +190,13 @@ def test_flat_patches_are_drawn_again_and_counted():
     assert sum(item["resampled"] for item in found) > 8
     assert same(found[2], items[(2, 3)])
     assert patches.concatenate(found)["resampled"] == sum(item["resampled"] for item in found)
+
+
+def test_each_corner_is_cropped_once_with_all_that_its_label_needs(monkeypatch):
+    crops, crop = [], LightField.crop
+    monkeypatch.setattr(LightField, "crop", lambda self, *window: crops.append(window) or crop(self, *window))
+    item = FieldPatches(Cards(5), label_of(shift_and_sum, planes_at_alphas((1.0,))), 24, 6, 0)[(0, 3)]
+    assert len(crops) == len(item["where"]) + item["resampled"]
 
 
 def test_a_flat_field_gives_way_to_the_next_one():

@@ -53,7 +53,7 @@ def test_a_jpeg_image_on_its_own_is_no_light_field(tmp_path, one_line):
     path.write_bytes(b"\xff\xd8\xff\xe0rest")
     with pytest.raises(FileError) as caught:
         read.read(path)
-    one_line(caught.value, path, "a JPEG image")
+    one_line(caught.value, path, "an image in JPEG")
 
 
 def test_a_missing_path_is_one_clear_error(tmp_path, one_line):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
-from lfref.io import atomic, images, read, write
+from lfref.io import atomic, images, marks, read, write
 from lfref.lightfield import LightField
 
 
@@ -80,7 +80,7 @@ def test_a_folder_that_holds_anything_else_is_not_replaced(tmp_path, make_field,
     with pytest.raises(FileError) as caught:
         write.write(path, make_field((2, 2)))
     one_line(caught.value, path, foreign, "choose another folder")
-    assert sorted(child.name for child in path.iterdir()) == sorted(["a_00_00.png", foreign])
+    assert sorted(child.name for child in path.iterdir()) == sorted([marks.MARK, "a_00_00.png", foreign])
 
 
 @pytest.mark.parametrize("suffix", ["", ".exr"])
@@ -149,7 +149,11 @@ def test_a_stack_is_read_back_from_exr(tmp_path):
 def test_a_stack_folder_has_one_image_a_plane_named_after_its_alpha(tmp_path):
     stack_of_two(tmp_path / "s")
     path = stack_of_two(tmp_path / "s")
-    assert sorted(child.name for child in path.iterdir()) == ["plane_00_alpha_0.125.png", "plane_01_alpha_0.3.png"]
+    assert sorted(child.name for child in path.iterdir()) == [
+        marks.MARK,
+        "plane_00_alpha_0.125.png",
+        "plane_01_alpha_0.3.png",
+    ]
     image = images.read_image(path / "plane_01_alpha_0.3.png")
     assert image[..., 0].tolist() == [[76, 89, 102], [115, 128, 140]]
 
