@@ -63,7 +63,7 @@ def marked(folder: Path) -> Iterator[None]:
     Args:
         folder: The run folder.
     """
-    before = {*_files(folder)} - {*_listed(folder)}
+    before = {MARK, *_files(folder)} - {*_listed(folder)}
     _mark(folder, [])
     try:
         yield

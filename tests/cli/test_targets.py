@@ -208,7 +208,7 @@ def test_what_writes_must_write_into_the_run_folder(group, tmp_path):
             targets.check({"_target_": name, "save_dir": place}, run)
         for key in (*targets.PLACES, "version", "filename"):
             for place in (tmp_path, "/", run / "..", run / ".." / "run2", "../x", "s3://bucket/x", f"{run}/../x"):
-                with pytest.raises(InputError, match="run folder|must have some of"):
+                with pytest.raises(InputError, match=r"run folder|must have some of"):
                     targets.check({"_target_": name, key: str(place)}, run)
 
 
