@@ -6,7 +6,7 @@ Where the extra `mitsuba` is not installed there is nothing to draw, and what wa
 import importlib.util
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import sheets
 import truths
@@ -15,14 +15,13 @@ from torch import Tensor
 
 import lfref
 from lfref.functional.psnr import psnr
+from lfref.simulator.mitsuba import scenes
+from lfref.simulator.mitsuba.scenes import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
 from lfref.simulator.scene import Scene
-from tests.simulator import mitsuba_scenes
-from tests.simulator.mitsuba_scenes import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
-
-if TYPE_CHECKING:
-    from tests.simulator.path_tracing import World
 
 IS_INSTALLED = importlib.util.find_spec("mitsuba") is not None
+if IS_INSTALLED:
+    from lfref.simulator.mitsuba.world import World
 TWO_NOISES = 10 * math.log10(2)
 """Decibels by which two noisy pictures differ more from each other than each from what it should be."""
 
@@ -31,7 +30,7 @@ def picture() -> Figure:
     """The wall in focus through a round aperture, ours and Mitsuba's."""
     cells: list[tuple[str, Tensor]] = []
     for scene in SCENES[:2]:
-        (ours,), theirs = _truth(scene("disc"), SLOPES[:1]), _world(scene("disc")).through_disc(SLOPES[0])
+        (ours,), theirs = _truth(scene("disc"), SLOPES[:1]), World(scene("disc")).through_disc(SLOPES[0])
         cells += [(f"{scene.__name__}, ours", ours), ("Mitsuba", theirs), truths.difference(ours, theirs)]
     return sheets.sheet(cells, bar="absolute difference", **truths.DIFFERENCE)
 
@@ -40,7 +39,7 @@ def table() -> Iterator[str]:
     """The least PSNR of views and truth of each scene, and of Mitsuba's pictures against others of its own."""
     yield "| scene | views, dB | apart from edges, dB | truth, disc, dB | truth, square, dB | Mitsuba's noise, dB |"
     yield "|---|---|---|---|---|---|"
-    for scene in (*SCENES, mitsuba_scenes.matte):
+    for scene in (*SCENES, scenes.matte):
         views = _views(scene())
         values = [_least(psnr, *views), _least(apart_from_edges, *views)]
         values += _truth_decibels(scene) if scene in SCENES else ()
@@ -54,26 +53,19 @@ PICTURES: dict[str, Callable[[], Figure]] = {"simulator_mitsuba.jpg": picture} i
 TABLES: dict[str, Callable[[], Iterator[str]]] = {"mitsuba": table} if IS_INSTALLED else {}
 
 
-def _world(scene: Scene) -> "World":
-    # Not before it is asked for: without Mitsuba it cannot be imported.
-    from tests.simulator import path_tracing
-
-    return path_tracing.World(scene)
-
-
 def _truth(scene: Scene, slopes: tuple[float, ...]) -> Tensor:
     return lfref.simulate(scene, outputs=("truth",), slopes=slopes).truth
 
 
 def _views(scene: Scene) -> tuple[list[Tensor], list[Tensor]]:
     """Some views, ours and Mitsuba's."""
-    world, views = _world(scene), lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
+    world, views = World(scene), lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
     return [views[view] for view in VIEWS], [world.view(u - 3, v - 3, samples=256) for v, u in VIEWS]
 
 
 def _truth_decibels(scene: Callable[[str], Scene]) -> tuple[float, ...]:
     """Of truth through a disc and a square, and Mitsuba's noise."""
-    world = _world(scene("disc"))
+    world = World(scene("disc"))
     discs, others = ([world.through_disc(slope, seed=seed) for slope in SLOPES] for seed in (0, 1))
     squares = [world.through_square(slope) for slope in SLOPES]
     return (

@@ -6,7 +6,6 @@ Letters: `s` slope in pixels per view step, `x y` pixel column and row.
 """
 
 import argparse
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,8 +39,6 @@ ALPHA = wording.heading("alpha")
 GAMMA = 1.6  # captures are linear and dark
 SLOPE_LABEL = "slope, px per view step"
 
-still_life, wall = functools.cache(scenes.still_life), functools.cache(scenes.wall)
-
 
 def alpha() -> Figure:
     """The two meanings of alpha, with the planes of the paper as dots."""
@@ -63,14 +60,14 @@ def alpha() -> Figure:
 
 def shift_and_sum() -> Figure:
     """The still life, focused far, in the middle and near."""
-    views, _ = still_life()
+    views, _ = scenes.still_life()
     slopes = [scenes.FAR, scenes.MIDDLE, scenes.NEAR]
     return sheets.sheet(zip(map(sheets.at, slopes), lfref.shift_and_sum(views, slopes), strict=True))
 
 
 def interpolation() -> Figure:
     """A wall in focus at half-pixel shifts by each interpolation, and what each does wrong."""
-    views, slope = wall(0.5), [0.5]
+    views, slope = scenes.wall(0.5), [0.5]
     exact = lfref.exact_fourier(views, slope)[0]
     window = (..., slice(64, 112), slice(68, 140))
     names = ("nearest", "linear", "cubic", "exact")
@@ -81,7 +78,7 @@ def interpolation() -> Figure:
 
 def borders() -> Figure:
     """A corner of a wall in focus at a large slope, under the four border rules."""
-    views, slope = wall(8.0), [8.0]
+    views, slope = scenes.wall(8.0), [8.0]
     window = (..., slice(0, 56), slice(0, 72))
     names = ("renormalize", "edge", "zero", "wrap")
     corners = [(name, lfref.shift_and_sum(views, slope, border=name)[0][window]) for name in names]
@@ -91,7 +88,7 @@ def borders() -> Figure:
 
 def exact_fourier() -> Figure:
     """The reference, and how far shift-and-sum is from it under two border rules."""
-    views, _ = still_life()
+    views, _ = scenes.still_life()
     exact = lfref.exact_fourier(views, [scenes.NEAR])[0]
     cells = [(f"exact_fourier\n{sheets.at(scenes.NEAR)}", exact)]
     for name in ("wrap", "renormalize"):
@@ -102,7 +99,7 @@ def exact_fourier() -> Figure:
 
 def fourier_slice() -> Figure:
     """How far Fourier slices are from the reference, by kernel and padding."""
-    views, _ = still_life()
+    views, _ = scenes.still_life()
     exact = lfref.exact_fourier(views, [scenes.NEAR])[0]
     settings: tuple[tuple[str, dict[str, Any]], ...] = (
         ("linear,\nnot padded: ", {"kernel": "linear", "padding": 1}),
@@ -118,8 +115,8 @@ def fourier_slice() -> Figure:
 
 def focal_stack_transform() -> Figure:
     """Five planes of a stack, and a cut through all 61 of them along one row of pixels."""
-    views, _ = still_life()
-    slopes, row = geometry.even_slopes(61, -1.5, 1.5).tolist(), 119
+    views, _ = scenes.still_life()
+    slopes, row = geometry.even_slopes(61, -1.5, 1.5).tolist(), 132
     stack = lfref.focal_stack_transform(views, 61, -1.5, 1.5)
     figure = drawing.new_figure(sheets.WIDTH, 3.0)
     grid = figure.add_gridspec(2, 5, height_ratios=(1, 2.3))
@@ -136,17 +133,17 @@ def focal_stack_transform() -> Figure:
 
 
 def tilt_shift() -> Figure:
-    """A page on a table: one slope for the picture, and a slope that changes from top to bottom."""
-    views = scenes.table_top(scenes.camera_array())
-    slope, tilt = scenes.table_slopes()
+    """A slanted page: one slope for the picture, and a slope that changes from top to bottom."""
+    views = scenes.slanted_page()
     flat = lfref.shift_and_sum(views, [0.0])[0]
-    tilted = lfref.tilt_shift(views, slope, tilt)[0]
-    return sheets.sheet([("one view", views[3, 3]), ("shift_and_sum, s = 0", flat), ("tilt_shift", tilted)])
+    return sheets.sheet(
+        [("one view", views[3, 3]), ("shift_and_sum, s = 0", flat), ("tilt_shift", _along_the_page(views))]
+    )
 
 
 def per_pixel() -> Figure:
     """Noisy views averaged along a map of slopes."""
-    views, truth = still_life()
+    views, truth = scenes.still_life()
     noisy = views + 0.12 * torch.randn(views.shape, generator=torch.Generator().manual_seed(0))
     refocused = lfref.per_pixel(noisy, truth, interpolation="cubic")[0]
     cells = [("one of 49 noisy views", noisy[3, 3]), ("per_pixel", refocused), ("slope_map", truth)]
@@ -154,19 +151,16 @@ def per_pixel() -> Figure:
 
 
 def homography() -> Figure:
-    """The page again, seen by cameras that stand and look anyhow."""
-    cameras = scenes.camera_array(disorder=1.0)
-    views = scenes.table_top(cameras)
-    matrices = plane_homographies(cameras, scenes.pinhole(), torch.tensor([scenes.TABLE]), scenes.SIZE)
-    slope, tilt = scenes.table_slopes()
-    tilted = lfref.tilt_shift(views, slope, tilt)[0]
+    """The page again, seen by cameras that look anyhow."""
+    views, cameras = scenes.turned(scenes.slanted_page())
+    matrices = plane_homographies(cameras, scenes.pinhole(), scenes.page_plane(), scenes.SIZE)
     refocused = lfref.homography(views, matrices)[0]
-    return sheets.sheet([("one view", views[1, 5]), ("tilt_shift", tilted), ("homography", refocused)])
+    return sheets.sheet([("one view", views[1, 5]), ("tilt_shift", _along_the_page(views)), ("homography", refocused)])
 
 
 def all_in_focus() -> Figure:
     """The still life, sharp throughout, and the slope at which each pixel is sharpest."""
-    views, truth = still_life()
+    views, truth = scenes.still_life()
     slopes = geometry.even_slopes(17, -1.2, 1.2)
     image, index, confidence = lfref.all_in_focus(lfref.exact_fourier(views, slopes))
     found = index_to_slope(index, slopes)
@@ -241,6 +235,10 @@ def capture(path: Path, folder: Path) -> None:
     images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain, GAMMA))
     figure = focus.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
     drawing.save_figure(figure, folder / "focus_index.png")
+
+
+def _along_the_page(views: Tensor) -> Tensor:
+    return lfref.tilt_shift(views, -scenes.SLANT * (scenes.SIZE[0] - 1) / 2, (0.0, scenes.SLANT))[0]
 
 
 def _enlarged(image: Tensor) -> Tensor:

@@ -67,7 +67,7 @@ def explanation() -> Iterator[str]:
     """What the planner did for views and truth of a scene, as a block of text."""
     noisy = Scene(CAMERA, GARDEN, sensor=Sensor(noise=SensorNoise(1e-3)))
     # The first call compiles.
-    _, again = (lfref.simulate(noisy, slopes=(FAR, NEAR)) for _ in range(2))
+    _, again = (lfref.simulate(noisy, slopes=(FAR, NEAR), timed=True) for _ in range(2))
     yield "```"
     yield planner.table(again.rows)
     yield "```"

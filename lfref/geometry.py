@@ -45,6 +45,10 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
 
     Raises:
         InputError: An alpha is not finite or not above 0, there is none, or the convention is unknown.
+
+    Example:
+        >>> slopes([0.125, 1, 2]).tolist()
+        [-7.0, 0.0, 0.5]
     """
     to_slope = chosen("convention", convention, CONVENTIONS).to_slope
     checked = checked_alphas(alphas)
@@ -139,7 +143,9 @@ def checked_slopes(slopes: Slopes, grid: Sequence[int], size: Sequence[int]) -> 
     try:
         values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
     except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError("slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]") from error
+        raise InputError(
+            "slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]"
+        ) from error
     if values.numel() == 0 or not bool(values.isfinite().all()):
         raise InputError("slopes must be finite and at least one", got=values.tolist())
     for n_views, length, axis in zip(grid, size, ("height", "width"), strict=True):

@@ -16,25 +16,27 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from rich.progress import track
 
-from lfref.cli import arguments, loader, targets
+from lfref.cli import arguments, loader, members, targets
 from lfref.cli import config as configs
 from lfref.cli.leaving import fail, patient_pipes, said_on_signals
 from lfref.cli.run_folder import is_first_process, marked
 from lfref.errors import InputError, LfrefError
-from lfref.io import atomic
+from lfref.io import run as runs
 
 Task = Callable[[DictConfig, Path], None]
+Claim = Callable[[DictConfig, Path], bool]
 Item = TypeVar("Item")
 
 console = Console(stderr=True)
 log = logging.getLogger("lfref")
 
 
-def command(task: Task) -> Callable[[], None]:
+def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[[], None]:
     """Make a command of a function: its configuration is `conf/NAME.yaml`, its output one run folder.
 
     Args:
         task: Takes the configuration and the run folder; its module's name is the command's.
+        claim: Takes the same before anything is written into the folder; False if there is nothing to do.
     """
     name = Path(task.__code__.co_filename).stem
 
@@ -44,13 +46,19 @@ def command(task: Task) -> Callable[[], None]:
         with open_dict(config):
             config.folder = str(folder)
         try:
-            with marked(folder) if is_first_process() else nullcontext():
-                _start(config, folder)
-                task(config, folder)
-        except LfrefError as error:
-            fail(name, error)
-        except OSError as error:
-            fail(name, f"files must be readable and writable; got {error.filename or 'one'} ({error.strerror})")
+            if claim(config, folder):
+                with marked(folder) if is_first_process() else nullcontext():
+                    _start(config, folder)
+                    task(config, folder)
+        except Exception as error:
+            if members.is_followed():
+                members.failed(error)
+            elif isinstance(error, LfrefError):
+                fail(name, error)
+            elif isinstance(error, OSError):
+                fail(name, f"files must be readable and writable; got {error.filename or 'one'} ({error.strerror})")
+            else:
+                raise
 
     composed = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(guarded)
 
@@ -60,6 +68,7 @@ def command(task: Task) -> Callable[[], None]:
             with patient_pipes(), said_on_signals(name), loader.checking():
                 arguments.options(name, sys.argv[1:])
                 composed()
+                members.finish(name)
         except LfrefError as error:
             fail(name, error, status=2)
 
@@ -72,7 +81,7 @@ def _start(config: DictConfig, folder: Path) -> None:
     targets.check(configs.plain(config), folder)
     if "seed" in config:
         configs.number(config, "seed", 0, 2**32 - 1)
-    atomic.write_text(folder / "overrides.txt", " ".join(HydraConfig.get().overrides.task) + "\n")
+    runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
 
 
 def progress(items: Iterable[Item], what: str) -> Iterable[Item]:

@@ -37,7 +37,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     scenes = _scenes(config)
     for index in progress(range(n_fields), "simulating"):
         scene = _named(scenes.scene(seed, 0, index))
-        made = simulated(scene, 0, outputs, planes.slopes, config.force, device)
+        made = simulated(scene, 0, outputs, planes.slopes, config.force, device, config.explain)
         _write(folder, scene, made, planes, suffix)
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(made.rows))

@@ -1,20 +1,57 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import torch
 import wandb
+from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import Trainer, seed_everything
+from lightning.pytorch.utilities.rank_zero import rank_zero_only
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
-from lfref.cli.command import command, log, quiet_libraries
-from lfref.errors import CheckpointError, InputError
-from lfref.nets import checkpoint as checkpoints
+from lfref.cli import members, resume
+from lfref.cli.command import command, fail, log, quiet_libraries
+from lfref.errors import InputError, LfrefError
+from lfref.io import run as runs
+from lfref.io.run import Run
+from lfref.train import failures
 from lfref.train.callbacks import RankAgreement
 from lfref.train.module import Refocusing
+from lfref.train.resume import cut_log
 from lfref.train.storage import AtomicCheckpointIO
+
+
+def claim(config: DictConfig, folder: Path) -> bool:
+    """Find out where training starts, before anything in the folder changes; False if nothing is left to train.
+
+    Args:
+        config: `conf/train.yaml`; `resume` is set where a member of a sweep goes on.
+        folder: The run folder.
+
+    Raises:
+        InputError: It holds another run, or one that was trained on something else.
+        CheckpointError: There is nothing to go on from.
+    """
+    if config.resume is None and members.is_member():
+        last = members.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
+        config.resume = None if last is None else str(last)
+    # The first process has looked already; in a sweep, the others learn from the folder that it goes on.
+    if rank_zero_only.rank > 0:  # type: ignore[attr-defined]
+        config.resume = config.resume or (str(Run(folder).last) if Run(folder).has_checkpoints else None)
+        return True
+    if config.resume is None:
+        resume.refuse_occupied(folder)
+        cut_log(folder / runs.METRICS, 0)
+        return True
+    plain = configs.plain(config)
+    if runs.is_trained(Path(config.resume), plain["trainer"]):
+        log.info("%s is trained already; trainer.max_epochs=MORE goes on with it", Run.of(config.resume).folder)
+        return False
+    resume.prepare(plain, folder)
+    return True
 
 
 def train(config: DictConfig, folder: Path) -> None:
@@ -23,20 +60,34 @@ def train(config: DictConfig, folder: Path) -> None:
     Args:
         config: `conf/train.yaml`.
         folder: The run folder.
+
+    Raises:
+        LfrefError: Data, configuration or disk do not allow it.
     """
     quiet_libraries()
     seed_everything(config.seed, workers=True, verbose=False)
     torch.set_float32_matmul_precision(config.matmul_precision)
-    resume = _resumed(config.resume)
     data, module = configs.build(config.data), _module(config)
     try:
-        trainer = _trainer(config)
-        trainer.fit(module, datamodule=data, ckpt_path=resume, weights_only=True)
+        with failures.explained(folder):
+            trainer = _trainer(config)
+            trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
+    except SystemExit as stopped:
+        stopped.add_note(_how_to_go_on(folder))
+        raise
     finally:
         # Without this, the jobs of a multirun share one wandb run.
         wandb.finish()
     if trainer.is_global_zero:
         log.info("trained %d epochs; run folder %s", trainer.current_epoch, folder)
+
+
+def _how_to_go_on(folder: Path) -> str:
+    """What is said when a signal ends a fit."""
+    at = f"the last checkpoint is {Run(folder).last}" if Run(folder).has_checkpoints else "no epoch was finished"
+    if members.is_member():
+        return f"{at}; to go on with the sweep, say its line again with output={HydraConfig.get().sweep.dir}"
+    return f"{at}; go on by lfref train resume={folder}" if Run(folder).has_checkpoints else at
 
 
 def _module(config: DictConfig) -> Refocusing:
@@ -68,16 +119,17 @@ def _loggers(config: DictConfig) -> list[Any]:
     return loggers
 
 
-def _resumed(path: str | None) -> str | None:
-    """The checkpoint to go on from, known to be one of a training run."""
-    if path is not None and "optimizer_states" not in checkpoints.read(path):
-        raise CheckpointError(
-            f"{path} holds a network but no training to resume", remedy="give RUN/checkpoints/last.ckpt"
-        )
-    return path
+_started = command(train, claim)
 
 
-main = command(train)
+def main() -> None:
+    """Write `resume=RUN` out, and start."""
+    try:
+        sys.argv[1:] = resume.expanded(sys.argv[1:])
+    except LfrefError as error:
+        fail("train", error)
+    _started()
+
 
 if __name__ == "__main__":
     main()

@@ -2,12 +2,16 @@
 
 A PNG of a whole lenslet image decodes in seconds and only from front to back. The cache keeps plain memory-mapped
 arrays [V, U, C, H, W] in the file's own depth, keyed by the SHA-256 of the content, the reader's options and the
-reader's code, so that none of the three can change unnoticed.
+reader's code, so that none of the three can change unnoticed. An entry ends in its own CRC-32.
 """
 
+import ast
 import functools
 import hashlib
 import json
+import logging
+import mmap
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +20,22 @@ from typing import Any
 import numpy as np
 import torch
 
-from lfref.errors import FileError, InputError
-from lfref.io import atomic, images, views
+from lfref.data import hashes
+from lfref.errors import InputError
+from lfref.io import atomic, explain, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
+
+log = logging.getLogger(__name__)
 
 SUFFIXES = {False: ".npy", True: ".weighted.npy"}
 """Whether the last channel is the weight -> suffix of the entry."""
 
 STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
+CHECKSUM = 4
+"""Bytes of the CRC-32 at the end of an entry."""
+ONLY_WRITE = {"atomic.py", "encode.py", "folders.py", "marks.py"}
+"""Modules that the reader's modules import without reading through them; one forgotten here costs a second decoding."""
 
 
 @dataclass(frozen=True)
@@ -59,25 +70,6 @@ class CachedField:
         return LightField(values[:, :, :-1].contiguous(), self.name, values[:, :, -1:].contiguous())
 
 
-def content_hash(path: Path) -> str:
-    """SHA-256 of a light field's images, file names left out, so that copies under other names are recognised.
-
-    Args:
-        path: A file, or a folder of views.
-
-    Raises:
-        FileError: There is no such light field.
-    """
-    files = views.image_files(path) if path.is_dir() else [path]
-    if not files or not all(file.is_file() for file in files):
-        raise FileError(f"{path} must be an image file or a folder of images", got="none")
-    digest = hashlib.sha256()
-    for file in files:
-        facts = file.stat()
-        digest.update(_file_digest(file, facts.st_size, facts.st_mtime_ns))
-    return digest.hexdigest()
-
-
 def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
     """Open a light field through the cache, decoding it on first use.
 
@@ -89,15 +81,42 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
     Raises:
         FileError: The light field cannot be read or the cache cannot be written.
     """
-    identity = json.dumps([content_hash(path), dict(options), _reader_version()], sort_keys=True, default=str)
+    version = _reader_version(Path(reader.__file__))
+    identity = json.dumps([hashes.content_hash(path, folder), dict(options), version], sort_keys=True, default=str)
     key = hashlib.sha256(identity.encode()).hexdigest()
     entries = {has_weight: folder / f"{key}{suffix}" for has_weight, suffix in SUFFIXES.items()}
-    if not any(entry.is_file() for entry in entries.values()):
-        field = reader.read(path, **options)
-        _store(field, entries[field.weight is not None])
     has_weight = entries[True].is_file()
+    if not _is_intact(entries[has_weight], path):
+        field = reader.read(path, **options)
+        has_weight = field.weight is not None
+        _store(field, entries[has_weight])
     name = path.absolute().name if path.is_dir() else path.stem
     return CachedField(name, np.load(entries[has_weight], mmap_mode="r"), has_weight)
+
+
+def _is_intact(entry: Path, path: Path) -> bool:
+    """Whether there is an entry that holds what was written into it."""
+    if not entry.is_file():
+        return False
+    with explain.explained(entry, "read"):
+        facts = entry.stat()
+        intact = _checks(entry, facts.st_size, facts.st_mtime_ns)
+    if not intact:
+        log.warning("the cache entry %s is damaged: %s is decoded again", entry, path)
+    return intact
+
+
+@functools.cache
+def _checks(entry: Path, size: int, changed_ns: int) -> bool:
+    """Whether an entry ends in its checksum, looked at once a process: 60 MB take 30 ms."""
+    if size <= CHECKSUM:
+        return False
+    with entry.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return _checksum(memoryview(content)[:-CHECKSUM]) == content[-CHECKSUM:]
+
+
+def _checksum(content: bytes | memoryview) -> bytes:
+    return zlib.crc32(content).to_bytes(CHECKSUM, "little")
 
 
 def _store(field: LightField, entry: Path) -> None:
@@ -106,19 +125,25 @@ def _store(field: LightField, entry: Path) -> None:
     samples = values.numpy()
     with atomic.replacing(entry) as temporary:
         np.save(temporary, np.rint(samples * np.iinfo(dtype).max).astype(dtype) if dtype.kind == "u" else samples)
+        with temporary.open("r+b") as file:
+            file.write(_checksum(file.read()))
 
 
 @functools.cache
-def _file_digest(file: Path, size: int, changed_ns: int) -> bytes:
-    """SHA-256 of a file, read once as long as its size and time stay the same."""
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").digest()
-
-
-@functools.cache
-def _reader_version() -> str:
-    """Hash of the reader's source: a change of the reader is a change of the cache."""
+def _reader_version(start: Path) -> str:
+    """Hash of the source of a module, and of what it reads through: a change of the reader is a change of the cache."""
     digest = hashlib.sha256()
-    for file in sorted(Path(views.__file__).parent.glob("*.py")):
+    for file in sorted(_sources(start, set())):
         digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def _sources(file: Path, found: set[Path]) -> set[Path]:
+    """A module and all that it imports from its own package, added to those found before."""
+    if file.is_file() and file not in found and file.name not in ONLY_WRITE:
+        found.add(file)
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.ImportFrom) and node.module == reader.__package__:
+                for name in node.names:
+                    _sources(file.with_name(f"{name.name}.py"), found)
+    return found

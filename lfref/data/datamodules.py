@@ -2,7 +2,7 @@
 
 import abc
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
 from lfref.data import splits
-from lfref.data.labels import Labels
+from lfref.data.labels import Labels, RenderedLabels
 from lfref.data.patches import Batch, EpochSampler, FieldPatches, concatenate
 from lfref.data.sources import FolderSource, SimulatedSource, Source
 from lfref.errors import InputError
@@ -31,6 +31,7 @@ class PatchData(LightningDataModule, abc.ABC):
         fields_per_batch: Light fields whose patches make a batch.
         workers: Processes that prepare batches; 0 prepares them in the training process.
         seed: Of order and corners.
+        timeout: Seconds after which a process that still prepares one batch counts as standing still; 0: never.
     """
 
     def __init__(
@@ -41,12 +42,13 @@ class PatchData(LightningDataModule, abc.ABC):
         fields_per_batch: int = 1,
         workers: int = 0,
         seed: int = 0,
+        timeout: float = 600.0,
     ) -> None:
         super().__init__()
-        if min(patch, patches_per_field, fields_per_batch) < 1 or min(workers, seed) < 0:
-            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {workers} and {seed}"
+        if min(patch, patches_per_field, fields_per_batch) < 1 or min(workers, seed, timeout) < 0:
+            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {workers}, {seed} and {timeout}"
             raise InputError(
-                "patch, patches_per_field and fields_per_batch must be >= 1, workers and seed >= 0", got=got
+                "patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0", got=got
             )
         self.labels = labels
         self.patch = patch
@@ -54,6 +56,7 @@ class PatchData(LightningDataModule, abc.ABC):
         self.fields_per_batch = fields_per_batch
         self.workers = workers
         self.seed = seed
+        self.timeout = timeout
 
     @abc.abstractmethod
     def sources(self) -> tuple[Source, Source]:
@@ -80,6 +83,7 @@ class PatchData(LightningDataModule, abc.ABC):
             collate_fn=concatenate,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
+            timeout=self.timeout if self.workers else 0,
             pin_memory=bool(self.trainer and self.trainer.accelerator.name() == "cuda"),
         )
 
@@ -114,12 +118,16 @@ class FolderData(PatchData):
         self.cache_folder = Path(cache_folder).expanduser()
         self.reader = dict(reader or {})
 
+    def prepare_data(self) -> None:
+        """Hash the fields in one process of a machine; the others find what it kept. Lightning calls this first."""
+        splits.without_leaks(*self._paths(), self.cache_folder)
+
     def sources(self) -> tuple[Source, Source]:
-        """Fields of the folders; training fields whose content is held out are left out and named in the log."""
+        """Fields of the folders; what is left out of training, by name or by content, is named in the log."""
         train, held = self._paths()
-        train, leaks = splits.without_leaks(train, held)
-        if leaks:
-            log.warning("left out of training, being held out too: %s", ", ".join(path.name for path in leaks))
+        _warn("being of the paper's test set", set(reader.find(self.path)).difference(train, held))
+        train, leaks = splits.without_leaks(train, held, self.cache_folder)
+        _warn("being held out too", leaks)
         if not train:
             raise InputError(
                 "no light field is left to train on", remedy="hold out other fields than those you train on"
@@ -133,6 +141,12 @@ class FolderData(PatchData):
         if self.validation_path is not None:
             return splits.without_test_set(reader.find(self.path)), reader.find(self.validation_path)
         return splits.held_out(reader.find(self.path), self.validation_share, self.seed)
+
+
+def _warn(reason: str, paths: Iterable[Path]) -> None:
+    """Name the light fields that do not train."""
+    if names := ", ".join(sorted(path.name for path in paths)):
+        log.warning("left out of training, %s: %s", reason, names)
 
 
 class SimulatedData(PatchData):
@@ -159,7 +173,12 @@ class SimulatedData(PatchData):
         super().__init__(labels, **options)
         # Held-out scenes come from a stream of their own.
         held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, 0)
-        self.streams = SimulatedSource(n_fields, self.seed, scenes), SimulatedSource(n_validation, stream, held)
+        # Views and rendered labels share a painting, if it reaches as far as the labels' planes do.
+        reach = float(labels.planes.slopes.abs().max()) if isinstance(labels, RenderedLabels) else 0.0
+        self.streams = (
+            SimulatedSource(n_fields, self.seed, scenes, reach),
+            SimulatedSource(n_validation, stream, held, reach),
+        )
 
     def sources(self) -> tuple[Source, Source]:
         """The two streams of scenes."""

@@ -38,7 +38,7 @@ class Batch(TypedDict):
     """Corners that were drawn again because the patch there is flat."""
 
 
-def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[Tensor, Tensor]:
+def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[Tensor, Tensor] | None:
     """One patch and its label, made with as much surroundings as the label depends on.
 
     Args:
@@ -49,17 +49,20 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
         patch: Height and width in pixels.
 
     Returns:
-        Views [V, U, C, patch, patch] and label [N, C, patch, patch].
+        Views [V, U, C, patch, patch] and label [N, C, patch, patch]; None if the views are flat.
     """
     margin = labels.margin(field.grid)
     rows, columns = (
         _context(start, patch, margin, length) for start, length in zip((top, left), field.size, strict=True)
     )
     context = field.crop(rows.start, columns.start, len(rows), len(columns))
-    stack = labels(context)
     row, column = top - rows.start, left - columns.start
     window = (..., slice(row, row + patch), slice(column, column + patch))
-    return context.views[window].contiguous(), stack[window].contiguous()
+    views = context.views[window].contiguous()
+    darkest, brightest = views.aminmax()
+    if brightest - darkest < FLAT:  # false of what is not finite, which is left to those who can name it
+        return None
+    return views, labels(context)[window].contiguous()
 
 
 def _context(start: int, patch: int, margin: int, length: int) -> range:
@@ -99,24 +102,16 @@ class FieldPatches(Dataset[Batch]):
         epoch, index = key
         # A field without a patch is replaced by the next one, so that every rank takes as many steps.
         for step in range(len(self)):
-            field, corners, resampled = self._places(epoch, (index + step) % len(self))
-            if corners:
-                pairs = [cut(field, self.labels, top, left, self.patch) for top, left in corners]
-                return {
-                    "views": torch.stack([views for views, _ in pairs]),
-                    "labels": torch.stack([label for _, label in pairs]),
-                    "slopes": self.labels.planes.slopes,
-                    "where": [f"{field.name}@{top},{left}" for top, left in corners],
-                    "resampled": resampled,
-                }
+            if batch := self._of_field(epoch, (index + step) % len(self)):
+                return batch
         raise InputError(
             "light fields must have something to see in them",
             got=f"{len(self)} whose patches are flat",
             remedy="give other fields, or set data.patch larger",
         )
 
-    def _places(self, epoch: int, index: int) -> tuple[Field, list[tuple[int, int]], int]:
-        """A field, the corners of its patches, and how many corners were drawn in vain."""
+    def _of_field(self, epoch: int, index: int) -> Batch | None:
+        """The patches of one field, None if it is flat wherever one was drawn."""
         field = self.source.field(index, epoch)
         if min(field.size) < self.patch:
             raise InputError(
@@ -125,18 +120,28 @@ class FieldPatches(Dataset[Batch]):
                 remedy="set data.patch smaller",
             )
         random = np.random.default_rng((self.seed, epoch, index))
-        drawn = [self._corner(field, random) for _ in range(self.patches_per_field)]
-        return field, [corner for corner, _ in drawn if corner is not None], sum(wasted for _, wasted in drawn)
+        drawn = [drawn for _ in range(self.patches_per_field) for drawn in self._draw(field, random)]
+        found = [(where, *pair) for where, pair in drawn if pair is not None]
+        if not found:
+            return None
+        where, views, stacks = zip(*found, strict=True)
+        return {
+            "views": torch.stack(views),
+            "labels": torch.stack(stacks),
+            "slopes": self.labels.planes.slopes,
+            "where": list(where),
+            "resampled": len(drawn) - len(found),
+        }
 
-    def _corner(self, field: Field, random: np.random.Generator) -> tuple[tuple[int, int] | None, int]:
-        """A corner whose patch is not flat, or None; and how many were drawn in vain."""
+    def _draw(self, field: Field, random: np.random.Generator) -> Iterator[tuple[str, tuple[Tensor, Tensor] | None]]:
+        """Corners and what is cut there, up to the first that is not flat."""
         free = np.array(field.size) - self.patch
-        for wasted in range(DRAWS):
+        for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
-            darkest, brightest = field.crop(top, left, self.patch, self.patch).views.aminmax()
-            if not brightest - darkest < FLAT:  # what is not finite is left to those who can name it
-                return (top, left), wasted
-        return None, DRAWS
+            pair = cut(field, self.labels, top, left, self.patch)
+            yield f"{field.name}@{top},{left}", pair
+            if pair is not None:
+                return
 
 
 class EpochSampler(Sampler[tuple[int, int]]):

@@ -20,7 +20,7 @@ from lfref.lightfield import LightField
 from lfref.simulator.developed import developed
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
-from lfref.simulator.simulate import simulate
+from lfref.simulator.simulate import Simulation
 
 Field = LightField | CachedField
 """What patches are cut from: has `name`, `grid`, `size` and `crop`."""
@@ -90,18 +90,27 @@ class SimulatedSource(Source):
         n_fields: Fields in an epoch.
         seed: Of all scenes.
         scenes: Where they come from; a single scene is seen again and again with other textures and noise.
+        reach: Greatest |slope| that fields will be photographed at, in pixels per view step: views and photographs up
+            to there share one painting.
 
     Raises:
         InputError: No field, or a seed below 0.
     """
 
-    def __init__(self, n_fields: int, seed: int, scenes: Scenes | Scene = RandomScenes()) -> None:  # noqa: B008  frozen
+    def __init__(
+        self,
+        n_fields: int,
+        seed: int,
+        scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
+        reach: float = 0.0,
+    ) -> None:
         if n_fields < 1 or seed < 0:
             raise InputError(
                 "a simulated source needs at least one field, and a seed >= 0", got=f"n_fields={n_fields}, seed={seed}"
             )
         self.n_fields = n_fields
         self.seed = seed
+        self.reach = reach
         self.scenes = Fixed((scenes,)) if isinstance(scenes, Scene) else scenes
 
     def __len__(self) -> int:
@@ -110,15 +119,15 @@ class SimulatedSource(Source):
     def field(self, index: int, epoch: int = 0) -> SimulatedField:
         """Render the field at that place of that epoch; what leaves [0, 1] is clipped."""
         scene = self.scenes.scene(self.seed, epoch, index)
-        # Surfaces are painted as far as slopes reach: views need none.
-        views = simulate(scene, outputs=["views"], slopes=[0.0]).views
+        simulation = Simulation(scene, self.reach)
+        views = simulation.run(["views"], [0.0]).views
         assert views is not None
-        once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, scene))
+        once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, simulation))
         return SimulatedField(views.clamp(0, 1), scene.name, photograph=once)
 
 
-def _photograph(scene: Scene, slopes: tuple[float, ...]) -> Tensor:
+def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:
     """The truth in the brightness and colours of the views, clipped like them."""
-    truth = simulate(scene, outputs=["truth"], slopes=slopes).truth
+    truth = simulation.run(["truth"], slopes).truth
     assert truth is not None
-    return developed(truth, scene.sensor).clamp(0, 1)
+    return developed(truth, simulation.scene.sensor).clamp(0, 1)

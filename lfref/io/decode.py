@@ -7,6 +7,7 @@ lacks its last bytes gives an array and none, and alpha is multiplied into PNG c
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import OpenImageIO
@@ -18,21 +19,49 @@ from lfref.io import explain
 LIMIT_MB = 1024
 """Largest image that is decoded, in MiB of the file's own sample type; a 16-bit RGBA ESLF has 305."""
 
-MAGIC = {
-    b"\x89PNG\r\n\x1a\n": "png",
-    b"v/1\x01": "exr",
-    b"II*\0": "tiff",
-    b"MM\0*": "tiff",
-    b"II+\0": "tiff",
-    b"MM\0+": "tiff",
-    b"\xff\xd8\xff": "jpeg",
+
+class Picture(NamedTuple):
+    """A format of single images."""
+
+    magics: tuple[bytes, ...]
+    """First bytes of its files, one of them."""
+    suffixes: tuple[str, ...]
+    """Of its files' names, in small letters."""
+
+
+PICTURES = {
+    "png": Picture((b"\x89PNG\r\n\x1a\n",), (".png",)),
+    "exr": Picture((b"v/1\x01",), (".exr",)),
+    "tiff": Picture((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), (".tif", ".tiff")),
+    "jpeg": Picture((b"\xff\xd8\xff",), (".jpg", ".jpeg")),
 }
+"""What is decoded; a PNG by any other name is one."""
 SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 """Sample type of the file -> sample type of the array."""
 
 PNG_END = b"IEND\xaeB`\x82"
 PNG_END_SEARCH = 65536
 """How many bytes before the end of a PNG its end mark may stand; some tools append data of their own."""
+
+
+def head(path: Path) -> bytes:
+    """The first bytes of a file, by which its format is known.
+
+    Raises:
+        FileError: The file is missing or cannot be read.
+    """
+    with explain.explained(path, "read"), path.open("rb") as file:
+        return file.read(16)
+
+
+def kind(head: bytes) -> str:
+    """What a file is, by its first bytes, for messages: `an image in PNG`, `an empty file`.
+
+    Args:
+        head: As `head` gave them.
+    """
+    names = (f"an image in {name.upper()}" for name, picture in PICTURES.items() if head.startswith(picture.magics))
+    return next(names, "another kind of file" if head else "an empty file")
 
 
 def file_format(path: Path) -> str:
@@ -42,18 +71,17 @@ def file_format(path: Path) -> str:
         path: The file.
 
     Returns:
-        `png`, `exr`, `tiff` or `jpeg`.
+        A name of `PICTURES`.
 
     Raises:
         FileError: The file is missing, empty or none of these.
     """
-    with explain.explained(path, "read"), path.open("rb") as file:
-        head = file.read(8)
-    for magic, name in MAGIC.items():
-        if head.startswith(magic):
+    first = head(path)
+    for name, picture in PICTURES.items():
+        if first.startswith(picture.magics):
             return name
-    got = "another kind of file" if head else "an empty file"
-    raise FileError(f"{path} must be a PNG, EXR, TIFF or JPEG image", got=got, remedy="copy or convert it again")
+    known = ", ".join(PICTURES).upper()
+    raise FileError(f"{path} must be an image ({known})", got=kind(first), remedy="copy or convert it again")
 
 
 def _damaged(path: Path, reason: str) -> FileError:

@@ -12,7 +12,7 @@ import OpenImageIO
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, explain
+from lfref.io import atomic, explain, marks
 
 DEPTHS: dict[str, dict[int, str]] = {
     ".png": {8: "uint8", 16: "uint16"},
@@ -97,9 +97,10 @@ def encode(path: Path, parts: Sequence[Part], bits: int | None = None) -> None:
 
     Raises:
         InputError: A suffix, depth, channel count or sample that the format does not have.
-        FileError: The folder or the disk refuses.
+        FileError: The folder or the disk refuses, or a file of that name is not ours.
     """
     kind = sample_type(path, bits)
+    marks.check_file(path)
     specs = [_spec(part, kind, path) for part in parts]
     with atomic.replacing(path) as partial:
         _write(partial, path, parts, specs)
@@ -115,7 +116,7 @@ def _spec(part: Part, kind: str, path: Path) -> OpenImageIO.ImageSpec:
     # Without it the PNG writer divides the colours by the fourth channel.
     spec.attribute("oiio:UnassociatedAlpha", 1)
     spec.attribute("compression", "zip")
-    for name, value in {"oiio:subimagename": part.name, **part.attributes}.items():
+    for name, value in {"oiio:subimagename": part.name, "Software": marks.SOFTWARE, **part.attributes}.items():
         spec.attribute(name, value)
     return spec
 

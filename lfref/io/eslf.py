@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
 from lfref.io import grid, images
+from lfref.io import views as folders
 
 DEFAULT_VIEWS = (7, 7)
 """Views to keep where nothing is asked for: the outer ones are dark and vignetted."""
@@ -48,9 +49,12 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
         Samples in the file's own type, alpha as the last channel, [V, U, C, H, W].
 
     Raises:
-        FileError: The file cannot be read, or is smaller than one lenslet.
+        FileError: The file cannot be read, is one view of many, or is smaller than one lenslet.
         InputError: The window of views leaves the lenslet.
     """
+    if folders.is_view(path):
+        got, remedy = "one view of a folder of views", f"read {path.parent}"
+        raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
     views = selection.views or DEFAULT_VIEWS
     rows, columns = replace(selection, views=views).window((selection.lenslet, selection.lenslet), path)
     image = images.read_image(path)

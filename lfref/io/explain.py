@@ -16,6 +16,7 @@ REMEDIES = {
     errno.EPERM: "ask for the permission, or choose another folder",
     errno.EROFS: "choose a folder on a disk that can be written",
     errno.ENOSPC: "free some space, or choose another disk",
+    errno.EFBIG: "ask for a larger limit, or choose another disk",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
 

@@ -1,7 +1,8 @@
 """Multi-part EXR files: a light field has one part a view, a refocused stack has one part a focal plane.
 
 View parts are named `view_RR_CC` (row and column from 0), plane parts `plane_NN`; a plane carries its `slope`, and
-`alpha` and `convention` if it was written so. Channels are `Y` or `R G B`, then perhaps `weight`. Values are kept as they are.
+`alpha` and `convention` if it was written so. Channels are `Y` or `R G B`, then perhaps `weight`. Values are kept as
+they are.
 """
 
 import re

@@ -48,8 +48,9 @@ class Selection:
         # Rounded up, so that 7 of 14 are views 4 to 10, whose centre 7 is the usual reference view.
         first = (n_views - count + 1) // 2 if self.start is None else self.start
         if count < 1 or first < 0 or first + count > n_views:
-            got = f"{count} from {first} on"
-            raise InputError(f"views to keep must be among the {n_views} of {path}", got=got, remedy="keep fewer")
+            got = f"views {count}, start {'in the middle' if self.start is None else first}"
+            remedy = "choose views and start to fit (reader.views and reader.start of a command)"
+            raise InputError(f"views to keep must be among the {n_views} of {path}", got=got, remedy=remedy)
         return slice(first, first + count)
 
 

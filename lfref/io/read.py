@@ -4,9 +4,7 @@ A folder is read as sub-aperture views, a PNG or TIFF file as an ESLF image, an 
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import torch
 from numpy.typing import NDArray
@@ -14,29 +12,10 @@ from torch import Tensor
 
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import decode, eslf, exr, grid, images
-from lfref.io import views as folders
+from lfref.io import exr, formats, grid, images
 from lfref.lightfield import LightField
 
-
-class Format(NamedTuple):
-    """One form in which light fields are stored."""
-
-    name: str
-    read_views: Callable[[Path, grid.Selection], NDArray]
-
-
-FORMATS: dict[str, Format] = {
-    "folder": Format("folder", folders.read_views),
-    "png": Format("eslf", eslf.read_views),
-    "tiff": Format("eslf", eslf.read_views),
-    "exr": Format("exr", exr.read_views),
-}
-"""What a path is -> how it is read."""
-
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
-SUFFIXES = (".png", ".tif", ".tiff", ".exr")
-"""Suffixes of files that may be a light field on their own."""
 
 
 def read(
@@ -74,25 +53,13 @@ def read(
         InputError: Views, size or pattern do not fit the file.
     """
     path = Path(path)
-    form = _format(path)
+    form = formats.of(path)
     selection = grid.Selection((views, views) if isinstance(views, int) else views, start, pattern, lenslet)
     samples = _cut(form.read_views(path, selection), size, path)
     samples = samples[:: -1 if reverse_v else 1, :: -1 if reverse_u else 1]
     metadata = {"path": str(path), "format": form.name, "bits": BITS[samples.dtype.name]}
-    name = path.absolute().name if form.name == "folder" else path.stem
+    name = path.absolute().name if path.is_dir() else path.stem
     return _light_field(samples, name, metadata)
-
-
-def _format(path: Path) -> Format:
-    """The form in which a light field is stored."""
-    kind = "folder" if path.is_dir() else decode.file_format(path)
-    if kind not in FORMATS:
-        got = f"a {kind.upper()} image"
-        raise FileError(f"{path} must be an ESLF image in PNG or TIFF, an EXR file, or a folder", got=got)
-    if FORMATS[kind].name == "eslf" and folders.is_view(path):
-        got, remedy = "one view of a folder of views", f"read {path.parent}"
-        raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
-    return FORMATS[kind]
 
 
 def _cut(samples: NDArray, size: tuple[int, int] | None, path: Path) -> NDArray:
@@ -144,23 +111,10 @@ def find(path: str | Path) -> list[Path]:
         FileError: There is none.
     """
     path = Path(path)
-    if _is_field(path):
+    if formats.is_field(path):
         return [path]
-    found = sorted(child for child in path.iterdir() if _is_field(child)) if path.is_dir() else []
+    found = sorted(child for child in path.iterdir() if formats.is_field(child)) if path.is_dir() else []
     if not found:
         got, remedy = "none" if path.exists() else "no such file or folder", "check the path"
-        raise FileError(
-            f"{path} must hold light fields (ESLF images, EXR files, folders of views)", got=got, remedy=remedy
-        )
+        raise FileError(f"{path} must hold light fields: {formats.TITLES}", got=got, remedy=remedy)
     return found
-
-
-def _is_field(path: Path) -> bool:
-    """Whether a path looks like a light field, by its name and those of the files in it."""
-    if path.name.startswith("."):
-        return False
-    if path.is_dir():
-        return folders.is_field(path)
-    return (
-        path.is_file() and path.suffix.lower() in SUFFIXES and (path.suffix.lower() != ".exr" or exr.holds_views(path))
-    )

@@ -13,9 +13,9 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import explain, grid, images
+from lfref.io import decode, explain, grid, images
 
-SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr")
+SUFFIXES = [suffix for picture in decode.PICTURES.values() for suffix in picture.suffixes]
 PATTERNS: dict[str, str] = {
     "Stanford gantry": r"^(?P<name>out)_(?P<row>\d+)_(?P<column>\d+)_-?\d+\.\d+_-?\d+\.\d+_?\.\w+$",
     "HCI": r"^(?P<name>input_Cam)(?P<index>\d+)\.\w+$",

@@ -3,25 +3,19 @@
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
-import re
-from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.errors import FileError, InputError
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic, encode, exr, images
+from lfref.io import exr, folders, formats
 from lfref.lightfield import LightField
 
 Writer = TypeVar("Writer")
-
-OUR_VIEW = re.compile(r".+_\d+_\d+\.png")
-OUR_PLANE = re.compile(r"plane_\d+_(alpha|slope)_.+\.png")
 
 
 def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Path:
@@ -38,10 +32,11 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
 
     Raises:
         InputError: NaN or infinity, or a suffix, depth or number of channels that cannot be written.
-        FileError: The disk refuses, or the path is a folder that holds anything but such a light field.
+        FileError: The disk refuses, or the path holds anything but such a light field as `write` left it.
     """
     samples = field.views if field.weight is None else torch.cat([field.views, field.weight.to(field.views)], dim=2)
-    return _writer(VIEW_WRITERS, Path(path))(Path(path), _array(samples, field.views.shape[2]), bits)
+    _writer(VIEW_WRITERS, Path(path))(Path(path), _array(samples, field.views.shape[2]), bits)
+    return Path(path)
 
 
 def write_stack(path: str | Path, stack: Tensor, planes: FocalPlanes, *, bits: int | None = None) -> Path:
@@ -60,11 +55,12 @@ def write_stack(path: str | Path, stack: Tensor, planes: FocalPlanes, *, bits: i
     Raises:
         InputError: Another number of planes, NaN or infinity, or a suffix, depth or number of channels that
             cannot be written.
-        FileError: The disk refuses, or the path is a folder that holds anything but such a stack.
+        FileError: The disk refuses, or the path holds anything but such a stack as `write_stack` left it.
     """
     if stack.ndim != 4 or len(stack) != len(planes):
         raise InputError(f"stack must be [N, C, H, W] with N = {len(planes)} planes", got=f"shape {list(stack.shape)}")
-    return _writer(STACK_WRITERS, Path(path))(Path(path), _array(stack, stack.shape[1]), planes, bits)
+    _writer(STACK_WRITERS, Path(path))(Path(path), _array(stack, stack.shape[1]), planes, bits)
+    return Path(path)
 
 
 def _array(samples: Tensor, n_colours: int) -> NDArray:
@@ -77,56 +73,23 @@ def _array(samples: Tensor, n_colours: int) -> NDArray:
 def _writer(writers: dict[str, Writer], path: Path) -> Writer:
     """What writes a path of this suffix."""
     if path.suffix.lower() not in writers:
-        raise InputError(f"{path} must end in .exr, or have no suffix for a folder", remedy="choose another name")
+        known = " or ".join(filter(None, writers))
+        raise InputError(f"{path} must end in {known}, or have no suffix for a folder", remedy="choose another name")
     return writers[path.suffix.lower()]
 
 
-def _write_view_file(path: Path, views: NDArray, bits: int | None) -> Path:
-    exr.write_views(path, views, bits)
-    return path
-
-
-def _write_view_folder(path: Path, views: NDArray, bits: int | None) -> Path:
-    # A leading dot would hide the files from the reader.
-    stem = path.absolute().name.lstrip(".") or "view"
-    named = ((f"{stem}_{row:02d}_{column:02d}.png", views[row, column]) for row, column in np.ndindex(views.shape[:2]))
-    return _write_folder(path, named, OUR_VIEW, bits)
-
-
-def _write_stack_file(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None) -> Path:
-    exr.write_planes(path, stack, planes, bits)
-    return path
-
-
-def _write_stack_folder(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None) -> Path:
+def _write_stack_folder(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None) -> None:
     labels = (label.replace(" ", "_") for label in planes.labels)
     named = ((f"plane_{n:02d}_{label}.png", plane) for n, (label, plane) in enumerate(zip(labels, stack, strict=True)))
-    return _write_folder(path, named, OUR_PLANE, bits)
+    folders.write_images(path, named, "planes", bits)
 
 
-VIEW_WRITERS: dict[str, Callable[[Path, NDArray, int | None], Path]] = {
-    "": _write_view_folder,
-    ".exr": _write_view_file,
+VIEW_WRITERS = {
+    suffix: form.write_views
+    for form in (formats.FOLDER, *formats.FORMATS)
+    if form.write_views is not None
+    for suffix in form.suffixes
 }
-STACK_WRITERS: dict[str, Callable[[Path, NDArray, FocalPlanes, int | None], Path]] = {
-    "": _write_stack_folder,
-    ".exr": _write_stack_file,
-}
-
-
-def _write_folder(path: Path, named: Iterable[tuple[str, NDArray]], ours: re.Pattern[str], bits: int | None) -> Path:
-    """Write images [C, H, W] as PNG files of a folder, which takes the place of an older one of its kind."""
-    encode.sample_type(path / "x.png", bits)
-    _check_replaceable(path, ours)
-    with atomic.replacing_folder(path) as partial:
-        for name, image in named:
-            images.write_image(partial / name, image.transpose(1, 2, 0), bits=bits)
-    return path
-
-
-def _check_replaceable(path: Path, ours: re.Pattern[str]) -> None:
-    """Refuse to replace a folder that holds anything that we did not write."""
-    foreign = [child.name for child in path.iterdir() if not ours.fullmatch(child.name)] if path.is_dir() else []
-    if foreign:
-        expected = f"{path} must be empty or hold only an older one of its kind to be replaced"
-        raise FileError(expected, got=f"also {sorted(foreign)[0]}", remedy="choose another folder")
+"""Suffix of a path -> (path, views, bits) -> None."""
+STACK_WRITERS = {"": _write_stack_folder, ".exr": exr.write_planes}
+"""Suffix of a path -> (path, stack, planes, bits) -> None."""

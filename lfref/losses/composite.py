@@ -4,6 +4,7 @@ Source: the paper's Eq. for L, with its psi_1 and psi_2 multiplied out,
 L = MSE + beta (1 - SSIM) / 2 + (1 - beta) L1 + gamma / PSNR, computed for each refocused image, then averaged.
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -12,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from lfref.errors import InputError
-from lfref.functional.psnr import image_pair, inverse_psnr, mse, working_type
+from lfref.functional.psnr import image_pair, inverse_psnr, inverse_psnr_of_mse, mse, working_type
 from lfref.functional.ssim import one_minus_ssim
 
 Term = Callable[[Tensor, Tensor], Tensor]
@@ -40,6 +41,12 @@ TERMS: dict[str, Term] = {
     "inverse_psnr": inverse_psnr,
 }
 """The terms by name, for images with radiance in [0, 1]; `ssim` is 1 - SSIM."""
+
+OF_SQUARES: dict[Term, Callable[[Tensor], Tensor]] = {
+    mean_squared_error: Tensor.double,
+    inverse_psnr: inverse_psnr_of_mse,
+}
+"""The terms that depend on the images by their mean squared error alone, and what they make of it."""
 
 
 def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
@@ -110,7 +117,13 @@ class CompositeLoss(nn.Module):
             InputError: The images are not comparable, or too small for a term.
         """
         image_pair(prediction, target)
-        return {name: function(prediction, target).mean() for name, function in self._functions.items()}
+        squares = functools.cache(lambda: mse(prediction, target))
+        wide = working_type(prediction, target)
+        values = {
+            name: OF_SQUARES[function](squares()).to(wide) if function in OF_SQUARES else function(prediction, target)
+            for name, function in self._functions.items()
+        }
+        return {name: value.mean() for name, value in values.items()}
 
     def total(self, terms: Mapping[str, Tensor]) -> Tensor:
         """The weighted sum of what `terms` returned, a scalar.

@@ -1,4 +1,4 @@
-"""What every refocusing network is: called with views and slopes, it names itself and starts itself on a first batch."""
+"""What every refocusing network is: called with views and slopes, named, and able to start itself on a first batch."""
 
 import abc
 from collections.abc import Callable

@@ -95,7 +95,7 @@ class RefNet(Network):
             InputError: Another grid, number of channels or type than the network was built for, or 1x1 views.
         """
         check_views(views)
-        expected = (*self.grid, self.config["channels"])
+        expected = (*self.config["grid"], self.config["channels"])
         if tuple(views.shape[-5:-2]) != expected:
             raise InputError(
                 f"this network reads views [..., {', '.join(map(str, expected))}, H, W]",
@@ -127,7 +127,7 @@ class RefNet(Network):
         if slopes is not None and len(slopes) != self.n_planes:
             raise InputError(f"this network makes {self.n_planes} planes", got=f"{len(slopes)} slopes")
         images = torch.relu(self.head(self.features(views)))
-        return images.reshape(*views.shape[:-5], self.n_planes, self.config["channels"], *views.shape[-2:])
+        return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], *views.shape[-2:])
 
     def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = alone) -> None:
         """Scale the last convolution on a first batch: see `nets.head`."""

@@ -7,14 +7,14 @@ import torch
 from torch import Tensor
 
 from lfref.refocus import batches
+from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
-from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import Refocuser
 
 Operator = Callable[..., Tensor]
-"""(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]; takes `weights` [V, U] where an aperture is set."""
+"""(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]; with an aperture, `weights` [V, U] too."""
 Aperture = Callable[[Sequence[int]], Tensor]
 """(grid (V, U)) -> weight of each view, [V, U]."""
 
@@ -31,7 +31,7 @@ class OperatorRefocuser(Refocuser):
         aperture: Weights of the views, whatever their grid; None weighs all alike.
 
     Example:
-        >>> refocuser = OperatorRefocuser("shift_and_sum", shift_and_sum)
+        >>> refocuser = OperatorRefocuser("shift_and_sum", lfref.shift_and_sum)
         >>> refocuser(torch.rand(3, 3, 3, 16, 16), [-0.5, 0, 0.5]).shape
         torch.Size([3, 3, 16, 16])
     """

@@ -55,10 +55,10 @@ def span(what: str, values: tuple[float, ...], least: float = -math.inf, most: f
         raise InputError(f"{what} must go from small to large", got=values)
 
 
-def colour(what: str, values: tuple[float, ...], most: float = 1.0) -> None:
-    """Refuse what is no red, green and blue from 0 to `most`; arguments as in `numbers`."""
+def colour(what: str, values: tuple[float, ...], least: float = 0.0, most: float = 1.0) -> None:
+    """Refuse what is not one number of a range each for red, green and blue; arguments as in `numbers`."""
     _of_length(what, values, 3)
-    numbers(what, values, 0, most)
+    numbers(what, values, least, most)
 
 
 def _of_length(what: str, values: tuple[float, ...], length: int) -> None:

@@ -198,8 +198,8 @@ class Twigs(Outline):
     def _grown(
         self, random: np.random.Generator, x: float, y: float, angle: float, length: float, generations: int
     ) -> Iterator[Segment]:
-        reach = length * random.uniform(0.7, 1.0)
-        end = (x + reach * math.cos(angle), y + reach * math.sin(angle))
+        way = length * random.uniform(0.7, 1.0)
+        end = (x + way * math.cos(angle), y + way * math.sin(angle))
         yield (x, y, *end)
         for side in (-1, 1) if generations > 0 else ():
             turn = side * random.uniform(0.2, 0.7)
@@ -233,8 +233,8 @@ class Perforated(Outline):
 
 def _around(points: Iterable[tuple[float, float]], radius: float) -> Box:
     xs, ys = zip(*points, strict=True)
-    reach = radius + EDGE
-    return min(xs) - reach, min(ys) - reach, max(xs) + reach, max(ys) + reach
+    more = radius + EDGE
+    return min(xs) - more, min(ys) - more, max(xs) + more, max(ys) + more
 
 
 def _between(values: Tensor, low: float, high: float) -> slice:

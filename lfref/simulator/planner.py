@@ -31,7 +31,7 @@ class Pass:
     """Why its result would be its main input; None where it may be another."""
 
 
-class Row(NamedTuple):
+class Outcome(NamedTuple):
     """What became of one pass."""
 
     name: str
@@ -39,11 +39,11 @@ class Row(NamedTuple):
     """`run` or `skipped`."""
     why: str
     milliseconds: float | None
-    """That it took when the plan last ran, None where it did not run."""
+    """That it took when the plan last ran timed, None where it did not."""
 
 
 @dataclass(frozen=True)
-class Step:
+class Stage:
     """A pass that has its place in a plan."""
 
     work: Pass
@@ -57,51 +57,56 @@ class Step:
 class Plan:
     """Passes in the order in which they run, and how long they took."""
 
-    steps: tuple[Step, ...]
+    stages: tuple[Stage, ...]
     """In order."""
     wanted: tuple[str, ...]
     """Names of the results asked for."""
     unneeded: tuple[Pass, ...] = ()
     """Passes on which no wanted result depends."""
     milliseconds: dict[str, float] = field(default_factory=dict)
-    """Time of every pass in the last run, by the name of its result."""
+    """Time of every pass in the last timed run, by the name of its result."""
 
-    def run(self) -> dict[str, Any]:
-        """Make the wanted results, each pass timed from an idle device to an idle device.
+    def run(self, timed: bool = False) -> dict[str, Any]:
+        """Make the wanted results.
+
+        Args:
+            timed: Time each pass from an idle device to an idle device: a GPU is then waited for before and after it.
 
         Returns:
             The results by name; the others are let go as soon as no pass needs them any more.
         """
         results: dict[str, Any] = {}
-        for place, step in enumerate(self.steps):
-            results[step.work.makes] = self._result(step, results)
-            needed = {*self.wanted, *(name for later in self.steps[place + 1 :] for name in later.needs)}
+        for place, stage in enumerate(self.stages):
+            make = self._timed if timed and not stage.skipped else _made
+            results[stage.work.makes] = make(stage, *(results[name] for name in stage.needs))
+            needed = {*self.wanted, *(name for later in self.stages[place + 1 :] for name in later.needs)}
             results = {name: results[name] for name in results if name in needed}
         return {name: results[name] for name in self.wanted}
 
-    def explain(self) -> list[Row]:
+    def explain(self) -> list[Outcome]:
         """What becomes of every pass, in the order in which they run, and why; those not needed come last."""
         planned = [
-            Row(
-                step.work.name,
-                "skipped" if step.skipped else "run",
-                step.why,
-                None if step.skipped else self.milliseconds.get(step.work.makes),
+            Outcome(
+                stage.work.name,
+                "skipped" if stage.skipped else "run",
+                stage.why,
+                None if stage.skipped else self.milliseconds.get(stage.work.makes),
             )
-            for step in self.steps
+            for stage in self.stages
         ]
-        return planned + [Row(each.name, "skipped", "nothing asked for needs it", None) for each in self.unneeded]
+        return planned + [Outcome(each.name, "skipped", "nothing asked for needs it", None) for each in self.unneeded]
 
-    def _result(self, step: Step, results: Mapping[str, Any]) -> object:
-        inputs = [results[name] for name in step.needs]
-        if step.skipped:
-            return inputs[0]
+    def _timed(self, stage: Stage, *inputs: Any) -> Any:
         _synchronize()
         start = time.perf_counter()
-        made = step.work.run(*inputs)
+        made = _made(stage, *inputs)
         _synchronize()
-        self.milliseconds[step.work.makes] = 1000 * (time.perf_counter() - start)
+        self.milliseconds[stage.work.makes] = 1000 * (time.perf_counter() - start)
         return made
+
+
+def _made(stage: Stage, *inputs: Any) -> Any:
+    return inputs[0] if stage.skipped else stage.work.run(*inputs)
 
 
 def plan(passes: Iterable[Pass], wanted: Sequence[str], force: bool = False) -> Plan:
@@ -122,18 +127,18 @@ def plan(passes: Iterable[Pass], wanted: Sequence[str], force: bool = False) -> 
     if isinstance(wanted, str) or not wanted:
         raise InputError("at least one result must be wanted, as a list of names", got=repr(wanted))
     makers = _makers(passes)
-    steps: dict[str, Step] = {}
+    stages: dict[str, Stage] = {}
     open_ends = list(dict.fromkeys(wanted))
     for name in open_ends:
-        if name not in steps:
-            steps[name] = _step(_maker(name, makers), force)
-            open_ends += steps[name].needs
-    order = _ordered({name: step.needs for name, step in steps.items()})
-    unneeded = tuple(made_by for name, made_by in makers.items() if name not in steps)
-    return Plan(tuple(steps[name] for name in order), tuple(wanted), unneeded)
+        if name not in stages:
+            stages[name] = _stage(_maker(name, makers), force)
+            open_ends += stages[name].needs
+    order = _ordered({name: stage.needs for name, stage in stages.items()})
+    unneeded = tuple(made_by for name, made_by in makers.items() if name not in stages)
+    return Plan(tuple(stages[name] for name in order), tuple(wanted), unneeded)
 
 
-def table(rows: Iterable[Row]) -> str:
+def table(rows: Iterable[Outcome]) -> str:
     """An explanation as plain text, one line a pass.
 
     Args:
@@ -166,13 +171,13 @@ def _maker(name: str, makers: Mapping[str, Pass]) -> Pass:
     return makers[name]
 
 
-def _step(work: Pass, force: bool) -> Step:
+def _stage(work: Pass, force: bool) -> Stage:
     assert work.inert is None or work.needs, f"{work.name} is inert but has nothing to pass on"
     if work.inert is None:
-        return Step(work, work.needs, False, f"makes {work.makes}")
+        return Stage(work, work.needs, False, f"makes {work.makes}")
     if force:
-        return Step(work, work.needs, False, f"forced, though {work.inert}")
-    return Step(work, work.needs[:1], True, work.inert)
+        return Stage(work, work.needs, False, f"forced, though {work.inert}")
+    return Stage(work, work.needs[:1], True, work.inert)
 
 
 def _ordered(needs: Mapping[str, Iterable[str]]) -> tuple[str, ...]:

@@ -45,11 +45,6 @@ class Camera:
         """Distance of the aperture's edge from its centre along p and along q, in view steps."""
         return self.grid[1] / 2, self.grid[0] / 2
 
-    def view_points(self) -> tuple[Tensor, Tensor]:
-        """Aperture points p and q of all views, row by row, float64, [V U] each."""
-        q, p = (geometry.angular_offsets(n_views) for n_views in self.grid)
-        return p.repeat(len(q)), q.repeat_interleave(len(p))
-
     def pixels(self) -> tuple[Tensor, Tensor]:
         """Positions x [1, 1, W] and y [1, H, 1] of the pixels, from the picture's centre, float64."""
         y, x = (geometry.angular_offsets(length) for length in self.size)
@@ -130,7 +125,7 @@ class Scene:
 
     def _check_steepness(self, surface: Surface) -> None:
         half = self.camera.half_aperture
-        change = sum(slope * reach for slope, reach in zip(surface.geometry.steepness(), half, strict=True))
+        change = sum(slope * way for slope, way in zip(surface.geometry.steepness(), half, strict=True))
         if change > STEEPEST:
             raise InputError(
                 f"disparity may change by {STEEPEST:g} / (half the views) a pixel at most",

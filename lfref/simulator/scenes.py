@@ -6,7 +6,6 @@ Every scene is fixed by (seed, epoch, index) alone.
 import abc
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from torch import Generator
@@ -156,20 +155,6 @@ class RandomScenes(Scenes):
         if isinstance(material, Glass):
             return dice.uniform(0, 0.2)
         return dice.uniform(*self.opacity) if dice.happens(self.translucent) else 1.0
-
-
-def random_scene(generator: Generator, camera: Camera, **options: Any) -> Scene:
-    """Draw one scene.
-
-    Args:
-        generator: Source of randomness; it fixes the scene with all its textures.
-        camera: What looks at it.
-        **options: Of `RandomScenes`.
-
-    Raises:
-        InputError: As `RandomScenes`.
-    """
-    return RandomScenes(camera, **options).drawn(generator)
 
 
 def _key(*numbers: int) -> int:

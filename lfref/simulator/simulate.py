@@ -6,7 +6,6 @@ Letters: `V U` view rows and columns, `N` planes, `K` surfaces.
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,7 +17,8 @@ from lfref.simulator import planner
 from lfref.simulator.effects import chain
 from lfref.simulator.lens import truth
 from lfref.simulator.painting import bitmaps
-from lfref.simulator.planner import Pass, Row
+from lfref.simulator.painting.layers import Layer
+from lfref.simulator.planner import Outcome, Pass
 from lfref.simulator.scene import Scene
 from lfref.simulator.views import central, render
 
@@ -33,7 +33,7 @@ class Simulated:
 
     slopes: Tensor
     """Of the truth's planes, in pixels per view step, float64, [N]."""
-    rows: tuple[Row, ...]
+    rows: tuple[Outcome, ...]
     """What became of every pass."""
     views: Tensor | None = None
     """What the sensor hands over, float32, [V, U, 3, H, W]."""
@@ -47,6 +47,63 @@ class Simulated:
     """Share of each surface of the scene in what the central view shows, float32, [K, H, W]."""
 
 
+class Simulation:
+    """A scene that is painted once for all that is asked of it.
+
+    Args:
+        scene: The scene.
+        reach: Greatest |slope| that a truth will be asked for at, in pixels per view step: its surfaces are painted as
+            far as that. Where a truth asks for more, they are painted again.
+        force: As for `simulate`, like the device.
+        device: Where it is rendered.
+    """
+
+    def __init__(
+        self, scene: Scene, reach: float = 0.0, force: bool = False, device: str | torch.device = "cpu"
+    ) -> None:
+        self.scene, self.reach, self.force, self.device = scene, reach, force, device
+        self._layers: list[Layer] | None = None
+
+    def run(
+        self, outputs: Sequence[str] = ("views", "truth"), slopes: Slopes | None = None, timed: bool = False
+    ) -> Simulated:
+        """What is asked for; arguments, result and errors as for `simulate`."""
+        if not outputs or not set(outputs) <= set(OUTPUTS):
+            raise InputError(f"outputs must be some of {', '.join(OUTPUTS)}", got=list(outputs))
+        camera = self.scene.camera
+        planes = geometry.checked_slopes(PAPER.slopes if slopes is None else slopes, camera.grid, camera.size)
+        if "truth" in outputs and float(planes.abs().max()) > self.reach:
+            self.reach, self._layers = float(planes.abs().max()), None
+        plan = planner.plan(self._passes(planes), [*outputs, "layers"], self.force)
+        results = plan.run(timed)
+        self._layers = results.pop("layers")
+        return Simulated(planes, tuple(plan.explain()), **results)
+
+    def _passes(self, planes: Tensor) -> list[Pass]:
+        """All there are, whatever is asked for."""
+        scene, camera = self.scene, self.scene.camera
+        on_layers: dict[str, tuple[str, Callable[..., Tensor]]] = {
+            "view": ("radiance", render.views),
+            "photograph": ("truth", functools.partial(truth.stack, slopes=planes)),
+            "look through a pinhole": ("all_in_focus", central.all_in_focus),
+            "find disparity": ("disparity", central.disparity),
+            "find masks": ("masks", functools.partial(central.masks, n_surfaces=len(scene.surfaces))),
+        }
+        return [
+            *self._painting(),
+            *(
+                Pass(name, ("layers",), makes, functools.partial(make, camera=camera))
+                for name, (makes, make) in on_layers.items()
+            ),
+            *chain.sensor_passes(scene.sensor, camera.grid, scene.seed),
+        ]
+
+    def _painting(self) -> list[Pass]:
+        if self._layers is not None:
+            return [Pass("take what is painted", (), "layers", lambda: self._layers)]
+        return bitmaps.passes(self.scene, self.device, self.reach, self.force)
+
+
 def simulate(
     scene: Scene,
     seed: int = 0,
@@ -54,6 +111,7 @@ def simulate(
     slopes: Slopes | None = None,
     force: bool = False,
     device: str | torch.device = "cpu",
+    timed: bool = False,
 ) -> Simulated:
     """Simulate a scene.
 
@@ -67,6 +125,7 @@ def simulate(
             every effect of the sensor is applied. That gives the same results later. The aperture's cells stay as
             many; a surface alone is composited cell by cell too, instead of filtered by their sum.
         device: Where it is rendered.
+        timed: Tell the milliseconds of each pass; a GPU is then waited for before and after each of them.
 
     Returns:
         The results, and what became of each pass.
@@ -74,42 +133,5 @@ def simulate(
     Raises:
         InputError: An output that does not exist, or slopes that the views are too small for.
     """
-    if not outputs or not set(outputs) <= set(OUTPUTS):
-        raise InputError(f"outputs must be some of {', '.join(OUTPUTS)}", got=list(outputs))
     seeded = dataclasses.replace(scene, seed=scene.seed + seed)
-    camera = scene.camera
-    planes = geometry.checked_slopes(PAPER.slopes if slopes is None else slopes, camera.grid, camera.size)
-    chosen = planes if "truth" in outputs else None
-    plan = planner.plan(passes(seeded, chosen, device, force), list(outputs), force)
-    results: dict[str, Any] = plan.run()
-    return Simulated(planes, tuple(plan.explain()), **results)
-
-
-def passes(
-    scene: Scene, slopes: Tensor | None = None, device: str | torch.device = "cpu", force: bool = False
-) -> list[Pass]:
-    """All passes, whatever is asked for.
-
-    Args:
-        scene: The scene.
-        slopes: Planes of the truth, [N]; None if there is to be no truth: surfaces then need not reach as far.
-        device: Where it is rendered.
-        force: Passes that run change all surfaces, those too that stay as they are.
-    """
-    planes = torch.zeros(1) if slopes is None else slopes
-    reach, camera = float(planes.abs().max()), scene.camera
-    on_layers: dict[str, tuple[str, Callable[..., Tensor]]] = {
-        "view": ("radiance", render.views),
-        "photograph": ("truth", functools.partial(truth.stack, slopes=planes)),
-        "look through a pinhole": ("all_in_focus", central.all_in_focus),
-        "find disparity": ("disparity", central.disparity),
-        "find masks": ("masks", functools.partial(central.masks, n_surfaces=len(scene.surfaces))),
-    }
-    return [
-        *bitmaps.passes(scene, device, reach, force),
-        *(
-            Pass(name, ("layers",), makes, functools.partial(make, camera=camera))
-            for name, (makes, make) in on_layers.items()
-        ),
-        *chain.sensor_passes(scene.sensor, camera.grid, scene.seed),
-    ]
+    return Simulation(seeded, force=force, device=device).run(outputs, slopes, timed)

@@ -6,6 +6,7 @@ x = X + D(X, Y) p and y = Y + D(X, Y) q, so that D alone is unknown: D = d(x - D
 """
 
 import abc
+import itertools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -39,15 +40,16 @@ class Form(NamedTuple):
 class Geometry(abc.ABC):
     """A surface's place in space."""
 
-    is_parallel: bool = False
-    """The same disparity everywhere: every view is a shifted copy."""
-
     @property
     @abc.abstractmethod
     def form(self) -> Form:
-        """The numbers that compiled loops take."""
+        """Its numbers."""
 
-    @abc.abstractmethod
+    @property
+    def is_parallel(self) -> bool:
+        """It faces the camera, the same disparity everywhere: every view is a shifted copy."""
+        return self.form[1:4] == (0, 0, 0)
+
     def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
         """Disparity in pixels per view step at points of the central view.
 
@@ -55,10 +57,24 @@ class Geometry(abc.ABC):
             x: Columns from the centre, in pixels.
             y: Rows from the centre, in pixels, of a shape that goes with x.
         """
+        form = self.form
+        plane = form.disparity + form.a * x + form.b * y
+        return plane + form.bulge * self._rise(x, y)[2] ** 2 if form.bulge else plane
 
-    @abc.abstractmethod
+    def gradient_at(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Change of disparity a pixel of X and of Y at points of the central view; arguments as for `disparity_at`."""
+        form, (off_x, off_y, rise) = self.form, self._rise(x, y)
+        steep = -4 * form.bulge / form.radius * rise
+        return form.a + steep * off_x, form.b + steep * off_y
+
+    def _rise(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Offsets from the bump's top in radii, and the root of its share that is reached there."""
+        form = self.form
+        off_x, off_y = (x - form.centre_x) / form.radius, (y - form.centre_y) / form.radius
+        return off_x, off_y, (1 - off_x**2 - off_y**2).clamp(min=0)
+
     def met_at(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Tensor:
-        """Disparity of what is seen at a pixel from an aperture point.
+        """Disparity of what is seen at a pixel from an aperture point: of a plane in closed form, else by Newton.
 
         Args:
             x: Columns from the centre, in pixels.
@@ -66,39 +82,44 @@ class Geometry(abc.ABC):
             p: Columns of the aperture point, in view steps.
             q: Rows of the aperture point, in view steps. All four of shapes that go together.
         """
+        form, disparity = self.form, self.disparity_at(x, y)
+        if not form.bulge:
+            return disparity / (1 + form.a * p + form.b * q)
+        disparity = disparity + torch.zeros_like(p + q)
+        for _ in range(NEWTON_STEPS):
+            at_x, at_y = x - disparity * p, y - disparity * q
+            across, down = self.gradient_at(at_x, at_y)
+            step = (disparity - self.disparity_at(at_x, at_y)) / (1 + across * p + down * q)
+            disparity = disparity - step
+            if float(step.abs().max()) < CONVERGED:
+                break
+        return disparity
 
-    @abc.abstractmethod
     def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
-        """Least and greatest disparity over the central view.
+        """Least and greatest disparity over the central view; of a bump all, even where the view shows less of it.
 
         Args:
             size: Its height and width in pixels.
         """
+        return self.met_range(((size[1] - 1) / 2, (size[0] - 1) / 2), (0, 0))
 
-    @abc.abstractmethod
     def met_range(self, half_size: tuple[float, float], half_aperture: tuple[float, float]) -> tuple[float, float]:
-        """Least and greatest disparity that any ray to a picture may meet.
+        """Least and greatest disparity that any ray to a picture may meet: of a plane in corners, and all of a bump.
 
         Args:
             half_size: Greatest |x| and |y| of its pixels.
             half_aperture: Greatest |p| and |q| of the aperture points.
         """
+        disparity, a, b, bulge = self.form[:4]
+        corners = itertools.product(*((-half, half) for half in (*half_size, *half_aperture)))
+        met = [(disparity + a * x + b * y) / (1 + a * p + b * q) for x, y, p, q in corners]
+        return min(met) + min(bulge, 0), max(met) + max(bulge, 0)
 
-    @abc.abstractmethod
     def steepness(self) -> tuple[float, float]:
-        """Greatest change of disparity along a pixel of x, and of y."""
-
-    def gradient_at(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """Change of disparity a pixel of X and of Y at points of the central view; arguments as for `disparity_at`."""
+        """Greatest change of disparity along a pixel of x, and of y; (1 - r^2)^2 is steepest at r = 1 / sqrt 3."""
         form = self.form
-        off_x, off_y = (x - form.centre_x) / form.radius, (y - form.centre_y) / form.radius
-        steep = -4 * form.bulge / form.radius * (1 - off_x**2 - off_y**2).clamp(min=0)
-        return form.a + steep * off_x, form.b + steep * off_y
-
-    def intersect(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
-        """The point (X, Y) that is seen at a pixel from an aperture point; arguments as for `met_at`."""
-        disparity = self.met_at(x, y, p, q)
-        return x - disparity * p, y - disparity * q
+        bump = abs(form.bulge) / form.radius * 8 / (3 * math.sqrt(3))
+        return abs(form.a) + bump, abs(form.b) + bump
 
 
 @dataclass(frozen=True)
@@ -116,39 +137,9 @@ class Plane(Geometry):
         checks.pair("a plane's gradient", self.gradient)
 
     @property
-    def is_parallel(self) -> bool:  # type: ignore[override]
-        """The plane faces the camera."""
-        return self.gradient == (0, 0)
-
-    @property
     def form(self) -> Form:
         """As in `Geometry`."""
         return Form(self.disparity, *self.gradient)
-
-    def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
-        """As in `Geometry`."""
-        return self.disparity + self.gradient[0] * x + self.gradient[1] * y
-
-    def met_at(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Tensor:
-        """As in `Geometry`; closed form, since d is affine."""
-        return self.disparity_at(x, y) / (1 + self.gradient[0] * p + self.gradient[1] * q)
-
-    def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
-        """As in `Geometry`."""
-        spread = sum(abs(g) * (n - 1) / 2 for g, n in zip(self.gradient, reversed(size), strict=True))
-        return self.disparity - spread, self.disparity + spread
-
-    def met_range(self, half_size: tuple[float, float], half_aperture: tuple[float, float]) -> tuple[float, float]:
-        """As in `Geometry`; the extremes are in corners."""
-        if self.is_parallel:
-            return self.disparity, self.disparity
-        ends = [torch.tensor([-half, half], dtype=torch.float64) for half in (*half_size, *half_aperture)]
-        met = self.met_at(*torch.meshgrid(*ends, indexing="ij"))
-        return float(met.min()), float(met.max())
-
-    def steepness(self) -> tuple[float, float]:
-        """As in `Geometry`."""
-        return abs(self.gradient[0]), abs(self.gradient[1])
 
 
 @dataclass(frozen=True)
@@ -174,37 +165,3 @@ class Dome(Geometry):
     def form(self) -> Form:
         """As in `Geometry`."""
         return Form(self.disparity, 0.0, 0.0, self.bulge, self.radius, *self.centre)
-
-    def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
-        """As in `Geometry`."""
-        return self.disparity + self.bulge * self._rise(x, y) ** 2
-
-    def _rise(self, x: Tensor, y: Tensor) -> Tensor:
-        return (1 - ((x - self.centre[0]) ** 2 + (y - self.centre[1]) ** 2) / self.radius**2).clamp(min=0)
-
-    def met_at(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Tensor:
-        """As in `Geometry`; by Newton's method."""
-        disparity = self.disparity_at(x, y) + torch.zeros_like(p + q)
-        for _ in range(NEWTON_STEPS):
-            at_x, at_y = x - disparity * p, y - disparity * q
-            steepness = -4 * self.bulge / self.radius**2 * self._rise(at_x, at_y)
-            slope = steepness * ((at_x - self.centre[0]) * p + (at_y - self.centre[1]) * q)
-            step = (disparity - self.disparity_at(at_x, at_y)) / (1 + slope)
-            disparity = disparity - step
-            if float(step.abs().max()) < CONVERGED:
-                break
-        return disparity
-
-    def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
-        """As in `Geometry`; of the whole dome, which may be more than the picture shows."""
-        return self.met_range(size, (0, 0))
-
-    def met_range(self, half_size: tuple[float, float], half_aperture: tuple[float, float]) -> tuple[float, float]:
-        """As in `Geometry`; of the whole dome."""
-        ends = (self.disparity, self.disparity + self.bulge)
-        return min(ends), max(ends)
-
-    def steepness(self) -> tuple[float, float]:
-        """As in `Geometry`; (1 - r^2)^2 is steepest at r = 1 / sqrt 3."""
-        steepest = abs(self.bulge) / self.radius * 8 / (3 * math.sqrt(3))
-        return steepest, steepest

@@ -6,6 +6,7 @@ were, is counted, and is logged with the patches it came from. All processes of 
 
 import logging
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
@@ -18,8 +19,8 @@ from lfref.errors import InputError, LfrefError
 
 log = logging.getLogger(__name__)
 
-COUNTS = ("skipped", "overflowed", "resampled")
-"""What is logged, as `train/NAME`, and kept across a resume."""
+COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
+"""What is logged, as `train/NAME`, and kept across a resume; processes decide alike, but each draws its own patches."""
 LEAST_SCALE = 1.0
 """Scale of float16's loss below which overflow is no explanation any more."""
 
@@ -94,7 +95,8 @@ class StepGuard(Callback):
 
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Log the counts."""
-        module.log_dict({f"train/{name}": float(getattr(self, name)) for name in COUNTS})
+        for name, over_processes in COUNTS.items():
+            module.log(f"train/{name}", float(getattr(self, name)), sync_dist=True, reduce_fx=over_processes)
 
     def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
         """Refuse to write weights that are not finite.
@@ -137,6 +139,15 @@ class BestCheckpoint(ModelCheckpoint):
             log.warning("epoch %d: %s is not finite; no best checkpoint", trainer.current_epoch, self.monitor)
             return False
         return super().check_monitor_top_k(trainer, current)
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up the best score; Lightning's own forgets it where the run folder has moved since."""
+        own = {name: self._here(state_dict[name]) for name in ("best_model_path", "kth_best_model_path")}
+        best = {self._here(path): score for path, score in state_dict["best_k_models"].items()}
+        super().load_state_dict(state_dict | own | {"best_k_models": best, "dirpath": self.dirpath})
+
+    def _here(self, path: str) -> str:
+        return str(Path(self.dirpath or "") / Path(path).name) if path else ""
 
 
 def finite_patches(batch: Batch) -> dict[str, Tensor]:

@@ -6,16 +6,19 @@ from typing import Any
 import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor, nn
+from torch.optim.lr_scheduler import LRScheduler
 
 from lfref.data.patches import Batch
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.losses.composite import CompositeLoss
 from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
+from lfref.train import resume
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
-SchedulerFactory = Callable[[torch.optim.Optimizer], torch.optim.lr_scheduler.LRScheduler]
+SchedulerFactory = Callable[[torch.optim.Optimizer], LRScheduler]
 
 
 class Refocusing(LightningModule):
@@ -68,13 +71,28 @@ class Refocusing(LightningModule):
         return stack
 
     def configure_optimizers(self) -> dict[str, Any]:  # type: ignore[override]
-        """The optimiser over all parameters of the network, and its schedule."""
-        optimizer = self.optimizer(self.net.parameters())
-        return {"optimizer": optimizer} | ({"lr_scheduler": self.scheduler(optimizer)} if self.scheduler else {})
+        """The optimiser over all parameters of the network, and its schedule.
+
+        Raises:
+            InputError: Their settings do not fit them.
+        """
+        optimizer, schedule = self._optimization(self.net.parameters())
+        return {"optimizer": optimizer} | ({"lr_scheduler": schedule} if schedule else {})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Add what `lfref.load` needs to build the network again."""
         checkpoint["lfref"] = checkpoints.payload(self.net, self.planes)
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on with the rate and the schedule that are set now; a checkpoint brings those of its own run."""
+        resume.refit(checkpoint, *self._optimization(iter([nn.Parameter(torch.zeros(()))])))
+
+    def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[torch.optim.Optimizer, LRScheduler | None]:
+        try:
+            optimizer = self.optimizer(parameters)
+            return optimizer, self.scheduler(optimizer) if self.scheduler else None
+        except (TypeError, ValueError, ZeroDivisionError) as error:
+            raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
         terms = self.loss.terms(stack, labels)
@@ -85,6 +103,6 @@ class Refocusing(LightningModule):
             on_step=stage == "train",
             on_epoch=stage == "val",
             batch_size=len(labels),
-            sync_dist=stage == "val",
+            sync_dist=True,
         )
         return total

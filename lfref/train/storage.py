@@ -1,12 +1,10 @@
 """Checkpoints on disk that are either whole or absent, and hold nothing that could run code."""
 
-from pathlib import Path
 from typing import Any
 
-import torch
 from lightning.pytorch.plugins import TorchCheckpointIO
 
-from lfref.io import atomic
+from lfref.io import tensors
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
@@ -23,5 +21,4 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         Raises:
             FileError: The file cannot be written.
         """
-        with atomic.replacing(Path(path)) as temporary:
-            torch.save(checkpoint, temporary)
+        tensors.write(path, checkpoint)

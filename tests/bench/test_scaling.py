@@ -2,16 +2,17 @@
 
 import math
 
+import pandas as pd
 import pytest
 import torch
 
 from lfref import geometry
 from lfref.bench import scaling, timing
-from lfref.bench.methods import Method
 from lfref.bench.scaling import Scales, Size
 from lfref.errors import InputError
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 
 FIELD = Size((7, 5), (375, 540), 16)
 SCALES = Scales(sides=(0.5, 1), views=(3, 5, 9), planes=(4, 8))
@@ -63,8 +64,8 @@ def test_an_axis_needs_two_sizes(change):
 
 def test_the_exponent_of_a_known_cost_is_found(timed):
     sizes = SCALES.sizes(FIELD)
-    rows = scaling.times([Method("known", shift_and_sum)], sizes, tiny_views, rounds=1)
-    found = {row["axis"]: row["exponent"] for row in scaling.exponents(rows)}
+    rows = scaling.times([OperatorRefocuser("known", shift_and_sum)], sizes, tiny_views, rounds=1)
+    found = scaling.exponents(rows).set_index("axis")["exponent"].to_dict()
     # Pixels of these small stand-ins are rounded down to whole columns.
     assert found == {"pixels": pytest.approx(1, abs=0.02), "views": pytest.approx(1), "planes": pytest.approx(2)}
 
@@ -77,19 +78,19 @@ def test_exponents_are_least_squares_in_logarithms(power):
         for name in ("a", "b")
         for n, factor in zip((4, 8, 16), noise, strict=True)
     ]
-    assert scaling.exponents(rows) == [
-        {"method": name, "axis": "planes", "exponent": pytest.approx(power, abs=1e-9)} for name in ("a", "b")
-    ]
+    found = scaling.exponents(pd.DataFrame(rows))
+    assert found[["method", "axis"]].to_numpy().tolist() == [["a", "planes"], ["b", "planes"]]
+    assert found["exponent"].tolist() == pytest.approx([power, power], abs=1e-9)
 
 
 def test_sizes_of_a_method_take_turns_and_each_is_measured_once_a_round(timed):
-    methods = [Method("sum", shift_and_sum), Method("exact", exact_fourier)]
+    methods = [OperatorRefocuser("sum", shift_and_sum), OperatorRefocuser("exact", exact_fourier)]
     scaling.times(methods, SCALES.sizes(FIELD), tiny_views, rounds=2, warmup=1)
     # The field's own size is on the axis of pixels; no other one occurs on two axes.
     assert len(timed) == 2 * 3 * 7
     per_method = [timed[:21], timed[21:]]
     for method, calls in zip(methods, per_method, strict=True):
-        assert {function for function, *_ in calls} == {method.refocus}
+        assert {function for function, *_ in calls} == {method}
         assert calls[:7] == calls[7:14] == calls[14:]
 
 
@@ -97,9 +98,9 @@ def test_median_and_fastest_run_are_kept_without_the_warm_up(monkeypatch):
     spent = iter(8 * [99.0] + 8 * [1.0] + 8 * [5.0] + 8 * [3.0])
     monkeypatch.setattr(timing, "seconds", lambda run, device: next(spent))
     scales = Scales((0.5, 1), (3, 5, 9), (4, 8, 32))
-    rows = scaling.times([Method("a", shift_and_sum)], scales.sizes(FIELD), tiny_views, rounds=3, warmup=1)
-    assert list(rows[0]) == ["method", "axis", "n", "median_s", "min_s"]
-    assert {(row["median_s"], row["min_s"]) for row in rows} == {(3.0, 1.0)}
+    rows = scaling.times([OperatorRefocuser("a", shift_and_sum)], scales.sizes(FIELD), tiny_views, rounds=3, warmup=1)
+    assert rows.columns.tolist() == ["method", "axis", "n", "median_s", "min_s"]
+    assert rows[["median_s", "min_s"]].drop_duplicates().to_numpy().tolist() == [[3.0, 1.0]]
 
 
 @pytest.mark.parametrize("n_planes", [1, 4, 16, 32])

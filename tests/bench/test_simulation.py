@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from lfref.bench import simulation
-from lfref.bench.methods import Method
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
@@ -21,7 +21,7 @@ from lfref.simulator.views import central
 
 CAMERA = Camera((3, 3), (24, 30))
 CPU = torch.device("cpu")
-PLANES = FocalPlanes((0.5, 1.0))
+PLANES = planes_at_alphas((0.5, 1.0))
 WALL = Surface(Plane(0.0), Noise())
 SCENES = {
     "wall": Scene(CAMERA, (WALL,), name="wall"),
@@ -73,8 +73,8 @@ def test_patches_are_simulated_as_asked(monkeypatch):
 
 def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
     methods = [
-        Method("sum", shift_and_sum),
-        Method("dark", lambda views, slopes: shift_and_sum(views, slopes) * 0.5),
+        OperatorRefocuser("sum", shift_and_sum),
+        OperatorRefocuser("dark", lambda views, slopes: shift_and_sum(views, slopes) * 0.5),
     ]
     dim = replace(SCENES["wall"], sensor=Sensor(exposure=Exposure(0.1)))  # the sensor is left out
     rows = simulation.distances([("wall", dim)], methods, PLANES, CPU)
@@ -84,14 +84,18 @@ def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
     assert found["dark", 1.0] < 25
 
 
-def test_alphas_have_the_mean_and_the_worst_scene():
+@pytest.mark.parametrize("alphas", [(1.0, 2.0), (None, None)])
+def test_planes_have_the_mean_and_the_worst_scene(alphas):
     rows = [
-        {"scene": scene, "method": "sum", "alpha": alpha, "psnr_db": value}
-        for scene, alpha, value in (("a", 1.0, 30.0), ("b", 1.0, 40.0), ("a", 2.0, 50.0), ("b", 2.0, 20.0))
+        {"scene": scene, "method": "sum", "alpha": alphas[plane], "slope": plane / 2, "psnr_db": value}
+        for scene, plane, value in (("a", 0, 30.0), ("b", 0, 40.0), ("a", 1, 50.0), ("b", 1, 20.0))
     ]
-    assert simulation.by_alpha(rows) == [
-        {"method": "sum", "alpha": 1.0, "mean_db": 35.0, "worst_db": 30.0, "worst_scene": "a"},
-        {"method": "sum", "alpha": 2.0, "mean_db": 35.0, "worst_db": 20.0, "worst_scene": "b"},
+    found = simulation.by_plane(rows)
+    assert found.columns.tolist() == ["method", "alpha", "slope", "mean_db", "worst_db", "worst_scene"]
+    assert found["alpha"].isna().all() or tuple(found["alpha"]) == alphas
+    assert found.drop(columns="alpha").to_numpy().tolist() == [
+        ["sum", 0.0, 35.0, 30.0, "a"],
+        ["sum", 0.5, 35.0, 20.0, "b"],
     ]
 
 
@@ -100,7 +104,7 @@ def test_as_many_cells_as_needed_agree_with_many_points(aperture):
     card = replace(SCENES["card"], camera=replace(CAMERA, aperture=aperture))
     (good,) = simulation.aperture_errors([("card", card)], PLANES, 32, CPU)
     assert good["psnr_db"] > 45
-    assert good["worst_alpha"] in PLANES.alphas
+    assert good["worst_plane"] in PLANES.labels
 
 
 def test_few_points_are_not_the_whole_aperture_and_one_is_its_middle():

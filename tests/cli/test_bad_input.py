@@ -9,7 +9,7 @@ import OpenImageIO
 import pytest
 import torch
 
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.io.write import write
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
@@ -34,7 +34,7 @@ def field(tmp_path):
 def network(tmp_path):
     """A checkpoint for 7x7 views."""
     path = tmp_path / "net.ckpt"
-    checkpoint.save(path, RefNet(n_planes=2, widths=(8,), stem_width=8), FocalPlanes((0.5, 1.0)))
+    checkpoint.save(path, RefNet(n_planes=2, widths=(8,), stem_width=8), planes_at_alphas((0.5, 1.0)))
     return path
 
 
@@ -141,7 +141,7 @@ def test_a_checkpoint_of_another_shape(lfref, tmp_path, field, network):
 
 def test_a_light_field_that_does_not_fit_the_checkpoint(lfref, tmp_path, network):
     small = write(tmp_path / "small", LightField(torch.rand(3, 3, 3, 48, 48)))
-    words = (f"input={small}", f"checkpoint={network}", f"output={tmp_path}/out", "reader.views=null")
+    words = (f"input={small}", f"checkpoint={network}", f"output={tmp_path}/out")
     assert "this network reads views" in assert_one_line(*lfref("refocus", *words))
 
 
@@ -180,7 +180,10 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("bench", "group=operators", "input={field}", "scales.planes=[4]"), "planes must be at least two sizes"),
         (("train", "data.patch=wide"), "data.patch must be a number"),
         (("train", "net.n_planes=3"), "net.n_planes=16"),
-        (("refocus", "input={field}", "reader.views=99"), "99"),
+        (
+            ("refocus", "input={field}", "reader.views=99"),
+            "choose views and start to fit (reader.views and reader.start",
+        ),
         (("simulate", "n_fields=0"), "n_fields must be a number"),
         (("simulate", "seed=-1"), "seed must be a number"),
         (("simulate", "outputs=views"), "outputs must be a list"),

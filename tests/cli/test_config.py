@@ -1,9 +1,12 @@
+import inspect
+
 import pytest
 from omegaconf import OmegaConf
 
 from lfref.cli import config as configs
 from lfref.cli.main import COMMANDS
 from lfref.errors import InputError
+from lfref.io.read import read
 from lfref.nets.refnet import RefNet
 
 FOLDER = configs.directory()
@@ -35,6 +38,18 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
     assert configs.build(config[group]) is not None
 
 
+def test_every_option_of_the_reader_can_be_set_and_stays_as_in_python(composed):
+    options = inspect.signature(read).parameters
+    expected = {name: option.default for name, option in options.items() if name != "path"}
+    assert configs.plain(composed("refocus", "input=x").reader) == expected
+
+
+@pytest.mark.parametrize("words", [[], ["net.grid=[5,3]"], ["reader.views=9"]])
+def test_training_reads_as_many_views_as_the_network_unless_told_otherwise(composed, words):
+    config = composed("train", "data=folder", "data.path=x", *words)
+    assert config.data.reader["views"] == (9 if "reader.views=9" in words else config.net.grid)
+
+
 @pytest.mark.parametrize("name", sorted(path.stem for path in (FOLDER / "method").glob("*.yaml")))
 def test_every_method_composes_and_refocuses(composed, name):
     import torch
@@ -64,8 +79,7 @@ def test_every_group_of_bench_composes_and_has_a_command(composed, name):
     assert config.group == name
     assert name in GROUPS
     methods = config.get("methods", {})
-    assert {entry.name for entry in methods.values()} == set(methods)
-    assert all(callable(configs.build(entry.operator)) for entry in methods.values())
+    assert [method.name for method in configs.build(methods).values()] == list(methods)
 
 
 def test_accuracy_against_time_is_what_bench_measures_by_default(composed):

@@ -20,13 +20,18 @@ FAST = (
 EXPERIMENTS = sorted(path.stem for path in (configs.directory() / "experiment").glob("*.yaml"))
 
 
-def members() -> list[tuple[str, ...]]:
+def thinned(choices):
+    """The first of these choices, and the others for those who have the time."""
+    return [pytest.param(choice, marks=pytest.mark.slow if i else ()) for i, choice in enumerate(choices)]
+
+
+def members():
     """Every combination of every sweep, as overrides."""
     found = []
     for path in sorted(configs.directory("sweeps").glob("*.yaml")):
         parameters = yaml.safe_load(path.read_text())["parameters"]
         choices = [[f"{key}={value}" for value in entry["values"]] for key, entry in parameters.items()]
-        found += itertools.product(*choices)
+        found += thinned(itertools.product(*choices))
     return found
 
 
@@ -44,7 +49,7 @@ def losses(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
+@pytest.mark.parametrize("experiment", thinned(EXPERIMENTS))
 def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, experiment):
     config = composed("train", f"experiment={experiment}", *TINY_DATA, *FAST)
     command.train(config, tmp_path)
@@ -53,7 +58,7 @@ def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, expe
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("label", sorted(path.stem for path in (configs.directory() / "label").glob("*.yaml")))
+@pytest.mark.parametrize("label", thinned(sorted(path.stem for path in (configs.directory() / "label").glob("*.yaml"))))
 def test_every_label_source_passes_a_fast_dev_run(composed, tmp_path, losses, label):
     config = composed("train", f"label={label}", *TINY, *FAST)
     command.train(config, tmp_path)

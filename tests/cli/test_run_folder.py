@@ -40,7 +40,7 @@ def test_a_folder_of_somebody_else_is_refused(tmp_path, overwrite):
 
 
 def test_a_run_that_failed_before_its_results_leaves_a_free_folder(tmp_path):
-    run(tmp_path, **{"config.yaml": "x", "overrides.txt": "x", "refocus.log": "x"})
+    run(tmp_path, **{"config.yaml": "x", "overrides.yaml": "x", "refocus.log": "x"})
     run_folder.claim(tmp_path)
 
 
@@ -114,3 +114,10 @@ def test_a_commands_output_is_refused_and_replaced_when_asked(lfref, tmp_path):
     assert not (tmp_path / "out" / "disparity").exists()
     assert (tmp_path / "out" / "plane").is_dir()
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("words", [["train"], ["simulate", "--multirun", "seed=1,2"]])
+def test_training_and_sweeps_are_never_overwritten(lfref, tmp_path, words):
+    status, error = lfref(*words, "overwrite=true", f"output={tmp_path}/out")
+    assert status == 1
+    assert "overwrite must be false for training and for sweeps" in error

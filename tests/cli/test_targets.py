@@ -227,21 +227,6 @@ def test_wandb_gets_no_arguments_beyond_its_list(argument):
         configs.build(node)
 
 
-@pytest.mark.parametrize(
-    ("node", "said"),
-    [
-        ({"_target_": "torch.optim.Adam", "lr": -1.0}, "Adam: Invalid learning rate"),
-        ({"_target_": "torch.optim.Adam", "lr": "abc"}, "Adam: "),
-        ({"_target_": "torch.optim.SGD", "colour": 1}, "SGD: .*colour"),
-        ({"_target_": "torch.optim.lr_scheduler.StepLR"}, "StepLR: .*step_size"),
-        ({"_target_": "torch.optim.lr_scheduler.ConstantLR", "factor": 2.0}, "ConstantLR: "),
-    ],
-)
-def test_options_of_optimisers_and_schedules_are_tried_at_once(node, said):
-    with pytest.raises(InputError, match=said):
-        configs.build(node | {"_partial_": True})
-
-
 def test_parts_are_made_and_given_on():
     made = configs.build({"a": [{"_target_": "lfref.geometry.FocalPlanes", "slopes": [1, 2]}], "b": 3})
     assert (made["a"][0].values, made["b"]) == ((1.0, 2.0), 3)

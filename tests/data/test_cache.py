@@ -1,6 +1,8 @@
 """A crop from the cache is the crop of what the reader reads, bit by bit, and nothing is decoded twice."""
 
+import logging
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -121,7 +123,7 @@ def test_another_content_is_another_entry(store, tmp_path, decoded):
 def test_another_version_of_the_reader_is_another_entry(store, tmp_path, decoded, monkeypatch):
     path = store()
     cache.cached(path, {}, tmp_path / "cache")
-    monkeypatch.setattr(cache, "_reader_version", lambda: "another")
+    monkeypatch.setattr(cache, "_reader_version", lambda start: "another")
     cache.cached(path, {}, tmp_path / "cache")
     assert len(decoded) == 2
 
@@ -154,6 +156,110 @@ def test_a_write_that_was_interrupted_leaves_no_entry(store, tmp_path, decoded, 
             cache.cached(path, {}, tmp_path / "cache")
     assert cache.cached(path, {}, tmp_path / "cache").size == (12, 14)
     assert len(decoded) == 2
+
+
+def spoilt(entry, how):
+    content = bytearray(entry.read_bytes())
+    return {
+        "a byte of the samples": lambda: content[:-40] + bytes([content[-40] ^ 1]) + content[-39:],
+        "a byte of the header": lambda: bytes([content[0] ^ 1]) + content[1:],
+        "all samples": lambda: content[:128] + bytes(255 - byte for byte in content[128:]),
+        "half is missing": lambda: content[: len(content) // 2],
+        "the last byte is missing": lambda: content[:-1],
+        "nothing is left": lambda: b"",
+        "zeros": lambda: bytes(len(content)),
+    }[how]()
+
+
+SPOILT = ["a byte of the samples", "a byte of the header", "all samples", "half is missing"]
+SPOILT += ["the last byte is missing", "nothing is left", "zeros"]
+
+
+@pytest.mark.parametrize("weight", [False, True])
+@pytest.mark.parametrize("how", SPOILT)
+def test_a_damaged_entry_is_named_and_made_anew(store, tmp_path, decoded, caplog, how, weight):
+    path = store(weight=weight)
+    whole = cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 12, 14)
+    (entry,) = (tmp_path / "cache").glob("*.npy")
+    entry.write_bytes(spoilt(entry, how))
+    with caplog.at_level(logging.WARNING):
+        again = cache.cached(path, {}, tmp_path / "cache")
+    assert_equal(again.crop(0, 0, 12, 14), whole)
+    assert decoded == [path, path]
+    (record,) = caplog.records
+    assert str(entry) in record.getMessage()
+    assert str(path) in record.getMessage()
+    assert "\n" not in record.getMessage()
+    assert cache._is_intact(entry, path)
+
+
+def test_an_entry_that_is_intact_is_looked_at_once(store, tmp_path, monkeypatch):
+    path = store()
+    cache.cached(path, {}, tmp_path / "cache")
+    looked, check = [], cache._checksum
+    monkeypatch.setattr(cache, "_checksum", lambda content: looked.append(len(content)) or check(content))
+    for _ in range(3):
+        cache.cached(path, {}, tmp_path / "cache")
+    assert len(looked) == 1
+
+
+def test_a_cache_folder_that_cannot_be_written_is_one_clear_error(store, tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(FileError, match=r"^[^\n]*file/cache[^\n]*cannot be written[^\n]*choose another folder$"):
+        cache.cached(store(), {}, tmp_path / "file" / "cache")
+
+
+def test_a_damaged_entry_in_a_folder_that_cannot_be_written_is_one_clear_error(store, tmp_path, monkeypatch):
+    path = store()
+    cache.cached(path, {}, tmp_path / "cache")
+    (entry,) = (tmp_path / "cache").glob("*.npy")
+    entry.write_bytes(b"")
+
+    def read_only(*_):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(cache.np, "save", read_only)
+    with pytest.raises(FileError, match=r"cannot be written; got read-only file system; choose a folder"):
+        cache.cached(path, {}, tmp_path / "cache")
+
+
+def copied_reader(tmp_path):
+    """A copy of the reader's sources, to be edited."""
+    source = Path(reader.__file__)
+    shutil.copytree(source.parent, tmp_path / "io", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path / "io" / source.name
+
+
+def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
+    names = {file.stem for file in cache._sources(Path(reader.__file__), set())}
+    assert names >= {"read", "formats", "decode", "images", "eslf", "exr", "grid", "views", "explain"}
+    assert names.isdisjoint({"write", "encode", "folders", "atomic", "marks"})
+
+
+@pytest.mark.parametrize("name", ["decode", "eslf", "grid", "views", "read"])
+def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
+    start = copied_reader(tmp_path)
+    before = cache._reader_version.__wrapped__(start)
+    with start.with_name(f"{name}.py").open("a") as file:
+        file.write("# edited")
+    assert cache._reader_version.__wrapped__(start) != before
+
+
+@pytest.mark.parametrize("name", ["encode", "write", "folders", "atomic", "marks"])
+def test_an_edit_of_what_writes_leaves_the_cache_alone(tmp_path, name):
+    start = copied_reader(tmp_path)
+    before = cache._reader_version.__wrapped__(start)
+    with start.with_name(f"{name}.py").open("a") as file:
+        file.write("# edited")
+    assert cache._reader_version.__wrapped__(start) == before
+
+
+def test_a_new_module_counts_as_soon_as_a_reader_imports_it(tmp_path):
+    start = copied_reader(tmp_path)
+    start.with_name("new.py").write_text("X = 1")
+    with start.with_name("eslf.py").open("a") as file:
+        file.write("\nfrom lfref.io import new")
+    assert start.with_name("new.py") in cache._sources(start, set())
 
 
 def test_an_entry_whose_array_was_deleted_is_made_anew(store, tmp_path):
@@ -189,45 +295,3 @@ def test_a_crop_outside_the_views_is_refused(store, tmp_path, window):
 def test_a_path_without_light_field_is_a_file_error(tmp_path):
     with pytest.raises(FileError, match=r"none\.png"):
         cache.cached(tmp_path / "none.png", {}, tmp_path / "cache")
-
-
-def test_the_content_hash_ignores_names_and_sees_every_bit(store, tmp_path):
-    path = store()
-    copy = tmp_path / "copy"
-    copy.mkdir()
-    for view in path.iterdir():
-        shutil.copy(view, copy / view.name.replace("field", "other"))
-    assert cache.content_hash(copy) == cache.content_hash(path)
-    assert cache.content_hash(store("third", seed=1)) != cache.content_hash(path)
-    view = sorted(copy.iterdir())[0]
-    view.write_bytes(view.read_bytes() + b"\0")
-    assert cache.content_hash(copy) != cache.content_hash(path)
-
-
-def test_views_in_another_order_are_another_content(store, tmp_path):
-    path = store()
-    before = cache.content_hash(path)
-    first, second = sorted(path.iterdir())[:2]
-    first.rename(tmp_path / "aside.png")
-    second.rename(first)
-    (tmp_path / "aside.png").rename(second)
-    assert cache.content_hash(path) != before
-
-
-def test_the_hash_of_a_file_ignores_its_name(store, tmp_path):
-    path = store(kind="exr", bits=32)
-    shutil.copy(path, tmp_path / "copy.exr")
-    assert cache.content_hash(tmp_path / "copy.exr") == cache.content_hash(path)
-
-
-def test_a_note_or_hidden_file_beside_the_views_is_no_content(store):
-    path = store()
-    before = cache.content_hash(path)
-    (path / ".DS_Store").write_bytes(b"x")
-    (path / "readme.txt").write_text("taken in spring")
-    assert cache.content_hash(path) == before
-
-
-def test_the_hash_of_nothing_is_an_error(tmp_path):
-    with pytest.raises(FileError):
-        cache.content_hash(tmp_path / "none.png")

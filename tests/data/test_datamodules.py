@@ -7,17 +7,20 @@ import shutil
 import pytest
 import torch
 
+from lfref.data import hashes
 from lfref.data.datamodules import FolderData, PatchData, SimulatedData
-from lfref.data.labels import LabelSource, RenderedLabels
+from lfref.data.labels import OperatorLabels, RenderedLabels
 from lfref.data.sources import SimulatedSource
 from lfref.errors import FileError, InputError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
+from lfref.io import marks
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
 SCENES = RandomScenes(Camera((3, 3), (16, 18)))
-LABELS = LabelSource("label", shift_and_sum, FocalPlanes((0.5, 2.0)))
+LABELS = OperatorLabels(OperatorRefocuser("label", shift_and_sum), planes_at_alphas((0.5, 2.0)))
 
 
 @pytest.fixture
@@ -48,6 +51,13 @@ def test_a_batch_holds_the_patches_of_as_many_fields_as_asked_for():
         assert [len(batch["where"]) for batch in batches] == sizes
         assert batches[0]["views"].shape == (sizes[0], 3, 3, 3, 8, 8)
         assert batches[0]["labels"].shape == (sizes[0], 2, 3, 8, 8)
+
+
+@pytest.mark.parametrize(
+    ("labels", "reach"), [(LABELS, 0.0), (RenderedLabels("r", planes_at_alphas((0.25, 2.0))), 3.0)]
+)
+def test_scenes_are_painted_as_far_as_rendered_labels_reach(labels, reach):
+    assert [source.reach for source in simulated(labels).sources()] == [reach, reach]
 
 
 def test_training_draws_new_patches_each_epoch_and_validation_the_same():
@@ -82,7 +92,7 @@ def test_held_out_scenes_may_be_fixed_ones_the_same_for_every_seed():
 
 
 def test_workers_render_the_labels_that_the_training_process_would():
-    labels = RenderedLabels("rendered", FocalPlanes((0.5, 2.0)))
+    labels = RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))
     alone, helped = (simulated(labels=labels, n_fields=2, workers=workers).train_dataloader() for workers in (0, 1))
     batches = list(helped)
     helped._iterator._shutdown_workers()
@@ -94,7 +104,7 @@ def test_workers_render_the_labels_that_the_training_process_would():
 @pytest.mark.parametrize("options", [{"fields_per_batch": 0}, {"workers": -1}])
 def test_batches_that_cannot_be_are_refused(options):
     with pytest.raises(
-        InputError, match="patch, patches_per_field and fields_per_batch must be >= 1, workers and seed >= 0"
+        InputError, match="patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0"
     ):
         simulated(**options)
 
@@ -179,12 +189,25 @@ def test_a_copy_on_both_sides_of_a_split_does_not_train(store, folder_data):
     assert n_leaks > 0
 
 
-def test_the_papers_test_set_never_trains(store, folder_data, tmp_path):
-    store("Cars", seed=0)
-    store("ordinary", seed=1)
-    store("other", seed=2, folder="held")
-    train, _ = folder_data(validation_path=str(tmp_path / "held")).sources()
-    assert names(train) == ["ordinary"]
+def test_the_papers_test_set_never_trains_and_the_log_says_so(store, folder_data, tmp_path, caplog):
+    for seed, name in enumerate(["img-1085_eslf (1)", "Cars_copy", "ordinary", "Cars_at_night"]):
+        store(name, seed=seed)
+    store("other", seed=9, folder="held")
+    for options in ({"validation_path": str(tmp_path / "held")}, {"validation_share": 0.5}):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            train, held = folder_data(**options).sources()
+        assert {*names(train), *names(held)} - {"other"} == {"Cars_at_night", "ordinary"}
+        assert "left out of training, being of the paper's test set: Cars_copy, img-1085_eslf (1)" in caplog.text
+
+
+def test_what_one_process_prepares_no_other_reads_again(store, folder_data, monkeypatch):
+    for seed in range(3):
+        store(f"field_{seed}", seed=seed)
+    folder_data().prepare_data()
+    hashes._known.cache_clear()  # as in another process
+    monkeypatch.setattr(marks, "digest", lambda file: pytest.fail(f"{file} was read again"))
+    assert len(folder_data().sources()[0]) == 2
 
 
 def test_nothing_left_to_train_on_is_refused(store, folder_data, tmp_path):
@@ -198,7 +221,7 @@ def test_a_folder_has_no_rendered_labels(store, folder_data):
     for seed in (0, 1):
         store(f"field_{seed}", seed=seed)
     data = folder_data()
-    data.labels = RenderedLabels("rendered", FocalPlanes((0.5, 2.0)))
+    data.labels = RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))
     data.setup("fit")
     with pytest.raises(InputError, match="use data=simulated"):
         next(iter(data.train_dataloader()))

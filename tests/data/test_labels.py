@@ -9,34 +9,38 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.data import patches
-from lfref.data.labels import LabelSource, RenderedLabels
+from lfref.data.labels import OperatorLabels, RenderedLabels
 from lfref.data.sources import SimulatedSource
 from lfref.errors import InputError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
-from lfref.refocus import weighted
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.lens import truth
 from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
-PLANES = FocalPlanes((0.4, 1.0, 2.0))
+PLANES = planes_at_alphas((0.4, 1.0, 2.0))
+
+
+def labels(operator, planes=PLANES):
+    return OperatorLabels(OperatorRefocuser("name", operator), planes)
 
 
 def test_a_label_is_the_operator_at_the_slopes_of_its_planes():
     field = LightField(torch.rand(3, 3, 3, 12, 13))
     for operator in (shift_and_sum, exact_fourier, functools.partial(shift_and_sum, border="zero")):
-        label = LabelSource("name", operator, PLANES)(field)
+        label = labels(operator, PLANES)(field)
         assert torch.equal(label, operator(field.views, PLANES.slopes))
         assert label.shape == (3, 3, 12, 13)
 
 
 def test_the_weight_of_samples_is_respected():
     field = LightField(torch.rand(3, 3, 3, 12, 13), weight=torch.rand(3, 3, 1, 12, 13))
-    label = LabelSource("name", shift_and_sum, PLANES)(field)
-    assert torch.equal(label, weighted.refocus(shift_and_sum, field, PLANES.slopes))
+    label = labels(shift_and_sum, PLANES)(field)
+    assert torch.equal(label, OperatorRefocuser("name", shift_and_sum)(field, PLANES.slopes))
     assert not torch.allclose(label, shift_and_sum(field.views, PLANES.slopes))
 
 
@@ -45,13 +49,13 @@ def test_the_weight_of_samples_is_respected():
     [((0.125, 2.0), (7, 7), 22), ((1.0,), (7, 7), 1), ((2.0,), (7, 7), 3), ((2.0,), (3, 9), 3), ((0.5,), (1, 1), 1)],
 )
 def test_the_margin_by_hand(alphas, grid, margin):
-    assert LabelSource("name", shift_and_sum, FocalPlanes(alphas)).margin(grid) == margin
+    assert labels(shift_and_sum, planes_at_alphas(alphas)).margin(grid) == margin
 
 
 @given(alpha=st.floats(0.2, 4.0))
 @settings(max_examples=25, deadline=None)
 def test_nothing_beyond_the_margin_touches_a_label(alpha):
-    source = LabelSource("name", shift_and_sum, FocalPlanes((alpha,)))
+    source = labels(shift_and_sum, planes_at_alphas((alpha,)))
     margin = source.margin((3, 3))
     length = 2 * margin + 5
     views = torch.rand(3, 3, 1, length, length)
@@ -63,11 +67,11 @@ def test_nothing_beyond_the_margin_touches_a_label(alpha):
 
 def test_a_field_too_small_for_its_planes_is_refused():
     with pytest.raises(InputError, match="half the height"):
-        LabelSource("name", shift_and_sum, FocalPlanes((0.125,)))(LightField(torch.rand(7, 7, 1, 42, 60)))
+        labels(shift_and_sum, planes_at_alphas((0.125,)))(LightField(torch.rand(7, 7, 1, 42, 60)))
 
 
 def test_a_source_cannot_be_changed():
-    source = LabelSource("name", shift_and_sum, PLANES)
+    source = labels(shift_and_sum, PLANES)
     with pytest.raises(dataclasses.FrozenInstanceError):
         source.name = "other"
 
@@ -88,8 +92,11 @@ def test_a_rendered_label_is_close_to_shift_and_sum_where_views_sample_the_apert
     """Slopes within half a pixel per view step of all disparities leave no ghosts."""
     scenes = RandomScenes(Camera((5, 5), (40, 44)), disparities=(-0.2, 0.2))
     field = SimulatedSource(1, 1, scenes).field(0)
-    planes = FocalPlanes((0.9, 1.0, 1.1))
-    rendered, summed = RenderedLabels("r", planes)(field), LabelSource("s", shift_and_sum, planes)(field)
+    planes = planes_at_alphas((0.9, 1.0, 1.1))
+    rendered, summed = (
+        RenderedLabels("r", planes)(field),
+        labels(shift_and_sum, planes)(field),
+    )
     inside = (..., slice(4, -4), slice(4, -4))
     assert float((rendered - summed)[inside].abs().mean()) < 0.01
 

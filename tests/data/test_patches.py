@@ -10,22 +10,23 @@ from hypothesis import strategies as st
 from torch.utils.data import DataLoader
 
 from lfref.data import patches
-from lfref.data.labels import LabelSource
+from lfref.data.labels import OperatorLabels
 from lfref.data.patches import EpochSampler, FieldPatches
 from lfref.data.sources import SimulatedSource
 from lfref.errors import InputError, LfrefError
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
 HEIGHT, WIDTH, PATCH = 40, 44, 16
 SCENES = RandomScenes(Camera((3, 3), (24, 26)))
-PLANES = FocalPlanes((0.25, 0.7, 1.0, 2.0))  # shifts of up to 3 pixels on 3x3 views
+PLANES = planes_at_alphas((0.25, 0.7, 1.0, 2.0))  # shifts of up to 3 pixels on 3x3 views
 LAST = (HEIGHT - PATCH, WIDTH - PATCH)
 CORNERS = [(0, 0), (0, LAST[1]), (LAST[0], 0), LAST, (0, 9), (11, 0), (12, 13), (2, 3), (LAST[0] - 1, LAST[1] - 2)]
 INSIDE = [(4, 4), (12, 13), (LAST[0] - 4, LAST[1] - 4)]
@@ -37,7 +38,7 @@ def field():
 
 
 def label_of(operator, planes=PLANES, **options):
-    return LabelSource("label", functools.partial(operator, **options), planes)
+    return OperatorLabels(OperatorRefocuser("label", functools.partial(operator, **options)), planes)
 
 
 def both_labels(field, source, top, left):
@@ -64,6 +65,7 @@ def test_wrapped_labels_agree_where_nothing_wraps(field, corner):
 def test_wrapped_labels_differ_at_the_fields_edge_since_the_opposite_end_is_far():
     views = torch.zeros(3, 3, 1, HEIGHT, WIDTH)
     views[..., -3:] = 1
+    views[..., 0, 0] = 0.1  # a patch without anything in it is left out
     label, whole = both_labels(LightField(views), label_of(shift_and_sum, border="wrap"), 0, 0)
     assert float((label - whole).abs().max()) > 0.1
 
@@ -80,7 +82,7 @@ def test_labels_of_weighted_samples_agree_too(field):
 def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_border(operator):
     """On a field of 128 and a patch of 80 pixels; the docs give the figures for 256 and 192."""
     scene = SimulatedSource(1, 0, RandomScenes(Camera(size=(128, 128)))).field(0)
-    source = label_of(operator, planes=FocalPlanes((0.75, 1.5, 2.0)))
+    source = label_of(operator, planes=planes_at_alphas((0.75, 1.5, 2.0)))
     _, label = patches.cut(scene, source, 24, 24, 80)
     whole = source(scene)[..., 24:104, 24:104]
     quality, inner = psnr(label, whole), psnr(label[..., 24:-24, 24:-24], whole[..., 24:-24, 24:-24])
@@ -90,21 +92,21 @@ def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_b
 
 def test_whole_slopes_do_not_ring():
     scene = SimulatedSource(1, 0, RandomScenes(Camera(size=(128, 128)))).field(0)
-    source = label_of(exact_fourier, planes=FocalPlanes((0.25, 0.5, 1.0)))
+    source = label_of(exact_fourier, planes=planes_at_alphas((0.25, 0.5, 1.0)))
     _, label = patches.cut(scene, source, 24, 24, 80)
     torch.testing.assert_close(label, source(scene)[..., 24:104, 24:104], atol=1e-5, rtol=0)
 
 
 def test_a_small_patch_in_a_corner_of_a_large_field_has_a_label():
     large = LightField(torch.rand(7, 7, 1, 80, 80))
-    source = label_of(shift_and_sum, planes=FocalPlanes((0.125,)))
+    source = label_of(shift_and_sum, planes=planes_at_alphas((0.125,)))
     _, label = patches.cut(large, source, 0, 0, 16)
     torch.testing.assert_close(label, source(large)[..., :16, :16], atol=1e-6, rtol=0)
 
 
 def dataset(n_fields=3, patch=12, seed=0, per_field=2):
     source = SimulatedSource(n_fields, 7, SCENES)
-    return FieldPatches(source, label_of(shift_and_sum, FocalPlanes((0.5, 2.0))), patch, per_field, seed)
+    return FieldPatches(source, label_of(shift_and_sum, planes_at_alphas((0.5, 2.0))), patch, per_field, seed)
 
 
 def same(one, two):
@@ -133,7 +135,7 @@ def test_items_repeat_by_seed_epoch_and_index_and_by_nothing_else():
 
 def test_corners_reach_every_place_a_patch_fits_and_no_other():
     source = SimulatedSource(1, 0, RandomScenes(Camera((1, 1), (8, 9))))
-    items = FieldPatches(source, label_of(shift_and_sum, FocalPlanes((1.0,))), 6, 40, 0)
+    items = FieldPatches(source, label_of(shift_and_sum, planes_at_alphas((1.0,))), 6, 40, 0)
     places = {where.partition("@")[2] for epoch in range(3) for where in items[(epoch, 0)]["where"]}
     assert places == {f"{top},{left}" for top, left in itertools.product(range(3), range(4))}
 
@@ -156,7 +158,7 @@ def test_corners_of_the_same_field_differ_by_seed_epoch_and_place_in_the_source(
 
 def test_a_patch_as_large_as_the_field_is_the_field():
     source = SimulatedSource(1, 0, RandomScenes(Camera((3, 3), (12, 12))))
-    item = FieldPatches(source, label_of(shift_and_sum, FocalPlanes((2.0,))), 12, 1, 0)[(0, 0)]
+    item = FieldPatches(source, label_of(shift_and_sum, planes_at_alphas((2.0,))), 12, 1, 0)[(0, 0)]
     assert torch.equal(item["views"][0], source.field(0).views)
 
 
@@ -181,7 +183,7 @@ class Cards:
 
 
 def test_flat_patches_are_drawn_again_and_counted():
-    items = FieldPatches(Cards(5), label_of(shift_and_sum, FocalPlanes((1.0,))), 24, 6, 0)
+    items = FieldPatches(Cards(5), label_of(shift_and_sum, planes_at_alphas((1.0,))), 24, 6, 0)
     found = [items[(epoch, 3)] for epoch in range(8)]
     assert all(bool((item["views"].amax((1, 2, 3, 4, 5)) > 0).all()) for item in found)
     assert sum(len(item["where"]) for item in found) > 36
@@ -190,8 +192,15 @@ def test_flat_patches_are_drawn_again_and_counted():
     assert patches.concatenate(found)["resampled"] == sum(item["resampled"] for item in found)
 
 
+def test_each_corner_is_cropped_once_with_all_that_its_label_needs(monkeypatch):
+    crops, crop = [], LightField.crop
+    monkeypatch.setattr(LightField, "crop", lambda self, *window: crops.append(window) or crop(self, *window))
+    item = FieldPatches(Cards(5), label_of(shift_and_sum, planes_at_alphas((1.0,))), 24, 6, 0)[(0, 3)]
+    assert len(crops) == len(item["where"]) + item["resampled"]
+
+
 def test_a_flat_field_gives_way_to_the_next_one():
-    items = FieldPatches(Cards(3), label_of(shift_and_sum, FocalPlanes((1.0,))), 60, 2, 0)
+    items = FieldPatches(Cards(3), label_of(shift_and_sum, planes_at_alphas((1.0,))), 60, 2, 0)
     assert {where.partition("@")[0] for where in items[(0, 0)]["where"]} == {"card 1"}
 
 
@@ -208,7 +217,7 @@ def test_patches_that_are_not_finite_are_left_to_the_trainings_guard():
         def field(self, index, epoch=0):
             return LightField(torch.full((1, 1, 1, 9, 9), torch.nan), "broken")
 
-    item = FieldPatches(Broken(), label_of(shift_and_sum, FocalPlanes((1.0,))), 8, 2, 0)[(0, 0)]
+    item = FieldPatches(Broken(), label_of(shift_and_sum, planes_at_alphas((1.0,))), 8, 2, 0)[(0, 0)]
     assert bool(item["views"].isnan().all())
 
 

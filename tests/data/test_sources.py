@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from lfref.data import sources
 from lfref.data.sources import FolderSource, SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
@@ -15,9 +14,10 @@ from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc
+from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.scenes import RandomScenes
-from lfref.simulator.simulate import simulate
+from lfref.simulator.simulate import Simulation, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker
 
@@ -101,16 +101,33 @@ def test_what_no_sensor_clips_is_clipped_at_white():
     assert float(field.views.max()) == 1.0
 
 
-def test_a_crop_is_photographed_as_the_whole_field_is_and_only_once(monkeypatch):
-    asked = []
-    monkeypatch.setattr(sources, "simulate", lambda *args, **more: asked.append(more) or simulate(*args, **more))
+@pytest.fixture
+def ran(monkeypatch):
+    """Outputs that simulations were asked for, and how often surfaces were painted."""
+    asked, run, passes = [], Simulation.run, bitmaps.passes
+    monkeypatch.setattr(
+        Simulation, "run", lambda self, outputs, *more: asked.append(outputs) or run(self, outputs, *more)
+    )
+    monkeypatch.setattr(bitmaps, "passes", lambda *args: asked.append("paint") or passes(*args))
+    return asked
+
+
+def test_a_crop_is_photographed_as_the_whole_field_is_and_only_once(ran):
     field = SimulatedSource(1, 0, SMALL).field(0)
-    assert [more["outputs"] for more in asked] == [["views"]]
     crop, corner = field.crop(2, 3, 6, 7), field.crop(2, 3, 6, 7).crop(1, 2, 3, 4)
     assert torch.equal(crop.views, field.views[..., 2:8, 3:10])
     assert torch.equal(crop.photograph(SLOPES), field.photograph(SLOPES)[..., 2:8, 3:10])
     assert torch.equal(corner.photograph(SLOPES), field.photograph(SLOPES)[..., 3:6, 5:9])
-    assert len(asked) == 2
+    assert ran == [["views"], "paint", ["truth"], "paint"]
+
+
+def test_within_reach_a_scene_is_painted_once_for_views_and_photographs(ran):
+    field = SimulatedSource(1, 0, SMALL, reach=0.5).field(0)
+    photograph = field.photograph(SLOPES)
+    assert ran == [["views"], "paint", ["truth"]]
+    narrow = SimulatedSource(1, 0, SMALL).field(0)
+    torch.testing.assert_close(field.views, narrow.views, atol=1e-6, rtol=0)
+    torch.testing.assert_close(photograph, narrow.photograph(SLOPES), atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize(("n_fields", "seed"), [(0, 0), (1, -1)])

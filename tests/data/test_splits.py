@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfref.data import splits
+from lfref.data import hashes, splits
 from lfref.errors import InputError
+from lfref.io import marks
 
 PATHS = [Path(f"field_{number:02d}.png") for number in range(20)]
 
@@ -45,6 +46,54 @@ def test_the_papers_test_set_neither_trains_nor_validates():
     assert sorted(train + held) == PATHS
 
 
+SPELLINGS = [
+    "IMG_1085_eslf",
+    "img_1085_eslf",
+    "IMG_1085_eslf_(1)",
+    "IMG_1085_eslf_copy",
+    "IMG-1085",
+    "IMG_1085",
+    "img1085",
+    "IMG_01085_eslf",
+    "Copy_of_IMG_1085_eslf",
+    "IMG_1085_eslf_-_Copy",
+    "IMG_1085_eslf_-_Copy_(2)",
+    "IMG_1085_eslf_copy_3",
+    "IMG_1085_cropped",
+    "7x7_IMG_1085",
+    "Cars",
+    "cars",
+    "CARS_eslf",
+    "Cars_(1)",
+    "Cars_copy",
+    "Flower_1",
+    "flower-2_copy",
+    "Rock_-_Copy",
+    "seahorse.copy",
+    "copy_of_Cars",
+]
+OTHERS = [
+    "IMG_1087_eslf",
+    "IMG_10850",
+    "IMG_21085",
+    "1085",
+    "Cars_at_night",
+    "Flower",
+    "Flower3",
+    "Flower11",
+    "Rocks",
+    "Scars",
+    "copy",
+    "(1)",
+]
+
+
+@pytest.mark.parametrize("separator", ["_", " "])
+def test_a_test_field_is_known_however_it_is_spelt_and_others_are_not_taken_for_one(separator):
+    spelt = [Path(f"{name.replace('_', separator)}.png") for name in (*SPELLINGS, *OTHERS)]
+    assert splits.without_test_set(spelt) == spelt[len(SPELLINGS) :]
+
+
 @pytest.mark.parametrize("share", [0, 1, -0.1, 1.5, float("nan")])
 def test_a_share_that_is_no_share_is_refused(share):
     with pytest.raises(InputError, match=r"share in \(0, 1\)"):
@@ -72,3 +121,11 @@ def test_a_file_leaks_like_a_folder(store, tmp_path):
 def test_the_same_name_with_another_content_is_no_leak(store):
     train, held = [store("a", seed=1)], [store("a", seed=2, folder="held")]
     assert splits.without_leaks(train, held) == (train, [])
+
+
+def test_hashes_of_a_search_for_leaks_are_kept_for_the_next_one(store, tmp_path, monkeypatch):
+    train, held = [store("a", seed=1), store("b", seed=2)], [store("c", seed=2, folder="held")]
+    expected = splits.without_leaks(train, held, tmp_path / "cache")
+    hashes._known.cache_clear()
+    monkeypatch.setattr(marks, "digest", lambda file: pytest.fail(f"{file} was read again"))
+    assert splits.without_leaks(train, held, tmp_path / "cache") == expected == ([train[0]], [train[1]])

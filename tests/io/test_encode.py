@@ -42,10 +42,11 @@ def test_a_part_of_an_exr_file_carries_its_name_and_attributes_and_no_alpha(tmp_
 
 def test_a_writer_that_fails_leaves_the_old_file(tmp_path, monkeypatch, one_line):
     path = tmp_path / "a.png"
-    path.write_bytes(b"old")
+    encode.encode(path, [encode.Part(np.ones((1, 1, 3)))])
+    old = path.read_bytes()
     monkeypatch.setattr(encode, "_spec", lambda *_: OpenImageIO.ImageSpec(1, 1, 99, "uint8"))
     with pytest.raises(FileError) as caught:
         encode.encode(path, [encode.Part(np.zeros((1, 1, 3)))])
     one_line(caught.value, path, "cannot be written")
     assert list(tmp_path.iterdir()) == [path]
-    assert path.read_bytes() == b"old"
+    assert path.read_bytes() == old

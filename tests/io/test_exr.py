@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import even_planes, planes_at_alphas
 from lfref.io import encode, exr, grid
 
 ALL = grid.Selection()
@@ -46,7 +46,7 @@ def test_more_than_ten_rows_keep_their_order(tmp_path):
 )
 def test_stacks_and_their_alphas_come_back_exactly(folder, alphas, convention, channels):
     stack = np.random.default_rng(0).normal(size=(len(alphas), channels, 3, 4)).astype(np.float32)
-    planes = FocalPlanes(tuple(alphas), convention)
+    planes = planes_at_alphas(tuple(alphas), convention)
     exr.write_planes(folder / "s.exr", stack, planes)
     back, planes_back = exr.read_planes(folder / "s.exr")
     np.testing.assert_array_equal(back, stack)
@@ -54,9 +54,9 @@ def test_stacks_and_their_alphas_come_back_exactly(folder, alphas, convention, c
 
 
 def test_a_plane_says_its_alpha_and_slope(tmp_path):
-    exr.write_planes(tmp_path / "s.exr", np.zeros((2, 1, 1, 1), np.float32), FocalPlanes((0.125, 2.0)))
+    exr.write_planes(tmp_path / "s.exr", np.zeros((2, 1, 1, 1), np.float32), planes_at_alphas((0.125, 2.0)))
     spec = OpenImageIO.ImageInput.open(str(tmp_path / "s.exr")).spec(0)
-    assert (spec.getattribute("alpha"), spec.getattribute("slope")) == ("0.125", -7)
+    assert (spec.getattribute("alpha"), spec.getattribute("slope")) == ("0.125", "-7.0")
     assert (spec.getattribute("convention"), spec.getattribute("oiio:subimagename")) == ("ng", "plane_00")
 
 
@@ -77,7 +77,7 @@ def test_views_of_different_channel_counts_are_refused(tmp_path, one_line):
 
 
 def test_a_stack_is_no_light_field_and_the_other_way_round(tmp_path, one_line):
-    exr.write_planes(tmp_path / "s.exr", np.zeros((2, 1, 1, 1), np.float32), FocalPlanes((0.5, 2.0)))
+    exr.write_planes(tmp_path / "s.exr", np.zeros((2, 1, 1, 1), np.float32), planes_at_alphas((0.5, 2.0)))
     exr.write_views(tmp_path / "v.exr", np.zeros((1, 2, 1, 1, 1), np.float32))
     assert not exr.holds_views(tmp_path / "s.exr")
     assert exr.holds_views(tmp_path / "v.exr")
@@ -90,12 +90,12 @@ def test_a_stack_is_no_light_field_and_the_other_way_round(tmp_path, one_line):
 
 
 @pytest.mark.parametrize("said", [{}, {"alpha": "-1", "convention": "ng"}, {"alpha": "1", "convention": "odd"}])
-def test_planes_that_do_not_say_their_alpha_are_refused(tmp_path, said, one_line):
+def test_planes_that_do_not_say_what_they_are_are_refused(tmp_path, said, one_line):
     path = tmp_path / "s.exr"
     encode.encode(path, [encode.Part(np.zeros((1, 1, 3)), "plane_00", said)])
     with pytest.raises(FileError) as caught:
         exr.read_planes(path)
-    one_line(caught.value, path, "alpha")
+    one_line(caught.value, path, "slope")
 
 
 def test_every_truncation_of_many_parts_is_found(tmp_path, one_line):
@@ -134,3 +134,17 @@ def test_nan_is_neither_written_nor_read(tmp_path, one_line):
         exr.write_views(path, views)
     one_line(caught.value, path, "finite")
     assert np.isfinite(exr.read_views(path, ALL)).all()
+
+
+def test_planes_written_by_lfref_0_1_are_read_by_their_alphas(tmp_path):
+    said = [{"alpha": repr(alpha), "slope": 1 - 1 / alpha, "convention": "ng"} for alpha in (0.375, 2.0)]
+    parts = [encode.Part(np.zeros((1, 1, 3)), f"plane_{n:02d}", each) for n, each in enumerate(said)]
+    encode.encode(tmp_path / "old.exr", parts)
+    assert exr.read_planes(tmp_path / "old.exr")[1] == planes_at_alphas((0.375, 2.0))
+
+
+def test_planes_beyond_what_alphas_reach_come_back(tmp_path):
+    planes = even_planes(3, -2 / 3, 2)
+    exr.write_planes(tmp_path / "s.exr", np.zeros((3, 1, 1, 1), np.float32), planes)
+    again = exr.read_planes(tmp_path / "s.exr")[1]
+    assert (again, again.convention) == (planes, None)

@@ -36,7 +36,7 @@ def test_no_number_of_views_keeps_all():
 def test_a_window_that_leaves_the_grid_is_refused(count, start, one_line):
     with pytest.raises(InputError) as caught:
         grid.Selection((count, count), start).window((7, 7), PATH)
-    one_line(caught.value, PATH, "among the 7")
+    one_line(caught.value, PATH, "among the 7", f"views {count}", "reader.views and reader.start")
 
 
 def test_a_hole_is_named_even_in_a_grid_of_billions(one_line):

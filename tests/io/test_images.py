@@ -97,11 +97,12 @@ def test_other_types_are_refused():
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_nan_and_infinity_are_not_written_and_the_old_file_stays(tmp_path, suffix, value, one_line):
     path = tmp_path / f"a{suffix}"
-    path.write_bytes(b"old")
+    images.write_image(path, np.ones((2, 2, 3)))
+    old = path.read_bytes()
     with pytest.raises(InputError) as caught:
         images.write_image(path, np.full((2, 2, 3), value, np.float32))
     one_line(caught.value, path, "finite")
-    assert path.read_bytes() == b"old"
+    assert path.read_bytes() == old
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from lfref.errors import FileError
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.io import images, read, write
 
 
@@ -53,7 +53,7 @@ def test_a_jpeg_image_on_its_own_is_no_light_field(tmp_path, one_line):
     path.write_bytes(b"\xff\xd8\xff\xe0rest")
     with pytest.raises(FileError) as caught:
         read.read(path)
-    one_line(caught.value, path, "a JPEG image")
+    one_line(caught.value, path, "an image in JPEG")
 
 
 def test_a_missing_path_is_one_clear_error(tmp_path, one_line):
@@ -72,7 +72,7 @@ def test_find_gives_a_light_field_itself(tmp_path, make_field):
 def test_find_gives_the_light_fields_of_a_folder_and_nothing_else(tmp_path, make_field):
     expected = [write.write(tmp_path / name, make_field()) for name in ("b.exr", "c")]
     images.write_image(tmp_path / "a_eslf.png", np.zeros((28, 28, 3)))
-    write.write_stack(tmp_path / "stack.exr", torch.zeros(1, 3, 2, 2), FocalPlanes((0.5,)))
+    write.write_stack(tmp_path / "stack.exr", torch.zeros(1, 3, 2, 2), planes_at_alphas((0.5,)))
     (tmp_path / "notes.txt").write_text("x")
     (tmp_path / ".half.png").write_text("x")
     (tmp_path / "empty").mkdir()

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError
-from lfref.geometry import FocalPlanes
-from lfref.io import atomic, images, read, write
+from lfref.geometry import planes_at_alphas
+from lfref.io import atomic, images, marks, read, write
 from lfref.lightfield import LightField
 
 
@@ -80,7 +80,7 @@ def test_a_folder_that_holds_anything_else_is_not_replaced(tmp_path, make_field,
     with pytest.raises(FileError) as caught:
         write.write(path, make_field((2, 2)))
     one_line(caught.value, path, foreign, "choose another folder")
-    assert sorted(child.name for child in path.iterdir()) == sorted(["a_00_00.png", foreign])
+    assert sorted(child.name for child in path.iterdir()) == sorted([marks.MARK, "a_00_00.png", foreign])
 
 
 @pytest.mark.parametrize("suffix", ["", ".exr"])
@@ -137,19 +137,23 @@ def test_a_parent_that_is_a_file_is_one_clear_error(tmp_path, make_field, name, 
 
 
 def stack_of_two(path):
-    return write.write_stack(path, torch.arange(12.0).reshape(2, 1, 2, 3) / 20, FocalPlanes((0.125, 0.3)))
+    return write.write_stack(path, torch.arange(12.0).reshape(2, 1, 2, 3) / 20, planes_at_alphas((0.125, 0.3)))
 
 
 def test_a_stack_is_read_back_from_exr(tmp_path):
     stack, planes = read.read_stack(stack_of_two(tmp_path / "s.exr"))
     torch.testing.assert_close(stack, torch.arange(12.0).reshape(2, 1, 2, 3) / 20, rtol=0, atol=0)
-    assert planes == FocalPlanes((0.125, 0.3))
+    assert planes == planes_at_alphas((0.125, 0.3))
 
 
 def test_a_stack_folder_has_one_image_a_plane_named_after_its_alpha(tmp_path):
     stack_of_two(tmp_path / "s")
     path = stack_of_two(tmp_path / "s")
-    assert sorted(child.name for child in path.iterdir()) == ["plane_00_alpha_0.125.png", "plane_01_alpha_0.3.png"]
+    assert sorted(child.name for child in path.iterdir()) == [
+        marks.MARK,
+        "plane_00_alpha_0.125.png",
+        "plane_01_alpha_0.3.png",
+    ]
     image = images.read_image(path / "plane_01_alpha_0.3.png")
     assert image[..., 0].tolist() == [[76, 89, 102], [115, 128, 140]]
 
@@ -164,4 +168,4 @@ def test_a_light_field_is_not_replaced_by_a_stack(tmp_path, make_field, one_line
 @pytest.mark.parametrize("shape", [(3, 1, 2, 2), (2, 2, 2), (2, 2, 2, 2)])
 def test_a_stack_must_have_one_image_a_plane(tmp_path, shape):
     with pytest.raises(InputError, match=r"stack must be|1 or 3"):
-        write.write_stack(tmp_path / "s.exr", torch.zeros(shape), FocalPlanes((0.5, 1.0)))
+        write.write_stack(tmp_path / "s.exr", torch.zeros(shape), planes_at_alphas((0.5, 1.0)))

@@ -14,8 +14,10 @@ from torch.autograd import gradcheck, gradgradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from lfref.errors import InputError
+from lfref.functional import psnr as squares
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
+from lfref.losses import composite
 from lfref.losses.composite import PAPER_WEIGHTS, TERMS, CompositeLoss, paper_weights
 
 
@@ -262,3 +264,18 @@ def test_images_of_two_shapes_are_refused_and_never_broadcast() -> None:
 def test_a_total_of_terms_that_are_not_there_is_refused() -> None:
     with pytest.raises(InputError, match="none for inverse_psnr, l1, ssim"):
         CompositeLoss().total({"mse": torch.tensor(1.0)})
+
+
+def test_the_mean_squared_error_is_computed_once_for_all_terms(monkeypatch: pytest.MonkeyPatch) -> None:
+    prediction, target = pair_at(30)
+    expected = {name: term(prediction, target).mean() for name, term in TERMS.items()}
+    calls, mse = [], squares.mse
+
+    def counted(*images: torch.Tensor) -> torch.Tensor:
+        calls.append(images)
+        return mse(*images)
+
+    for module in (squares, composite):
+        monkeypatch.setattr(module, "mse", counted)
+    assert CompositeLoss().terms(prediction, target) == expected
+    assert len(calls) == 1

@@ -7,13 +7,12 @@ import signal
 import pytest
 import torch
 
-from lfref.errors import CheckpointError, FileError, InputError
-from lfref.geometry import FocalPlanes
+from lfref.errors import CheckpointError, FileError
+from lfref.geometry import planes_at_alphas
 from lfref.nets import checkpoint
-from lfref.nets.checkpoint import Refocuser
 from lfref.nets.refnet import RefNet
 
-PLANES = FocalPlanes((0.5, 2.0), "parallel")
+PLANES = planes_at_alphas((0.5, 2.0), "parallel")
 TINY = {"n_planes": 2, "grid": (3, 2), "channels": 1, "widths": (6, 4), "stem_width": 5}
 
 
@@ -39,7 +38,7 @@ def saved(tmp_path, network):
 def assert_refused(path, *parts):
     """The message of the refusal, checked to be one line for people."""
     with pytest.raises(CheckpointError) as caught:
-        checkpoint.load(path)
+        checkpoint.restore(path)
     message = str(caught.value)
     assert "\n" not in message
     for part in parts:
@@ -47,42 +46,24 @@ def assert_refused(path, *parts):
     return message
 
 
-def test_a_loaded_network_gives_the_same_stack(saved, network):
-    refocuser = checkpoint.load(saved)
+def test_a_restored_network_gives_the_same_stack_and_knows_its_planes(saved, network):
+    restored, planes = checkpoint.restore(str(saved))
     views = torch.rand(2, 3, 2, 1, 6, 5)
-    assert torch.equal(refocuser(views), network(views))
-    assert not refocuser.network.training
+    assert torch.equal(restored.eval()(views), network(views))
+    assert (planes, planes.convention) == (PLANES, "parallel")
 
 
-def test_a_refocuser_knows_its_planes(saved):
-    refocuser = checkpoint.load(saved)
-    assert refocuser.planes == PLANES
-    assert refocuser.alphas == (0.5, 2.0)
-    assert refocuser.slopes.tolist() == [-0.5, 1.0]
-
-
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16])
-def test_any_type_and_batch_go_in_and_come_out_without_gradients(saved, dtype):
-    views = torch.rand(2, 2, 3, 2, 1, 6, 5, requires_grad=True).to(dtype)
-    stack = checkpoint.load(str(saved))(views)
-    assert (stack.dtype, stack.shape, stack.requires_grad) == (dtype, (2, 2, 2, 1, 6, 5), False)
-
-
-def test_views_that_do_not_fit_are_the_users_mistake(saved):
-    with pytest.raises(InputError, match="this network reads views"):
-        checkpoint.load(saved)(torch.rand(2, 2, 1, 6, 5))
-
-
-def test_a_network_of_another_number_of_planes_makes_no_refocuser(network):
-    with pytest.raises(InputError, match="2 planes needs as many alphas; got 1"):
-        Refocuser(network, FocalPlanes((1.0,)))
+def test_a_checkpoint_of_format_1_is_read_by_its_alphas(tmp_path):
+    old = {"format": 1, "planes": {"alphas": [0.5, 2.0], "convention": "parallel"}}
+    torch.save(contents(**old), tmp_path / "old.ckpt")
+    assert checkpoint.restore(tmp_path / "old.ckpt")[1] == PLANES
 
 
 def test_the_file_holds_plain_containers_and_tensors_only(saved):
     loaded = torch.load(saved, weights_only=True)
     assert set(loaded) == {"lfref", "state_dict"}
     assert loaded["lfref"]["format"] == checkpoint.FORMAT
-    assert loaded["lfref"]["planes"] == {"alphas": [0.5, 2.0], "convention": "parallel"}
+    assert loaded["lfref"]["planes"] == {"slopes": [-0.5, 1.0], "convention": "parallel"}
     assert all(isinstance(value, torch.Tensor) for value in loaded["state_dict"].values())
 
 
@@ -90,12 +71,8 @@ def test_entries_of_lightning_and_of_other_modules_may_stand_beside(tmp_path):
     full = contents() | {"epoch": 3, "optimizer_states": [{}], "callbacks": {}}
     full["state_dict"]["mpsnr.total"] = torch.zeros(2)
     torch.save(full, tmp_path / "last.ckpt")
-    assert checkpoint.load(tmp_path / "last.ckpt").planes == PLANES
+    assert checkpoint.restore(tmp_path / "last.ckpt")[1] == PLANES
     assert checkpoint.read(tmp_path / "last.ckpt")["epoch"] == 3
-
-
-def test_no_path_says_that_no_model_ships():
-    assert_refused(None, "no model ships", "lfref train")
 
 
 @pytest.mark.parametrize("address", ["https://example.org/net.ckpt", "file:///tmp/net.ckpt", "s3://bucket/net.ckpt"])
@@ -172,13 +149,13 @@ def test_a_file_that_would_run_code_is_not_recommended_to_the_user(tmp_path):
 @pytest.mark.parametrize(
     ("entry", "parts"),
     [
-        ({"format": 2}, ("must have format 1; got 2", "update lfref")),
-        ({"format": None}, ("must have format 1",)),
+        ({"format": 3}, ("must have format 2; got 3", "update lfref")),
+        ({"format": None}, ("must have format 2",)),
         ({"network": {"name": "unet"}}, ("must hold one of refnet; got unet",)),
         ({"network": {}}, ("must hold one of refnet",)),
         ({"network": {"name": "refnet", "colour": 3}}, ("describes no network", "colour")),
         ({"network": {"name": "refnet", "widths": [3]}}, ("describes no network", "must be even")),
-        ({"planes": {"alphas": [1.0]}}, ("describes no network", "as many alphas")),
+        ({"planes": {"slopes": [1.0]}}, ("describes no network", "as many planes")),
         ({"planes": {"alphas": [0.5, -1.0]}}, ("describes no network", "above 0")),
         ({"planes": None}, ("describes no network",)),
     ],
@@ -234,4 +211,4 @@ def test_a_write_that_is_killed_leaves_the_old_file(saved, monkeypatch):
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert saved.read_bytes() == old
     assert [path.name.startswith(".") for path in saved.parent.iterdir() if path != saved] == [True]
-    assert checkpoint.load(saved).planes == PLANES
+    assert checkpoint.restore(saved)[1] == PLANES

@@ -1,11 +1,16 @@
 """After the first batch no output channel is dead; without it some are."""
 
+import copy
+import functools
+import threading
+
 import pytest
 import torch
 from torch import nn
 
+from lfref.nets import head
 from lfref.nets.blocks import NORMALIZATIONS
-from lfref.nets.head import SPREAD, initialize_head
+from lfref.nets.head import SPREAD
 from lfref.nets.refnet import RefNet
 
 SEEDS = range(16)
@@ -42,7 +47,7 @@ def test_no_channel_is_born_dead_on_any_of_16_seeds(initialize):
         network, views, labels = small(seed)
         initialize(network)
         before.append(dead(network, views))
-        initialize_head(network, views, labels)
+        network.prime(views, None, labels)
         after.append(dead(network, views))
     assert after == [0] * len(SEEDS)
     # Otherwise there were nothing to cure, and this test would prove nothing.
@@ -52,7 +57,7 @@ def test_no_channel_is_born_dead_on_any_of_16_seeds(initialize):
 @pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
 def test_each_channel_starts_at_its_labels_mean_with_a_small_spread(normalization):
     network, views, labels = small(0, normalization=normalization)
-    initialize_head(network, views, labels)
+    network.prime(views, None, labels)
     # As the first training step will see it.
     deviation, mean = torch.std_mean(raw(network.train(), views), dim=(0, 2, 3))
     torch.testing.assert_close(deviation, torch.full((48,), SPREAD), atol=1e-5, rtol=0)
@@ -61,14 +66,14 @@ def test_each_channel_starts_at_its_labels_mean_with_a_small_spread(normalizatio
 
 def test_the_spread_is_an_option():
     network, views, labels = small(0)
-    initialize_head(network, views, labels, spread=0.01)
+    head.prime(network.head, network.features(views), labels.flatten(1, 2), spread=0.01)
     torch.testing.assert_close(raw(network, views).std((0, 2, 3)), torch.full((48,), 0.01), atol=1e-5, rtol=0)
 
 
 def test_only_the_last_convolution_changes():
     network, views, labels = small(0)
     before = {name: value.clone() for name, value in network.state_dict().items()}
-    initialize_head(network, views, labels)
+    network.prime(views, None, labels)
     changed = {name for name, value in network.state_dict().items() if not torch.equal(value, before[name])}
     assert changed == {"head.weight", "head.bias"}
 
@@ -77,19 +82,45 @@ def test_only_the_last_convolution_changes():
 def test_the_mode_of_the_network_and_its_gradients_stay_as_they_were(training):
     network, views, labels = small(0)
     network.train(training)
-    initialize_head(network, views, labels)
+    network.prime(views, None, labels)
     assert network.training == training
     assert all(parameter.requires_grad and parameter.grad is None for parameter in network.parameters())
 
 
 def test_a_channel_that_does_not_vary_gives_finite_weights():
     network, views, labels = small(0, normalization="none", stem_kernel=1)
-    initialize_head(network, torch.zeros_like(views), torch.zeros_like(labels))
+    network.prime(torch.zeros_like(views), None, torch.zeros_like(labels))
     assert all(bool(parameter.isfinite().all()) for parameter in network.head.parameters())
 
 
 def test_a_black_first_batch_does_not_blow_up_the_weights():
     network, views, labels = small(0)
-    initialize_head(network, torch.zeros_like(views), torch.zeros_like(labels))
+    network.prime(torch.zeros_like(views), None, torch.zeros_like(labels))
     # Zero padding leaves some contrast at the border, even here.
     assert float(network(views).detach().max()) < 20
+
+
+def test_parts_of_a_batch_in_several_processes_give_the_start_of_the_whole_batch():
+    network, views, labels = small(0)
+    whole = copy.deepcopy(network)
+    whole.prime(views, None, labels)
+    parts = [copy.deepcopy(network) for _ in range(2)]
+    meeting, waiting = threading.Barrier(2), [None, None]
+
+    def total(value, rank):
+        waiting[rank] = value
+        meeting.wait()
+        added = waiting[0] + waiting[1]
+        meeting.wait()
+        return added
+
+    def work(rank):
+        part = slice(rank, rank + 1)
+        parts[rank].prime(views[part], None, labels[part], functools.partial(total, rank=rank))
+
+    threads = [threading.Thread(target=work, args=(rank,)) for rank in range(2)]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+    for part in parts:
+        torch.testing.assert_close(part.head.weight, whole.head.weight, rtol=1e-5, atol=1e-6)
+        torch.testing.assert_close(part.head.bias, whole.head.bias, rtol=1e-5, atol=1e-6)

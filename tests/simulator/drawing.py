@@ -18,8 +18,8 @@ from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.painting import bitmaps
-from lfref.simulator.reading import blurs, compiled
 from lfref.simulator.scene import Camera, Light, Scene, Surface
+from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
 from lfref.simulator.views import render
@@ -88,13 +88,25 @@ def painted_views(scene):
     return render.views(bitmaps.paint(scene), scene.camera)
 
 
-def slow_views(scene, monkeypatch):
+def intersect(geometry, x, y, p, q):
+    """The point (X, Y) of a surface that is seen at pixels from aperture points."""
+    disparity = geometry.met_at(x, y, p, q)
+    return x - disparity * p, y - disparity * q
+
+
+def random_scene(seed, camera, **options):
+    return RandomScenes(camera, **options).drawn(torch.Generator().manual_seed(seed))
+
+
+def view_points(camera):
+    """Aperture points p and q of all views, row by row, [V U] each."""
+    q, p = map(centred, camera.grid)
+    return p.repeat(len(q)), q.repeat_interleave(len(p))
+
+
+def slow_views(scene):
     """All layers from all view points, by PyTorch's operations alone."""
-    monkeypatch.setattr(compiled, "can_serve", lambda *_: False)
-    monkeypatch.setattr(blurs, "RGBA", None)
-    p, q = scene.camera.view_points()
-    views = render.radiance(bitmaps.paint(scene), p, q, *scene.camera.pixels())
-    monkeypatch.undo()
+    views = render.radiance(bitmaps.paint(scene), *view_points(scene.camera), *scene.camera.pixels())
     return views.unflatten(0, scene.camera.grid)
 
 

@@ -4,10 +4,11 @@ import time
 from dataclasses import replace
 
 import pytest
+import torch
 
 from lfref.errors import InputError
 from lfref.simulator import planner
-from lfref.simulator.planner import Pass, Row
+from lfref.simulator.planner import Outcome, Pass
 
 
 def adding(name, needs, makes, amount, inert=None):
@@ -41,7 +42,7 @@ def test_passes_run_after_what_they_need():
 def test_what_nothing_asked_for_needs_does_not_run():
     plan = planner.plan(PASSES, ["b"])
     assert plan.run() == {"b": 11}
-    assert [step.work.name for step in plan.steps] == ["source", "first"]
+    assert [stage.work.name for stage in plan.stages] == ["source", "first"]
     unneeded = {name for name, state in states(plan).items() if state == ("skipped", "nothing asked for needs it")}
     assert unneeded == {"second", "third", "aside", "other"}
 
@@ -65,11 +66,21 @@ def test_each_pass_that_runs_is_timed():
     slow = Pass("slow", ("a",), "z", lambda a: time.sleep(0.02))
     plan = planner.plan([SOURCE, slow, adding("idle", ("z",), "y", 0, inert="it is idle")], ["y"])
     assert [row.milliseconds for row in plan.explain()] == [None, None, None]
-    plan.run()
+    plan.run(timed=True)
     source, waited, idle = (row.milliseconds for row in plan.explain())
     assert 0 <= source < waited
     assert waited >= 20
     assert idle is None
+
+
+@pytest.mark.parametrize(("timed", "waits"), [(False, 0), (True, 4)])
+def test_a_gpu_is_waited_for_only_where_passes_are_timed(monkeypatch, timed, waits):
+    waited = []
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(0))
+    plan = planner.plan([SOURCE, adding("first", ("a",), "b", 10), adding("idle", ("b",), "c", 0, "it is idle")], ["c"])
+    assert plan.run(timed) == {"c": 11}
+    assert len(waited) == waits
 
 
 def test_a_plan_runs_any_number_of_times():
@@ -98,7 +109,7 @@ def test_a_result_is_let_go_once_nothing_needs_it():
 
 
 def test_an_explanation_reads_as_a_table():
-    rows = [Row("render", "run", "makes views", 12.345), Row("noise", "skipped", "noise is 0", None)]
+    rows = [Outcome("render", "run", "makes views", 12.345), Outcome("noise", "skipped", "noise is 0", None)]
     assert planner.table(rows).splitlines() == [
         "pass             why            ms",
         "render  run      makes views  12.3",
@@ -126,4 +137,4 @@ def test_what_cannot_be_planned_is_refused(passes, wanted, message):
 def test_a_result_asked_for_twice_is_made_once():
     plan = planner.plan(PASSES, ["b", "b"])
     assert plan.run() == {"b": 11}
-    assert len(plan.steps) == 2
+    assert len(plan.stages) == 2

@@ -29,10 +29,7 @@ def test_lists_are_taken_as_yaml_gives_them():
     assert hash(scene) == hash(Scene(CAMERA, (Surface(Plane(0.5, (0.0, 0.01)), Flat((1, 0, 0)), matte),)))
 
 
-def test_view_points_and_pixels_are_counted_from_the_centre():
-    p, q = CAMERA.view_points()
-    assert p.tolist() == [-2, -1, 0, 1, 2] * 3
-    assert q.tolist() == [-1] * 5 + [0] * 5 + [1] * 5
+def test_pixels_are_counted_from_the_centre():
     x, y = CAMERA.pixels()
     assert (x.shape, y.shape) == ((1, 1, 31), (1, 20, 1))
     torch.testing.assert_close(x[0, 0], torch.arange(-15, 16, dtype=torch.float64))

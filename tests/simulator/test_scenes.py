@@ -4,11 +4,9 @@ import dataclasses
 
 import pytest
 import torch
-from torch import Generator
 
 from lfref.errors import InputError
 from lfref.io import images
-from lfref.simulator import scenes
 from lfref.simulator.chance.random_sensor import DRAWN, RandomSensor
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.materials import Glass, Matte
@@ -20,6 +18,7 @@ from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat, Noise, Picture
 from lfref.simulator.views import render
+from tests.simulator import drawing
 
 CAMERA = Camera((3, 4), (36, 44))
 EVERYTHING = {
@@ -31,7 +30,7 @@ ONE, TWO = (Scene(CAMERA, (Surface(Plane(0.0), texture),), name=name, seed=seed)
 
 
 def draw(seed=0, **options):
-    return scenes.random_scene(Generator().manual_seed(seed), CAMERA, **options)
+    return drawing.random_scene(seed, CAMERA, **options)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -108,7 +107,7 @@ def test_slants_too_steep_for_the_camera_are_refused():
 
 def test_scenes_of_before_are_drawn_again():
     # Figures in the docs were measured on scenes of this distribution: shares of 0 must not shift the draws.
-    scene = scenes.random_scene(Generator().manual_seed(7), CAMERA)
+    scene = draw(7)
     assert scene.seed == 830456065
     assert scene.sensor == Sensor()
     assert all(surface.material == Matte() and surface.opacity == 1 for surface in scene.surfaces)

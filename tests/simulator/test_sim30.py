@@ -5,11 +5,12 @@ import dataclasses
 import pytest
 
 from lfref.errors import InputError
-from lfref.geometry import FocalPlanes, checked_slopes
+from lfref.geometry import checked_slopes, planes_at_alphas
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import EFFECTS
 from lfref.simulator.materials import Material
 from lfref.simulator.mattes import Outline
+from lfref.simulator.scene import Camera
 from lfref.simulator.simulate import PAPER, simulate
 from lfref.simulator.surfaces import Geometry
 
@@ -53,7 +54,7 @@ def test_what_else_there_is():
 
 def test_the_papers_planes_fit_in_either_convention():
     camera = sim30.CAMERA
-    for planes in (PAPER, FocalPlanes(PAPER.alphas, "parallel")):
+    for planes in (PAPER, planes_at_alphas(PAPER.alphas, "parallel")):
         slopes = checked_slopes(planes.slopes, camera.grid, camera.size)
         for scene in sim30.SCENES.values():
             far = min(surface.geometry.disparity_range((1, 1))[0] for surface in scene.surfaces)
@@ -72,3 +73,10 @@ def test_scenes_can_be_seen(name):
 def test_a_scene_that_does_not_exist_is_refused_by_naming_those_that_do():
     with pytest.raises(InputError, match="sim30 scene must be one of plane, stripes"):
         sim30.scenes("nowhere")
+
+
+def test_another_camera_looks_at_the_same_scene():
+    camera = Camera((3, 3), (20, 30))
+    (scene,) = sim30.scenes("twigs", camera).scenes
+    assert scene == dataclasses.replace(sim30.SCENES["twigs"], camera=camera)
+    assert {scene.camera for scene in sim30.scenes(camera=camera).scenes} == {camera}

@@ -6,7 +6,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.simulator import scenes
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.sensor import Sensor
@@ -14,7 +13,7 @@ from lfref.simulator.lens import truth
 from lfref.simulator.mattes import Disc
 from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.simulate import OUTPUTS, simulate
+from lfref.simulator.simulate import OUTPUTS, Simulation, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
 from lfref.simulator.views import render
@@ -32,7 +31,7 @@ CARDS = Scene(
 
 
 def random_scene(seed: int, **more: object) -> Scene:
-    scene = scenes.random_scene(torch.Generator().manual_seed(seed), CAMERA)
+    scene = drawing.random_scene(seed, CAMERA)
     return dataclasses.replace(scene, **more)
 
 
@@ -53,11 +52,55 @@ def test_views_and_truth_are_those_of_the_painted_layers():
 
 
 def test_effects_that_are_off_are_skipped_for_a_reason():
-    rows = {row.name: row for row in simulate(CARDS, outputs=["views"]).rows}
+    rows = {row.name: row for row in simulate(CARDS, outputs=["views"], timed=True).rows}
     assert rows["noise"].state == "skipped"
     assert rows["noise"].why
     assert rows["noise"].milliseconds is None
     assert rows["view"].milliseconds > 0
+
+
+def test_nothing_is_timed_unasked():
+    assert {row.milliseconds for row in simulate(CARDS, outputs=["views"]).rows} == {None}
+
+
+@pytest.fixture
+def painted(monkeypatch):
+    """How far the surfaces of scenes were painted, a number for each time that it was done."""
+    reaches, passes = [], bitmaps.passes
+    monkeypatch.setattr(
+        bitmaps,
+        "passes",
+        lambda scene, device, reach, force: reaches.append(reach) or passes(scene, device, reach, force),
+    )
+    return reaches
+
+
+def test_one_painting_serves_views_and_truths_within_reach(painted):
+    scene = random_scene(1)
+    simulation = Simulation(scene, reach=0.5)
+    views = simulation.run(["views"]).views
+    found = [simulation.run(["truth"], slopes).truth for slopes in (SLOPES, [0.3])]
+    assert painted == [0.5]
+    torch.testing.assert_close(views, simulate(scene, outputs=["views"]).views, atol=1e-6, rtol=0)
+    for truths, slopes in zip(found, (SLOPES, [0.3]), strict=True):
+        torch.testing.assert_close(truths, simulate(scene, outputs=["truth"], slopes=slopes).truth, atol=1e-6, rtol=0)
+
+
+def test_a_slope_beyond_the_reach_has_it_painted_again(painted):
+    scene = random_scene(2)
+    simulation = Simulation(scene)
+    simulation.run(["views"])
+    beyond = simulation.run(["truth"], SLOPES)
+    simulation.run(["truth"], [-0.2])
+    assert painted == [0.0, 0.5]
+    assert torch.equal(beyond.truth, simulate(scene, outputs=["truth"], slopes=SLOPES).truth)
+
+
+def test_what_is_painted_is_taken_and_said_so():
+    simulation = Simulation(CARDS)
+    simulation.run(["views"])
+    ran = {row.name for row in simulation.run(["disparity"]).rows if row.state == "run"}
+    assert ran == {"take what is painted", "find disparity"}
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from lfref.errors import InputError
 from lfref.simulator.surfaces import Dome, Plane
+from tests.simulator import drawing
 
 X, Y = torch.meshgrid(*(torch.linspace(-60, 60, 41, dtype=torch.float64),) * 2, indexing="xy")
 GEOMETRIES = [
@@ -20,7 +21,7 @@ GEOMETRIES = [
 
 def gap(geometry, p, q):
     """How far from its pixel a ray through the point that it is said to meet arrives."""
-    at_x, at_y = geometry.intersect(X, Y, torch.tensor(p), torch.tensor(q))
+    at_x, at_y = drawing.intersect(geometry, X, Y, torch.tensor(p), torch.tensor(q))
     disparity = geometry.disparity_at(at_x, at_y)
     return max(float((at_x + disparity * p - X).abs().max()), float((at_y + disparity * q - Y).abs().max()))
 
@@ -43,7 +44,7 @@ def test_every_legal_dome_is_met(disparity, centre, radius, share, p, data):
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_the_central_view_sees_each_point_in_its_place(geometry):
-    at_x, at_y = geometry.intersect(X, Y, torch.tensor(0.0), torch.tensor(0.0))
+    at_x, at_y = drawing.intersect(geometry, X, Y, torch.tensor(0.0), torch.tensor(0.0))
     torch.testing.assert_close((at_x, at_y), (X, Y))
 
 

@@ -8,17 +8,18 @@ import torch
 from lightning.pytorch import Trainer
 
 from lfref.data.datamodules import SimulatedData
-from lfref.data.labels import LabelSource
-from lfref.geometry import FocalPlanes
+from lfref.data.labels import OperatorLabels
+from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 from lfref.train.module import Refocusing
 from lfref.train.storage import AtomicCheckpointIO
 
-PLANES = FocalPlanes((0.5, 1.0, 2.0))
+PLANES = planes_at_alphas((0.5, 1.0, 2.0))
 SCENES = RandomScenes(Camera((3, 3), (32, 32)))
 
 
@@ -30,7 +31,7 @@ def module() -> Refocusing:
 
 @pytest.fixture
 def data() -> SimulatedData:
-    labels = LabelSource("shift_and_sum", shift_and_sum, PLANES)
+    labels = OperatorLabels(OperatorRefocuser("shift_and_sum", shift_and_sum), PLANES)
     return SimulatedData(labels, n_fields=3, n_validation=2, scenes=SCENES, patch=24, patches_per_field=2)
 
 

@@ -37,7 +37,7 @@ def test_a_resumed_run_keeps_its_head(module, data, trainer, tmp_path):
 
 @quiet
 def test_pictures_show_labels_above_predictions(module, data, trainer, tmp_path):
-    fit = trainer(max_epochs=2, callbacks=[StackPictures(str(tmp_path / "pictures"), alphas=(0.4, 2.0))])
+    fit = trainer(max_epochs=2, callbacks=[StackPictures(str(tmp_path / "pictures"), slopes=(-1.5, 0.5))])
     fit.fit(module, datamodule=data)
     files = sorted((tmp_path / "pictures").iterdir())
     assert [file.name for file in files] == ["epoch_0000.png", "epoch_0001.png"]
@@ -56,7 +56,7 @@ def test_side_by_side_places_planes_and_rows():
     assert picture.tolist() == [[[0.25] * 3 + [1.0] * 3] * 2 + [[0.0] * 6] * 2]
 
 
-def test_nearest_takes_the_closest_alpha():
+def test_nearest_takes_the_closest_slope():
     assert [nearest((0.5, 1.0, 2.0), alpha) for alpha in (0.1, 0.8, 9.0)] == [0, 1, 2]
 
 

@@ -1,5 +1,7 @@
 """Two processes on the CPU, started as a user would: by the console script."""
 
+import csv
+import re
 import subprocess
 import sys
 
@@ -10,26 +12,61 @@ from lightning.pytorch import Callback
 from lfref.train.guard import StepGuard
 from tests.cli.conftest import TINY
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
-DDP = (*TINY, "trainer=ddp", "trainer.accelerator=cpu", "trainer.devices=2", "trainer.max_epochs=1", "data.n_fields=3")
+pytestmark = pytest.mark.slow
+SETTINGS = (
+    *TINY, "trainer.accelerator=cpu", "trainer.max_epochs=2", "trainer.log_every_n_steps=1", "data.n_fields=4",
+    "optimizer._target_=torch.optim.SGD", "callbacks.progress=null", "callbacks.summary=null",
+)  # fmt: skip
+DDP = ("trainer=ddp", *SETTINGS, "trainer.devices=2")
+WARNING = re.compile(r"^.*(?:Warning:|recommended|/site-packages/.*\.py:\d+:).*$", re.M)
 
 
 def train(*words) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-c", "from lfref.cli.main import main; main()", "train", *DDP, *map(str, words)]
+    command = [sys.executable, "-c", "from lfref.cli.main import main; main()", "train", *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=240)
 
 
-def test_two_processes_train_one_network(tmp_path):
-    run = train(f"output={tmp_path}/run")
+def logged(run):
+    with (run / "log" / "metrics.csv").open() as file:
+        return [float(row["train/loss"]) for row in csv.DictReader(file) if row["train/loss"]]
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """Folder of what two processes trained, with one light field a step each."""
+    folder = tmp_path_factory.mktemp("ddp") / "run"
+    run = train(*DDP, f"output={folder}")
     assert run.returncode == 0, run.stderr
-    state = torch.load(tmp_path / "run" / "checkpoints" / "last.ckpt", weights_only=True)
-    # Three fields for two processes of one field a step: two steps each.
-    assert state["global_step"] == 2
-    assert (tmp_path / "run" / "train_ddp_process_1.log").is_file()
+    assert WARNING.findall(run.stderr) == []
+    return folder
+
+
+def test_two_processes_train_one_network(two):
+    state = torch.load(two / "checkpoints" / "last.ckpt", weights_only=True)
+    # Four fields for two processes of one field a step: two steps an epoch.
+    assert state["global_step"] == 4
+    assert (two / "train_ddp_process_1.log").is_file()
+
+
+def test_two_processes_train_and_log_as_one_with_the_same_batches(two, tmp_path):
+    run = train(*SETTINGS, "data.fields_per_batch=2", f"output={tmp_path}/run")
+    assert run.returncode == 0, run.stderr
+    assert logged(two) == pytest.approx(logged(tmp_path / "run"), rel=1e-5)
+    one, other = (torch.load(path / "checkpoints" / "last.ckpt", weights_only=True) for path in (tmp_path / "run", two))
+    for name, value in one["state_dict"].items():
+        torch.testing.assert_close(other["state_dict"][name], value, atol=1e-5, rtol=0)
+
+
+def test_two_processes_resume_together(two, tmp_path):
+    run = train(f"resume={two}", f"output={tmp_path}/run", "trainer.max_epochs=3")
+    assert run.returncode == 0, run.stderr
+    assert torch.load(tmp_path / "run" / "checkpoints" / "last.ckpt", weights_only=True)["global_step"] == 6
+    assert logged(tmp_path / "run")[:4] == logged(two)
+    assert len(logged(tmp_path / "run")) == 6
 
 
 def test_processes_with_different_configurations_refuse_to_train(tmp_path):
-    run = train(f"output={tmp_path}/run", "loss.weights.gamma=${oc.env:LOCAL_RANK,0}")
+    run = train(*DDP, f"output={tmp_path}/run", "loss.weights.gamma=${oc.env:LOCAL_RANK,0}")
     assert run.returncode != 0
     assert "must have the same configuration" in run.stderr
     assert not (tmp_path / "run" / "checkpoints").exists()
@@ -43,6 +80,9 @@ class PoisonOfOneProcess(Callback):
             module.net.head.weight.grad[0, 0] = torch.inf
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*", "ignore:.*fork.*"
+)
 def test_all_processes_skip_the_step_that_one_cannot_take(module, data, trainer):
     callbacks = [PoisonOfOneProcess(), StepGuard()]
     fit = trainer(max_epochs=1, devices=2, strategy="ddp_spawn", plugins=[], callbacks=callbacks)

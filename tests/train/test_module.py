@@ -6,9 +6,9 @@ import torch
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
-from lfref.geometry import FocalPlanes
+from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
-from lfref.nets import checkpoint
+from lfref.refocuser import networks
 from lfref.train.callbacks import HeadInitialization
 from lfref.train.module import Refocusing
 
@@ -37,7 +37,7 @@ class TestFit:
         fit.fit(module, datamodule=data)
         batches = list(data.val_dataloader())
         with torch.no_grad():
-            pairs = [(module(batch["views"]), batch["labels"]) for batch in batches]
+            pairs = [(module(batch["views"], batch["slopes"]), batch["labels"]) for batch in batches]
         for name, quality in (("mpsnr", psnr), ("mssim", ssim)):
             expected = torch.cat([quality(stack, labels) for stack, labels in pairs]).double().mean()
             assert fit.callback_metrics[f"val/{name}"].item() == pytest.approx(expected.item(), abs=1e-4)
@@ -46,9 +46,9 @@ class TestFit:
         fit = trainer(max_epochs=1)
         fit.fit(module, datamodule=data)
         fit.save_checkpoint(tmp_path / "run.ckpt")
-        refocuser = checkpoint.load(tmp_path / "run.ckpt")
+        refocuser = networks.load(tmp_path / "run.ckpt")
         views = torch.rand(3, 3, 3, 20, 22)
-        assert refocuser.alphas == (0.5, 1.0, 2.0)
+        assert refocuser.planes.alphas == (0.5, 1.0, 2.0)
         assert torch.equal(refocuser(views), module.net.eval()(views))
 
     def test_a_run_that_is_repeated_is_bit_equal(self, module, data, trainer):
@@ -61,4 +61,4 @@ class TestFit:
 
 def test_another_number_of_planes_than_the_labels_is_refused(module):
     with pytest.raises(InputError, match=r"net\.n_planes=2"):
-        Refocusing(module.net, CompositeLoss(), FocalPlanes((1.0, 2.0)), torch.optim.Adam)
+        Refocusing(module.net, CompositeLoss(), planes_at_alphas((1.0, 2.0)), torch.optim.Adam)

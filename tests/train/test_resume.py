@@ -1,19 +1,121 @@
 import copy
+import math
+from functools import partial
 
 import pytest
 import torch
+from lightning.pytorch import Callback
+from lightning.pytorch.callbacks import ModelCheckpoint
 
 from lfref.train.callbacks import HeadInitialization
+from lfref.train.guard import BestCheckpoint
+from lfref.train.log import CSVLogger
+from lfref.train.resume import cut_log, refit
+
+quiet = pytest.mark.filterwarnings(
+    "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*", "ignore:.*Checkpoint directory.*"
+)
 
 
-@pytest.mark.filterwarnings("ignore:.*does not have many workers.*", "ignore:.*number of training batches.*")
+def cosine(module, epochs, rate=0.01):
+    module.optimizer = partial(torch.optim.Adam, lr=rate)
+    module.scheduler = partial(torch.optim.lr_scheduler.CosineAnnealingLR, T_max=epochs)
+    return module
+
+
+class Rates(Callback):
+    def __init__(self):
+        self.seen = []
+
+    def on_train_epoch_start(self, trainer, module):
+        self.seen.append(trainer.optimizers[0].param_groups[0]["lr"])
+
+
+def every_epoch(folder):
+    return ModelCheckpoint(folder, filename="{epoch}", save_top_k=-1)
+
+
+@quiet
 def test_a_resumed_run_is_bit_equal_to_an_unbroken_one(module, data, trainer, tmp_path):
-    broken = copy.deepcopy(module)
-    trainer(max_epochs=4, callbacks=[HeadInitialization()]).fit(module, datamodule=data)
-    first = trainer(max_epochs=2, callbacks=[HeadInitialization()])
-    first.fit(broken, datamodule=data)
-    first.save_checkpoint(tmp_path / "half.ckpt")
-    second = trainer(max_epochs=4, callbacks=[HeadInitialization()])
-    second.fit(broken, datamodule=data, ckpt_path=tmp_path / "half.ckpt", weights_only=True)
+    broken = copy.deepcopy(cosine(module, 4))
+    callbacks = [HeadInitialization(), unbroken := Rates(), every_epoch(tmp_path)]
+    trainer(max_epochs=4, enable_checkpointing=True, callbacks=callbacks).fit(module, datamodule=data)
+    callbacks = [HeadInitialization(), resumed := Rates(), every_epoch(tmp_path)]
+    fit = trainer(max_epochs=4, enable_checkpointing=True, callbacks=callbacks)
+    fit.fit(broken, datamodule=data, ckpt_path=tmp_path / "epoch=1.ckpt", weights_only=True)
+    assert resumed.seen == unbroken.seen[2:]
     for name, value in module.state_dict().items():
         assert torch.equal(value, broken.state_dict()[name]), name
+
+
+@quiet
+def test_a_longer_schedule_and_another_rate_are_taken_as_if_from_the_start(module, data, trainer, tmp_path):
+    fit = trainer(max_epochs=2, callbacks=[HeadInitialization()])
+    fit.fit(cosine(module, 2), datamodule=data)
+    fit.save_checkpoint(tmp_path / "last.ckpt")
+    fit = trainer(max_epochs=5, callbacks=[rates := Rates()])
+    fit.fit(cosine(module, 5, 0.1), datamodule=data, ckpt_path=tmp_path / "last.ckpt", weights_only=True)
+    assert rates.seen == pytest.approx([0.05 * (1 + math.cos(math.pi * epoch / 5)) for epoch in (2, 3, 4)])
+    moments = fit.optimizers[0].state_dict()["state"][0]
+    assert moments["step"] == 15  # three steps an epoch: the moments were not started anew
+
+
+def test_a_setting_of_the_optimiser_is_taken_and_its_moments_stay():
+    weights = torch.nn.Parameter(torch.ones(3))
+    old = torch.optim.Adam([weights], lr=0.5)
+    weights.grad = torch.ones(3)
+    old.step()
+    progress = {"current": {"processed": 4}}
+    saved = {"loops": {"fit_loop": {"epoch_progress": progress}}, "optimizer_states": [old.state_dict()]}
+    new = torch.optim.Adam([torch.nn.Parameter(torch.zeros(()))], lr=0.25, betas=(0.5, 0.75))
+    refit(saved, new, torch.optim.lr_scheduler.StepLR(new, step_size=3, gamma=0.1))
+    old.load_state_dict(saved["optimizer_states"][0])
+    assert old.param_groups[0]["lr"] == pytest.approx(0.025)
+    assert old.param_groups[0]["betas"] == (0.5, 0.75)
+    assert old.state[weights]["exp_avg"].tolist() == pytest.approx([0.1] * 3)
+    assert saved["lr_schedulers"][0]["last_epoch"] == 4
+
+
+@quiet
+def test_the_best_score_is_remembered_where_the_run_has_moved(module, data, trainer, tmp_path):
+    def best(folder):
+        return BestCheckpoint(tmp_path / folder, "best", monitor="val/mpsnr", mode="max", enable_version_counter=False)
+
+    fit = trainer(max_epochs=1, enable_checkpointing=True, callbacks=[first := best("old")])
+    fit.fit(module, datamodule=data)
+    (tmp_path / "old").rename(tmp_path / "new")
+    state = torch.load(tmp_path / "new" / "best.ckpt", weights_only=True)
+    unbeaten = first.best_model_score + 100
+    for callback in state["callbacks"].values():
+        callback |= {"best_model_score": unbeaten, "kth_value": unbeaten}
+        callback["best_k_models"] = dict.fromkeys(callback["best_k_models"], unbeaten)
+    torch.save(state, tmp_path / "new" / "best.ckpt")
+    fit = trainer(max_epochs=2, enable_checkpointing=True, callbacks=[second := best("new")])
+    fit.fit(module, datamodule=data, ckpt_path=tmp_path / "new" / "best.ckpt", weights_only=True)
+    assert second.best_model_score == unbeaten
+    assert second.best_model_path == str(tmp_path / "new" / "best.ckpt")
+    assert torch.load(tmp_path / "new" / "best.ckpt", weights_only=True)["epoch"] == 0
+
+
+@quiet
+def test_a_resumed_log_goes_on_below_what_was_logged(module, data, trainer, tmp_path):
+    def fit(epochs, path=None):
+        options = {"logger": CSVLogger(tmp_path, name="", version="log"), "log_every_n_steps": 1}
+        made = trainer(max_epochs=epochs, **options)
+        made.fit(module, datamodule=data, ckpt_path=path, weights_only=True)
+        made.save_checkpoint(tmp_path / "last.ckpt")
+        return (tmp_path / "log" / "metrics.csv").read_text().splitlines()
+
+    first, second = fit(1), fit(2, tmp_path / "last.ckpt")
+    assert second[: len(first)] == first
+    assert [line.split(",")[0] for line in second[1:]] == ["0"] * 4 + ["1"] * 4
+
+
+def test_a_log_is_cut_where_the_checkpoint_stands(tmp_path):
+    path = tmp_path / "metrics.csv"
+    path.write_text("epoch,step,x\n0,1,5\n0,1,\n1,2,7\n1,3")
+    cut_log(path, 2)
+    assert path.read_text().split() == ["epoch,step,x", "0,1,5", "0,1,"]
+    cut_log(path, 0)
+    assert not path.exists()
+    cut_log(path, 0)

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 import torch
 from torch import Tensor, nn
 
+from lfref import geometry
 from lfref.bench.stability import catalogue, trials
 from lfref.bench.stability.catalogue import noise
 from lfref.bench.stability.operators import PERIODIC
 from lfref.bench.stability.trials import OURS, PRECISIONS, Component
 from lfref.functional.psnr import psnr
-from lfref import geometry
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
 

@@ -13,9 +13,8 @@ from torch import Generator, Tensor
 from lfref import geometry
 from lfref.simulator import checks
 from lfref.simulator.effects import resampling
-from lfref.simulator.effects.effect import check_colour
 
-Colour = tuple[float, ...]
+Triple = tuple[float, ...]
 """One number each for red, green and blue."""
 
 
@@ -27,15 +26,15 @@ class Chromatic:
     needs: ClassVar[tuple[str, ...]] = ("radiance",)
     makes: ClassVar[str] = "dispersed"
 
-    magnification: Colour = (1.0, 1.0, 1.0)
+    magnification: Triple = (1.0, 1.0, 1.0)
     """Size of each channel's picture, [0.5, 2]; 1 leaves it."""
-    disparity: Colour = (0.0, 0.0, 0.0)
+    disparity: Triple = (0.0, 0.0, 0.0)
     """Added to each channel's disparities, in pixels per view step, [-10, 10]."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        check_colour("a chromatic aberration's magnification", self.magnification, 0.5, 2)
-        check_colour("a chromatic aberration's disparity", self.disparity, -10, 10)
+        checks.colour("a chromatic aberration's magnification", self.magnification, 0.5, 2)
+        checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where all channels keep their size, and their focus or the only view."""
@@ -50,7 +49,7 @@ class Chromatic:
         return disperse(views, self.magnification, self.disparity)
 
 
-def disperse(views: Tensor, magnification: Colour, disparity: Colour) -> Tensor:
+def disperse(views: Tensor, magnification: Triple, disparity: Triple) -> Tensor:
     """Magnify and shift every channel on its own.
 
     Args:
@@ -63,7 +62,7 @@ def disperse(views: Tensor, magnification: Colour, disparity: Colour) -> Tensor:
     return resampling.resample(views, rows[:, None], columns)
 
 
-def _positions(n_views: int, length: int, magnification: Colour, disparity: Colour) -> Tensor:
+def _positions(n_views: int, length: int, magnification: Triple, disparity: Triple) -> Tensor:
     """Where each view and channel reads along one axis, [n_views, 3, length]."""
     size, shift = (torch.tensor(values, dtype=torch.float64)[:, None] for values in (magnification, disparity))
     return (geometry.angular_offsets(length) - shift * geometry.angular_offsets(n_views)[:, None, None]) / size

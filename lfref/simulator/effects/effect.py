@@ -10,9 +10,6 @@ import numpy as np
 import torch
 from torch import Generator, Tensor
 
-from lfref.errors import InputError
-from lfref.simulator import checks
-
 
 class Effect(Protocol):
     """A frozen dataclass of plain numbers that says what it does to the views."""
@@ -52,20 +49,3 @@ def normal(shape: tuple[int, ...], generator: Generator, like: Tensor) -> Tensor
         like: Whose type and device the draws take on.
     """
     return torch.randn(shape, generator=generator).to(like)
-
-
-def check_colour(what: str, values: tuple[float, ...], least: float, most: float) -> None:
-    """Refuse what is not one number of a range each for red, green and blue.
-
-    Args:
-        what: The option, for the error.
-        values: Should be three numbers.
-        least: Smallest legal value.
-        most: Largest legal value.
-
-    Raises:
-        InputError: They are not.
-    """
-    if not isinstance(values, tuple) or len(values) != 3:
-        raise InputError(f"{what} must be three numbers, for red, green and blue", got=repr(values))
-    checks.numbers(what, values, least, most)

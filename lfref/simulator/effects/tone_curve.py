@@ -1,29 +1,17 @@
-"""The tone curve: how linear radiance is encoded for a screen, and back.
+"""The tone curve: how linear radiance is encoded for a screen.
 
 Below 0 every curve is continued so that nothing is undefined. Source of `srgb`: IEC 61966-2-1, 1999.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
 
 from lfref.errors import chosen
 from lfref.simulator import checks
-
-
-class Curve(NamedTuple):
-    """A tone curve and its inverse; both take values and the exponent `gamma`."""
-
-    encode: Callable[[Tensor, float], Tensor]
-    decode: Callable[[Tensor, float], Tensor]
-
-
-def identity(values: Tensor, gamma: float) -> Tensor:
-    """The values as they are."""
-    return values
 
 
 def srgb(radiance: Tensor, gamma: float) -> Tensor:
@@ -34,11 +22,6 @@ def srgb(radiance: Tensor, gamma: float) -> Tensor:
         gamma: Not used.
     """
     return torch.where(radiance <= 0.0031308, 12.92 * radiance, 1.055 * radiance.clamp(min=1e-3) ** (1 / 2.4) - 0.055)
-
-
-def linear_from_srgb(encoded: Tensor, gamma: float) -> Tensor:
-    """Undo `srgb`; arguments as there."""
-    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp(min=1e-2) + 0.055) / 1.055) ** 2.4)
 
 
 def power(values: Tensor, exponent: float) -> Tensor:
@@ -53,11 +36,12 @@ def power(values: Tensor, exponent: float) -> Tensor:
     return torch.where(size > 0, values.sign() * size.clamp(min=1e-30) ** exponent, 0.0)
 
 
-CURVES: dict[str, Curve] = {
-    "linear": Curve(identity, identity),
-    "srgb": Curve(srgb, linear_from_srgb),
-    "gamma": Curve(lambda values, gamma: power(values, 1 / gamma), power),
+CURVES: dict[str, Callable[[Tensor, float], Tensor]] = {
+    "linear": lambda radiance, gamma: radiance,
+    "srgb": srgb,
+    "gamma": lambda radiance, gamma: power(radiance, 1 / gamma),
 }
+"""Functions of radiance and the exponent `gamma`."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +68,4 @@ class ToneCurve:
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Encode; nothing is drawn."""
-        return CURVES[self.curve].encode(views, self.gamma)
-
-    def undo(self, views: Tensor) -> Tensor:
-        """Decode.
-
-        Args:
-            views: As `apply` made them, any shape.
-        """
-        return CURVES[self.curve].decode(views, self.gamma)
+        return CURVES[self.curve](views, self.gamma)

@@ -7,7 +7,6 @@ import torch
 from torch import Generator, Tensor
 
 from lfref.simulator import checks
-from lfref.simulator.effects.effect import check_colour
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,7 @@ class WhiteBalance:
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        check_colour("a white balance's gains", self.gains, 0, 1e4)
+        checks.colour("a white balance's gains", self.gains, 0, 1e4)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
         """Nothing changes where all gains are 1."""

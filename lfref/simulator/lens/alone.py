@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.simulator.canvases import OVERSAMPLING
-from lfref.simulator.lens import cell_blur, smooth_kernel
-from lfref.simulator.lens.scenery import Plane
+from lfref.simulator.lens import cell_blur, smooth_loop
+from lfref.simulator.lens.scenery import FocalPlane
 
 Taps = tuple[int, NDArray]
 """Sample that the first tap reads for pixel 0, and the taps."""
 
 
-def photograph(plane: Plane) -> Tensor:
+def photograph(plane: FocalPlane) -> Tensor:
     """The picture of one layer that is not followed, [3, H, W]."""
     (layer,) = plane.seen.layers
     samples = plane.seen.window(layer.bitmap, plane.slope)[:3]
@@ -30,9 +30,9 @@ def photograph(plane: Plane) -> Tensor:
     return picture
 
 
-def _filters(plane: Plane, e: float) -> Iterator[tuple[Taps, Taps]]:
+def _filters(plane: FocalPlane, e: float) -> Iterator[tuple[Taps, Taps]]:
     """Pairs of filters along columns and rows, whose sum the plane is."""
-    one = cell_blur.cell_filter(e, plane.cells, plane.seen.reach(plane.slope))
+    one = cell_blur.cell_filter(e, plane.cells, plane.seen.margin_at(plane.slope))
     shares, groups = np.unique(plane.cells.weights.numpy().round(12), axis=0, return_inverse=True)
     for group, share in enumerate(shares):
         if share.any():
@@ -41,7 +41,7 @@ def _filters(plane: Plane, e: float) -> Iterator[tuple[Taps, Taps]]:
 
 
 def _add_compiled(samples: Tensor, down: Taps, across: Taps, picture: Tensor) -> None:
-    smooth_kernel.pick(samples.numpy(), down[1], across[1], down[0], across[0], OVERSAMPLING, picture.numpy())
+    smooth_loop.pick(samples.numpy(), down[1], across[1], down[0], across[0], OVERSAMPLING, picture.numpy())
 
 
 def _add_eager(samples: Tensor, down: Taps, across: Taps, picture: Tensor) -> None:

@@ -26,15 +26,15 @@ class Filter(NamedTuple):
     """Likewise through each column of cells, [I]."""
 
 
-def cell_filter(e: float, cells: Cells, reach: int) -> Filter:
+def cell_filter(e: float, cells: Cells, margin: int) -> Filter:
     """The filter of a picture.
 
     Args:
         e: Its relative slope.
         cells: Of the aperture.
-        reach: Pixels that the window goes beyond the central view.
+        margin: Pixels that the window goes beyond the central view.
     """
-    rows, columns = (OVERSAMPLING * (reach + e * centres.numpy()) for centres in (cells.q, cells.p))
+    rows, columns = (OVERSAMPLING * (margin + e * centres.numpy()) for centres in (cells.q, cells.p))
     way = OVERSAMPLING * abs(e)
     return Filter(box_taps(way * cells.height, rows), box_taps(way * cells.width, columns), rows, columns)
 

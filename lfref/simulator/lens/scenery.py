@@ -11,14 +11,13 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.simulator.canvases import OVERSAMPLING
 from lfref.simulator.lens import cell_blur
 from lfref.simulator.lens.aperture_cells import Aperture, Cells
-from lfref.simulator.painting import reach
+from lfref.simulator.painting import extents
 from lfref.simulator.painting.layers import Layer
 from lfref.simulator.reading import blurs
 from lfref.simulator.reading.blurs import Bitmap
@@ -48,18 +47,13 @@ class Scenery:
 
     def for_planes(self, slopes: Sequence[float]) -> "Scenery":
         """With the margin that planes of these slopes need."""
-        return replace(self, margin=max(map(self.reach, slopes)))
-
-    @property
-    def device(self) -> torch.device:
-        """Where the layers lie."""
-        return self.layers[0].device
+        return replace(self, margin=max(map(self.margin_at, slopes)))
 
     def only(self, kept: Sequence[int]) -> "Scenery":
         """Some of the layers, in their order."""
         return replace(self, layers=tuple(self.layers[k] for k in kept))
 
-    def reach(self, slope: float) -> int:
+    def margin_at(self, slope: float) -> int:
         """Pixels around the central view that a plane looks at of pictures that face the camera."""
         disparities = [disparity for layer in self.layers for disparity in _facing(layer)]
         farthest = max((abs(slope - disparity) for disparity in disparities), default=0.0)
@@ -68,36 +62,25 @@ class Scenery:
     def window(self, bitmap: Bitmap, slope: float) -> Tensor:
         """Samples of a picture that faces the camera which a plane looks at, its ends going on beyond it, [4, h, w]."""
         if bitmap not in self._windows:
-            self._windows[bitmap] = _cut_out(bitmap, self.camera.size, self.margin)
+            self._windows[bitmap] = bitmap.window(self.camera.size, self.margin)
         samples = self._windows[bitmap]
-        cut = (self.margin - self.reach(slope)) * OVERSAMPLING
+        cut = (self.margin - self.margin_at(slope)) * OVERSAMPLING
         return samples[:, cut : samples.shape[1] - cut, cut : samples.shape[2] - cut]
 
     def corner(self, slope: float) -> tuple[int, int]:
         """Y and X of a window's first sample, in samples."""
-        top, left = (-(length - 1) - self.reach(slope) * OVERSAMPLING for length in self.camera.size)
+        top, left = (-(length - 1) - self.margin_at(slope) * OVERSAMPLING for length in self.camera.size)
         return top, left
 
     def crossing(self, slope: float) -> list[tuple[int, int]]:
         """Pairs of layers, the farther first, of which each is before the other somewhere in a plane."""
-        return reach.crossing([layer.surface.geometry for layer in self.layers], self.camera, abs(slope))
+        return extents.crossing([layer.surface.geometry for layer in self.layers], self.camera, abs(slope))
 
 
 def _facing(layer: Layer) -> list[float]:
     """Disparities of a layer's pictures that face the camera."""
     geometry, reflection = layer.surface.geometry, layer.reflection
     return [geometry.form.disparity] * geometry.is_parallel + ([reflection.disparity] if reflection else [])
-
-
-def _cut_out(bitmap: Bitmap, size: tuple[int, int], margin: int) -> Tensor:
-    canvas, samples = bitmap.canvas, bitmap.samples
-    rows, columns = (
-        (torch.arange((length + 2 * margin) * OVERSAMPLING) - OVERSAMPLING * margin - (length - 1) - start)
-        .clamp(0, end - 1)
-        .to(samples.device)
-        for length, start, end in ((size[0], canvas.top, canvas.height), (size[1], canvas.left, canvas.width))
-    )
-    return samples[:, rows][..., columns]
 
 
 def visible(scenery: Scenery, slope: float) -> list[int]:
@@ -129,7 +112,7 @@ def _opacity_range(scenery: Scenery, k: int, slope: float) -> tuple[float, float
     return float(opacity.min()), float(opacity.max())
 
 
-class Plane(NamedTuple):
+class FocalPlane(NamedTuple):
     """How one plane is photographed."""
 
     slope: float
@@ -173,7 +156,7 @@ class Plane(NamedTuple):
         """
         if layer.surface.geometry.is_parallel:
             return np.zeros(STEPS), 0.0
-        ends = reach.span(self.seen.camera, layer.surface.geometry, abs(self.slope))
+        ends = extents.span(self.seen.camera, layer.surface.geometry, abs(self.slope))
         farthest = max(abs(self.slope - end) for end in ends)
         e = np.linspace(0, max(farthest, LEAST), STEPS)
         box = (e * self.cell * OVERSAMPLING) ** 2 / 12

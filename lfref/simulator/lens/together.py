@@ -1,6 +1,6 @@
 """The plane of several layers, or of one whose rays are followed: composited through every cell, on the CPU.
 
-Letters: as in `ray_kernel`; `o` samples a pixel.
+Letters: as in `ray_loop`; `o` samples a pixel.
 """
 
 import functools
@@ -15,17 +15,17 @@ from torch import Tensor
 
 from lfref.functional import threads
 from lfref.simulator.canvases import OVERSAMPLING
-from lfref.simulator.lens import cell_blur, smooth_kernel, truth_kernel
+from lfref.simulator.lens import cell_blur, smooth_loop, truth_loop
 from lfref.simulator.lens.cell_blur import Filter
-from lfref.simulator.lens.ray_truth import Levels
-from lfref.simulator.lens.scenery import STEPS, Plane
-from lfref.simulator.lens.smooth_kernel import Smoothed
-from lfref.simulator.lens.truth_kernel import Followed, Positions, Through
-from lfref.simulator.painting import reach
+from lfref.simulator.lens.ray_truth_loop import Levels
+from lfref.simulator.lens.scenery import STEPS, FocalPlane
+from lfref.simulator.lens.smooth_loop import Smoothed
+from lfref.simulator.lens.truth_loop import Followed, Places, Through
+from lfref.simulator.painting import extents
 from lfref.simulator.painting.layers import Layer
 from lfref.simulator.rays import ray_tables
-from lfref.simulator.rays.ray_kernel import Atlas
-from lfref.simulator.rays.ray_tables import Picture
+from lfref.simulator.rays.ray_loop import Atlas
+from lfref.simulator.rays.ray_tables import Page
 from lfref.simulator.reading.blurs import Bitmap, margin
 
 LINEAR = 1.0
@@ -44,7 +44,7 @@ class Shelf(NamedTuple):
     """Where it has room for windows."""
 
 
-def camera(planes: Sequence[Plane]) -> Callable[[Plane], Tensor]:
+def camera(planes: Sequence[FocalPlane]) -> Callable[[FocalPlane], Tensor]:
     """What photographs planes.
 
     Args:
@@ -57,8 +57,8 @@ def camera(planes: Sequence[Plane]) -> Callable[[Plane], Tensor]:
     return lambda plane: _photograph(plane, shelf)
 
 
-def _shelf(planes: Sequence[Plane]) -> Shelf:
-    pictures: list[Picture] = []
+def _shelf(planes: Sequence[FocalPlane]) -> Shelf:
+    pictures: list[Page] = []
     copies: dict[Bitmap, range] = {}
     for bitmap, n_levels in _levels(planes).items():
         copies[bitmap] = range(len(pictures), len(pictures) + n_levels)
@@ -67,11 +67,11 @@ def _shelf(planes: Sequence[Plane]) -> Shelf:
     seen = planes[0].seen
     window = [(length + 2 * seen.margin) * OVERSAMPLING for length in seen.camera.size]
     empty = np.empty((*window, 4), _dtype(planes))
-    pictures += [Picture(empty, empty[..., 3], 0, 0) for _ in room]
+    pictures += [Page(empty, empty[..., 3], 0, 0) for _ in room]
     return Shelf(ray_tables.atlas(pictures), copies, room)
 
 
-def _levels(planes: Sequence[Plane]) -> dict[Bitmap, int]:
+def _levels(planes: Sequence[FocalPlane]) -> dict[Bitmap, int]:
     """Of the bitmaps that do not face the camera, how many blurred copies are read."""
     found: dict[Bitmap, int] = {}
     for plane in planes:
@@ -82,17 +82,17 @@ def _levels(planes: Sequence[Plane]) -> dict[Bitmap, int]:
     return found
 
 
-def _copy(bitmap: Bitmap, level: int) -> Picture:
+def _copy(bitmap: Bitmap, level: int) -> Page:
     beyond = margin(level)
     samples = bitmap.copy(level).numpy()
-    return Picture(samples, samples[..., 3], bitmap.canvas.top - beyond, bitmap.canvas.left - beyond)
+    return Page(samples, samples[..., 3], bitmap.canvas.top - beyond, bitmap.canvas.left - beyond)
 
 
 def _n_windows(layer: Layer) -> int:
     return layer.surface.geometry.is_parallel + (layer.reflection is not None)
 
 
-def _photograph(plane: Plane, shelf: Shelf) -> Tensor:
+def _photograph(plane: FocalPlane, shelf: Shelf) -> Tensor:
     slope, seen, cells = plane
     through = Through(cells.p.numpy(), cells.q.numpy(), cells.weights.numpy(), plane.cell, slope)
     picture = np.zeros((3, *seen.camera.size), _dtype([plane]))
@@ -103,17 +103,17 @@ def _photograph(plane: Plane, shelf: Shelf) -> Tensor:
     return torch.from_numpy(picture)
 
 
-def _adding(plane: Plane, shelf: Shelf) -> Callable[[Through, NDArray, int, int], None]:
+def _adding(plane: FocalPlane, shelf: Shelf) -> Callable[[Through, NDArray, int, int], None]:
     """The loop that a plane takes."""
     if plane.is_sorted:
-        return functools.partial(truth_kernel.add_sorted, _followed(plane, shelf))
+        return functools.partial(truth_loop.add_sorted, _followed(plane, shelf))
     shifted = _smoothed(plane, [layer for layer in plane.seen.layers if not layer.is_traced])
     if plane.followed:
-        return functools.partial(truth_kernel.add_mixed, *shifted, _followed(plane, shelf))
-    return functools.partial(truth_kernel.add_shifted, *shifted)
+        return functools.partial(truth_loop.add_mixed, *shifted, _followed(plane, shelf))
+    return functools.partial(truth_loop.add_shifted, *shifted)
 
 
-def _smoothed(plane: Plane, layers: Sequence[Layer]) -> tuple[Smoothed, Positions]:
+def _smoothed(plane: FocalPlane, layers: Sequence[Layer]) -> tuple[Smoothed, Places]:
     """Layers that are only shifted, blurred by a cell."""
     room = _room(plane, len(layers))
     filters = [
@@ -122,27 +122,27 @@ def _smoothed(plane: Plane, layers: Sequence[Layer]) -> tuple[Smoothed, Position
     rows, columns = np.empty((len(layers), len(plane.cells.q))), np.empty((len(layers), len(plane.cells.p)))
     for k, one in enumerate(filters):
         rows[k], columns[k] = one.rows, one.columns
-    return room, Positions(rows, columns)
+    return room, Places(rows, columns)
 
 
-def _room(plane: Plane, n_layers: int) -> Smoothed:
+def _room(plane: FocalPlane, n_layers: int) -> Smoothed:
     """Room for windows of a plane."""
-    reach = plane.seen.reach(plane.slope)
-    height, width = (length + 2 * reach for length in plane.seen.camera.size)
+    margin = plane.seen.margin_at(plane.slope)
+    height, width = (length + 2 * margin for length in plane.seen.camera.size)
     samples = np.empty((n_layers, 4, height * OVERSAMPLING, OVERSAMPLING, width), _dtype([plane]))
     return Smoothed(samples, *np.empty((2, n_layers, height * OVERSAMPLING), np.int64))
 
 
-def _blur(plane: Plane, bitmap: Bitmap, disparity: float, room: Smoothed, k: int) -> Filter:
+def _blur(plane: FocalPlane, bitmap: Bitmap, disparity: float, room: Smoothed, k: int) -> Filter:
     """Fill a place with a picture that faces the camera."""
     samples = plane.seen.window(bitmap, plane.slope).numpy()
-    one = cell_blur.cell_filter(plane.slope - disparity, plane.cells, plane.seen.reach(plane.slope))
+    one = cell_blur.cell_filter(plane.slope - disparity, plane.cells, plane.seen.margin_at(plane.slope))
     down, across = (taps.astype(samples.dtype) for taps in one[:2])
-    smooth_kernel.smooth(samples, down, across, room.samples[k], room.first[k], room.last[k])
+    smooth_loop.smooth(samples, down, across, room.samples[k], room.first[k], room.last[k])
     return one
 
 
-def _followed(plane: Plane, shelf: Shelf) -> Followed:
+def _followed(plane: FocalPlane, shelf: Shelf) -> Followed:
     """Tables of the layers whose rays are followed."""
     layers, room = plane.followed, iter(shelf.room)
     places, boxes = [], []
@@ -156,7 +156,7 @@ def _followed(plane: Plane, shelf: Shelf) -> Followed:
             boxes.append(ray_tables.box(_copy(layer.bitmap, n_levels - 1), LINEAR))
         mirrored = reflection and _fill(shelf, next(room), plane, reflection.picture, reflection.disparity)
         places.append((first, -1 if mirrored is None else mirrored))
-    spans = [reach.span(plane.seen.camera, layer.surface.geometry, abs(plane.slope)) for layer in layers]
+    spans = [extents.span(plane.seen.camera, layer.surface.geometry, abs(plane.slope)) for layer in layers]
     blurs = [plane.blurs(layer) for layer in layers]
     tables = np.array([places for places, _ in blurs]).reshape(len(layers), STEPS)
     levels = Levels(tables, np.array([steps for _, steps in blurs]))
@@ -165,7 +165,7 @@ def _followed(plane: Plane, shelf: Shelf) -> Followed:
     )
 
 
-def _fill(shelf: Shelf, place: int, plane: Plane, bitmap: Bitmap, disparity: float) -> int:
+def _fill(shelf: Shelf, place: int, plane: FocalPlane, bitmap: Bitmap, disparity: float) -> int:
     """Put a blurred window into an atlas."""
     room = _room(plane, 1)
     _blur(plane, bitmap, disparity, room, 0)
@@ -176,14 +176,14 @@ def _fill(shelf: Shelf, place: int, plane: Plane, bitmap: Bitmap, disparity: flo
     return place
 
 
-def _taken(shelf: Shelf, place: int) -> Picture:
+def _taken(shelf: Shelf, place: int) -> Page:
     """A picture of an atlas."""
     start, rows, columns, top, left = shelf.atlas.frames[place].tolist()
     samples = shelf.atlas.samples[start : start + rows * columns * 4].reshape(rows, columns, 4)
-    return Picture(samples, samples[..., 3], top, left)
+    return Page(samples, samples[..., 3], top, left)
 
 
-def _ranks(plane: Plane) -> NDArray[np.int64]:
+def _ranks(plane: FocalPlane) -> NDArray[np.int64]:
     """As `Followed.order`."""
     counts = {True: -1, False: 0}
     order = []
@@ -194,6 +194,6 @@ def _ranks(plane: Plane) -> NDArray[np.int64]:
     return np.array(order, np.int64)
 
 
-def _dtype(planes: Sequence[Plane]) -> np.dtype:
+def _dtype(planes: Sequence[FocalPlane]) -> np.dtype:
     layers = [layer for plane in planes for layer in plane.seen.layers]
     return layers[0].bitmap.samples.numpy().dtype if layers else np.dtype(np.float32)

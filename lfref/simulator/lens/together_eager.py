@@ -10,7 +10,7 @@ from torch import Tensor
 
 from lfref.simulator.canvases import OVERSAMPLING
 from lfref.simulator.lens import cell_blur
-from lfref.simulator.lens.scenery import Plane
+from lfref.simulator.lens.scenery import FocalPlane
 from lfref.simulator.painting.layers import Layer
 from lfref.simulator.reading import lookups
 from lfref.simulator.reading.blurs import Bitmap, margin
@@ -25,10 +25,10 @@ Read = Callable[[Tensor, Tensor], Tensor]
 """(X, Y), [M, H, W] -> RGBA, [M, 4, H, W]."""
 
 
-def photograph(plane: Plane) -> Tensor:
+def photograph(plane: FocalPlane) -> Tensor:
     """The picture of a plane, [3, H, W]."""
     slope, seen, cells = plane
-    device = seen.device
+    device = seen.layers[0].device
     picture = torch.zeros(3, *seen.camera.size, dtype=torch.float64, device=device)
     looks = [_look(plane, layer) for layer in seen.layers]
     q, p = (points.flatten() for points in torch.meshgrid(cells.q, cells.p, indexing="ij"))
@@ -44,8 +44,8 @@ def photograph(plane: Plane) -> Tensor:
     return picture.to(seen.layers[0].bitmap.samples)
 
 
-def _sorted(plane: Plane, rgba: list[Tensor], met: Tensor, p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """What is seen of layers sorted at each pixel, [M, 3, H, W]; see `ray_kernel.lay_shared`."""
+def _sorted(plane: FocalPlane, rgba: list[Tensor], met: Tensor, p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """What is seen of layers sorted at each pixel, [M, 3, H, W]; see `ray_loop.lay_shared`."""
     crosses, slopes = plane.crosses(), []
     for layer, disparities in zip(plane.seen.layers, met, strict=True):
         across, down = layer.surface.geometry.gradient_at(x - disparities * p, y - disparities * q)
@@ -66,7 +66,7 @@ def _sorted(plane: Plane, rgba: list[Tensor], met: Tensor, p: Tensor, q: Tensor,
     return sight
 
 
-def _look(plane: Plane, layer: Layer) -> Look:
+def _look(plane: FocalPlane, layer: Layer) -> Look:
     """How a layer is seen through cells."""
     form, reflection = layer.surface.geometry.form, layer.reflection
     is_parallel = layer.surface.geometry.is_parallel
@@ -87,9 +87,9 @@ def _look(plane: Plane, layer: Layer) -> Look:
     return look
 
 
-def _window(plane: Plane, bitmap: Bitmap, disparity: float) -> Read:
+def _window(plane: FocalPlane, bitmap: Bitmap, disparity: float) -> Read:
     """Linear look-ups of a picture that faces the camera, blurred by a cell."""
-    one = cell_blur.cell_filter(plane.slope - disparity, plane.cells, plane.seen.reach(plane.slope))
+    one = cell_blur.cell_filter(plane.slope - disparity, plane.cells, plane.seen.margin_at(plane.slope))
     samples = plane.seen.window(bitmap, plane.slope)
     for axis, taps in ((-2, one.down), (-1, one.across)):
         samples = _filtered(samples, taps.tolist(), axis)
@@ -107,7 +107,7 @@ def _filtered(samples: Tensor, taps: list[float], axis: int) -> Tensor:
     return sum((tap * padded.narrow(axis, t, length) for t, tap in enumerate(taps)), torch.zeros_like(samples))
 
 
-def _copies(plane: Plane, layer: Layer, positions: tuple[Tensor, Tensor], e: Tensor) -> Tensor:
+def _copies(plane: FocalPlane, layer: Layer, positions: tuple[Tensor, Tensor], e: Tensor) -> Tensor:
     """Linear look-ups between the two blurred copies that suit each pixel."""
     table, steps = plane.blurs(layer)
     places = torch.from_numpy(table).to(e)

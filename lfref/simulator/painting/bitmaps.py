@@ -15,10 +15,9 @@ from lfref.simulator import canvases, planner
 from lfref.simulator.canvases import OVERSAMPLING, Box, Canvas
 from lfref.simulator.materials import Glass, Glossy, Mirror
 from lfref.simulator.mattes import Full
-from lfref.simulator.painting import layers
-from lfref.simulator.painting import reach as rays
+from lfref.simulator.painting import extents, layers
+from lfref.simulator.painting.changes import Change, Order
 from lfref.simulator.painting.layers import Highlight, Layer, Reflection
-from lfref.simulator.painting.steps import Order, Step
 from lfref.simulator.planner import Pass
 from lfref.simulator.reading import lookups
 from lfref.simulator.reading.blurs import Bitmap
@@ -60,7 +59,7 @@ def passes(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0,
         Pass("line up", (), "surfaces", lambda: order.from_far_to_near),
         Pass("leave out hidden", ("surfaces",), "shown", lambda _: order.shown, all_shown),
         Pass("paint", ("shown",), "painted", functools.partial(_painted, order)),
-        *(step.planned(order, force) for step in STEPS),
+        *(change.planned(order, force) for change in CHANGES),
     ]
 
 
@@ -185,16 +184,16 @@ def _sent(order: Order, layer: Layer) -> Layer:
     return replace(layer, bitmap=layer.bitmap.to(order.device), reflection=picture)
 
 
-STEPS = (
-    Step("light", "painted", "lit", _lit, _is_lit, "the light is white, of gain 1, and nothing shines"),
-    Step("opacity", "lit", "thinned", _thinned, _is_opaque, "all surfaces are opaque"),
-    Step("outline", "thinned", "outlined", _outlined, _is_full, "no surface has an edge"),
-    Step("motion", "outlined", "smeared", _smeared, _stands_still, "nothing moves"),
-    Step("reflection", "smeared", "reflecting", _reflecting, _reflects_nothing, "no mirror, no glass"),
-    Step("gloss", "reflecting", "shining", _shining, _is_dull, "no surface is glossy"),
-    Step("follow rays", "shining", "traced", _traced, _only_shifts, "from everywhere, all surfaces look but shifted"),
-    Step("sort by depth", "traced", "sorted", _sorted, _keeps_its_rank, "no two surfaces cross"),
-    Step("send", "sorted", "layers", _sent, lambda order, _: order.device.type == "cpu", "layers stay on the CPU"),
+CHANGES = (
+    Change("light", "painted", "lit", _lit, _is_lit, "the light is white, of gain 1, and nothing shines"),
+    Change("opacity", "lit", "thinned", _thinned, _is_opaque, "all surfaces are opaque"),
+    Change("outline", "thinned", "outlined", _outlined, _is_full, "no surface has an edge"),
+    Change("motion", "outlined", "smeared", _smeared, _stands_still, "nothing moves"),
+    Change("reflection", "smeared", "reflecting", _reflecting, _reflects_nothing, "no mirror, no glass"),
+    Change("gloss", "reflecting", "shining", _shining, _is_dull, "no surface is glossy"),
+    Change("follow rays", "shining", "traced", _traced, _only_shifts, "from everywhere, all surfaces look but shifted"),
+    Change("sort by depth", "traced", "sorted", _sorted, _keeps_its_rank, "no two surfaces cross"),
+    Change("send", "sorted", "layers", _sent, lambda order, _: order.device.type == "cpu", "layers stay on the CPU"),
 )
 """From colours to layers. The last ones mark what views and truth then have to take into account."""
 
@@ -217,7 +216,7 @@ def _canvas(order: Order, geometry: Geometry, surface: Surface | None = None) ->
 
 
 def _box(camera: Camera, geometry: Geometry, surface: Surface | None, reach: float) -> Box:
-    right, bottom = rays.ends(camera, geometry, reach)
+    right, bottom = extents.ends(camera, geometry, reach)
     box = (-right, -bottom, right, bottom)
     if surface and (limits := surface.matte.box()):
         box = canvases.intersection(box, limits)

@@ -1,6 +1,6 @@
 """The tables that compiled loops take of layers whose rays are followed.
 
-Letters: as in `ray_kernel`.
+Letters: as in `ray_loop`.
 """
 
 import math
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from lfref.simulator.canvases import OVERSAMPLING, Box
 from lfref.simulator.painting.layers import Highlight, Layer
-from lfref.simulator.rays.ray_kernel import Atlas, Sights
+from lfref.simulator.rays.ray_loop import Atlas, Sights
 
 NO_LOBE = Highlight(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class Picture(NamedTuple):
+class Page(NamedTuple):
     """Samples, and where they lie on a surface."""
 
     samples: NDArray[np.floating]
@@ -30,7 +30,7 @@ class Picture(NamedTuple):
     """X of the first column in samples."""
 
 
-def atlas(pictures: Sequence[Picture]) -> Atlas:
+def atlas(pictures: Sequence[Page]) -> Atlas:
     """Put pictures one after the other."""
     arrays = [picture.samples.reshape(-1) for picture in pictures]
     starts = np.cumsum([0, *(array.size for array in arrays)])[:-1]
@@ -73,7 +73,7 @@ def _table(rows: Sequence[tuple[float, ...]], n_columns: int) -> NDArray[np.floa
     return np.array(rows, np.float64).reshape(-1, n_columns)
 
 
-def box(picture: Picture, margin: float) -> Box:
+def box(picture: Page, margin: float) -> Box:
     """Where a picture may be seen that goes on beyond its ends.
 
     Args:

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.simulator.canvases import OVERSAMPLING, Canvas
-from lfref.simulator.reading import blur_kernel, compiled, lookups
+from lfref.simulator.reading import blur_loop, lookups
 
 Positions = tuple[Tensor, Tensor]
 """X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; single axes where they form a grid."""
-RGBA = 4
 WIDEST = 1024
 """Samples of the widest box."""
 LINEAR = 1 / 4
@@ -45,14 +44,28 @@ class Bitmap:
         """
         x, y = positions
         i, j = x * OVERSAMPLING - self.canvas.left, y * OVERSAMPLING - self.canvas.top
-        is_grid, on_cpu = i.shape[-2] == 1 and j.shape[-1] == 1, self.samples.device.type == "cpu"
-        if is_grid and on_cpu and compiled.can_serve(self.samples, i, j):
-            return compiled.on_grid(self.samples, i, j)
-        if is_grid:
-            return lookups.on_grid(self.samples, i, j)
-        if on_cpu and len(self.samples) == RGBA:
-            return compiled.anywhere(self.interleaved, i, j)
-        return lookups.anywhere(self.samples, i, j)
+        read = lookups.on_grid if i.shape[-2] == j.shape[-1] == 1 else lookups.anywhere
+        return read(self.samples, i, j)
+
+    def window(self, size: tuple[int, int], margin: int = 0) -> Tensor:
+        """The samples that belong to the pixels of the central view, its ends going on beyond it.
+
+        Args:
+            size: Height and width (H, W) of the view in pixels.
+            margin: Pixels around it.
+
+        Returns:
+            The first of each pixel's samples is at its middle, [C, OVERSAMPLING (H + 2 margin), likewise of W].
+        """
+        rows, columns = (
+            (torch.arange((length + 2 * margin) * OVERSAMPLING) - OVERSAMPLING * margin - (length - 1) - start)
+            .clamp(0, end - 1)
+            .to(self.samples.device)
+            for length, start, end in zip(
+                size, (self.canvas.top, self.canvas.left), self.samples.shape[1:], strict=True
+            )
+        )
+        return self.samples[:, rows][..., columns]
 
     @functools.cached_property
     def interleaved(self) -> Tensor:
@@ -123,7 +136,7 @@ def box_blurred(samples: Tensor, size: int) -> Tensor:
     if samples.device.type == "cpu" and size > 1:
         height, width, n_channels = samples.shape
         result = torch.empty(height + size - 1, width + size - 1, n_channels, dtype=samples.dtype)
-        blur_kernel.box_mean(samples.numpy(), size, result.numpy())
+        blur_loop.box_mean(samples.numpy(), size, result.numpy())
         return result
     return _running_mean(_running_mean(samples, size, 0), size, 1)
 

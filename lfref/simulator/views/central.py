@@ -9,7 +9,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from lfref.simulator.painting.layers import Layer, rays
+from lfref.simulator.canvases import OVERSAMPLING
+from lfref.simulator.painting.layers import Layer
+from lfref.simulator.reading.blurs import Bitmap
 from lfref.simulator.scene import Camera
 from lfref.simulator.views import render
 
@@ -59,8 +61,9 @@ def masks(layers: Sequence[Layer], camera: Camera, n_surfaces: int) -> Tensor:
 
 def _seen(layers: Sequence[Layer], camera: Camera) -> tuple[Tensor, Tensor]:
     """Opacities, float32, and disparities, float64, of layers in the central view, [K, H, W] each."""
-    centre = torch.zeros(1, dtype=torch.float64)
-    x, y = camera.pixels()
-    opacities = torch.stack([layer.seen(centre, centre, x, y)[0, 3] for layer in layers])
-    met = render.met(layers, *rays(centre, centre, x, y, layers[0].device))
-    return opacities, met[:, 0].expand(opacities.shape)
+    x, y = (pixels[0].to(layers[0].device) for pixels in camera.pixels())
+    # Its rays meet all surfaces at their own (x, y), where bitmaps have samples.
+    bitmaps = [Bitmap(layer.bitmap.canvas, layer.bitmap.samples[3:]) for layer in layers]
+    opacities = torch.stack([bitmap.window(camera.size)[0, ::OVERSAMPLING, ::OVERSAMPLING] for bitmap in bitmaps])
+    met = [layer.surface.geometry.disparity_at(x, y).expand(camera.size) for layer in layers]
+    return opacities.clamp(0, 1), torch.stack(met)

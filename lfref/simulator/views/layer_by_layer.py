@@ -16,15 +16,15 @@ from torch import Tensor
 
 from lfref.functional import threads
 from lfref.simulator.canvases import OVERSAMPLING, Canvas
-from lfref.simulator.painting import reach
+from lfref.simulator.painting import extents
 from lfref.simulator.painting.layers import Layer
 from lfref.simulator.rays import ray_tables
-from lfref.simulator.rays.ray_tables import Picture
-from lfref.simulator.reading import compiled, shift_kernel
+from lfref.simulator.rays.ray_tables import Page
+from lfref.simulator.reading import shift_loop, shift_tables
 from lfref.simulator.reading.blurs import Bitmap
-from lfref.simulator.reading.shift_kernel import Shifts
+from lfref.simulator.reading.shift_loop import Shifts
 from lfref.simulator.scene import Camera
-from lfref.simulator.views import ray_views
+from lfref.simulator.views import ray_views_loop
 
 BAND = 8
 """Rows of all views that are finished before the next: they stay in a core's second cache."""
@@ -49,18 +49,7 @@ class Points(NamedTuple):
 
 
 def pictures(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float = 0.0) -> Tensor:
-    """Pictures from a grid of aperture points.
-
-    Args:
-        layers: From far to near, on the CPU.
-        camera: The size of the pictures.
-        p: Columns of the aperture points, in view steps from the centre, [U].
-        q: Rows of the aperture points, [V].
-        slope: In pixels per view step, of the plane that is at the same place in all pictures.
-
-    Returns:
-        Radiance, float32, [V, U, 3, H, W].
-    """
+    """Pictures from a grid of aperture points, of layers on the CPU; as `render.pictures`, which hands them on."""
     # Only a plain copy may go over what memory happens to hold.
     make = np.empty if layers[0].hides and not layers[0].is_traced else np.zeros
     picture = make((len(q), len(p), 3, *camera.size), np.float32)
@@ -86,15 +75,15 @@ def _covers(layers: Sequence[Layer], camera: Camera, points: Points) -> list[Cov
 def _shifted(layer: Layer, camera: Camera, points: Points) -> Cover:
     """A layer of which all pictures are shifted copies."""
     samples = layer.bitmap.samples.numpy()
-    sheet = compiled.filled(samples[:3]) if layer.hides else compiled.outlined(samples)
+    sheet = shift_tables.filled(samples[:3]) if layer.hides else shift_tables.outlined(samples)
     across, down = _shifts(layer.bitmap.canvas, layer.surface.geometry.form.disparity, camera, points)
-    return lambda top, end: shift_kernel.over(sheet, across, down, points.picture, top, end)
+    return lambda top, end: shift_loop.over(sheet, across, down, points.picture, top, end)
 
 
 def _shifts(canvas: Canvas, disparity: float, camera: Camera, points: Points) -> tuple[Shifts, Shifts]:
     """How a bitmap that faces the camera is read along rows, and along columns."""
     across, down = (
-        compiled.shifts((pixels.min() + (points.slope - disparity) * torch.from_numpy(steps)) * OVERSAMPLING - edge)
+        shift_tables.shifts((pixels.min() + (points.slope - disparity) * torch.from_numpy(steps)) * OVERSAMPLING - edge)
         for pixels, steps, edge in zip(camera.pixels(), points[:2], (canvas.left, canvas.top), strict=True)
     )
     return across, down
@@ -102,7 +91,7 @@ def _shifts(canvas: Canvas, disparity: float, camera: Camera, points: Points) ->
 
 def _followed(layers: Sequence[Layer], camera: Camera, points: Points) -> Cover:
     """Any layers, sorted at each pixel where there are several."""
-    pictures: list[Picture] = []
+    pictures: list[Page] = []
     places, shifts = [], []
     for layer in layers:
         geometry, reflection = layer.surface.geometry, layer.reflection
@@ -112,16 +101,16 @@ def _followed(layers: Sequence[Layer], camera: Camera, points: Points) -> Cover:
         if reflection:
             pictures.append(_picture(reflection.picture, True))
             shifts.append(_shifts(reflection.picture.canvas, reflection.disparity, camera, points))
-    spans = [reach.span(camera, layer.surface.geometry, abs(points.slope)) for layer in layers]
+    spans = [extents.span(camera, layer.surface.geometry, abs(points.slope)) for layer in layers]
     boxes = [ray_tables.box(pictures[place], CUBIC) for place, _ in places]
     sights, atlas = ray_tables.sights(layers, spans, boxes, places), ray_tables.atlas(pictures)
-    across, down = (ray_views.Shifts(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*shifts, strict=True))
-    aperture = ray_views.Aperture(points.p, points.q, points.slope, across, down)
-    over = ray_views.over if len(layers) == 1 else ray_views.over_ranked
+    across, down = (Shifts(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*shifts, strict=True))
+    aperture = ray_views_loop.Viewpoints(points.p, points.q, points.slope, across, down)
+    over = ray_views_loop.over if len(layers) == 1 else ray_views_loop.over_ranked
     return lambda top, end: over(sights, atlas, aperture, points.picture, top, end)
 
 
-def _picture(bitmap: Bitmap, faces: bool) -> Picture:
+def _picture(bitmap: Bitmap, faces: bool) -> Page:
     """A bitmap as loops want it: planar where it faces the camera."""
     samples = (bitmap.samples if faces else bitmap.interleaved).numpy()
-    return Picture(samples, bitmap.samples[3].numpy(), bitmap.canvas.top, bitmap.canvas.left)
+    return Page(samples, bitmap.samples[3].numpy(), bitmap.canvas.top, bitmap.canvas.left)

@@ -13,8 +13,8 @@ from lfref.errors import InputError
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.simulator import scenes
 from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import simulate
 from lfref.simulator.textures import Noise
 from tests.refocus.conftest import shifted_views, texture
@@ -90,7 +90,7 @@ def test_a_slanted_plane_comes_back_within_half_a_step():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_simulated_scenes_come_back_where_they_are_textured(seed):
-    scene = scenes.random_scene(torch.Generator().manual_seed(seed), Camera(size=(128, 136)))
+    scene = RandomScenes(Camera(size=(128, 136))).drawn(torch.Generator().manual_seed(seed))
     noise = Noise((0.5, 0.4, 0.3), (0.2, 0.2, 0.2), exponent=1.3)
     textured = tuple(dataclasses.replace(surface, texture=noise) for surface in scene.surfaces)
     simulated = simulate(dataclasses.replace(scene, surfaces=textured), outputs=["views", "disparity"])

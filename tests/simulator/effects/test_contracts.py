@@ -109,8 +109,8 @@ def test_demosaicing_makes_three_channels_of_one(effect, shape):
 @pytest.mark.parametrize(
     ("kind", "options", "message"),
     [
-        (Chromatic, {"magnification": (1, 1)}, "magnification must be three numbers"),
-        (Chromatic, {"magnification": 1.1}, "magnification must be three numbers"),
+        (Chromatic, {"magnification": (1, 1)}, "magnification must have 3 numbers"),
+        (Chromatic, {"magnification": 1.1}, "magnification must have 3 numbers"),
         (Chromatic, {"magnification": (1, 1, 0)}, "magnification .* at least 0.5"),
         (Chromatic, {"disparity": (0, math.nan, 0)}, "disparity must be finite"),
         (Chromatic, {"disparity": (0, 11, 0)}, "disparity .* at most 10"),
@@ -132,7 +132,7 @@ def test_demosaicing_makes_three_channels_of_one(effect, shape):
         (Quantisation, {"bits": 8.5}, "whole number from 1 to 20"),
         (Quantisation, {"bits": True}, "whole number from 1 to 20"),
         (WhiteBalance, {"gains": (1, 1, -1)}, "gains .* at least 0"),
-        (WhiteBalance, {"gains": "warm"}, "gains must be three numbers"),
+        (WhiteBalance, {"gains": "warm"}, "gains must have 3 numbers"),
         (ToneCurve, {"curve": "log"}, "tone curve must be one of linear, srgb, gamma"),
         (ToneCurve, {"gamma": 0.0}, "gamma .* at least 0.1"),
     ],

@@ -5,7 +5,6 @@ import itertools
 import pytest
 import torch
 
-from lfref.errors import InputError
 from lfref.simulator.effects import effect
 
 
@@ -31,9 +30,3 @@ def test_draws_are_the_same_in_any_type():
         for dtype in (torch.float32, torch.float64)
     )
     assert torch.equal(single.double(), double)
-
-
-@pytest.mark.parametrize("values", [(1, 2), [1, 1, 1], None, (1, 1, 3), (1, 1, "x"), (1, float("nan"), 1)])
-def test_what_is_no_colour_is_refused(values):
-    with pytest.raises(InputError, match="a gain must be"):
-        effect.check_colour("a gain", values, 0, 2)

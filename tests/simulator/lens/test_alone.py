@@ -5,8 +5,7 @@ import torch
 
 from lfref.functional.psnr import psnr
 from lfref.simulator.lens import alone, aperture_cells, together, together_eager
-from lfref.simulator.lens.scenery import Plane as Photograph
-from lfref.simulator.lens.scenery import Scenery
+from lfref.simulator.lens.scenery import FocalPlane, Scenery
 from lfref.simulator.mattes import Disc
 from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
@@ -19,7 +18,7 @@ def plane(slope, aperture="square", grid=(7, 7), n_cells=9, matte=None, size=(40
     surface = Surface(Plane(-1.0), Noise()) if matte is None else Surface(Plane(-1.0), Noise(), matte)
     layers = tuple(bitmaps.paint(Scene(camera, (surface,)), reach=abs(slope)))
     whole = Scenery(layers, camera, aperture_cells.aperture(camera)).for_planes([slope])
-    return Photograph(slope, whole, aperture_cells.cut(whole.whole, n_cells))
+    return FocalPlane(slope, whole, aperture_cells.cut(whole.whole, n_cells))
 
 
 @pytest.mark.parametrize("aperture", ["square", "disc"])

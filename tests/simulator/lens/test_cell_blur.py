@@ -19,7 +19,7 @@ def test_taps_blur_as_much_as_a_box(width, share):
 
 
 def test_a_surface_in_focus_is_not_filtered():
-    one = cell_blur.cell_filter(0.0, cut(Aperture("square", 7, 5), 3), reach=4)
+    one = cell_blur.cell_filter(0.0, cut(Aperture("square", 7, 5), 3), margin=4)
     for taps in (one.down, one.across):
         np.testing.assert_array_equal(taps, [0, 1, 0])
     np.testing.assert_array_equal(one.rows, [8, 8, 8])
@@ -27,7 +27,7 @@ def test_a_surface_in_focus_is_not_filtered():
 
 def test_look_ups_move_by_the_relative_slope():
     cells = cut(Aperture("square", 4, 6), 3)
-    one = cell_blur.cell_filter(-1.5, cells, reach=20)
+    one = cell_blur.cell_filter(-1.5, cells, margin=20)
     np.testing.assert_allclose(one.columns, 40 - 3 * cells.p.numpy())
     np.testing.assert_allclose(one.rows, 40 - 3 * cells.q.numpy())
 
@@ -35,7 +35,7 @@ def test_look_ups_move_by_the_relative_slope():
 def test_linear_look_ups_blur_by_what_filters_of_a_cell_leave_to_them():
     cells = cut(Aperture("square", 5, 5), 4)
     for e in (0.0, 0.3, 1.1):
-        one = cell_blur.cell_filter(e, cells, reach=0)
+        one = cell_blur.cell_filter(e, cells, margin=0)
         n = np.arange(len(one.down)) - len(one.down) // 2
         wanted = (2 * e * cells.height) ** 2 / 12
         (found,) = cell_blur.linear_variance(np.array([e]), cells)

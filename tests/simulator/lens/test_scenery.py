@@ -6,8 +6,7 @@ import torch
 
 from lfref.simulator.lens import aperture_cells, cell_blur, scenery
 from lfref.simulator.lens.aperture_cells import cut
-from lfref.simulator.lens.scenery import Plane as Photograph
-from lfref.simulator.lens.scenery import Scenery
+from lfref.simulator.lens.scenery import FocalPlane, Scenery
 from lfref.simulator.materials import Glossy
 from lfref.simulator.mattes import Disc, Full
 from lfref.simulator.painting import bitmaps
@@ -49,21 +48,21 @@ def test_a_window_holds_the_central_view_at_its_middle(size, slope):
     layers = seen(FAR, size=size, slopes=(0.0, -2.0))
     centre = torch.zeros(1, dtype=torch.float64)
     expected = layers.layers[0].seen(centre, centre, *layers.camera.pixels())[0]
-    window, reach = layers.window(layers.layers[0].bitmap, slope), layers.reach(slope)
-    assert window.shape[1:] == tuple(2 * (length + 2 * reach) for length in size)
-    pixels = window[:, 2 * reach :, 2 * reach :][:, : 2 * size[0] : 2, : 2 * size[1] : 2]
+    window, margin = layers.window(layers.layers[0].bitmap, slope), layers.margin_at(slope)
+    assert window.shape[1:] == tuple(2 * (length + 2 * margin) for length in size)
+    pixels = window[:, 2 * margin :, 2 * margin :][:, : 2 * size[0] : 2, : 2 * size[1] : 2]
     torch.testing.assert_close(pixels, expected)
     top, left = layers.corner(slope)
-    assert (top + 2 * reach, left + 2 * reach) == (1 - size[0], 1 - size[1])
+    assert (top + 2 * margin, left + 2 * margin) == (1 - size[0], 1 - size[1])
 
 
 def test_surfaces_at_a_slant_are_blurred_by_how_far_each_point_is_out_of_focus():
     slanted, glossy = Surface(Plane(0.5, (0.01, 0.0)), Noise()), Surface(Plane(0.2), Noise(), material=Glossy())
     whole = seen(slanted, glossy)
-    plane = Photograph(0.5, whole, cut(whole.whole, 5))
+    plane = FocalPlane(0.5, whole, cut(whole.whole, 5))
     places, steps = plane.blurs(plane.seen.layers[1])
     e = 100 / steps
-    one = cell_blur.cell_filter(e, plane.cells, reach=0)
+    one = cell_blur.cell_filter(e, plane.cells, margin=0)
     n = np.arange(len(one.across)) - len(one.across) // 2
     assert places[0] == 1
     assert np.interp(places[100], range(9), blurs.variances()[:9]) == pytest.approx((one.across * n**2).sum())
@@ -75,7 +74,7 @@ def test_if_some_layers_are_sorted_all_rays_are_followed():
     crossing = [Surface(Plane(0.0, (a, 0.0)), Noise(), Disc(9.0)) for a in (0.02, -0.02)]
     for surfaces, n_followed in (((FAR, *apart), 0), ((FAR, *apart, crossing[0]), 1), ((FAR, *apart, *crossing), 5)):
         whole = seen(*surfaces)
-        plane = Photograph(0.5, whole, cut(whole.whole, 3))
+        plane = FocalPlane(0.5, whole, cut(whole.whole, 3))
         assert len(plane.followed) == n_followed
         assert plane.is_sorted is (n_followed == 5)
         assert plane.crosses().sum() == (2 if n_followed == 5 else 0)

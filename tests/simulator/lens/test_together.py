@@ -6,8 +6,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from lfref.simulator.lens import aperture_cells, together, together_eager, truth
-from lfref.simulator.lens.scenery import Plane as Photograph
-from lfref.simulator.lens.scenery import Scenery, visible
+from lfref.simulator.lens.scenery import FocalPlane, Scenery, visible
 from lfref.simulator.materials import Glossy, Mirror
 from lfref.simulator.mattes import Disc
 from lfref.simulator.painting import bitmaps
@@ -31,7 +30,7 @@ def planes(scene, slopes, n_cells=4):
     layers = tuple(bitmaps.paint(scene, reach=max(map(abs, slopes))))
     whole = Scenery(layers, scene.camera, aperture_cells.aperture(scene.camera)).for_planes(slopes)
     cells = aperture_cells.cut(whole.whole, n_cells)
-    return [Photograph(slope, whole.only(visible(whole, slope)), cells) for slope in slopes]
+    return [FocalPlane(slope, whole.only(visible(whole, slope)), cells) for slope in slopes]
 
 
 @pytest.mark.parametrize("name", list(KINDS))
@@ -43,7 +42,7 @@ def test_loops_make_what_pytorch_makes(name):
         torch.testing.assert_close(photograph(plane), together_eager.photograph(plane), atol=1e-6, rtol=0)
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 @given(drawing.SCENES, st.floats(-3, 3))
 def test_any_legal_scene_is_photographed_alike(scene, slope):
     (plane,) = planes(scene, [slope], n_cells=3)

@@ -37,7 +37,7 @@ def wave(x, period):
 @pytest.mark.parametrize(("p", "q"), [(0.0, 0.0), (2.0, -2.0), (-2.5, 1.3)])
 def test_a_pixel_shows_the_point_where_its_ray_meets_the_surface(geometry, p, q):
     x, y = CAMERA.pixels()
-    at_x, at_y = geometry.intersect(x, y, torch.tensor(p), torch.tensor(q))
+    at_x, at_y = drawing.intersect(geometry, x, y, torch.tensor(p), torch.tensor(q))
     expected = wave((at_x + at_y) * 0.5**0.5, 12.0).expand(1, 40, 48)[0]
     rgba = seen(Surface(geometry, Gradient(12.0, angle=45.0)), p, q)
     torch.testing.assert_close(rgba[0].double(), expected, atol=2e-3, rtol=0)
@@ -46,7 +46,7 @@ def test_a_pixel_shows_the_point_where_its_ray_meets_the_surface(geometry, p, q)
 
 def test_positions_may_come_in_any_shape_that_goes_with_the_picture():
     layer = painted(Surface(Plane(0.7), Noise()))
-    (x, y), (p, q) = CAMERA.pixels(), CAMERA.view_points()
+    (x, y), (p, q) = CAMERA.pixels(), drawing.view_points(CAMERA)
     expected = layer.seen(p, q, x, y)
     for shape in ((40, 48), (1, 40, 48), (25, 40, 48)):
         full_x, full_y = x[0, 0].expand(shape), y[0].expand(shape)
@@ -118,7 +118,7 @@ def test_layers_go_from_far_to_near_and_carry_only_what_they_need():
     assert [layer.highlight is not None for layer in layers] == [False, True, False, False]
     assert [layer.reflection is not None for layer in layers] == [False, False, True, False]
     assert [layer.is_sorted for layer in layers] == [False, True, True, False]
-    assert layers[1].disparities((9, 9)) == (-0.5, 0.5)
+    assert layers[1].surface.geometry.disparity_range((9, 9)) == (-0.5, 0.5)
 
 
 def test_what_a_nearer_surface_hides_all_over_is_not_painted():
@@ -141,7 +141,7 @@ def test_forced_all_surfaces_go_through_all_steps_and_look_the_same():
         planner.plan(bitmaps.passes(Scene(CAMERA, SEVERAL), force=force), ["layers"], force=force).run()["layers"]
         for force in (False, True)
     )
-    (x, y), (p, q) = CAMERA.pixels(), CAMERA.view_points()
+    (x, y), (p, q) = CAMERA.pixels(), drawing.view_points(CAMERA)
     for one, other in zip(plain, forced, strict=True):
         assert (other.is_traced, other.is_sorted) == (True, True)
         assert None not in (other.highlight, other.reflection)
@@ -171,7 +171,7 @@ def test_a_canvas_reaches_as_far_as_any_ray(geometry):
     x, y = CAMERA.pixels()
     for slope in (-4.0, 4.0):
         for p in (-2.5, 2.5):
-            at_x, at_y = geometry.intersect(x + slope * p, y + slope * p, torch.tensor(p), torch.tensor(p))
+            at_x, at_y = drawing.intersect(geometry, x + slope * p, y + slope * p, torch.tensor(p), torch.tensor(p))
             for at, axis in ((at_x, canvas.x), (at_y, canvas.y)):
                 assert float(axis[0]) + 1 <= float(at.min())
                 assert float(at.max()) <= float(axis[-1]) - 1
@@ -195,7 +195,7 @@ def test_constants_stay_constant(geometry, matte, level):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_gpu_sees_the_same():
-    (x, y), (p, q) = CAMERA.pixels(), CAMERA.view_points()
+    (x, y), (p, q) = CAMERA.pixels(), drawing.view_points(CAMERA)
     for geometry in (Plane(0.7), Plane(-0.5, (0.02, 0.03)), Dome(0.2, 0.8, 25.0)):
         for material in (Matte(), Glossy(), Mirror(0.5, Noise())):
             scene = Scene(CAMERA, (Surface(geometry, Noise(), Disc(14.0), material),))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from lfref.simulator.rays import ray_tables
-from lfref.simulator.rays.ray_tables import Picture
+from lfref.simulator.rays.ray_tables import Page
 
 
 def picture(shape=(6, 8), seen=(slice(None), slice(None)), top=-4, left=10):
     samples = np.zeros((*shape, 4), np.float32)
     samples[(*seen, 3)] = 0.5
-    return Picture(samples, samples[..., 3], top, left)
+    return Page(samples, samples[..., 3], top, left)
 
 
 def test_pictures_follow_each_other():

@@ -1,0 +1,152 @@
+"""`lfref train resume=RUN`: a run goes on as it was set up, but for what is said anew.
+
+Before Hydra sees the line, `resume=RUN` becomes the run's own overrides and its folder; the overrides that follow take
+the place of those with the same key. What comes out is then compared with what the run was trained on.
+"""
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from lfref.errors import InputError
+from lfref.io import run as runs
+from lfref.io.run import Run
+from lfref.train import resume
+
+KEY = "resume="
+FOLDERS = "output", "folder", "resume"
+PROTECTED = "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
+"""What a run is; to change it makes another run."""
+FREE = "_target_", "cache_folder", "workers", "timeout"
+"""Entries of these that change nothing in what is learned, or that are compared in another way."""
+SHOWN = 4
+
+
+def expanded(arguments: list[str]) -> list[str]:
+    """The command line with `resume=RUN` written out; every other line as it is.
+
+    Args:
+        arguments: Command line after the command's name.
+
+    Raises:
+        CheckpointError: The run has no checkpoint.
+        FileError: It is no run.
+        InputError: It is a sweep that should resume one run.
+    """
+    asked = [argument for argument in arguments if argument.startswith(KEY)]
+    path = _path(asked[-1]) if asked else None
+    if path is None:
+        return arguments
+    if {"--multirun", "-m"} & set(arguments):
+        remedy = "to go on with a sweep, say its line again with output=SWEEP"
+        raise InputError("resume goes on with one run, not with a sweep", remedy=remedy)
+    run = Run.of(path)
+    new = [argument for argument in arguments if argument not in asked]
+    said = {key_of(argument) for argument in new} | set(FOLDERS)
+    old = [override for override in run.overrides if key_of(override) not in said]
+    own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
+    return [*old, *own, *new, f"{KEY}{quoted(run.chosen or run.last)}"]
+
+
+def key_of(override: str) -> str:
+    """What an override sets: `+net.width=3` and `net.width=4` are one key."""
+    return override.partition("=")[0].lstrip("+~")
+
+
+def _path(override: str) -> str | None:
+    """The path as it was written, or as Hydra reads it where it is quoted."""
+    text = override.removeprefix(KEY)
+    if text[:1] in ("'", '"'):
+        return str(OverridesParser.create().parse_override(override).value())
+    return None if text == "null" else text
+
+
+def quoted(path: Path) -> str:
+    """A path as a value that Hydra takes as it is."""
+    return "'" + re.sub(r"(\\*)'", r"\1\1\\'", str(path)) + "'"
+
+
+def prepare(config: dict[str, Any], folder: Path) -> None:
+    """Make the folder ready to go on in: the earlier log up to the checkpoint, the best checkpoint.
+
+    Args:
+        config: The resolved configuration, with the checkpoint in `resume`.
+        folder: Where training goes on: the run's own, or a new one, which gets a copy.
+
+    Raises:
+        CheckpointError: The checkpoint is damaged, or of no training.
+        InputError: The configuration would train something else.
+    """
+    run, checkpoint = Run.of(config["resume"]), Path(config["resume"])
+    if not config["allow_changes"]:
+        refuse_changes(run, config)
+    step = runs.steps_done(checkpoint)
+    if run.folder != folder:
+        refuse_occupied(folder)
+        for part in (runs.CHECKPOINTS, Path(runs.METRICS).parent, runs.PICTURES):
+            if (run.folder / part).is_dir():
+                shutil.copytree(run.folder / part, folder / part, dirs_exist_ok=True)
+    resume.cut_log(folder / runs.METRICS, step)
+
+
+def refuse_occupied(folder: Path) -> None:
+    """Refuse to train over the checkpoints of another run.
+
+    Raises:
+        InputError: There are some.
+    """
+    if Run(folder).has_checkpoints:
+        raise InputError(
+            "output must be a folder without a trained run",
+            got=folder,
+            remedy=f"go on with it by resume={folder}, or give another output",
+        )
+
+
+def refuse_changes(run: Run, config: dict[str, Any]) -> None:
+    """Refuse to go on with other data, labels, planes, loss or network than the run's.
+
+    Args:
+        run: The run.
+        config: The configuration to go on with.
+
+    Raises:
+        InputError: They differ; they are named.
+    """
+    kept = run.config
+    found = [change for key in PROTECTED for change in _changes(key, kept.get(key), config.get(key))]
+    # Interpolated values stand in several places: the first one names them all.
+    named = {(name.rpartition(".")[2], values): f"{name} ({values})" for name, values in reversed(found)}
+    if named:
+        told = list(reversed(named.values()))
+        more = f" and {len(told) - SHOWN} more" if len(told) > SHOWN else ""
+        raise InputError(
+            f"run {run.name} must go on with what it was trained on",
+            got=", ".join(told[:SHOWN]) + more,
+            remedy="leave it as it was, or give allow_changes=true",
+        )
+
+
+def _changes(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
+    """Name and values of what differs; keys that only one version of lfref knows are left out."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in old.keys() & new.keys() - set(FREE):
+            yield from _changes(f"{name}.{key}", old[key], new[key])
+        if _kind(old) != _kind(new):
+            yield f"{name}._target_", f"{_short(old)} -> {_short(new)}"
+    elif old != new:
+        yield name, f"{_short(old)} -> {_short(new)}"
+
+
+def _kind(node: dict[str, Any]) -> str:
+    """What is made of a node, wherever a version of lfref keeps it."""
+    kind = str(node.get("_target_")).rpartition(".")[2]
+    return "planes_at_alphas" if kind == "FocalPlanes" and "alphas" in node else kind
+
+
+def _short(value: Any) -> str:
+    return value.get("_target_", "other settings") if isinstance(value, dict) else str(value)

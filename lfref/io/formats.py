@@ -1,0 +1,67 @@
+"""The forms in which light fields are stored: an entry of `FORMATS` says how files are known, read and written."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from numpy.typing import NDArray
+
+from lfref.errors import FileError
+from lfref.io import decode, eslf, exr, folders, grid, views
+
+
+class Format(NamedTuple):
+    """One form of files, or of folders."""
+
+    name: str
+    """As the metadata of a light field call it."""
+    title: str
+    """As messages call it, with its article."""
+    magics: tuple[bytes, ...]
+    """First bytes of its files, one of them."""
+    suffixes: tuple[str, ...]
+    """Of its files' names, in small letters; the writer is chosen by them. A folder has none."""
+    read_views: Callable[[Path, grid.Selection], NDArray]
+    """The chosen views: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
+    write_views: Callable[[Path, NDArray, int | None], None] | None = None
+    """Writes floating-point views [V, U, C, H, W] with so many bits a sample; None if lfref does not write them."""
+    holds_views: Callable[[Path], bool] = Path.is_file
+    """Whether a file of such a suffix is a light field, where that is not known before."""
+
+
+FOLDER = Format("folder", "a folder of views", (), ("",), views.read_views, folders.write_views, views.is_field)
+_PNG, _TIFF, _EXR = (decode.PICTURES[name] for name in ("png", "tiff", "exr"))
+_ESLF = decode.Picture(_PNG.magics + _TIFF.magics, _PNG.suffixes + _TIFF.suffixes)
+FORMATS = (
+    Format("eslf", "an ESLF image (PNG, TIFF)", *_ESLF, eslf.read_views),
+    Format("exr", "an EXR file", *_EXR, exr.read_views, exr.write_views, exr.holds_views),
+)
+"""Of files; a file is of the first whose magic bytes it starts with."""
+TITLES = ", ".join(form.title for form in (*FORMATS, FOLDER))
+
+
+def of(path: Path) -> Format:
+    """The form of a light field: a folder, or what the first bytes of a file say.
+
+    Raises:
+        FileError: It is missing, cannot be read, or has none of these forms.
+    """
+    if path.is_dir():
+        return FOLDER
+    head = decode.head(path)
+    for form in FORMATS:
+        if head.startswith(form.magics):
+            return form
+    raise FileError(f"{path} must be a light field: {TITLES}", got=decode.kind(head), remedy="convert it")
+
+
+def is_field(path: Path) -> bool:
+    """Whether a path looks like a light field, by its name and those of the files in it.
+
+    Raises:
+        FileError: It cannot be read.
+    """
+    if path.name.startswith("."):
+        return False
+    forms = [FOLDER] if path.is_dir() else [form for form in FORMATS if path.suffix.lower() in form.suffixes]
+    return path.exists() and any(form.holds_views(path) for form in forms)

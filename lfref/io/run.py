@@ -1,0 +1,207 @@
+"""A run of `lfref train` as it lies on the disk: the folder, and what each file in it is.
+
+RUN/config.yaml, overrides.yaml, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv, pictures/*.png
+"""
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+from lfref.errors import CheckpointError, FileError
+from lfref.io import atomic, explain
+
+CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.txt"
+CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
+
+_NEXT_OVERRIDE = re.compile(r"\s+(?=~|\+{0,2}[\w./@:-]+=)")
+"""Between two overrides of the older file, which joined them by spaces; values hold spaces too."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder, and the checkpoint in it that was asked for."""
+
+    folder: Path
+    chosen: Path | None = None
+    """The checkpoint that `of` was given; None where it was given the folder."""
+
+    @classmethod
+    def of(cls, path: str | Path) -> "Run":
+        """The run of a run folder, or of a checkpoint in one.
+
+        Args:
+            path: `RUN`, or `RUN/checkpoints/NAME.ckpt`.
+
+        Raises:
+            CheckpointError: There is no such checkpoint, or it lies in no run.
+            FileError: There is no such folder, or it is no run.
+        """
+        path = Path(path)
+        is_checkpoint = path.suffix == ".ckpt" or path.is_file()
+        folder = path.absolute().parent.parent if is_checkpoint else path.absolute()
+        if is_checkpoint and not path.is_file():
+            raise CheckpointError(
+                f"no checkpoint at {path}", remedy=f"give a run folder, or RUN/{CHECKPOINTS}/last.ckpt"
+            )
+        if not (folder / CONFIG).is_file():
+            kind = CheckpointError if is_checkpoint else FileError
+            raise kind(f"{path} must be a run folder or a checkpoint in one", got=f"no {folder / CONFIG}")
+        return cls(folder, path.absolute() if is_checkpoint else None)
+
+    @property
+    def name(self) -> str:
+        """Name of the folder."""
+        return self.folder.resolve().name
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The configuration, resolved, as plain containers.
+
+        Raises:
+            FileError: It is missing or damaged.
+        """
+        return _read_yaml(self.folder / CONFIG, dict)
+
+    @property
+    def overrides(self) -> list[str]:
+        """What was said on the command line, one `key=value` an entry.
+
+        Raises:
+            FileError: It was not kept, or is damaged.
+        """
+        old = self.folder / OLD_OVERRIDES
+        if (self.folder / OVERRIDES).exists() or not old.is_file():
+            return _read_yaml(self.folder / OVERRIDES, list)
+        return [each for each in _NEXT_OVERRIDE.split(old.read_text("utf-8").strip()) if each]
+
+    @property
+    def best(self) -> Path:
+        """Checkpoint of the best validation.
+
+        Raises:
+            CheckpointError: There is none.
+        """
+        return self._checkpoint("best")
+
+    @property
+    def last(self) -> Path:
+        """Checkpoint of the last epoch that was finished.
+
+        Raises:
+            CheckpointError: There is none.
+        """
+        # A run that is killed while it writes its first ones may have the best alone, which comes before the last.
+        return self._checkpoint("last", "best")
+
+    @property
+    def has_checkpoints(self) -> bool:
+        """Whether training came as far as writing one."""
+        return any((self.folder / CHECKPOINTS).glob("*.ckpt"))
+
+    @property
+    def metrics(self) -> list[dict[str, float | None]]:
+        """The rows that training logged, in order; cells that are empty are None.
+
+        Raises:
+            FileError: Nothing was logged.
+        """
+        path = self.folder / METRICS
+        with explain.explained(path, "read"), path.open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if None not in row and None not in row.values()]
+        return [{name: float(cell) if cell else None for name, cell in row.items()} for row in rows]
+
+    @property
+    def pictures(self) -> list[Path]:
+        """Pictures of the held-out patch, one an epoch, in order."""
+        return sorted((self.folder / PICTURES).glob("*.png"))
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether training went on for as long as the configuration says."""
+        return self.has_checkpoints and is_trained(self.last, self.config.get("trainer", {}))
+
+    def _checkpoint(self, *names: str) -> Path:
+        folder = self.folder / CHECKPOINTS
+        for path in (folder / f"{name}.ckpt" for name in names):
+            if path.is_file():
+                return path
+        found = ", ".join(sorted(each.name for each in folder.glob("*.ckpt"))) or "none"
+        raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got=found)
+
+
+def run_name(path: Path) -> str:
+    """Name of the run that a checkpoint belongs to: RUN/checkpoints/FILE.ckpt -> RUN; else the file's stem."""
+    parent = path.resolve().parent
+    return parent.parent.name if parent.name == CHECKPOINTS else path.stem
+
+
+def write_overrides(folder: Path, overrides: list[str]) -> None:
+    """Keep what was said on the command line.
+
+    Raises:
+        FileError: It cannot be written.
+    """
+    atomic.write_text(folder / OVERRIDES, yaml.safe_dump(overrides, width=10_000, allow_unicode=True))
+
+
+def epochs_done(checkpoint: Path) -> int:
+    """Epochs of training behind a checkpoint.
+
+    Raises:
+        CheckpointError: It is damaged, or of no training.
+    """
+    return int(_progress(checkpoint)["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"])
+
+
+def steps_done(checkpoint: Path) -> int:
+    """Steps of the optimiser behind a checkpoint.
+
+    Raises:
+        CheckpointError: It is damaged, or of no training.
+    """
+    return int(_progress(checkpoint)["global_step"])
+
+
+def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
+    """Whether a checkpoint has the epochs or steps that a trainer is set to.
+
+    Args:
+        checkpoint: Of a training run.
+        trainer: Its configuration: `max_epochs`, `max_steps`; absent or -1 sets no end.
+
+    Raises:
+        CheckpointError: It is damaged, or of no training.
+    """
+    done = {"max_epochs": epochs_done(checkpoint), "max_steps": steps_done(checkpoint)}
+    wanted = {name: trainer.get(name) for name in done}
+    return any(length is not None and 0 <= length <= done[name] for name, length in wanted.items())
+
+
+def _progress(checkpoint: Path) -> dict[str, Any]:
+    """What a checkpoint says of its training; the tensors stay on the disk."""
+    try:
+        contents = torch.load(checkpoint, map_location="cpu", weights_only=True, mmap=True)
+    # Over a foreign file the unpickler raises whatever it stumbles on.
+    except Exception as error:
+        raise CheckpointError(f"{checkpoint} is damaged or no checkpoint") from error
+    if not (isinstance(contents, dict) and {"loops", "global_step", "optimizer_states"} <= contents.keys()):
+        raise CheckpointError(
+            f"{checkpoint} holds a network but no training to resume", remedy=f"give RUN/{CHECKPOINTS}/last.ckpt"
+        )
+    return contents
+
+
+def _read_yaml(path: Path, kind: type) -> Any:
+    try:
+        with explain.explained(path, "read"):
+            contents = yaml.safe_load(path.read_text("utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise FileError(f"{path} must be YAML", got=explain.one_line(str(error))) from error
+    if not isinstance(contents, kind):
+        raise FileError(f"{path} must hold a {kind.__name__}", got=type(contents).__name__)
+    return contents

@@ -1,0 +1,81 @@
+"""A sweep that is said again does what is left to do, and a member that fails ends nothing but itself."""
+
+import csv
+import shutil
+
+import pytest
+import torch
+
+from lfref.io.run import Run
+from lfref.train.module import Refocusing
+from tests.cli.conftest import TINY
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+SWEEP = ("train", "--multirun", *TINY, "trainer.max_epochs=1", "callbacks.progress=null", "callbacks.summary=null")
+
+
+@pytest.fixture
+def fits(monkeypatch):
+    """Rate and first epoch of every fit that starts."""
+    seen = []
+
+    def watch(self):
+        seen.append((self.trainer.optimizers[0].param_groups[0]["lr"], self.trainer.current_epoch))
+
+    monkeypatch.setattr(Refocusing, "on_train_start", watch)
+    return seen
+
+
+@pytest.mark.slow
+def test_what_is_finished_is_skipped_and_what_was_interrupted_goes_on(lfref, tmp_path, fits, monkeypatch):
+    def stop(self):
+        if self.trainer.optimizers[0].param_groups[0]["lr"] == 0.02 and self.trainer.current_epoch == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Refocusing, "on_train_epoch_start", stop)
+    words = (*SWEEP, f"output={tmp_path}/sweep", "trainer.max_epochs=2", "optimizer.lr=0.01,0.02,0.03")
+    assert lfref(*words)[0] != 0
+    assert fits == [(0.01, 0), (0.02, 0)]
+    monkeypatch.setattr(Refocusing, "on_train_epoch_start", lambda self: None)
+    fits.clear()
+    first = torch.load(tmp_path / "sweep" / "0" / "checkpoints" / "last.ckpt", weights_only=True)
+    assert lfref(*words)[0] == 0
+    assert fits == [(0.02, 1), (0.03, 0)]
+    assert all(Run(tmp_path / "sweep" / name).is_finished for name in "012")
+    again = torch.load(tmp_path / "sweep" / "0" / "checkpoints" / "last.ckpt", weights_only=True)
+    assert all(torch.equal(value, again["state_dict"][name]) for name, value in first["state_dict"].items())
+    with (tmp_path / "sweep" / "1" / "log" / "metrics.csv").open() as file:
+        assert [row["epoch"] for row in csv.DictReader(file) if row["val/mpsnr"]] == ["0", "1"]
+
+
+def test_a_member_that_fails_is_named_at_the_end_and_the_rest_runs(lfref, tmp_path, fits):
+    status, error = lfref(*SWEEP, f"output={tmp_path}/sweep", "optimizer.lr=-1,0.02")
+    assert status == 1
+    *_, told, why = error.strip().splitlines()
+    assert told == "lfref train: one of the runs failed:"
+    assert "sweep/0 (optimizer.lr=-1): optimizer and scheduler must" in why
+    assert fits == [(0.02, 0)]
+    assert Run(tmp_path / "sweep" / "1").is_finished
+
+
+def test_a_member_that_raises_what_nobody_foresaw_is_named_too(lfref, tmp_path, monkeypatch):
+    def fail(self):
+        raise ZeroDivisionError("of this test")
+
+    monkeypatch.setattr(Refocusing, "on_fit_start", fail)
+    status, error = lfref(*SWEEP, f"output={tmp_path}/sweep", "seed=1,2")
+    assert status == 1
+    assert "lfref train: 2 of the runs failed:" in error
+    assert "sweep/1 (seed=2): of this test" in error
+
+
+@pytest.mark.slow
+def test_other_members_in_the_folder_of_a_sweep_are_refused_and_kept(lfref, tmp_path, fits):
+    words = (*SWEEP, f"output={tmp_path}/sweep")
+    assert lfref(*words, "optimizer.lr=0.01,0.02")[0] == 0
+    shutil.rmtree(tmp_path / "sweep" / "1")
+    status, error = lfref(*words, "optimizer.lr=0.05,0.02")
+    assert status == 1
+    assert "must have the same members in the same order; got another run in" in error
+    assert fits == [(0.01, 0), (0.02, 0), (0.02, 0)]
+    assert "optimizer.lr=0.01" in Run(tmp_path / "sweep" / "0").overrides

@@ -1,0 +1,122 @@
+"""Only what lfref wrote, and nobody changed, is ever replaced."""
+
+import json
+
+import numpy as np
+import OpenImageIO
+import pytest
+import torch
+
+from lfref.errors import FileError
+from lfref.geometry import planes_at_alphas
+from lfref.io import encode, images, marks, write
+
+STACK, PLANES = torch.zeros(1, 3, 2, 2), planes_at_alphas((0.5,))
+
+
+def captured(path, value=7):
+    """An image file as cameras and other programs write it."""
+    path.parent.mkdir(exist_ok=True)
+    output = OpenImageIO.ImageOutput.create(str(path))
+    assert output.open(str(path), OpenImageIO.ImageSpec(2, 2, 3, "half" if path.suffix == ".exr" else "uint8"))
+    assert output.write_image(np.full((2, 2, 3), value / 255, np.float32))
+    assert output.close()
+    return path
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def kept(tmp_path, one_line):
+    """Runs what must refuse in one line that names these things, and must leave every file as it was."""
+
+    def check(replacing, *named):
+        before = contents(tmp_path)
+        with pytest.raises(FileError) as caught:
+            replacing()
+        one_line(caught.value, *named, "choose another")
+        assert contents(tmp_path) == before
+
+    return check
+
+
+def test_captured_views_are_not_replaced_though_they_are_named_like_ours(tmp_path, make_field, kept):
+    for row, column in np.ndindex(2, 2):
+        captured(tmp_path / "capture" / f"mycamera_{row:02d}_{column:02d}.png")
+    kept(lambda: write.write(tmp_path / "capture", make_field()), tmp_path / "capture", "mycamera_00_00.png")
+
+
+def test_captured_planes_are_not_replaced_though_they_are_named_like_ours(tmp_path, kept):
+    captured(tmp_path / "stack" / "plane_00_alpha_0.5.png")
+    kept(lambda: write.write_stack(tmp_path / "stack", STACK, PLANES), "plane_00_alpha_0.5.png")
+
+
+def test_a_view_that_was_painted_over_is_not_replaced_whatever_its_size(tmp_path, make_field, kept):
+    path = write.write(tmp_path / "a", make_field((2, 2)))
+    view = bytearray((path / "a_01_00.png").read_bytes())
+    view[-20] ^= 1
+    (path / "a_01_00.png").write_bytes(view)
+    kept(lambda: write.write(path, make_field()), path, "a_01_00.png")
+
+
+def test_a_view_that_was_removed_does_not_hinder(tmp_path, make_field):
+    path = write.write(tmp_path / "a", make_field((2, 2)))
+    (path / "a_01_00.png").unlink()
+    write.write(path, make_field((1, 1)))
+    assert {child.name for child in path.iterdir()} == {marks.MARK, "a_00_00.png"}
+
+
+def test_a_folder_in_the_folder_is_not_replaced(tmp_path, make_field, kept):
+    path = write.write(tmp_path / "a", make_field((1, 1)))
+    captured(path / "more" / "b.png")
+    kept(lambda: write.write(path, make_field()), "also more")
+
+
+def test_an_empty_folder_is_replaced(tmp_path, make_field):
+    (tmp_path / "a").mkdir()
+    assert len(list(write.write(tmp_path / "a", make_field((2, 2))).glob("*.png"))) == 4
+
+
+@pytest.mark.parametrize(
+    "damage", ["", "[]", "{}", "null", '{"kind": "views"}', '{"kind": "views", "files": 3}', "\xff"]
+)
+def test_a_damaged_mark_is_none(tmp_path, make_field, kept, damage):
+    path = write.write(tmp_path / "a", make_field((1, 1)))
+    (path / marks.MARK).write_text(damage, "latin-1")
+    kept(lambda: write.write(path, make_field()), "a_00_00.png")
+
+
+def test_the_mark_lists_every_file_with_its_digest(tmp_path, make_field):
+    path = write.write(tmp_path / "a", make_field((1, 2)))
+    said = json.loads((path / marks.MARK).read_text())
+    assert said["files"] == {name: marks.digest(path / name) for name in ("a_00_00.png", "a_00_01.png")}
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+@pytest.mark.parametrize("foreign", ["picture", "text"])
+def test_an_image_file_of_another_program_is_not_replaced(tmp_path, make_field, kept, name, foreign):
+    path = tmp_path / name
+    captured(path) if foreign == "picture" else path.write_text("notes")
+    kept(lambda: images.write_image(path, np.zeros((2, 2, 3))), path)
+    kept(lambda: encode.encode(path, [encode.Part(np.zeros((2, 2, 1)), "surface_00")]), path)
+
+
+def test_an_exr_file_of_another_program_is_replaced_neither_by_views_nor_by_planes(tmp_path, make_field, kept):
+    path = captured(tmp_path / "a.exr")
+    kept(lambda: write.write(path, make_field()), path)
+    kept(lambda: write.write_stack(path, STACK, PLANES), path)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+def test_an_image_file_of_ours_is_replaced(tmp_path, name):
+    for value in (0, 255):
+        images.write_image(tmp_path / name, np.full((2, 2, 3), value, np.uint8))
+    assert images.read_image(tmp_path / name).max() in (1, 255)
+
+
+def test_every_part_says_whose_it_is(tmp_path, make_field):
+    path = write.write(tmp_path / "a.exr", make_field((1, 2)))
+    source = OpenImageIO.ImageInput.open(str(path))
+    assert [source.spec(part).getattribute("Software") for part in range(2)] == [marks.SOFTWARE] * 2
