@@ -91,7 +91,7 @@ def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
     assert lfref(*words)[0] == 0
     log = tmp_path / "out" / "simulate.log"
     assert "skipped" not in log.read_text()
-    assert lfref(*words, "explain=true")[0] == 0
+    assert lfref(*words, "explain=true", "overwrite=true")[0] == 0
     lines = [line.split() for line in log.read_text().splitlines()]
     states = {line[0]: line[1] for line in lines if len(line) > 1}
     assert states["mosaic"] == states["noise"] == states["paint"] == "run"
