@@ -49,7 +49,7 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
                 runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
                 task(config, folder)
         except Exception as error:
-            if members.is_sweep():
+            if members.is_followed():
                 members.failed(error)
             elif isinstance(error, LfrefError):
                 fail(name, error)
