@@ -44,6 +44,3 @@ def _facts(runs: list[Path]) -> dict[str, object]:
 
 
 main = command(report)
-
-if __name__ == "__main__":
-    main()
