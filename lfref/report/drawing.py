@@ -74,4 +74,5 @@ def _fold(axes: Axes, low: float, high: float) -> None:
     ticks = [tick for tick in MaxNLocator(6).tick_values(floor, knee) if floor <= tick <= knee]
     axes.set_yticks([*ticks, CAP_DB], [*(f"{tick:g}" for tick in ticks), f"≥ {CAP_DB:g}"])
     axes.set_ylim(floor, CAP_DB + pad / squeeze)
-    axes.axhspan(knee, CAP_DB - pad / squeeze, color=PALE, alpha=0.35, linewidth=0, zorder=0)
+    # Of values that lie close together the stretch is lower than the pad.
+    axes.axhspan(knee, CAP_DB - min(pad / squeeze, (CAP_DB - knee) / 3), color=PALE, alpha=0.35, linewidth=0, zorder=0)
