@@ -31,6 +31,3 @@ def report(config: DictConfig, folder: Path) -> None:
 
 
 main = command(report)
-
-if __name__ == "__main__":
-    main()
