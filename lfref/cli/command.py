@@ -69,9 +69,9 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
             with patient_pipes(), said_on_signals(name), loader.checking():
                 arguments.options(name, sys.argv[1:])
                 composed()
+                members.finish(name)
         except LfrefError as error:
             fail(name, error, status=2)
-        members.finish(name)
 
     return main
 

@@ -49,8 +49,8 @@ def plain(config: Any) -> Any:
         return config
     missing = sorted(OmegaConf.missing_keys(config))
     if missing:
-        key = ".".join(filter(None, (config._get_full_key(None), missing[0])))
-        raise InputError("the configuration must be complete", got=f"no {key}", remedy=f"add {key}=VALUE")
+        remedy = f"add {missing[0]}=VALUE"
+        raise InputError("the configuration must be complete", got=f"no {missing[0]}", remedy=remedy)
     try:
         return OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:

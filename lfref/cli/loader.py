@@ -13,10 +13,7 @@ from hydra._internal import hydra as runner
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.types import Override
 from hydra.core.utils import JobRuntime
-from hydra.errors import HydraException
 from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
 
 from lfref.cli import hydra_node, leaving, options
 from lfref.cli.arguments import SHORTHANDS
@@ -34,7 +31,7 @@ class CheckedLoader(ConfigLoaderImpl):
         try:
             config = super().load_configuration(*args, **kwargs)
             hydra_node.check(config.hydra)
-        except (LfrefError, HydraException, OmegaConfBaseException, YAMLError, ValueError, KeyError, OSError) as error:
+        except Exception as error:  # whatever it is, it is about the configuration
             said = error if isinstance(error, LfrefError) else self._explained(error)
             leaving.fail(JobRuntime.instance().get("name"), said, WRONG_USAGE)
         return config

@@ -5,7 +5,6 @@ Hydra itself would suggest `+key` for a misspelt key, and takes any text for tru
 
 import difflib
 import inspect
-import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -76,9 +75,9 @@ def check_groups(base: DictConfig, packages: Mapping[str, str], others: Iterable
 
 
 def find(base: DictConfig, key: str) -> Place:
-    """Follow a key such as `data.patch` or `scene.surfaces[0].opacity` as far as it goes."""
+    """Follow a key such as `data.patch` or `scene.surfaces.0.opacity` as far as it goes."""
     node, above = base, ""
-    for name in filter(None, re.split(r"[.\[\]]", key)):
+    for name in filter(None, key.split(".")):
         if name not in _names(node):
             return Place(node, above, name)
         node, above = _child(node, name), f"{above}{name}."
@@ -94,7 +93,7 @@ def unknown(key: str, place: Place, others: Iterable[str] = ()) -> InputError:
         others: What else could have been meant by a key without dots.
     """
     known = [*_names(place.value), *_arguments(place.value), *(() if place.above else others)]
-    near = difflib.get_close_matches(str(place.lost), known, 1)
+    near = difflib.get_close_matches(str(place.lost), [name for name in known if name[0] != "_"], 1)
     remedy = f"perhaps {place.above}{near[0]}" if near else "--cfg job shows all"
     return InputError("every key must be one of this command", got=repr(key), remedy=remedy)
 
@@ -128,7 +127,12 @@ def _arguments(node: Any) -> list[str]:
 
 def _check_kind(override: Override, default: Any) -> None:
     key = override.key_or_group
-    if override.is_delete() or override.is_sweep_override() or type(default) not in KINDS or key.rpartition(".")[2] in OF_SEVERAL_KINDS:
+    if (
+        override.is_delete()
+        or override.is_sweep_override()
+        or type(default) not in KINDS
+        or key.rpartition(".")[2] in OF_SEVERAL_KINDS
+    ):
         return
     value = override.value()
     expected, fits = KINDS[type(default)]

@@ -15,11 +15,12 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
 from lfref.cli.leaving import fail
-from lfref.errors import FileError, LfrefError
+from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import atomic
+from lfref.io import run as runs
 
 MARK = ".lfref.json"
-NOTES = (MARK, "config.yaml", "overrides.yaml")
+NOTES = (MARK, runs.CONFIG, runs.OVERRIDES)
 """What a run writes before its results: a folder with nothing else is free, so that a mistake costs no folder."""
 
 
@@ -63,7 +64,7 @@ def marked(folder: Path) -> Iterator[None]:
     Args:
         folder: The run folder.
     """
-    before = {*_files(folder)} - {*_listed(folder)}
+    before = {MARK, *_files(folder)} - {*_listed(folder)}
     _mark(folder, [])
     try:
         yield
@@ -126,6 +127,9 @@ class OutputFolder(Callback):
         # The folder may be named after the command, which Hydra itself makes known only later.
         HydraConfig.instance().set_config(config)
         try:
+            if config.overwrite and (mode == "sweep" or "resume" in config):
+                remedy = "go on by resume=RUN, or choose another output"
+                raise InputError("overwrite must be false for training and for sweeps", got="true", remedy=remedy)
             prepare(Path(config.hydra[mode].dir), config.overwrite)
         except LfrefError as error:
             fail(config.hydra.job.name, error)

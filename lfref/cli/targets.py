@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from lfref.errors import InputError, LfrefError
 
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
@@ -95,6 +93,7 @@ NOW: dict[str, tuple[str, ...]] = {
 }
 """What is made at once."""
 GROUPS = {name: group for group, names in (LATER | NOW).items() for name in names}
+LATER_NAMES = frozenset(name for names in LATER.values() for name in names)
 WRITERS = ("trainers", "callbacks", "loggers")
 """Groups that write where their arguments say: into the run folder, and nowhere else."""
 PLACES = ("dirpath", "save_dir", "folder", "default_root_dir")
@@ -153,11 +152,7 @@ def called(name: str, arguments: dict[str, Any]) -> Any:
     """
     target = found(name)
     try:
-        if name not in LATER_NAMES:
-            return target(**arguments)
-        later = functools.partial(target, **arguments)
-        TRIALS.get(GROUPS[name], lambda _: None)(later)
-        return later
+        return functools.partial(target, **arguments) if name in LATER_NAMES else target(**arguments)
     except LfrefError:
         raise
     except Exception as error:
@@ -182,18 +177,6 @@ def _unknown(name: object) -> InputError:
     near = difflib.get_close_matches(str(name), GROUPS, 1)
     remedy = f"perhaps {near[0]}" if near else "all stand in lfref/cli/targets.py"
     return InputError("_target_ must be a component that lfref knows", got=repr(name), remedy=remedy)
-
-
-def _try_schedule(later: Callable[..., Any]) -> None:
-    later(torch.optim.SGD([torch.zeros(1, requires_grad=True)], lr=1.0))
-
-
-LATER_NAMES = frozenset(name for names in LATER.values() for name in names)
-TRIALS: dict[str, Callable[[Callable[..., Any]], object]] = {
-    "optimisers": lambda later: later([torch.zeros(1, requires_grad=True)]),
-    "schedules": _try_schedule,
-}
-"""Options that only the call would refuse, long after the start, are tried on one number."""
 
 
 def _is_special(key: Any) -> bool:

@@ -5,6 +5,8 @@ The Nyquist bin of an even size belongs to both signs of its frequency, so its p
 real part; that is what makes the shifted signal real and the shift the trigonometric interpolation.
 """
 
+import itertools
+
 import torch
 from torch import Tensor
 
@@ -46,3 +48,13 @@ def real_at_nyquist(factors: Tensor, frequencies: Tensor) -> Tensor:
 def complex_dtype(dtype: torch.dtype) -> torch.dtype:
     """The complex type that goes with a real one: complex128 for float64, complex64 for all others."""
     return torch.complex128 if dtype == torch.float64 else torch.complex64
+
+
+def is_fast(length: int) -> bool:
+    """Whether FFTs are fast at a length: its only prime factors are 2, 3 and 5."""
+    return pow(30, length.bit_length(), length) == 0
+
+
+def next_fast_length(least: int) -> int:
+    """The first length from `least` on at which FFTs are fast."""
+    return next(filter(is_fast, itertools.count(least)))

@@ -13,9 +13,8 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional import cells
 from lfref.refocus import batches
-
-STRIPS = 4096  # that a disc is cut into: the shares are exact to 1e-6 of its area
 
 
 def full(grid: Sequence[int]) -> Tensor:
@@ -44,11 +43,7 @@ def disc(grid: Sequence[int], diameter: float | None = None) -> Tensor:
         InputError: The diameter is not finite or not above 0.
     """
     radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
-    # Strips that are narrow where the edge runs along them.
-    edges = -radius * torch.linspace(0, torch.pi, STRIPS + 1, dtype=torch.float64).cos()
-    middle = (edges[1:] + edges[:-1]) / 2
-    half_chord = (radius**2 - middle.square()).sqrt()
-    return _overlap(edges[:-1], edges[1:], grid[0]).T @ _overlap(-half_chord, half_chord, grid[1])
+    return cells.of_disc(_edges(grid[0]), _edges(grid[1]), radius)
 
 
 def square(grid: Sequence[int], side: float | None = None) -> Tensor:
@@ -64,8 +59,8 @@ def square(grid: Sequence[int], side: float | None = None) -> Tensor:
     Raises:
         InputError: The side is not finite or not above 0.
     """
-    edge = torch.tensor([_checked("side", min(grid) if side is None else side) / 2], dtype=torch.float64)
-    rows, columns = (_overlap(-edge, edge, n_views) for n_views in grid)
+    half = torch.tensor([_checked("side", min(grid) if side is None else side) / 2], dtype=torch.float64)
+    rows, columns = (cells.overlap(-half, half, _edges(n_views)) for n_views in grid)
     return rows.T * columns
 
 
@@ -108,11 +103,9 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
     return weights
 
 
-def _overlap(start: Tensor, stop: Tensor, n_views: int) -> Tensor:
-    """Length that each interval shares with each view's cell along one angular axis, [K] twice -> [K, n_views]."""
-    centre = geometry.angular_offsets(n_views)
-    low, high = torch.maximum(start[:, None], centre - 0.5), torch.minimum(stop[:, None], centre + 0.5)
-    return (high - low).clamp(min=0)
+def _edges(n_views: int) -> Tensor:
+    """Where the views' cells begin and end along one angular axis, [n_views + 1]."""
+    return torch.arange(n_views + 1, dtype=torch.float64) - n_views / 2
 
 
 def _checked(name: str, size: float) -> float:

@@ -1,12 +1,11 @@
 """What all operators do to their arguments: any batch dimensions, checked weights, a type that can be computed in."""
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.lightfield import check_axes
+from lfref.refocus import backend
 
 FULL_SCALE = {torch.uint8: 255, torch.uint16: 65535}
 """Integer types that views may have, and the integer that is radiance 1."""
@@ -47,7 +46,7 @@ def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
     unread = (aperture == 0).nonzero().tolist()
     if not unread or not views.is_floating_point():
         return views
-    sums = [views[:, v, u].sum(dtype=working_dtype(views.dtype)) for v, u in unread] if is_plain(views) else []
+    sums = [views[:, v, u].sum(dtype=working_dtype(views.dtype)) for v, u in unread] if backend.is_plain(views) else []
     if sums and bool(torch.stack(sums).isfinite().all()):
         return views
     return views.masked_fill((aperture == 0).to(views.device)[:, :, None, None, None], 0)
@@ -71,31 +70,14 @@ def working_dtype(dtype: torch.dtype) -> torch.dtype:
     return torch.float64 if dtype == torch.float64 else torch.float32
 
 
-def is_plain(views: Tensor) -> bool:
-    """Whether code outside PyTorch may read these numbers: not while traced, nor where derivatives are asked for.
+def flattened(views: Tensor) -> Tensor:
+    """Light fields of any batch dimensions behind a single one; `restored` gives their stacks the dimensions back.
 
     Args:
-        views: Any tensor.
-    """
-    if torch.compiler.is_compiling() or type(views) is not Tensor or (views.requires_grad and torch.is_grad_enabled()):
-        return False
-    try:
-        views.data_ptr()
-    except RuntimeError:  # what `torch.func` transforms wrap has no memory of its own
-        return False
-    return torch.autograd.forward_ad.unpack_dual(views).tangent is None
-
-
-def over_batches(views: Tensor, refocus: Callable[[Tensor], Tensor]) -> Tensor:
-    """Run an operator over any batch dimensions.
-
-    Args:
-        views: Light fields, floating point, uint8 or uint16, [..., V, U, C, H, W].
-        refocus: Operator from [B, V, U, C, H, W], in the type of the views, to [B, N, C, H, W]; it passes the parts
-            that it reads through `radiance`.
+        views: Floating point, uint8 or uint16, [..., V, U, C, H, W].
 
     Returns:
-        Stacks, in the type of the views, float32 for integers, [..., N, C, H, W].
+        In the type that they have, [B, V, U, C, H, W]; whoever reads a part passes it through `radiance`.
 
     Raises:
         InputError: Another number of axes, an empty axis, or another type.
@@ -107,6 +89,24 @@ def over_batches(views: Tensor, refocus: Callable[[Tensor], Tensor]) -> Tensor:
             got=views.dtype,
             remedy="scale other integers to [0, 1]",
         )
-    stack = refocus(views.reshape(-1, *views.shape[-5:]))
+    return views.reshape(-1, *views.shape[-5:])
+
+
+def restored(stacks: Tensor, views: Tensor) -> Tensor:
+    """Stacks with the batch dimensions and the type of the views that they are made of.
+
+    Args:
+        stacks: Made of `flattened(views)`, [B, N, C, H, W].
+        views: [..., V, U, C, H, W].
+
+    Returns:
+        In the type of the views, float32 for integers, [..., N, C, H, W].
+    """
     kept = views.dtype if views.is_floating_point() else torch.float32
-    return stack.reshape(*views.shape[:-5], *stack.shape[1:]).to(kept)
+    return stacks.reshape(*views.shape[:-5], *stacks.shape[1:]).to(kept)
+
+
+def grid_and_size(views: Tensor) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Number of view rows and columns (V, U), height and width (H, W) of views [..., V, U, C, H, W]."""
+    n_rows, n_columns, _, height, width = views.shape[-5:]
+    return (n_rows, n_columns), (height, width)

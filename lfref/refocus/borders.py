@@ -1,4 +1,4 @@
-"""What a view holds beyond its edge, one record a border rule.
+"""What a view holds beyond its edge, one record a border rule, for whatever reads views.
 
 `renormalize` counts only the views that have a sample there; the others make a sample up.
 """
@@ -11,51 +11,64 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+LEFT_OUT, REPLICATED, BLACK, PERIODIC = range(4)
+"""Numbers by which compiled loops know the rules."""
+ON_VIEW = 1e-9
+"""Pixels by which rounding may put a position beyond the outermost sample."""
+
+Tap = tuple[Tensor, Tensor]
+"""Index of a sample along one axis, and its weight, [P...] each."""
+
 
 class Border(NamedTuple):
     """How views continue beyond their edge."""
 
-    extend: Callable[[Tensor, int, int], Tensor]
-    """(view, pad, axis) -> the view with `pad` more samples at both ends of that axis."""
+    mode: str
+    """What PyTorch's `pad` calls it."""
+    tap: Callable[[Tensor, Tensor, int], Tap]
+    """(index, weight, length of the axis) -> a tap that exists."""
     counts_only_samples: bool = False
     """Samples beyond the edge are left out of the sum instead of made up."""
-    is_periodic: bool = False
-    """The continuation is the view itself, over and over."""
+    number: int | None = None
+    """By which compiled loops know it; None: those that need one leave it to PyTorch."""
+
+    @property
+    def is_periodic(self) -> bool:
+        """The continuation is the view itself, over and over."""
+        return self.mode == "circular"
+
+    def extend(self, view: Tensor, pad: int, axis: int) -> Tensor:
+        """The view with `pad` more samples at both ends of an axis.
+
+        Args:
+            view: Images [..., H, W].
+            pad: Samples to add at each end.
+            axis: -1 (columns) or -2 (rows).
+        """
+        columns, rows = (pad, 0) if axis == -1 else (0, pad)
+        # torch pads the last two axes of a 4-D tensor in every mode.
+        padded = F.pad(view.reshape(1, -1, *view.shape[-2:]), (columns, columns, rows, rows), mode=self.mode)
+        return padded.reshape(*view.shape[:-2], *padded.shape[-2:])
 
 
-def _pad(view: Tensor, pad: int, axis: int, mode: str) -> Tensor:
-    columns, rows = (pad, 0) if axis == -1 else (0, pad)
-    # torch pads the last two axes of a 4-D tensor in every mode.
-    padded = F.pad(view.reshape(1, -1, *view.shape[-2:]), (columns, columns, rows, rows), mode=mode)
-    return padded.reshape(*view.shape[:-2], *padded.shape[-2:])
+def _replicated(index: Tensor, weight: Tensor, length: int) -> Tap:
+    return index.clamp(0, length - 1), weight
 
 
-def replicate(view: Tensor, pad: int, axis: int) -> Tensor:
-    """Repeat the outermost sample.
-
-    Args:
-        view: Images [..., H, W].
-        pad: Samples to add at each end.
-        axis: -1 (columns) or -2 (rows).
-    """
-    return _pad(view, pad, axis, "replicate")
+def _black(index: Tensor, weight: Tensor, length: int) -> Tap:
+    within = index.clamp(0, length - 1)
+    return within, torch.where(within == index, weight, 0.0)
 
 
-def circular(view: Tensor, pad: int, axis: int) -> Tensor:
-    """Continue with the opposite end; arguments as in `replicate`."""
-    return _pad(view, pad, axis, "circular")
-
-
-def zeros(view: Tensor, pad: int, axis: int) -> Tensor:
-    """Continue with black; arguments as in `replicate`."""
-    return _pad(view, pad, axis, "constant")
+def _periodic(index: Tensor, weight: Tensor, length: int) -> Tap:
+    return index.remainder(length), weight
 
 
 BORDERS: dict[str, Border] = {
-    "renormalize": Border(replicate, counts_only_samples=True),
-    "edge": Border(replicate),
-    "zero": Border(zeros),
-    "wrap": Border(circular, is_periodic=True),
+    "renormalize": Border("replicate", _replicated, counts_only_samples=True, number=LEFT_OUT),
+    "edge": Border("replicate", _replicated, number=REPLICATED),
+    "zero": Border("constant", _black, number=BLACK),
+    "wrap": Border("circular", _periodic, number=PERIODIC),
 }
 
 

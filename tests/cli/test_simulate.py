@@ -76,7 +76,7 @@ def test_only_what_is_asked_for_is_written(lfref, tmp_path):
 
 def test_the_pinhole_picture_and_masks_are_written(lfref, scene_of, tmp_path):
     assert lfref("simulate", "scene=twigs", "outputs=[all_in_focus,masks]", *SMALL, f"output={tmp_path}/out")[0] == 0
-    found = simulate(scene_of("scene=twigs", *SMALL), 0, ["all_in_focus", "masks"])
+    found = simulate(scene_of("scene=twigs", *SMALL).scene(0, 0, 0), 0, ["all_in_focus", "masks"])
     sharp = images.read_image(tmp_path / "out" / "all_in_focus" / "twigs.exr")
     assert torch.equal(torch.from_numpy(sharp).movedim(2, 0), found.all_in_focus)
     with decode.opened(tmp_path / "out" / "masks" / "twigs.exr") as source:
@@ -91,7 +91,7 @@ def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
     assert lfref(*words)[0] == 0
     log = tmp_path / "out" / "simulate.log"
     assert "skipped" not in log.read_text()
-    assert lfref(*words, "explain=true")[0] == 0
+    assert lfref(*words, "explain=true", "overwrite=true")[0] == 0
     lines = [line.split() for line in log.read_text().splitlines()]
     states = {line[0]: line[1] for line in lines if len(line) > 1}
     assert states["mosaic"] == states["noise"] == states["paint"] == "run"

@@ -84,3 +84,11 @@ def test_the_phase_at_500_pixels_keeps_its_digits():
 )
 def test_the_complex_type_goes_with_the_real_one(real, complex_):
     assert fourier.complex_dtype(real) == complex_
+
+
+def test_fast_lengths_are_the_next_without_large_prime_factors():
+    lengths = [1, 2, 3, 4, 5, 6, 8, 8, 9, 10, 12, 12, 15, 15, 15, 16]
+    assert [fourier.next_fast_length(least) for least in range(1, 17)] == lengths
+    assert fourier.next_fast_length(103) == 108
+    assert fourier.next_fast_length(1025) == 1080
+    assert [n for n in range(1, 17) if fourier.is_fast(n)] == sorted(set(lengths))

@@ -3,6 +3,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from lfref.functional import jit
 
@@ -32,30 +33,54 @@ def test_a_package_that_cannot_be_written_still_compiles(monkeypatch):
     assert calls == [True, False]
 
 
-def results_of(folder):
-    """What the outer of two loops gives in a process of its own, importing them from a folder."""
-    code = f"import sys; sys.path.insert(0, {str(folder)!r}); import outer; print(outer.outer(10))"
-    return int(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
+LOOPS = {
+    "outer": "from loops.inner import inner\n@jit.compiled\ndef outer(x):\n    return inner(x)\n",
+    "inner": "from loops import constants\n@jit.compiled\ndef inner(x):\n    return x + constants.STEP\n",
+    "constants": "STEP = 1\n",
+    "other": "UNUSED = 1\n",
+}
+PROGRAM = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from loops.outer import outer
+print(outer(10), sum(outer.stats.cache_hits.values()))
+"""
 
 
-def test_loops_are_compiled_anew_when_one_that_they_call_has_changed(tmp_path):
-    header = "from pathlib import Path\nfrom lfref.functional import jit\njit.forget_outdated(Path(__file__).parent)\n"
-    inner, outer = tmp_path / "inner.py", tmp_path / "outer.py"
-    inner.write_text(f"{header}@jit.compiled\ndef inner(x):\n    return x + 1\n")
-    outer.write_text(f"{header}from inner import inner\n@jit.compiled\ndef outer(x):\n    return inner(x)\n")
-    assert results_of(tmp_path) == 11
-    inner.write_text(inner.read_text().replace("x + 1", "x + 2"))
-    assert results_of(tmp_path) == 12
+@pytest.fixture(params=["beside the sources", "in a folder of the user's"])
+def loops(request, tmp_path, monkeypatch):
+    """A package whose outer loop calls an inner one, which takes a constant from a third module."""
+    if request.param != "beside the sources":
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
+    (tmp_path / "loops").mkdir()
+    (tmp_path / "loops" / "__init__.py").touch()
+    for name, text in LOOPS.items():
+        (tmp_path / "loops" / f"{name}.py").write_text(f"from lfref.functional import jit\n{text}")
+    assert result(tmp_path) == (11, 0)
+    return tmp_path
 
 
-def test_only_machine_code_that_is_older_than_a_source_is_deleted(tmp_path):
-    cache = tmp_path / "rooms" / "__pycache__"
-    cache.mkdir(parents=True)
-    for name, age in (("a.py", 50), ("b.py", 30), ("c.py", 0)):
-        (cache.parent / name).touch()
-        os.utime(cache.parent / name, (1000 - age, 1000 - age))
-    for name, age in (("a.f-1.py311.nbi", 40), ("b.g-1.py311.nbi", 20), ("gone.h-1.py311.nbi", 35)):
-        (cache / name).touch()
-        os.utime(cache / name, (1000 - age, 1000 - age))
-    jit.forget_outdated(tmp_path)
-    assert [path.name for path in cache.iterdir()] == ["b.g-1.py311.nbi"]
+def result(folder):
+    """What the outer loop makes of 10 in a process of its own, and how often kept machine code served."""
+    run = subprocess.run([sys.executable, "-c", PROGRAM, str(folder)], check=True, capture_output=True, text=True)
+    return tuple(map(int, run.stdout.split()))
+
+
+def change(folder, name, old, new):
+    file = folder / "loops" / f"{name}.py"
+    age = file.stat()
+    file.write_text(file.read_text().replace(old, new))
+    os.utime(file, ns=(age.st_atime_ns, age.st_mtime_ns))
+
+
+@pytest.mark.parametrize(("name", "old", "new"), [("inner", "x +", "1 + x +"), ("constants", "1", "2")])
+def test_loops_are_compiled_anew_when_what_they_use_has_changed(loops, name, old, new):
+    change(loops, name, old, new)
+    assert result(loops) == (12, 0)
+
+
+def test_machine_code_serves_on_when_files_are_only_newer_or_others_have_changed(loops):
+    change(loops, "other", "1", "2")
+    for file in (loops / "loops").glob("*.py"):
+        os.utime(file)
+    assert result(loops) == (11, 1)

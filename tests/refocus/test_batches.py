@@ -69,16 +69,11 @@ def test_weights_that_are_no_aperture_are_refused(weights, message):
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (2, 3), (2, 1, 2)])
-def test_an_operator_sees_one_batch_axis_and_its_result_gets_them_back(batch):
+def test_light_fields_stand_behind_one_batch_axis_and_their_stacks_get_all_back(batch):
     views = torch.rand(*batch, 2, 3, 1, 4, 5)
-    seen = []
-
-    def three_planes(flat):
-        seen.append(flat.shape)
-        return torch.stack([flat.sum((1, 2)) * n for n in range(3)], dim=1)
-
-    stack = batches.over_batches(views, three_planes)
-    assert seen == [(math.prod(batch), 2, 3, 1, 4, 5)]
+    flat = batches.flattened(views)
+    assert flat.shape == (math.prod(batch), 2, 3, 1, 4, 5)
+    stack = batches.restored(torch.stack([flat.sum((1, 2)) * n for n in range(3)], dim=1), views)
     assert stack.shape == (*batch, 3, 1, 4, 5)
     torch.testing.assert_close(stack[..., 2, :, :, :], views.sum((-5, -4)) * 2)
 
@@ -123,23 +118,23 @@ def test_floating_point_is_not_scaled_and_float32_not_copied():
         (torch.uint16, torch.float32),
     ],
 )
-def test_the_operator_gets_the_views_as_they_are_and_floating_point_types_come_back(dtype, returned):
-    types = []
-
-    def first_view(flat):
-        types.append(flat.dtype)
-        return batches.radiance(flat[:, 0, :1])
-
-    assert batches.over_batches(torch.ones(2, 2, 1, 4, 4).to(dtype), first_view).dtype == returned
-    assert types == [dtype]
+def test_views_keep_their_type_and_floating_point_types_come_back(dtype, returned):
+    views = torch.ones(2, 2, 1, 4, 4).to(dtype)
+    flat = batches.flattened(views)
+    assert flat.dtype == dtype
+    assert batches.restored(batches.radiance(flat[:, 0, :1]), views).dtype == returned
 
 
 @pytest.mark.parametrize("dtype", [torch.bool, torch.int8, torch.int16, torch.int64, torch.complex64])
 def test_types_without_a_full_scale_are_refused(dtype):
     with pytest.raises(InputError, match=rf"uint8 or uint16; got {dtype}; scale other"):
-        batches.over_batches(torch.zeros(2, 2, 1, 4, 4).to(dtype), pytest.fail)
+        batches.flattened(torch.zeros(2, 2, 1, 4, 4).to(dtype))
 
 
-def test_what_is_not_views_never_reaches_the_operator():
+def test_what_is_not_views_is_refused():
     with pytest.raises(InputError, match="views must be"):
-        batches.over_batches(torch.rand(2, 1, 4, 4), pytest.fail)
+        batches.flattened(torch.rand(2, 1, 4, 4))
+
+
+def test_grid_and_size_are_those_of_one_light_field():
+    assert batches.grid_and_size(torch.empty(9, 2, 3, 1, 4, 5)) == ((2, 3), (4, 5))

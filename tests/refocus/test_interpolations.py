@@ -1,130 +1,69 @@
-"""Reading a view at x + shift: linear and nearest against numpy, exact against the plain trigonometric sum."""
+"""Interpolations: their weights, and that an entry in the table is all that a new one, or a new border, needs."""
 
-import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfref.refocus import borders
-from lfref.refocus.interpolations import INTERPOLATIONS, SEAM
+from lfref.refocus.anywhere.surface import per_pixel
+from lfref.refocus.borders import BORDERS, Border
+from lfref.refocus.interpolations import INTERPOLATIONS, Interpolation
+from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
 
-from .conftest import dirichlet
-
-
-def read(view, name, border, shift, axis=-1, span=None):
-    """The view read at x + shift, as the operators do it."""
-    way, length = INTERPOLATIONS[name], view.shape[axis]
-    extended, pad = way.extend(view, borders.BORDERS[border], abs(int(shift)) + 2, axis)
-    total = torch.zeros_like(view)
-    way.add_shifted(total, extended, way.snap(shift), pad, span or (0, length), axis)
-    return total
+LOCAL = [name for name, way in INTERPOLATIONS.items() if way.weights is not None]
+SLOPES = [-1.4, 0.0, 0.37, 1.0]
 
 
-@given(shift=st.floats(-6, 6))
-@settings(max_examples=50, deadline=None)
-def test_linear_is_numpys_interpolation_with_the_edge_held(shift):
-    view = torch.rand(17, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    x = np.arange(17)
-    expected = np.interp(x + shift, x, view.numpy())
-    np.testing.assert_allclose(read(view[None], "linear", "edge", shift)[0], expected, atol=1e-12)
+@given(position=st.floats(-50, 50))
+@pytest.mark.parametrize("name", LOCAL)
+def test_weights_sum_to_1_about_the_position(name, position):
+    way = INTERPOLATIONS[name]
+    taps = way.taps(way.snap(position))
+    assert sum(weight for _, weight in taps) == pytest.approx(1, abs=1e-12)
+    assert sum(index * weight for index, weight in taps) == pytest.approx(way.snap(position), abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("shift", "snapped"), [(0.49, 0), (0.5, 1), (-0.5, 0), (-0.51, -1), (1.5, 2), (-1.5, -1), (2.0, 2), (-2.0, -2)]
+    ("position", "snapped"), [(0.49, 0), (0.5, 1), (-0.5, 0), (-0.51, -1), (1.5, 2), (-1.5, -1), (2.0, 2), (-2.0, -2)]
 )
-def test_nearest_snaps_to_whole_samples_and_halves_upwards(shift, snapped):
-    assert INTERPOLATIONS["nearest"].snap(shift) == snapped
-    view = torch.rand(1, 12)
-    assert torch.equal(read(view, "nearest", "wrap", shift), view.roll(-snapped, -1))
+def test_only_nearest_rounds_and_halves_upwards(position, snapped):
+    assert INTERPOLATIONS["nearest"].snap(position) == snapped
+    assert all(INTERPOLATIONS[name].snap(position) == position for name in ("linear", "cubic", "exact"))
 
 
-def keys(distance: float) -> float:
-    """Keys' kernel with a = -1/2, as his paper writes it."""
-    distance = abs(distance)
-    if distance < 1:
-        return 1.5 * distance**3 - 2.5 * distance**2 + 1
-    return -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2 if distance < 2 else 0.0
+def on_flat_maps(views, *choice):
+    return per_pixel(
+        views, torch.tensor(SLOPES, dtype=torch.float64)[:, None, None].expand(-1, *views.shape[-2:]), *choice
+    )
 
 
-@given(shift=st.floats(-5, 5))
-@settings(max_examples=50, deadline=None)
-def test_cubic_is_keys_convolution_with_the_edge_held(shift):
-    view = torch.rand(14, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    samples = range(-9, 24)
-    held = [view[min(max(sample, 0), 13)].item() for sample in samples]
-    expected = [
-        sum(keys(x + shift - sample) * value for sample, value in zip(samples, held, strict=True)) for x in range(14)
-    ]
-    np.testing.assert_allclose(read(view[None], "cubic", "edge", shift)[0], expected, atol=1e-12)
+def test_an_entry_is_all_that_a_new_interpolation_needs(monkeypatch):
+    # Each sample a plateau with a smooth step to the next.
+    smooth = Interpolation(lambda t: (1 - t**2 * (3 - 2 * t), t**2 * (3 - 2 * t)))
+    monkeypatch.setitem(INTERPOLATIONS, "smooth", smooth)
+    views = torch.rand(3, 4, 2, 11, 12, dtype=torch.float64)
+    for border in BORDERS:
+        expected = shift_and_sum(views, SLOPES, "smooth", border)
+        by_torch = shift_and_sum(views.clone().requires_grad_(), SLOPES, "smooth", border)
+        torch.testing.assert_close(by_torch.detach(), expected, atol=1e-13, rtol=0)
+        torch.testing.assert_close(on_flat_maps(views, "smooth", border), expected, atol=1e-12, rtol=0)
+    by_hand = 0.5 * views[0, 0] + 0.5 * views[0, 0].roll(-1, -1)
+    halfway = shift_and_sum(views[:1, :1].expand(1, 2, -1, -1, -1), [1.0], "smooth", "wrap", torch.tensor([[0, 1.0]]))
+    torch.testing.assert_close(halfway[0], by_hand, atol=1e-13, rtol=0)
+    assert torch.equal(coverage(SLOPES, (3, 4), (11, 12), "smooth"), coverage(SLOPES, (3, 4), (11, 12)))
 
 
-def test_cubic_reproduces_parabolas_where_linear_does_not():
-    x = torch.arange(16, dtype=torch.float64)
-    inner = slice(3, -3)
-    wanted = ((x + 0.4) ** 2)[None, inner]
-    torch.testing.assert_close(read((x**2)[None], "cubic", "edge", 0.4)[:, inner], wanted, atol=1e-12, rtol=0)
-    assert (read((x**2)[None], "linear", "edge", 0.4)[:, inner] - wanted).abs().min() > 0.1
+def test_an_entry_is_all_that_a_new_border_needs(monkeypatch):
+    def mirrored(index, weight, length):
+        period = index.remainder(2 * length - 2)
+        return torch.minimum(period, 2 * length - 2 - period), weight
 
-
-@pytest.mark.parametrize("name", ["linear", "cubic", "exact"])
-def test_only_nearest_changes_the_shift(name):
-    assert INTERPOLATIONS[name].snap(0.3) == 0.3
-
-
-@pytest.mark.parametrize("length", [16, 17])
-@pytest.mark.parametrize("shift", [0.5, -2.3, 4.0])
-def test_exact_on_a_periodic_view_is_the_trigonometric_sum(length, shift):
-    view = torch.rand(3, length, dtype=torch.float64)
-    expected = view @ dirichlet(length, shift).T
-    torch.testing.assert_close(read(view, "exact", "wrap", shift), expected, atol=1e-12, rtol=0)
-
-
-@pytest.mark.parametrize("name", list(INTERPOLATIONS))
-@pytest.mark.parametrize("border", ["edge", "zero", "wrap"])
-def test_rows_are_read_as_columns_are(name, border):
-    view = torch.rand(2, 20, 21, dtype=torch.float64)
-    across, down = read(view, name, border, 1.3, -1), read(view.mT.contiguous(), name, border, 1.3, -2)
-    torch.testing.assert_close(across, down.mT, atol=1e-13, rtol=0)
-
-
-@pytest.mark.parametrize("border", ["edge", "zero"])
-def test_exact_meets_no_jump_where_the_extended_view_starts_over(border):
-    view = torch.rand(1, 24, dtype=torch.float64) + 1
-    extended, pad = INTERPOLATIONS["exact"].extend(view, borders.BORDERS[border], 3, -1)
-    assert pad == 3 + SEAM
-    assert torch.equal(extended[0, pad:-pad], view[0])
-    # What a shift by the reach can read is the border's own continuation, untouched by the fade.
-    plain = borders.BORDERS[border].extend(view, 3, -1)
-    assert torch.equal(extended[0, SEAM:-SEAM], plain[0])
-    steps = extended.roll(-1, -1) - extended
-    around = torch.cat([steps[0, -SEAM - 1 :], steps[0, :SEAM]])
-    jump = abs(float(plain[0, 0] - plain[0, -1]))
-    assert around.abs().max() <= jump * torch.pi / (4 * SEAM) + 1e-12
-
-
-@pytest.mark.parametrize("name", list(INTERPOLATIONS))
-def test_only_the_span_is_added_to(name):
-    view = torch.rand(2, 30)
-    part = read(view, name, "edge", 1.5, span=(4, 9))
-    whole = read(view, name, "edge", 1.5)
-    assert torch.equal(part[:, 4:9], whole[:, 4:9])
-    assert not part[:, :4].any()
-    assert not part[:, 9:].any()
-
-
-def test_the_sum_that_was_there_stays():
-    view, way = torch.rand(1, 10), INTERPOLATIONS["linear"]
-    extended, pad = way.extend(view, borders.BORDERS["edge"], 2, -1)
-    total = torch.full((1, 10), 5.0)
-    way.add_shifted(total, extended, 0.0, pad, (0, 10), -1)
-    torch.testing.assert_close(total, view + 5)
-
-
-def test_the_view_itself_is_never_written_to():
-    view = torch.rand(1, 40)
-    copy = view.clone()
-    for name in INTERPOLATIONS:
-        for border in ("edge", "zero", "wrap"):
-            read(view, name, border, 0.7)
-    assert torch.equal(view, copy)
+    monkeypatch.setitem(BORDERS, "mirror", Border("reflect", mirrored))
+    views = torch.rand(3, 4, 2, 11, 12, dtype=torch.float64)
+    far = borders.BORDERS["mirror"].extend(views, 5, -1)
+    assert torch.equal(far[..., 4], views[..., 1])
+    for interpolation in LOCAL:
+        expected = shift_and_sum(views, SLOPES, interpolation, "mirror")
+        torch.testing.assert_close(on_flat_maps(views, interpolation, "mirror"), expected, atol=1e-12, rtol=0)
+        assert (expected - shift_and_sum(views, SLOPES, interpolation, "edge")).abs().max() > 0.01

@@ -9,30 +9,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfref.functional import cubic
 from lfref.functional.jit import compiled, inlined
-from lfref.refocus.anywhere.sampling import FARTHEST, ON_VIEW
-from lfref.refocus.interpolations import cubic_weights
+from lfref.refocus.borders import BLACK, LEFT_OUT, ON_VIEW, PERIODIC
+from lfref.refocus.interpolations import FARTHEST, LINEAR, NEAREST
 
-NEAREST, LINEAR, CUBIC = range(3)
-"""Interpolations."""
-LEFT_OUT, REPLICATED, BLACK, PERIODIC = range(4)
-"""What is beyond a view: left out of the mean, or made up."""
 MOST_TAPS = 4
 
 Reals = NDArray[np.floating]
-_cubic_weights = inlined(cubic_weights)
+_cubic_weights = inlined(cubic.weights)
 
 
 class Rule(NamedTuple):
     """How views are read."""
 
     interpolation: int
+    """Number of one of `INTERPOLATIONS`."""
     beyond: int
+    """Number of one of `BORDERS`."""
     scale: float
     """Of their samples: 1 over the integer that is radiance 1."""
 
 
-class Places(NamedTuple):
+class Table(NamedTuple):
     """Where each view shows what is at a pixel (x, y): at matrix (x, y, 1), moved by slope times offset."""
 
     matrices: Reals
@@ -47,14 +46,14 @@ class Places(NamedTuple):
 
 @compiled
 def mean(
-    field: NDArray, weights: Reals, places: Places, rule: Rule, image: Reals, coverage: Reals, top: int, end: int
+    field: NDArray, weights: Reals, table: Table, rule: Rule, image: Reals, coverage: Reals, top: int, end: int
 ) -> None:
     """The mean of the views that have a sample, in the rows from `top` to before `end`.
 
     Args:
         field: Views, [V, U, C, H, W].
         weights: Of each view, of sum 1; those of weight 0 are not read, [V, U].
-        places: Where they are read.
+        table: Where they are read.
         rule: How they are read.
         image: Filled in these rows, 0 where no view has a sample, [C, H, W].
         coverage: Filled in these rows: weight of the views that have a sample, float64, [H, W].
@@ -71,7 +70,7 @@ def mean(
             for u in range(field.shape[1]):
                 if weights[v, u] > 0:
                     _add_row(
-                        field[v, u], weights[v, u], places, v, u, y, rule, total, covered, down, across, rows, columns
+                        field[v, u], weights[v, u], table, v, u, y, rule, total, covered, down, across, rows, columns
                     )
         for x in range(width):
             coverage[y, x] = covered[x]
@@ -84,7 +83,7 @@ def mean(
 def _add_row(
     view: NDArray,
     weight: float,
-    places: Places,
+    table: Table,
     v: int,
     u: int,
     y: int,
@@ -98,17 +97,17 @@ def _add_row(
 ) -> None:
     """Add a view to a row of the picture; the last four are room for taps."""
     n_channels, height, width = view.shape
-    matrix = places.matrices[v, u]
+    matrix = table.matrices[v, u]
     for x in range(covered.size):
         w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
         if not w > 0:  # behind the camera
             continue
-        slope = places.slopes[y, x]
+        slope = table.slopes[y, x]
         at_x = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]
         at_y = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]
         if w != 1:  # divisions take longer than all else
             at_x, at_y = at_x / w, at_y / w
-        at_x, at_y = at_x + slope * places.columns[u], at_y + slope * places.rows[v]
+        at_x, at_y = at_x + slope * table.columns[u], at_y + slope * table.rows[v]
         at_x, at_y = _snapped(at_x, rule.interpolation), _snapped(at_y, rule.interpolation)
         if not (_counts(at_x, width, rule.beyond) and _counts(at_y, height, rule.beyond)):
             continue

@@ -16,7 +16,8 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.anywhere import sampling
+from lfref.refocus.anywhere.mean_of_views import mean_of_views
+from lfref.refocus.anywhere.places import Places
 
 FLATTEST = 1e-12  # smallest to largest singular value of a matrix that still counts as invertible
 NOT_A_ROTATION = 1e-4  # error of R'R that rounding to float32 in a calibration file explains
@@ -47,7 +48,17 @@ def homography(
     Raises:
         InputError: Views, matrices, weights or names that cannot be used, or a plane that no view sees.
     """
-    return batches.over_batches(views, lambda batch: _stack(batch, matrices, interpolation, border, weights))
+    batch = batches.flattened(views)
+    aperture = batches.checked_weights(weights, (batch.shape[1], batch.shape[2]))
+    planes = [Places(matrices=each) for each in _checked_matrices(matrices, aperture, batch.device)]
+    stack, coverage = mean_of_views(batch, aperture, planes, interpolation, border)
+    if not bool(coverage.flatten(1).any(1).all()):
+        raise InputError(
+            "at least one view must have a sample of each plane",
+            got="none",
+            remedy="matrices go from output to view pixels; a plane that is behind all cameras may need the sign -1",
+        )
+    return batches.restored(stack, views)
 
 
 def slope_homographies(slopes: Slopes, grid: tuple[int, int]) -> Tensor:
@@ -184,36 +195,3 @@ def _checked_matrices(matrices: Tensor, aperture: Tensor, device: torch.device) 
     if not bool(_is_invertible(used).all()):
         raise InputError("matrices must be invertible", got="a singular one", remedy="a plane may not meet a camera")
     return values.reshape(-1, *expected)
-
-
-def _stack(views: Tensor, matrices: Tensor, interpolation: str, border: str, weights: Tensor | None) -> Tensor:
-    aperture = batches.checked_weights(weights, (views.shape[1], views.shape[2]))
-    planes = _checked_matrices(matrices, aperture, views.device)
-    if kernel := sampling.kernel(views, planes):
-        no_slope = torch.zeros(views.shape[-2:], dtype=torch.float64)
-        tables = [(plane, no_slope) for plane in planes]
-        stack, coverage = kernel.means(views, aperture, tables, interpolation, border)
-    else:
-        images = [_image(views, plane, interpolation, border, aperture) for plane in planes]
-        stack, coverage = torch.stack([image for image, _ in images], dim=1), torch.stack([each for _, each in images])
-    if not bool(coverage.flatten(1).any(1).all()):
-        raise InputError(
-            "at least one view must have a sample of each plane",
-            got="none",
-            remedy="matrices go from output to view pixels; a plane that is behind all cameras may need the sign -1",
-        )
-    return stack
-
-
-def _image(views: Tensor, matrices: Tensor, interpolation: str, border: str, aperture: Tensor) -> tuple[Tensor, Tensor]:
-    """One plane and its coverage, [B, C, H, W] and [H, W]."""
-    x, y = sampling.pixels(views)
-
-    def positions(v: int, u: int) -> tuple[Tensor, Tensor, Tensor]:
-        view_x, view_y, w = (row[0] * x + row[1] * y + row[2] for row in matrices[v, u])
-        in_front = w > 0
-        # Divided by 1 instead of 0 behind the camera: those samples are left out, but NaN would reach the gradients.
-        w = torch.where(in_front, w, 1.0)
-        return view_x / w, view_y / w, in_front
-
-    return sampling.mean_of_views(views, aperture, positions, interpolation, border)

@@ -16,7 +16,8 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.anywhere import sampling
+from lfref.refocus.anywhere.mean_of_views import mean_of_views
+from lfref.refocus.anywhere.places import Places, pixels
 
 
 def per_pixel(
@@ -42,11 +43,9 @@ def per_pixel(
     Raises:
         InputError: Views, slopes, weights or names that cannot be used.
     """
-
-    def refocus(batch: Tensor) -> Tensor:
-        return _stack(batch, _checked_map(slope_map, batch), interpolation, border, weights)
-
-    return batches.over_batches(views, refocus)
+    batch = batches.flattened(views)
+    stack = _stack(batch, _checked_map(slope_map, batch), interpolation, border, weights)
+    return batches.restored(stack, views)
 
 
 def tilt_shift(
@@ -73,11 +72,9 @@ def tilt_shift(
     Raises:
         InputError: As `per_pixel`, or a tilt that is not two numbers.
     """
-
-    def refocus(batch: Tensor) -> Tensor:
-        return _stack(batch, _checked_map(_affine_map(slope, tilt, batch), batch), interpolation, border, weights)
-
-    return batches.over_batches(views, refocus)
+    batch = batches.flattened(views)
+    slope_map = _checked_map(_affine_map(slope, tilt, batch), batch)
+    return batches.restored(_stack(batch, slope_map, interpolation, border, weights), views)
 
 
 def _affine_map(slope: Slopes | float, tilt: Tensor | Sequence[float], views: Tensor) -> Tensor:
@@ -85,7 +82,7 @@ def _affine_map(slope: Slopes | float, tilt: Tensor | Sequence[float], views: Te
     change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)
     if change.shape != (2,):
         raise InputError("tilt must be two numbers, slope per pixel along x and y", got=f"shape {list(change.shape)}")
-    x, y = sampling.pixels(views)
+    x, y = pixels(views)
     return start + change[0] * x + change[1] * y
 
 
@@ -105,19 +102,4 @@ def _checked_map(slope_map: Tensor, views: Tensor) -> Tensor:
 
 def _stack(views: Tensor, slopes: Tensor, interpolation: str, border: str, weights: Tensor | None) -> Tensor:
     aperture = batches.checked_weights(weights, (views.shape[1], views.shape[2]))
-    if kernel := sampling.kernel(views, slopes):
-        still = torch.eye(3, dtype=torch.float64).expand(*aperture.shape, 3, 3)
-        stack: Tensor = kernel.means(views, aperture, [(still, slope) for slope in slopes], interpolation, border)[0]
-        return stack
-    images = [_image(views, slope, interpolation, border, aperture) for slope in slopes]
-    return torch.stack(images, dim=1)
-
-
-def _image(views: Tensor, slope: Tensor, interpolation: str, border: str, aperture: Tensor) -> Tensor:
-    x, y = sampling.pixels(views)
-    rows, columns = (geometry.angular_offsets(n).tolist() for n in aperture.shape)
-
-    def positions(v: int, u: int) -> tuple[Tensor, Tensor, bool]:
-        return x + slope * columns[u], y + slope * rows[v], True
-
-    return sampling.mean_of_views(views, aperture, positions, interpolation, border)[0]
+    return mean_of_views(views, aperture, [Places(slopes=each) for each in slopes], interpolation, border)[0]

@@ -28,12 +28,10 @@ def exact_fourier(views: Tensor, slopes: Slopes, weights: Tensor | None = None) 
     Raises:
         InputError: Views, slopes or weights that cannot be used.
     """
-    return batches.over_batches(views, lambda batch: _stack(batch, slopes, weights))
-
-
-def _stack(views: Tensor, slopes: Slopes, weights: Tensor | None) -> Tensor:
-    grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
+    batch = batches.flattened(views)
+    grid, size = batches.grid_and_size(batch)
     planes = geometry.checked_slopes(slopes, grid, size)[:, None]
     rows = fourier.shift_phases(fourier.frequencies(size[0]), planes * geometry.angular_offsets(grid[0]))
     columns = fourier.shift_phases(fourier.half_frequencies(size[1]), planes * geometry.angular_offsets(grid[1]))
-    return spectra.filter_and_sum(views, rows, columns, batches.checked_weights(weights, grid))
+    stack = spectra.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
+    return batches.restored(stack, views)

@@ -7,7 +7,6 @@ Letters: `u v` view column and row, `j` plane, each counted from its middle, `kx
 Source: Nava, Marichal-Hernandez, Rodriguez-Ramos, "The Discrete Focal Stack Transform", 2008.
 """
 
-import itertools
 from typing import NamedTuple
 
 import torch
@@ -45,8 +44,9 @@ def focal_stack_transform(
     Raises:
         InputError: Views, slopes or weights that cannot be used.
     """
-    slopes = geometry.even_slopes(n_planes, first, last)
-    return batches.over_batches(views, lambda batch: _stack(batch, slopes, weights))
+    batch = batches.flattened(views)
+    stack = _stack(batch, geometry.even_slopes(n_planes, first, last), weights)
+    return batches.restored(stack, views)
 
 
 def at_slopes(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
@@ -91,7 +91,7 @@ class _Chirps(NamedTuple):
 
 
 def _stack(views: Tensor, slopes: Tensor, weights: Tensor | None) -> Tensor:
-    grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
+    grid, size = batches.grid_and_size(views)
     slopes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
     device, dtype = views.device, fourier.complex_dtype(views.dtype)
     rows = fourier.shift_phases(fourier.frequencies(size[0]), slopes[:, None] * geometry.angular_offsets(grid[0]))
@@ -128,7 +128,7 @@ def _chirps(slopes: Tensor, n_views: int, width: int) -> _Chirps:
     n_planes, frequencies = len(slopes), fourier.half_frequencies(width)[None, None, :]
     middle, step = (slopes[0] + slopes[-1]) / 2, (slopes[-1] - slopes[0]) / max(n_planes - 1, 1)
     u, j = (geometry.angular_offsets(n)[:, None, None, None] for n in (n_views, n_planes))
-    padded = _fast_length(n_views + n_planes - 1)
+    padded = fourier.next_fast_length(n_views + n_planes - 1)
     lag = torch.arange(padded, dtype=torch.float64)[:, None, None, None]
     lag = torch.where(lag < n_planes, lag, lag - padded) + j[0] - u[0]
     return _Chirps(
@@ -142,8 +142,3 @@ def _turned(turns: Tensor) -> Tensor:
     """exp(2 pi i turns); whole turns are taken off first, for the squares make many of them."""
     angle = 2 * torch.pi * (turns - turns.round())
     return torch.polar(torch.ones_like(angle), angle)
-
-
-def _fast_length(least: int) -> int:
-    """The first length from `least` on whose only prime factors are 2, 3 and 5, which FFTs are fast at."""
-    return next(n for n in itertools.count(least) if pow(30, n.bit_length(), n) == 0)

@@ -49,23 +49,20 @@ def fourier_slice(
     """
     if not (math.isfinite(padding) and padding >= 1):
         raise InputError("padding must be finite and at least 1", got=padding)
-    return batches.over_batches(views, lambda batch: _stack(batch, slopes, kernel, width, padding, weights))
-
-
-def _stack(views: Tensor, slopes: Slopes, kernel: str, width: int, padding: float, weights: Tensor | None) -> Tensor:
-    grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
+    batch, make = batches.flattened(views), chosen("kernel", kernel, KERNELS)
+    grid, size = batches.grid_and_size(batch)
     planes = geometry.checked_slopes(slopes, grid, size)
-    make = chosen("kernel", kernel, KERNELS)
     padded = [math.ceil(padding * n_views) for n_views in grid]
     readers = [make(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
     rows = _read(planes[:, None] * fourier.frequencies(size[0]), grid[0], padded[0], readers[0])
     columns = _read(planes[:, None] * fourier.half_frequencies(size[1]), grid[1], padded[1], readers[1])
-    return spectra.filter_and_sum(
-        views,
+    stack = spectra.filter_and_sum(
+        batch,
         fourier.real_at_nyquist(rows, fourier.frequencies(size[0])),
         fourier.real_at_nyquist(columns, fourier.half_frequencies(size[1])),
         batches.checked_weights(weights, grid),
     )
+    return batches.restored(stack, views)
 
 
 def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor:

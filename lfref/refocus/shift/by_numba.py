@@ -130,14 +130,14 @@ class _Tap(NamedTuple):
 def _plane_taps(task: Task, shifts: Shifts, row_length: int) -> Iterator[_Tap]:
     is_open = np.array(task.aperture).sum(axis=0) > 0
     for u, shift in enumerate(shifts.columns):
-        for offset, weight in task.taps(shift):
+        for offset, weight in task.interpolation.taps(shift):
             if is_open[u] and weight != 0:
                 start = u * row_length + task.reach + offset
                 yield _Tap(u, start, weight, task.span(shift, 1))
 
 
 def _vertical(task: Task, working: np.dtype) -> Vertical:
-    taps = np.array([[task.taps(shift) for shift in shifts.rows] for shifts in task.planes])
+    taps = np.array([[task.interpolation.taps(shift) for shift in shifts.rows] for shifts in task.planes])
     is_open = np.array(task.aperture).sum(axis=1) > 0
     spans = np.array([[task.span(shift, 0) for shift in shifts.rows] for shifts in task.planes])
     offsets, weights = taps[..., 0].astype(np.int64), (taps[..., 1] * is_open[:, None]).astype(working)

@@ -57,7 +57,8 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
 
 def _axis(task: Task, axis: int, like: Tensor) -> _Axis:
-    taps = torch.tensor([[task.taps(shift) for shift in shifts[axis]] for shifts in task.planes], dtype=torch.float64)
+    taps_of = task.interpolation.taps
+    taps = torch.tensor([[taps_of(shift) for shift in shifts[axis]] for shifts in task.planes], dtype=torch.float64)
     spans = [[task.span(shift, axis) for shift in shifts[axis]] for shifts in task.planes]
     return _Axis(
         taps[..., 0].to(like.device, torch.int32).contiguous(),
@@ -91,7 +92,7 @@ def _sum_tile(  # type: ignore[no-untyped-def]
                 weight = tl.load(aperture + v * n_columns + u)
                 counts = row_counts & (x >= tl.load(column_spans + 2 * nu)) & (x < tl.load(column_spans + 2 * nu + 1))
                 covered += tl.where(counts, weight, 0.0)
-                view = image + v * stride_v + u * stride_u
+                view = image + tl.cast(v, tl.int64) * stride_v + tl.cast(u, tl.int64) * stride_u
                 for m in tl.static_range(n_taps * n_taps):
                     row_tap, column_tap = nv * n_taps + m // n_taps, nu * n_taps + m % n_taps
                     share = tl.load(row_weights + row_tap) * tl.load(column_weights + column_tap) * weight
@@ -101,7 +102,8 @@ def _sum_tile(  # type: ignore[no-untyped-def]
                         y_source = tl.load(row_beyond + y_place, mask=counts, other=-1)
                         x_source = tl.load(column_beyond + x_place, mask=counts, other=-1)
                         exists = (y_source >= 0) & (x_source >= 0)
-                        sample = tl.load(view + y_source * stride_y + x_source * stride_x, mask=exists, other=0)
+                        place = y_source.to(tl.int64) * stride_y + x_source.to(tl.int64) * stride_x
+                        sample = tl.load(view + place, mask=exists, other=0)
                         total += share * sample.to(stack.dtype.element_ty)
         if counts_only_samples:
             total = tl.where(covered > 0, total / tl.where(covered > 0, covered, 1.0), 0.0)

@@ -6,20 +6,13 @@ Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pix
 Source: Ng et al., "Light Field Photography with a Hand-held Plenoptic Camera", 2005, section 4.
 """
 
-import importlib
-import importlib.util
-
 import torch
 from torch import Tensor
 
 from lfref.geometry import Slopes
-from lfref.refocus import batches
+from lfref.refocus import backend, batches
 from lfref.refocus.shift import by_torch, task
 from lfref.refocus.shift.task import Task
-
-COMPILERS = {"cpu": ("numba", "lfref.refocus.shift.by_numba"), "cuda": ("triton", "lfref.refocus.shift.by_triton")}
-KERNELS = {device: room for device, (compiler, room) in COMPILERS.items() if importlib.util.find_spec(compiler)}
-"""The room that serves each type of device, if its compiler is installed."""
 
 
 def shift_and_sum(
@@ -45,12 +38,10 @@ def shift_and_sum(
     Raises:
         InputError: Views, slopes, weights or names that cannot be used.
     """
-
-    def stack(batch: Tensor) -> Tensor:
-        grid, size = (batch.shape[1], batch.shape[2]), (batch.shape[-2], batch.shape[-1])
-        return _stack(batch, task.plan(slopes, grid, size, interpolation, border, weights))
-
-    return batches.over_batches(views, stack)
+    batch = batches.flattened(views)
+    planned = task.plan(slopes, *batches.grid_and_size(batch), interpolation, border, weights)
+    stack = _stack(batches.without_unread(batch, torch.tensor(planned.aperture)), planned)
+    return batches.restored(stack, views)
 
 
 def coverage(
@@ -80,10 +71,15 @@ def coverage(
 
 
 def _stack(views: Tensor, planned: Task) -> Tensor:
-    """By the device's own kernel where that can serve, else by PyTorch's operations."""
-    views = batches.without_unread(views, torch.tensor(planned.aperture))
-    kernel = KERNELS.get(views.device.type)
-    if kernel is None or planned.interpolation.taps is None or not batches.is_plain(views):
-        return by_torch.shift_and_sum(views, planned)
+    """By loops compiled for the device where these can serve, else by PyTorch's operations."""
+    compiler = backend.compiler_for(views) if planned.interpolation.weights is not None else None
     # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
-    return importlib.import_module(kernel).shift_and_sum(views, planned)
+    if compiler == "numba":
+        from lfref.refocus.shift import by_numba
+
+        return by_numba.shift_and_sum(views, planned)
+    if compiler == "triton":
+        from lfref.refocus.shift import by_triton
+
+        return by_triton.shift_and_sum(views, planned)
+    return by_torch.shift_and_sum(views, planned)

@@ -40,11 +40,12 @@ def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tenso
     """
     if not (isinstance(factor, int) and factor >= 1):
         raise InputError("factor must be a whole number of at least 1", got=repr(factor))
-    return batches.over_batches(views, lambda batch: _stack(batch, slopes, factor, weights))
+    batch = batches.flattened(views)
+    return batches.restored(_stack(batch, slopes, factor, weights), views)
 
 
 def _stack(views: Tensor, slopes: Slopes, factor: int, weights: Tensor | None) -> Tensor:
-    grid, size = (views.shape[1], views.shape[2]), (views.shape[-2], views.shape[-1])
+    grid, size = batches.grid_and_size(views)
     planes = geometry.checked_slopes(slopes, grid, size)[:, None]
     aperture = batches.checked_weights(weights, grid)
     views = batches.without_unread(views, aperture)

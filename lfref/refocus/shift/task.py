@@ -45,13 +45,8 @@ class Task(NamedTuple):
         """Samples beyond the edge that may be read."""
         return math.ceil(max(abs(shift) for shifts in self.planes for axis in shifts for shift in axis)) + 1
 
-    def taps(self, shift: float) -> list[tuple[int, float]]:
-        """Samples that a local interpolation reads around a shift: offset and weight of each."""
-        assert self.interpolation.taps is not None, "this interpolation reads all samples"
-        return self.interpolation.taps(shift)
-
     def span(self, shift: float, axis: int) -> tuple[int, int]:
-        """First and one-past-last output sample that a view shifted along an axis (0 rows, 1 columns) counts for."""
+        """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
         length = self.size[axis]
         return borders.sampled_span(shift, length) if self.border.counts_only_samples else (0, length)
 

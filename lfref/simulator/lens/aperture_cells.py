@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from lfref.functional import cells
 from lfref.simulator.scene import Camera
 
-STRIPS = 4096  # that a disc is cut into: the shares are exact to 1e-6 of its area
 CELLS_PER_ROOT = {"square": 1.2, "disc": 2.0}
 """Cells a side for a blur of 1 px beside the first one; they grow with its root. A disc's edge is not that of cells."""
 
@@ -52,15 +52,9 @@ class Cells:
     """Of one cell in view steps."""
 
 
-def aperture(camera: Camera, opening: float = 1.0) -> Aperture:
-    """The aperture of a camera.
-
-    Args:
-        camera: Its shape and the views that it spans.
-        opening: Part of its width and height that is open, 0 for a pinhole.
-    """
-    height, width = (2 * half * opening for half in camera.half_aperture[::-1])
-    return Aperture(camera.aperture, height, width)
+def aperture(camera: Camera) -> Aperture:
+    """The aperture of a camera: the cells of its views."""
+    return Aperture(camera.aperture, *map(float, camera.grid))
 
 
 def cut(whole: Aperture, n_cells: int) -> Cells:
@@ -102,19 +96,4 @@ def _rectangle(edges_q: Tensor, edges_p: Tensor) -> Tensor:
     return edges_q.diff()[:, None] * edges_p.diff()
 
 
-def _disc(edges_q: Tensor, edges_p: Tensor) -> Tensor:
-    """Open area of each cell of a disc of radius 1 about 0, [J + 1], [I + 1] -> [J, I]."""
-    # Strips that are narrow where the edge runs along them.
-    strips = -torch.linspace(0, torch.pi, STRIPS + 1, dtype=torch.float64).cos()
-    half_chord = (1 - ((strips[1:] + strips[:-1]) / 2).square()).sqrt()
-    heights = _overlap(strips[:-1], strips[1:], edges_q)
-    return heights.T @ _overlap(-half_chord, half_chord, edges_p)
-
-
-_AREAS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {"square": _rectangle, "disc": _disc}
-
-
-def _overlap(start: Tensor, stop: Tensor, edges: Tensor) -> Tensor:
-    """Length that each interval shares with each cell, [S] twice, [I + 1] -> [S, I]."""
-    low, high = torch.maximum(start[:, None], edges[:-1]), torch.minimum(stop[:, None], edges[1:])
-    return (high - low).clamp(min=0)
+_AREAS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {"square": _rectangle, "disc": cells.of_disc}

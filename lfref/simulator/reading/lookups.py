@@ -7,6 +7,8 @@ Letters: `h w` rows and columns of the bitmap, `i j` column and row in samples, 
 import torch
 from torch import Tensor
 
+from lfref.functional import cubic
+
 TAPS = 4
 
 
@@ -19,16 +21,7 @@ def cubic_weights(t: Tensor) -> Tensor:
     Returns:
         [..., 4].
     """
-    squared, cubed = t**2, t**3
-    return torch.stack(
-        [
-            -0.5 * t + squared - 0.5 * cubed,
-            1 - 2.5 * squared + 1.5 * cubed,
-            0.5 * t + 2 * squared - 1.5 * cubed,
-            -0.5 * squared + 0.5 * cubed,
-        ],
-        dim=-1,
-    )
+    return torch.stack(cubic.weights(t), dim=-1)
 
 
 def taps(position: Tensor, length: int) -> tuple[Tensor, Tensor]:

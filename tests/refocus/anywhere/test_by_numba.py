@@ -5,18 +5,19 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus.anywhere import by_numba, sampling
+from lfref.refocus import backend
+from lfref.refocus.anywhere import by_numba
 from lfref.refocus.anywhere.homography import homography
+from lfref.refocus.anywhere.mean_of_views import mean_of_views
+from lfref.refocus.anywhere.places import Places
+from lfref.refocus.anywhere.sampling import sample
 from lfref.refocus.anywhere.surface import per_pixel
 from lfref.refocus.borders import BORDERS
+from lfref.refocus.interpolations import INTERPOLATIONS
 
-CHOICES = [(interpolation, border) for interpolation in sampling.READINGS for border in BORDERS]
+LOCAL = ["nearest", "linear", "cubic"]
+CHOICES = [(interpolation, border) for interpolation in LOCAL for border in BORDERS]
 GRID, SIZE = (2, 3), (9, 12)
-
-
-def test_all_interpolations_and_borders_are_there():
-    assert list(by_numba.INTERPOLATIONS) == list(sampling.READINGS)
-    assert list(by_numba.BEYOND) == list(BORDERS)
 
 
 def noise(*shape, seed=0):
@@ -42,7 +43,7 @@ def by_both(monkeypatch, refocus, *arguments):
     """Stacks by the compiled loop, and by PyTorch's operations."""
     fast = refocus(*arguments)
     with monkeypatch.context() as patched:
-        patched.setattr(sampling, "KERNEL", None)
+        patched.setattr(backend, "COMPILERS", {})
         return fast, refocus(*arguments)
 
 
@@ -73,7 +74,7 @@ def test_takes_every_layout_and_leaves_closed_views_alone(monkeypatch):
     assert bool(fast.isfinite().all())
 
 
-@pytest.mark.parametrize("interpolation", sampling.READINGS)
+@pytest.mark.parametrize("interpolation", LOCAL)
 @pytest.mark.parametrize("spoilt", [torch.nan, torch.inf])
 def test_a_weight_of_zero_lets_nothing_through(monkeypatch, interpolation, spoilt):
     views = noise(1, *GRID, 3, *SIZE)
@@ -87,9 +88,8 @@ def test_a_weight_of_zero_lets_nothing_through(monkeypatch, interpolation, spoil
 @pytest.mark.parametrize(("interpolation", "border"), CHOICES)
 @pytest.mark.parametrize("far", [torch.nan, torch.inf, -torch.inf, 1e300, -(2.0**60), 1e18])
 def test_positions_that_are_far_or_no_numbers_read_nothing_beyond_memory(interpolation, border, far):
-    still, weights = torch.eye(3).double().expand(*GRID, 3, 3), torch.full(GRID, 1 / 6).double()
-    slopes = torch.full(SIZE, far, dtype=torch.float64)
-    stack, coverage = by_numba.means(noise(1, *GRID, 3, *SIZE), weights, [(still, slopes)], interpolation, border)
+    views, places = noise(1, *GRID, 3, *SIZE), Places(slopes=torch.full(SIZE, far, dtype=torch.float64))
+    stack, coverage = mean_of_views(views, torch.full(GRID, 1 / 6).double(), [places], interpolation, border)
     assert bool(stack.isfinite().all())
     assert bool((coverage == 0).all()) is (border == "renormalize")
 
@@ -109,9 +109,8 @@ def test_threads_change_no_digit(monkeypatch):
 def test_any_position_is_read_as_by_pytorch(x, y, choice):
     view, at = noise(1, 1, 1, 2, *SIZE), [torch.full((1, 1), value, dtype=torch.float64) for value in (x, y)]
     moved = torch.tensor([[1, 0, x], [0, 1, y], [0, 0, 1]], dtype=torch.float64)[None, None]
-    table = moved, torch.zeros(SIZE, dtype=torch.float64)
-    stack, coverage = by_numba.means(view, torch.ones(1, 1, dtype=torch.float64), [table], *choice)
-    samples, has_sample = sampling.sample(view[0, 0, 0], *at, *choice)
+    stack, coverage = mean_of_views(view, torch.ones(1, 1, dtype=torch.float64), [Places(moved)], *choice)
+    samples, has_sample = sample(view[0, 0, 0], *at, INTERPOLATIONS[choice[0]], BORDERS[choice[1]])
     expected = torch.where(has_sample, samples, 0.0)
     torch.testing.assert_close(stack[0, 0, :, :1, :1], expected, atol=1e-6, rtol=0)
     assert bool(coverage[0, 0, 0]) == bool(has_sample)
@@ -120,9 +119,7 @@ def test_any_position_is_read_as_by_pytorch(x, y, choice):
 def test_derivatives_come_from_pytorchs_operations():
     views, slopes = noise(*GRID, 3, *SIZE).double(), slope_maps(2.0)
     plain = per_pixel(views, slopes)
-    assert sampling.kernel(views, slopes) is by_numba
     for asked in ((views.clone().requires_grad_(), slopes), (views, slopes.clone().requires_grad_())):
-        assert sampling.kernel(*asked) is None
         stack = per_pixel(*asked)
         assert stack.requires_grad
         torch.testing.assert_close(stack.detach(), plain, atol=1e-14, rtol=0)

@@ -70,13 +70,6 @@ def test_bands_of_any_height_make_the_same_stack(band, monkeypatch):
     torch.testing.assert_close(focal_stack_transform(views, 4), expected, atol=1e-14, rtol=0)
 
 
-def test_padded_lengths_are_the_next_without_large_prime_factors():
-    lengths = [1, 2, 3, 4, 5, 6, 8, 8, 9, 10, 12, 12, 15, 15, 15, 16]
-    assert [module._fast_length(least) for least in range(1, 17)] == lengths
-    assert module._fast_length(103) == 108
-    assert module._fast_length(1025) == 1080
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -34,16 +34,43 @@ print("equal")
 """
 
 
-def test_equals_eager_in_the_interpreter(monkeypatch):
-    # A process of its own: Triton looks at the variable while the kernel is being defined.
+FAR_APART = """
+import torch
+from lfref.refocus.shift import by_torch, by_triton, task
+# Memory that nobody touches is not taken from the machine: only the few samples of the views are.
+memory = torch.empty(2**31 + 2**12, dtype=torch.uint8)
+for axis in (1, 2, 4, 5):
+    strides = [81, 27, 9, 9, 3, 1]
+    strides[axis] = 2**30
+    views = memory.as_strided((1, 3, 3, 1, 3, 3), strides)
+    views.copy_(torch.arange(0, 3 * views.numel(), 3).reshape(views.shape))
+    planned = task.plan([0.3], (3, 3), (3, 3), "linear", "edge")
+    fast, slow = by_triton.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
+    torch.testing.assert_close(fast, slow, atol=1e-6, rtol=0)
+print("equal")
+"""
+
+
+def printed(monkeypatch, program):
+    """What a process of its own prints: Triton looks at the variable while the kernel is being defined."""
     monkeypatch.setenv("TRITON_INTERPRET", "1")
-    run = subprocess.run([sys.executable, "-c", PROGRAM.format(cases=CASES)], capture_output=True, text=True)
-    assert run.stdout == "equal\n", run.stderr[-2000:]
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    return run.stdout or run.stderr[-2000:]
+
+
+@pytest.mark.slow
+def test_equals_pytorch_in_the_interpreter(monkeypatch):
+    assert printed(monkeypatch, PROGRAM.format(cases=CASES)) == "equal\n"
+
+
+@pytest.mark.slow
+def test_samples_more_than_2_to_the_31_apart_are_reached(monkeypatch):
+    assert printed(monkeypatch, FAR_APART) == "equal\n"
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 @pytest.mark.parametrize(("interpolation", "border", "dtype"), CASES)
-def test_equals_eager_on_a_gpu(interpolation, border, dtype):
+def test_equals_pytorch_on_a_gpu(interpolation, border, dtype):
     views = torch.rand(7, 7, 3, 60, 90, dtype=torch.float64)
     views = (views * 255).to(dtype) if dtype == torch.uint8 else views.to(dtype)
     slopes = [-7.0, -0.37, 0.0, 0.5]

@@ -17,7 +17,7 @@ def test_shifts_grow_with_the_distance_from_the_angular_centre():
 def test_reach_covers_every_tap():
     for slope in (-2.5, -0.3, 0.0, 1.0, 2.9):
         planned = task.plan([slope, 0.0], GRID, SIZE, "cubic")
-        taken = [tap for tap in planned.taps(2 * slope) if tap[1] != 0]
+        taken = [tap for tap in planned.interpolation.taps(2 * slope) if tap[1] != 0]
         first, last = min(offset for offset, _ in taken), max(offset for offset, _ in taken)
         spans = planned.span(2 * slope, 1)
         assert spans[0] + first >= -planned.reach

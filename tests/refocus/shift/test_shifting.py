@@ -1,0 +1,127 @@
+"""Reading a view at x + shift: linear and nearest against numpy, exact against the plain trigonometric sum."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfref.refocus.borders import BORDERS
+from lfref.refocus.interpolations import INTERPOLATIONS
+from lfref.refocus.shift import shifting
+from lfref.refocus.shift.shifting import SEAM
+from lfref.refocus.shift.task import Shifts, Task
+from tests.refocus.conftest import dirichlet
+
+
+def planned(view, name, border, shift):
+    """The task of shifting one view."""
+    shifts = Shifts((INTERPOLATIONS[name].snap(shift),), (INTERPOLATIONS[name].snap(shift),))
+    return Task((shifts,), ((1.0,),), view.shape[-2:], INTERPOLATIONS[name], BORDERS[border])
+
+
+def read(view, name, border, shift, axis=-1, start=0.0):
+    """The view read at x + shift, onto a sum that is something already."""
+    task, total = planned(view, name, border, shift), torch.full_like(view, start)
+    extended, pad = shifting.extended(view, task, axis)
+    shifting.add(total, extended, pad, task.planes[0].rows[0], task, axis)
+    return total
+
+
+@given(shift=st.floats(-6, 6))
+@settings(max_examples=50, deadline=None)
+def test_linear_is_numpys_interpolation_with_the_edge_held(shift):
+    view = torch.rand(17, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    x = np.arange(17)
+    expected = np.interp(x + shift, x, view.numpy())
+    np.testing.assert_allclose(read(view[None], "linear", "edge", shift)[0], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shift", "snapped"), [(0.49, 0), (0.5, 1), (-0.5, 0), (-0.51, -1), (1.5, 2), (-1.5, -1), (2.0, 2), (-2.0, -2)]
+)
+def test_nearest_snaps_to_whole_samples_and_halves_upwards(shift, snapped):
+    view = torch.rand(1, 12)
+    assert torch.equal(read(view, "nearest", "wrap", shift), view.roll(-snapped, -1))
+
+
+def keys(distance: float) -> float:
+    """Keys' kernel with a = -1/2, as his paper writes it."""
+    distance = abs(distance)
+    if distance < 1:
+        return 1.5 * distance**3 - 2.5 * distance**2 + 1
+    return -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2 if distance < 2 else 0.0
+
+
+@given(shift=st.floats(-5, 5))
+@settings(max_examples=50, deadline=None)
+def test_cubic_is_keys_convolution_with_the_edge_held(shift):
+    view = torch.rand(14, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    samples = range(-9, 24)
+    held = [view[min(max(sample, 0), 13)].item() for sample in samples]
+    expected = [
+        sum(keys(x + shift - sample) * value for sample, value in zip(samples, held, strict=True)) for x in range(14)
+    ]
+    np.testing.assert_allclose(read(view[None], "cubic", "edge", shift)[0], expected, atol=1e-12)
+
+
+def test_cubic_reproduces_parabolas_where_linear_does_not():
+    x = torch.arange(16, dtype=torch.float64)
+    inner = slice(3, -3)
+    wanted = ((x + 0.4) ** 2)[None, inner]
+    torch.testing.assert_close(read((x**2)[None], "cubic", "edge", 0.4)[:, inner], wanted, atol=1e-12, rtol=0)
+    assert (read((x**2)[None], "linear", "edge", 0.4)[:, inner] - wanted).abs().min() > 0.1
+
+
+@pytest.mark.parametrize("length", [16, 17])
+@pytest.mark.parametrize("shift", [0.5, -2.3, 4.0])
+def test_exact_on_a_periodic_view_is_the_trigonometric_sum(length, shift):
+    view = torch.rand(3, length, dtype=torch.float64)
+    expected = view @ dirichlet(length, shift).T
+    torch.testing.assert_close(read(view, "exact", "wrap", shift), expected, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("name", list(INTERPOLATIONS))
+@pytest.mark.parametrize("border", ["edge", "zero", "wrap"])
+def test_rows_are_read_as_columns_are(name, border):
+    view = torch.rand(2, 20, 21, dtype=torch.float64)
+    across, down = read(view, name, border, 1.3, -1), read(view.mT.contiguous(), name, border, 1.3, -2)
+    torch.testing.assert_close(across, down.mT, atol=1e-13, rtol=0)
+
+
+@pytest.mark.parametrize("border", ["edge", "zero"])
+def test_exact_meets_no_jump_where_the_extended_view_starts_over(border):
+    view = torch.rand(1, 24, dtype=torch.float64) + 1
+    extended, pad = shifting.extended(view, planned(view, "exact", border, 2.0), -1)
+    assert pad == 3 + SEAM
+    assert torch.equal(extended[0, pad:-pad], view[0])
+    # What a shift by the reach can read is the border's own continuation, untouched by the fade.
+    plain = BORDERS[border].extend(view, 3, -1)
+    assert torch.equal(extended[0, SEAM:-SEAM], plain[0])
+    steps = extended.roll(-1, -1) - extended
+    around = torch.cat([steps[0, -SEAM - 1 :], steps[0, :SEAM]])
+    jump = abs(float(plain[0, 0] - plain[0, -1]))
+    assert around.abs().max() <= jump * torch.pi / (4 * SEAM) + 1e-12
+
+
+@pytest.mark.parametrize("name", list(INTERPOLATIONS))
+@pytest.mark.parametrize(("shift", "counted"), [(2.5, slice(0, 27)), (-2.0, slice(2, 30))])
+def test_only_samples_that_count_are_added_to(name, shift, counted):
+    view = torch.rand(2, 30)
+    part, whole = (read(view, name, border, shift) for border in ("renormalize", "edge"))
+    assert torch.equal(part[:, counted], whole[:, counted])
+    assert int(part.count_nonzero()) == part[:, counted].numel()
+
+
+def test_the_sum_that_was_there_stays():
+    view = torch.rand(1, 10)
+    torch.testing.assert_close(read(view, "linear", "edge", 0.0, start=5.0), view + 5)
+
+
+def test_the_view_itself_is_never_written_to():
+    view = torch.rand(1, 40)
+    copy = view.clone()
+    for name in INTERPOLATIONS:
+        for border in ("edge", "zero", "wrap"):
+            read(view, name, border, 0.7)
+    assert torch.equal(view, copy)
