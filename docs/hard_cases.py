@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import pandas as pd
 import torch
 from matplotlib.figure import Figure
 
@@ -12,7 +13,6 @@ from lfref.bench.stability import trials as trials_of
 from lfref.bench.stability.catalogue import Case, Demand
 from lfref.functional.psnr import inverse_psnr_of_mse
 from lfref.report import stability, tables, wording
-from lfref.report.tables import Row
 
 ROOT = Path(__file__).resolve().parents[1]
 RUN = ROOT / "runs" / "figures" / "stability"
@@ -26,9 +26,9 @@ def goals() -> Iterator[str]:
     """Every goal with what was measured, and how our trials and the usual ones ended."""
     yield "| figure | goal | measured | usual form | holds |"
     yield "|---|---|---|---|---|"
-    for row in tables.read_table(RUN / "goals.csv"):
-        cells = (row["figure"], row["goal"], _number(row["measured"]), _number(row["usual"]), row["holds"])
-        yield f"| {' | '.join(cells)} |"
+    # As text: only so does a figure that is no number differ from none.
+    for row in pd.read_csv(RUN / "goals.csv", dtype=str, keep_default_na=False).itertuples():
+        yield f"| {row.figure} | {row.goal} | {_number(row.measured)} | {_number(row.usual)} | {row.holds} |"
 
 
 def trials() -> Iterator[str]:
@@ -36,18 +36,19 @@ def trials() -> Iterator[str]:
     rows = tables.read_table(RUN / "stability.csv")
     yield "| component | ours hold | usual form | it holds |"
     yield "|---|---|---|---|"
-    for (component,), members in tables.grouped(rows, "component").items():
-        ours, *others = tables.grouped(members, "formulation").items()
-        usual = others or [(("",), [])]
-        for (name,), trials_of_usual in usual:
-            yield f"| {component} | {_held(ours[1])} | {name} | {_held(trials_of_usual)} |"
+    for component, members in rows.groupby("component", sort=False):
+        holds = members["holds"].eq("yes").groupby(members["formulation"], sort=False)
+        ours, *others = (f"{held.sum()} of {len(held)}" for _, held in holds)
+        _, *names = holds.groups
+        for name, held in zip(names or [""], others or [""], strict=True):
+            yield f"| {component} | {ours} | {name} | {held} |"
     yield ""
     yield "Of ours these do not hold:"
     yield ""
-    lost = [row for row in rows if row["formulation"] == stability.OURS and row["holds"] != "yes"]
-    for (component, outcome), members in tables.grouped(lost, "component", "outcome").items():
-        cases = ", ".join(row["note"] or f"{row['case']} in {row['precision']}" for row in members)
-        yield f"- {component}: {outcome} ({cases})"
+    lost = rows[(rows["formulation"] == stability.OURS) & (rows["holds"] != "yes")]
+    said = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
+    for (component, outcome), cases in said.groupby([lost["component"], lost["outcome"]], sort=False):
+        yield f"- {component}: {outcome} ({', '.join(cases)})"
 
 
 def departures() -> Iterator[str]:
@@ -66,7 +67,7 @@ def picture() -> Figure:
     """Trials of 1 - SSIM and of the loss in three precisions, on the cases that take no seconds and are not benign."""
     components = [component for component in images.components() if component.name in SHOWN]
     quick = [each._replace(cases=tuple(case for case in each.cases if _is_shown(case))) for each in components]
-    return stability.heat_map([row for row in trials_of.trials(quick) if row["precision"] in PRECISIONS])
+    return stability.heat_map(pd.DataFrame(row for row in trials_of.trials(quick) if row["precision"] in PRECISIONS))
 
 
 def _is_shown(case: Case) -> bool:
@@ -77,11 +78,5 @@ PICTURES: dict[str, Callable[[], Figure]] = {"stability.png": picture}
 TABLES: dict[str, Callable[[], Iterator[str]]] = {"goals": goals, "trials": trials, "departures": departures}
 
 
-def _held(rows: list[Row]) -> str:
-    return f"{sum(row['holds'] == 'yes' for row in rows)} of {len(rows)}" if rows else ""
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return ""
-    return "not finite" if math.isnan(value) else wording.cell_for_people("measured", value)
+def _number(cell: str) -> str:
+    return cell and ("not finite" if cell == "nan" else wording.cell_for_people("measured", float(cell)))

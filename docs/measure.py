@@ -5,13 +5,14 @@ Run by `make figures` when `lfref bench` has left its tables; a marker is `<!-- 
 
 import functools
 import json
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import against_mitsuba
 import hard_cases
+import pandas as pd
 import scene_costs
 import torch
 import truths
@@ -39,10 +40,9 @@ def bench() -> Iterator[str]:
     facts = json.loads((RUNS / "bench" / "machine.json").read_text())
     yield "| method | median, s | times faster than NumPy's 4-D FFT | PSNR against exact, dB | SSIM |"
     yield "|---|---|---|---|---|"
-    for row in tables.read_table(RUNS / "bench" / "bench.csv"):
-        quality = ("", "") if row["psnr_db"] is None else (f"{row['psnr_db']:.1f}", f"{row['ssim']:.4f}")
-        cells = (row["method"], f"{row['median_s']:.2f}", f"{row['ratio_to_numpy_fft']:.2f}", *quality)
-        yield f"| {' | '.join(cells)} |"
+    for row in tables.read_table(RUNS / "bench" / "bench.csv").itertuples():
+        quality = _shown(row.psnr_db, ".1f"), _shown(row.ssim, ".4f")
+        yield f"| {' | '.join((row.method, f'{row.median_s:.2f}', f'{row.ratio_to_numpy_fft:.2f}', *quality))} |"
     yield ""
     yield f"One simulated light field, 7x7x3x375x540, 16 planes; {facts['processor']}, {facts['threads']} threads,"
     yield f"torch {facts['torch']}, NumPy {facts['numpy']}, {facts['repeats']} rounds. PSNR is capped at 100 dB."
@@ -52,14 +52,14 @@ def operators() -> Iterator[str]:
     """Time, memory and growth of every operator, from the tables of `lfref bench group=operators`."""
     facts = json.loads((RUNS / "operators" / "machine.json").read_text())
     rows = tables.read_table(RUNS / "operators" / "operators.csv")
+    rows.insert(0, "case", rows["method"].where(rows["input"] == "float32", rows["method"] + ", uint8 views"))
     yield from _times(rows)
     yield ""
     yield from _memory(rows[1:], tables.read_table(RUNS / "operators" / "exponents.csv"))
     yield ""
-    for row in rows:
-        if row["ratio_to_same_in_numpy"] is not None:
-            yield f"`{row['method']}` is {row['ratio_to_same_in_numpy']:.1f} times faster than the same in NumPy alone."
-    limits, (fastest,) = facts["shift_and_sum_limits"], (row for row in rows if _case(row) == "shift_and_sum")
+    for row in rows.dropna(subset="ratio_to_same_in_numpy").itertuples():
+        yield f"`{row.method}` is {row.ratio_to_same_in_numpy:.1f} times faster than the same in NumPy alone."
+    limits, fastest = facts["shift_and_sum_limits"], rows.set_index("case").loc["shift_and_sum"]
     yield f"Linear shift-and-sum takes {1e3 * fastest['median_s']:.0f} ms; the machine needs at least"
     yield f"{1e3 * limits['bytes_s']:.0f} ms to read the field and write the stack once at the rate of a copy, and"
     yield f"{1e3 * limits['arithmetic_s']:.0f} ms for the multiply-adds at the rate of a matrix product."
@@ -96,33 +96,27 @@ FIGURES = {
 }
 
 
-def _times(rows: list[dict[str, Any]]) -> Iterator[str]:
+def _times(rows: pd.DataFrame) -> Iterator[str]:
     yield "| method | first call, s | median (p10 to p90), s | times faster than NumPy's 4-D FFT | PSNR, dB | error |"
     yield "|---|---|---|---|---|---|"
-    for row in rows:
-        span = f"{row['median_s']:.3f} ({row['p10_s']:.3f} to {row['p90_s']:.3f})"
-        cells = [_case(row), _shown(row["first_call_s"], ".2f"), span, f"{row['ratio_to_numpy_fft']:.2f}"]
-        yield f"| {' | '.join([*cells, _shown(row['psnr_db'], '.1f'), _shown(row['max_error'], '.1e')])} |"
+    for row in rows.itertuples():
+        span = f"{row.median_s:.3f} ({row.p10_s:.3f} to {row.p90_s:.3f})"
+        cells = [row.case, _shown(row.first_call_s, ".2f"), span, f"{row.ratio_to_numpy_fft:.2f}"]
+        yield f"| {' | '.join([*cells, _shown(row.psnr_db, '.1f'), _shown(row.max_error, '.1e')])} |"
 
 
-def _memory(rows: list[dict[str, Any]], exponents: list[dict[str, Any]]) -> Iterator[str]:
-    powers = tables.grouped(exponents, "method")
+def _memory(rows: pd.DataFrame, exponents: pd.DataFrame) -> Iterator[str]:
+    powers = exponents.pivot(index="method", columns="axis", values="exponent")
     yield "| method | memory beside the views, MB | peak / allowed | exponent in pixels | in views | in planes |"
     yield "|---|---|---|---|---|---|"
-    for row in rows:
-        extra = None if row["extra_bytes"] is None else row["extra_bytes"] / 1e6
-        own = powers.get((row["method"],), ()) if row["input"] == "float32" else ()
-        grown = [_shown(power["exponent"], ".2f") for power in own]
-        cells = [_case(row), _shown(extra, ".0f"), _shown(row["memory_ratio"], ".2f"), *(grown or [""] * 3)]
+    for row in rows.drop(columns="planes").join(powers, on="case").itertuples():
+        grown = [_shown(power, ".2f") for power in (row.pixels, row.views, row.planes)]
+        cells = [row.case, _shown(row.extra_bytes / 1e6, ".0f"), _shown(row.memory_ratio, ".2f"), *grown]
         yield f"| {' | '.join(cells)} |"
 
 
-def _case(row: dict[str, Any]) -> str:
-    return row["method"] if row["input"] == "float32" else f"{row['method']}, {row['input']} views"
-
-
-def _shown(value: float | None, form: str) -> str:
-    return "" if value is None else f"{value:{form}}"
+def _shown(value: float, form: str) -> str:
+    return "" if math.isnan(value) else f"{value:{form}}"
 
 
 def _label_psnr(source: OperatorLabels, index: int, corner: int) -> torch.Tensor:

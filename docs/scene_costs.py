@@ -15,13 +15,13 @@ LARGE = 0.1
 
 def costs() -> Iterator[str]:
     """Planned beside forced time by scene, and where the planned time goes."""
-    shares = tables.grouped(tables.read_table(RUN / "passes.csv"), "scene")
+    passes = tables.read_table(RUN / "passes.csv").sort_values("share", ascending=False, kind="stable")
+    large = passes[passes["share"] >= LARGE].groupby("scene")
     yield "| scene | views, ms | forced / planned | truth, ms | forced / planned | most of the time |"
     yield "|---|---|---|---|---|---|"
-    for (scene,), members in tables.grouped(tables.read_table(RUN / "simulate.csv"), "scene").items():
-        cells = [f"{1e3 * row['planned_s']:.0f} | {row['forced_over_planned']:.2f}" for row in members]
-        large = sorted((row for row in shares[scene,] if row["share"] >= LARGE), key=lambda row: -row["share"])
-        named = ", ".join(f"{row['pass']} {100 * row['share']:.0f} %" for row in large)
+    for scene, members in tables.read_table(RUN / "simulate.csv").groupby("scene", sort=False):
+        cells = [f"{1e3 * row.planned_s:.0f} | {row.forced_over_planned:.2f}" for row in members.itertuples()]
+        named = ", ".join(f"{row['pass']} {100 * row['share']:.0f} %" for _, row in large.get_group(scene).iterrows())
         yield f"| {scene} | {' | '.join(cells)} | {named} |"
     facts = json.loads((RUN / "machine.json").read_text())
     yield ""
@@ -29,28 +29,27 @@ def costs() -> Iterator[str]:
     yield f"{facts['threads']} threads, {facts['repeats']} rounds. Random scenes of 3 to 5 surfaces, 192x192, one patch"
     yield "each, in as many processes as threads:"
     yield ""
-    for row in tables.read_table(RUN / "rates.csv"):
-        yield f"- {row['asked']}: {row['per_second']:.1f} patches a second"
+    for row in tables.read_table(RUN / "rates.csv").itertuples():
+        yield f"- {row.asked}: {row.per_second:.1f} patches a second"
 
 
 def distances() -> Iterator[str]:
     """Shift-and-sum of the views against the truth, plane by plane."""
-    groups = tables.grouped(tables.read_table(RUN / "alphas.csv"), "alpha")
-    methods = tables.names((row for members in groups.values() for row in members), "method")
+    rows = tables.read_table(RUN / "alphas.csv")
+    methods = rows["method"].unique()
     yield f"| alpha | {' | '.join(f'{method}, mean, dB | worst scene, dB' for method in methods)} |"
     yield "|---" * (1 + 2 * len(methods)) + "|"
-    for (alpha,), members in groups.items():
-        cells = [f"{row['mean_db']:.1f} | {row['worst_db']:.1f} ({row['worst_scene']})" for row in members]
+    for alpha, members in rows.groupby("alpha", sort=False):
+        cells = [f"{row.mean_db:.1f} | {row.worst_db:.1f} ({row.worst_scene})" for row in members.itertuples()]
         yield f"| {alpha:g} | {' | '.join(cells)} |"
 
 
 def apertures() -> Iterator[str]:
     """The truth of every scene against brute force, its worst plane."""
-    rows = tables.read_table(BRUTE)
-    yield "| scene | worst of the planes, dB | at alpha |"
+    yield "| scene | worst of the planes, dB | which |"
     yield "|---|---|---|"
-    for row in rows:
-        yield f"| {row['scene']} | {row['psnr_db']:.1f} | {row['worst_alpha']:g} |"
+    for row in tables.read_table(BRUTE).itertuples():
+        yield f"| {row.scene} | {row.psnr_db:.1f} | {row.worst_plane} |"
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {"simulate": costs, "distances": distances}

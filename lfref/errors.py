@@ -16,6 +16,10 @@ class LfrefError(Exception):
         expected: What was expected, as the start of a sentence.
         got: What came instead.
         remedy: What the user can do about it.
+
+    Example:
+        >>> print(LfrefError("alpha must be above 0", got=-1, remedy="alpha = 1 is the captured focus"))
+        alpha must be above 0; got -1; alpha = 1 is the captured focus
     """
 
     def __init__(self, expected: str, *, got: object = "", remedy: str = "") -> None:

@@ -45,6 +45,10 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
 
     Raises:
         InputError: An alpha is not finite or not above 0, there is none, or the convention is unknown.
+
+    Example:
+        >>> slopes([0.125, 1, 2]).tolist()
+        [-7.0, 0.0, 0.5]
     """
     to_slope = chosen("convention", convention, CONVENTIONS).to_slope
     checked = checked_alphas(alphas)

@@ -41,7 +41,13 @@ def check_views(views: Tensor) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LightField:
-    """Views of one scene from a regular grid of positions."""
+    """Views of one scene from a regular grid of positions.
+
+    Example:
+        >>> field = LightField(torch.rand(7, 7, 3, 32, 48), name="noise")
+        >>> field.grid, field.size
+        ((7, 7), (32, 48))
+    """
 
     views: Tensor
     """Radiance in [0, 1], floating point, [V, U, C, H, W]."""

@@ -1,11 +1,13 @@
 """`import lfref` costs nothing but PyTorch, and every public name is there when it is asked for."""
 
+import doctest
 import importlib
 import json
 import subprocess
 import sys
 
 import pytest
+import torch
 
 import lfref
 
@@ -32,6 +34,17 @@ def test_importing_the_package_loads_nothing_heavy_and_takes_no_time():
 @pytest.mark.parametrize("name", lfref.__all__)
 def test_every_public_name_resolves(name):
     assert getattr(lfref, name) is not None
+
+
+@pytest.mark.parametrize("name", sorted(lfref._HOMES))
+def test_the_example_of_a_public_name_runs_as_written(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scope = {"lfref": lfref, "torch": torch, name: getattr(lfref, name)}
+    examples = doctest.DocTestFinder(recurse=False).find(getattr(lfref, name), name, module=False, globs=scope)
+    assert [example for each in examples for example in each.examples], "its docstring has no example"
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    for each in examples:
+        assert runner.run(each).failed == 0
 
 
 @pytest.mark.parametrize(("name", "home"), sorted(lfref._HOMES.items()))

@@ -2,9 +2,10 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
-import torch
+import pandas as pd
 from torch import Tensor
 
 from lfref import geometry
@@ -12,8 +13,15 @@ from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
 
-Row = dict[str, object]
-"""One line of a table."""
+Row = dict[str, Any]
+"""One line of what becomes a table."""
+
+MEASURES: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+    "psnr_db": lambda stack, reference: psnr(stack, reference).mean(),
+    "ssim": lambda stack, reference: ssim(stack, reference).mean(),
+    "max_error": lambda stack, reference: (stack - reference).abs().max(),
+}
+"""What a stack is judged by, by the name of the column; means over the planes."""
 
 
 def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
@@ -37,69 +45,42 @@ def plane_rows(
         Rows `light_field, method, reference, alpha, slope, psnr_db, ssim`, one a plane.
     """
     for (method, stack), (reference, label) in itertools.product(stacks.items(), labels.items()):
+        names = {"light_field": light_field, "method": method, "reference": reference}
         qualities = zip(psnr(stack, label).tolist(), ssim(stack, label).tolist(), strict=True)
-        alphas = planes.alphas or [None] * len(planes)
-        for alpha, slope, (decibels, similarity) in zip(alphas, planes.values, qualities, strict=True):
-            yield {
-                "light_field": light_field,
-                "method": method,
-                "reference": reference,
-                "alpha": alpha,
-                "slope": slope,
-                "psnr_db": decibels,
-                "ssim": similarity,
-            }
+        for place, (decibels, similarity) in zip(plane_names(planes), qualities, strict=True):
+            yield names | place | {"psnr_db": decibels, "ssim": similarity}
 
 
-def summaries(rows: Iterable[Row]) -> list[Row]:
+def plane_names(planes: FocalPlanes) -> list[Row]:
+    """What tables call each plane: its `alpha`, None where it was not written as one, and its `slope`."""
+    alphas = planes.alphas or [None] * len(planes)
+    return [{"alpha": alpha, "slope": slope} for alpha, slope in zip(alphas, planes.values, strict=True)]
+
+
+def summaries(planes: pd.DataFrame) -> pd.DataFrame:
     """MPSNR and MSSIM of every light field, method and reference: the means over the planes (the paper's Eq. 4-5).
 
     Args:
-        rows: As from `plane_rows`.
+        planes: Rows as from `plane_rows`.
 
     Returns:
-        Rows `light_field, method, reference, mpsnr_db, mssim`.
+        Columns `light_field, method, reference, mpsnr_db, mssim`.
     """
-    groups: dict[tuple[object, object, object], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["light_field"], row["method"], row["reference"]), []).append(row)
-    return [
-        {
-            "light_field": field,
-            "method": method,
-            "reference": reference,
-            "mpsnr_db": _mean(members, "psnr_db"),
-            "mssim": _mean(members, "ssim"),
-        }
-        for (field, method, reference), members in groups.items()
-    ]
+    groups = planes.groupby(["light_field", "method", "reference"], sort=False)
+    return groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean")).reset_index()
 
 
-def interior_quality(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> tuple[float, float]:
-    """PSNR in dB and SSIM, means over the planes, where every view covers every plane.
+def interior_quality(
+    stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int], measures: Sequence[str]
+) -> dict[str, float]:
+    """How near a stack is where every view covers every plane.
 
     Args:
         stack: [N, C, H, W].
         reference: [N, C, H, W].
         slopes: In pixels per view step, [N].
         grid: Number of view rows and columns (V, U).
+        measures: Keys of `MEASURES`.
     """
     inner, wanted = interior(stack, slopes, grid), interior(reference, slopes, grid)
-    return float(psnr(inner, wanted).mean()), float(ssim(inner, wanted).mean())
-
-
-def interior_errors(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> tuple[float, float]:
-    """PSNR in dB, mean over the planes, and the largest difference, where every view covers every plane.
-
-    Args:
-        stack: [N, C, H, W].
-        reference: [N, C, H, W].
-        slopes: In pixels per view step, [N].
-        grid: Number of view rows and columns (V, U).
-    """
-    inner, wanted = interior(stack, slopes, grid), interior(reference, slopes, grid)
-    return float(psnr(inner, wanted).mean()), float((inner - wanted).abs().max())
-
-
-def _mean(rows: list[Row], column: str) -> float:
-    return float(torch.tensor([row[column] for row in rows], dtype=torch.float64).mean())
+    return {name: float(MEASURES[name](inner, wanted)) for name in measures}

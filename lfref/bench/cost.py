@@ -1,43 +1,54 @@
 """What one call of every method costs: time beside NumPy's 4-D FFT in the same run, memory, and the error it leaves.
 
-Each measurement gives some columns for every method and type of input; `table` joins them. Errors are measured from
-exact Fourier refocusing of the same views.
+Each measurement is a table with a row for every method and type of input, which are its index; a method that is
+measured on several light fields has one row for all of them. Errors are measured from exact Fourier refocusing of the
+same light field.
 """
 
 import functools
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import pandas as pd
 import torch
 from torch import Tensor
 
 from lfref.bench import accuracy, memory, timing
-from lfref.bench.accuracy import Row
 from lfref.bench.memory import Workload
 from lfref.bench.timing import FFT
+from lfref.errors import InputError
+from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
 
-Columns = dict[tuple[str, str], Row]
-"""What was measured, by name of the method and type of its input."""
+KEY = ["method", "input"]
+EXACT = OperatorRefocuser("exact_fourier", exact_fourier)
 
-TABLE = (
-    "method", "input", "device", "n_views", "height", "width", "channels", "planes", "first_call_s", "median_s",
-    "p10_s", "p90_s", "ratio_to_numpy_fft", "ratio_to_same_in_numpy", "psnr_db", "max_error", "extra_bytes",
-    "memory_ratio",
+FRONT = ("median_s", "p10_s", "p90_s", "psnr_db", "ssim", "ratio_to_numpy_fft")
+"""Columns of accuracy against time."""
+OPERATORS = (
+    "device", "n_views", "height", "width", "channels", "planes", "first_call_s", "median_s", "p10_s", "p90_s",
+    "ratio_to_numpy_fft", "ratio_to_same_in_numpy", "psnr_db", "max_error", "extra_bytes", "memory_ratio",
 )  # fmt: skip
+"""Columns of what operators cost."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A method and the views it is measured on."""
+    """A method and the light field it is measured on."""
 
     method: Refocuser
-    views: Tensor
-    """Radiance in float32, or uint8, on the device where the method runs, [V, U, C, H, W]."""
+    light: LightField | Tensor
+    """On the device where the method runs; or its views alone, float32 or uint8, [V, U, C, H, W]."""
     has_planes_asked_for: bool = True
     """Otherwise it makes others, and exact refocusing to those asked for is no judge of them."""
+
+    @property
+    def views(self) -> Tensor:
+        """The views, [V, U, C, H, W]."""
+        return self.light.views if isinstance(self.light, LightField) else self.light
 
     @property
     def key(self) -> tuple[str, str]:
@@ -46,7 +57,7 @@ class Case:
 
     def run(self, slopes: Tensor) -> Tensor:
         """Make the call."""
-        return self.method(self.views, slopes)
+        return self.method(self.light, slopes)
 
     def workload(self, slopes: Tensor) -> Workload:
         """The call, described for another process."""
@@ -64,42 +75,43 @@ def as_integers(views: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def first_calls(cases: Iterable[Case], slopes: Tensor) -> Columns:
+def first_calls(cases: Iterable[Case], slopes: Tensor, measures: Sequence[str]) -> pd.DataFrame:
     """Time the first call of every method, which compiles, plans and fills caches, and judge what it makes.
 
     Args:
-        cases: What to measure, not called before.
+        cases: What to measure, not called before; those on the same light field and type of input share it.
         slopes: In pixels per view step, [N].
+        measures: What it is judged by, keys of `accuracy.MEASURES`.
 
     Returns:
-        Columns `first_call_s, psnr_db, max_error`; the last two where every view covers every plane, PSNR as the mean
-        over the planes. A stack on another grid than the views', or of other planes, is not judged.
+        Columns `first_call_s` and the measures, where every view covers every plane, means over the light fields.
+        A stack on another grid than the views', or of other planes, is not judged.
     """
-    exact: dict[str, Tensor] = {}
-    columns: Columns = {}
+    exact = functools.lru_cache(maxsize=4)(lambda light: EXACT(light, slopes).cpu())
+    rows = []
     for case in cases:
         stack, seconds = timing.result_and_seconds(functools.partial(case.run, slopes), case.views.device)
-        columns[case.key] = {"first_call_s": seconds}
-        kind, grid = case.key[1], (case.views.shape[0], case.views.shape[1])
-        exact[kind] = exact_fourier(case.views, slopes).cpu() if kind not in exact else exact[kind]
-        if case.has_planes_asked_for and stack.shape == exact[kind].shape:
-            psnr_db, largest = accuracy.interior_errors(stack.cpu(), exact[kind], slopes, grid)
-            columns[case.key] |= {"psnr_db": psnr_db, "max_error": largest}
-    return columns
+        row = {**dict(zip(KEY, case.key, strict=True)), "first_call_s": seconds}
+        reference, grid = exact(case.light), (case.views.shape[0], case.views.shape[1])
+        if case.has_planes_asked_for and stack.shape == reference.shape:
+            row |= accuracy.interior_quality(stack.cpu(), reference, slopes, grid, measures)
+        rows.append(row)
+    return pd.DataFrame(rows, columns=[*KEY, "first_call_s", *measures]).groupby(KEY, sort=False).mean()
 
 
 @torch.no_grad()
 def times(
-    cases: Iterable[Case],
+    cases: Sequence[Case],
     slopes: Tensor,
     rounds: Iterable[int],
     warmup: int = 0,
     in_numpy: Mapping[str, str] | None = None,
-) -> Columns:
+) -> pd.DataFrame:
     """Time all methods and NumPy's 4-D FFT in turns.
 
     Args:
-        cases: What to measure, the first one in floating point: its views are those of the FFT.
+        cases: What to measure, the first one in floating point: the FFT is taken of all views that its method is
+            measured on.
         slopes: In pixels per view step, [N].
         rounds: One item a round.
         warmup: How many of the first rounds do not count.
@@ -108,28 +120,35 @@ def times(
     Returns:
         Columns `median_s, p10_s, p90_s, ratio_to_numpy_fft, ratio_to_same_in_numpy`, the FFT's first. Ratios are of
         medians, above 1 where the method is the faster one.
+
+    Raises:
+        InputError: Nothing to measure.
     """
-    first, *_ = cases = list(cases)
-    fft = (FFT, first.key[1])
-    watches = {fft: functools.partial(timing.numpy_fft_time, first.views)}
-    for case in cases:
-        run = functools.partial(case.run, slopes)
-        watches[case.key] = functools.partial(timing.seconds, run, case.views.device)
-    spans = {key: timing.summary(counted) for key, counted in timing.in_turns(watches, rounds, warmup).items()}
-    columns: Columns = {}
-    for (name, kind), span in spans.items():
-        twin = spans.get(((in_numpy or {}).get(name, ""), kind))
-        columns[name, kind] = {
-            "median_s": span.median,
-            "p10_s": span.p10,
-            "p90_s": span.p90,
-            "ratio_to_numpy_fft": spans[fft].median / span.median,
-            "ratio_to_same_in_numpy": None if twin is None else twin.median / span.median,
-        }
-    return columns
+    if not cases:
+        raise InputError("there must be something to measure", got="no method or no light field")
+    watches = [((FFT, case.key[1]), _fft(case)) for case in cases if case.key == cases[0].key]
+    watches += [(case.key, _watch(case, slopes)) for case in cases]
+    spent = timing.in_turns(dict(enumerate(watch for _, watch in watches)), rounds, warmup)
+    seconds = pd.DataFrame([(*key, each) for place, (key, _) in enumerate(watches) for each in spent[place]])
+    spans = seconds.set_axis([*KEY, "s"], axis=1).groupby(KEY, sort=False)["s"].quantile([0.5, 0.1, 0.9]).unstack()
+    table = spans.set_axis(["median_s", "p10_s", "p90_s"], axis=1)
+    medians, twins = table["median_s"], in_numpy or {}
+    table["ratio_to_numpy_fft"] = medians.iloc[0] / medians
+    table["ratio_to_same_in_numpy"] = [
+        medians.get((twins.get(name, ""), kind), math.nan) / median for (name, kind), median in medians.items()
+    ]
+    return table
 
 
-def peaks(cases: Iterable[Case], slopes: Tensor) -> Columns:
+def _fft(case: Case) -> Callable[[], float]:
+    return functools.partial(timing.numpy_fft_time, case.views)
+
+
+def _watch(case: Case, slopes: Tensor) -> Callable[[], float]:
+    return functools.partial(timing.seconds, functools.partial(case.run, slopes), case.views.device)
+
+
+def peaks(cases: Iterable[Case], slopes: Tensor) -> pd.DataFrame:
     """Peak memory of one call of every method.
 
     Args:
@@ -137,48 +156,45 @@ def peaks(cases: Iterable[Case], slopes: Tensor) -> Columns:
         slopes: In pixels per view step, [N].
 
     Returns:
-        Columns `extra_bytes, memory_ratio`; see `lfref.bench.memory`.
+        Columns `extra_bytes, memory_ratio`, empty where it cannot be measured; see `lfref.bench.memory`.
     """
-    columns: Columns = {}
+    rows = []
     for case in cases:
         workload = case.workload(slopes)
         peak = memory.peak(workload, case.views.device)
-        columns[case.key] = (
-            {} if peak is None else {"extra_bytes": peak.extra_bytes, "memory_ratio": peak.ratio(workload)}
-        )
-    return columns
+        rows.append((*case.key, *((None, None) if peak is None else (peak.extra_bytes, peak.ratio(workload)))))
+    table = pd.DataFrame(rows, columns=[*KEY, "extra_bytes", "memory_ratio"]).set_index(KEY)
+    return table.astype({"extra_bytes": "Int64"})
 
 
-def table(cases: Iterable[Case], n_planes: int, *measured: Columns) -> list[Row]:
-    """Join measurements to a row for every case, and one for NumPy's 4-D FFT before them.
+def facts(cases: Iterable[Case], n_planes: int) -> pd.DataFrame:
+    """What every method was measured on.
 
     Args:
-        cases: What was measured.
+        cases: What was measured, the first one on the views of which the FFT was taken.
         n_planes: Planes of the stacks.
-        *measured: As from the functions above.
 
     Returns:
-        Rows with the columns of `TABLE`, None where one does not apply.
+        Columns `device, n_views, height, width, channels, planes`, the FFT's first, which makes no planes.
     """
     first, *_ = cases = list(cases)
-    fft = Case(OperatorRefocuser(FFT, exact_fourier), first.views.cpu())
-    rows = [_facts(fft, None), *(_facts(case, n_planes) for case in cases)]
-    for row, case in zip(rows, (fft, *cases), strict=True):
-        for columns in measured:
-            row |= columns.get(case.key, {})
-    return [{column: row.get(column) for column in TABLE} for row in rows]
+    rows = []
+    for key, views, planes in [
+        ((FFT, first.key[1]), first.views.cpu(), None),
+        *((case.key, case.views, n_planes) for case in cases),
+    ]:
+        n_rows, n_columns, channels, height, width = views.shape
+        rows.append((*key, views.device.type, n_rows * n_columns, height, width, channels, planes))
+    return pd.DataFrame(rows, columns=[*KEY, *OPERATORS[:6]]).set_index(KEY).astype({"planes": "Int64"})
 
 
-def _facts(case: Case, n_planes: int | None) -> Row:
-    n_rows, n_columns, channels, height, width = case.views.shape
-    name, kind = case.key
-    return {
-        "method": name,
-        "input": kind,
-        "device": case.views.device.type,
-        "n_views": n_rows * n_columns,
-        "height": height,
-        "width": width,
-        "channels": channels,
-        "planes": n_planes,
-    }
+def table(columns: Sequence[str], first: pd.DataFrame, *others: pd.DataFrame) -> pd.DataFrame:
+    """Measurements beside each other.
+
+    Args:
+        columns: Which to keep after `method` and `input`, in this order.
+        first: As from the functions above; it has all the rows.
+        *others: Likewise.
+    """
+    joined = first.join(list(others)) if others else first
+    return joined.reindex(columns=[*columns]).reset_index()

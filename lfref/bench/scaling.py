@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import torch
 from torch import Tensor
 
 from lfref import geometry
 from lfref.bench import timing
-from lfref.bench.accuracy import Row
 from lfref.errors import InputError
 from lfref.functional import fourier
 from lfref.refocuser.refocuser import Refocuser
@@ -75,7 +75,7 @@ def times(
     views: Callable[[Size], Tensor],
     rounds: int,
     warmup: int = 0,
-) -> list[Row]:
+) -> pd.DataFrame:
     """Time methods on all sizes; all sizes of one method take turns.
 
     Args:
@@ -86,33 +86,31 @@ def times(
         warmup: Runs before them that do not count.
 
     Returns:
-        Rows `method, axis, n, median_s, min_s`.
+        Columns `method, axis, n, median_s, min_s`.
     """
     fields = {size: views(size) for size in dict.fromkeys(size for steps in sizes.values() for size in steps)}
-    rows: list[Row] = []
+    rows = []
     for method in methods:
         watches = {size: _watch(method, field, fractional_slopes(size.planes)) for size, field in fields.items()}
         seconds = timing.in_turns(watches, range(warmup + rounds), warmup)
         for axis, steps in sizes.items():
             for size in steps:
-                spent = {"median_s": timing.summary(seconds[size]).median, "min_s": min(seconds[size])}
-                rows.append({"method": method.name, "axis": axis, "n": size.count(axis), **spent})
-    return rows
+                rows.append((method.name, axis, size.count(axis), float(np.median(seconds[size])), min(seconds[size])))
+    return pd.DataFrame(rows, columns=["method", "axis", "n", "median_s", "min_s"])
 
 
-def exponents(rows: Iterable[Row]) -> list[Row]:
+def exponents(times: pd.DataFrame) -> pd.DataFrame:
     """Least squares of log t on log n, for every method and axis.
 
     Args:
-        rows: As from `times`.
+        times: As from `times`.
 
     Returns:
-        Rows `method, axis, exponent`.
+        Columns `method, axis, exponent`.
     """
-    points: dict[tuple[object, object], list[tuple[object, object]]] = {}
-    for row in rows:
-        points.setdefault((row["method"], row["axis"]), []).append((row["n"], row["min_s"]))
-    return [{"method": name, "axis": axis, "exponent": _power(pairs)} for (name, axis), pairs in points.items()]
+    groups = times.groupby(["method", "axis"], sort=False)
+    rows = [(*key, np.polyfit(np.log(group["n"]), np.log(group["min_s"]), 1)[0]) for key, group in groups]
+    return pd.DataFrame(rows, columns=["method", "axis", "exponent"])
 
 
 def fractional_slopes(n_planes: int) -> Tensor:
@@ -137,11 +135,6 @@ def random_views(size: Size, channels: int, device: torch.device) -> Tensor:
 
 def _watch(method: Refocuser, views: Tensor, slopes: Tensor) -> Callable[[], float]:
     return functools.partial(timing.seconds, functools.partial(method, views, slopes), views.device)
-
-
-def _power(points: list[tuple[object, object]]) -> float:
-    sizes, seconds = np.log(np.array(points, np.float64)).T
-    return float(np.polyfit(sizes, seconds, 1)[0])
 
 
 def _smooth(length: float) -> int:

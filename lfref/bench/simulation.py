@@ -6,10 +6,12 @@ Letters: `N` planes, `H W` height and width.
 """
 
 import functools
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import pandas as pd
 import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
@@ -68,7 +70,7 @@ def costs(
         for asked in ("views", "truth")
         for is_forced in (False, True)
     }
-    median = {key: timing.summary(times).median for key, times in timing.in_turns(watches, rounds, warmup).items()}
+    median = {key: statistics.median(times) for key, times in timing.in_turns(watches, rounds, warmup).items()}
     return [
         {
             "scene": name,
@@ -159,7 +161,7 @@ def distances(
         device: Where all is done.
 
     Returns:
-        Rows `scene, method, alpha, psnr_db`.
+        Rows `scene, method, alpha, slope, psnr_db`.
     """
     rows: list[Row] = []
     for name, scene in scenes:
@@ -171,8 +173,8 @@ def distances(
         for method in methods:
             errors = plane_errors(method(made.views, planes.slopes), made.truth, planes.slopes, made.views)
             rows += [
-                {"scene": name, "method": method.name, "alpha": alpha, "psnr_db": value}
-                for alpha, value in zip(planes.alphas or [None] * len(planes), errors, strict=True)
+                {"scene": name, "method": method.name} | place | {"psnr_db": value}
+                for place, value in zip(accuracy.plane_names(planes), errors, strict=True)
             ]
     return rows
 
@@ -188,33 +190,24 @@ def plane_errors(stack: Tensor, reference: Tensor, slopes: Tensor, views: Tensor
     """
     grid = (views.shape[0], views.shape[1])
     return [
-        accuracy.interior_errors(image[None], true[None], slope[None], grid)[0]
+        accuracy.interior_quality(image[None], true[None], slope[None], grid, ["psnr_db"])["psnr_db"]
         for image, true, slope in zip(stack.cpu(), reference.cpu(), slopes, strict=True)
     ]
 
 
-def by_alpha(rows: Iterable[Row]) -> list[Row]:
+def by_plane(rows: Iterable[Row]) -> pd.DataFrame:
     """Mean and worst distance from the truth over scenes.
 
     Args:
         rows: Of `distances`.
 
     Returns:
-        Rows `method, alpha, mean_db, worst_db, worst_scene`.
+        Columns `method, alpha, slope, mean_db, worst_db, worst_scene`.
     """
-    groups: dict[tuple[str, float], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((str(row["method"]), float(str(row["alpha"]))), []).append(row)
-    return [
-        {
-            "method": method,
-            "alpha": alpha,
-            "mean_db": sum(_db(row) for row in group) / len(group),
-            "worst_db": _db(worst := min(group, key=_db)),
-            "worst_scene": worst["scene"],
-        }
-        for (method, alpha), group in groups.items()
-    ]
+    table = pd.DataFrame(rows)
+    groups = table.groupby(["method", "alpha", "slope"], sort=False, dropna=False)["psnr_db"]
+    worst = table["scene"][groups.idxmin()].to_numpy()
+    return groups.agg(mean_db="mean", worst_db="min").assign(worst_scene=worst).reset_index()
 
 
 @torch.no_grad()
@@ -261,7 +254,3 @@ def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_poin
         pictures = render.pictures(layers, camera, p * camera.grid[1], share[None] * camera.grid[0], slope)
         total, count = total.to(pictures.device) + pictures[0].double().sum(0), count + len(p)
     return (total / count).float()
-
-
-def _db(row: Row) -> float:
-    return float(str(row["psnr_db"]))

@@ -1,13 +1,11 @@
-"""Times that can be trusted: warmed up, synchronised with the device, and given as a spread.
+"""Times that can be trusted: warmed up, taken in turns, and synchronised with the device.
 
 The unit of comparison is the paper's: NumPy's 4-D FFT of the three colour channels, which Fourier-slice refocusing
 needs before its first plane.
 """
 
-import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -17,20 +15,8 @@ from torch import Tensor
 Key = TypeVar("Key")
 Result = TypeVar("Result")
 
-Progress = Callable[[Iterable[int]], Iterable[int]]
-"""Passes rounds on, showing how far it is."""
-
 FFT = "numpy_fft_4d"
 """What tables call NumPy's 4-D FFT."""
-
-
-@dataclass(frozen=True)
-class Seconds:
-    """Median and spread of repeated runs, in seconds."""
-
-    median: float
-    p10: float
-    p90: float
 
 
 def synchronize(device: torch.device) -> None:
@@ -81,12 +67,6 @@ def in_turns(
         for key, watch in watches.items():
             times[key].append(watch())
     return {key: counted[warmup:] for key, counted in times.items()}
-
-
-def summary(times: list[float]) -> Seconds:
-    """Median, 10th and 90th percentile of run times."""
-    p10, p90 = np.percentile(times, [10, 90]).tolist()
-    return Seconds(statistics.median(times), p10, p90)
 
 
 def numpy_fft_time(views: Tensor) -> float:

@@ -32,6 +32,3 @@ def bench(config: DictConfig, folder: Path) -> None:
 
 
 main = command(bench)
-
-if __name__ == "__main__":
-    main()

@@ -5,19 +5,21 @@ import logging
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
-from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from rich.progress import track
 
+from lfref.cli import arguments, loader, members, targets
 from lfref.cli import config as configs
-from lfref.cli import members
+from lfref.cli.leaving import fail, patient_pipes, said_on_signals
+from lfref.cli.run_folder import is_first_process, marked
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 
@@ -40,35 +42,46 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
 
     @functools.wraps(task)
     def guarded(config: DictConfig) -> None:
+        folder = Path(HydraConfig.get().runtime.output_dir)
+        with open_dict(config):
+            config.folder = str(folder)
         try:
-            folder = Path(HydraConfig.get().runtime.output_dir)
-            with open_dict(config):
-                config.folder = str(folder)
             if claim(config, folder):
-                configs.save(config, folder)
-                runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
-                task(config, folder)
+                with marked(folder) if is_first_process() else nullcontext():
+                    _start(config, folder)
+                    task(config, folder)
         except Exception as error:
-            if members.is_sweep():
+            if members.is_followed():
                 members.failed(error)
             elif isinstance(error, LfrefError):
                 fail(name, error)
+            elif isinstance(error, OSError):
+                fail(name, f"files must be readable and writable; got {error.filename or 'one'} ({error.strerror})")
             else:
                 raise
 
-    started = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(guarded)
+    composed = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(guarded)
 
+    @functools.wraps(task)
     def main() -> None:
-        started()
-        members.finish(name)
+        try:
+            with patient_pipes(), said_on_signals(name), loader.checking():
+                arguments.options(name, sys.argv[1:])
+                composed()
+                members.finish(name)
+        except LfrefError as error:
+            fail(name, error, status=2)
 
     return main
 
 
-def fail(name: str, error: object) -> None:
-    """Say in one line what went wrong, and leave with status 1."""
-    print(f"lfref {name}: {' '.join(str(error).split())}", file=sys.stderr)
-    sys.exit(1)
+def _start(config: DictConfig, folder: Path) -> None:
+    """Write down what is run, once it is known to be something that may be run."""
+    configs.save(config, folder)
+    targets.check(configs.plain(config), folder)
+    if "seed" in config:
+        configs.number(config, "seed", 0, 2**32 - 1)
+    runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
 
 
 def progress(items: Iterable[Item], what: str) -> Iterable[Item]:
@@ -108,27 +121,3 @@ def paths(value: str | Sequence[str] | None) -> list[Path]:
     if value is None:
         return []
     return [Path(value)] if isinstance(value, str) else [Path(each) for each in value]
-
-
-class OutputFolder(Callback):
-    """Makes the output folder before Hydra does, so that a folder that cannot be written is one clear line."""
-
-    def on_run_start(self, config: DictConfig, **_: Any) -> None:
-        """Before a single run."""
-        self._make(config, "run")
-
-    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Before a sweep."""
-        self._make(config, "sweep")
-
-    def _make(self, config: DictConfig, mode: str) -> None:
-        # The folder may be named after the command, which Hydra itself makes known only later.
-        HydraConfig.instance().set_config(config)
-        folder = Path(config.hydra[mode].dir)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / ".writable").touch()
-            (folder / ".writable").unlink()
-        except OSError as error:
-            got = f"got {folder} ({error.strerror})"
-            fail(config.hydra.job.name, f"output must be a folder that can be written; {got}; set output=FOLDER")

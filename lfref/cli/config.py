@@ -1,24 +1,19 @@
 """Configuration: where it lies, how it becomes objects, and how it is kept beside what it made.
 
-Only names of our own, of Lightning and of torch's optimisers may be instantiated: a `_target_` can name any callable,
-and Hydra lets dangerous ones through.
+What may become an object stands in `targets`.
 """
 
 import hashlib
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import hydra.utils
-from hydra.errors import InstantiationException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from lfref.errors import InputError, LfrefError
+from lfref.cli import targets
+from lfref.errors import InputError
 from lfref.io import atomic
-
-ALLOWED = ("lfref.", "lightning.pytorch.", "torch.optim.")
 
 
 def directory(name: str = "conf") -> Path:
@@ -36,20 +31,12 @@ def build(config: Any, **arguments: Any) -> Any:
         **arguments: Further arguments for the object, made already.
 
     Raises:
-        InputError: A `_target_` that is not allowed, or arguments that do not fit it.
+        InputError: Something that may not be made, or arguments that do not fit it.
         LfrefError: As the object raises it.
     """
-    for target in _targets(plain(config)):
-        if not target.startswith(ALLOWED):
-            raise InputError(f"_target_ must begin with one of {', '.join(ALLOWED)}", got=repr(target))
-    try:
-        return hydra.utils.instantiate(config, **arguments, _convert_="all")
-    except InstantiationException as error:
-        if isinstance(error.__cause__, LfrefError):
-            raise error.__cause__ from None
-        raise InputError(
-            "the configuration must fit what it describes", got=_first_line(error.__cause__ or error)
-        ) from error
+    node = plain(config)
+    targets.check(node)
+    return targets.made(node, **arguments)
 
 
 def plain(config: Any) -> Any:
@@ -60,28 +47,36 @@ def plain(config: Any) -> Any:
     """
     if not isinstance(config, DictConfig | ListConfig):
         return config
+    missing = sorted(OmegaConf.missing_keys(config))
+    if missing:
+        remedy = f"add {missing[0]}=VALUE"
+        raise InputError("the configuration must be complete", got=f"no {missing[0]}", remedy=remedy)
     try:
         return OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:
-        raise InputError(
-            "the configuration must be complete", got=_first_line(error), remedy="add KEY=VALUE"
-        ) from error
+        raise InputError("the configuration must be complete", got=str(error).splitlines()[0]) from error
 
 
-def number(config: DictConfig, key: str, least: float) -> Any:
+def number(config: DictConfig, key: str, least: float, most: float = math.inf) -> Any:
     """A number of the configuration, once it is known to be one.
 
     Args:
         config: Where it stands.
         key: Its name.
         least: The smallest that is allowed.
+        most: The largest that is allowed.
 
     Raises:
-        InputError: It is no number, or smaller.
+        InputError: It is no number, not finite, or not between them.
     """
     value = config[key]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
-        raise InputError(f"{key} must be a number of at least {least:g}", got=repr(value))
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not (math.isfinite(value) and least <= value <= most)
+    ):
+        limits = f"of at least {least:g}" if most == math.inf else f"from {least:g} to {most}"
+        raise InputError(f"{key} must be a number {limits}", got=repr(value))
     return value
 
 
@@ -95,15 +90,3 @@ def fingerprint(config: DictConfig) -> str:
     values = {key: value for key, value in plain(config).items() if key not in ("output", "folder")}
     text = OmegaConf.to_yaml(OmegaConf.create(values), sort_keys=True).replace(str(config.folder), "")
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _targets(node: Any) -> Iterator[str]:
-    children = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
-    if isinstance(node, dict) and "_target_" in node:
-        yield str(node["_target_"])
-    for child in children:
-        yield from _targets(child)
-
-
-def _first_line(error: object) -> str:
-    return str(error).strip().splitlines()[0]

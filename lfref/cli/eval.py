@@ -2,16 +2,17 @@
 
 from pathlib import Path
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig
 
 from lfref.bench import accuracy
 from lfref.cli import config as configs
+from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.data.labels import Labels
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import read as reader
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, pictures, plots, tables
@@ -30,22 +31,23 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     judged = _judged(config, device)
     for method in judged:
         method.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
-    found = [path for entry in paths(config.input) for path in reader.find(entry)]
+    found = inputs.find(config)
     rows: list[accuracy.Row] = []
     for path in progress(found, "evaluating"):
-        field = reader.read(path, **configs.plain(config.reader))
+        field = inputs.read(path, config, judged)
         with torch.no_grad():
             stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in judged}
         labels = {name: source(field) for name, source in references.items()}
         rows += accuracy.plane_rows(field.name, stacks, labels, planes)
         shown = stacks | {f"label: {name}": label for name, label in labels.items()}
-        figure = pictures.comparison(shown, planes.alphas or planes.values, field.views.mean(dim=(0, 1)))
+        figure = pictures.comparison(shown, planes, field.views.mean(dim=(0, 1)))
         drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
-    summary = accuracy.summaries(rows)
-    tables.write_table(folder / "planes.csv", rows)
+    table = pd.DataFrame(rows)
+    summary = accuracy.summaries(table)
+    tables.write_table(folder / "planes.csv", table)
     tables.write_table(folder / "summary.csv", summary)
     drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
-    drawing.save_figure(plots.quality_by_plane(rows), folder / "quality_by_plane.png")
+    drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
     log.info("%d light fields, %d methods: %s", len(found), len(judged), folder / "summary.csv")
 
 

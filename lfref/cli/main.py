@@ -1,9 +1,13 @@
-"""The console script: `lfref COMMAND [KEY=VALUE ...]` hands over to the module of that command."""
+"""The console script: `lfref COMMAND [PATH ...] [KEY=VALUE ...]` hands over to the module of that command."""
 
+import difflib
 import importlib
 import sys
+from collections.abc import Callable
 
-from lfref.cli import config, sweeps
+import lfref
+from lfref.cli import arguments
+from lfref.cli.leaving import fail, patient_pipes, said_on_signals
 from lfref.errors import InputError
 
 COMMANDS = {
@@ -19,21 +23,25 @@ COMMANDS = {
 def main() -> None:
     """Run a command; status 0 if it worked, 1 if it failed, 2 if it does not exist."""
     name = sys.argv[1] if len(sys.argv) > 1 else "--help"
-    if name in ("-h", "--help", "help"):
-        print(usage())
+    if name in SAID:
+        with patient_pipes():
+            print(SAID[name]())
         return
     if name not in COMMANDS:
-        print(f"lfref: command must be one of {', '.join(COMMANDS)}; got {name!r}; try lfref --help", file=sys.stderr)
+        near = difflib.get_close_matches(name, COMMANDS, 1) or ["--help"]
+        print(
+            f"lfref: command must be one of {', '.join(COMMANDS)}; got {name!r}; try lfref {near[0]}", file=sys.stderr
+        )
         sys.exit(2)
     try:
-        arguments = sweeps.expanded(sys.argv[2:], config.directory("sweeps"))
+        words = arguments.rewritten(name, sys.argv[2:])
     except InputError as error:
-        print(f"lfref {name}: {error}", file=sys.stderr)
-        sys.exit(2)
-    module = importlib.import_module(f"lfref.cli.{name}")
-    # Lightning starts the other processes of a ddp run as `python ARGV[0] ...`: that must be the command itself.
-    sys.argv = [str(module.__file__), *arguments]
-    module.main()
+        fail(name, error, status=2)
+    with said_on_signals(name):
+        module = importlib.import_module(f"lfref.cli.{name}")
+        # Lightning starts the other processes of a ddp run as `python ARGV[0] ...`: that must be the command itself.
+        sys.argv = [str(module.__file__), *words]
+        module.main()
 
 
 def usage() -> str:
@@ -41,11 +49,18 @@ def usage() -> str:
     commands = "\n".join(f"  {name:<9} {what}" for name, what in COMMANDS.items())
     return f"""Light-field refocusing, classical and learned.
 
-lfref COMMAND [KEY=VALUE ...]
+lfref COMMAND [PATH ...] [KEY=VALUE ...]
 
 {commands}
 
 lfref COMMAND --help shows examples, --cfg job its configuration; --multirun runs KEY=A,B,C in turn."""
+
+
+SAID: dict[str, Callable[[], str]] = {
+    **dict.fromkeys(("-h", "--help", "help"), usage),
+    **dict.fromkeys(("-V", "--version"), lambda: f"lfref {lfref.__version__}"),
+}
+"""What is only said."""
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """A sweep that goes on: past a member that fails, and, said again, past members that are finished.
 
-Holds for members that run one after the other in this process, by Hydra's basic launcher; others handle the failure of
-a job themselves.
+The first holds for members that run one after the other in this process, by Hydra's basic launcher; others deal with
+the failure of a job in their own way.
 """
 
 import logging
@@ -22,12 +22,14 @@ BASIC = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
 _failed: list[str] = []
 
 
-def is_sweep() -> bool:
-    """Whether this job is one of a sweep that runs in this process."""
-    if not HydraConfig.initialized():
-        return False
-    hydra = HydraConfig.get()
-    return hydra.mode == RunMode.MULTIRUN and hydra.launcher.get("_target_") == BASIC
+def is_member() -> bool:
+    """Whether this job is one of a sweep."""
+    return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
+
+
+def is_followed() -> bool:
+    """Whether this job is one of a sweep, in whose process the others run too."""
+    return is_member() and HydraConfig.get().launcher.get("_target_") == BASIC
 
 
 def failed(error: Exception) -> None:

@@ -8,11 +8,11 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
+from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
-from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import view_order
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
@@ -33,17 +33,17 @@ def refocus(config: DictConfig, folder: Path) -> None:
     device = device_of(config.device)
     exposure = None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
     refocuser, planes = _refocuser(config, device)
-    inputs = paths(configs.plain(config.input))
-    names = [path.absolute().name if path.is_dir() else path.stem for path in inputs]
-    if len(set(names)) < len(names) or not inputs:
+    given = paths(configs.plain(config.input))
+    names = [path.absolute().name if path.is_dir() else path.stem for path in given]
+    if len(set(names)) < len(names) or not given:
         raise InputError("inputs must be light fields of different names", got=", ".join(names) or "none")
-    for path, name in zip(inputs, names, strict=True):
-        field = reader.read(path, **configs.plain(config.reader))
+    for path, name in zip(given, names, strict=True):
+        field = inputs.read(path, config, [refocuser])
         if view_order.seems_reversed(field.views):
             log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
         with torch.no_grad():
             stack = refocuser(field.to(device), planes.slopes).cpu()
-        results = folder if len(inputs) == 1 else folder / name
+        results = folder if len(given) == 1 else folder / name
         _write(results, field, stack, planes, _gain(field, exposure), config.all_in_focus)
         log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), results)
 

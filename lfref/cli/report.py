@@ -13,7 +13,7 @@ from lfref.report import page, sections
 
 
 def report(config: DictConfig, folder: Path) -> None:
-    """Write `index.html`.
+    """Write `index.html`; what a run cannot show is said there, and as a warning.
 
     Args:
         config: `conf/report.yaml`.
@@ -22,15 +22,25 @@ def report(config: DictConfig, folder: Path) -> None:
     runs = paths(configs.plain(config.runs))
     if not runs:
         raise InputError("there must be something to report", remedy="give runs=[FOLDER,...]")
-    facts: dict[str, object] = {"made": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
-    for note in (run / "machine.json" for run in runs):
-        if note.is_file():
-            facts |= json.loads(note.read_text("utf-8"))
-    page.write_page(folder / "index.html", config.title, sections.sections(runs), facts)
+    made = sections.sections(runs)
+    problems = [section.problem for section in made if section.problem]
+    if len(problems) == len(made):
+        raise InputError("no section could be made", got="; ".join(problems))
+    for problem in problems:
+        log.warning("not shown: %s", problem)
+    page.write_page(folder / "index.html", config.title, made, _facts(runs))
     log.info("report: %s", (folder / "index.html").resolve())
 
 
-main = command(report)
+def _facts(runs: list[Path]) -> dict[str, object]:
+    """When the page was made, and what the runs noted of their machines."""
+    facts: dict[str, object] = {"made": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
+    for note in (run / "machine.json" for run in runs if (run / "machine.json").is_file()):
+        try:
+            facts |= json.loads(note.read_text("utf-8"))
+        except (OSError, ValueError, TypeError) as error:
+            log.warning("%s cannot be read: %s", note, error)
+    return facts
 
-if __name__ == "__main__":
-    main()
+
+main = command(report)

@@ -102,6 +102,3 @@ def _warn_of_clipping(name: str, views: Tensor, suffix: str) -> None:
 
 
 main = command(simulate)
-
-if __name__ == "__main__":
-    main()

@@ -12,28 +12,6 @@ from yaml import YAMLError
 
 from lfref.errors import InputError
 
-KEYS = ("+sweep=", "sweep=")
-
-
-def expanded(arguments: list[str], folder: Path) -> list[str]:
-    """Arguments with every `+sweep=NAME` replaced by the parameters of that sweep.
-
-    Args:
-        arguments: Command line after the command's name.
-        folder: Where the sweeps lie.
-
-    Raises:
-        InputError: No such sweep, a file that is none, or a sweep without --multirun.
-    """
-    named = {argument: argument.partition("=")[2] for argument in arguments if argument.startswith(KEYS)}
-    if named and not {"--multirun", "-m"} & set(arguments):
-        raise InputError("a sweep needs --multirun", got=next(iter(named)), remedy="lfref train --multirun +sweep=NAME")
-    return [
-        part
-        for argument in arguments
-        for part in (overrides(named[argument], folder) if argument in named else [argument])
-    ]
-
 
 def overrides(name: str, folder: Path) -> list[str]:
     """Hydra overrides `key=a,b,c` of a sweep.

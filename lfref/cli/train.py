@@ -35,7 +35,7 @@ def claim(config: DictConfig, folder: Path) -> bool:
         InputError: It holds another run, or one that was trained on something else.
         CheckpointError: There is nothing to go on from.
     """
-    if config.resume is None and members.is_sweep():
+    if config.resume is None and members.is_member():
         last = members.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
         config.resume = None if last is None else str(last)
     # The first process has looked already; in a sweep, the others learn from the folder that it goes on.
@@ -72,11 +72,22 @@ def train(config: DictConfig, folder: Path) -> None:
         with failures.explained(folder):
             trainer = _trainer(config)
             trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
+    except SystemExit as stopped:
+        stopped.add_note(_how_to_go_on(folder))
+        raise
     finally:
         # Without this, the jobs of a multirun share one wandb run.
         wandb.finish()
     if trainer.is_global_zero:
         log.info("trained %d epochs; run folder %s", trainer.current_epoch, folder)
+
+
+def _how_to_go_on(folder: Path) -> str:
+    """What is said when a signal ends a fit."""
+    at = f"the last checkpoint is {Run(folder).last}" if Run(folder).has_checkpoints else "no epoch was finished"
+    if members.is_member():
+        return f"{at}; to go on with the sweep, say its line again with output={HydraConfig.get().sweep.dir}"
+    return f"{at}; go on by lfref train resume={folder}" if Run(folder).has_checkpoints else at
 
 
 def _module(config: DictConfig) -> Refocusing:

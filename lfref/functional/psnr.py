@@ -48,6 +48,10 @@ def psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
 
     Raises:
         InputError: The images are not comparable, or data_range is not usable.
+
+    Example:
+        >>> psnr(torch.full((3, 8, 8), 0.6), torch.full((3, 8, 8), 0.5))
+        tensor(20.0000)
     """
     m = normalised_mse(prediction, target, data_range)
     return (-10 * m.clamp(min=_FLOOR).log10()).to(working_type(prediction, target))

@@ -34,6 +34,11 @@ def ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
 
     Raises:
         InputError: The images are not comparable or too small, or data_range is not usable.
+
+    Example:
+        >>> image = torch.rand(3, 16, 16)
+        >>> float(ssim(image, image))
+        1.0
     """
     return 1 - one_minus_ssim(prediction, target, data_range)
 

@@ -95,7 +95,8 @@ class Run:
         Raises:
             CheckpointError: There is none.
         """
-        return self._checkpoint("last")
+        # A run that is killed while it writes its first ones may have the best alone, which comes before the last.
+        return self._checkpoint("last", "best")
 
     @property
     def has_checkpoints(self) -> bool:
@@ -124,12 +125,13 @@ class Run:
         """Whether training went on for as long as the configuration says."""
         return self.has_checkpoints and is_trained(self.last, self.config.get("trainer", {}))
 
-    def _checkpoint(self, name: str) -> Path:
-        path = self.folder / CHECKPOINTS / f"{name}.ckpt"
-        if not path.is_file():
-            found = ", ".join(sorted(each.name for each in path.parent.glob("*.ckpt"))) or "none"
-            raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{path.name}", got=found)
-        return path
+    def _checkpoint(self, *names: str) -> Path:
+        folder = self.folder / CHECKPOINTS
+        for path in (folder / f"{name}.ckpt" for name in names):
+            if path.is_file():
+                return path
+        found = ", ".join(sorted(each.name for each in folder.glob("*.ckpt"))) or "none"
+        raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got=found)
 
 
 def run_name(path: Path) -> str:

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes
+from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
@@ -64,8 +65,8 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     """Read a trained refocuser.
 
     Args:
-        path: A checkpoint that `lfref train` wrote, after whose run it is named. None stands for a model that ships
-            with lfref; this version ships none.
+        path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. None stands
+            for a model that ships with lfref; this version ships none.
         device: Where the network goes.
 
     Returns:
@@ -73,13 +74,16 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
 
     Raises:
         CheckpointError: Missing, damaged, not ours, or of another shape than it says.
+
+    Example:
+        >>> from lfref.nets import checkpoint
+        >>> checkpoint.save("net.ckpt", lfref.RefNet(n_planes=2, grid=(3, 3), widths=(8,)), lfref.even_planes(2))
+        >>> refocuser = lfref.load("net.ckpt")
+        >>> refocuser(torch.rand(3, 3, 3, 24, 32)).shape, refocuser.planes.labels
+        (torch.Size([2, 3, 24, 32]), ('slope -1', 'slope 1'))
     """
     if path is None:
         raise CheckpointError("no model ships with this version", remedy="train one (lfref train) and give its path")
+    path = Run.of(path).best if Path(path).is_dir() else Path(path)
     network, planes = checkpoint.restore(path)
-    return NetworkRefocuser(network.to(device), planes, run_name(Path(path)))
-
-
-def run_name(path: Path) -> str:
-    """Name of the run that a checkpoint belongs to: RUN/checkpoints/FILE.ckpt -> RUN; else the file's stem."""
-    return path.resolve().parent.parent.name if path.resolve().parent.name == "checkpoints" else path.stem
+    return NetworkRefocuser(network.to(device), planes, run_name(path))

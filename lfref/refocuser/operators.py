@@ -31,7 +31,7 @@ class OperatorRefocuser(Refocuser):
         aperture: Weights of the views, whatever their grid; None weighs all alike.
 
     Example:
-        >>> refocuser = OperatorRefocuser("shift_and_sum", shift_and_sum)
+        >>> refocuser = OperatorRefocuser("shift_and_sum", lfref.shift_and_sum)
         >>> refocuser(torch.rand(3, 3, 3, 16, 16), [-0.5, 0, 0.5]).shape
         torch.Size([3, 3, 16, 16])
     """

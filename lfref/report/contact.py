@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
@@ -14,7 +13,6 @@ from lfref.report import drawing, pictures
 
 COLUMNS = 6
 COLUMN_WIDTH = 2.4  # inches
-COLOURS = "viridis"
 
 
 def view_cells(views: Tensor) -> dict[str, Tensor]:
@@ -64,15 +62,9 @@ def contact_sheet(cells: Mapping[str, Tensor]) -> Figure:
         axes.set_axis_off()
     for axes, (title, image) in zip(grid.flat, cells.items(), strict=False):
         axes.set_title(title, fontsize=9)
-        show = _show_map if image.ndim == 2 else _show_picture
-        show(figure, axes, image)
+        if image.ndim == 3:
+            axes.imshow(pictures.for_display(image))
+        else:
+            shown = axes.imshow(image.cpu(), cmap=drawing.MAP)
+            figure.colorbar(shown, ax=axes, pad=0.02).ax.tick_params(labelsize=8)
     return figure
-
-
-def _show_picture(figure: Figure, axes: Axes, image: Tensor) -> None:
-    axes.imshow(pictures.for_display(image))
-
-
-def _show_map(figure: Figure, axes: Axes, values: Tensor) -> None:
-    shown = axes.imshow(values.cpu().numpy(), cmap=COLOURS)
-    figure.colorbar(shown, ax=axes, pad=0.02).ax.tick_params(labelsize=8)

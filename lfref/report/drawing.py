@@ -4,7 +4,7 @@ PSNR is capped at 100 dB; where a plot has capped and other values, the empty st
 Colours are ones that colour-blind readers tell apart (Tol, "Colour schemes", SRON 2021, scheme "vibrant").
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from lfref.io import atomic
-from lfref.report.tables import Row
 from lfref.report.wording import CAP_DB
 
 BLUE, RED, TEAL, ORANGE, MAGENTA, CYAN = "#0077BB", "#CC3311", "#009988", "#EE7733", "#EE3377", "#33BBEE"
 BLACK, GREY, PALE = "#222222", "#767676", "#DDDDDD"
+COLOURS = (BLUE, RED, TEAL, ORANGE, BLACK, CYAN, MAGENTA, GREY)
+MARKERS = ("o", "^", "s", "D", "v", "P", "X", "<", ">", "p", "h", "*")
+MAP = "viridis"
+"""Colours of a map of slopes or disparities."""
 PNG: dict[str, Any] = {"format": "png", "dpi": 150, "bbox_inches": "tight", "pad_inches": 0.12}
 
 
@@ -36,6 +39,11 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(temporary, **PNG)
 
 
+def look(index: int, colours: Sequence[str] = COLOURS) -> dict[str, Any]:
+    """Colour and marker of a series by its place among all of them."""
+    return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)]}
+
+
 def calm(axes: Axes, x: str, y: str, title: str, pad: float = 6) -> None:
     """Title, axis names, a pale grid, and no frame on the top and right."""
     axes.set_title(title, fontsize=10.5, loc="left", color=BLACK, pad=pad)
@@ -44,11 +52,6 @@ def calm(axes: Axes, x: str, y: str, title: str, pad: float = 6) -> None:
     axes.grid(color=PALE, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(GREY)
-
-
-def capped(rows: Iterable[Row], column: str) -> list[dict[str, Any]]:
-    """The rows with PSNR cut at 100 dB."""
-    return [{**row, column: min(row[column], CAP_DB) if column.endswith("psnr_db") else row[column]} for row in rows]
 
 
 def fold_below_cap(axes: Axes) -> None:

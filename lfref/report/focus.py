@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from lfref.errors import InputError
+from lfref.report import drawing
 
-COLOURS = "viridis"
 WIDTH = 7.0  # inches
 SURE = 0.1  # confidence from which a slope has a say in the scale of colours
 
@@ -26,15 +26,15 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
             "slopes and confidence must be [H, W]", got=f"{list(slopes.shape)} and {list(confidence.shape)}"
         )
     height, width = slopes.shape
-    figure = Figure(figsize=(WIDTH, 0.4 + (WIDTH - 1) * height / width), layout="constrained")
+    figure = drawing.new_figure(WIDTH, 0.4 + (WIDTH - 1) * height / width)
     axes = figure.subplots()
     values, opacity = slopes.double().cpu().numpy(), confidence.double().cpu().numpy().clip(0, 1)
     low, high = np.percentile(values[(opacity > SURE) | (opacity == opacity.max())], [1, 99])
     # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
-    shown = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, alpha=0 * opacity)
+    shown = axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=0 * opacity)
     bar = figure.colorbar(shown, ax=axes, label="slope, px per view step", pad=0.02)
     if bar.solids is not None:
         bar.solids.set_alpha(1)
-    axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, alpha=opacity)
+    axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=opacity)
     axes.set_axis_off()
     return figure

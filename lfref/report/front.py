@@ -4,10 +4,10 @@ Labels are placed where they meet nothing else.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MplPath
@@ -15,35 +15,38 @@ from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox, BboxBase
 
 from lfref.report import tables, wording
-from lfref.report.drawing import BLUE, CYAN, GREY, RED, calm, capped, fold_below_cap, new_figure
-from lfref.report.tables import Row
+from lfref.report.drawing import BLUE, CYAN, GREY, RED, calm, fold_below_cap, new_figure
 
+COLUMNS = ["method", "median_s", "p10_s", "p90_s", "psnr_db"]
 TURNS = (0, 8, 4, 12, 2, 6, 10, 14, 1, 7, 9, 15)  # sixteenths: where a label goes beside its point, best first
 DIRECTIONS = [np.array([math.cos(math.tau * turn / 16), math.sin(math.tau * turn / 16)]) for turn in TURNS]
 LEADER = {"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 7}
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "arrowprops": LEADER}
 
 
-def accuracy_time(rows: Sequence[Row], fft_seconds: float | None = None) -> Figure:
+def accuracy_time(methods: pd.DataFrame, fft_seconds: float | None = None) -> Figure:
     """Accuracy against time, every method named, the methods that no other beats joined by a step line.
 
     Args:
-        rows: `method`, `median_s`, `psnr_db`, one row a method; `p10_s` and `p90_s` are drawn where they are there.
+        methods: `method`, `median_s`, `psnr_db`, one row a method that was judged; `p10_s` and `p90_s` are drawn where
+            they are there.
         fft_seconds: Time of NumPy's 4-D FFT of the three channels in the same run, drawn as a line.
 
     Raises:
         InputError: One of these columns is missing, or has no number.
     """
-    tables.need(rows, "method")
-    timed = [row for row in tables.some(rows, "median_s", "psnr_db") if 0 < row["median_s"] < math.inf]
-    kept = capped(timed, "psnr_db")
+    tables.need(methods, "method")
+    kept = tables.capped(tables.some(methods, "median_s", "psnr_db"), "psnr_db").reindex(columns=COLUMNS)
+    kept = kept[kept["median_s"].between(0, math.inf, inclusive="neither")]
     best = tables.front(kept, "median_s", "psnr_db")
     figure = new_figure(9, 5.4)
     axes = figure.add_subplot(xscale="log")
-    times, gains = [row["median_s"] for row in best], [row["psnr_db"] for row in best]
-    axes.plot(np.repeat(times, 2)[1:], np.repeat(gains, 2)[:-1], color=CYAN, zorder=1)
-    for row in kept:
-        _draw_time(axes, row, BLUE if row in best else GREY)
+    axes.plot(np.repeat(best["median_s"], 2)[1:], np.repeat(best["psnr_db"], 2)[:-1], color=CYAN, zorder=1)
+    for row in kept.itertuples():
+        colour = BLUE if row.Index in best.index else GREY
+        if row.p10_s > 0 and row.p90_s < math.inf:
+            axes.plot([row.p10_s, row.p90_s], [row.psnr_db] * 2, color=colour, linewidth=1.2, alpha=0.6)
+        axes.plot(row.median_s, row.psnr_db, "o", color=colour, markersize=7, zorder=3)
     calm(axes, "Time, median (log scale)", "PSNR (dB)", "Accuracy against time: up and to the left is better", 20)
     if fft_seconds is not None:
         _draw_landmark(axes, fft_seconds)
@@ -52,13 +55,6 @@ def accuracy_time(rows: Sequence[Row], fft_seconds: float | None = None) -> Figu
     figure.draw_without_rendering()  # settles the layout, which the labels' places in pixels depend on
     _label_points(axes, kept)
     return figure
-
-
-def _draw_time(axes: Axes, row: Row, colour: str) -> None:
-    spread: list[Any] = [row.get("p10_s"), row.get("p90_s")]
-    if all(tables.is_number(time) and 0 < time < math.inf for time in spread):
-        axes.plot(spread, [row["psnr_db"]] * 2, color=colour, linewidth=1.2, alpha=0.6)
-    axes.plot(row["median_s"], row["psnr_db"], "o", color=colour, markersize=7, zorder=3)
 
 
 def _draw_landmark(axes: Axes, seconds: float) -> None:
@@ -78,14 +74,14 @@ def _frame_times(axes: Axes) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _label_points(axes: Axes, rows: Sequence[Row]) -> None:
+def _label_points(axes: Axes, methods: pd.DataFrame) -> None:
     """Write each method at the nearest place where it meets no other label, line, point or edge, if there is one."""
-    points = axes.transData.transform([(row["median_s"], row["psnr_db"]) for row in rows])
+    places = methods[["median_s", "psnr_db"]].to_numpy(float)
+    points = axes.transData.transform(places)
     taken = [Bbox.from_bounds(x - 6, y - 6, 12, 12) for x, y in points]
     paths = [line.get_transform().transform_path(line.get_path()) for line in axes.get_lines()]
-    for row, point in zip(rows, points, strict=True):
-        where = (row["median_s"], row["psnr_db"])
-        text = axes.annotate(wording.drawable(row["method"]), where, (0, 0), "data", "offset points", **CENTRED)
+    for name, where, point in zip(methods["method"], places, points, strict=True):
+        text = axes.annotate(wording.drawable(name), where, (0, 0), "data", "offset points", **CENTRED)
         place = _free_place(axes.bbox, point, text.get_window_extent(), taken, paths)
         text.xyann = (np.array(place.p0 + place.p1) / 2 - point) * 72 / axes.figure.dpi
         text.set_in_layout(False)

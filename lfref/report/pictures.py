@@ -6,8 +6,6 @@ of a figure, so that a difference in brightness between two methods stays visibl
 
 import math
 from collections.abc import Mapping, Sequence
-from numbers import Real
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,16 +13,14 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from lfref.errors import InputError
+from lfref.geometry import FocalPlanes
 from lfref.report import drawing, wording
 
-Image = Tensor | np.ndarray
-
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
-SHOWN_ALPHAS = (0.125, 1.0, 2.0)
 FIGURE_WIDTH = 9.0  # inches
 
 
-def common_exposure(mean_image: Image) -> float:
+def common_exposure(mean_image: Tensor) -> float:
     """The gain for all pictures of a figure: it brings the 99th percentile of the mean image to 0.9.
 
     Args:
@@ -37,7 +33,7 @@ def common_exposure(mean_image: Image) -> float:
     return BRIGHT / bright if bright > 1e-6 else 1.0
 
 
-def for_display(image: Image, exposure: float = 1.0, gamma: float = 1.0) -> np.ndarray:
+def for_display(image: Tensor, exposure: float = 1.0, gamma: float = 1.0) -> np.ndarray:
     """An image as it is shown: times the exposure, cut to [0, 1], then to the power of 1/gamma.
 
     Args:
@@ -59,133 +55,84 @@ def for_display(image: Image, exposure: float = 1.0, gamma: float = 1.0) -> np.n
     return np.broadcast_to(shown.transpose(1, 2, 0), (*array.shape[1:], 3))
 
 
-def comparison(
-    stacks: Mapping[str, Image],
-    alphas: Sequence[float],
-    mean_image: Image,
-    shown: Sequence[float] = SHOWN_ALPHAS,
-    gamma: float = 1.0,
-) -> Figure:
-    """The paper's comparison: a row per method, a column per alpha, the mean of all views alone in the middle row.
+def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Tensor) -> Figure:
+    """The paper's comparison: a row per method, a column per plane, the mean of all views alone in the middle row.
+
+    Three planes are shown: those of the least and of the greatest slope, and the one nearest to slope 0.
 
     Args:
-        stacks: Refocused stack of each method, [N, C, H, W] in [0, 1], N planes as in `alphas`.
-        alphas: Alpha of each plane.
+        stacks: Refocused stack of each method, [N, C, H, W] in [0, 1].
+        planes: What the N planes are.
         mean_image: Mean of all views, [C, H, W]; it sets the exposure of all pictures.
-        shown: Alphas asked for; the nearest plane that exists is shown and named.
-        gamma: Display gamma, see `for_display`.
 
     Raises:
-        InputError: There is no method, or a stack does not fit the alphas.
+        InputError: There is no method, or a stack does not fit the planes.
     """
-    planes = nearest_planes(alphas, shown)
-    rows = [_Row(name, [_plane(name, stack, alphas, plane) for plane in planes]) for name, stack in stacks.items()]
-    if not rows:
+    if not stacks:
         raise InputError("a comparison must have at least one method", got="none")
-    rows.insert((len(rows) + 1) // 2, _mean_row(mean_image, len(planes)))
-    exposure = common_exposure(mean_image)
-    figure, grid = _grid(len(rows), len(planes), mean_image, exposure, gamma)
-    for line, (name, cells) in zip(grid, rows, strict=True):
+    shown = ends_and_middle(planes)
+    middle, exposure = (len(stacks) + 1) // 2, common_exposure(mean_image)
+    figure, grid = _grid(len(stacks) + 1, len(shown), mean_image, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}")
+    _show(grid[middle, len(shown) // 2], "mean of all views, not refocused", for_display(mean_image, exposure))
+    for line, (name, stack) in zip(np.delete(grid, middle, axis=0), stacks.items(), strict=True):
+        if stack.ndim != 4 or len(stack) != len(planes):
+            expected = f"the stack of {name!r} must be [N, C, H, W] with N = {len(planes)}"
+            raise InputError(expected, got=tuple(stack.shape))
         line[0].set_ylabel(wording.drawable(name, width=22), fontsize=10)
-        for axes, cell in zip(line, cells, strict=True):
-            _show(axes, cell, exposure, gamma)
+        for axes, plane in zip(line, shown, strict=True):
+            _show(axes, planes.labels[plane], for_display(stack[plane], exposure))
     return figure
 
 
-def contact_sheet(stack: Image, labels: Sequence[object], exposure: float | None = None, gamma: float = 1.0) -> Figure:
+def contact_sheet(stack: Tensor, labels: Sequence[str], exposure: float | None = None, gamma: float = 1.0) -> Figure:
     """All planes of a stack in reading order, each with its label.
 
     Args:
         stack: [N, C, H, W] in [0, 1].
-        labels: One a plane; a number is taken for its alpha.
+        labels: One a plane.
         exposure: Gain for all planes; None takes it from the mean of the planes.
         gamma: Display gamma, see `for_display`.
 
     Raises:
         InputError: There is not one label a plane.
     """
-    array = _array(stack, 4)
-    if len(labels) != len(array):
-        raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(array)} planes")
-    mean = array.mean(axis=0)
-    exposure = common_exposure(mean) if exposure is None else exposure
-    n_columns = min(4, len(array))
-    figure, grid = _grid(math.ceil(len(array) / n_columns), n_columns, mean, exposure, gamma)
-    cells = [_Cell(_label(label), image) for label, image in zip(labels, array, strict=True)]
-    cells += [_Cell("", None)] * (grid.size - len(cells))
-    for axes, cell in zip(grid.flat, cells, strict=True):
-        _show(axes, cell, exposure, gamma)
+    if len(labels) != len(stack):
+        raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(stack)} planes")
+    exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
+    n_columns = min(4, len(stack))
+    n_rows = math.ceil(len(stack) / n_columns)
+    figure, grid = _grid(n_rows, n_columns, stack, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, gamma {gamma:g}")
+    for axes, label, image in zip(grid.flat, labels, stack, strict=False):
+        _show(axes, wording.drawable(label), for_display(image, exposure, gamma))
     return figure
 
 
-def nearest_planes(alphas: Sequence[float], wanted: Sequence[float]) -> list[int]:
-    """Index of the plane nearest to each wanted alpha; a plane that is nearest to two of them comes once.
-
-    Args:
-        alphas: Alpha of each plane, at least one.
-        wanted: Alphas asked for.
-
-    Raises:
-        InputError: There is no plane, or no alpha is wanted.
-    """
-    if not len(alphas) or not len(wanted):
-        raise InputError("there must be at least one plane and one wanted alpha", got=f"{alphas} and {wanted}")
-    distances = np.abs(np.subtract.outer(np.asarray(wanted, float), np.asarray(alphas, float)))
-    return list(dict.fromkeys(int(index) for index in distances.argmin(axis=1)))
+def ends_and_middle(planes: FocalPlanes) -> list[int]:
+    """The planes of the least and the greatest slope with the one nearest to slope 0 between; each comes once."""
+    slopes = planes.slopes
+    return [*dict.fromkeys(int(place) for place in (slopes.argmin(), slopes.abs().argmin(), slopes.argmax()))]
 
 
-class _Cell(NamedTuple):
-    title: str
-    image: Image | None
-
-
-class _Row(NamedTuple):
-    name: str
-    cells: list[_Cell]
-
-
-def _plane(name: str, stack: Image, alphas: Sequence[float], plane: int) -> _Cell:
-    if stack.ndim != 4 or len(stack) != len(alphas):
-        raise InputError(
-            f"the stack of {name!r} must be [N, C, H, W] with one plane per alpha, N = {len(alphas)}",
-            got=tuple(stack.shape),
-        )
-    return _Cell(_label(alphas[plane]), stack[plane])
-
-
-def _mean_row(mean_image: Image, n_columns: int) -> _Row:
-    cells = [_Cell("", None)] * n_columns
-    cells[n_columns // 2] = _Cell("mean of all views, not refocused", mean_image)
-    return _Row("", cells)
-
-
-def _label(label: object) -> str:
-    text = f"{label:g}" if isinstance(label, Real) else ""
-    return f"{wording.heading('alpha')} = {text}" if text else wording.drawable(label)
-
-
-def _grid(n_rows: int, n_columns: int, image: Image, exposure: float, gamma: float) -> tuple[Figure, np.ndarray]:
-    """A figure with a note on its brightness, and its axes as an array [n_rows, n_columns]."""
+def _grid(n_rows: int, n_columns: int, image: Tensor, note: str) -> tuple[Figure, np.ndarray]:
+    """A figure with a note on its brightness, and its empty cells, [n_rows, n_columns]."""
     width = FIGURE_WIDTH / n_columns
     height = width * image.shape[-2] / image.shape[-1] + 0.25
     figure = drawing.new_figure(FIGURE_WIDTH, max(height, 0.6) * n_rows + 0.3)
-    note = f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, gamma {gamma:g}"
-    figure.supxlabel(note, fontsize=8, color=drawing.GREY)
-    return figure, figure.subplots(n_rows, n_columns, squeeze=False)
+    figure.supxlabel(f"every picture: {note}", fontsize=8, color=drawing.GREY)
+    grid = figure.subplots(n_rows, n_columns, squeeze=False)
+    for axes in grid.flat:
+        axes.set(xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
+    return figure, grid
 
 
-def _show(axes: Axes, cell: _Cell, exposure: float, gamma: float) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.spines[:].set_visible(False)
-    axes.set_title(cell.title, fontsize=9)
-    if cell.image is not None:
-        axes.imshow(for_display(cell.image, exposure, gamma))
+def _show(axes: Axes, title: str, image: np.ndarray) -> None:
+    axes.set_title(title, fontsize=9)
+    axes.imshow(image)
 
 
-def _array(image: Image, ndim: int) -> np.ndarray:
+def _array(image: Tensor, ndim: int) -> np.ndarray:
     """The image as a float32 array with that many axes, off the graph and off the device."""
-    array = image.detach().float().cpu().numpy() if isinstance(image, Tensor) else np.asarray(image, np.float32)
-    if array.ndim != ndim or not array.size:
-        raise InputError(f"pictures must be arrays with {ndim} axes, [..., C, H, W]", got=tuple(array.shape))
-    return array
+    if image.ndim != ndim or not image.numel():
+        raise InputError(f"pictures must be tensors with {ndim} axes, [..., C, H, W]", got=tuple(image.shape))
+    return image.detach().float().cpu().numpy()

@@ -3,24 +3,29 @@
 A run folder is recognised by the files in it; a folder of runs (a multirun) becomes one table of its jobs.
 """
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from lfref.errors import FileError
+import pandas as pd
+
+from lfref.bench.timing import FFT
+from lfref.errors import FileError, LfrefError
 from lfref.report import costs, front, plots, stability, tables
 from lfref.report.page import Section
-from lfref.report.tables import Row
 
 METRICS = "log/metrics.csv"
-OPERATOR_COLUMNS = (
+NOTE = "config.yaml"
+"""What every command leaves in its run folder, whatever becomes of it."""
+OPERATOR_COLUMNS = [
     "method", "input", "first_call_s", "median_s", "p10_s", "p90_s", "ratio_to_numpy_fft", "ratio_to_same_in_numpy",
     "psnr_db", "max_error", "extra_bytes", "memory_ratio",
-)  # fmt: skip
+]  # fmt: skip
 
 
 def sections(folders: Sequence[Path]) -> list[Section]:
     """One section for each kind of result found in the run folders, in the order of the folders.
+
+    A section that cannot be made says so, and why.
 
     Args:
         folders: Run folders of `lfref train`, `eval`, `refocus`, `bench`, or of a multirun.
@@ -28,7 +33,34 @@ def sections(folders: Sequence[Path]) -> list[Section]:
     Raises:
         FileError: A folder is missing, or holds no result of ours.
     """
-    return [section for folder in folders for section in _of_folder(folder)]
+    kinds = [(folder, [make for pattern, make in MAKERS.items() if any(folder.glob(pattern))]) for folder in folders]
+    for folder, makers in kinds:
+        if not makers and not (folder / NOTE).is_file():
+            raise FileError(
+                f"{folder} must be a run folder of lfref train, eval, refocus or bench",
+                got="none of their results",
+                remedy="give runs=[FOLDER,...]",
+            )
+    return [_made(make, folder) for folder, makers in kinds for make in makers or [unfinished]]
+
+
+def unfinished(folder: Path) -> Section:
+    """What a run has to show that was stopped before its first result.
+
+    Args:
+        folder: Run folder of any command.
+
+    Raises:
+        FileError: Always.
+    """
+    raise FileError("a run must have left a result", got="none, it was stopped too early or still goes on")
+
+
+def _made(make: Callable[[Path], Section], folder: Path) -> Section:
+    try:
+        return make(folder)
+    except LfrefError as error:
+        return Section(f"Not shown: {folder.name}", problem=f"{make.__name__} of {folder}: {error}")
 
 
 def training(folder: Path) -> Section:
@@ -37,16 +69,16 @@ def training(folder: Path) -> Section:
     Args:
         folder: Run folder of `lfref train`.
     """
-    rows = tables.read_table(folder / METRICS)
-    values = _validations(tables.some(rows, "val/mpsnr"))
-    first, best = values[0], max(values)
+    metrics = tables.read_table(folder / METRICS)
+    values = tables.some(metrics, "val/mpsnr")["val/mpsnr"]
+    first, best = values.iloc[0], values.max()
     text = (
         f"Against its own labels the network went from {first:.2f} dB MPSNR at its first validation to {best:.2f} dB "
         f"at its best, a rise of {best - first:.2f} dB."
     )
     pictures = sorted((folder / "pictures").glob("*.png"))
     last = {"Held-out patch after the last epoch: labels above, predictions below": pictures[-1]} if pictures else {}
-    return Section("Training", text, {"Loss, its terms, and validation": plots.training_curves(rows), **last})
+    return Section("Training", text, {"Loss, its terms, and validation": plots.training_curves(metrics), **last})
 
 
 def evaluation(folder: Path) -> Section:
@@ -55,23 +87,24 @@ def evaluation(folder: Path) -> Section:
     Args:
         folder: Run folder of `lfref eval`.
     """
-    summary = tables.read_table(folder / "summary.csv")
-    planes = tables.read_table(folder / "planes.csv")
-    comparison = sorted((folder / "comparison").glob("*.png"))
+    summary, planes = (tables.read_table(folder / f"{name}.csv") for name in ("summary", "planes"))
+    scatter, comparison = plots.scatter(summary), sorted((folder / "comparison").glob("*.png"))
     shown = {f"Comparison on {path.stem}": path for path in comparison[:1]}
     text = (
         "Every method against both label sources, over the whole frame. None of the labels is the truth; they are what "
         "a network was, or could be, trained on. PSNR is capped at 100 dB."
     )
+    groups = tables.some(summary, "mpsnr_db", "mssim").groupby(plots.SERIES, sort=False, dropna=False)
+    means = groups.agg(mpsnr_db=("mpsnr_db", "mean"), mssim=("mssim", "mean"), light_fields=("mssim", "size"))
     return Section(
         "Evaluation",
         text,
         {
-            "MPSNR against MSSIM, one point a light field": plots.scatter(summary),
+            "MPSNR against MSSIM, one point a light field": scatter,
             "Quality by plane": plots.quality_by_plane(planes),
             **shown,
         },
-        {"Means over all light fields": _means(summary)},
+        {"Means over all light fields": means.reset_index()},
     )
 
 
@@ -92,16 +125,14 @@ def benchmark(folder: Path) -> Section:
     """
     rows = tables.read_table(folder / "bench.csv")
     tables.need(rows, "method", "median_s", "psnr_db")
-    judged = [row for row in rows if row["psnr_db"] is not None]
-    fft = next((row["median_s"] for row in rows if row["method"] == "numpy_fft_4d"), None)
+    fft = rows.loc[rows["method"] == FFT, "median_s"]
     text = (
         "Time for the whole stack of one light field; accuracy against exact Fourier refocusing where every view "
         "covers every plane. The line is NumPy's 4-D FFT of the three channels in the same run, which Fourier-slice "
         "refocusing needs before its first plane."
     )
-    return Section(
-        "Accuracy against time", text, {"The front": front.accuracy_time(judged, fft)}, {"All figures": rows}
-    )
+    figure = front.accuracy_time(rows, None if fft.empty else fft.iloc[0])
+    return Section("Accuracy against time", text, {"The front": figure}, {"All figures": rows})
 
 
 def operators(folder: Path) -> Section:
@@ -110,7 +141,9 @@ def operators(folder: Path) -> Section:
     Args:
         folder: Run folder of `lfref bench group=operators`.
     """
-    rows, exponents = tables.read_table(folder / "operators.csv"), tables.read_table(folder / "exponents.csv")
+    rows, times, exponents = (
+        tables.read_table(folder / f"{name}.csv") for name in ("operators", "scaling", "exponents")
+    )
     tables.need(rows, *OPERATOR_COLUMNS)
     text = (
         "One call for the whole stack of one light field. Speed is measured in NumPy's 4-D FFTs of the three channels "
@@ -118,15 +151,13 @@ def operators(folder: Path) -> Section:
         "twice the field in float32 and the stack. Errors are against exact Fourier refocusing, where every view "
         "covers every plane."
     )
-    growth = costs.growth(tables.read_table(folder / "scaling.csv"), exponents)
+    growth = costs.growth(times, exponents)
+    by_axis = exponents.pivot_table("exponent", "method", "axis", sort=False).add_prefix("exponent_").reset_index()
     return Section(
         "What operators cost",
         text,
         {"Speed and memory": costs.operator_costs(rows), "Growth of time, and its exponents": growth},
-        {
-            "All figures": [{column: row[column] for column in OPERATOR_COLUMNS} for row in rows],
-            "Exponents of time along each axis": _by_axis(exponents),
-        },
+        {"All figures": rows[OPERATOR_COLUMNS], "Exponents of time along each axis": by_axis},
     )
 
 
@@ -136,17 +167,25 @@ def sweep(folder: Path) -> Section:
     Args:
         folder: Folder whose subfolders are runs of `lfref train`.
     """
-    jobs = []
-    for path in sorted(folder.glob(f"*/{METRICS}")):
+    jobs = pd.DataFrame(_jobs(sorted(folder.glob(f"*/{METRICS}"))))
+    text = "Validation MPSNR of each job against its own labels, best first."
+    ranked = jobs.sort_values("best_mpsnr_db", ascending=False, kind="stable")
+    return Section(f"Sweep: {folder.name}", text, tables={"Jobs": ranked})
+
+
+def _jobs(paths: Iterable[Path]) -> list[dict[str, object]]:
+    """What set each job apart, as `lfref train` noted it, else its folder's name; and its first and best validation.
+
+    A job that died before its first validation has none.
+    """
+    rows = []
+    for path in paths:
         job = path.parent.parent
-        values = _validations(tables.read_table(path))
-        first, best = (values[0], max(values)) if values else (None, None)
-        jobs.append({"job": _overrides(job), "first_mpsnr_db": first, "best_mpsnr_db": best})
-    return Section(
-        f"Sweep: {folder.name}",
-        "Validation MPSNR of each job against its own labels, best first.",
-        tables={"Jobs": sorted(jobs, key=_rank)},
-    )
+        note, values = job / "overrides.txt", tables.read_table(path).get("val/mpsnr", pd.Series(dtype=float)).dropna()
+        name = note.read_text("utf-8").strip() if note.is_file() else job.name
+        first = None if values.empty else values.iloc[0]
+        rows.append({"job": name, "first_mpsnr_db": first, "best_mpsnr_db": values.max()})
+    return rows
 
 
 MAKERS: dict[str, Callable[[Path], Section]] = {
@@ -160,52 +199,3 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     f"*/{METRICS}": sweep,
 }
 """What a folder holds -> the section it becomes."""
-
-
-def _of_folder(folder: Path) -> list[Section]:
-    made = [make(folder) for pattern, make in MAKERS.items() if any(folder.glob(pattern))]
-    if not made:
-        raise FileError(
-            f"{folder} must be a run folder of lfref train, eval, refocus or bench",
-            got="none of their results",
-            remedy="give runs=[FOLDER,...]",
-        )
-    return made
-
-
-def _by_axis(exponents: Sequence[Row]) -> list[Row]:
-    """One row a method, one column an axis."""
-    methods = tables.grouped(exponents, "method")
-    return [
-        {"method": name} | {f"exponent_{row['axis']}": row["exponent"] for row in rows}
-        for (name,), rows in methods.items()
-    ]
-
-
-def _validations(rows: Sequence[Row]) -> list[float]:
-    """Validation MPSNR in the order of the epochs; none where a job died before its first."""
-    return [float(row["val/mpsnr"]) for row in rows if tables.is_number(row.get("val/mpsnr"))]
-
-
-def _rank(job: Row) -> float:
-    return math.inf if job["best_mpsnr_db"] is None else -job["best_mpsnr_db"]
-
-
-def _means(summary: Sequence[Row]) -> list[Row]:
-    groups = tables.grouped(summary, "method", "reference")
-    return [
-        {
-            "method": method,
-            "reference": reference,
-            "mpsnr_db": sum(row["mpsnr_db"] for row in rows) / len(rows),
-            "mssim": sum(row["mssim"] for row in rows) / len(rows),
-            "light_fields": len(rows),
-        }
-        for (method, reference), rows in groups.items()
-    ]
-
-
-def _overrides(job: Path) -> str:
-    """What set this job apart, as `lfref train` noted it; else the folder's name."""
-    note = job / "overrides.txt"
-    return note.read_text("utf-8").strip() if note.is_file() else job.name

@@ -1,45 +1,41 @@
 """What simulating costs: planned beside forced; and how far refocused views are from the truth, plane by plane."""
 
-from collections.abc import Sequence
-
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from lfref.report import tables, wording
-from lfref.report.drawing import BLUE, GREY, ORANGE, RED, TEAL, calm, new_figure
-from lfref.report.tables import Row
+from lfref.report import drawing, tables, wording
+from lfref.report.drawing import BLUE, ORANGE, RED, calm, new_figure
 
 COLOURS = {"views": BLUE, "truth": ORANGE}
-LINES = (BLUE, TEAL, RED, GREY)
 
 
-def costs_and_distances(costs: Sequence[Row], alphas: Sequence[Row]) -> Figure:
-    """How many times cheaper planning makes each class of scenes, and PSNR against the truth by alpha.
+def costs_and_distances(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
+    """How many times cheaper planning makes each class of scenes, and PSNR against the truth by plane.
 
     Args:
         costs: `scene`, `asked`, `forced_over_planned`.
-        alphas: `method`, `alpha`, `mean_db`, `worst_db`.
+        planes: `method`, `alpha`, `slope`, `mean_db`, `worst_db`; places are slopes where an alpha is missing.
 
     Raises:
         InputError: One of these columns is missing.
     """
     tables.need(costs, "scene", "asked", "forced_over_planned")
-    tables.need(alphas, "method", "alpha", "mean_db", "worst_db")
-    figure = new_figure(10, 1.5 + 0.3 * max(8, len(tables.names(costs, "scene"))))
+    tables.need(planes, "method", "alpha", "slope", "mean_db", "worst_db")
+    figure = new_figure(10, 1.5 + 0.3 * max(8, costs["scene"].nunique()))
     left, right = figure.subplots(1, 2)
     _draw_costs(left, costs)
-    _draw_distances(right, alphas)
+    _draw_distances(right, planes)
     return figure
 
 
-def _draw_costs(axes: Axes, rows: Sequence[Row]) -> None:
-    scenes = tables.names(rows, "scene")[::-1]
+def _draw_costs(axes: Axes, costs: pd.DataFrame) -> None:
+    scenes = costs["scene"].unique().tolist()[::-1]
     axes.set_yticks(range(len(scenes)), scenes)
     for asked, colour in COLOURS.items():
-        kept = [row for row in rows if row["asked"] == asked]
-        places = [scenes.index(row["scene"]) for row in kept]
-        axes.plot([row["forced_over_planned"] for row in kept], places, "o", color=colour, label=asked)
+        kept = costs[costs["asked"] == asked]
+        axes.plot(kept["forced_over_planned"], kept["scene"].map(scenes.index), "o", color=colour, label=asked)
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -49,14 +45,12 @@ def _draw_costs(axes: Axes, rows: Sequence[Row]) -> None:
     axes.legend(frameon=False, fontsize=8)
 
 
-def _draw_distances(axes: Axes, rows: Sequence[Row]) -> None:
-    for method, colour in zip(tables.names(rows, "method"), LINES, strict=False):
-        kept = [row for row in rows if row["method"] == method]
-        alphas = [row["alpha"] for row in kept]
-        axes.plot(alphas, [row["mean_db"] for row in kept], "o-", color=colour, markersize=3, label=f"{method}, mean")
-        axes.plot(
-            alphas, [row["worst_db"] for row in kept], "o:", color=colour, markersize=3, label=f"{method}, worst scene"
-        )
-    calm(axes, wording.heading("alpha"), "PSNR, dB", "Refocused views against the truth")
+def _draw_distances(axes: Axes, planes: pd.DataFrame) -> None:
+    place = "slope" if planes["alpha"].isna().any() else "alpha"
+    for index, (method, kept) in enumerate(planes.groupby("method", sort=False)):
+        style = {"color": drawing.look(index)["color"], "markersize": 3}
+        axes.plot(kept[place], kept["mean_db"], "o-", label=f"{method}, mean", **style)
+        axes.plot(kept[place], kept["worst_db"], "o:", label=f"{method}, worst scene", **style)
+    calm(axes, wording.heading(place), "PSNR, dB", "Refocused views against the truth")
     # Below: lines are all over the place.
     axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))

@@ -3,14 +3,14 @@
 A cell's colour says what became of the trial: right, how far off, no number, or a number where there should be none.
 """
 
-import itertools
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -19,7 +19,6 @@ from matplotlib.patches import Patch
 from lfref.report import tables
 from lfref.report.drawing import BLACK, CYAN, GREY, MAGENTA, ORANGE, PALE, RED, TEAL, new_figure
 from lfref.report.page import Section
-from lfref.report.tables import Row
 
 COLUMNS = ("component", "case", "precision", "formulation", "times_allowed", "outcome", "holds")
 OURS = "lfref"
@@ -41,53 +40,44 @@ CELL, HEADER, NAMES = 0.17, 1.35, 2.4
 """Inches: the side of a cell, the room above the cells, and beside them."""
 
 
-def heat_map(rows: Sequence[Row], title: str = "") -> Figure:
+def heat_map(trials: pd.DataFrame) -> Figure:
     """One panel a component, all with the same cases.
 
     Args:
-        rows: `component, case, precision, formulation, times_allowed, outcome`.
-        title: Above the panels.
+        trials: `component, case, precision, formulation, times_allowed, outcome, holds`.
 
     Raises:
         InputError: One of these columns is missing.
     """
-    tables.need(rows, *COLUMNS)
-    panels, cases = tables.grouped(rows, "component"), tables.names(rows, "case")
-    widths = [len(_columns(members)) for members in panels.values()]
+    tables.need(trials, *COLUMNS)
+    panels, cases = dict(list(trials.groupby("component", sort=False))), trials["case"].unique().tolist()
+    widths = [len(_columns(panel)) for panel in panels.values()]
     figure = new_figure(NAMES + CELL * sum(widths) + 0.3 * len(widths), HEADER + CELL * len(cases) + 0.6)
-    figure.suptitle(title, fontsize=11, x=0.01, ha="left", color=BLACK)
     all_axes = figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0]
-    for axes, ((component,), members) in zip(all_axes, panels.items(), strict=True):
-        _draw_panel(axes, component, members, cases)
+    for axes, (component, panel) in zip(all_axes, panels.items(), strict=True):
+        _draw_panel(axes, component, panel, cases)
     for axes in all_axes[1:]:
         axes.set_yticklabels([])
-    figure.legend(
-        handles=_legend({row["outcome"] for row in rows}),
-        loc="outside lower left",
-        ncols=3,
-        frameon=False,
-        fontsize=8,
-    )
+    handles = _legend(set(trials["outcome"]))
+    figure.legend(handles=handles, loc="outside lower left", ncols=3, frameon=False, fontsize=8)
     return figure
 
 
-def heat_maps(rows: Sequence[Row]) -> dict[str, Figure]:
+def heat_maps(trials: pd.DataFrame) -> dict[str, Figure]:
     """All components, those with the same cases side by side, as many as a picture has room for.
 
     Args:
-        rows: As for `heat_map`.
+        trials: As for `heat_map`.
 
     Returns:
         Figures by caption.
     """
-    tables.need(rows, *COLUMNS)
-    components = tables.grouped((row for row in rows if row["outcome"] != "missing"), "component")
-    panels = {name: _Panel(members) for (name,), members in components.items()}
-    made = {}
-    for names in _pictures(panels):
-        caption = " to ".join(dict.fromkeys((names[0], names[-1])))
-        made[caption] = heat_map([row for name in names for row in panels[name].rows])
-    return made
+    tables.need(trials, *COLUMNS)
+    panels = dict(list(trials[trials["outcome"] != "missing"].groupby("component", sort=False)))
+    return {
+        " to ".join(dict.fromkeys((names[0], names[-1]))): heat_map(pd.concat([panels[name] for name in names]))
+        for names in _pictures(panels)
+    }
 
 
 def goals(folder: Path) -> Section:
@@ -97,10 +87,10 @@ def goals(folder: Path) -> Section:
         folder: Run folder of `lfref bench group=stability`.
     """
     rows = tables.read_table(folder / "goals.csv")
-    kept = sum(row["holds"] == "yes" for row in rows)
+    tables.need(rows, "holds")
     text = (
-        f"{kept} of {len(rows)} goals hold. The usual formulation is measured in the same way where there is one: "
-        "torchmetrics for SSIM, the paper's formula as it stands for the loss."
+        f"{(rows['holds'] == 'yes').sum()} of {len(rows)} goals hold. The usual formulation is measured in the same "
+        "way where there is one: torchmetrics for SSIM, the paper's formula as it stands for the loss."
     )
     return Section("What has to hold", text, tables={"Goals": rows})
 
@@ -111,110 +101,97 @@ def hard_cases(folder: Path) -> Section:
     Args:
         folder: Run folder of `lfref bench group=stability`.
     """
-    rows = tables.read_table(folder / "stability.csv")
+    trials = tables.read_table(folder / "stability.csv")
     text = (
         "Every component on every hard case in every precision, against an oracle in float64. Beyond what is allowed "
         "a cell turns from orange to red; black is NaN or infinity in the value or in the gradient."
     )
     return Section(
-        "Hard cases", text, dict(heat_maps(rows)), {"Trials": counts(rows), "Where ours fails": failures(rows)}
+        "Hard cases", text, dict(heat_maps(trials)), {"Trials": counts(trials), "Where ours fails": failures(trials)}
     )
 
 
-def counts(rows: Sequence[Row]) -> list[Row]:
+def counts(trials: pd.DataFrame) -> pd.DataFrame:
     """How the trials of each component and formulation ended.
 
     Args:
-        rows: As for `heat_map`.
+        trials: As for `heat_map`.
 
     Returns:
-        Rows `component, formulation, trials` and a column for each outcome.
+        Columns `component, formulation, trials` and one for each outcome.
     """
-    tables.need(rows, *COLUMNS)
-    return [
-        {"component": component, "formulation": formulation, "trials": len(members)}
-        | {outcome: sum(row["outcome"] == outcome for row in members) for outcome in OUTCOMES}
-        for (component, formulation), members in tables.grouped(rows, "component", "formulation").items()
-    ]
+    tables.need(trials, *COLUMNS)
+    outcomes = trials.groupby(["component", "formulation"], sort=False)["outcome"]
+    counted = outcomes.value_counts().unstack(fill_value=0).reindex(outcomes.size().index)
+    counted = counted.reindex(columns=[*OUTCOMES], fill_value=0)
+    counted.insert(0, "trials", outcomes.size())
+    return counted.reset_index()
 
 
-def failures(rows: Sequence[Row]) -> list[Row]:
+def failures(trials: pd.DataFrame) -> pd.DataFrame:
     """Our own trials that do not hold; one line that says so if all do.
 
     Args:
-        rows: As for `heat_map`.
+        trials: As for `heat_map`.
     """
-    kept = ("component", "case", "precision", "outcome", "error", "times_allowed", "note")
-    ours = [row for row in rows if row["formulation"] == OURS and row["holds"] != "yes"]
-    return [{column: row.get(column) for column in kept} for row in ours] or [{"component": "none"}]
+    kept = ["component", "case", "precision", "outcome", "error", "times_allowed", "note"]
+    ours = trials[(trials["formulation"] == OURS) & (trials["holds"] != "yes")]
+    return pd.DataFrame({"component": ["none"]}) if ours.empty else ours.reindex(columns=kept)
 
 
-class _Panel(NamedTuple):
-    """One component."""
-
-    rows: list[Row]
-
-    @property
-    def width(self) -> int:
-        """Columns of cells."""
-        return len(_columns(self.rows))
-
-    def has_cases_of(self, other: "_Panel") -> bool:
-        """Whether one of the two has all the cases of the other."""
-        mine, theirs = (set(tables.names(panel.rows, "case")) for panel in (self, other))
-        return mine <= theirs or theirs <= mine
-
-
-def _pictures(panels: Mapping[str, _Panel]) -> Iterator[list[str]]:
+def _pictures(panels: Mapping[str, pd.DataFrame]) -> Iterator[list[str]]:
     """The names of the panels of each picture: the same cases and formulations, at most `WIDEST` columns."""
+    cases = {name: set(panel["case"]) for name, panel in panels.items()}
+    widths = {name: len(_columns(panel)) for name, panel in panels.items()}
     waiting = list(panels)
     while waiting:
-        first = panels[waiting[0]]
-        alike = [name for name in waiting if panels[name].has_cases_of(first) and panels[name].width == first.width]
-        taken = alike[: max(1, WIDEST // first.width)]
+        first = waiting[0]
+        alike = [
+            name
+            for name in waiting
+            if widths[name] == widths[first] and (cases[name] <= cases[first] or cases[first] <= cases[name])
+        ]
+        taken = alike[: max(1, WIDEST // widths[first])]
         waiting = [name for name in waiting if name not in taken]
         yield taken
 
 
-def _columns(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """All precisions of one formulation, then those of the next."""
-    formulations, columns = tables.names(rows, "formulation"), tables.grouped(rows, "formulation", "precision")
-    return sorted(columns, key=lambda column: formulations.index(column[0]))
+def _columns(panel: pd.DataFrame) -> pd.DataFrame:
+    """All formulations and precisions: the precisions of one formulation, then those of the next."""
+    pairs = panel[["formulation", "precision"]].drop_duplicates()
+    order = {name: place for place, name in enumerate(pairs["formulation"].unique())}
+    return pairs.sort_values("formulation", key=lambda names: names.map(order), kind="stable", ignore_index=True)
 
 
-def _draw_panel(axes: Axes, component: str, rows: Sequence[Row], cases: Sequence[str]) -> None:
-    columns = _columns(rows)
+def _draw_panel(axes: Axes, component: str, panel: pd.DataFrame, cases: Sequence[str]) -> None:
+    columns = _columns(panel)
+    places = pd.MultiIndex.from_frame(columns)
     cells = np.ones((len(cases), len(columns), 3))
-    for row in rows:
-        cells[cases.index(row["case"]), columns.index((row["formulation"], row["precision"]))] = _colour(row)
+    for row in panel.itertuples():
+        cells[cases.index(row.case), places.get_loc((row.formulation, row.precision))] = _colour(row)
     axes.imshow(cells, aspect="equal", interpolation="nearest")
     # A column is nearly three letters wide.
     axes.set_title(textwrap.fill(component, round(2.8 * len(columns)) + 2), fontsize=8.5, loc="left", color=BLACK)
     axes.set_yticks(range(len(cases)), cases, fontsize=8)
-    axes.set_xticks(range(len(columns)), [precision for _, precision in columns], rotation=90, fontsize=7)
+    axes.set_xticks(columns.index, columns["precision"], rotation=90, fontsize=7)
     axes.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0, color=GREY)
     axes.set_xticks(np.arange(len(columns) + 1) - 0.5, minor=True)
     axes.set_yticks(np.arange(len(cases) + 1) - 0.5, minor=True)
     axes.grid(which="minor", color="white", linewidth=0.7)
     axes.tick_params(which="minor", length=0)
     axes.spines[:].set_visible(False)
-    _name_formulations(axes, columns)
+    # Each name below its columns, a line between one and the next.
+    for place, name in columns["formulation"].drop_duplicates().items():
+        axes.text(place - 0.4, -0.01, name, fontsize=7.5, va="top", transform=axes.get_xaxis_transform(), color=BLACK)
+        if place:
+            axes.axvline(place - 0.5, color=BLACK, linewidth=1.5)
 
 
-def _name_formulations(axes: Axes, columns: Sequence[tuple[str, str]]) -> None:
-    """Each name below its columns, a line between one and the next."""
-    for formulation, members in itertools.groupby(enumerate(columns), key=lambda pair: pair[1][0]):
-        places = [place for place, _ in members]
-        where = (places[0] - 0.4, -0.01)
-        axes.text(*where, formulation, fontsize=7.5, va="top", transform=axes.get_xaxis_transform(), color=BLACK)
-        if places[0]:
-            axes.axvline(places[0] - 0.5, color=BLACK, linewidth=1.5)
-
-
-def _colour(row: Row) -> tuple[float, float, float]:
-    if row["outcome"] != "inexact":
-        return to_rgb(OUTCOMES[row["outcome"]][0])
-    return _shade(math.log10(max(row["times_allowed"], 1.0)) if tables.is_number(row["times_allowed"]) else WORST)
+def _colour(row: Any) -> tuple[float, float, float]:
+    if row.outcome != "inexact":
+        return to_rgb(OUTCOMES[row.outcome][0])
+    # A miss without a number is as far as can be.
+    return _shade(WORST if math.isnan(row.times_allowed) else math.log10(max(row.times_allowed, 1.0)))
 
 
 def _shade(decades: float) -> tuple[float, float, float]:

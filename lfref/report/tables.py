@@ -1,160 +1,120 @@
-"""Tables of results: CSV files, HTML for the page, and the front of accuracy against time.
+"""Tables of results: pandas' data frames, written as CSV files and read again, and what a table must have.
 
-A table is a list of rows; a row maps column names to numbers, text or None (an empty cell).
+An empty cell is NaN (or None); a column of names stays text even where they look like numbers.
 """
 
-import csv
-import io
-import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from html import escape
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+
+import pandas as pd
 
 from lfref.errors import FileError, InputError
 from lfref.io import atomic
 from lfref.report import wording
 
-Row = Mapping[str, Any]
 
-_INTEGER = re.compile(r"-?(0|[1-9]\d*)")
-_NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d*)?([eE][-+]?\d+)?|-?inf|nan")
-
-
-def write_table(path: str | Path, rows: Sequence[Row]) -> None:
-    """Write rows as a CSV file, all or nothing.
+def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
+    """Write a CSV file, all or nothing.
 
     Args:
         path: File to write; an older one is replaced.
-        rows: At least one row; the columns are all keys in order of appearance. None becomes an empty cell,
-            and so does an empty text.
+        rows: A table with at least one row, or its rows.
 
     Raises:
         InputError: There are no rows.
     """
-    need(rows)
-    columns = columns_of(rows)
-    buffer = io.StringIO(newline="")
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell_text(row.get(column)) for column in columns] for row in rows)
-    atomic.write_text(Path(path), buffer.getvalue())
+    table = pd.DataFrame(rows)
+    need(table)
+    atomic.write_text(Path(path), table.to_csv(index=False, lineterminator="\n"))
 
 
-def read_table(path: str | Path) -> list[dict[str, Any]]:
+def read_table(path: str | Path) -> pd.DataFrame:
     """Read a CSV file with a header line.
 
     Args:
         path: CSV file in UTF-8.
 
     Returns:
-        One dict a line: numbers as int or float, empty cells as None, names and everything else as text.
+        A column is numeric where all its cells are numbers or empty, else text; names always are text.
 
     Raises:
         FileError: The file is missing, empty, no CSV, or has a line of another length than its header.
     """
-    columns, *lines = _lines(Path(path)) or [[]]
-    if not lines:
-        raise FileError("a table must have a header and at least one row", got=f"an empty table in {path}")
-    if len(set(columns)) < len(columns):
-        raise FileError("the columns of a table must have different names", got=f"{', '.join(columns)} in {path}")
-    for number, line in enumerate(lines, start=1):
-        if len(line) != len(columns):
-            raise FileError(
-                f"every row of {path} must have {len(columns)} cells",
-                got=f"{len(line)} in row {number}",
-                remedy="the file was cut off or edited; write it again",
-            )
-    return [{column: _cell(column, text) for column, text in zip(columns, line, strict=True)} for line in lines]
-
-
-def _lines(path: Path) -> list[list[str]]:
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-        return [line for line in csv.reader(io.StringIO(text, newline=""), strict=True) if line]
+        # The Python engine tells a cell that is empty from one that is not there.
+        lines = pd.read_csv(path, header=None, dtype=str, keep_default_na=False, engine="python", encoding="utf-8-sig")
+    except pd.errors.EmptyDataError:
+        lines = pd.DataFrame()
     except OSError as error:
         raise FileError("a table must be a readable CSV file", got=f"{path} ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+    except (UnicodeDecodeError, pd.errors.ParserError) as error:
         raise FileError("a table must be a CSV file in UTF-8", got=f"{path} ({error})") from error
+    if len(lines) < 2:
+        raise FileError("a table must have a header and at least one row", got=f"an empty table in {path}")
+    if lines.isna().any(axis=None) or lines.loc[0].duplicated().any():
+        raise FileError(
+            f"the columns of {path} must have names of their own, and every row a cell for each",
+            got="a name that occurs twice, or a row that ends early",
+            remedy="the file was cut off or edited; write it again",
+        )
+    table = lines.loc[1:].set_axis(lines.loc[0].tolist(), axis=1).reset_index(drop=True)
+    return table.apply(_numbers_or_text)
 
 
-def _cell(column: str, text: str) -> float | int | str | None:
-    if column in wording.TEXT_COLUMNS or not _NUMBER.fullmatch(text):
-        return text or None
-    return int(text) if _INTEGER.fullmatch(text) else float(text)
+def _numbers_or_text(column: pd.Series) -> pd.Series:
+    try:
+        return column.mask(column == "") if wording.is_text(column.name) else pd.to_numeric(column.replace("nan", ""))
+    except ValueError:
+        return column.mask(column == "")
 
 
-def _cell_text(value: Any) -> str:
-    value = value.item() if hasattr(value, "item") else value
-    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
-
-
-def columns_of(rows: Iterable[Row]) -> list[str]:
-    """All column names of these rows, in order of appearance."""
-    return list(dict.fromkeys(column for row in rows for column in row))
-
-
-def need(rows: Sequence[Row], *columns: str) -> None:
+def need(table: pd.DataFrame, *columns: str) -> None:
     """Refuse a table without rows or without one of these columns.
 
     Args:
-        rows: The table.
+        table: The table.
         columns: Names that must occur in it.
 
     Raises:
         InputError: The table has no rows, or lacks a column, which is named.
     """
-    if not rows:
+    if table.empty:
         raise InputError("a table must have at least one row", got="an empty table")
-    present = columns_of(rows)
     for column in columns:
-        if column not in present:
-            raise InputError(f"the table must have a column {column!r}", got=f"columns {', '.join(present)}")
+        if column not in table:
+            raise InputError(f"the table must have a column {column!r}", got=f"columns {', '.join(table)}")
 
 
-def complete(rows: Sequence[Row], *columns: str) -> list[Row]:
-    """The rows that have a number (not empty, not NaN) in each of these columns.
+def complete(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
+    """The rows that have a number in each of these columns.
 
     Raises:
         InputError: The table has no rows, or lacks one of the columns altogether.
     """
-    need(rows, *columns)
-    return [row for row in rows if all(is_number(row.get(column)) for column in columns)]
+    need(table, *columns)
+    numbers = {column: pd.to_numeric(table[column], errors="coerce") for column in columns}
+    return table.assign(**numbers).dropna(subset=[*columns])
 
 
-def some(rows: Sequence[Row], *columns: str) -> list[Row]:
+def some(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
     """Like `complete`, for those who cannot go on without a row.
 
     Raises:
         InputError: No row has a number in each of these columns.
     """
-    kept = complete(rows, *columns)
-    if not kept:
+    kept = complete(table, *columns)
+    if kept.empty:
         raise InputError(
             f"a row of the table must have numbers in {', '.join(map(repr, columns))}", got="none that has"
         )
     return kept
 
 
-def grouped(rows: Iterable[Row], *columns: str) -> dict[tuple[Any, ...], list[Row]]:
-    """Rows with the same values in these columns, under those values, in order of appearance."""
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row.get(column) for column in columns), []).append(row)
-    return groups
-
-
-def names(rows: Iterable[Row], column: str) -> list[Any]:
-    """The different values of this column, in order of appearance."""
-    return list(dict.fromkeys(row.get(column) for row in rows))
-
-
-def front(rows: Sequence[Row], cost: str, gain: str) -> list[Row]:
+def front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
     """The rows that no other row beats: none is at most as dear and at least as good, and better in one of the two.
 
     Args:
-        rows: The table; rows with an empty or NaN cell in either column are left out.
+        table: Rows with an empty cell in either column are left out.
         cost: Column that should be small, such as `median_s`.
         gain: Column that should be large, such as `psnr_db`.
 
@@ -164,46 +124,11 @@ def front(rows: Sequence[Row], cost: str, gain: str) -> list[Row]:
     Raises:
         InputError: The table has no rows, or lacks one of the columns.
     """
-    kept: list[Row] = []
-    for row in sorted(complete(rows, cost, gain), key=lambda row: (row[cost], -row[gain])):
-        twin = bool(kept) and (row[cost], row[gain]) == (kept[-1][cost], kept[-1][gain])
-        if not kept or twin or row[gain] > kept[-1][gain]:
-            kept.append(row)
-    return kept
+    kept = complete(table, cost, gain).sort_values([cost, gain], ascending=[True, False], kind="stable")
+    is_cheapest = kept[cost] == kept.groupby(gain)[cost].transform("min")
+    return kept[is_cheapest & (kept[gain] == kept[gain].cummax())]
 
 
-def to_html(rows: Sequence[Row], columns: Sequence[str] | None = None) -> str:
-    """An HTML table for people: readable headings, numbers to the right with sensible digits.
-
-    Args:
-        rows: The table.
-        columns: Which columns to show, in this order; None for all.
-
-    Returns:
-        A `<table>` element with every text escaped; right-aligned cells have the class `number`.
-
-    Raises:
-        InputError: The table has no rows, or lacks one of the columns.
-    """
-    columns = columns_of(rows) if columns is None else columns
-    need(rows, *columns)
-    kinds = {column: ' class="number"' if _is_numeric(rows, column) else "" for column in columns}
-    head = "".join(f'<th scope="col"{kinds[column]}>{escape(wording.heading(column))}</th>' for column in columns)
-    lines = [
-        "".join(
-            f"<td{kinds[column]}>{escape(wording.cell_for_people(column, row.get(column)))}</td>" for column in columns
-        )
-        for row in rows
-    ]
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
-
-
-def is_number(value: Any) -> bool:
-    """Whether a cell holds a number: not empty, not text, not NaN."""
-    return wording.is_real(value) and not math.isnan(value)
-
-
-def _is_numeric(rows: Sequence[Row], column: str) -> bool:
-    values = [row.get(column) for row in rows if row.get(column) is not None]
-    return column not in wording.TEXT_COLUMNS and bool(values) and all(map(wording.is_real, values))
+def capped(table: pd.DataFrame, column: str) -> pd.DataFrame:
+    """The table with PSNR in that column cut at 100 dB; other columns are left as they are."""
+    return table.assign(**{column: table[column].clip(upper=wording.CAP_DB)}) if column.endswith("psnr_db") else table

@@ -3,59 +3,21 @@
 import math
 import textwrap
 from collections.abc import Callable
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
-# A name stays text even where it looks like a number: light field "0012" is not 12.
-TEXT_COLUMNS = frozenset({"light_field", "method", "reference"})
 CAP_DB = 100.0
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
-
-HEADINGS = {
-    "light_field": "Light field",
-    "method": "Method",
-    "reference": "Reference",
-    "alpha": "\N{GREEK SMALL LETTER ALPHA}",
-    "slope": "Slope (px/view)",
-    "psnr_db": "PSNR (dB)",
-    "ssim": "SSIM",
-    "mpsnr_db": "MPSNR (dB)",
-    "mssim": "MSSIM",
-    "light_fields": "Light fields",
-    "job": "Job",
-    "first_mpsnr_db": "First MPSNR (dB)",
-    "best_mpsnr_db": "Best MPSNR (dB)",
-    "median_s": "Median (s)",
-    "p10_s": "P10 (s)",
-    "p90_s": "P90 (s)",
-    "ratio_to_numpy_fft": "Speed-up over NumPy FFT",
-    "ratio_to_same_in_numpy": "Speed-up over the same in NumPy",
-    "first_call_s": "First call (s)",
-    "input": "Input",
-    "max_error": "Largest error",
-    "extra_bytes": "Extra memory (MB)",
-    "memory_ratio": "Peak / allowed memory",
-    "component": "Component",
-    "case": "Case",
-    "precision": "Precision",
-    "formulation": "Formulation",
-    "outcome": "Outcome",
-    "error": "Error",
-    "times_allowed": "Times what is allowed",
-    "figure": "Figure",
-    "goal": "Goal",
-    "measured": "Measured",
-    "usual": "Usual form",
-    "holds": "Holds",
-    "exponent_pixels": "Exponent in pixels",
-    "exponent_views": "Exponent in views",
-    "exponent_planes": "Exponent in planes",
-}
 
 
 def heading(column: str) -> str:
     """What people read above a column or along an axis."""
-    return HEADINGS.get(column, column)
+    return COLUMNS.get(column, (column, _plain))[0]
+
+
+def is_text(column: object) -> bool:
+    """Whether a column holds names, even where they look like numbers: light field "0012" is not 12."""
+    return COLUMNS.get(str(column), ("", _plain))[1] is str
 
 
 def drawable(name: object, width: int = 28) -> str:
@@ -66,20 +28,16 @@ def drawable(name: object, width: int = 28) -> str:
 
 def cell_for_people(column: str, value: Any) -> str:
     """A cell as people read it: digits that mean something, a dash for nothing, a true minus sign."""
-    if value is None or value == "" or (is_real(value) and math.isnan(value)):
+    is_real = isinstance(value, Real) and not isinstance(value, bool)
+    if value is None or value == "" or (is_real and math.isnan(value)):
         return DASH
-    if not is_real(value) or column in TEXT_COLUMNS:
+    if not is_real or is_text(column):
         return str(value)
-    return _FORMATS.get(column, _plain)(value).replace("-", MINUS).replace("inf", "∞")
-
-
-def is_real(value: Any) -> bool:
-    """Whether a cell holds a number, NaN and infinity among them."""
-    return isinstance(value, Real) and not isinstance(value, bool)
+    return COLUMNS.get(column, ("", _plain))[1](value).replace("-", MINUS).replace("inf", "∞")
 
 
 def _plain(value: float) -> str:
-    whole = isinstance(value, int) or 1e4 <= abs(value) < 1e15
+    whole = isinstance(value, Integral) or 1e4 <= abs(value) < 1e15
     return f"{value:,.0f}" if whole else f"{value:.4g}"
 
 
@@ -95,27 +53,49 @@ def _times(value: float) -> str:
     return f"{_short(value)}\N{MULTIPLICATION SIGN}"
 
 
-_FORMATS: dict[str, Callable[[float], str]] = {
-    "alpha": "{:.3f}".format,
-    "slope": "{:.3f}".format,
-    "psnr_db": _decibel,
-    "mpsnr_db": _decibel,
-    "first_mpsnr_db": _decibel,
-    "best_mpsnr_db": _decibel,
-    "ssim": "{:.4f}".format,
-    "mssim": "{:.4f}".format,
-    "median_s": _short,
-    "p10_s": _short,
-    "p90_s": _short,
-    "first_call_s": _short,
-    "ratio_to_numpy_fft": _times,
-    "ratio_to_same_in_numpy": _times,
-    "max_error": "{:.1e}".format,
-    "extra_bytes": lambda value: _short(value / 1e6),
-    "memory_ratio": "{:.2f}".format,
-    "measured": "{:.3g}".format,
-    "usual": "{:.3g}".format,
-    "exponent_pixels": "{:.2f}".format,
-    "exponent_views": "{:.2f}".format,
-    "exponent_planes": "{:.2f}".format,
+def _megabytes(value: float) -> str:
+    return _short(value / 1e6)
+
+
+COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "light_field": ("Light field", str),
+    "method": ("Method", str),
+    "reference": ("Reference", str),
+    "alpha": ("\N{GREEK SMALL LETTER ALPHA}", "{:.3f}".format),
+    "slope": ("Slope (px/view)", "{:.3f}".format),
+    "psnr_db": ("PSNR (dB)", _decibel),
+    "ssim": ("SSIM", "{:.4f}".format),
+    "mpsnr_db": ("MPSNR (dB)", _decibel),
+    "mssim": ("MSSIM", "{:.4f}".format),
+    "light_fields": ("Light fields", _plain),
+    "job": ("Job", str),
+    "first_mpsnr_db": ("First MPSNR (dB)", _decibel),
+    "best_mpsnr_db": ("Best MPSNR (dB)", _decibel),
+    "median_s": ("Median (s)", _short),
+    "p10_s": ("P10 (s)", _short),
+    "p90_s": ("P90 (s)", _short),
+    "ratio_to_numpy_fft": ("Speed-up over NumPy FFT", _times),
+    "ratio_to_same_in_numpy": ("Speed-up over the same in NumPy", _times),
+    "first_call_s": ("First call (s)", _short),
+    "input": ("Input", str),
+    "max_error": ("Largest error", "{:.1e}".format),
+    "extra_bytes": ("Extra memory (MB)", _megabytes),
+    "memory_ratio": ("Peak / allowed memory", "{:.2f}".format),
+    "scene": ("Scene", str),
+    "component": ("Component", str),
+    "case": ("Case", str),
+    "precision": ("Precision", str),
+    "formulation": ("Formulation", str),
+    "outcome": ("Outcome", str),
+    "error": ("Error", _plain),
+    "times_allowed": ("Times what is allowed", _plain),
+    "figure": ("Figure", str),
+    "goal": ("Goal", str),
+    "measured": ("Measured", "{:.3g}".format),
+    "usual": ("Usual form", "{:.3g}".format),
+    "holds": ("Holds", _plain),
+    "exponent_pixels": ("Exponent in pixels", "{:.2f}".format),
+    "exponent_views": ("Exponent in views", "{:.2f}".format),
+    "exponent_planes": ("Exponent in planes", "{:.2f}".format),
 }
+"""What people read above a column, and how they read its numbers; `str`: it holds names."""

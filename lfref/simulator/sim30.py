@@ -149,13 +149,15 @@ VERSION = hashlib.sha256(repr(SCENES).encode()).hexdigest()[:12]
 """Of the descriptions of all scenes."""
 
 
-def scenes(name: str | None = None) -> Fixed:
+def scenes(name: str | None = None, camera: Camera | None = None) -> Fixed:
     """The thirty scenes, or one of them.
 
     Args:
         name: A key of `SCENES`; None takes all.
+        camera: Looks at them instead of their own, and shows more or less of them.
 
     Raises:
         InputError: There is no such scene.
     """
-    return Fixed(tuple(SCENES.values()) if name is None else (chosen("sim30 scene", name, SCENES),))
+    found = tuple(SCENES.values()) if name is None else (chosen("sim30 scene", name, SCENES),)
+    return Fixed(tuple(dataclasses.replace(scene, camera=camera or scene.camera) for scene in found))

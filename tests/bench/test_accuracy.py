@@ -1,12 +1,13 @@
 """Quality plane by plane: the interior by hand, means by hand, and rows for every pair."""
 
+import pandas as pd
 import pytest
 import torch
 
 from lfref.bench import accuracy
 from lfref.errors import InputError
 from lfref.functional.ssim import ssim
-from lfref.geometry import planes_at_alphas
+from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import coverage
 
 PLANES = planes_at_alphas((0.5, 2.0))  # slopes -1 and 0.5
@@ -58,42 +59,42 @@ def test_stacks_of_another_number_of_planes_are_refused():
         list(accuracy.plane_rows("field", {"short": GREY[:1]}, {"label": GREY}, PLANES))
 
 
+def test_planes_without_alphas_have_an_empty_one():
+    rows = list(accuracy.plane_rows("field", {"a": GREY}, {"b": GREY}, FocalPlanes([-1, 0.5])))
+    assert [(row["alpha"], row["slope"]) for row in rows] == [(None, -1.0), (None, 0.5)]
+
+
 def test_summaries_are_the_means_over_the_planes_of_each_group():
-    def row(field, method, reference, psnr, ssim):
-        return {"light_field": field, "method": method, "reference": reference, "psnr_db": psnr, "ssim": ssim}
-
+    columns = ["light_field", "method", "reference", "psnr_db", "ssim"]
     rows = [
-        row("a", "net", "sum", 30.0, 0.5),
-        row("b", "net", "sum", 10.0, 0.1),
-        row("a", "net", "slice", 20.0, 0.25),
-        row("a", "net", "sum", 40.0, 0.75),
-        row("a", "net", "sum", 80.0, 1.0),
+        ("a", "net", "sum", 30.0, 0.5),
+        ("b", "net", "sum", 10.0, 0.1),
+        ("a", "net", "slice", 20.0, 0.25),
+        ("a", "net", "sum", 40.0, 0.75),
+        ("a", "net", "sum", 80.0, 1.0),
     ]
-    assert accuracy.summaries(rows) == [
-        {"light_field": "a", "method": "net", "reference": "sum", "mpsnr_db": 50.0, "mssim": 0.75},
-        {"light_field": "b", "method": "net", "reference": "sum", "mpsnr_db": 10.0, "mssim": 0.1},
-        {"light_field": "a", "method": "net", "reference": "slice", "mpsnr_db": 20.0, "mssim": 0.25},
+    summary = accuracy.summaries(pd.DataFrame(rows, columns=columns))
+    assert summary.columns.tolist() == ["light_field", "method", "reference", "mpsnr_db", "mssim"]
+    assert summary.to_numpy().tolist() == [
+        ["a", "net", "sum", 50.0, 0.75],
+        ["b", "net", "sum", 10.0, 0.1],
+        ["a", "net", "slice", 20.0, 0.25],
     ]
-    assert accuracy.summaries([]) == []
 
 
-def test_interior_errors_are_the_mean_psnr_and_the_largest_difference():
-    reference = torch.full((2, 3, 16, 16), 0.5)
-    spoiled = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
-    spoiled[..., 0, :] = spoiled[..., -1] = 9
-    psnr_db, largest = accuracy.interior_errors(spoiled, reference, PLANES.slopes, (3, 3))
-    assert psnr_db == pytest.approx(30, abs=1e-3)
-    assert largest == pytest.approx(0.1)
-
-
-def test_only_the_interior_counts_for_interior_quality():
-    slopes = PLANES.slopes
+def test_interior_quality_is_the_mean_over_the_planes_and_the_largest_difference():
     reference = torch.rand(2, 3, 16, 16)
-    spoiled = reference.clone()
-    spoiled[..., 0, :] = spoiled[..., -1] = 9
-    assert accuracy.interior_quality(spoiled, reference, slopes, (3, 3)) == (100, 1)
-    shifted = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
-    quality, similarity = accuracy.interior_quality(shifted, reference, slopes, (3, 3))
-    assert quality == pytest.approx(30, abs=1e-3)
+    spoiled = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
+    spoiled[..., 0, :] = spoiled[..., -1] = 9  # outside of the interior
+    found = accuracy.interior_quality(spoiled, reference, PLANES.slopes, (3, 3), list(accuracy.MEASURES))
     inner = (..., slice(1, -1), slice(1, -1))
-    assert similarity == pytest.approx(float(ssim(shifted[inner], reference[inner]).mean()))
+    assert found == {
+        "psnr_db": pytest.approx(30, abs=1e-3),
+        "ssim": pytest.approx(float(ssim(spoiled[inner], reference[inner]).mean())),
+        "max_error": pytest.approx(0.1),
+    }
+
+
+def test_only_the_measures_asked_for_are_taken():
+    tiny = torch.zeros(2, 3, 4, 4)  # too small for SSIM
+    assert accuracy.interior_quality(tiny, tiny, PLANES.slopes, (1, 1), ["psnr_db"]) == {"psnr_db": 100.0}

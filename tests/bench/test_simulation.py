@@ -84,14 +84,18 @@ def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
     assert found["dark", 1.0] < 25
 
 
-def test_alphas_have_the_mean_and_the_worst_scene():
+@pytest.mark.parametrize("alphas", [(1.0, 2.0), (None, None)])
+def test_planes_have_the_mean_and_the_worst_scene(alphas):
     rows = [
-        {"scene": scene, "method": "sum", "alpha": alpha, "psnr_db": value}
-        for scene, alpha, value in (("a", 1.0, 30.0), ("b", 1.0, 40.0), ("a", 2.0, 50.0), ("b", 2.0, 20.0))
+        {"scene": scene, "method": "sum", "alpha": alphas[plane], "slope": plane / 2, "psnr_db": value}
+        for scene, plane, value in (("a", 0, 30.0), ("b", 0, 40.0), ("a", 1, 50.0), ("b", 1, 20.0))
     ]
-    assert simulation.by_alpha(rows) == [
-        {"method": "sum", "alpha": 1.0, "mean_db": 35.0, "worst_db": 30.0, "worst_scene": "a"},
-        {"method": "sum", "alpha": 2.0, "mean_db": 35.0, "worst_db": 20.0, "worst_scene": "b"},
+    found = simulation.by_plane(rows)
+    assert found.columns.tolist() == ["method", "alpha", "slope", "mean_db", "worst_db", "worst_scene"]
+    assert found["alpha"].isna().all() or tuple(found["alpha"]) == alphas
+    assert found.drop(columns="alpha").to_numpy().tolist() == [
+        ["sum", 0.0, 35.0, 30.0, "a"],
+        ["sum", 0.5, 35.0, 20.0, "b"],
     ]
 
 

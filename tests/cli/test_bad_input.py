@@ -178,7 +178,7 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("bench", "group=operators", "input=[{field},{field}]"), "one light field"),
         (("bench", "group=operators", "input={field}", "scale_repeats=0"), "scale_repeats must be a number"),
         (("bench", "group=operators", "input={field}", "scales.planes=[4]"), "planes must be at least two sizes"),
-        (("train", "data.patch=wide"), "must fit what it describes"),
+        (("train", "data.patch=wide"), "data.patch must be a number"),
         (("train", "net.n_planes=3"), "net.n_planes=16"),
         (
             ("refocus", "input={field}", "reader.views=99"),

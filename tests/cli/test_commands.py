@@ -123,7 +123,7 @@ def test_refocus_warns_when_one_axis_of_views_is_reversed(lfref, trained, tmp_pa
     log = tmp_path / "out" / "refocus.log"
     assert lfref(*words)[0] == 0
     assert "reverse" not in log.read_text()
-    assert lfref(*words, "reader.reverse_v=true")[0] == 0
+    assert lfref(*words, "reader.reverse_v=true", "overwrite=true")[0] == 0
     assert "one axis reversed" in log.read_text()
 
 

@@ -1,6 +1,5 @@
 import inspect
 
-import hydra.utils
 import pytest
 from omegaconf import OmegaConf
 
@@ -28,11 +27,12 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
     # Loggers reach out when they are made; that they can be found is what counts here.
     monkeypatch.setenv("WANDB_MODE", "disabled")
     group, _, name = choice.partition("/")
-    config = composed(
-        "train", f"{group}={name}", "net.widths=[8]", f"data.cache_folder={tmp_path}" if name == "folder" else "seed=1"
-    )
-    if name == "folder":
-        config.data.path = str(tmp_path)
+    needs = {
+        "folder": (f"data.cache_folder={tmp_path}", f"data.path={tmp_path}"),
+        "alphas": ("planes.alphas=[1]",),
+        "slopes": ("planes.slopes=[0]",),
+    }
+    config = composed("train", f"{group}={name}", "net.widths=[8]", *needs.get(name, ()))
     if group == "trainer":
         config.trainer.accelerator, config.trainer.devices = "cpu", 1
     assert configs.build(config[group]) is not None
@@ -90,18 +90,6 @@ def test_the_papers_network_is_the_default(composed):
     assert configs.build(composed("train").net).config == RefNet().config
 
 
-@pytest.mark.parametrize(
-    "target",
-    ["builtins.open", "torch.load", "numpy.load", "pathlib.Path.unlink", "os.system", "lfrefx.evil", "lightning.x"],
-)
-@pytest.mark.parametrize("nested", [False, True])
-def test_targets_outside_the_allowed_list_are_refused(target, nested, monkeypatch):
-    monkeypatch.setattr(hydra.utils, "instantiate", lambda *_, **__: pytest.fail("it was instantiated"))
-    node = {"_target_": target}
-    with pytest.raises(InputError, match="_target_ must begin with"):
-        configs.build(OmegaConf.create({"_target_": "lfref.x", "inner": [node]} if nested else node))
-
-
 def test_a_users_mistake_inside_an_object_comes_out_as_itself(composed):
     with pytest.raises(InputError, match="activation must be one of"):
         configs.build(composed("train", "net.activation=magic").net)
@@ -114,8 +102,10 @@ def test_an_argument_that_does_not_exist_is_one_clear_line(composed):
 
 
 def test_a_missing_value_is_named(composed):
-    with pytest.raises(InputError, match="path"):
-        configs.plain(composed("train", "data=folder"))
+    config = composed("train", "data=folder")
+    for node in (config, config.data):
+        with pytest.raises(InputError, match=r"no data\.path; add data\.path=VALUE"):
+            configs.plain(node)
 
 
 def test_the_fingerprint_ignores_where_output_goes_and_nothing_else(composed):

@@ -76,7 +76,7 @@ def test_only_what_is_asked_for_is_written(lfref, tmp_path):
 
 def test_the_pinhole_picture_and_masks_are_written(lfref, scene_of, tmp_path):
     assert lfref("simulate", "scene=twigs", "outputs=[all_in_focus,masks]", *SMALL, f"output={tmp_path}/out")[0] == 0
-    found = simulate(scene_of("scene=twigs", *SMALL), 0, ["all_in_focus", "masks"])
+    found = simulate(scene_of("scene=twigs", *SMALL).scene(0, 0, 0), 0, ["all_in_focus", "masks"])
     sharp = images.read_image(tmp_path / "out" / "all_in_focus" / "twigs.exr")
     assert torch.equal(torch.from_numpy(sharp).movedim(2, 0), found.all_in_focus)
     with decode.opened(tmp_path / "out" / "masks" / "twigs.exr") as source:
@@ -91,7 +91,7 @@ def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
     assert lfref(*words)[0] == 0
     log = tmp_path / "out" / "simulate.log"
     assert "skipped" not in log.read_text()
-    assert lfref(*words, "explain=true")[0] == 0
+    assert lfref(*words, "explain=true", "overwrite=true")[0] == 0
     lines = [line.split() for line in log.read_text().splitlines()]
     states = {line[0]: line[1] for line in lines if len(line) > 1}
     assert states["mosaic"] == states["noise"] == states["paint"] == "run"
@@ -125,3 +125,15 @@ def test_without_an_output_the_run_folder_is_of_the_command_and_the_time(tmp_pat
     (folder,) = (tmp_path / "runs" / "simulate").iterdir()
     assert {path.name for path in folder.iterdir()} >= ({"0", "1"} if "-m" in words else {"config.yaml", "disparity"})
     assert "Callback" not in said
+
+
+@pytest.mark.parametrize("suffix", ["", ".exr"])
+def test_a_capture_of_a_scenes_name_is_not_replaced(lfref, tmp_path, suffix):
+    capture = tmp_path / "data" / f"plane{suffix}" / ("mycamera_00_00.png" if not suffix else "")
+    capture.parent.mkdir(parents=True)
+    capture.write_bytes(b"mine")
+    words = ("simulate", "scene=plane", "outputs=[views]", f"suffix={suffix}", f"output={tmp_path}/data", *SMALL)
+    code, *said = lfref(*words)
+    assert code != 0
+    assert "replaced" in str(said)
+    assert capture.read_bytes() == b"mine"

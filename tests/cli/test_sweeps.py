@@ -2,8 +2,8 @@ import pytest
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from lfref.cli import arguments, sweeps
 from lfref.cli import config as configs
-from lfref.cli import sweeps
 from lfref.errors import InputError
 
 FOLDER = configs.directory("sweeps")
@@ -17,11 +17,11 @@ def test_the_papers_ablations_are_there():
 def test_a_sweep_becomes_one_override_a_parameter():
     given = ["--multirun", "+sweep=activation", "seed=3"]
     expected = ["--multirun", "net.activation=softplus,relu,leaky_relu,gelu,silu,elu", "seed=3"]
-    assert sweeps.expanded(given, FOLDER) == expected
+    assert arguments.rewritten("train", given) == expected
 
 
 def test_other_arguments_pass_unchanged():
-    assert sweeps.expanded(["experiment=demo", "a=b"], FOLDER) == ["experiment=demo", "a=b"]
+    assert arguments.rewritten("train", ["experiment=demo", "a=b"]) == ["experiment=demo", "a=b"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -42,9 +42,9 @@ def test_hydra_understands_every_override_as_a_choice_sweep(name):
 
 def test_a_sweep_without_multirun_or_by_an_unknown_name_is_refused():
     with pytest.raises(InputError, match="--multirun"):
-        sweeps.expanded(["+sweep=activation"], FOLDER)
+        arguments.rewritten("train", ["+sweep=activation"])
     with pytest.raises(InputError, match="sweep must be one of"):
-        sweeps.expanded(["-m", "+sweep=magic"], FOLDER)
+        arguments.rewritten("train", ["-m", "+sweep=magic"])
 
 
 @pytest.mark.parametrize("text", ["a: [", "parameters: 3", "parameters: {a: {}}", ""])

@@ -2,9 +2,12 @@
 
 import pytest
 
+from lfref.cli import train as command
 from lfref.cli.train import _trainer
 from lfref.train.callbacks import StackPictures
 from lfref.train.guard import BestCheckpoint, StepGuard
+from lfref.train.module import Refocusing
+from tests.cli.conftest import TINY
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -25,3 +28,19 @@ def test_a_callback_that_is_null_is_left_out(composed):
     trainer = _trainer(composed("train", "callbacks.pictures=null", "callbacks.guard=null"))
     assert not callbacks(trainer, (StackPictures, StepGuard))
     assert callbacks(trainer, BestCheckpoint)
+
+
+@pytest.mark.parametrize(("epoch", "told"), [(0, "no epoch was finished"), (1, "go on by lfref train resume={}")])
+def test_a_fit_that_is_stopped_names_the_last_checkpoint(composed, tmp_path, monkeypatch, epoch, told):
+    def stop(self):
+        if self.trainer.current_epoch == epoch:
+            raise SystemExit(143)
+
+    monkeypatch.setattr(Refocusing, "on_train_epoch_start", stop)
+    last = tmp_path / "checkpoints" / "last.ckpt"
+    with pytest.raises(SystemExit) as stopped:
+        command.train(composed("train", *TINY, "trainer.max_epochs=2"), tmp_path)
+    assert stopped.value.code == 143
+    (note,) = stopped.value.__notes__
+    assert note == "; ".join([f"the last checkpoint is {last}"] * last.exists() + [told.format(tmp_path)])
+    assert last.exists() == (epoch == 1)

@@ -104,7 +104,7 @@ def test_workers_render_the_labels_that_the_training_process_would():
 @pytest.mark.parametrize("options", [{"fields_per_batch": 0}, {"workers": -1}])
 def test_batches_that_cannot_be_are_refused(options):
     with pytest.raises(
-        InputError, match="patch, patches_per_field and fields_per_batch must be >= 1, workers and seed >= 0"
+        InputError, match="patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0"
     ):
         simulated(**options)
 

@@ -87,6 +87,14 @@ def test_what_is_no_run_is_one_clear_error(folder, path, error, message):
         Run.of(folder.parent / path)
 
 
+def test_the_best_checkpoint_is_the_last_where_there_is_no_other(folder):
+    (folder / "checkpoints" / "last.ckpt").rename(folder / "checkpoints" / "best.ckpt")
+    assert Run.of(folder).last == folder / "checkpoints" / "best.ckpt"
+    (folder / "checkpoints" / "best.ckpt").unlink()
+    with pytest.raises(CheckpointError, match=r"run my run must have checkpoints/last\.ckpt; got none"):
+        _ = Run.of(folder).last
+
+
 def test_what_is_missing_in_a_run_is_named(folder):
     run = Run.of(folder)
     with pytest.raises(CheckpointError, match=r"run my run must have checkpoints/best\.ckpt; got last\.ckpt"):

@@ -1,7 +1,5 @@
 """Trained networks as refocusers: their own planes and grid only, no gradients, nothing silently wrong."""
 
-from pathlib import Path
-
 import pytest
 import torch
 
@@ -94,14 +92,11 @@ def test_no_path_says_that_no_model_ships_and_a_missing_one_is_one_line(tmp_path
         networks.load(tmp_path / "none.ckpt")
 
 
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [
-        ("outputs/train/2026-11-21/checkpoints/best.ckpt", "2026-11-21"),
-        ("run/checkpoints/last.ckpt", "run"),
-        ("models/paper.ckpt", "paper"),
-        ("checkpoints.ckpt", "checkpoints"),
-    ],
-)
-def test_the_run_of_a_checkpoint(path, name):
-    assert networks.run_name(Path(path)) == name
+def test_a_run_folder_stands_for_its_best_checkpoint(network, tmp_path):
+    run = tmp_path / "my_run"
+    checkpoint.save(run / "checkpoints" / "best.ckpt", network, PLANES)
+    (run / "config.yaml").write_text("{}\n")
+    assert networks.load(run).name == "my_run"
+    (run / "checkpoints" / "best.ckpt").unlink()
+    with pytest.raises(CheckpointError, match=r"run my_run must have checkpoints/best\.ckpt; got none"):
+        networks.load(run)

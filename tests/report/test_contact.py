@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
+from lfref import geometry
 from lfref.errors import InputError
-from lfref.geometry import planes_at_alphas
 from lfref.report import contact
 
 PICTURE = torch.rand(3, 4, 6)
@@ -24,12 +24,13 @@ def test_the_central_view_and_those_in_the_corners_are_shown():
 
 
 @pytest.mark.parametrize(("n_planes", "shown"), [(1, [0]), (3, [0, 1, 2]), (16, [0, 3, 6, 9, 12, 15])])
-def test_planes_from_the_first_to_the_last_are_shown_by_alpha_and_slope(n_planes, shown):
-    planes = planes_at_alphas(tuple((n + 1) / 8 for n in range(n_planes)))
+def test_planes_from_the_first_to_the_last_are_shown_as_they_were_written(n_planes, shown):
+    planes = geometry.planes_at_alphas((n + 1) / 8 for n in range(n_planes))
     stack = torch.arange(float(n_planes))[:, None, None, None].expand(-1, 3, 4, 6)
     cells = contact.plane_cells(stack, planes)
     assert [float(plane[0, 0, 0]) for plane in cells.values()] == shown
-    assert next(iter(cells)) == "alpha 0.125, slope -7"
+    assert next(iter(cells)) == "alpha 0.125"
+    assert list(contact.plane_cells(stack[:1], geometry.FocalPlanes([-7]))) == ["slope -7"]
 
 
 def test_pictures_are_clipped_and_maps_come_with_a_bar_of_their_colours():

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from lfref.errors import InputError
@@ -14,12 +15,14 @@ def cost_rows():
         times = {"median_s": seconds, "p10_s": 0.9 * seconds, "p90_s": 1.25 * seconds}
         return {"method": method, "input": kind, "ratio_to_numpy_fft": 2 / seconds, "memory_ratio": memory} | times
 
-    return [
-        row("numpy_fft_4d", "float32", 2.0, None),
-        row("slow $x$", "float32", 4.0, 1.5),
-        row("fast", "float32", 0.1, 0.6),
-        row("fast", "uint8", 0.2, 0.3),
-    ]
+    return pd.DataFrame(
+        [
+            row("numpy_fft_4d", "float32", 2.0, None),
+            row("slow $x$", "float32", 4.0, 1.5),
+            row("fast", "float32", 0.1, 0.6),
+            row("fast", "uint8", 0.2, 0.3),
+        ]
+    )
 
 
 def growth_rows(powers):
@@ -29,17 +32,17 @@ def growth_rows(powers):
         for n in (32, 4, 8)
     ]
     fitted = [{"method": method, "axis": axis, "exponent": power} for (method, axis), power in powers.items()]
-    return rows, fitted
+    return pd.DataFrame(rows), pd.DataFrame(fitted)
 
 
 def test_the_fastest_method_is_at_the_top():
     speed, memory = costs.operator_costs(cost_rows()).axes
     labels = [label.get_text() for label in speed.get_yticklabels()]
     assert labels == [r"slow \$x\$", "numpy_fft_4d", "fast (uint8)", "fast"]
-    points = [line for line in speed.get_lines() if line.get_marker() == "o"]
-    assert [(point.get_xdata()[0], point.get_ydata()[0]) for point in points] == [(0.5, 0), (1, 1), (10, 2), (20, 3)]
-    whiskers = [line for line in speed.get_lines() if line.get_color() == drawing.BLUE and line not in points]
-    assert whiskers[-1].get_xdata() == pytest.approx([20 / 1.25, 20 / 0.9])
+    (points,) = (line for line in speed.get_lines() if line.get_marker() == "o")
+    assert list(zip(*points.get_data(), strict=True)) == [(0.5, 0), (1, 1), (10, 2), (20, 3)]
+    (whiskers,) = speed.collections
+    np.testing.assert_allclose(whiskers.get_segments()[-1], [[20 / 1.25, 3], [20 / 0.9, 3]])
     assert [bar.get_width() for bar in memory.patches] == [1.5, 0.3, 0.6]
 
 
@@ -65,15 +68,14 @@ def test_the_fitted_power_runs_through_the_points_it_was_fitted_to():
 
 
 def test_what_has_no_time_is_not_drawn():
-    rows = [*cost_rows(), cost_rows()[2] | {"method": "untimed", "median_s": math.nan}]
+    rows = pd.concat([cost_rows(), cost_rows()[2:3].assign(method="untimed", median_s=math.nan)])
     assert len(costs.operator_costs(rows).axes[0].get_yticks()) == 4
 
 
 @pytest.mark.parametrize("column", ["method", "input", "median_s", "ratio_to_numpy_fft", "memory_ratio"])
 def test_a_missing_column_is_named(column):
-    rows = [{key: value for key, value in row.items() if key != column} for row in cost_rows()]
     with pytest.raises(InputError, match=f"'{column}'"):
-        costs.operator_costs(rows)
+        costs.operator_costs(cost_rows().drop(columns=column))
 
 
 def test_both_figures_can_be_saved(tmp_path):

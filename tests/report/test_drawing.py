@@ -17,6 +17,8 @@ def test_a_figure_that_cannot_be_saved_leaves_the_old_file(tmp_path):
         drawing.save_figure(drawing.new_figure(1, 1), tmp_path)
 
 
-def test_capped_rows_keep_everything_but_the_excess():
-    rows = [{"method": "a", "psnr_db": float("inf")}, {"method": "b", "psnr_db": 31.0}]
-    assert drawing.capped(rows, "psnr_db") == [{"method": "a", "psnr_db": 100.0}, {"method": "b", "psnr_db": 31.0}]
+def test_series_differ_by_colour_and_marker_and_all_markers_come_before_one_comes_again():
+    looks = [drawing.look(index) for index in range(len(drawing.MARKERS) + 1)]
+    assert [look["color"] for look in looks[:9]] == [*drawing.COLOURS, drawing.BLUE]
+    assert looks[0]["marker"] == looks[-1]["marker"]
+    assert len({(look["color"], look["marker"]) for look in looks}) == len(looks)

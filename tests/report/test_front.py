@@ -2,6 +2,7 @@ import itertools
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.text import Text
 
@@ -10,7 +11,7 @@ from lfref.report import drawing, front
 
 
 def bench(n=12):
-    return [
+    return pd.DataFrame(
         {
             "method": f"method_{index} with a rather long name",
             "median_s": 0.1 * (1 + 0.04 * index),
@@ -19,7 +20,7 @@ def bench(n=12):
             "psnr_db": 31 + 0.2 * (index % 4),
         }
         for index in range(n)
-    ]
+    )
 
 
 def points(line):
@@ -27,8 +28,7 @@ def points(line):
 
 
 def test_the_empty_stretch_below_the_cap_is_folded():
-    rows = [{**row, "psnr_db": psnr} for row, psnr in zip(bench(3), [30.0, 40.0, 100.0], strict=True)]
-    axes = front.accuracy_time(rows).axes[0]
+    axes = front.accuracy_time(bench(3).assign(psnr_db=[30.0, 40.0, 100.0])).axes[0]
     low, high, cap = (axes.transData.transform((0.1, psnr))[1] for psnr in (30.0, 40.0, 100.0))
     assert 0 < cap - high < high - low
     there = axes.yaxis.get_transform()
@@ -37,10 +37,10 @@ def test_the_empty_stretch_below_the_cap_is_folded():
 
 
 def test_accuracy_time_draws_every_row_and_the_front_as_steps():
-    rows = [
-        {"method": name, "median_s": seconds, "psnr_db": psnr}
-        for name, seconds, psnr in [("a", 0.1, 30.0), ("b", 0.2, 28.0), ("c", 0.4, 45.0), ("d", 1.0, math.nan)]
-    ]
+    rows = pd.DataFrame(
+        [("a", 0.1, 30.0), ("b", 0.2, 28.0), ("c", 0.4, 45.0), ("d", 1.0, math.nan), ("e", math.inf, 50.0)],
+        columns=["method", "median_s", "psnr_db"],
+    )
     axes = front.accuracy_time(rows, fft_seconds=1.5).axes[0]
     steps, *marks, landmark = axes.get_lines()
     assert points(steps) == [(0.1, 30.0), (0.4, 30.0), (0.4, 45.0)]
@@ -71,12 +71,11 @@ def test_twelve_crowded_labels_overlap_neither_each_other_nor_points(seconds):
 
 @pytest.mark.parametrize("column", ["method", "median_s", "psnr_db"])
 def test_a_missing_bench_column_is_named(column):
-    rows = [{key: value for key, value in row.items() if key != column} for row in bench(2)]
     with pytest.raises(InputError, match=f"'{column}'"):
-        front.accuracy_time(rows)
+        front.accuracy_time(bench(2).drop(columns=column))
 
 
 def test_an_odd_name_alone_is_drawn(tmp_path):
-    figure = front.accuracy_time([{"method": "_private $x$ $", "median_s": 2e-6, "psnr_db": 100.0}], 5.0)
+    figure = front.accuracy_time(pd.DataFrame([{"method": "_private $x$ $", "median_s": 2e-6, "psnr_db": 100.0}]), 5.0)
     drawing.save_figure(figure, tmp_path / "odd.png")
     assert (tmp_path / "odd.png").read_bytes().startswith(b"\x89PNG")

@@ -4,10 +4,11 @@ import base64
 import re
 from html.parser import HTMLParser
 
+import pandas as pd
 import pytest
 
 from lfref.errors import FileError, InputError
-from lfref.report import drawing, page
+from lfref.report import drawing, page, wording
 from lfref.report.page import Section
 
 EMPTY_TAGS = {"meta", "img"}
@@ -69,12 +70,12 @@ def test_the_page_asks_for_nothing_from_outside(tmp_path, figure):
     assert "url(" not in text
     assert "@import" not in text
     assert "default-src 'none'" in text
-    assert "$" not in text
+    assert "{{" not in text
 
 
 def test_all_text_is_escaped(tmp_path, figure):
-    evil = "<script>alert('&')</script> $title"
-    section = Section(evil, evil, {evil: figure}, {evil: [{evil: evil}]})
+    evil = "<script>alert('&')</script> {{ title }} $title"
+    section = Section(evil, evil, {evil: figure}, {evil: pd.DataFrame([{evil: evil}])}, problem=evil)
     text = written(tmp_path, [section] * 4, {evil: evil}, title=evil)
     outline = Outline(text)
     assert not outline.all("script")
@@ -84,12 +85,27 @@ def test_all_text_is_escaped(tmp_path, figure):
 
 
 def test_paragraphs_facts_and_tables_are_there(tmp_path):
-    section = Section("Part", "one\nline\n\ntwo\n\n\n", tables={"All": [{"method": "a", "psnr_db": 31.256}]})
+    section = Section(
+        "Part", "one\nline\n\ntwo\n\n\n", tables={"All": pd.DataFrame([{"method": "a", "psnr_db": 31.256}])}
+    )
     texts = Outline(written(tmp_path, [section], {"Parameters": 12500768, "MPSNR": "31 dB", "Seed": 0})).texts
     assert texts["p"] == ["one\nline", "two"]
     assert texts["dt"] == ["Parameters", "MPSNR", "Seed"]
     assert texts["dd"] == ["12,500,768", "31 dB", "0"]
     assert texts["td"] == ["a", "31.26"]
+
+
+def test_tables_have_readable_headings_and_numbers_to_the_right(tmp_path):
+    rows = pd.DataFrame(
+        {"method": ["<b>&'", "0012", None], "psnr_db": [31.256, 100.0, None], "flag": [True, False, True]}
+    )
+    outline = Outline(written(tmp_path, [Section("Part", tables={"": rows})]))
+    assert outline.texts["th"] == ["Method", "PSNR (dB)", "flag"]
+    assert outline.all("th") == [{"scope": "col"}, {"scope": "col", "class": "number"}, {"scope": "col"}]
+    dash = wording.DASH
+    assert outline.texts["td"] == ["<b>&'", "31.26", "True", "0012", "≥ 100", "False", dash, dash, "True"]
+    assert outline.all("td") == [{}, {"class": "number"}, {}] * 3
+    assert not outline.all("figcaption")
 
 
 @pytest.mark.parametrize(("n_sections", "links"), [(0, 0), (3, 0), (4, 4)])
@@ -119,4 +135,4 @@ def test_a_picture_that_is_no_png_is_refused_and_leaves_no_page(tmp_path, conten
 
 def test_an_empty_table_is_refused(tmp_path):
     with pytest.raises(InputError, match="at least one row"):
-        written(tmp_path, [Section("Part", tables={"none": []})])
+        written(tmp_path, [Section("Part", tables={"none": pd.DataFrame()})])

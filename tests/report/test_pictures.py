@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from lfref import geometry
 from lfref.errors import InputError
+from lfref.geometry import FocalPlanes
 from lfref.report import drawing, pictures
 
-ALPHAS = [0.125 * index for index in range(1, 17)]
+PAPER = geometry.planes_at_alphas(index / 8 for index in range(1, 17))
 H, W = 6, 8
-ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
 
 def stack(n=16, channels=3, gain=1.0):
@@ -34,8 +35,8 @@ def test_display_is_gain_then_clip_then_gamma():
     assert shown[0, :, 1] == pytest.approx([0.2 ** (1 / 2.2), 0.8 ** (1 / 2.2), 1.0], rel=1e-5)
 
 
-def test_display_takes_arrays_half_floats_and_gradients_and_shows_nan_black():
-    image = np.full((3, 2, 2), np.nan)
+def test_display_takes_half_floats_and_gradients_and_shows_nan_black():
+    image = torch.full((3, 2, 2), torch.nan)
     image[:, 0, 0] = 0.5
     assert pictures.for_display(image).tolist() == [[[0.5] * 3, [0.0] * 3], [[0.0] * 3] * 2]
     half = torch.full((1, 2, 2), 0.5, dtype=torch.bfloat16, requires_grad=True)
@@ -49,24 +50,31 @@ def test_other_shapes_are_refused(shape):
 
 
 @pytest.mark.parametrize(
-    ("alphas", "wanted", "planes"),
+    ("planes", "shown"),
     [
-        (ALPHAS, (0.125, 1.0, 2.0), [0, 7, 15]),
-        ([0.5, 0.9, 1.4], (0.125, 1.0, 2.0), [0, 1, 2]),
-        ([1.0], (0.125, 1.0, 2.0), [0]),
-        ([2.0, 0.4], (0.125, 1.0, 2.0), [1, 0]),
+        (PAPER, [0, 7, 15]),
+        (geometry.planes_at_alphas([0.5, 0.9, 1.4]), [0, 1, 2]),
+        (geometry.planes_at_alphas([2.0, 0.4]), [1, 0]),
+        (FocalPlanes([3.0, 0.2, -2.0, 1.0]), [2, 1, 0]),
+        (FocalPlanes([1.0]), [0]),
     ],
 )
-def test_the_nearest_plane_is_taken_and_only_once(alphas, wanted, planes):
-    assert pictures.nearest_planes(alphas, wanted) == planes
+def test_the_ends_and_the_plane_nearest_to_slope_0_are_shown_and_each_only_once(planes, shown):
+    assert pictures.ends_and_middle(planes) == shown
 
 
-def test_comparison_shows_the_nearest_planes_with_the_mean_in_the_middle():
-    alphas = [0.2, 0.9, 1.1, 1.9]
-    stacks = {name: stack(4) for name in ("first", "second", "third", "fourth")}
-    figure = pictures.comparison(stacks, alphas, torch.full((3, H, W), 0.09))
+@pytest.mark.parametrize(
+    ("planes", "titles"),
+    [
+        (geometry.planes_at_alphas([0.2, 0.9, 1.9]), ["alpha 0.2", "alpha 0.9", "alpha 1.9"]),
+        (FocalPlanes([-4, 0.1, 0.5]), ["slope -4", "slope 0.1", "slope 0.5"]),
+    ],
+)
+def test_comparison_shows_three_planes_with_the_mean_in_the_middle(planes, titles):
+    stacks = {name: stack(3) * 10 for name in ("first", "second", "third", "fourth")}
+    figure = pictures.comparison(stacks, planes, torch.full((3, H, W), 0.09))
     shown = images(figure)
-    row = [(f"{ALPHA} = 0.2", 0.0), (f"{ALPHA} = 0.9", 0.1), (f"{ALPHA} = 1.9", 0.3)]
+    row = list(zip(titles, (0.0, 1.0, 1.0), strict=True))
     expected = [*row, *row, ("mean of all views, not refocused", 0.9), *row, *row]
     assert [title for title, _ in shown] == [title for title, _ in expected]
     assert [float(array.max()) for _, array in shown] == pytest.approx([value for _, value in expected])
@@ -74,42 +82,35 @@ def test_comparison_shows_the_nearest_planes_with_the_mean_in_the_middle():
 
 
 def test_a_brighter_method_stays_brighter():
-    mean = torch.full((1, H, W), 0.09)
-    shown = images(pictures.comparison({"a": stack(), "b": stack(gain=0.5)}, ALPHAS, mean, shown=[1.0]))
+    mean, planes = torch.full((1, H, W), 0.09), FocalPlanes([0.0])
+    shown = images(pictures.comparison({"a": stack(8)[7:], "b": stack(8, gain=0.5)[7:]}, planes, mean))
     (_, a), (_, middle), (_, b) = shown
     assert (a.mean(), middle.mean(), b.mean()) == pytest.approx((0.7, 0.9, 0.35), rel=1e-5)
 
 
 def test_one_method_stands_above_the_mean():
-    figure = pictures.comparison({"only": stack()}, ALPHAS, torch.full((3, H, W), 0.09), shown=[1.0])
-    assert [title for title, _ in images(figure)] == [f"{ALPHA} = 1", "mean of all views, not refocused"]
+    figure = pictures.comparison({"only": stack(1)}, FocalPlanes([0.5]), torch.full((3, H, W), 0.09))
+    assert [title for title, _ in images(figure)] == ["slope 0.5", "mean of all views, not refocused"]
 
 
-def test_a_stack_that_does_not_fit_the_alphas_is_named():
+def test_a_stack_that_does_not_fit_the_planes_is_named():
     with pytest.raises(InputError, match=r"'net'.*N = 16"):
-        pictures.comparison({"net": stack(4)}, ALPHAS, torch.zeros(3, H, W))
+        pictures.comparison({"net": stack(4)}, PAPER, torch.zeros(3, H, W))
     with pytest.raises(InputError, match="at least one method"):
-        pictures.comparison({}, ALPHAS, torch.zeros(3, H, W))
+        pictures.comparison({}, PAPER, torch.zeros(3, H, W))
 
 
 def test_the_contact_sheet_shows_every_plane_with_its_label(tmp_path):
-    figure = pictures.contact_sheet(stack(6, channels=1), ["near", *ALPHAS[1:6]], exposure=2.0)
+    figure = pictures.contact_sheet(stack(6, channels=1), ["near $x$", *PAPER.labels[1:6]], exposure=2.0)
     titles, arrays = zip(*images(figure), strict=True)
-    assert titles == (
-        "near",
-        f"{ALPHA} = 0.25",
-        f"{ALPHA} = 0.375",
-        f"{ALPHA} = 0.5",
-        f"{ALPHA} = 0.625",
-        f"{ALPHA} = 0.75",
-    )
+    assert titles == (r"near \$x\$", "alpha 0.25", "alpha 0.375", "alpha 0.5", "alpha 0.625", "alpha 0.75")
     assert [float(array.max()) for array in arrays] == pytest.approx([index / 50 for index in range(6)])
     assert len(figure.axes) == 8
     drawing.save_figure(figure, tmp_path / "sheet.png")
 
 
 def test_the_contact_sheet_takes_one_exposure_from_the_mean_of_its_planes():
-    arrays = [array for _, array in images(pictures.contact_sheet(stack(3), [1, 2, 3]))]
+    arrays = [array for _, array in images(pictures.contact_sheet(stack(3), ["a", "b", "c"]))]
     assert [float(array.max()) for array in arrays] == pytest.approx([0.0, 0.9, 1.0])
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import pandas as pd
 import pytest
 from matplotlib.text import Annotation
 
@@ -17,22 +18,14 @@ def metrics():
         {"step": step, "val/mpsnr": mpsnr, "val/mssim": mssim}
         for step, mpsnr, mssim in [(1, 20.0, 0.5), (2, 33.5, 0.9), (4, 32.25, 0.8)]
     ]
-    return train + validation
+    return pd.DataFrame(train + validation)
 
 
 def planes(method, reference, light_field="a", lift=0.0):
-    return [
-        {
-            "light_field": light_field,
-            "method": method,
-            "reference": reference,
-            "alpha": alpha,
-            "slope": 1 - 1 / alpha,
-            "psnr_db": 30 + alpha + lift,
-            "ssim": 0.9 + alpha / 100,
-        }
-        for alpha in ALPHAS
-    ]
+    alphas = pd.Series(ALPHAS)
+    names = {"light_field": light_field, "method": method, "reference": reference}
+    values = {"psnr_db": 30 + alphas + lift, "ssim": 0.9 + alphas / 100}
+    return pd.DataFrame({**names, "alpha": alphas, "slope": 1 - 1 / alphas, **values})
 
 
 def points(line):
@@ -61,22 +54,32 @@ def test_the_rise_above_the_first_validation_is_marked():
 
 
 def test_a_single_validation_has_no_arrow(tmp_path):
-    rows = [row for row in metrics() if row["step"] < 2]
-    figure = plots.training_curves(rows)
+    figure = plots.training_curves(metrics().query("step < 2"))
     assert not [child for child in figure.axes[1].get_children() if isinstance(child, Annotation)]
     drawing.save_figure(figure, tmp_path / "one.png")
 
 
-@pytest.mark.parametrize("column", ["step", "train/loss", "val/mpsnr", "val/mssim"])
+def test_a_run_too_short_for_training_losses_shows_those_of_validation():
+    short = metrics()[5:].drop(columns=["train/loss", "train/l1"]).assign(**{"val/loss": [3.0, 2.0, 1.0]})
+    loss, mpsnr, _ = plots.training_curves(short).axes
+    assert [points(line) for line in loss.get_lines()] == [[(1, 3.0), (2, 2.0), (4, 1.0)]]
+    assert len(mpsnr.get_lines()[0].get_xdata()) == 3
+
+
+def test_a_run_without_any_loss_is_refused():
+    with pytest.raises(InputError, match="must have logged a loss"):
+        plots.training_curves(metrics()[["step", "val/mpsnr", "val/mssim"]])
+
+
+@pytest.mark.parametrize("column", ["step", "val/mpsnr", "val/mssim"])
 def test_a_missing_training_column_is_named(column):
-    rows = [{key: value for key, value in row.items() if key != column} for row in metrics()]
     with pytest.raises(InputError, match=f"'{column}'"):
-        plots.training_curves(rows)
+        plots.training_curves(metrics().drop(columns=column))
 
 
 def test_quality_is_the_mean_over_light_fields():
-    rows = planes("net", "shift_and_sum") + planes("net", "shift_and_sum", "b", lift=2.0)
-    rows += planes("net", "fourier_slice", lift=-5.0)
+    fields = planes("net", "shift_and_sum"), planes("net", "shift_and_sum", "b", lift=2.0)
+    rows = pd.concat([*fields, planes("net", "fourier_slice", lift=-5.0)])
     psnr, ssim = plots.quality_by_plane(rows).axes
     assert points(named(psnr, "against shift_and_sum")) == [(alpha, 31 + alpha) for alpha in ALPHAS]
     assert points(named(psnr, "against fourier_slice")) == [(alpha, 25 + alpha) for alpha in ALPHAS]
@@ -84,18 +87,25 @@ def test_quality_is_the_mean_over_light_fields():
 
 
 def test_quality_leaves_nan_out_and_shows_slopes_above():
-    rows = [*planes("net", "a"), {**planes("net", "a")[0], "psnr_db": math.nan}]
+    rows = pd.concat([planes("net", "a"), planes("net", "a")[:1].assign(psnr_db=math.nan)])
     axes = plots.quality_by_plane(rows).axes[0]
     assert points(axes.get_lines()[0]) == [(alpha, 30 + alpha) for alpha in ALPHAS]
     ticks = {tick.get_position()[0]: tick.get_text() for tick in axes.child_axes[0].get_xticklabels()}
     assert ticks == {0.125: "\N{MINUS SIGN}7.00", 0.5: "\N{MINUS SIGN}1.00", 1.0: "0.00", 2.0: "0.50"}
 
 
+def test_planes_without_alphas_lie_at_their_slopes():
+    rows = pd.concat([planes("net", "a").assign(alpha=None), planes("net", "b")])
+    psnr, _ = plots.quality_by_plane(rows).axes
+    assert points(named(psnr, "against a")) == [(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]
+    assert psnr.get_xlabel() == "Slope (px/view)"
+    assert not psnr.child_axes
+
+
 @pytest.mark.parametrize("column", ["method", "reference", "alpha", "slope", "psnr_db", "ssim"])
 def test_a_missing_quality_column_is_named(column):
-    rows = [{key: value for key, value in row.items() if key != column} for row in planes("net", "a")]
     with pytest.raises(InputError, match=f"'{column}'"):
-        plots.quality_by_plane(rows)
+        plots.quality_by_plane(planes("net", "a").drop(columns=column))
 
 
 def test_scatter_has_a_point_per_light_field_coloured_by_reference_shaped_by_method():
@@ -105,7 +115,7 @@ def test_scatter_has_a_point_per_light_field_coloured_by_reference_shaped_by_met
         for reference in ("shift_and_sum", "fourier_slice")
         for index in range(3)
     ]
-    lines = plots.scatter(rows).axes[0].get_lines()
+    lines = plots.scatter(pd.DataFrame(rows)).axes[0].get_lines()
     assert [list(line.get_xdata()) for line in lines] == [[0.8, 0.81, 0.8 + 0.02]] * 4
     assert [list(line.get_ydata()) for line in lines] == [[20.0, 21.0, 22.0]] * 4
     assert [line.get_color() for line in lines] == [drawing.BLUE, drawing.RED] * 2
@@ -118,7 +128,7 @@ def test_infinite_mpsnr_is_drawn_at_the_cap():
         {"method": "net", "reference": "shift_and_sum", "mpsnr_db": mpsnr, "mssim": 0.9}
         for mpsnr in (25.0, 31.0, math.inf)
     ]
-    axes = plots.scatter(rows).axes[0]
+    axes = plots.scatter(pd.DataFrame(rows)).axes[0]
     assert list(axes.get_lines()[0].get_ydata()) == [25.0, 31.0, 100.0]
     assert axes.get_yticklabels()[-1].get_text() == "≥ 100"
 
@@ -126,7 +136,7 @@ def test_infinite_mpsnr_is_drawn_at_the_cap():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: plots.scatter([{"method": "_a", "reference": None, "mpsnr_db": 20.0, "mssim": 0.5}]),
+        lambda: plots.scatter(pd.DataFrame([{"method": "_a", "reference": None, "mpsnr_db": 20.0, "mssim": 0.5}])),
         lambda: plots.quality_by_plane(planes("_$a$" * 30, "r")[:1]),
     ],
 )

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lfref.errors import FileError, LfrefError
-from lfref.report import drawing, front, page, sections, tables
+from lfref.errors import FileError
+from lfref.report import drawing, page, sections, tables
 
 ALPHAS = (0.125, 1.0, 2.0)
 
@@ -111,12 +111,11 @@ def test_a_training_run_shows_its_last_picture(training):
 def test_an_evaluation_gives_the_means_over_the_light_fields(evaluation):
     (section,) = sections.sections([evaluation])
     assert section.title == "Evaluation"
-    (rows,) = section.tables.values()
-    assert [(row["method"], row["reference"], row["light_fields"]) for row in rows] == [
-        ("net", "fourier_slice", 2),
-        ("shift_and_sum", "fourier_slice", 2),
+    (means,) = section.tables.values()
+    assert means.round(9).to_dict("records") == [
+        {"method": method, "reference": "fourier_slice", "mpsnr_db": 32.0, "mssim": 0.85, "light_fields": 2}
+        for method in ("net", "shift_and_sum")
     ]
-    assert all(row["mpsnr_db"] == pytest.approx(32) and row["mssim"] == pytest.approx(0.85) for row in rows)
     assert section.figures["Comparison on a"] == evaluation / "comparison" / "a.png"
 
 
@@ -127,24 +126,24 @@ def test_an_evaluation_without_pictures_has_its_two_plots(evaluation):
     assert len(section.figures) == 2
 
 
-def test_a_benchmark_shows_all_rows_but_draws_only_what_was_judged(benchmark, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(front, "accuracy_time", lambda rows, fft: drawn.append((rows, fft)))
+def test_a_benchmark_shows_all_rows_but_draws_only_what_was_judged(benchmark):
     (section,) = sections.sections([benchmark])
     (rows,) = section.tables.values()
-    assert [row["method"] for row in rows] == ["numpy_fft_4d", "exact", "sum"]
-    ((judged, fft),) = drawn
-    assert [row["method"] for row in judged] == ["exact", "sum"]
-    assert fft == 2.0
+    assert rows["method"].tolist() == ["numpy_fft_4d", "exact", "sum"]
+    axes = section.figures["The front"].axes[0]
+    assert {text.get_text() for text in axes.texts} == {"exact", "sum", "NumPy 4-D FFT, 2 s"}
 
 
 def test_what_operators_cost_is_two_tables_and_two_figures(operators):
     (section,) = sections.sections([operators])
     assert section.title == "What operators cost"
     costs, exponents = section.tables.values()
-    assert [(row["method"], row["extra_bytes"]) for row in costs] == [("numpy_fft_4d", None), ("sum", 4_500_000)]
-    assert "device" not in costs[0]
-    assert exponents == [{"method": "sum", "exponent_pixels": 1.0, "exponent_views": 2.0, "exponent_planes": 3.0}]
+    assert costs["method"].tolist() == ["numpy_fft_4d", "sum"]
+    assert costs["extra_bytes"].fillna(0).tolist() == [0, 4_500_000]
+    assert "device" not in costs
+    assert exponents.to_dict("records") == [
+        {"method": "sum", "exponent_pixels": 1.0, "exponent_views": 2.0, "exponent_planes": 3.0}
+    ]
     assert len(section.figures) == 2
 
 
@@ -158,7 +157,7 @@ def test_a_sweep_is_a_table_of_its_jobs_best_first(sweep):
     (section,) = sections.sections([sweep])
     assert section.title == "Sweep: sweep"
     (rows,) = section.tables.values()
-    assert rows == [
+    assert rows.to_dict("records") == [
         {"job": "net.style=sibling", "first_mpsnr_db": 21, "best_mpsnr_db": 31},
         {"job": "net.style=text", "first_mpsnr_db": 20, "best_mpsnr_db": 25},
         {"job": "2", "first_mpsnr_db": 19, "best_mpsnr_db": 19},
@@ -169,7 +168,8 @@ def test_a_job_that_died_before_its_first_validation_does_not_spoil_the_sweep(sw
     tables.write_table(sweep / "3" / "log" / "metrics.csv", [{"step": 0, "train/loss": 1.0}])
     (section,) = sections.sections([sweep])
     (rows,) = section.tables.values()
-    assert [row["best_mpsnr_db"] for row in rows][:3] == [31, 25, 19]
+    assert rows["best_mpsnr_db"].tolist()[:3] == [31, 25, 19]
+    assert rows["job"].tolist()[3] == "3"
 
 
 def test_sections_stand_in_the_order_of_the_folders(training, benchmark, refocusing):
@@ -200,15 +200,33 @@ def test_a_folder_without_results_is_one_clear_error(tmp_path, exists):
 
 
 @pytest.mark.parametrize(
-    ("name", "text"),
+    ("kind", "name", "text", "cause"),
     [
-        pytest.param("bench.csv", "method,median_s\na,1.0\n"),
-        ("operators.csv", "method,median_s\na,1.0\n"),
-        ("bench.csv", ""),
-        ("summary.csv", "method\nnet\n"),
+        ("benchmark", "bench.csv", "method,median_s\na,1.0\n", "must have a column 'psnr_db'"),
+        ("operators", "operators.csv", "method,median_s\na,1.0\n", "must have a column 'input'"),
+        ("benchmark", "bench.csv", "", "an empty table in"),
+        ("evaluation", "summary.csv", "method\nnet\n", "must have a column 'reference'"),
+        ("evaluation", "planes.csv", "method,slope\nnet,1\nnet\n", "ends early"),
+        ("evaluation", "comparison/a.png", "GIF89a", "must be a PNG file"),
+        ("training", "log/metrics.csv", "step,train/loss\n1,0.5\n", "must have a column 'val/mpsnr'"),
+        ("training", "log/metrics.csv", "step,train/loss,val/mpsnr\n1,0.5,\n", "must have numbers in 'val/mpsnr'"),
     ],
 )
-def test_a_table_that_was_edited_or_cut_off_is_one_clear_error(tmp_path, name, text):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(LfrefError):
-        sections.sections([tmp_path])
+def test_a_section_that_cannot_be_made_names_run_and_cause_and_the_others_are_there(
+    request, refocusing, kind, name, text, cause
+):
+    folder = request.getfixturevalue(kind)
+    (folder / name).write_text(text)
+    broken, whole = sections.sections([folder, refocusing])
+    assert broken.title == f"Not shown: {folder.name}"
+    assert broken.problem.startswith(f"{kind} of {folder}: ")
+    assert cause in broken.problem
+    assert (whole.title, whole.problem) == ("Refocused: refocus", "")
+
+
+def test_a_run_that_was_stopped_before_its_first_result_is_named(tmp_path, refocusing):
+    (tmp_path / "stopped").mkdir()
+    (tmp_path / "stopped" / "config.yaml").write_text("output: here\n")
+    stopped, _ = sections.sections([tmp_path / "stopped", refocusing])
+    assert stopped.title == "Not shown: stopped"
+    assert "stopped too early or still goes on" in stopped.problem

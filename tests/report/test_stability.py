@@ -1,6 +1,7 @@
 """Heat maps have a cell for every trial, in the colour of what became of it; tables count the trials."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
@@ -15,13 +16,17 @@ def row(component="SSIM", case="black", precision="float32", formulation="lfref"
     return names | {"times_allowed": times, "outcome": outcome, "holds": holds, "error": 1e-9, "note": ""}
 
 
-ROWS = [
+def table(*rows):
+    return pd.DataFrame(rows)
+
+
+ROWS = table(
     row(),
     row(formulation="other", outcome="inexact", times=1e9),
     row(precision="float16"),
     row(precision="float16", formulation="other", outcome="not finite", times=None),
     row(case="white"),
-]
+)
 
 
 def cells(axes):
@@ -40,30 +45,34 @@ def test_each_trial_is_a_cell_of_its_outcomes_colour():
 
 
 def test_cells_turn_redder_the_farther_they_miss():
-    rows = [row(case=str(power), outcome="inexact", times=10.0**power) for power in range(1, 8)]
-    green = cells(stability.heat_map(rows).axes[0])[:, 0, 1]
+    rows = (row(case=str(power), outcome="inexact", times=10.0**power) for power in range(1, 8))
+    unknown = row(case="no number", outcome="inexact", times=None)
+    green = cells(stability.heat_map(table(*rows, unknown)).axes[0])[:, 0, 1]
     assert bool((np.diff(green[:6]) < 0).all())
-    assert green[5] == green[6]
+    assert green[5] == green[6] == green[7]
 
 
 def test_components_with_the_same_cases_share_a_picture_up_to_its_width():
     many = [row(component=f"operator {i}", precision=str(p)) for i in range(5) for p in range(10)]
-    maps = stability.heat_maps([*ROWS, *many, row("net", "views")])
+    maps = stability.heat_maps(pd.concat([ROWS, table(*many, row("net", "views"))]))
     assert list(maps) == ["SSIM", "operator 0 to operator 3", "operator 4", "net"]
     assert [len(figure.axes) for figure in maps.values()] == [1, 4, 1, 1]
 
 
 def test_what_is_missing_is_listed_and_not_drawn():
-    rows = [*ROWS, row("export", "all", outcome="missing")]
+    rows = pd.concat([ROWS, table(row("export", "all", outcome="missing"))])
     assert list(stability.heat_maps(rows)) == ["SSIM"]
-    assert [each["component"] for each in stability.failures(rows)] == ["export"]
-    assert stability.failures(ROWS) == [{"component": "none"}]
+    assert stability.failures(rows)["component"].tolist() == ["export"]
+    assert stability.failures(ROWS).to_dict("records") == [{"component": "none"}]
 
 
 def test_trials_are_counted_by_outcome():
-    counts = {each["formulation"]: each for each in stability.counts(ROWS)}
-    assert counts["lfref"]["trials"] == counts["lfref"]["holds"] == 3
-    assert (counts["other"]["inexact"], counts["other"]["not finite"], counts["other"]["holds"]) == (1, 1, 0)
+    counts = stability.counts(ROWS)
+    assert counts.columns.tolist() == ["component", "formulation", "trials", *stability.OUTCOMES]
+    assert counts[["formulation", "trials", "holds", "inexact", "not finite", "error"]].to_numpy().tolist() == [
+        ["lfref", 3, 3, 0, 0, 0],
+        ["other", 2, 0, 1, 1, 0],
+    ]
 
 
 def test_sections_are_made_of_a_run_folder(tmp_path):
@@ -78,4 +87,4 @@ def test_sections_are_made_of_a_run_folder(tmp_path):
 
 def test_a_table_of_something_else_is_refused():
     with pytest.raises(InputError, match="must have a column"):
-        stability.heat_map([{"component": "SSIM"}])
+        stability.heat_map(table({"component": "SSIM"}))

@@ -10,6 +10,7 @@ from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import EFFECTS
 from lfref.simulator.materials import Material
 from lfref.simulator.mattes import Outline
+from lfref.simulator.scene import Camera
 from lfref.simulator.simulate import PAPER, simulate
 from lfref.simulator.surfaces import Geometry
 
@@ -72,3 +73,10 @@ def test_scenes_can_be_seen(name):
 def test_a_scene_that_does_not_exist_is_refused_by_naming_those_that_do():
     with pytest.raises(InputError, match="sim30 scene must be one of plane, stripes"):
         sim30.scenes("nowhere")
+
+
+def test_another_camera_looks_at_the_same_scene():
+    camera = Camera((3, 3), (20, 30))
+    (scene,) = sim30.scenes("twigs", camera).scenes
+    assert scene == dataclasses.replace(sim30.SCENES["twigs"], camera=camera)
+    assert {scene.camera for scene in sim30.scenes(camera=camera).scenes} == {camera}

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from lfref.bench import compare
+from lfref.bench import cost
+from lfref.bench.cost import Case
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, paths, progress
@@ -27,12 +28,12 @@ def front(config: DictConfig, folder: Path) -> None:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
     chosen = [*configs.build(config.methods).values(), *networks]
     name_apart(chosen)
-    fields = shared.light_fields(config)
-    rows = compare.compare(
-        chosen, fields, planes, device, *rounds, progress=lambda each: progress(each, "measuring rounds")
-    )
-    tables.write_table(folder / "bench.csv", rows)
+    fields = shared.light_fields(config, chosen)
+    cases = [Case(method, field.to(device)) for field in fields for method in chosen]
+    first = cost.first_calls(progress(cases, "first calls"), planes.slopes, ("psnr_db", "ssim"))
+    times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
+    table = cost.table(cost.FRONT, times, first).drop(columns="input")
+    tables.write_table(folder / "bench.csv", table)
     shared.write_facts(folder, device, fields, planes, rounds.counted)
-    figure = picture.accuracy_time([row for row in rows if row["psnr_db"] is not None], float(str(rows[0]["median_s"])))
-    drawing.save_figure(figure, folder / "accuracy_time.png")
+    drawing.save_figure(picture.accuracy_time(table, table["median_s"].iloc[0]), folder / "accuracy_time.png")
     log.info("%d methods on %d light fields: %s", len(chosen), len(fields), folder / "bench.csv")

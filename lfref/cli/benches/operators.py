@@ -4,10 +4,10 @@ import functools
 from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 from omegaconf import DictConfig
 
 from lfref.bench import cost, scaling
-from lfref.bench.accuracy import Row
 from lfref.bench.cost import Case
 from lfref.bench.limits import shift_and_sum_limits
 from lfref.bench.scaling import Scales, Size
@@ -62,16 +62,16 @@ def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[
             yield Case(method, cost.as_integers(views), has_planes_asked_for)
 
 
-def _costs(cases: list[Case], planes: FocalPlanes, rounds: shared.Rounds, in_numpy: dict[str, str]) -> list[Row]:
-    first = cost.first_calls(progress(cases, "first calls"), planes.slopes)
+def _costs(cases: list[Case], planes: FocalPlanes, rounds: shared.Rounds, in_numpy: dict[str, str]) -> pd.DataFrame:
+    first = cost.first_calls(progress(cases, "first calls"), planes.slopes, ("psnr_db", "max_error"))
     times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup, in_numpy)
     peaks = cost.peaks(progress(cases, "measuring memory"), planes.slopes)
-    return cost.table(cases, len(planes), first, times, peaks)
+    return cost.table(cost.OPERATORS, cost.facts(cases, len(planes)), first, times, peaks)
 
 
-def _write(folder: Path, rows: list[Row], growth: list[Row]) -> None:
+def _write(folder: Path, operators: pd.DataFrame, growth: pd.DataFrame) -> None:
     exponents = scaling.exponents(growth)
-    for name, table in {"operators": rows, "scaling": growth, "exponents": exponents}.items():
+    for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
         tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(costs.operator_costs(rows), folder / "operators.png")
+    drawing.save_figure(costs.operator_costs(operators), folder / "operators.png")
     drawing.save_figure(costs.growth(growth, exponents), folder / "scaling.png")

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig
 
@@ -34,20 +35,20 @@ def simulate(config: DictConfig, folder: Path) -> None:
     methods = list(configs.build(config.methods).values())
     costs = simulation.costs(classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup)
     distances = simulation.distances(progress(list(judged.items()), "photographing"), methods, planes, device)
-    alphas = simulation.by_alpha(distances)
+    by_plane = simulation.by_plane(distances)
     written = {
         "simulate": costs,
         "passes": simulation.passes(classes, planes.slopes, device),
         "rates": simulation.rates(patches, n_patches, planes.slopes, device, n_workers),
         "truth": distances,
-        "alphas": alphas,
+        "alphas": by_plane,
     }
     if config.n_points is not None:
         n_points, scenes = int(configs.number(config, "n_points", 1)), progress(list(judged.items()), "brute force")
         written["aperture"] = simulation.aperture_errors(scenes, planes, n_points, device)
     for name, rows in written.items():
         tables.write_table(folder / f"{name}.csv", rows)
-    drawing.save_figure(pictures.costs_and_distances(costs, alphas), folder / "simulate.png")
+    drawing.save_figure(pictures.costs_and_distances(pd.DataFrame(costs), by_plane), folder / "simulate.png")
     shared.write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
     log.info("%d classes of scenes, %d scenes judged: %s", len(classes), len(judged), folder / "simulate.csv")
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig
 
@@ -46,7 +47,9 @@ def stability(config: DictConfig, folder: Path) -> None:
         tables.write_table(folder / "stability.csv", rows)
         if set(parts) == set(PARTS):
             figures = progress(goals.goals(components, rows), "measuring goals")
-            tables.write_table(folder / "goals.csv", [goal.row() for goal in figures])
+            # A figure that is not a number is written as such: an empty cell says that there is none.
+            measured = pd.DataFrame([goal.row() for goal in figures], dtype=object)
+            tables.write_table(folder / "goals.csv", measured.map(lambda cell: "nan" if cell != cell else cell))
         _show(folder, rows)
     held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
     log.info("%d trials, %d of ours hold: %s", len(rows), held, folder / "stability.csv")
@@ -62,5 +65,5 @@ def _show(folder: Path, rows: list[Row]) -> None:
     facts = machine.facts(torch.device("cpu"))
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
     shown = [row for row in rows if row["component"] in SHOWN] or rows
-    drawing.save_figure(pictures.heat_map(shown), folder / "stability.png")
+    drawing.save_figure(pictures.heat_map(pd.DataFrame(shown)), folder / "stability.png")
     page.write_page(folder / "index.html", "Hard cases", sections.sections([folder]), facts)

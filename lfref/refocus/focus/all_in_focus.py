@@ -58,6 +58,12 @@ def all_in_focus(stack: Tensor, radius: float = 2.0) -> AllInFocus:
 
     Raises:
         InputError: A stack or radius that cannot be used.
+
+    Example:
+        >>> stack = lfref.exact_fourier(torch.rand(5, 5, 3, 48, 64), [-1, -0.5, 0, 0.5, 1])
+        >>> image, index, confidence = lfref.all_in_focus(stack)
+        >>> image.shape, index.shape
+        (torch.Size([3, 48, 64]), torch.Size([48, 64]))
     """
     _check(stack, radius)
     planes = stack.reshape(-1, *stack.shape[-4:])

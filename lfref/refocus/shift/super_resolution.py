@@ -37,6 +37,10 @@ def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tenso
 
     Raises:
         InputError: Views, slopes, factor or weights that cannot be used.
+
+    Example:
+        >>> lfref.super_resolve(torch.rand(5, 5, 3, 48, 64), [0.3], factor=2).shape
+        torch.Size([1, 3, 96, 128])
     """
     if not (isinstance(factor, int) and factor >= 1):
         raise InputError("factor must be a whole number of at least 1", got=repr(factor))

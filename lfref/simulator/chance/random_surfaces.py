@@ -37,23 +37,13 @@ def _two_colours(dice: Dice, tone: Tone) -> tuple[Colour, Colour, float, float]:
     return tone(dice.colour(0, 0.9)), tone(dice.colour(0.1, 1)), dice.uniform(0, 180), dice.uniform()
 
 
-def _checker(dice: Dice, tone: Tone) -> Texture:
-    return Checker(dice.uniform(6, 60), *_two_colours(dice, tone))
-
-
-def _stripes(dice: Dice, tone: Tone) -> Texture:
-    return Stripes(dice.uniform(4, 40), *_two_colours(dice, tone))
-
-
-def _gradient(dice: Dice, tone: Tone) -> Texture:
-    return Gradient(dice.uniform(100, 600), *_two_colours(dice, tone))
-
-
-def _flat(dice: Dice, tone: Tone) -> Texture:
-    return Flat(tone(dice.colour(0, 1)))
-
-
-TEXTURES: tuple[Callable[[Dice, Tone], Texture], ...] = (_noise,) * 6 + (_checker, _stripes, _gradient, _flat)
+TEXTURES: tuple[Callable[[Dice, Tone], Texture], ...] = (
+    *(_noise,) * 6,
+    lambda dice, tone: Checker(dice.uniform(6, 60), *_two_colours(dice, tone)),
+    lambda dice, tone: Stripes(dice.uniform(4, 40), *_two_colours(dice, tone)),
+    lambda dice, tone: Gradient(dice.uniform(100, 600), *_two_colours(dice, tone)),
+    lambda dice, tone: Flat(tone(dice.colour(0, 1))),
+)
 """Drawn from evenly; most of what there is to see is no regular pattern."""
 
 
@@ -67,10 +57,6 @@ def outline(dice: Dice, camera: Camera) -> Outline:
     # The radius of a disc that covers 10 to 35 % of the picture.
     radius = (dice.uniform(0.1, 0.35) * camera.size[0] * camera.size[1] / math.pi) ** 0.5
     return dice.one_of(OUTLINES)(dice, camera, max(radius, 1.0))
-
-
-def _disc(dice: Dice, camera: Camera, radius: float) -> Outline:
-    return Disc(radius, dice.within(camera))
 
 
 def _polygon(dice: Dice, camera: Camera, radius: float) -> Outline:
@@ -97,7 +83,7 @@ def _perforated(dice: Dice, camera: Camera, radius: float) -> Outline:
 
 
 OUTLINES: tuple[Callable[[Dice, Camera, float], Outline], ...] = (
-    *(_disc, _polygon, _leaf, _twigs) * 2,
+    *(lambda dice, camera, radius: Disc(radius, dice.within(camera)), _polygon, _leaf, _twigs) * 2,
     _perforated,
 )
 """Drawn from evenly; a lattice before everything is rare."""
@@ -123,22 +109,15 @@ def _glossy(dice: Dice, tone: Tone, camera: Camera, disparities: Range) -> Mater
     return Glossy(dice.uniform(0.2, 0.8) * tone.brightness, width, dice.uniform(-0.3, 0.3) * width, dice.within(camera))
 
 
-def _mirror(dice: Dice, tone: Tone, camera: Camera, disparities: Range) -> Material:
-    return Mirror(dice.uniform(0.5, 0.95), dice.one_of(TEXTURES)(dice, tone), dice.uniform(*disparities))
-
-
-def _glass(dice: Dice, tone: Tone, camera: Camera, disparities: Range) -> Material:
-    return Glass(dice.uniform(0.05, 0.3), dice.one_of(TEXTURES)(dice, tone), dice.uniform(*disparities))
-
-
-def _emissive(dice: Dice, tone: Tone, camera: Camera, disparities: Range) -> Material:
-    return Emissive(dice.uniform(1, 4))
+def _shown(dice: Dice, tone: Tone, disparities: Range) -> tuple[Texture, float]:
+    """What mirrors and glass show."""
+    return dice.one_of(TEXTURES)(dice, tone), dice.uniform(*disparities)
 
 
 MATERIALS: dict[str, Callable[[Dice, Tone, Camera, Range], Material]] = {
     "glossy": _glossy,
-    "mirror": _mirror,
-    "glass": _glass,
-    "emissive": _emissive,
+    "mirror": lambda dice, tone, camera, disparities: Mirror(dice.uniform(0.5, 0.95), *_shown(dice, tone, disparities)),
+    "glass": lambda dice, tone, camera, disparities: Glass(dice.uniform(0.05, 0.3), *_shown(dice, tone, disparities)),
+    "emissive": lambda dice, tone, camera, disparities: Emissive(dice.uniform(1, 4)),
 }
 """All but matte: functions of the dice, the scene's tone, the camera, and the range of mirrored disparities."""

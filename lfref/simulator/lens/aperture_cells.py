@@ -52,15 +52,9 @@ class Cells:
     """Of one cell in view steps."""
 
 
-def aperture(camera: Camera, opening: float = 1.0) -> Aperture:
-    """The aperture of a camera.
-
-    Args:
-        camera: Its shape and the views that it spans.
-        opening: Part of its width and height that is open, 0 for a pinhole.
-    """
-    height, width = (2 * half * opening for half in camera.half_aperture[::-1])
-    return Aperture(camera.aperture, height, width)
+def aperture(camera: Camera) -> Aperture:
+    """The aperture of a camera: the cells of its views."""
+    return Aperture(camera.aperture, *map(float, camera.grid))
 
 
 def cut(whole: Aperture, n_cells: int) -> Cells:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -49,11 +48,6 @@ class Scenery:
     def for_planes(self, slopes: Sequence[float]) -> "Scenery":
         """With the margin that planes of these slopes need."""
         return replace(self, margin=max(map(self.margin_at, slopes)))
-
-    @property
-    def device(self) -> torch.device:
-        """Where the layers lie."""
-        return self.layers[0].device
 
     def only(self, kept: Sequence[int]) -> "Scenery":
         """Some of the layers, in their order."""

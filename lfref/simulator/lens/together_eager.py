@@ -28,7 +28,7 @@ Read = Callable[[Tensor, Tensor], Tensor]
 def photograph(plane: FocalPlane) -> Tensor:
     """The picture of a plane, [3, H, W]."""
     slope, seen, cells = plane
-    device = seen.device
+    device = seen.layers[0].device
     picture = torch.zeros(3, *seen.camera.size, dtype=torch.float64, device=device)
     looks = [_look(plane, layer) for layer in seen.layers]
     q, p = (points.flatten() for points in torch.meshgrid(cells.q, cells.p, indexing="ij"))

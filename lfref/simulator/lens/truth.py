@@ -29,7 +29,6 @@ def stack(
     layers: Sequence[Layer],
     camera: Camera,
     slopes: geometry.Slopes,
-    opening: float = 1.0,
     n_cells: int | None = None,
 ) -> Tensor:
     """Photograph layers at each slope.
@@ -38,21 +37,18 @@ def stack(
         layers: From far to near, painted for a reach of the greatest |slope|.
         camera: The lens and the size of the picture.
         slopes: Of the planes in pixels per view step, [N].
-        opening: Part of the aperture's width and height that is open, 0 to 1; 0 is the central view.
         n_cells: Cells along the aperture's longer side; None takes as many as each plane needs.
 
     Returns:
         The stack, of the layers' type and device, [N, 3, H, W].
 
     Raises:
-        InputError: Slopes that the picture is too small for, an opening outside [0, 1], or no cell.
+        InputError: Slopes that the picture is too small for, or no cell.
     """
     values = geometry.checked_slopes(slopes, camera.grid, camera.size).tolist()
-    if not 0 <= opening <= 1:
-        raise InputError("opening must lie between 0 and 1", got=opening)
     if n_cells is not None and n_cells < 1:
         raise InputError("n_cells must be at least 1", got=n_cells)
-    all_layers = Scenery(tuple(layers), camera, aperture_cells.aperture(camera, opening)).for_planes(values)
+    all_layers = Scenery(tuple(layers), camera, aperture_cells.aperture(camera)).for_planes(values)
     planes = [_planned(all_layers, slope, n_cells) for slope in values]
     on_cpu = layers[0].device.type == "cpu"
     several = together.camera(planes) if on_cpu else together_eager.photograph
@@ -89,7 +85,7 @@ def cells_needed(seen: Scenery, slope: float) -> int:
 
 def _fastest(layer: Layer, camera: Camera, slope: float) -> float:
     """Most pixels per view step that anything seen in a layer moves in a plane."""
-    ends = [*layer.disparities(camera.size)]
+    ends = [*layer.surface.geometry.disparity_range(camera.size)]
     if layer.reflection and layer.reflection.share > 0:
         ends.append(layer.reflection.disparity)
     return max(abs(end - slope) for end in ends)

@@ -70,8 +70,11 @@ def crossing(surfaces: Sequence[Geometry], camera: Camera, reach: float) -> list
         Their places, the smaller first.
     """
     far = [ends(camera, surface, reach) for surface in surfaces]
-    pairs = itertools.combinations(range(len(surfaces)), 2)
-    return [(k, m) for k, m in pairs if _changes_sign(lead(surfaces[m], surfaces[k], _both(far[k], far[m])))]
+    leads = {
+        (k, m): lead(surfaces[m], surfaces[k], _both(far[k], far[m]))
+        for k, m in itertools.combinations(range(len(surfaces)), 2)
+    }
+    return [pair for pair, (least, greatest) in leads.items() if least < 0 < greatest]
 
 
 def is_before(near: Geometry, far: Geometry, camera: Camera, reach: float) -> bool:
@@ -82,7 +85,3 @@ def is_before(near: Geometry, far: Geometry, camera: Camera, reach: float) -> bo
 
 def _both(one: Ends, other: Ends) -> Ends:
     return max(one[0], other[0]), max(one[1], other[1])
-
-
-def _changes_sign(values: tuple[float, float]) -> bool:
-    return values[0] < 0 < values[1]

@@ -84,10 +84,6 @@ class Layer:
         """Nothing behind it is ever seen."""
         return hides(self.surface)
 
-    def disparities(self, size: tuple[int, int]) -> tuple[float, float]:
-        """Least and greatest disparity over a picture of that height and width."""
-        return self.surface.geometry.disparity_range(size)
-
     def seen(self, p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
         """What is seen of the surface from aperture points.
 

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from lfref.simulator.canvases import OVERSAMPLING
 from lfref.simulator.painting.layers import Layer
+from lfref.simulator.reading.blurs import Bitmap
 from lfref.simulator.scene import Camera
 from lfref.simulator.views import render
 
@@ -62,6 +63,7 @@ def _seen(layers: Sequence[Layer], camera: Camera) -> tuple[Tensor, Tensor]:
     """Opacities, float32, and disparities, float64, of layers in the central view, [K, H, W] each."""
     x, y = (pixels[0].to(layers[0].device) for pixels in camera.pixels())
     # Its rays meet all surfaces at their own (x, y), where bitmaps have samples.
-    opacities = torch.stack([layer.bitmap.window(camera.size)[3, ::OVERSAMPLING, ::OVERSAMPLING] for layer in layers])
+    bitmaps = [Bitmap(layer.bitmap.canvas, layer.bitmap.samples[3:]) for layer in layers]
+    opacities = torch.stack([bitmap.window(camera.size)[0, ::OVERSAMPLING, ::OVERSAMPLING] for bitmap in bitmaps])
     met = [layer.surface.geometry.disparity_at(x, y).expand(camera.size) for layer in layers]
     return opacities.clamp(0, 1), torch.stack(met)

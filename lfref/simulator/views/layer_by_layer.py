@@ -49,18 +49,7 @@ class Points(NamedTuple):
 
 
 def pictures(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float = 0.0) -> Tensor:
-    """Pictures from a grid of aperture points.
-
-    Args:
-        layers: From far to near, on the CPU.
-        camera: The size of the pictures.
-        p: Columns of the aperture points, in view steps from the centre, [U].
-        q: Rows of the aperture points, [V].
-        slope: In pixels per view step, of the plane that is at the same place in all pictures.
-
-    Returns:
-        Radiance, float32, [V, U, 3, H, W].
-    """
+    """Pictures from a grid of aperture points, of layers on the CPU; as `render.pictures`, which hands them on."""
     # Only a plain copy may go over what memory happens to hold.
     make = np.empty if layers[0].hides and not layers[0].is_traced else np.zeros
     picture = make((len(q), len(p), 3, *camera.size), np.float32)

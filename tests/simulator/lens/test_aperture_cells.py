@@ -37,8 +37,8 @@ def test_shares_of_a_disc_are_those_of_fine_samples():
 
 
 def test_an_aperture_spans_the_cells_of_the_views():
-    whole = aperture_cells.aperture(Camera(grid=(5, 9), aperture="disc"), opening=0.5)
-    assert whole == Aperture("disc", 2.5, 4.5)
+    whole = aperture_cells.aperture(Camera(grid=(5, 9), aperture="disc"))
+    assert whole == Aperture("disc", 5.0, 9.0)
 
 
 def test_a_pinhole_has_one_cell_in_the_middle():

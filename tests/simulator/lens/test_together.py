@@ -42,7 +42,7 @@ def test_loops_make_what_pytorch_makes(name):
         torch.testing.assert_close(photograph(plane), together_eager.photograph(plane), atol=1e-6, rtol=0)
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 @given(drawing.SCENES, st.floats(-3, 3))
 def test_any_legal_scene_is_photographed_alike(scene, slope):
     (plane,) = planes(scene, [slope], n_cells=3)

@@ -118,7 +118,7 @@ def test_layers_go_from_far_to_near_and_carry_only_what_they_need():
     assert [layer.highlight is not None for layer in layers] == [False, True, False, False]
     assert [layer.reflection is not None for layer in layers] == [False, False, True, False]
     assert [layer.is_sorted for layer in layers] == [False, True, True, False]
-    assert layers[1].disparities((9, 9)) == (-0.5, 0.5)
+    assert layers[1].surface.geometry.disparity_range((9, 9)) == (-0.5, 0.5)
 
 
 def test_what_a_nearer_surface_hides_all_over_is_not_painted():

@@ -99,7 +99,7 @@ def test_the_central_view_and_single_views_are_radiance_there(grid):
     torch.testing.assert_close(views, expected, atol=1e-5, rtol=0)
 
 
-@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 @given(drawing.SCENES)
 def test_any_legal_scene_is_rendered_alike_by_the_quick_and_the_slow_way(scene):
     views = drawing.painted_views(scene)

@@ -1,0 +1,100 @@
+"""Words of the command line as people write them, made into words that Hydra reads.
+
+Paths stand as they are; `slopes=`, `alphas=` and `convention=` choose planes; `run=` is what a command
+takes a run folder as; `+sweep=NAME` names a file of ablations.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from hydra._internal.utils import get_args_parser
+from hydra.core.override_parser.types import Quote, QuotedString
+
+from lfref.cli import config, leaving, sweeps
+from lfref.errors import InputError
+
+INPUTS = {"refocus": "input", "eval": "input", "bench": "input", "report": "runs"}
+"""What a path is to a command."""
+RUN = {"train": "resume", "refocus": "checkpoint", "eval": "checkpoint", "bench": "checkpoint", "report": "runs"}
+"""What `run=FOLDER` is to a command."""
+SHORTHANDS = {
+    "slopes": ["planes=slopes", "planes.slopes={}"],
+    "alphas": ["planes=alphas", "planes.alphas={}"],
+    "convention": ["planes.convention={}"],
+}
+BEGINNINGS = ("/", "./", "../", "~/")
+REFUSED = ("config_path", "config_name", "experimental_rerun")
+"""Options of Hydra that put something in the place of our configuration; the last one unpickles a file."""
+
+
+def rewritten(command: str, words: list[str]) -> list[str]:
+    """Words for Hydra, options first.
+
+    Args:
+        command: The command's name.
+        words: What follows it on the command line; after `--` there are paths only.
+
+    Raises:
+        InputError: A path where the command takes none, an unknown sweep, or a sweep without --multirun.
+    """
+    end = words.index("--") if "--" in words else len(words)
+    given = options(command, words[:end])
+    others: list[str] = given.pop("overrides")
+    paths = [] if given["shell_completion"] else [word for word in others if _is_path(word)]
+    overrides: list[str] = []
+    for word in others:
+        overrides += [] if word in paths else _expanded(command, word, overrides, given["multirun"])
+    return [*_as_words(given), *_inputs(command, [*paths, *words[end + 1 :]]), *overrides]
+
+
+def options(command: str, words: list[str]) -> dict[str, Any]:
+    """The options of Hydra among some words, by name, and under `overrides` all other words.
+
+    Args:
+        command: The command's name.
+        words: What follows it on the command line.
+
+    Raises:
+        InputError: An option that lfref does not have.
+    """
+    parser = get_args_parser()
+    setattr(parser, "error", partial(leaving.fail, command, status=2))  # noqa: B010
+    given = vars(parser.parse_intermixed_args(words))
+    for name in REFUSED:
+        if given[name] is not None:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(f"{option} must be left out", got=given[name], remedy="--config-dir adds to our choices")
+    return given
+
+
+def _as_words(given: dict[str, Any]) -> list[str]:
+    """Options as they are written, those that are off left out."""
+    asked = {f"--{name.replace('_', '-')}": value for name, value in given.items() if value not in (None, False)}
+    return [part for option, value in asked.items() for part in ([option] if value is True else [option, value])]
+
+
+def _is_path(word: str) -> bool:
+    return word.startswith(BEGINNINGS) or ("=" not in word and word[:1] != "~") or Path(word).exists()
+
+
+def _inputs(command: str, paths: list[str]) -> list[str]:
+    """Paths as an override: quoted, so that none of their characters means anything to Hydra."""
+    if not paths:
+        return []
+    if command not in INPUTS:
+        raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
+    quoted = [QuotedString(path.replace("${", "\\${"), Quote.single).with_quotes() for path in paths]
+    return [f"{INPUTS[command]}={quoted[0] if len(quoted) == 1 else '[' + ','.join(quoted) + ']'}"]
+
+
+def _expanded(command: str, word: str, before: list[str], is_multirun: bool) -> list[str]:
+    """A word as the words that it stands for."""
+    key, _, value = word.partition("=")
+    if key == "run" and command in RUN:
+        return [f"{RUN[command]}={value}"]
+    if key.removeprefix("+") == "sweep":
+        if not is_multirun:
+            raise InputError("a sweep needs --multirun", got=word, remedy="lfref train --multirun +sweep=NAME")
+        return sweeps.overrides(value, config.directory("sweeps"))
+    return [full for form in SHORTHANDS.get(key, [word]) if (full := form.replace("{}", value)) not in before]

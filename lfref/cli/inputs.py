@@ -1,0 +1,41 @@
+"""The light fields that a command is given: found, and read with as many views as its networks want."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from lfref.cli import config as configs
+from lfref.cli.command import paths
+from lfref.io import read as reader
+from lfref.lightfield import LightField
+from lfref.refocuser.refocuser import Refocuser
+
+
+def find(config: DictConfig) -> list[Path]:
+    """The light fields that `config.input` names, those below a folder of them one by one.
+
+    Raises:
+        FileError: There is none.
+    """
+    return [path for entry in paths(configs.plain(config.input)) for path in reader.find(entry)]
+
+
+def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = ()) -> LightField:
+    """Read a light field.
+
+    Args:
+        path: Where it lies.
+        config: Holds `reader`; where it asks for no number of views, networks do.
+        refocusers: Who will refocus it.
+
+    Raises:
+        FileError: It cannot be read.
+        InputError: It has not the views that are wanted.
+    """
+    options: dict[str, Any] = configs.plain(config.reader)
+    grids = (refocuser.grid for refocuser in refocusers if refocuser.grid is not None)
+    if options.get("views") is None:
+        options["views"] = next(grids, None)
+    return reader.read(path, **options)

@@ -1,0 +1,96 @@
+"""How a command ends early: one line for a user's mistake or for a signal, and the status that shells expect of it."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, NoReturn, TextIO
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Stopped(SystemExit):
+    """A signal that ends the process, with status 130 for SIGINT and 143 for SIGTERM.
+
+    What a command wants said about it, such as where to go on from, it adds by `add_note` and raises it again.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(128 + number)
+        self.status = 128 + number
+        self.name = signal.Signals(number).name
+
+
+def fail(name: str, error: object, status: int = 1) -> NoReturn:
+    """Say in one line what went wrong, and leave.
+
+    Args:
+        name: The command.
+        error: What went wrong.
+        status: 1 for what failed, 2 for wrong usage.
+    """
+    print(f"lfref {name}: {' '.join(str(error).split())}", file=sys.stderr)
+    sys.exit(status)
+
+
+@contextmanager
+def said_on_signals(name: str) -> Iterator[None]:
+    """While this lasts, SIGINT and SIGTERM raise `Stopped`, and the line about it is printed when that passes here.
+
+    Args:
+        name: The command.
+    """
+    owner = os.getpid()
+
+    def stop(number: int, _: FrameType | None) -> None:
+        if os.getpid() == owner:
+            raise Stopped(number)
+        # A forked worker has inherited this handler, but has nothing to say.
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+
+    before = {number: signal.signal(number, stop) for number in SIGNALS}
+    try:
+        yield
+    except Stopped as stopped:
+        fail(name, "; ".join([f"stopped by {stopped.name}", *getattr(stopped, "__notes__", [])]), stopped.status)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Patient:
+    """A stream whose reader may have gone."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        with suppress(BrokenPipeError):
+            self.stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(BrokenPipeError):
+            self.stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+@contextmanager
+def patient_pipes() -> Iterator[None]:
+    """Who reads our output may stop, as `head` does: that is no error, and the work goes on to its end."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = map(_Patient, before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+        for stream in before:
+            try:
+                stream.flush()
+            except BrokenPipeError:  # and Python itself flushes once more at its end
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

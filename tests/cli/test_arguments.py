@@ -1,0 +1,131 @@
+"""What people write becomes what Hydra reads: paths as they are, short ways to choose planes."""
+
+import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from lfref.cli import arguments
+from lfref.errors import InputError
+
+AWKWARD = [
+    "a b",
+    "a=b",
+    "[a]",
+    "{a:b}",
+    "a,b",
+    "it's",
+    'say "x"',
+    "a\\",
+    "a\\'b",
+    "$x",
+    "a(b)",
+    "~a",
+    "+a",
+    "ü",
+    "null",
+    "1",
+]
+
+
+def given(words, command="refocus"):
+    """Values that Hydra reads, by key."""
+    parsed = OverridesParser.create().parse_overrides(arguments.rewritten(command, words))
+    return {override.key_or_group: override.value() for override in parsed}
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_a_path_is_taken_as_it_is(tmp_path, name):
+    path = tmp_path / name
+    path.touch()
+    assert given([str(path), "device=cpu"]) == {"input": str(path), "device": "cpu"}
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_a_relative_path_that_exists_is_no_override(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).touch()
+    assert given([name]) == {"input": name}
+
+
+def test_an_interpolation_in_a_path_is_left_alone(tmp_path):
+    assert given([f"{tmp_path}/${{x}}"]) == {"input": f"{tmp_path}/\\${{x}}"}
+
+
+@pytest.mark.parametrize("command", ["refocus", "eval", "bench"])
+def test_several_paths_become_a_list(command):
+    assert given(["a", "b c", "device=cpu"], command) == {"input": ["a", "b c"], "device": "cpu"}
+
+
+def test_paths_of_a_report_are_its_runs():
+    assert given(["run one", "title=x"], "report") == {"runs": "run one", "title": "x"}
+
+
+@pytest.mark.parametrize("path", ["/no/where/a=b", "./a=b", "../a=b", "~/a=b"])
+def test_what_begins_as_a_path_is_one_even_if_it_is_missing(path):
+    assert given([path]) == {"input": path}
+
+
+def test_after_two_hyphens_there_are_paths_only():
+    assert given(["a", "device=cpu", "--", "b=c", "--help"]) == {"input": ["a", "b=c", "--help"], "device": "cpu"}
+
+
+@pytest.mark.parametrize("command", ["train", "simulate"])
+def test_a_path_for_a_command_without_inputs_is_refused(command):
+    with pytest.raises(InputError, match="must be written KEY=VALUE; got 'twigs'"):
+        arguments.rewritten(command, ["twigs"])
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["slopes=[-2,0,2]"], ["planes=slopes", "planes.slopes=[-2,0,2]"]),
+        (["alphas=[.5,1]"], ["planes=alphas", "planes.alphas=[.5,1]"]),
+        (["convention=parallel"], ["planes.convention=parallel"]),
+        (
+            ["planes=alphas", "alphas=[1]", "convention=parallel"],
+            ["planes=alphas", "planes.alphas=[1]", "planes.convention=parallel"],
+        ),
+        (["planes=even", "planes.n=3"], ["planes=even", "planes.n=3"]),
+        (["planes.alphas=[1]"], ["planes.alphas=[1]"]),
+    ],
+)
+def test_planes_have_short_ways(words, expected):
+    assert arguments.rewritten("refocus", words) == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["a=1", "--multirun", "b=2"], ["--multirun", "a=1", "b=2"]),
+        (["--cfg", "job", "a=1"], ["--cfg", "job", "a=1"]),
+        (["-c", "job", "-p", "planes"], ["--cfg", "job", "--package", "planes"]),
+        (["a=1", "--info"], ["--info", "all", "a=1"]),
+        (["--info", "defaults"], ["--info", "defaults"]),
+        (["-h"], ["--help"]),
+        (["-cd", "x", "~a.b"], ["--config-dir", "x", "~a.b"]),
+        (["-sc", "install=bash"], ["--shell-completion", "install=bash"]),
+        (["--cfg=job", "--resolve"], ["--cfg", "job", "--resolve"]),
+    ],
+)
+def test_options_of_hydra_stay_whatever_their_place(words, expected):
+    assert arguments.rewritten("refocus", words) == expected
+
+
+@pytest.mark.parametrize(
+    "option", ["--config-path", "-cp", "--config-name", "-cn", "--config-n", "--experimental-rerun"]
+)
+def test_options_that_replace_the_configuration_are_refused(option):
+    with pytest.raises(InputError, match="must be left out; got x"):
+        arguments.rewritten("refocus", [option, "x"])
+
+
+@pytest.mark.parametrize("words", [["--nonsense"], ["--cfg", "x"], ["--cfg"]])
+def test_an_unknown_option_is_one_line_and_status_2(lfref, words):
+    status, error = lfref("refocus", *words)
+    assert status == 2
+    assert error.startswith("lfref refocus: ")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(("command", "key"), list(arguments.RUN.items()))
+def test_a_run_folder_is_what_the_command_takes_one_as(command, key):
+    assert arguments.rewritten(command, ["run=runs/mine"]) == [f"{key}=runs/mine"]

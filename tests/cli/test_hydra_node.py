@@ -1,0 +1,243 @@
+"""Hydra makes things of `hydra.*` before a command starts: only what stands in the tables gets that far."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf, open_dict
+
+from lfref.cli import config as configs
+from lfref.cli import hydra_node
+from lfref.errors import InputError
+
+JOBLIB, LOCAL, SLURM, RAY = list(hydra_node.LAUNCHERS)[1:]
+BASIC, OPTUNA = hydra_node.SWEEPERS
+TOUCH = {"_target_": "os.system", "command": "touch sentinel"}
+FACTORY = {"()": "os.system", "command": "touch sentinel"}
+
+REFUSED = [
+    ("callbacks.evil", TOUCH),
+    ("callbacks.evil", [TOUCH]),
+    ("callbacks.evil", {"_target_": "pathlib.Path.touch", "_args_": ["sentinel"]}),
+    ("callbacks.evil", {"_target_": "lfref.cli.run_folder.OutputFolder", "x": TOUCH}),
+    ("callbacks.evil", "${evil}"),
+    ("callbacks.output_folder._target_", "os.system"),
+    ("callbacks", {"evil": {"_target_": "${evil._target_}"}}),
+    ("launcher._target_", "os.system"),
+    ("launcher._target_", "${evil._target_}"),
+    ("launcher._target_", "hydra_plugins.evil.Launcher"),
+    ("launcher", "${evil}"),
+    ("launcher.extra", TOUCH),
+    ("launcher", {"_target_": JOBLIB, "pre_dispatch": "__import__('os').system('touch sentinel')"}),
+    ("launcher", {"_target_": JOBLIB, "backend": "evil"}),
+    ("launcher", {"_target_": JOBLIB, "n_jobs": TOUCH}),
+    ("launcher", {"_target_": JOBLIB, "n_jobs": "${evil}"}),
+    ("launcher", {"_target_": JOBLIB, "_args_": [1]}),
+    ("launcher", {"_target_": SLURM, "setup": ["touch sentinel"]}),
+    ("launcher", {"_target_": SLURM, "python": "evil"}),
+    ("launcher", {"_target_": SLURM, "srun_args": ["--prolog=evil"]}),
+    ("launcher", {"_target_": SLURM, "additional_parameters": {"wrap": "touch sentinel"}}),
+    ("launcher", {"_target_": SLURM, "partition": "a\ntouch sentinel"}),
+    ("launcher", {"_target_": LOCAL, "setup": ["touch sentinel"]}),
+    ("launcher", {"_target_": RAY, "ray": {"init": {"address": "far.away:1"}}}),
+    ("launcher", {"_target_": RAY, "ray": {"init": {"runtime_env": {"worker_process_setup_hook": "evil"}}}}),
+    ("launcher", {"_target_": "hydra_plugins.hydra_ray_launcher.ray_aws_launcher.RayAWSLauncher"}),
+    ("sweeper._target_", "os.system"),
+    ("sweeper", {"_target_": BASIC, "params": TOUCH}),
+    ("sweeper", {"_target_": OPTUNA, "sampler": TOUCH}),
+    ("sweeper", {"_target_": OPTUNA, "sampler": {"_target_": "optuna.samplers.TPESampler", "constraints_func": TOUCH}}),
+    ("sweeper", {"_target_": OPTUNA, "sampler": "${evil}"}),
+    ("sweeper", {"_target_": OPTUNA, "custom_search_space": "os.system"}),
+    ("sweeper", {"_target_": OPTUNA, "storage": "sqlite:///sentinel"}),
+    ("job_logging.handlers.evil", FACTORY),
+    ("job_logging.handlers.file.class", "os.system"),
+    ("job_logging.handlers.file.class", "logging.handlers.SocketHandler"),
+    ("job_logging.handlers.file.filename", "sentinel"),
+    ("job_logging.handlers.file.filename", "${evil.command}"),
+    ("job_logging.handlers.console.stream", "ext://os.system"),
+    ("job_logging.handlers.console.level", "ext://os.environ"),
+    ("job_logging.handlers.console.level", "cfg://handlers"),
+    ("job_logging.handlers.console", {"class": "logging.StreamHandler", ".": {"emit": "ext://os.system"}}),
+    ("job_logging.handlers", "${evil}"),
+    ("job_logging.formatters.simple", FACTORY),
+    ("job_logging.formatters.simple.class", "logging.FileHandler"),
+    ("job_logging.formatters.simple.style", "{"),
+    ("job_logging.filters", {"evil": FACTORY}),
+    ("job_logging.root.handlers", ["ext://os.system"]),
+    ("job_logging", "${evil}"),
+    ("hydra_logging.handlers.console.stream", "ext://os.system"),
+    ("hydra_logging.handlers.file", {"class": "logging.FileHandler", "filename": "sentinel"}),
+    ("hydra_logging.handlers.file", {"class": "logging.FileHandler", "filename": hydra_node.LOG_FILE}),
+    ("searchpath", ["pkg://antigravity"]),
+    ("output_subdir", "../sentinel"),
+    ("output_subdir", ".."),
+    ("sweep.subdir", "../sentinel"),
+    ("sweep.subdir", "/sentinel"),
+    ("sweep.subdir", "${evil.command}"),
+    ("job.name", "../sentinel"),
+    ("job.name", "${evil.command}"),
+    ("job.env_set", {"LD_PRELOAD": "evil.so"}),
+    ("job.env_copy", ["HOME"]),
+    ("runtime.output_dir", "/sentinel"),
+]
+ALLOWED = [
+    ("verbose", True),
+    ("verbose", ["lfref"]),
+    ("run.dir", "anywhere"),
+    ("sweep.dir", "anywhere"),
+    ("sweep.subdir", "${hydra:job.num}_${hydra.job.override_dirname}"),
+    ("job.name", "train_ddp_process_1"),
+    ("output_subdir", ".hydra"),
+    ("job_logging.root.level", "DEBUG"),
+    ("job_logging.formatters.simple.format", "[%(asctime)s] %(message)s"),
+    ("job_logging.handlers.console.stream", "ext://sys.stderr"),
+    ("launcher", {"_target_": JOBLIB, "n_jobs": 2, "pre_dispatch": "2*n_jobs", "backend": None, "temp_folder": None}),
+    (
+        "launcher",
+        {
+            "_target_": SLURM,
+            "partition": "gpu",
+            "timeout_min": 60,
+            "name": "${hydra.job.name}",
+            "submitit_folder": "${hydra.sweep.dir}/.submitit/%j",
+            "setup": None,
+            "additional_parameters": {},
+        },
+    ),
+    ("launcher", {"_target_": RAY, "ray": {"init": {"address": None, "num_cpus": 2}, "remote": {"num_gpus": 1}}}),
+    ("sweeper.max_batch_size", 4),
+    ("sweeper", {"_target_": BASIC, "params": {"net.activation": "relu,elu"}, "max_batch_size": None}),
+    (
+        "sweeper",
+        {
+            "_target_": OPTUNA,
+            "n_trials": 20,
+            "storage": None,
+            "sampler": {"_target_": "optuna.samplers.TPESampler", "seed": 1},
+        },
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """A composed configuration with the node of Hydra."""
+    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
+        return compose("train", return_hydra_config=True)
+
+
+@pytest.fixture
+def hydra_with(whole):
+    """Function (key, value) -> the node of Hydra with that in it."""
+
+    def make(key, value):
+        changed = whole.copy()
+        with open_dict(changed):
+            changed.evil = TOUCH
+            is_a_whole = key in ("launcher", "sweeper")
+            OmegaConf.update(changed, f"hydra.{key}", value, merge=not is_a_whole, force_add=True)
+        return changed.hydra
+
+    return make
+
+
+@pytest.mark.parametrize(("key", "value"), REFUSED, ids=str)
+def test_what_could_run_or_open_what_it_names_is_refused(hydra_with, key, value):
+    with pytest.raises(InputError, match=rf"hydra\.{key.partition('.')[0]}"):
+        hydra_node.check(hydra_with(key, value))
+
+
+@pytest.mark.parametrize(("key", "value"), ALLOWED, ids=str)
+def test_what_people_need_is_allowed(hydra_with, key, value):
+    hydra_node.check(hydra_with(key, value))
+
+
+@pytest.mark.parametrize("choice", ["job_logging=none", "job_logging=disabled", "job_logging=stdout"])
+def test_hydras_own_choices_are_allowed(choice):
+    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
+        hydra_node.check(compose("train", [f"hydra/{choice}"], return_hydra_config=True).hydra)
+
+
+FILES = {
+    "scene/evil.yaml": "_target_: os.system\ncommand: touch sentinel\n",
+    "scene/nested.yaml": (
+        "defaults: [plane]\nsurfaces:\n- _target_: lfref.simulator.scene.Surface\n"
+        "  geometry: {_target_: pathlib.Path.touch, _partial_: false, self: sentinel}\n"
+    ),
+    "scene/callback.yaml": (
+        "# @package _global_\ndefaults: [/scene@scene: plane]\n"
+        "hydra: {callbacks: {evil: {_target_: os.system, command: touch sentinel}}}\n"
+    ),
+    "scene/log.yaml": (
+        "# @package _global_\nhydra: {job_logging: {handlers: {evil: {(): os.system, command: touch sentinel}}}}\n"
+    ),
+    "scene/sweep.yaml": (
+        "# @package _global_\nhydra: {sweeper: {params: {'hydra.searchpath': '[pkg://evil_package]', seed: '1,2'}}}\n"
+    ),
+    "hydra/launcher/evil.yaml": "_target_: os.system\ncommand: touch sentinel\n",
+    "simulate.yaml": "hydra: {searchpath: ['pkg://evil_package']}\n",
+    "other.yaml": "hydra: {callbacks: {evil: {_target_: os.system, command: touch sentinel}}}\n",
+    "evil_package/__init__.py": "open('sentinel', 'w')\n",
+    "evil.pickle": "cos\nsystem\n(S'touch sentinel'\ntR.",
+}
+LINES = [
+    ["scene=evil"],
+    ["scene=nested"],
+    ["scene=callback"],
+    ["scene=log"],
+    ["scene=plane", "+hydra.callbacks.evil={_target_:os.system,command:'touch sentinel'}"],
+    ["scene=plane", "++hydra.callbacks.output_folder._target_=os.system"],
+    ["scene=plane", "hydra={callbacks:{evil:{_target_:os.system,command:'touch sentinel'}}}"],
+    ["scene=plane", "hydra/launcher=evil", "--multirun", "seed=1,2"],
+    ["scene=plane,log", "--multirun"],
+    ["scene=sweep", "--multirun"],
+    ["scene=plane", "--multirun", "seed=1,2", "hydra.sweeper.params={hydra.searchpath:'[pkg://evil_package]'}"],
+    [
+        "scene=plane",
+        "--multirun",
+        "seed=1,2",
+        "+hydra.job_logging.filters={e:{(): os.system, command: touch sentinel}}",
+    ],
+    ["scene=plane", "hydra.searchpath=[pkg://evil_package]"],
+    ["scene=plane", "hydra.searchpath=[pkg://evil_package]", "--info", "defaults"],
+    ["scene=plane", "hydra.hydra_logging.handlers.console.stream=ext://os.system", "--help"],
+    ["--experimental-rerun", "evil.pickle"],
+    ["--experimental", "evil.pickle"],
+    ["--config-name", "other"],
+    ["--config-path", "elsewhere"],
+    ["scene=plane", "+scene.light={_target_:os.system,command:'touch sentinel'}"],
+    ["scene=plane", "planes._target_=lfref.cli.command.sys.exit"],
+    ["scene=plane", "+planes._args_=[1]"],
+]
+RUNNER = """
+import json, sys
+from lfref.cli import main
+for words in json.loads(sys.argv[1]):
+    sys.argv = ["lfref", *words]
+    try:
+        main.main()
+        status = 0
+    except SystemExit as leaving:
+        status = leaving.code
+    print("left:", json.dumps([status, words]), flush=True)
+"""
+
+
+def test_the_command_line_reaches_nothing_either(tmp_path):
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    small = ["scene.camera.size=[24,24]", "scene.camera.grid=[3,3]", "outputs=[disparity]"]
+    good = ["simulate", "scene=plane", *small]
+    lines = [["simulate", "--config-dir", str(tmp_path), f"output=runs/{k}", *line] for k, line in enumerate(LINES)]
+    command = [sys.executable, "-W", "error::UserWarning", "-c", RUNNER, json.dumps([*lines, good])]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    left = [json.loads(line.removeprefix("left:")) for line in run.stdout.splitlines() if line.startswith("left:")]
+    assert [words for status, words in left if status not in (1, 2)] == [good]
+    assert len(left) == len(LINES) + 1
+    assert "Traceback" not in run.stderr
+    assert len(run.stderr.splitlines()) <= len(LINES) + 2
+    assert not (tmp_path / "sentinel").exists()

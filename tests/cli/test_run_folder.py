@@ -1,0 +1,123 @@
+"""One folder a run, never taken from another unasked."""
+
+import pytest
+
+from lfref.cli import run_folder
+from lfref.errors import FileError
+
+
+def run(folder, **files):
+    """A run that writes files."""
+    run_folder.claim(folder)
+    with run_folder.marked(folder):
+        for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+
+
+def names(folder):
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def test_a_new_and_an_empty_folder_are_free(tmp_path):
+    run_folder.claim(tmp_path / "new" / "er")
+    run_folder.claim(tmp_path / "new" / "er")
+    assert names(tmp_path) == []
+
+
+def test_a_folder_with_results_is_refused(tmp_path):
+    run(tmp_path / "run", **{"stack.exr": "x"})
+    with pytest.raises(FileError, match=r"new or an empty folder; got .*run; .*overwrite=true"):
+        run_folder.claim(tmp_path / "run")
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_folder_of_somebody_else_is_refused(tmp_path, overwrite):
+    (tmp_path / "config.yaml").write_text("mine")
+    with pytest.raises(FileError, match="choose another"):
+        run_folder.claim(tmp_path, overwrite)
+    assert names(tmp_path) == ["config.yaml"]
+
+
+def test_a_run_that_failed_before_its_results_leaves_a_free_folder(tmp_path):
+    run(tmp_path, **{"config.yaml": "x", "overrides.yaml": "x", "refocus.log": "x"})
+    run_folder.claim(tmp_path)
+
+
+def test_overwriting_deletes_what_the_run_wrote_and_nothing_else(tmp_path):
+    run(tmp_path, **{"config.yaml": "x", "planes/a.png": "x", "kept/b.png": "x"})
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "kept" / "mine.txt").write_text("mine")
+    run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == [run_folder.MARK, "kept/mine.txt", "notes.txt"]
+    assert not (tmp_path / "planes").exists()
+    with run_folder.marked(tmp_path):
+        (tmp_path / "new.png").write_text("x")
+    run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == [run_folder.MARK, "kept/mine.txt", "notes.txt"]
+
+
+def test_a_run_that_ends_early_still_lists_what_it_wrote(tmp_path):
+    def broken():
+        with run_folder.marked(tmp_path):
+            (tmp_path / "half.png").write_text("x")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        broken()
+    run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == [run_folder.MARK]
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"files": 3}', "{}"])
+def test_a_damaged_mark_deletes_nothing(tmp_path, content):
+    (tmp_path / run_folder.MARK).write_text(content)
+    (tmp_path / "mine.txt").write_text("mine")
+    run_folder.claim(tmp_path, overwrite=True)
+    assert "mine.txt" in names(tmp_path)
+
+
+def test_a_mark_that_leads_elsewhere_is_not_followed(tmp_path):
+    folder, outside = tmp_path / "run", tmp_path / "outside"
+    outside.mkdir()
+    (outside / "mine.txt").write_text("mine")
+    run(folder)
+    (folder / "link").symlink_to(outside)
+    (folder / "file").symlink_to(outside / "mine.txt")
+    listed = '{"files": ["../outside/mine.txt", "link/mine.txt", "file", "%s"]}' % (outside / "mine.txt")
+    (folder / run_folder.MARK).write_text(listed)
+    run_folder.claim(folder, overwrite=True)
+    assert (outside / "mine.txt").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match="folder that can be written"):
+        run_folder.make(tmp_path / "file" / "run")
+
+
+def test_a_commands_output_is_refused_and_replaced_when_asked(lfref, tmp_path):
+    words = [
+        "simulate",
+        "scene=plane",
+        "scene.camera.size=[24,24]",
+        "scene.camera.grid=[3,3]",
+        f"output={tmp_path}/out",
+    ]
+    assert lfref(*words, "outputs=[disparity]")[0] == 0
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    status, error = lfref(*words, "outputs=[views]")
+    assert status == 1
+    assert error.startswith("lfref simulate: output must be a new or an empty folder")
+    assert (tmp_path / "out" / "disparity" / "plane.exr").exists()
+    assert lfref(*words, "outputs=[views]", "overwrite=true")[0] == 0
+    assert not (tmp_path / "out" / "disparity").exists()
+    assert (tmp_path / "out" / "plane").is_dir()
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("words", [["train"], ["simulate", "--multirun", "seed=1,2"]])
+def test_training_and_sweeps_are_never_overwritten(lfref, tmp_path, words):
+    status, error = lfref(*words, "overwrite=true", f"output={tmp_path}/out")
+    assert status == 1
+    assert "overwrite must be false for training and for sweeps" in error

@@ -1,0 +1,239 @@
+"""Configuration is untrusted: only entries of the table are made, and nothing else is even imported."""
+
+import inspect
+import re
+
+import pytest
+from omegaconf import OmegaConf
+
+from lfref.cli import config as configs
+from lfref.cli import targets
+from lfref.errors import InputError
+
+NAMED = {
+    name
+    for path in configs.directory().rglob("*.yaml")
+    for name in re.findall(r"_target_: *([\w.]+)", path.read_text())
+    if path.name != "base.yaml"  # what Hydra makes has a table of its own
+}
+WRITE = ["{sentinel}", "code ran"]
+REMOVE = ["{victim}"]
+DANGEROUS: dict[str, list[str]] = {
+    # Modules that our own modules import, and Lightning's and torch's: names that a prefix would let through.
+    "lfref.nets.checkpoint.torch.load": REMOVE,
+    "lfref.data.cache.np.load": REMOVE,
+    "lfref.io.atomic.write_text": WRITE,
+    "lfref.io.atomic.replacing": ["{sentinel}"],
+    "lfref.io.atomic.os.remove": REMOVE,
+    "lfref.io.atomic.shutil.rmtree": REMOVE,
+    "lfref.io.atomic.shutil.copyfile": ["{victim}", "{sentinel}"],
+    "lfref.io.write.write": WRITE,
+    "lfref.io.images.write_image": WRITE,
+    "lfref.report.page.write_page": WRITE,
+    "lfref.cli.config.save": WRITE,
+    "lfref.cli.run_folder.claim": ["{sentinel}"],
+    "lfref.cli.run_folder._delete": REMOVE,
+    "lfref.cli.command.sys.exit": [],
+    "lfref.cli.main.importlib.import_module": ["antigravity"],
+    "lfref.cli.main.main": [],
+    "lfref.cli.targets.found": ["os.system"],
+    "lfref.cli.targets.importlib.import_module": ["antigravity"],
+    "lfref.data.cache.cached": ["{victim}", "{{}}", "{sentinel}"],
+    "lfref.nets.checkpoint.save": WRITE,
+    "lfref.nets.checkpoint.restore": REMOVE,
+    "lfref.bench.memory.subprocess.run": [["touch", "{sentinel}"]],
+    "lfref.train.storage.AtomicCheckpointIO": [],
+    "lfrefx.evil": [],
+    "lfref": [],
+    "lfref.": [],
+    "lfref..nets.refnet.RefNet": [],
+    " lfref.nets.refnet.RefNet": [],
+    "lfref.nets.refnet.RefNet.load_state_dict": [],
+    "lfref.nets.refnet.RefNet.__init__.__globals__": [],
+    "lfref.nets.refnet.RefNet.__subclasses__": [],
+    "lightning.pytorch.LightningModule.load_from_checkpoint": REMOVE,
+    "lightning.pytorch.core.saving.torch.load": REMOVE,
+    "lightning.pytorch.trainer.connectors.signal_connector.call": [["touch", "{sentinel}"]],
+    "lightning.pytorch.callbacks.LambdaCallback": [],
+    "lightning.pytorch.cli.LightningCLI": [],
+    "lightning.pytorch.loggers.MLFlowLogger": [],
+    "lightning.pytorch.Trainer.save_checkpoint": WRITE,
+    "lightning.fabric.utilities.cloud_io._load": REMOVE,
+    "torch.load": REMOVE,
+    "torch.save": WRITE,
+    "torch.hub.load": ["{victim}", "evil"],
+    "torch.hub.download_url_to_file": ["file://{victim}", "{sentinel}"],
+    "torch.ops.load_library": REMOVE,
+    "torch.jit.load": REMOVE,
+    "torch.optim.swa_utils.torch.load": REMOVE,
+    "torch.optim.lr_scheduler.LambdaLR": [],
+    "torch.optim.lr_scheduler.types.FunctionType": [],
+    "torch.optim.Optimizer.load_state_dict": [],
+    "torch.utils.cpp_extension.load": ["evil", ["{victim}"]],
+    "torch.serialization.add_safe_globals": [[]],
+    "numpy.load": REMOVE,
+    "numpy.savetxt": WRITE,
+    "numpy.fromfile": REMOVE,
+    "pathlib.Path.touch": ["{sentinel}"],
+    "pathlib.Path.unlink": REMOVE,
+    "pathlib.Path.write_text": WRITE,
+    "os.system": ["touch {sentinel}"],
+    "os.popen": ["touch {sentinel}"],
+    "posix.system": ["touch {sentinel}"],
+    "os.symlink": ["{victim}", "{sentinel}"],
+    "os.remove": REMOVE,
+    "os.rename": ["{victim}", "{sentinel}"],
+    "os.mkdir": ["{sentinel}"],
+    "shutil.rmtree": REMOVE,
+    "shutil.copyfile": ["{victim}", "{sentinel}"],
+    "subprocess.run": [["touch", "{sentinel}"]],
+    "subprocess.Popen": [["touch", "{sentinel}"]],
+    "builtins.open": ["{sentinel}", "w"],
+    "builtins.exec": ["open('{sentinel}', 'w')"],
+    "builtins.eval": ["open('{sentinel}', 'w')"],
+    "builtins.getattr": ["{victim}", "unlink"],
+    "builtins.__import__": ["antigravity"],
+    "importlib.import_module": ["antigravity"],
+    "runpy.run_path": REMOVE,
+    "pickle.load": REMOVE,
+    "joblib.load": REMOVE,
+    "ctypes.CDLL": REMOVE,
+    "code.InteractiveInterpreter": [],
+    "functools.partial": ["os.remove", "{victim}"],
+    "operator.methodcaller": ["unlink"],
+    "urllib.request.urlretrieve": ["file://{victim}", "{sentinel}"],
+    "hydra.utils.call": [{"_target_": "os.remove"}],
+    "hydra.utils.instantiate": [{"_target_": "os.remove"}],
+    "hydra._internal.core_plugins.basic_launcher.BasicLauncher": [],
+    "omegaconf.OmegaConf.save": WRITE,
+    "logging.FileHandler": ["{sentinel}"],
+    "logging.config.fileConfig": REMOVE,
+    "wandb.init": [],
+    "matplotlib.pyplot.savefig": ["{sentinel}"],
+}
+NET = "lfref.nets.refnet.RefNet"
+WRAPPINGS = {
+    "as it is": lambda node: node,
+    "partial": lambda node: node | {"_partial_": True},
+    "in a list": lambda node: [1, [node]],
+    "in a mapping": lambda node: {"a": {"b": node}},
+    "as an argument": lambda node: {"_target_": NET, "widths": [{"x": node}]},
+    "by interpolation": lambda node: {"a": "${b}", "b": node | {"_target_": "${c}"}, "c": node["_target_"]},
+}
+
+
+def filled(value, names):
+    if isinstance(value, list):
+        return [filled(each, names) for each in value]
+    return value.format(**names) if isinstance(value, str) else value
+
+
+@pytest.fixture
+def untouched(tmp_path, monkeypatch):
+    """The paths that arguments name; afterwards one must still be there, and the other not."""
+    names = {"sentinel": tmp_path / "sentinel", "victim": tmp_path / "victim"}
+    names["victim"].write_text("still here")
+    monkeypatch.setattr(targets.importlib, "import_module", lambda name: pytest.fail(f"{name} was imported"))
+    yield names
+    assert not names["sentinel"].exists()
+    assert names["victim"].read_text() == "still here"
+
+
+@pytest.mark.parametrize("target", DANGEROUS)
+def test_nothing_dangerous_is_reached_however_it_is_wrapped(target, untouched):
+    arguments = filled(DANGEROUS[target], untouched)
+    for wrapped in WRAPPINGS.values():
+        node = wrapped({"_target_": target, "_args_": arguments})
+        with pytest.raises(InputError, match="must be a component that lfref knows"):
+            configs.build(OmegaConf.create(node))
+
+
+def test_many_are_tried():
+    assert len(DANGEROUS) >= 60
+    assert not {*DANGEROUS} & {*targets.GROUPS}
+
+
+@pytest.mark.parametrize(
+    "special",
+    [
+        {"_args_": [1]},
+        {"_recursive_": False},
+        {"_convert_": "none"},
+        {"_partial_": True},
+        {"_partial_": "true"},
+        {"_method_": "x"},
+    ],
+)
+def test_nothing_else_between_underscores_is_taken(special, untouched):
+    with pytest.raises(InputError, match="nothing else between underscores"):
+        configs.build(OmegaConf.create({"_target_": NET, **special}))
+
+
+@pytest.mark.parametrize("target", [None, 3, True, ["os.system"], {"_target_": "os.system"}, ""])
+def test_a_target_that_is_no_name_is_refused(target, untouched):
+    with pytest.raises(InputError, match="must be a component that lfref knows"):
+        configs.build({"_target_": target})
+
+
+def test_special_keys_without_a_target_are_refused(untouched):
+    with pytest.raises(InputError, match="must be a component that lfref knows"):
+        configs.build({"_partial_": True, "x": 1})
+
+
+def test_a_misspelt_target_gets_the_nearest():
+    with pytest.raises(InputError, match=r"perhaps lfref\.nets\.refnet\.RefNet"):
+        configs.build({"_target_": "lfref.nets.refnet.RefNett"})
+
+
+@pytest.mark.parametrize("name", sorted(NAMED))
+def test_every_target_of_our_configuration_stands_in_the_table(name):
+    assert name in targets.GROUPS
+
+
+@pytest.mark.parametrize("name", sorted(targets.GROUPS))
+def test_every_entry_of_the_table_is_what_it_says(name):
+    entry = targets.found(name)
+    assert inspect.isclass(entry) or inspect.isfunction(entry)
+    assert entry.__name__ == name.rpartition(".")[2]
+    # Lightning and torch offer theirs one floor above where they are defined.
+    assert f"{entry.__module__}.".startswith(name.rpartition(".")[0] + ".") or name.startswith("torch.optim.")
+    assert entry.__module__.partition(".")[0] == name.partition(".")[0]
+
+
+@pytest.mark.parametrize("group", targets.WRITERS)
+def test_what_writes_must_write_into_the_run_folder(group, tmp_path):
+    run = tmp_path / "run"
+    for name in targets.NOW[group]:
+        for place in (str(run), str(run / "a" / "b")):
+            targets.check({"_target_": name, "save_dir": place}, run)
+        for key in (*targets.PLACES, "version", "filename"):
+            for place in (tmp_path, "/", run / "..", run / ".." / "run2", "../x", "s3://bucket/x", f"{run}/../x"):
+                with pytest.raises(InputError, match=r"run folder|must have some of"):
+                    targets.check({"_target_": name, key: str(place)}, run)
+
+
+def test_a_link_out_of_the_run_folder_is_followed_and_refused(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "link").symlink_to(tmp_path)
+    node = {"_target_": "lightning.pytorch.callbacks.ModelCheckpoint", "dirpath": str(tmp_path / "run" / "link")}
+    with pytest.raises(InputError, match="dirpath must lie in the run folder"):
+        targets.check(node, tmp_path / "run")
+
+
+@pytest.mark.parametrize("argument", ["settings", "dir", "experiment", "checkpoint_name", "x_executable"])
+def test_wandb_gets_no_arguments_beyond_its_list(argument):
+    node = {"_target_": "lightning.pytorch.loggers.WandbLogger", argument: "x"}
+    with pytest.raises(InputError, match=f"must have some of save_dir.*got {argument}"):
+        configs.build(node)
+
+
+def test_parts_are_made_and_given_on():
+    made = configs.build({"a": [{"_target_": "lfref.geometry.FocalPlanes", "slopes": [1, 2]}], "b": 3})
+    assert (made["a"][0].values, made["b"]) == ((1.0, 2.0), 3)
+    later = configs.build({"_target_": "lfref.refocus.apertures.disc", "_partial_": True, "diameter": 1})
+    assert float(later((3, 3)).sum()) == float(later((3, 3))[1, 1])
+
+
+def test_arguments_that_are_made_already_go_before_those_of_the_configuration():
+    planes = configs.build({"_target_": "lfref.geometry.FocalPlanes", "slopes": [5]}, slopes=[1.0, 2.0])
+    assert planes.values == (1.0, 2.0)
