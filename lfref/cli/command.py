@@ -46,9 +46,10 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
         with open_dict(config):
             config.folder = str(folder)
         try:
+            _check(config, folder)
             if claim(config, folder):
                 with marked(folder) if is_first_process() else nullcontext():
-                    _start(config, folder)
+                    _note(config, folder)
                     task(config, folder)
         except Exception as error:
             if members.is_followed():
@@ -75,12 +76,16 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
     return main
 
 
-def _start(config: DictConfig, folder: Path) -> None:
-    """Write down what is run, once it is known to be something that may be run."""
-    configs.save(config, folder)
+def _check(config: DictConfig, folder: Path) -> None:
+    """Refuse what may not be run."""
     targets.check(configs.plain(config), folder)
     if "seed" in config:
         configs.number(config, "seed", 0, 2**32 - 1)
+
+
+def _note(config: DictConfig, folder: Path) -> None:
+    """Write down what is run."""
+    configs.save(config, folder)
     runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
 
 

@@ -8,12 +8,13 @@ import torch
 import wandb
 from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import Trainer, seed_everything
-from lightning.pytorch.utilities.rank_zero import rank_zero_only
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli import members, resume
-from lfref.cli.command import command, fail, log, quiet_libraries
+from lfref.cli.command import command, log, quiet_libraries
+from lfref.cli.leaving import fail
+from lfref.cli.run_folder import is_first_process
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 from lfref.io.run import Run
@@ -39,7 +40,7 @@ def claim(config: DictConfig, folder: Path) -> bool:
         last = members.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
         config.resume = None if last is None else str(last)
     # The first process has looked already; in a sweep, the others learn from the folder that it goes on.
-    if rank_zero_only.rank > 0:  # type: ignore[attr-defined]
+    if not is_first_process():
         config.resume = config.resume or (str(Run(folder).last) if Run(folder).has_checkpoints else None)
         return True
     if config.resume is None:

@@ -120,12 +120,13 @@ class FolderData(PatchData):
 
     def prepare_data(self) -> None:
         """Hash the fields in one process of a machine; the others find what it kept. Lightning calls this first."""
-        splits.without_leaks(*self._paths(), self.cache_folder)
+        train, held, _ = self._paths()
+        splits.without_leaks(train, held, self.cache_folder)
 
     def sources(self) -> tuple[Source, Source]:
         """Fields of the folders; what is left out of training, by name or by content, is named in the log."""
-        train, held = self._paths()
-        _warn("being of the paper's test set", set(reader.find(self.path)).difference(train, held))
+        train, held, test_set = self._paths()
+        _warn("being of the paper's test set", test_set)
         train, leaks = splits.without_leaks(train, held, self.cache_folder)
         _warn("being held out too", leaks)
         if not train:
@@ -137,10 +138,14 @@ class FolderData(PatchData):
             FolderSource(held, self.cache_folder, self.reader),
         )
 
-    def _paths(self) -> tuple[list[Path], list[Path]]:
-        if self.validation_path is not None:
-            return splits.without_test_set(reader.find(self.path)), reader.find(self.validation_path)
-        return splits.held_out(reader.find(self.path), self.validation_share, self.seed)
+    def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
+        """Fields to train on, fields held out, and fields that are neither by their names."""
+        found = reader.find(self.path)
+        if self.validation_path is None:
+            train, held = splits.held_out(found, self.validation_share, self.seed)
+        else:
+            train, held = splits.without_test_set(found), reader.find(self.validation_path)
+        return train, held, set(found).difference(train, held)
 
 
 def _warn(reason: str, paths: Iterable[Path]) -> None:

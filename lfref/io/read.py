@@ -51,6 +51,11 @@ def read(
     Raises:
         FileError: A file is missing, damaged, or not what it should be.
         InputError: Views, size or pattern do not fit the file.
+
+    Example:
+        >>> path = lfref.write("capture", lfref.LightField(torch.rand(3, 3, 3, 24, 32)))  # a folder of PNG views
+        >>> lfref.read(path).views.shape
+        torch.Size([3, 3, 3, 24, 32])
     """
     path = Path(path)
     form = formats.of(path)

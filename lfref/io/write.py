@@ -33,6 +33,12 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
     Raises:
         InputError: NaN or infinity, or a suffix, depth or number of channels that cannot be written.
         FileError: The disk refuses, or the path holds anything but such a light field as `write` left it.
+
+    Example:
+        >>> field = lfref.LightField(torch.rand(3, 3, 3, 24, 32))
+        >>> path = lfref.write("capture.exr", field)
+        >>> torch.equal(lfref.read(path).views, field.views)
+        True
     """
     samples = field.views if field.weight is None else torch.cat([field.views, field.weight.to(field.views)], dim=2)
     _writer(VIEW_WRITERS, Path(path))(Path(path), _array(samples, field.views.shape[2]), bits)

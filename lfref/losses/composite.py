@@ -80,6 +80,12 @@ class CompositeLoss(nn.Module):
 
     Raises:
         InputError: A name is not in `terms`, a weight is negative or not finite, or no weight is above 0.
+
+    Example:
+        >>> target = torch.rand(2, 3, 16, 16)
+        >>> loss = CompositeLoss({"mse": 1.0, "l1": 0.5})
+        >>> float(loss(target, target))
+        0.0
     """
 
     def __init__(self, weights: Mapping[str, float] = PAPER_WEIGHTS, terms: Mapping[str, Term] = TERMS) -> None:

@@ -26,6 +26,12 @@ def adjoint(operator: Callable[[Tensor], Tensor], stack: Tensor, like: Tensor) -
 
     Raises:
         InputError: Another shape of stack than the operator makes, or an operator that is not linear.
+
+    Example:
+        >>> views, stack = torch.rand(3, 3, 1, 24, 24), torch.rand(2, 1, 24, 24)
+        >>> back = lfref.adjoint(lambda views: lfref.shift_and_sum(views, [0, 0.5]), stack, like=views)
+        >>> torch.allclose((lfref.shift_and_sum(views, [0, 0.5]) * stack).sum(), (views * back).sum())
+        True
     """
     dtype = like.dtype if like.is_floating_point() else torch.float32
     device = stack.device if like.is_meta else like.device

@@ -74,6 +74,13 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
 
     Raises:
         CheckpointError: Missing, damaged, not ours, or of another shape than it says.
+
+    Example:
+        >>> from lfref.nets import checkpoint
+        >>> checkpoint.save("net.ckpt", lfref.RefNet(n_planes=2, grid=(3, 3), widths=(8,)), lfref.even_planes(2))
+        >>> refocuser = lfref.load("net.ckpt")
+        >>> refocuser(torch.rand(3, 3, 3, 24, 32)).shape, refocuser.planes.labels
+        (torch.Size([2, 3, 24, 32]), ('slope -1', 'slope 1'))
     """
     if path is None:
         raise CheckpointError("no model ships with this version", remedy="train one (lfref train) and give its path")

@@ -93,7 +93,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "goal": ("Goal", str),
     "measured": ("Measured", "{:.3g}".format),
     "usual": ("Usual form", "{:.3g}".format),
-    "holds": ("Holds", str),
+    "holds": ("Holds", _plain),
     "exponent_pixels": ("Exponent in pixels", "{:.2f}".format),
     "exponent_views": ("Exponent in views", "{:.2f}".format),
     "exponent_planes": ("Exponent in planes", "{:.2f}".format),

@@ -132,6 +132,12 @@ def simulate(
 
     Raises:
         InputError: An output that does not exist, or slopes that the views are too small for.
+
+    Example:
+        >>> from lfref.simulator import sim30
+        >>> made = lfref.simulate(sim30.SCENES["plane"], outputs=["views", "truth"], slopes=[-0.5, 0])
+        >>> made.views.shape[:3], made.truth.shape[:2]
+        (torch.Size([7, 7, 3]), torch.Size([2, 3]))
     """
     seeded = dataclasses.replace(scene, seed=scene.seed + seed)
     return Simulation(seeded, force=force, device=device).run(outputs, slopes, timed)

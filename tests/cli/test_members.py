@@ -53,7 +53,8 @@ def test_a_member_that_fails_is_named_at_the_end_and_the_rest_runs(lfref, tmp_pa
     assert status == 1
     *_, told, why = error.strip().splitlines()
     assert told == "lfref train: one of the runs failed:"
-    assert "sweep/0 (optimizer.lr=-1): optimizer and scheduler must" in why
+    assert "sweep/0 (optimizer.lr=-1): " in why
+    assert "Invalid learning rate" in why
     assert fits == [(0.02, 0)]
     assert Run(tmp_path / "sweep" / "1").is_finished
 

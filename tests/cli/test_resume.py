@@ -141,7 +141,7 @@ def test_a_run_that_goes_on_elsewhere_takes_its_log_and_its_best_along(lfref, tr
 def test_training_over_a_trained_run_is_refused(lfref, trained):
     status, error = lfref("train", f"output={resume.quoted(trained)}", *TINY)
     assert status == 1
-    assert f"go on with it by resume={trained}" in error
+    assert "output must be a new or an empty folder" in error
     assert Run.of(trained).config["trainer"]["max_epochs"] == 2
 
 

@@ -124,3 +124,15 @@ def test_without_an_output_the_run_folder_is_of_the_command_and_the_time(tmp_pat
     (folder,) = (tmp_path / "runs" / "simulate").iterdir()
     assert {path.name for path in folder.iterdir()} >= ({"0", "1"} if "-m" in words else {"config.yaml", "disparity"})
     assert "Callback" not in said
+
+
+@pytest.mark.parametrize("suffix", ["", ".exr"])
+def test_a_capture_of_a_scenes_name_is_not_replaced(lfref, tmp_path, suffix):
+    capture = tmp_path / "data" / f"plane{suffix}" / ("mycamera_00_00.png" if not suffix else "")
+    capture.parent.mkdir(parents=True)
+    capture.write_bytes(b"mine")
+    words = ("simulate", "scene=plane", "outputs=[views]", f"suffix={suffix}", f"output={tmp_path}/data", *SMALL)
+    code, *said = lfref(*words)
+    assert code != 0
+    assert "replaced" in str(said)
+    assert capture.read_bytes() == b"mine"

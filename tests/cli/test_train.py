@@ -1,6 +1,7 @@
 """The trainer that the configuration makes: with its guard, and without what is set to null."""
 
 import pytest
+from hydra.core.hydra_config import HydraConfig
 
 from lfref.cli import train as command
 from lfref.cli.train import _trainer
@@ -10,6 +11,12 @@ from lfref.train.module import Refocusing
 from tests.cli.conftest import TINY
 
 pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch):
+    """Hydra remembers the last command of this process, which may have been a sweep."""
+    monkeypatch.setattr(HydraConfig.instance(), "cfg", None)
 
 
 def callbacks(trainer, kind):

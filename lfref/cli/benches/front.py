@@ -28,7 +28,7 @@ def front(config: DictConfig, folder: Path) -> None:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
     chosen = [*configs.build(config.methods).values(), *networks]
     name_apart(chosen)
-    fields = shared.light_fields(config)
+    fields = shared.light_fields(config, chosen)
     cases = [Case(method, field.to(device)) for field in fields for method in chosen]
     first = cost.first_calls(progress(cases, "first calls"), planes.slopes, ("psnr_db", "ssim"))
     times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)

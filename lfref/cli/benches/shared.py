@@ -10,12 +10,12 @@ from omegaconf import DictConfig
 
 from lfref.bench import machine
 from lfref.cli import config as configs
-from lfref.cli.command import paths
+from lfref.cli import inputs
 from lfref.data.sources import SimulatedSource
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
-from lfref.io import read as reader
 from lfref.lightfield import LightField
+from lfref.refocuser.refocuser import Refocuser
 
 
 class Rounds(NamedTuple):
@@ -43,11 +43,10 @@ def rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
     return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
 
 
-def light_fields(config: DictConfig) -> list[LightField]:
-    """The light fields given, or simulated ones of the paper's size."""
+def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> list[LightField]:
+    """The light fields given, or simulated ones of the paper's size, for these to refocus."""
     if config.input is not None:
-        found = [path for entry in paths(configs.plain(config.input)) for path in reader.find(entry)]
-        return [reader.read(path, **configs.plain(config.reader)) for path in found]
+        return [inputs.read(path, config, refocusers) for path in inputs.find(config)]
     source: SimulatedSource = configs.build(config.source)
     return [source.field(index) for index in range(len(source))]
 

@@ -47,6 +47,12 @@ def homography(
 
     Raises:
         InputError: Views, matrices, weights or names that cannot be used, or a plane that no view sees.
+
+    Example:
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> still = torch.eye(3).expand(5, 5, 3, 3)
+        >>> torch.allclose(lfref.homography(views, still)[0], views.mean((0, 1)), atol=1e-6)
+        True
     """
     batch = batches.flattened(views)
     aperture = batches.checked_weights(weights, (batch.shape[1], batch.shape[2]))

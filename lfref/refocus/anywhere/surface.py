@@ -42,6 +42,11 @@ def per_pixel(
 
     Raises:
         InputError: Views, slopes, weights or names that cannot be used.
+
+    Example:
+        >>> views, slope_map = torch.rand(5, 5, 3, 48, 64), torch.full((48, 64), 0.25)
+        >>> torch.allclose(lfref.per_pixel(views, slope_map), lfref.shift_and_sum(views, [0.25]), atol=1e-6)
+        True
     """
     batch = batches.flattened(views)
     stack = _stack(batch, _checked_map(slope_map, batch), interpolation, border, weights)
@@ -71,6 +76,11 @@ def tilt_shift(
 
     Raises:
         InputError: As `per_pixel`, or a tilt that is not two numbers.
+
+    Example:
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> lfref.tilt_shift(views, slope=-0.5, tilt=[0.0, 0.02]).shape  # one slope more every 50 rows
+        torch.Size([1, 3, 48, 64])
     """
     batch = batches.flattened(views)
     slope_map = _checked_map(_affine_map(slope, tilt, batch), batch)

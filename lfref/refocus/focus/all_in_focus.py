@@ -58,6 +58,12 @@ def all_in_focus(stack: Tensor, radius: float = 2.0) -> AllInFocus:
 
     Raises:
         InputError: A stack or radius that cannot be used.
+
+    Example:
+        >>> stack = lfref.exact_fourier(torch.rand(5, 5, 3, 48, 64), [-1, -0.5, 0, 0.5, 1])
+        >>> image, index, confidence = lfref.all_in_focus(stack)
+        >>> image.shape, index.shape
+        (torch.Size([3, 48, 64]), torch.Size([48, 64]))
     """
     _check(stack, radius)
     planes = stack.reshape(-1, *stack.shape[-4:])
@@ -124,10 +130,10 @@ def _smoothed(images: Tensor, sigma: float) -> Tensor:
     """Gaussian local means, [B, H, W]; beyond the border the outermost pixel goes on."""
     if sigma == 0:
         return images
-    reach = math.ceil(3 * sigma)
-    offsets = torch.arange(-reach, reach + 1, dtype=torch.float64, device=images.device)
+    half_width = math.ceil(3 * sigma)
+    offsets = torch.arange(-half_width, half_width + 1, dtype=torch.float64, device=images.device)
     window = (-(offsets / sigma).square() / 2).softmax(0).to(images.dtype)
-    padded = F.pad(images, (reach,) * 4, mode="replicate")[None]
+    padded = F.pad(images, (half_width,) * 4, mode="replicate")[None]
     with torch.autocast(images.device.type, enabled=False):
         # Images as channels: CUDA never runs a depthwise convolution in TF32.
         rows = F.conv2d(padded, window.expand(len(images), 1, 1, -1), groups=len(images))

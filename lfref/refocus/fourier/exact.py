@@ -27,6 +27,12 @@ def exact_fourier(views: Tensor, slopes: Slopes, weights: Tensor | None = None) 
 
     Raises:
         InputError: Views, slopes or weights that cannot be used.
+
+    Example:
+        >>> views = torch.rand(7, 7, 3, 48, 64)
+        >>> stack = lfref.exact_fourier(views, lfref.slopes([0.5, 1, 2]))
+        >>> torch.allclose(stack[1], views.mean((0, 1)), atol=1e-6)
+        True
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)

@@ -43,6 +43,12 @@ def focal_stack_transform(
 
     Raises:
         InputError: Views, slopes or weights that cannot be used.
+
+    Example:
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> stack = lfref.focal_stack_transform(views, 9, first=-2, last=2)
+        >>> torch.allclose(stack, lfref.exact_fourier(views, lfref.even_planes(9, -2, 2).slopes), atol=1e-5)
+        True
     """
     batch = batches.flattened(views)
     stack = _stack(batch, geometry.even_slopes(n_planes, first, last), weights)

@@ -46,6 +46,12 @@ def fourier_slice(
 
     Raises:
         InputError: Views, slopes, weights, kernel or padding that cannot be used.
+
+    Example:
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> stack = lfref.fourier_slice(views, [0, 0.25], width=6)
+        >>> torch.allclose(stack, lfref.exact_fourier(views, [0, 0.25]), atol=1e-4)
+        True
     """
     if not (math.isfinite(padding) and padding >= 1):
         raise InputError("padding must be finite and at least 1", got=padding)

@@ -37,6 +37,11 @@ def shift_and_sum(
 
     Raises:
         InputError: Views, slopes, weights or names that cannot be used.
+
+    Example:
+        >>> views = torch.rand(7, 7, 3, 48, 64)
+        >>> lfref.shift_and_sum(views, [-0.5, 0, 0.5], border="edge").shape
+        torch.Size([3, 3, 48, 64])
     """
     batch = batches.flattened(views)
     planned = task.plan(slopes, *batches.grid_and_size(batch), interpolation, border, weights)

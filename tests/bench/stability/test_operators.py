@@ -9,7 +9,9 @@ from lfref.bench.stability.trials import OURS, PRECISIONS
 COMPONENTS = {component.name: component for component in operators.components()}
 
 
-@pytest.mark.parametrize("name", COMPONENTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "all-in-focus")) for name in COMPONENTS]
+)
 def test_ours_holds_on_the_whole_catalogue(name, monkeypatch):
     monkeypatch.setattr(trials, "PRECISIONS", {key: PRECISIONS[key] for key in ("float32", "bfloat16")})
     component = COMPONENTS[name]

@@ -1,8 +1,11 @@
 """The simulator gives every pixel of a scene of one colour that colour."""
 
+import pytest
+
 from lfref.bench.stability import scenes
 
 
+@pytest.mark.slow
 def test_every_scene_has_its_one_colour_in_views_and_truth():
     rows = list(scenes.rows())
     assert len(rows) == 2 * len(scenes.SCENES)

@@ -19,9 +19,9 @@ def test_integers_are_scaled_to_radiance():
 
 
 def test_derivatives_in_both_modes():
-    views = torch.rand(1, 2, 3, 1, 5, 6, dtype=torch.float64, requires_grad=True)
+    views = torch.rand(1, 2, 2, 1, 3, 4, dtype=torch.float64, requires_grad=True)
     for interpolation in ("nearest", "linear", "cubic", "exact"):
-        plan = planned(views, [0.4, -1.0], interpolation=interpolation)
+        plan = planned(views, [0.4, -0.9], interpolation=interpolation)
         assert torch.autograd.gradcheck(
             lambda x, plan=plan: by_torch.shift_and_sum(x, plan), views, check_forward_ad=True
         )

@@ -2,6 +2,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from lfref.refocus.shift import row_loop
 
@@ -14,6 +15,7 @@ print(sum(row_loop.add_band.stats.cache_hits.values()), sum(row_loop.add_band.st
 """
 
 
+@pytest.mark.slow
 def test_machine_code_is_kept_between_runs(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     runs = [subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True) for _ in "12"]
