@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 DEMO ?= runs/demo
 # A light field to refocus in the demo: an ESLF image, a folder of views or an EXR file. Empty: a simulated one.
 INPUT ?=
+FIELD = $(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)
 # More arguments for pip, for example PIP_ARGS="--extra-index-url https://download.pytorch.org/whl/cpu".
 PIP_ARGS ?=
 
@@ -31,17 +32,17 @@ demo: install
 	rm -rf "$(DEMO)"
 	$(BIN)/lfref simulate output="$(DEMO)/scenes" n_fields=4 scene.camera.size=[240,320] outputs=[views] seed=2026
 	$(BIN)/lfref train experiment=demo output="$(DEMO)/refnet_demo"
-	$(BIN)/lfref eval output="$(DEMO)/eval" input="$(DEMO)/scenes" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
-	$(BIN)/lfref refocus output="$(DEMO)/refocus_refnet" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt"
-	$(BIN)/lfref refocus output="$(DEMO)/refocus_shift_and_sum" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)'" method=shift_and_sum
-	$(BIN)/lfref bench output="$(DEMO)/bench" "input='$(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)'" checkpoint="$(DEMO)/refnet_demo/checkpoints/best.ckpt" repeats=2
-	$(BIN)/lfref report output="$(DEMO)/report" title="lfref demo" 'runs=[$(DEMO)/refnet_demo,$(DEMO)/eval,$(DEMO)/refocus_refnet,$(DEMO)/refocus_shift_and_sum,$(DEMO)/bench]'
+	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" output="$(DEMO)/eval"
+	$(BIN)/lfref refocus "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/refocus_refnet"
+	$(BIN)/lfref refocus "$(FIELD)" method=shift_and_sum output="$(DEMO)/refocus_shift_and_sum"
+	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/bench" repeats=2
+	$(BIN)/lfref report $(foreach run,refnet_demo eval refocus_refnet refocus_shift_and_sum bench,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo"
 
 figures: $(VENV)/checks
-	$(BIN)/lfref bench output=runs/figures/bench repeats=5
-	$(BIN)/lfref bench group=operators output=runs/figures/operators repeats=5
-	$(BIN)/lfref bench group=simulate output=runs/figures/simulate repeats=2
-	$(BIN)/lfref bench group=stability output=runs/figures/stability
+	$(BIN)/lfref bench overwrite=true output=runs/figures/bench repeats=5
+	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
+	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2
+	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py
 

@@ -126,8 +126,13 @@ def times(
     """
     if not cases:
         raise InputError("there must be something to measure", got="no method or no light field")
-    watches = [((FFT, case.key[1]), _fft(case)) for case in cases if case.key == cases[0].key]
-    watches += [(case.key, _watch(case, slopes)) for case in cases]
+    transformed = [case for case in cases if case.key == cases[0].key]
+    watches: list[tuple[tuple[str, str], Callable[[], float]]] = [
+        ((FFT, case.key[1]), functools.partial(timing.numpy_fft_time, case.views)) for case in transformed
+    ]
+    for case in cases:
+        run = functools.partial(case.run, slopes)
+        watches.append((case.key, functools.partial(timing.seconds, run, case.views.device)))
     spent = timing.in_turns(dict(enumerate(watch for _, watch in watches)), rounds, warmup)
     seconds = pd.DataFrame([(*key, each) for place, (key, _) in enumerate(watches) for each in spent[place]])
     spans = seconds.set_axis([*KEY, "s"], axis=1).groupby(KEY, sort=False)["s"].quantile([0.5, 0.1, 0.9]).unstack()
@@ -138,14 +143,6 @@ def times(
         medians.get((twins.get(name, ""), kind), math.nan) / median for (name, kind), median in medians.items()
     ]
     return table
-
-
-def _fft(case: Case) -> Callable[[], float]:
-    return functools.partial(timing.numpy_fft_time, case.views)
-
-
-def _watch(case: Case, slopes: Tensor) -> Callable[[], float]:
-    return functools.partial(timing.seconds, functools.partial(case.run, slopes), case.views.device)
 
 
 def peaks(cases: Iterable[Case], slopes: Tensor) -> pd.DataFrame:
@@ -178,13 +175,11 @@ def facts(cases: Iterable[Case], n_planes: int) -> pd.DataFrame:
         Columns `device, n_views, height, width, channels, planes`, the FFT's first, which makes no planes.
     """
     first, *_ = cases = list(cases)
-    rows = []
-    for key, views, planes in [
-        ((FFT, first.key[1]), first.views.cpu(), None),
-        *((case.key, case.views, n_planes) for case in cases),
-    ]:
-        n_rows, n_columns, channels, height, width = views.shape
-        rows.append((*key, views.device.type, n_rows * n_columns, height, width, channels, planes))
+    fft, rows = Case(OperatorRefocuser(FFT, exact_fourier), first.views.cpu()), []
+    for case in (fft, *cases):
+        n_rows, n_columns, channels, height, width = case.views.shape
+        planes = None if case is fft else n_planes
+        rows.append((*case.key, case.views.device.type, n_rows * n_columns, height, width, channels, planes))
     return pd.DataFrame(rows, columns=[*KEY, *OPERATORS[:6]]).set_index(KEY).astype({"planes": "Int64"})
 
 
@@ -196,5 +191,4 @@ def table(columns: Sequence[str], first: pd.DataFrame, *others: pd.DataFrame) ->
         first: As from the functions above; it has all the rows.
         *others: Likewise.
     """
-    joined = first.join(list(others)) if others else first
-    return joined.reindex(columns=[*columns]).reset_index()
+    return first.join([*others]).reindex(columns=[*columns]).reset_index()

@@ -1,6 +1,7 @@
 """Words of the command line as people write them, made into words that Hydra reads.
 
-Paths stand as they are; `slopes=`, `alphas=` and `convention=` choose planes; `+sweep=NAME` names a file of ablations.
+Paths stand as they are; `slopes=`, `alphas=` and `convention=` choose planes; `run=` is what a command
+takes a run folder as; `+sweep=NAME` names a file of ablations.
 """
 
 from functools import partial
@@ -15,6 +16,8 @@ from lfref.errors import InputError
 
 INPUTS = {"refocus": "input", "eval": "input", "bench": "input", "report": "runs"}
 """What a path is to a command."""
+RUN = {"train": "resume", "refocus": "checkpoint", "eval": "checkpoint", "bench": "checkpoint", "report": "runs"}
+"""What `run=FOLDER` is to a command."""
 SHORTHANDS = {
     "slopes": ["planes=slopes", "planes.slopes={}"],
     "alphas": ["planes=alphas", "planes.alphas={}"],
@@ -41,7 +44,7 @@ def rewritten(command: str, words: list[str]) -> list[str]:
     paths = [] if given["shell_completion"] else [word for word in others if _is_path(word)]
     overrides: list[str] = []
     for word in others:
-        overrides += [] if word in paths else _expanded(word, overrides, given["multirun"])
+        overrides += [] if word in paths else _expanded(command, word, overrides, given["multirun"])
     return [*_as_words(given), *_inputs(command, [*paths, *words[end + 1 :]]), *overrides]
 
 
@@ -85,9 +88,11 @@ def _inputs(command: str, paths: list[str]) -> list[str]:
     return [f"{INPUTS[command]}={quoted[0] if len(quoted) == 1 else '[' + ','.join(quoted) + ']'}"]
 
 
-def _expanded(word: str, before: list[str], is_multirun: bool) -> list[str]:
+def _expanded(command: str, word: str, before: list[str], is_multirun: bool) -> list[str]:
     """A word as the words that it stands for."""
     key, _, value = word.partition("=")
+    if key == "run" and command in RUN:
+        return [f"{RUN[command]}={value}"]
     if key.removeprefix("+") == "sweep":
         if not is_multirun:
             raise InputError("a sweep needs --multirun", got=word, remedy="lfref train --multirun +sweep=NAME")

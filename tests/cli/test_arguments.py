@@ -124,3 +124,8 @@ def test_an_unknown_option_is_one_line_and_status_2(lfref, words):
     assert status == 2
     assert error.startswith("lfref refocus: ")
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(("command", "key"), list(arguments.RUN.items()))
+def test_a_run_folder_is_what_the_command_takes_one_as(command, key):
+    assert arguments.rewritten(command, ["run=runs/mine"]) == [f"{key}=runs/mine"]

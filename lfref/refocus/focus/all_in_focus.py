@@ -130,10 +130,10 @@ def _smoothed(images: Tensor, sigma: float) -> Tensor:
     """Gaussian local means, [B, H, W]; beyond the border the outermost pixel goes on."""
     if sigma == 0:
         return images
-    reach = math.ceil(3 * sigma)
-    offsets = torch.arange(-reach, reach + 1, dtype=torch.float64, device=images.device)
+    half_width = math.ceil(3 * sigma)
+    offsets = torch.arange(-half_width, half_width + 1, dtype=torch.float64, device=images.device)
     window = (-(offsets / sigma).square() / 2).softmax(0).to(images.dtype)
-    padded = F.pad(images, (reach,) * 4, mode="replicate")[None]
+    padded = F.pad(images, (half_width,) * 4, mode="replicate")[None]
     with torch.autocast(images.device.type, enabled=False):
         # Images as channels: CUDA never runs a depthwise convolution in TF32.
         rows = F.conv2d(padded, window.expand(len(images), 1, 1, -1), groups=len(images))

@@ -17,8 +17,8 @@ from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches, borders
 
-REACH = 0.75  # fine pixels to each side: narrower keeps more detail, wider more samples (less noise, no gaps)
-FALLBACK = 1e-3  # weight of linear interpolation beside it: decides only where no view has a sample within reach
+HALF_WIDTH = 0.75  # fine pixels to each side: narrower keeps more detail, wider more samples (less noise, no gaps)
+FALLBACK = 1e-3  # weight of linear interpolation beside it: decides only where no view has a sample that near
 LEAST_WEIGHT = 1e-12  # below this share of the aperture only rounding put a sample near
 
 
@@ -89,7 +89,7 @@ def _add(total: Tensor, samples: Tensor, shift: float, axis: int) -> None:
 
 def _weight(distance: float, factor: int) -> float:
     """Weight of a sample at a distance of at most one coarse pixel."""
-    return max(0.0, 1 - abs(distance) * factor / REACH) + FALLBACK * (1 - abs(distance))
+    return max(0.0, 1 - abs(distance) * factor / HALF_WIDTH) + FALLBACK * (1 - abs(distance))
 
 
 def _inverse_weight(

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 
 from lfref.errors import InputError
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.super_resolution import FALLBACK, LEAST_WEIGHT, REACH, super_resolve
+from lfref.refocus.shift.super_resolution import FALLBACK, HALF_WIDTH, LEAST_WEIGHT, super_resolve
 
 
 def slow_super_resolve(views: np.ndarray, slope: float, factor: int, weights: np.ndarray) -> np.ndarray:
@@ -28,7 +28,7 @@ def slow_super_resolve(views: np.ndarray, slope: float, factor: int, weights: np
 def slow_kernel(length: int, factor: int, shift: float) -> np.ndarray:
     """Weight of each sample, which lies at j - shift, on each fine pixel, which lies at X / factor."""
     distance = np.abs(np.arange(factor * length)[:, None] / factor - (np.arange(length) - shift))
-    return np.maximum(0, 1 - distance * factor / REACH) + FALLBACK * np.maximum(0, 1 - distance)
+    return np.maximum(0, 1 - distance * factor / HALF_WIDTH) + FALLBACK * np.maximum(0, 1 - distance)
 
 
 def waves(y: torch.Tensor, x: torch.Tensor, highest: float) -> torch.Tensor:
