@@ -68,6 +68,12 @@ class Run:
         return _read_yaml(self.folder / CONFIG, dict)
 
     @property
+    def told(self) -> str:
+        """What was said on the command line, in one line; the name where that was not kept."""
+        notes = (self.folder / OVERRIDES, self.folder / OLD_OVERRIDES)
+        return " ".join(self.overrides) if any(note.is_file() for note in notes) else self.name
+
+    @property
     def overrides(self) -> list[str]:
         """What was said on the command line, one `key=value` an entry.
 

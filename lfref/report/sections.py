@@ -10,6 +10,7 @@ import pandas as pd
 
 from lfref.bench.timing import FFT
 from lfref.errors import FileError, LfrefError
+from lfref.io.run import Run
 from lfref.report import costs, front, plots, stability, tables
 from lfref.report.page import Section
 
@@ -181,10 +182,9 @@ def _jobs(paths: Iterable[Path]) -> list[dict[str, object]]:
     rows = []
     for path in paths:
         job = path.parent.parent
-        note, values = job / "overrides.txt", tables.read_table(path).get("val/mpsnr", pd.Series(dtype=float)).dropna()
-        name = note.read_text("utf-8").strip() if note.is_file() else job.name
+        values = tables.read_table(path).get("val/mpsnr", pd.Series(dtype=float)).dropna()
         first = None if values.empty else values.iloc[0]
-        rows.append({"job": name, "first_mpsnr_db": first, "best_mpsnr_db": values.max()})
+        rows.append({"job": Run(job).told, "first_mpsnr_db": first, "best_mpsnr_db": values.max()})
     return rows
 
 

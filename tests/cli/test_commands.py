@@ -46,14 +46,6 @@ def test_train_leaves_config_checkpoints_metrics_and_pictures(trained):
     assert len(list((run / "pictures").glob("*.png"))) == 2
 
 
-def test_train_resumes(lfref, trained):
-    checkpoint = trained / "run" / "checkpoints" / "last.ckpt"
-    status, error = lfref("train", f"output={trained}/more", *QUICK, f"resume={checkpoint}", "trainer.max_epochs=3")
-    assert status == 0, error
-    steps = [int(row["epoch"]) for row in table(trained / "more" / "log" / "metrics.csv") if row["val/mpsnr"]]
-    assert steps == [0, 1, 2]
-
-
 def test_multirun_jobs_have_folders_configs_and_wandb_runs_of_their_own(lfref, trained):
     words = (*QUICK, "trainer.max_epochs=1", "logger=wandb", "logger.wandb.offline=true", "net.activation=relu,elu")
     assert lfref("train", "--multirun", f"output={trained}/sweep", *words)[0] == 0

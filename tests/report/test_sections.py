@@ -3,6 +3,7 @@
 import pytest
 
 from lfref.errors import FileError
+from lfref.io.run import write_overrides
 from lfref.report import drawing, page, sections, tables
 
 ALPHAS = (0.125, 1.0, 2.0)
@@ -88,7 +89,7 @@ def sweep(tmp_path):
     ):
         write_metrics(folder / job, values)
         if note:
-            (folder / job / "overrides.txt").write_text(f"{note}\n")
+            write_overrides(folder / job, [note])
     return folder
 
 
