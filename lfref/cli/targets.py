@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lfref.errors import InputError, LfrefError
+from lfref.nets.kinds import KINDS
 
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
@@ -64,7 +65,7 @@ NOW: dict[str, tuple[str, ...]] = {
     "labels": ("lfref.data.labels.OperatorLabels", "lfref.data.labels.RenderedLabels"),
     "data": ("lfref.data.datamodules.FolderData", "lfref.data.datamodules.SimulatedData"),
     "sources": ("lfref.data.sources.SimulatedSource",),
-    "networks": ("lfref.nets.refnet.RefNet",),
+    "networks": tuple(KINDS.values()),
     "losses": ("lfref.losses.composite.CompositeLoss", "lfref.losses.composite.paper_weights"),
     "scenes": (
         *(f"lfref.simulator.scene.{name}" for name in ("Camera", "Light", "Scene", "Surface")),

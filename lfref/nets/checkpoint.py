@@ -4,6 +4,7 @@ A file holds `lfref` (format, network arguments, focal planes) and `state_dict`;
 beside them. Reading is `weights_only`, networks are built from a table of names, and addresses are refused.
 """
 
+import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,21 +14,25 @@ from torch import Tensor, nn
 
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes, planes_from
-from lfref.io import atomic
+from lfref.io import tensors
+from lfref.nets.kinds import KINDS
 from lfref.nets.network import Network
-from lfref.nets.refnet import RefNet
 
 FORMAT = 2
 FORMATS = (1, 2)  # that can be read: 1 kept alphas in place of slopes
 PREFIX = "net."  # under which a training module holds its network
 
-NETWORKS: dict[str, type[Network]] = {kind.name: kind for kind in (RefNet,)}
-"""The kinds of networks that a checkpoint may hold; `conf/net` may name no others."""
-
 
 def payload(network: Network, planes: FocalPlanes) -> dict[str, Any]:
     """The entry `lfref` of a checkpoint: what builds the network again."""
     return {"format": FORMAT, "network": {"name": network.name, **network.config}, "planes": planes.as_dict()}
+
+
+def kind(name: str) -> type[Network]:
+    """The class of networks of that name, one of `KINDS`."""
+    module, _, attribute = KINDS[name].rpartition(".")
+    made: type[Network] = getattr(importlib.import_module(module), attribute)
+    return made
 
 
 def check_number(network: Network, planes: FocalPlanes) -> None:
@@ -56,8 +61,7 @@ def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
         FileError: The file cannot be written.
     """
     state = {PREFIX + name: value for name, value in network.state_dict().items()}
-    with atomic.replacing(Path(path)) as temporary:
-        torch.save({"lfref": payload(network, planes), "state_dict": state}, temporary)
+    tensors.write(Path(path), {"lfref": payload(network, planes), "state_dict": state})
 
 
 def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
@@ -103,9 +107,9 @@ def _build(path: str | Path, entry: Mapping[str, Any]) -> tuple[Network, FocalPl
     try:
         arguments = dict(entry["network"])
         name = arguments.pop("name", None)
-        if name not in NETWORKS:
-            raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
-        network, planes = NETWORKS[name](**arguments), planes_from(entry["planes"])
+        if name not in KINDS:
+            raise CheckpointError(f"{path} must hold one of {', '.join(KINDS)}", got=name, remedy="update lfref")
+        network, planes = kind(name)(**arguments), planes_from(entry["planes"])
         check_number(network, planes)
     except CheckpointError:
         raise

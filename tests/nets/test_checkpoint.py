@@ -10,6 +10,8 @@ import torch
 from lfref.errors import CheckpointError, FileError
 from lfref.geometry import planes_at_alphas
 from lfref.nets import checkpoint
+from lfref.nets.kinds import KINDS
+from lfref.nets.network import Network
 from lfref.nets.refnet import RefNet
 
 PLANES = planes_at_alphas((0.5, 2.0), "parallel")
@@ -195,10 +197,9 @@ def test_a_folder_that_cannot_be_written_is_a_file_error(tmp_path, network):
 def test_a_write_that_is_killed_leaves_the_old_file(saved, monkeypatch):
     old = saved.read_bytes()
 
-    def die_half_way(thing, path):
-        with open(path, "wb") as file:  # noqa: PTH123
-            file.write(old[: len(old) // 2])
-            file.flush()
+    def die_half_way(thing, file):
+        file.write(old[: len(old) // 2])
+        file.flush()
         os.kill(os.getpid(), signal.SIGKILL)
 
     child = os.fork()
@@ -212,3 +213,10 @@ def test_a_write_that_is_killed_leaves_the_old_file(saved, monkeypatch):
     assert saved.read_bytes() == old
     assert [path.name.startswith(".") for path in saved.parent.iterdir() if path != saved] == [True]
     assert checkpoint.restore(saved)[1] == PLANES
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_every_kind_of_network_is_a_network_that_calls_itself_so(name):
+    kind = checkpoint.kind(name)
+    assert issubclass(kind, Network)
+    assert kind.name == name
