@@ -189,7 +189,7 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("simulate", "outputs=views"), "outputs must be a list"),
         (("simulate", "outputs=[pictures]"), "outputs must be some of views, truth"),
         (("simulate", "suffix=.png"), "suffix must be '' or '.exr'"),
-        (("simulate", "scene.name=../up", "scene=plane"), "usable as the name of a file"),
+        (("simulate", "scene.name=../up", "scene=foliage"), "usable as the name of a file"),
         (("simulate", "scene=sim30", "scene.name=nowhere"), "sim30 scene must be one of"),
         (("simulate", "scene.n_surfaces=[3,1]"), "ranges must go from small to large"),
         (("simulate", "scene=varied", "scene.glossy=2"), "the share of glossy"),
