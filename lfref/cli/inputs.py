@@ -8,6 +8,7 @@ from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli.command import paths
+from lfref.errors import InputError
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
@@ -35,7 +36,10 @@ def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = ()) -
         InputError: It has not the views that are wanted.
     """
     options: dict[str, Any] = configs.plain(config.reader)
-    grids = (refocuser.grid for refocuser in refocusers if refocuser.grid is not None)
-    if options.get("views") is None:
-        options["views"] = next(grids, None)
-    return reader.read(path, **options)
+    network = next((refocuser for refocuser in refocusers if refocuser.grid is not None), None)
+    if options["views"] is not None or network is None:
+        return reader.read(path, **options)
+    try:
+        return reader.read(path, **options | {"views": network.grid})
+    except InputError as error:
+        raise InputError(f"{network.name} reads {network.grid} views", got=error) from error

@@ -70,6 +70,26 @@ def working_dtype(dtype: torch.dtype) -> torch.dtype:
     return torch.float64 if dtype == torch.float64 else torch.float32
 
 
+def check(views: Tensor) -> None:
+    """Refuse what no operator reads.
+
+    Args:
+        views: Should be floating point, uint8 or uint16, [..., V, U, C, H, W].
+
+    Raises:
+        InputError: No tensor, another number of axes, an empty axis, or another type.
+    """
+    if not isinstance(views, Tensor):
+        raise InputError("views must be a tensor or a LightField", got=type(views), remedy="torch.from_numpy(views)")
+    check_axes(views)
+    if not (views.is_floating_point() or views.dtype in FULL_SCALE):
+        raise InputError(
+            "views must be floating point in [0, 1], uint8 or uint16",
+            got=views.dtype,
+            remedy="scale other integers to [0, 1]",
+        )
+
+
 def flattened(views: Tensor) -> Tensor:
     """Light fields of any batch dimensions behind a single one; `restored` gives their stacks the dimensions back.
 
@@ -80,15 +100,9 @@ def flattened(views: Tensor) -> Tensor:
         In the type that they have, [B, V, U, C, H, W]; whoever reads a part passes it through `radiance`.
 
     Raises:
-        InputError: Another number of axes, an empty axis, or another type.
+        InputError: As `check`.
     """
-    check_axes(views)
-    if not (views.is_floating_point() or views.dtype in FULL_SCALE):
-        raise InputError(
-            "views must be floating point in [0, 1], uint8 or uint16",
-            got=views.dtype,
-            remedy="scale other integers to [0, 1]",
-        )
+    check(views)
     return views.reshape(-1, *views.shape[-5:])
 
 
@@ -102,8 +116,12 @@ def restored(stacks: Tensor, views: Tensor) -> Tensor:
     Returns:
         In the type of the views, float32 for integers, [..., N, C, H, W].
     """
-    kept = views.dtype if views.is_floating_point() else torch.float32
-    return stacks.reshape(*views.shape[:-5], *stacks.shape[1:]).to(kept)
+    return stacks.reshape(*views.shape[:-5], *stacks.shape[1:]).to(stack_dtype(views))
+
+
+def stack_dtype(views: Tensor) -> torch.dtype:
+    """The type that stacks of these views have: theirs, float32 for integers."""
+    return views.dtype if views.is_floating_point() else torch.float32
 
 
 def grid_and_size(views: Tensor) -> tuple[tuple[int, int], tuple[int, int]]:

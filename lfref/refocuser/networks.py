@@ -50,8 +50,7 @@ class NetworkRefocuser(Refocuser):
             raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
         if weight is not None:
             radiance = _filled(radiance, weight.to(radiance))
-        kept = views.dtype if views.is_floating_point() else torch.float32
-        return self.network(radiance.to(like.dtype), slopes).to(kept)
+        return self.network(radiance.to(like.dtype), slopes).to(batches.stack_dtype(views))
 
 
 def _filled(views: Tensor, weight: Tensor) -> Tensor:

@@ -48,7 +48,7 @@ class OperatorRefocuser(Refocuser):
         weight = weight.to(radiance)
         share, weighted = self._sum(weight, slopes), self._sum(radiance * weight, slopes)
         mean = torch.where(share > LEAST_WEIGHT, weighted / share.clamp(min=LEAST_WEIGHT), 0.0)
-        return mean.to(views.dtype) if views.is_floating_point() else mean
+        return mean.to(batches.stack_dtype(views))
 
     def _sum(self, views: Tensor, slopes: Tensor) -> Tensor:
         if self.aperture is None:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
-from lfref.lightfield import LightField, check_axes
+from lfref.lightfield import LightField
 from lfref.refocus import batches
 
 
@@ -42,7 +42,7 @@ class Refocuser(abc.ABC):
             InputError: Views or slopes that it cannot use.
         """
         views, weight = (light.views, light.weight) if isinstance(light, LightField) else (light, None)
-        _check(views)
+        batches.check(views)
         return self.stack(views, weight, self.slopes(slopes))
 
     @abc.abstractmethod
@@ -75,17 +75,6 @@ class Refocuser(abc.ABC):
                 remedy="leave the planes as it was trained, or use an operator (method=shift_and_sum)",
             )
         return self.planes.slopes
-
-
-def _check(views: Tensor) -> None:
-    """Refuse what are no views."""
-    if not isinstance(views, Tensor):
-        raise InputError("views must be a tensor or a LightField", got=type(views), remedy="torch.from_numpy(views)")
-    check_axes(views)
-    if not (views.is_floating_point() or views.dtype in batches.FULL_SCALE):
-        raise InputError(
-            "views must be floating point in [0, 1], uint8 or uint16", got=views.dtype, remedy="scale them to [0, 1]"
-        )
 
 
 def name_apart(refocusers: Iterable[Refocuser]) -> None:

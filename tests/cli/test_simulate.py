@@ -132,7 +132,8 @@ def test_a_capture_of_a_scenes_name_is_not_replaced(lfref, tmp_path, suffix):
     capture.parent.mkdir(parents=True)
     capture.write_bytes(b"mine")
     words = ("simulate", "scene=plane", "outputs=[views]", f"suffix={suffix}", f"output={tmp_path}/data", *SMALL)
-    code, *said = lfref(*words)
-    assert code != 0
-    assert "replaced" in str(said)
-    assert capture.read_bytes() == b"mine"
+    for more, complaint in (((), "a new or an empty folder"), (("overwrite=true",), "replaces runs of lfref only")):
+        code, error = lfref(*words, *more)
+        assert code == 1
+        assert complaint in error
+        assert capture.read_bytes() == b"mine"

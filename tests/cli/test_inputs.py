@@ -1,0 +1,54 @@
+"""Light fields are read as they are, or with as many views as a network reads."""
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+import lfref
+from lfref.cli import inputs
+from lfref.errors import FileError, InputError
+from lfref.geometry import even_planes
+from lfref.nets.refnet import RefNet
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.operators import OperatorRefocuser
+
+OPERATOR = OperatorRefocuser("sum", shift_and_sum)
+
+
+@pytest.fixture
+def network():
+    return NetworkRefocuser(RefNet(n_planes=2, grid=(3, 3), widths=(4,), stem_width=4), even_planes(2), "mine")
+
+
+@pytest.fixture
+def field(tmp_path):
+    return lfref.write(tmp_path / "fields" / "a", lfref.LightField(torch.rand(5, 5, 3, 16, 18)))
+
+
+def config(views=None, path=None):
+    return OmegaConf.create({"input": None if path is None else str(path), "reader": {"views": views}})
+
+
+def test_operators_read_all_views_and_networks_as_many_as_theirs(field, network):
+    assert inputs.read(field, config()).grid == (5, 5)
+    assert inputs.read(field, config(), [OPERATOR]).grid == (5, 5)
+    assert inputs.read(field, config(), [OPERATOR, network]).grid == (3, 3)
+    assert torch.equal(inputs.read(field, config(), [network]).views, lfref.read(field, views=3).views)
+
+
+def test_the_number_that_is_asked_for_counts(field, network):
+    assert inputs.read(field, config(views=5), [network]).grid == (5, 5)
+
+
+def test_a_field_too_small_for_a_network_names_the_network(tmp_path, network):
+    small = lfref.write(tmp_path / "small", lfref.LightField(torch.rand(2, 2, 3, 16, 18)))
+    with pytest.raises(InputError, match=r"mine reads \(3, 3\) views; got views to keep must be among the 2"):
+        inputs.read(small, config(), [network])
+
+
+def test_the_light_fields_below_a_folder_are_found(field):
+    assert inputs.find(config(path=field)) == [field]
+    assert inputs.find(config(path=field.parent)) == [field]
+    with pytest.raises(FileError, match="must hold light fields"):
+        inputs.find(config(path=field.parent / "none"))
