@@ -28,11 +28,13 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
     monkeypatch.setenv("WANDB_MODE", "disabled")
     group, _, name = choice.partition("/")
     needs = {
+        "refnet": ("net.widths=[8]",),
+        "refnet_small": ("net.widths=[8]",),
         "folder": (f"data.cache_folder={tmp_path}", f"data.path={tmp_path}"),
         "alphas": ("planes.alphas=[1]",),
         "slopes": ("planes.slopes=[0]",),
     }
-    config = composed("train", f"{group}={name}", "net.widths=[8]", *needs.get(name, ()))
+    config = composed("train", f"{group}={name}", *needs.get(name, ()))
     if group == "trainer":
         config.trainer.accelerator, config.trainer.devices = "cpu", 1
     assert configs.build(config[group]) is not None
