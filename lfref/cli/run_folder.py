@@ -54,6 +54,8 @@ def claim(folder: Path, overwrite: bool = False) -> None:
         _delete(folder)
     elif not _is_free(folder):
         remedy = "choose another, or say overwrite=true" if (folder / MARK).exists() else "choose another"
+        if runs.Run(folder).has_checkpoints:
+            remedy = f"choose another, or go on by resume={folder}"
         raise FileError("output must be a new or an empty folder", got=str(folder), remedy=remedy)
 
 
