@@ -117,6 +117,8 @@ def quiet_libraries() -> None:
         ".*does not have many workers.*",
         ".*isinstance.treespec, LeafSpec.*",
         ".*number of training batches.*",
+        "Checkpoint directory .* exists and is not empty.*",
+        "The dirpath has changed from .*",
     ):
         warnings.filterwarnings("ignore", message=message)
 

@@ -16,8 +16,6 @@ from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
 from tests.cli.conftest import TINY
 
-pytestmark = pytest.mark.filterwarnings("ignore")
-
 
 def picture(path, height=48, width=48, value=0.5):
     image = OpenImageIO.ImageBuf(np.full((height, width, 3), value, np.float32))

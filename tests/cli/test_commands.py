@@ -13,7 +13,6 @@ from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from tests.cli.conftest import TINY
 
-pytestmark = pytest.mark.filterwarnings("ignore")
 QUICK = (*TINY, "trainer.max_epochs=2", "trainer.log_every_n_steps=1")
 
 

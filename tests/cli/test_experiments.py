@@ -48,7 +48,6 @@ def losses(monkeypatch):
     return seen
 
 
-@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("experiment", thinned(EXPERIMENTS))
 def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, experiment):
     config = composed("train", f"experiment={experiment}", *TINY_DATA, *FAST)
@@ -57,7 +56,6 @@ def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, expe
     assert wandb.run is None
 
 
-@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("label", thinned(sorted(path.stem for path in (configs.directory() / "label").glob("*.yaml"))))
 def test_every_label_source_passes_a_fast_dev_run(composed, tmp_path, losses, label):
     config = composed("train", f"label={label}", *TINY, *FAST)
@@ -65,7 +63,6 @@ def test_every_label_source_passes_a_fast_dev_run(composed, tmp_path, losses, la
     assert [bool(loss.isfinite()) for loss in losses] == [True]
 
 
-@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("member", members(), ids=" ".join)
 def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, losses, member):
     config = composed("train", *TINY, *FAST, *member)

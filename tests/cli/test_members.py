@@ -10,7 +10,6 @@ from lfref.io.run import Run
 from lfref.train.module import Refocusing
 from tests.cli.conftest import TINY
 
-pytestmark = pytest.mark.filterwarnings("ignore")
 SWEEP = ("train", "--multirun", *TINY, "trainer.max_epochs=1", "callbacks.progress=null", "callbacks.summary=null")
 
 

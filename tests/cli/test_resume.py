@@ -15,7 +15,6 @@ from lfref.errors import CheckpointError, InputError
 from lfref.io.run import Run, write_overrides
 from tests.cli.conftest import TINY
 
-pytestmark = pytest.mark.filterwarnings("ignore")
 QUIET = ("callbacks.progress=null", "callbacks.summary=null", "trainer.log_every_n_steps=1")
 CHOICES = ("label=fourier_slice", "planes.convention=parallel", "loss.weights.beta=0.2", "scheduler=cosine")
 

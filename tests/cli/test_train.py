@@ -10,8 +10,6 @@ from lfref.train.guard import BestCheckpoint, StepGuard
 from lfref.train.module import Refocusing
 from tests.cli.conftest import TINY
 
-pytestmark = pytest.mark.filterwarnings("ignore")
-
 
 @pytest.fixture(autouse=True)
 def alone(monkeypatch):
