@@ -79,8 +79,10 @@ class SimulatedField(LightField):
     def crop(self, top: int, left: int, height: int, width: int) -> "SimulatedField":
         """As `LightField.crop`; photographs are cut alike."""
         window = (..., slice(top, top + height), slice(left, left + width))
-        views = super().crop(top, left, height, width).views
-        return replace(self, views=views, photograph=lambda slopes: self.photograph(slopes)[window])
+        cut = super().crop(top, left, height, width)
+        return replace(
+            self, views=cut.views, weight=cut.weight, photograph=lambda slopes: self.photograph(slopes)[window]
+        )
 
 
 class SimulatedSource(Source):

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lfref.data.sources import FolderSource, SimulatedSource
+from lfref.data.sources import FolderSource, SimulatedField, SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
 from lfref.refocus.focus import view_order
@@ -153,3 +153,12 @@ def test_a_damaged_field_is_a_file_error_that_names_it(store, tmp_path):
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(FileError, match=r"field\.exr"):
         FolderSource([path], tmp_path / "cache", {}).field(0)
+
+
+def test_a_crop_of_a_simulated_field_cuts_weight_and_photograph_alike():
+    weight = torch.rand(2, 2, 1, 8, 9)
+    picture = torch.rand(8, 9)
+    field = SimulatedField(torch.rand(2, 2, 3, 8, 9), weight=weight, photograph=lambda slopes: picture)
+    cut = field.crop(1, 2, 4, 5)
+    assert torch.equal(cut.weight, weight[..., 1:5, 2:7])
+    assert torch.equal(cut.photograph((0.0,)), picture[1:5, 2:7])
