@@ -55,9 +55,9 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Foc
         return configs.build(config.method, aperture=configs.build(config.aperture)), planes
     network = load(config.checkpoint, device)
     is_asked = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
-    if network.planes is None or (is_asked and network.slopes(planes.slopes) is not None):
-        return network, planes
-    return network, network.planes
+    planes = planes if network.planes is None or is_asked else network.planes
+    network.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
+    return network, planes
 
 
 def _gain(field: LightField, exposure: float | None) -> float:
