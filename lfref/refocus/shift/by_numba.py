@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.functional import threads
+from lfref.functional.row_sums import TAPS, VECTOR
 from lfref.refocus import batches
+from lfref.refocus.footprint import by_numba as cells
+from lfref.refocus.footprint import by_torch as boxes
+from lfref.refocus.footprint.by_numba import RowFactors
 from lfref.refocus.shift import row_loop
-from lfref.refocus.shift.row_loop import TAPS, VECTOR, Horizontal, Scale, Scratch, Source, Vertical
+from lfref.refocus.shift.row_loop import Horizontal, Scale, Scratch, Source, Vertical
 from lfref.refocus.shift.task import Shifts, Task
 
 WORTH_A_THREAD = 1 << 18
@@ -35,6 +39,8 @@ class _Plan(NamedTuple):
     across: Horizontal
     down: Vertical
     scale: Scale
+    blurred: list[RowFactors]
+    """What planes are multiplied by when they are blurred, [N]."""
 
 
 def shift_and_sum(views: Tensor, task: Task) -> Tensor:
@@ -62,6 +68,8 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
     jobs = itertools.product(range(len(views)), threads.bands(task.size[0], n_threads))
     threads.share(refocus, jobs, n_threads)
+    if task.blurs:
+        cells.box_planes(stack, [shifts.width for shifts in task.planes], task.border, plan.blurred)
     return torch.from_numpy(stack)
 
 
@@ -88,12 +96,14 @@ def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:
 def _plan(task: Task, working: np.dtype, full_scale: int) -> _Plan:
     rows, columns = (task.beyond(axis).numpy() for axis in (0, 1))
     n_fill = -task.size[1] % VECTOR
+    factors = [_row_factors(task, shifts) for shifts in task.planes]
     return _Plan(
         rows,
         np.concatenate([columns, np.full(n_fill, -1)]),
         _horizontal(task, columns.size + n_fill, working),
         _vertical(task, working),
-        _scale(task, working, full_scale),
+        _scale(task, factors, working, full_scale),
+        [RowFactors(plane.factors.astype(working), plane.kinds) for plane in factors],
     )
 
 
@@ -148,16 +158,20 @@ def _vertical(task: Task, working: np.dtype) -> Vertical:
     return Vertical(offsets, weights, begins, ends, lowest, highest, int(lowest.min()), int(highest.max()))
 
 
-def _scale(task: Task, working: np.dtype, full_scale: int) -> Scale:
-    """The factors of each plane; rows where the same views have a sample are of one kind."""
-    kinds, planes = np.zeros((len(task.planes), task.size[0]), np.int64), []
-    for n, shifts in enumerate(task.planes):
-        spans = np.array([task.span(shift, 0) for shift in shifts.rows])
-        rows = np.arange(task.size[0])
-        has_sample = (spans[:, :1] <= rows) & (rows < spans[:, 1:])
-        _, first, kinds[n] = np.unique(has_sample, axis=1, return_index=True, return_inverse=True)
-        planes.append(task.factors(shifts)[first].numpy())
-    factors = np.zeros((len(planes), max(map(len, planes)), task.size[1]), working)
-    for all_kinds, known in zip(factors, planes, strict=True):
-        all_kinds[: len(known)] = known / full_scale
-    return Scale(factors, kinds)
+def _scale(task: Task, rows: list[RowFactors], working: np.dtype, full_scale: int) -> Scale:
+    """The factors of each plane's sum; one that is blurred is divided by its coverage after that."""
+    flat = RowFactors(np.ones((1, task.size[1])), np.zeros(task.size[0], np.int64))
+    planes = [flat if shifts.width > 0 else own for shifts, own in zip(task.planes, rows, strict=True)]
+    factors = np.zeros((len(planes), max(len(plane.factors) for plane in planes), task.size[1]), working)
+    for all_kinds, plane in zip(factors, planes, strict=True):
+        all_kinds[: len(plane.factors)] = plane.factors / full_scale
+    return Scale(factors, np.stack([plane.kinds for plane in planes]))
+
+
+def _row_factors(task: Task, shifts: Shifts) -> RowFactors:
+    """The factors of a plane; rows that the same views have a sample in, and around them, are of one kind."""
+    has_sample = task.sampled(shifts)[0]
+    around = boxes.boxed_along(has_sample, shifts.width, task.border, -1)
+    same = np.concatenate([has_sample, around]) * task.border.counts_only_samples
+    _, first, kinds = np.unique(same, axis=1, return_index=True, return_inverse=True)
+    return RowFactors(task.factors(shifts)[first].numpy(), kinds)

@@ -3,14 +3,17 @@
 `I_s(x, y) = sum_uv w_uv L[v, u](x + s (u - u0), y + s (v - v0)) / sum_uv w_uv`, over views that have a sample there.
 The shift is separable, so each plane takes a horizontal pass over every view row and one vertical pass.
 Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
+The plane may then be seen through cells instead of points of the aperture: see `footprint`.
 Source: Ng et al., "Light Field Photography with a Hand-held Plenoptic Camera", 2005, section 4.
 """
 
 import torch
 from torch import Tensor
 
+from lfref import geometry
 from lfref.geometry import Slopes
 from lfref.refocus import backend, batches
+from lfref.refocus.footprint import blurring, footprint
 from lfref.refocus.shift import by_torch, task
 from lfref.refocus.shift.task import Task
 
@@ -21,6 +24,8 @@ def shift_and_sum(
     interpolation: str = "linear",
     border: str = "renormalize",
     weights: Tensor | None = None,
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
 ) -> Tensor:
     """Refocus light fields at the given slopes.
 
@@ -30,13 +35,17 @@ def shift_and_sum(
         interpolation: `nearest`, `linear`, `cubic` or `exact` (Fourier shift).
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
+            over the aperture.
+        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+            one for each light field, [..., H, W].
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
         A pixel that no weighted view covers (see `coverage`) is 0.
 
     Raises:
-        InputError: Views, slopes, weights or names that cannot be used.
+        InputError: Views, slopes, weights, cells or names that cannot be used.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -44,8 +53,13 @@ def shift_and_sum(
         torch.Size([3, 3, 48, 64])
     """
     batch = batches.flattened(views)
-    planned = task.plan(slopes, *batches.grid_and_size(batch), interpolation, border, weights)
+    grid, size = batches.grid_and_size(batch)
+    planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
+    widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
+    planned = task.plan(planes, grid, size, interpolation, border, weights, widths)
     stack = _stack(batches.without_unread(batch, torch.tensor(planned.aperture)), planned)
+    if widths is None and cell.fill > 0:
+        stack = blurring.blurred(stack, cell.widths(planes), planned.border, planned.coverages)
     return batches.restored(stack, views)
 
 
@@ -72,7 +86,7 @@ def coverage(
         InputError: Slopes, weights or names that cannot be used.
     """
     planned = task.plan(slopes, grid, size, interpolation, weights=weights)
-    return torch.stack([planned.coverage(shifts) for shifts in planned.planes])
+    return planned.coverages
 
 
 def _stack(views: Tensor, planned: Task) -> Tensor:

@@ -1,0 +1,43 @@
+"""Finished planes blurred by boxes that differ from pixel to pixel: the last step of every operator that has a map.
+
+Letters: `d` disparity, `s` slope; the footprint's.
+"""
+
+import torch
+from torch import Tensor
+
+from lfref.refocus import backend
+from lfref.refocus.borders import Border
+from lfref.refocus.footprint import by_torch, levels
+
+
+def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
+    """Planes seen through the cells of the aperture.
+
+    Args:
+        stack: Planes as sums over points, float32 or float64, [B, N, C, H, W].
+        widths: Of the boxes, with any sign, in pixels, float64, where the stack is, [B or 1, N, H, W].
+        border: How planes continue beyond their edges.
+        coverage: Share of the aperture that has a sample, [N, H, W]; read where only samples count.
+
+    Returns:
+        [B, N, C, H, W], 0 where there is no coverage.
+    """
+    places = levels.place(widths.square())
+    covered = coverage.to(stack)[None, :, None] if border.counts_only_samples and coverage is not None else None
+    if backend.compiler_for(stack, places) == "numba":
+        # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
+        from lfref.refocus.footprint import by_numba
+
+        blend = by_numba.blended
+    else:
+        blend = _by_torch
+    if covered is None:
+        return blend(stack, places, border)
+    factors = by_torch.inverse(covered, blend(covered.expand(len(places), -1, -1, -1, -1), places, border))
+    return blend(stack * covered, places, border) * factors
+
+
+def _by_torch(stack: Tensor, places: Tensor, border: Border) -> Tensor:
+    planes = zip(stack.unbind(1), places.unbind(1), strict=True)
+    return torch.stack([by_torch.blended(*plane, border) for plane in planes], dim=1)

@@ -1,0 +1,115 @@
+"""Planes blurred by boxes on the CPU, at the machine's speed: tables for the compiled loops, and threads."""
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from lfref.functional import threads
+from lfref.functional.row_sums import TAPS, VECTOR
+from lfref.refocus.borders import BORDERS, Border
+from lfref.refocus.footprint import box, box_loop, levels
+from lfref.refocus.footprint.box_loop import Box, Scratch
+
+WORTH_A_THREAD = 1 << 16
+"""Samples of a stack from which one more thread saves more than it costs."""
+
+
+class RowFactors(NamedTuple):
+    """What the rows of a plane are multiplied by; rows of one kind share their factors."""
+
+    factors: NDArray
+    """[kinds, W]."""
+    kinds: NDArray
+    """[H]."""
+
+
+class _Filter(NamedTuple):
+    """A box, and what it reads beyond the edges of a plane."""
+
+    box: Box
+    above: NDArray
+    """Row that stands at each place above the plane; -1: black, [radius]."""
+    below: NDArray
+    """Likewise below it, [radius]."""
+    columns: NDArray
+    """As of `box_loop.blur`."""
+
+
+def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: Sequence[RowFactors]) -> None:
+    """Blur planes where they lie, each by a box of its own; those of width 0 stay as they are.
+
+    Args:
+        stack: Float32 or float64, [B, N, C, H, W].
+        widths: Of the boxes in pixels, >= 0, [N].
+        border: How planes continue; black where only samples count.
+        scales: What each is multiplied by when it is blurred, [N].
+    """
+    filters = [_filter(width, border, stack.shape[-2:], stack.dtype) for width in widths]
+
+    def work(b: int, n: int, c: int) -> None:
+        _blur(stack[b, n, c], filters[n], scales[n])
+
+    wide = [n for n, width in enumerate(widths) if width > 0]
+    jobs = itertools.product(range(stack.shape[0]), wide, range(stack.shape[2]))
+    threads.share(work, jobs, threads.worthwhile(stack.size, WORTH_A_THREAD))
+
+
+def blended(stack: Tensor, places: Tensor, border: Border) -> Tensor:
+    """Stacks on the CPU blurred by a box of another width at every pixel; as `by_torch.blended` for every plane.
+
+    Args:
+        stack: Float32 or float64, [B, N, C, H, W].
+        places: Of the widths among the `levels`, [B or 1, N, H, W].
+        border: As of `box_planes`.
+    """
+    planes, shares = stack.detach().contiguous().numpy(), places.detach().to(stack).contiguous().numpy()
+    size, total = planes.shape[-2:], np.zeros(planes.shape, planes.dtype)
+    used = [levels.spanned(plane) for plane in places.unbind(1)]
+    every = {level for plane in used for level in plane}
+    filters = {level: _filter(levels.width(level), border, size, planes.dtype) for level in every}
+    plain = RowFactors(np.ones((1, size[1]), planes.dtype), np.zeros(size[0], np.int64))
+
+    def work(b: int, n: int, c: int) -> None:
+        for level in used[n]:
+            image = planes[b, n, c].copy()
+            if level:
+                _blur(image, filters[level], plain)
+            box_loop.add_level(image, shares[b % len(shares), n], level, total[b, n, c])
+
+    jobs = itertools.product(*map(range, planes.shape[:3]))
+    threads.share(work, jobs, threads.worthwhile(planes.size, WORTH_A_THREAD))
+    return torch.from_numpy(total)
+
+
+def _blur(image: NDArray, way: _Filter, scale: RowFactors) -> None:
+    around = [np.where(rows[:, None] >= 0, image[rows], image.dtype.type(0)) for rows in (way.above, way.below)]
+    radius, length = way.box.radius, image.shape[1] + -image.shape[1] % VECTOR
+    work = Scratch(
+        line=np.zeros(length + 2 * radius, image.dtype),
+        ring=np.empty((2 * radius + 1) * length, image.dtype),
+        total=np.empty(length, image.dtype),
+        starts=np.empty(way.box.weights.shape, np.int64),
+    )
+    box_loop.blur(image, *around, way.columns, way.box, *scale, work)
+
+
+def _filter(width: float, border: Border, size: Sequence[int], working: np.dtype) -> _Filter:
+    weights = box.taps(width)
+    radius = len(weights) // 2
+    filled = np.zeros((-(-len(weights) // TAPS), TAPS), working)
+    filled.flat[: len(weights)] = weights
+    rows, columns = (_beyond(radius, length, border) for length in size)
+    return _Filter(Box(radius, filled), rows[:radius], rows[radius + size[0] :], columns)
+
+
+def _beyond(radius: int, length: int, border: Border) -> NDArray:
+    """Sample that stands at each place from -radius to length + radius; -1: black."""
+    rule = BORDERS["zero"] if border.counts_only_samples else border
+    places = torch.arange(-radius, length + radius)
+    index, weight = rule.tap(places, torch.ones_like(places), length)
+    return torch.where(weight > 0, index, -1).numpy()
