@@ -7,8 +7,9 @@ import torch
 from torch import Tensor
 
 from lfref.refocus import backend
-from lfref.refocus.borders import Border
+from lfref.refocus.borders import BORDERS, Border
 from lfref.refocus.footprint import by_torch, levels
+from lfref.refocus.footprint.footprint import Footprint
 
 
 def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
@@ -16,14 +17,14 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
 
     Args:
         stack: Planes as sums over points, float32 or float64, [B, N, C, H, W].
-        widths: Of the boxes, with any sign, in pixels, float64, where the stack is, [B or 1, N, H, W].
+        widths: Of the boxes, with any sign, in pixels, where the stack is, [B or 1, N, H, W].
         border: How planes continue beyond their edges.
         coverage: Share of the aperture that has a sample, [N, H, W]; read where only samples count.
 
     Returns:
         [B, N, C, H, W], 0 where there is no coverage.
     """
-    places = levels.place(widths.square())
+    places = levels.place(widths.to(stack.dtype).square())
     covered = coverage.to(stack)[None, :, None] if border.counts_only_samples and coverage is not None else None
     if backend.compiler_for(stack, places) == "numba":
         # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
@@ -36,6 +37,19 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
         return blend(stack, places, border)
     factors = by_torch.inverse(covered, blend(covered.expand(len(places), -1, -1, -1, -1), places, border))
     return blend(stack * covered, places, border) * factors
+
+
+def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
+    """Planes that wrap around seen through cells whose blur varies; others have been through their response.
+
+    Args:
+        stack: [B, N, C, H, W].
+        cell: What each view covers of the picture.
+        slopes: Of the planes, float64, [N].
+    """
+    if cell.fill == 0 or not cell.varies(slopes):
+        return stack
+    return blurred(stack, cell.widths(slopes), BORDERS["wrap"])
 
 
 def _by_torch(stack: Tensor, places: Tensor, border: Border) -> Tensor:

@@ -14,6 +14,8 @@ import torch
 from torch import Tensor
 
 from lfref.errors import InputError
+from lfref.refocus import batches
+from lfref.refocus.footprint import box
 
 
 class Footprint(NamedTuple):
@@ -22,7 +24,7 @@ class Footprint(NamedTuple):
     fill: float
     """Side of a cell in view steps, >= 0; 0: views are points, and planes the plain sums."""
     disparity: Tensor
-    """Of what the pixels show, float64: a single number, or one for each pixel, [B or 1, 1, H, W]."""
+    """Of what the pixels show: a single number, or one for each pixel where the views are, [B or 1, 1, H, W]."""
     size: tuple[int, int]
     """Height and width of a view in pixels."""
 
@@ -37,20 +39,34 @@ class Footprint(NamedTuple):
             slopes: Of the planes, [N], or of all their pixels, [N, H, W]; float64.
 
         Returns:
-            With their sign, float64, [N], or [B or 1, N, H, W] if they vary.
+            With their sign, [N], or [B or 1, N, H, W] if they vary.
 
         Raises:
             InputError: A box that is wider than the picture.
         """
         planes = slopes.reshape(1, len(slopes), *slopes.shape[1:] or (1, 1)) if self.varies(slopes) else slopes
-        widths = self.fill * (planes.to(self.disparity.device) - self.disparity)
-        if float(widest := widths.detach().abs().max()) > max(self.size):
+        disparity = self.disparity
+        widths = self.fill * (planes.to(disparity) - disparity if disparity.ndim else planes - float(disparity))
+        if (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) > max(self.size):
             raise InputError(
                 f"fill * |slope - disparity| must be at most the picture's {max(self.size)} px",
-                got=f"{float(widest):g} px",
+                got=f"{widest:g} px",
                 remedy="disparity is in pixels per view step, as slopes are",
             )
         return widths.expand(-1, -1, *self.size) if widths.ndim > 1 else widths
+
+    def responses(self, slopes: Tensor, frequencies: Tensor) -> Tensor:
+        """What the cells do to frequencies along one axis; all pass where the blur varies, which comes after.
+
+        Args:
+            slopes: Of the planes, [N], float64.
+            frequencies: In cycles per pixel, [K].
+
+        Returns:
+            Real factors, [N, 1, K].
+        """
+        widths = torch.zeros_like(slopes) if self.varies(slopes) else self.widths(slopes)
+        return box.response(widths, frequencies)[:, None]
 
 
 def checked(fill: float, disparity: float | Tensor, views: Tensor) -> Footprint:
@@ -67,14 +83,12 @@ def checked(fill: float, disparity: float | Tensor, views: Tensor) -> Footprint:
     size = (views.shape[-2], views.shape[-1])
     if not (isinstance(fill, int | float) and math.isfinite(fill) and fill >= 0):
         raise InputError("fill must be finite and >= 0, in view steps", got=repr(fill), remedy="1 fills the aperture")
-    return Footprint(float(fill), _checked_disparity(disparity, (*views.shape[:-5],), size, views.device), size)
+    return Footprint(float(fill), _checked_disparity(disparity, views, size), size)
 
 
-def _checked_disparity(
-    disparity: float | Tensor, batch: tuple[int, ...], size: tuple[int, int], device: torch.device
-) -> Tensor:
+def _checked_disparity(disparity: float | Tensor, views: Tensor, size: tuple[int, int]) -> Tensor:
     values = torch.as_tensor(disparity, dtype=torch.float64)
-    if tuple(values.shape) not in ((), size, (*batch, *size)):
+    if tuple(values.shape) not in ((), size, (*views.shape[:-5], *size)):
         raise InputError(
             f"disparity must be a number or a map {list(size)}, or one map for each light field",
             got=f"shape {list(values.shape)}",
@@ -82,4 +96,6 @@ def _checked_disparity(
         )
     if not bool(values.detach().isfinite().all()):
         raise InputError("disparity must be finite", remedy="fill its gaps, torch.nan_to_num(disparity)")
-    return values.to(device).reshape(-1, 1, *size) if values.ndim else values
+    if values.ndim == 0:
+        return values.detach().cpu()
+    return values.to(views.device, batches.working_dtype(views.dtype)).reshape(-1, 1, *size)

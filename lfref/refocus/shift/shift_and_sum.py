@@ -59,7 +59,8 @@ def shift_and_sum(
     planned = task.plan(planes, grid, size, interpolation, border, weights, widths)
     stack = _stack(batches.without_unread(batch, torch.tensor(planned.aperture)), planned)
     if widths is None and cell.fill > 0:
-        stack = blurring.blurred(stack, cell.widths(planes), planned.border, planned.coverages)
+        covered = planned.coverages if planned.border.counts_only_samples else None
+        stack = blurring.blurred(stack, cell.widths(planes), planned.border, covered)
     return batches.restored(stack, views)
 
 

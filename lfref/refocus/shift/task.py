@@ -29,6 +29,10 @@ class Shifts(NamedTuple):
     width: float = 0.0
     """Of the box that a view's cell covers; 0: a point."""
 
+    def along(self, axis: int) -> tuple[float, ...]:
+        """Along an axis of [H, W]."""
+        return self.columns if axis else self.rows
+
 
 class Task(NamedTuple):
     """Planes to be summed, apart from the views themselves."""
@@ -52,7 +56,9 @@ class Task(NamedTuple):
     @property
     def reach(self) -> int:
         """Samples beyond the edge that may be read."""
-        return math.ceil(max(abs(shift) for shifts in self.planes for axis in shifts[:2] for shift in axis)) + 1
+        return (
+            math.ceil(max(abs(shift) for shifts in self.planes for axis in (0, 1) for shift in shifts.along(axis))) + 1
+        )
 
     def span(self, shift: float, axis: int) -> tuple[int, int]:
         """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
@@ -76,7 +82,7 @@ class Task(NamedTuple):
 
     def sampled(self, shifts: Shifts) -> tuple[Tensor, Tensor]:
         """Where each view row and each view column has a sample: 1 or 0, float64, CPU, [V, H] and [U, W]."""
-        rows, columns = (borders.sampled(list(axis), n) for axis, n in zip(shifts[:2], self.size, strict=True))
+        rows, columns = (borders.sampled(list(shifts.along(axis)), self.size[axis]) for axis in (0, 1))
         return rows, columns
 
     def factors(self, shifts: Shifts) -> Tensor:
@@ -113,9 +119,13 @@ def plan(
     method = chosen("interpolation", interpolation, INTERPOLATIONS)
     planes = geometry.checked_slopes(slopes, grid, size).tolist()
     offsets = [geometry.angular_offsets(n_views).tolist() for n_views in grid]
-    moved = [[tuple(method.snap(slope * o) for o in axis) for axis in offsets] for slope in planes]
+
+    def shifts(slope: float, width: float) -> Shifts:
+        rows, columns = (tuple(method.snap(slope * offset) for offset in axis) for axis in offsets)
+        return Shifts(rows, columns, width)
+
     return Task(
-        tuple(Shifts(*axes, width) for axes, width in zip(moved, widths or [0.0] * len(planes), strict=True)),
+        tuple(map(shifts, planes, widths or [0.0] * len(planes))),
         tuple(map(tuple, batches.checked_weights(weights, grid).tolist())),
         size,
         method,
