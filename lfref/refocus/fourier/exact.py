@@ -11,7 +11,7 @@ from lfref import geometry
 from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.footprint import footprint
+from lfref.refocus.footprint import blurring, footprint
 from lfref.refocus.fourier import spectra
 
 
@@ -48,8 +48,10 @@ def exact_fourier(
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
-    shifts = [planes[:, None] * geometry.angular_offsets(n_views) for n_views in grid]
-    rows = fourier.shift_phases(fourier.frequencies(size[0]), shifts[0])
-    columns = fourier.shift_phases(fourier.half_frequencies(size[1]), shifts[1])
-    stack = spectra.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid), cell, planes)
-    return batches.restored(stack, views)
+    axes = zip(grid, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
+    rows, columns = (
+        fourier.shift_phases(k, planes[:, None] * geometry.angular_offsets(n_views)) * cell.responses(planes, k)
+        for n_views, k in axes
+    )
+    stack = spectra.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
+    return batches.restored(blurring.periodic(stack, cell, planes), views)

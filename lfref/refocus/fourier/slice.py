@@ -19,7 +19,7 @@ from lfref.errors import InputError, chosen
 from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.footprint import footprint
+from lfref.refocus.footprint import blurring, footprint
 from lfref.refocus.fourier import spectra
 from lfref.refocus.fourier.gridding import KERNELS, Kernel
 
@@ -67,17 +67,13 @@ def fourier_slice(
     planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
     padded = [math.ceil(padding * n_views) for n_views in grid]
     readers = [make(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
-    rows = _read(planes[:, None] * fourier.frequencies(size[0]), grid[0], padded[0], readers[0])
-    columns = _read(planes[:, None] * fourier.half_frequencies(size[1]), grid[1], padded[1], readers[1])
-    stack = spectra.filter_and_sum(
-        batch,
-        fourier.real_at_nyquist(rows, fourier.frequencies(size[0])),
-        fourier.real_at_nyquist(columns, fourier.half_frequencies(size[1])),
-        batches.checked_weights(weights, grid),
-        cell,
-        planes,
+    axes = zip(grid, padded, readers, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
+    rows, columns = (
+        fourier.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) * cell.responses(planes, k)
+        for n_views, m, reader, k in axes
     )
-    return batches.restored(stack, views)
+    stack = spectra.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
+    return batches.restored(blurring.periodic(stack, cell, planes), views)
 
 
 def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor:

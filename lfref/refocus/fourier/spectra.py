@@ -10,30 +10,22 @@ from torch import Tensor
 
 from lfref.functional import fourier
 from lfref.refocus import batches
-from lfref.refocus.footprint import blurring
-from lfref.refocus.footprint.footprint import Footprint
 
 
-def filter_and_sum(
-    views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor, cell: Footprint, slopes: Tensor
-) -> Tensor:
-    """Sum of the filtered views, for every plane, as seen through the views' cells.
+def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor) -> Tensor:
+    """Sum of the filtered views, for every plane.
 
     Args:
         views: Light fields, [B, V, U, C, H, W], taken as periodic.
         rows: Factors of the view rows at the frequencies of `fft`, complex, [N, V, H].
         columns: Factors of the view columns at the frequencies of `rfft`, complex, [N, U, W // 2 + 1].
         weights: Factor of each view, [V, U].
-        cell: What each view covers of the picture.
-        slopes: Of the planes, float64, [N].
 
     Returns:
         Stacks, float32 or float64, [B, N, C, H, W].
     """
     size, working = (views.shape[-2], views.shape[-1]), batches.working_dtype(views.dtype)
     dtype = fourier.complex_dtype(working)
-    rows = rows * cell.responses(slopes, fourier.frequencies(size[0]))
-    columns = columns * cell.responses(slopes, fourier.half_frequencies(size[1]))
     rows, columns = rows.to(views.device, dtype), columns.to(views.device, dtype)
     views, weights = batches.without_unread(views, weights), weights.to(views.device, working)
     shape = (views.shape[0], *views.shape[3:5], size[1] // 2 + 1)
@@ -47,7 +39,7 @@ def filter_and_sum(
     stack = views.new_empty((views.shape[0], len(planes), views.shape[3], *size), dtype=working)
     for n in reversed(range(len(planes))):
         stack[:, n] = torch.fft.irfft2(planes.pop(), s=size)
-    return blurring.periodic(stack, cell, slopes)
+    return stack
 
 
 def _row_sum(spectra: Tensor, factors: Tensor) -> Tensor:
