@@ -1,8 +1,9 @@
 """The taps of a box of any width: what light that moves evenly over some pixels leaves on the samples of a picture.
 
 Inside, a sample counts 1 / w; at each end five taps are free, and those that best give the box's own response
-sinc(w k) over the frequencies that pictures hold are taken. Over k <= 0.4 and widths to 16 it is met to 0.025, to
-0.008 over k <= 0.3. (A box over cubic interpolation, with as many taps, is off by 0.12 and 0.09.)
+sinc(w k) are taken, each frequency counting by the power 1 / k^2 of a natural picture. At all widths to 16 it is met to
+0.035 over k <= 0.4, to 0.009 over k <= 0.3, and to 0.0005 in the mean over such a picture. (A box over cubic
+interpolation, with as many taps, is off by 0.12 and 0.09.)
 Letters: `w` width in samples, `k` frequency in cycles per sample, `n` sample, counted from the middle.
 """
 
@@ -14,7 +15,7 @@ from torch import Tensor
 
 ENDS = 5  # taps at each end that are fitted
 BAND = 0.4  # frequencies up to which the response has to be right, in cycles per sample
-ABOVE = 0.01  # what an error above the band counts beside one within: it keeps the response from growing there
+ABOVE = 0.01  # what power above the band counts beside power within: it keeps the response from growing there
 N_FREQUENCIES = 200  # at which the response is compared: many times as many as taps are free
 
 
@@ -62,7 +63,7 @@ def _fitted(n: Tensor, times: Tensor, ends: slice, width: float, rest: float) ->
     k = (torch.arange(N_FREQUENCIES, dtype=torch.float64) + 0.5) / (2 * N_FREQUENCIES)
     waves = times * torch.cos(2 * torch.pi * k[:, None] * n)
     free, fixed = waves[:, ends], waves[:, : ends.start].sum(1) / width
-    counts = torch.where(k < BAND, 1.0, ABOVE)[:, None]
+    counts = (torch.where(k < BAND, 1.0, ABOVE) / k.square())[:, None]
     system = torch.zeros(free.shape[1] + 1, free.shape[1] + 1, dtype=torch.float64)
     system[:-1, :-1] = free.T @ (counts * free)
     system[-1, :-1] = system[:-1, -1] = times[ends]

@@ -62,10 +62,9 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
 def _axis(task: Task, axis: int, like: Tensor) -> _Axis:
     taps_of = task.interpolation.taps
-    taps = torch.tensor(
-        [[taps_of(shift) for shift in shifts.along(axis)] for shifts in task.planes], dtype=torch.float64
-    )
-    spans = [[task.span(shift, axis) for shift in shifts.along(axis)] for shifts in task.planes]
+    planes = [shifts.along(axis) for shifts in task.planes]
+    taps = torch.tensor([[taps_of(shift) for shift in shifts] for shifts in planes], dtype=torch.float64)
+    spans = [[task.span(shift, axis) for shift in shifts] for shifts in planes]
     return _Axis(
         taps[..., 0].to(like.device, torch.int32).contiguous(),
         taps[..., 1].to(like).contiguous(),

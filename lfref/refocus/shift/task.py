@@ -56,9 +56,7 @@ class Task(NamedTuple):
     @property
     def reach(self) -> int:
         """Samples beyond the edge that may be read."""
-        return (
-            math.ceil(max(abs(shift) for shifts in self.planes for axis in (0, 1) for shift in shifts.along(axis))) + 1
-        )
+        return math.ceil(max(abs(shift) for shifts in self.planes for shift in (*shifts.rows, *shifts.columns))) + 1
 
     def span(self, shift: float, axis: int) -> tuple[int, int]:
         """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
