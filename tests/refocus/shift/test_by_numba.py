@@ -53,6 +53,17 @@ def test_equals_eager_on_any_grid_size_slope_and_aperture(data):
     torch.testing.assert_close(fast, slow, atol=1e-12, rtol=0)
 
 
+@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.uint8])
+def test_equals_eager_through_cells(border, dtype):
+    views = in_type(torch.rand(2, 3, 4, 2, 23, 30, dtype=torch.float64), dtype)
+    weights = torch.tensor([[0.0, 1, 0.5, 1]]).expand(3, 4)
+    widths = [2.3, 0.0, 0.4, 0.3, 0.5, 17.0]
+    planned = task.plan(SLOPES, (3, 4), (23, 30), "linear", border, weights, widths)
+    fast, slow = by_numba.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
+    torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 2e-6, rtol=0)
+
+
 def test_views_in_any_memory_layout_are_read_where_they_lie():
     views = torch.rand(1, 3, 3, 3, 12, 15, dtype=torch.float64)
     _, expected = both(views)
