@@ -12,10 +12,15 @@ from lfref.functional.jit import compiled
 TAPS = 8
 """Taps that one pass over a row adds up: more would leave no registers for their weights."""
 VECTOR = 16
-"""Row lengths are rounded up to this many samples, so that no loop ends in single steps."""
+"""Row lengths are rounded up to this many samples."""
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.floating]
+
+
+def rounded_up(width: int) -> int:
+    """Length of a row of some width, so that no loop ends in single steps."""
+    return width + -width % VECTOR
 
 
 @compiled

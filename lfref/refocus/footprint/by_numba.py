@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.functional import threads
-from lfref.functional.row_sums import TAPS, VECTOR
+from lfref.functional.row_sums import TAPS, rounded_up
 from lfref.refocus.borders import BORDERS, Border
 from lfref.refocus.footprint import box, box_loop, levels
 from lfref.refocus.footprint.box_loop import Box, Scratch
@@ -88,7 +88,7 @@ def blended(stack: Tensor, places: Tensor, border: Border) -> Tensor:
 
 def _blur(image: NDArray, way: _Filter, scale: RowFactors) -> None:
     around = [np.where(rows[:, None] >= 0, image[rows], image.dtype.type(0)) for rows in (way.above, way.below)]
-    radius, length = way.box.radius, image.shape[1] + -image.shape[1] % VECTOR
+    radius, length = way.box.radius, rounded_up(image.shape[1])
     work = Scratch(
         line=np.zeros(length + 2 * radius, image.dtype),
         ring=np.empty((2 * radius + 1) * length, image.dtype),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.functional import threads
-from lfref.functional.row_sums import TAPS, VECTOR
+from lfref.functional.row_sums import TAPS, rounded_up
 from lfref.refocus import batches
 from lfref.refocus.footprint import by_numba as cells
 from lfref.refocus.footprint import by_torch as boxes
@@ -59,7 +59,7 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
     plan = _plan(task, working, batches.FULL_SCALE.get(views.dtype, 1))
     # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
     stack = np.empty((len(views), len(task.planes), views.shape[3], *task.size), working)
-    sources = [_source(field, plan) for field in samples]
+    sources = [_source(field, plan, task) for field in samples]
     n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
 
     def refocus(index: int, band: tuple[int, int]) -> None:
@@ -73,16 +73,22 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
     return torch.from_numpy(stack)
 
 
-def _source(field: NDArray, plan: _Plan) -> Source:
+def _source(field: NDArray, plan: _Plan, task: Task) -> Source:
     """One light field [V, U, C, H, W] as the memory that it spans."""
+    working, starts = plan.scale.factors.dtype, plan.across.starts
     strides = np.array(field.strides, np.int64) // field.itemsize
     span = 1 + int((strides * (np.array(field.shape) - 1)).sum())
-    memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,), writeable=False)
-    return Source(memory, strides, field.shape[1], plan.rows, plan.columns)
+    memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,))
+    if not (field.dtype == working and strides[4] == 1 and task.border.counts_only_samples):
+        return Source(memory, np.empty(0, working), starts, -1, strides, field.shape[1], plan.rows, plan.columns)
+    u, place = np.divmod(starts, len(plan.columns))
+    starts = place + u * strides[1]
+    last = span - int(starts.max()) - rounded_up(task.size[1])
+    return Source(memory, memory, starts, last, strides, field.shape[1], plan.rows, plan.columns)
 
 
 def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:
-    width = task.size[1] + -task.size[1] % VECTOR
+    width = rounded_up(task.size[1])
     first = np.concatenate([[0], np.cumsum(plan.down.highest - plan.down.lowest + 1)])
     return Scratch(
         rows=np.zeros((len(task.aperture[0]), len(plan.columns)), working),
@@ -95,7 +101,7 @@ def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:
 @functools.lru_cache(maxsize=16)
 def _plan(task: Task, working: np.dtype, full_scale: int) -> _Plan:
     rows, columns = (task.beyond(axis).numpy() for axis in (0, 1))
-    n_fill = -task.size[1] % VECTOR
+    n_fill = rounded_up(task.size[1]) - task.size[1]
     factors = [_row_factors(task, shifts) for shifts in task.planes]
     return _Plan(
         rows,

@@ -3,6 +3,8 @@
 For a row y of the U views of one view row, and for each plane, one pass adds up the horizontally shifted views; the
 sum goes, weighted, into the output rows that it lies between. All of that stays in the first two caches: U source rows
 as floating point, one row of sums, and a ring of unfinished output rows a plane, written out once when complete.
+Source rows that need neither conversion nor what lies beyond their ends are not copied: what a pass reads there is
+summed again, by the taps that count.
 Letters: `n` plane, `v u` view row and column, `c` channel, `y x` source row and column, `r` output row, `k` tap.
 """
 
@@ -23,6 +25,12 @@ class Source(NamedTuple):
 
     samples: NDArray
     """Memory of the views, any type, one axis."""
+    direct: Reals
+    """The same where rows can be read as they lie there, neither converted nor continued; else empty."""
+    starts: Integers
+    """`Horizontal.starts`, but in the views' own rows, counted from `reach` before the first, [N, G, TAPS]."""
+    last: int
+    """Last place in `direct` from which all of these taps stay within it; -1: none."""
     strides: Integers
     """Steps in it along v, u, c, y, x."""
     n_columns: int
@@ -123,8 +131,13 @@ def add_band(
         for y in range(top + down.least, end + down.most):
             y_source = source.rows[y + reach]
             for v in range(across.weights.shape[1] if y_source >= 0 else 0):
-                _gather(source, v, c, y_source, scratch.rows, reach, stack.shape[3])
-                _serve_planes(scratch, v, y, across, down, stack.shape[3], top, end)
+                first = v * source.strides[0] + c * source.strides[2] + y_source * source.strides[3] - reach
+                if 0 <= first <= source.last:
+                    rows, starts = source.direct[first:], source.starts
+                else:
+                    _gather(source, v, c, y_source, scratch.rows, reach, stack.shape[3])
+                    rows, starts = scratch.rows.reshape(-1), across.starts
+                _serve_planes(rows, starts, scratch, v, y, across, down, stack.shape[3], top, end)
             for n in range(stack.shape[0]):
                 r = y - down.highest[n]
                 if top <= r < end:
@@ -158,10 +171,19 @@ def _gather(source: Source, v: int, c: int, y: int, rows: Reals, reach: int, wid
 
 @inlined
 def _serve_planes(
-    scratch: Scratch, v: int, y: int, across: Horizontal, down: Vertical, width: int, top: int, end: int
+    rows: Reals,
+    starts: Integers,
+    scratch: Scratch,
+    v: int,
+    y: int,
+    across: Horizontal,
+    down: Vertical,
+    width: int,
+    top: int,
+    end: int,
 ) -> None:
     """Add source row y of view row v to the unfinished output rows of every plane."""
-    rows, total = scratch.rows.reshape(-1), scratch.total
+    total = scratch.total
     for n in range(scratch.first.size - 1):
         begin, stop = max(top, down.begins[n, v]), min(end, down.ends[n, v])
         is_summed = False
@@ -169,15 +191,15 @@ def _serve_planes(
             r, weight = y - down.offsets[n, v, m], down.weights[n, v, m]
             if begin <= r < stop and weight != 0:
                 if not is_summed:
-                    _sum_row(rows, across, n, v, total, width)
+                    _sum_row(rows, starts[n], across, n, v, total, width)
                     is_summed = True
                 _add(weight, total, _unfinished(scratch, n, r))
 
 
 @inlined
-def _sum_row(rows: Reals, across: Horizontal, n: int, v: int, total: Reals, width: int) -> None:
+def _sum_row(rows: Reals, starts: Integers, across: Horizontal, n: int, v: int, total: Reals, width: int) -> None:
     """The shifted views of one view row added up for one plane."""
-    starts, weights, begins, ends = across.starts[n], across.weights[n, v], across.begins[n], across.ends[n]
+    weights, begins, ends = across.weights[n, v], across.begins[n], across.ends[n]
     set_taps(rows, starts[0], weights[0], total)
     for g in range(1, across.groups[n]):
         add_taps(rows, starts[g], weights[g], total)
