@@ -43,22 +43,25 @@ class _Plan(NamedTuple):
     """What planes are multiplied by when they are blurred, [N]."""
 
 
-def shift_and_sum(views: Tensor, task: Task) -> Tensor:
+def shift_and_sum(views: Tensor, task: Task, room: Tensor | None = None) -> Tensor:
     """The sums of the shifted views, over the weight of those that count.
 
     Args:
         views: Light fields on the CPU, floating point (half types are copied to float32), uint8 or uint16, any
             strides, [B, V, U, C, H, W].
         task: What is to be summed, by an interpolation of few taps.
+        room: Stacks to write into, contiguous; passed over if they are of another type than the sums.
 
     Returns:
-        Stacks, float32 (float64 for such views), [B, N, C, H, W].
+        Stacks, float32 (float64 for such views), [B, N, C, H, W]; the room given if it could be used.
     """
     samples = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
     working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
     plan = _plan(task, working, batches.FULL_SCALE.get(views.dtype, 1))
-    # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
-    stack = np.empty((len(views), len(task.planes), views.shape[3], *task.size), working)
+    if room is None or room.dtype != batches.working_dtype(views.dtype):
+        # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
+        room = torch.from_numpy(np.empty((len(views), len(task.planes), views.shape[3], *task.size), working))
+    stack = room.numpy()
     sources = [_source(field, plan, task) for field in samples]
     n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
 
@@ -70,7 +73,7 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
     threads.share(refocus, jobs, n_threads)
     if task.blurs:
         cells.box_planes(stack, [shifts.width for shifts in task.planes], task.border, plan.blurred)
-    return torch.from_numpy(stack)
+    return room
 
 
 def _source(field: NDArray, plan: _Plan, task: Task) -> Source:
@@ -79,12 +82,19 @@ def _source(field: NDArray, plan: _Plan, task: Task) -> Source:
     strides = np.array(field.strides, np.int64) // field.itemsize
     span = 1 + int((strides * (np.array(field.shape) - 1)).sum())
     memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,))
-    if not (field.dtype == working and strides[4] == 1 and task.border.counts_only_samples):
+    if not (field.dtype == working and strides[4] == 1 and _stays_on_views(plan.across, len(plan.columns), task)):
         return Source(memory, np.empty(0, working), starts, -1, strides, field.shape[1], plan.rows, plan.columns)
     u, place = np.divmod(starts, len(plan.columns))
     starts = place + u * strides[1]
     last = span - int(starts.max()) - rounded_up(task.size[1])
     return Source(memory, memory, starts, last, strides, field.shape[1], plan.rows, plan.columns)
+
+
+def _stays_on_views(across: Horizontal, row_length: int, task: Task) -> bool:
+    """Whether every tap reads samples that the views have, wherever it counts: a cubic's reach beyond the edges."""
+    offsets, counts = across.starts % row_length - task.reach, across.begins < across.ends
+    reads = (across.begins + offsets >= 0) & (across.ends + offsets <= task.size[1])
+    return bool((reads | ~counts).all())
 
 
 def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:

@@ -175,6 +175,37 @@ def test_derivatives_by_the_disparity_are_right():
         )
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float32, torch.float64, torch.uint8])
+@pytest.mark.parametrize("options", [{}, {"fill": 1.0}, {"fill": 1.0, "disparity": torch.zeros(12, 13)}])
+def test_a_stack_that_is_there_is_written_into(dtype, options):
+    views = (200 * torch.rand(2, 3, 3, 1, 12, 13)).to(dtype)
+    for interpolation in ("linear", "exact"):
+        expected = shift_and_sum(views, [0.5, -1.0], interpolation, **options)
+        out = torch.full_like(expected, torch.nan)
+        assert shift_and_sum(views, [0.5, -1.0], interpolation, out=out, **options) is out
+        assert torch.equal(out, expected)
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        (torch.empty(2, 1, 12, 12), r"out must be \[2, 1, 12, 13\]"),
+        (torch.empty(2, 1, 12, 13, dtype=torch.float64), "float32, contiguous, on cpu; got .* torch.float64"),
+        (torch.empty(2, 1, 13, 12).mT, "not contiguous"),
+        (torch.empty(2, 1, 12, 13, requires_grad=True), "out must not be asked for where derivatives are"),
+    ],
+)
+def test_a_stack_that_cannot_be_written_into_is_refused(out, message):
+    with pytest.raises(InputError, match=message):
+        shift_and_sum(torch.rand(3, 3, 1, 12, 13), [0.5, -1.0], out=out)
+
+
+def test_a_stack_in_the_memory_of_the_views_is_refused():
+    memory = torch.rand(12, 1, 12, 13)
+    with pytest.raises(InputError, match="out must have memory of its own"):
+        shift_and_sum(memory[:9].reshape(3, 3, 1, 12, 13), [0.5, -1.0], out=memory[9:11])
+
+
 def test_coverage_counts_the_weighted_views_with_a_sample():
     weights = torch.tensor([[1.0, 2.0, 1.0]])
     share = coverage([1.5], (1, 3), (4, 6), weights=weights)[0]
