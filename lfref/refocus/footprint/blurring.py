@@ -3,7 +3,6 @@
 Letters: `d` disparity, `s` slope; the footprint's.
 """
 
-import torch
 from torch import Tensor
 
 from lfref.refocus import backend
@@ -25,18 +24,13 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
         [B, N, C, H, W], 0 where there is no coverage.
     """
     places = levels.place(widths.to(stack.dtype).square())
-    covered = coverage.to(stack)[None, :, None] if border.counts_only_samples and coverage is not None else None
+    covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
     if backend.compiler_for(stack, places) == "numba":
         # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
         from lfref.refocus.footprint import by_numba
 
-        blend = by_numba.blended
-    else:
-        blend = _by_torch
-    if covered is None:
-        return blend(stack, places, border)
-    factors = by_torch.inverse(covered, blend(covered.expand(len(places), -1, -1, -1, -1), places, border))
-    return blend(stack * covered, places, border) * factors
+        return by_numba.blurred(stack, places, border, covered)
+    return by_torch.blurred(stack, places, border, covered)
 
 
 def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
@@ -50,8 +44,3 @@ def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
     if cell.fill == 0 or not cell.varies(slopes):
         return stack
     return blurred(stack, cell.widths(slopes), BORDERS["wrap"])
-
-
-def _by_torch(stack: Tensor, places: Tensor, border: Border) -> Tensor:
-    planes = zip(stack.unbind(1), places.unbind(1), strict=True)
-    return torch.stack([by_torch.blended(*plane, border) for plane in planes], dim=1)

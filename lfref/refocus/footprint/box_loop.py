@@ -37,44 +37,94 @@ class Scratch(NamedTuple):
     """Where taps read, [G, TAPS]."""
 
 
+class Around(NamedTuple):
+    """What stands beyond the edges of a plane."""
+
+    head: Reals
+    """Rows above it, `radius` of them, [radius, W]."""
+    tail: Reals
+    """Rows below it, likewise."""
+    columns: Integers
+    """Column of each place from -radius to W + radius; -1: black, [W + 2 radius]."""
+
+
 @compiled
-def blur(
-    image: Reals, head: Reals, tail: Reals, columns: Integers, box: Box, factors: Reals, kinds: Integers, work: Scratch
-) -> None:
+def blur(image: Reals, around: Around, box: Box, factors: Reals, kinds: Integers, work: Scratch) -> None:
     """Blur a plane where it lies.
 
     Args:
         image: [H, W].
-        head: Rows above it, `radius` of them, [radius, W].
-        tail: Rows below it, likewise.
-        columns: Column of each place from -radius to W + radius; -1: black, [W + 2 radius].
+        around: What it is continued by.
         box: The taps.
         factors: What a blurred row is multiplied by, [kinds, W].
         kinds: Which of them, for each row, [H].
         work: To work in; what lies beyond its rows' ends is finite.
     """
-    height, n_rows, length = image.shape[0], 2 * box.radius + 1, work.total.size
-    for y in range(-box.radius, height + box.radius):
-        row = head[y + box.radius] if y < 0 else (image[y] if y < height else tail[y - height])
-        _extend(row, columns, box.radius, work.line)
-        for k in range(work.starts.size):
-            work.starts[k // TAPS, k % TAPS] = k if k < n_rows else 0
-        place = (y + box.radius) % n_rows
-        _sum(work.line, work.starts, box.weights, work.ring[place * length : (place + 1) * length])
+    for y in range(-box.radius, image.shape[0] + box.radius):
+        _blur_along(y, image, around, box, work)
         r = y - box.radius
         if r >= 0:
-            for k in range(work.starts.size):
-                work.starts[k // TAPS, k % TAPS] = ((r + (k if k < n_rows else 0)) % n_rows) * length
-            _sum(work.ring, work.starts, box.weights, work.total)
-            _finish(work.total, factors[kinds[r]], image[r])
+            _blur_down(r, box, work)
+            result, row_factors = image[r], factors[kinds[r]]
+            for x in range(result.size):
+                result[x] = work.total[x] * row_factors[x]
 
 
 @compiled
-def add_level(blurred: Reals, places: Reals, level: int, total: Reals) -> None:
-    """Add the share of one level to the pixels that blend it, [H, W] each."""
-    for y in range(total.shape[0]):
-        for x in range(total.shape[1]):
-            total[y, x] += max(1 - abs(places[y, x] - level), 0) * blurred[y, x]
+def add_level(
+    image: Reals, around: Around, box: Box, places: Reals, level: float, unit: float, total: Reals, work: Scratch
+) -> None:
+    """Blur a plane by the box of a level, and add its share to the pixels that blend it.
+
+    Args:
+        image: [H, W].
+        around: What it is continued by.
+        box: The taps.
+        places: Of the pixels' widths among the levels, [H, W].
+        level: In the type of the image, as `unit`: whole numbers would make the loop compute in float64.
+        unit: 1.
+        total: Added to, [H, W].
+        work: As of `blur`.
+    """
+    for y in range(-box.radius, image.shape[0] + box.radius):
+        _blur_along(y, image, around, box, work)
+        r = y - box.radius
+        if r >= 0:
+            result, row = total[r], places[r]
+            if _is_blended(row, level, unit):
+                _blur_down(r, box, work)
+                for x in range(result.size):
+                    result[x] += max(unit - abs(row[x] - level), unit - unit) * work.total[x]
+
+
+@inlined
+def _is_blended(places: Reals, level: float, unit: float) -> bool:
+    """Whether any pixel of a row has a share of a level."""
+    count = 0
+    for x in range(places.size):
+        count += abs(places[x] - level) < unit
+    return count > 0
+
+
+@inlined
+def _blur_along(y: int, image: Reals, around: Around, box: Box, work: Scratch) -> None:
+    """Blur a row along itself, into the ring."""
+    height, n_rows, length = image.shape[0], 2 * box.radius + 1, work.total.size
+    row = around.head[y + box.radius] if y < 0 else (image[y] if y < height else around.tail[y - height])
+    _extend(row, around.columns, box.radius, work.line)
+    for k in range(work.starts.size):
+        work.starts[k // TAPS, k % TAPS] = k if k < n_rows else 0
+    place = (y + box.radius) % n_rows
+    _sum(work.line, work.starts, box.weights, work.ring[place * length : (place + 1) * length])
+
+
+@inlined
+def _blur_down(r: int, box: Box, work: Scratch) -> None:
+    """Blur the rows around row r, all of them in the ring, down the columns."""
+    n_rows, length = 2 * box.radius + 1, work.total.size
+    for k in range(work.starts.size):
+        work.starts[k // TAPS, k % TAPS] = ((r + (k if k < n_rows else 0)) % n_rows) * length
+    _sum(work.ring, work.starts, box.weights, work.total)
 
 
 @inlined
@@ -94,9 +144,3 @@ def _sum(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
     set_taps(rows, starts[0], weights[0], total)
     for g in range(1, weights.shape[0]):
         add_taps(rows, starts[g], weights[g], total)
-
-
-@inlined
-def _finish(total: Reals, factors: Reals, result: Reals) -> None:
-    for x in range(result.size):
-        result[x] = total[x] * factors[x]

@@ -12,8 +12,8 @@ from torch import Tensor
 from lfref.functional import threads
 from lfref.functional.row_sums import TAPS, rounded_up
 from lfref.refocus.borders import BORDERS, Border
-from lfref.refocus.footprint import box, box_loop, levels
-from lfref.refocus.footprint.box_loop import Box, Scratch
+from lfref.refocus.footprint import box, box_loop, by_torch, levels
+from lfref.refocus.footprint.box_loop import Around, Box, Scratch
 
 WORTH_A_THREAD = 1 << 16
 """Samples of a stack from which one more thread saves more than it costs."""
@@ -37,7 +37,7 @@ class _Filter(NamedTuple):
     below: NDArray
     """Likewise below it, [radius]."""
     columns: NDArray
-    """As of `box_loop.blur`."""
+    """As of `box_loop.Around`."""
 
 
 def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: Sequence[RowFactors]) -> None:
@@ -59,43 +59,59 @@ def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: 
     threads.share(work, jobs, threads.worthwhile(stack.size, WORTH_A_THREAD))
 
 
-def blended(stack: Tensor, places: Tensor, border: Border) -> Tensor:
-    """Stacks on the CPU blurred by a box of another width at every pixel; as `by_torch.blended` for every plane.
-
-    Args:
-        stack: Float32 or float64, [B, N, C, H, W].
-        places: Of the widths among the `levels`, [B or 1, N, H, W].
-        border: As of `box_planes`.
-    """
+def blurred(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
+    """Stacks on the CPU; as `by_torch.blurred`."""
     planes, shares = stack.detach().contiguous().numpy(), places.detach().to(stack).contiguous().numpy()
-    size, total = planes.shape[-2:], np.zeros(planes.shape, planes.dtype)
     used = [levels.spanned(plane) for plane in places.unbind(1)]
     every = {level for plane in used for level in plane}
-    filters = {level: _filter(levels.width(level), border, size, planes.dtype) for level in every}
-    plain = RowFactors(np.ones((1, size[1]), planes.dtype), np.zeros(size[0], np.int64))
+    filters = {level: _filter(levels.width(level), border, planes.shape[-2:], planes.dtype) for level in every}
+    n_threads = threads.worthwhile(planes.size, WORTH_A_THREAD)
+    coverage = np.ones((len(used), 1, 1), planes.dtype) if covered is None else covered.numpy()
+    factors, total = np.ones(shares.shape, planes.dtype), np.empty(planes.shape, planes.dtype)
+
+    def blend(image: NDArray, b: int, n: int) -> NDArray:
+        result = np.zeros_like(image)
+        for level in used[n]:
+            _add_level(image, filters[level], shares[b, n], level, result)
+        return result
+
+    def weigh(b: int, n: int) -> None:
+        weight = torch.from_numpy(blend(coverage[n], b, n))
+        factors[b, n] = by_torch.inverse(torch.from_numpy(coverage[n]), weight).numpy()
 
     def work(b: int, n: int, c: int) -> None:
-        for level in used[n]:
-            image = planes[b, n, c].copy()
-            if level:
-                _blur(image, filters[level], plain)
-            box_loop.add_level(image, shares[b % len(shares), n], level, total[b, n, c])
+        own = b % len(shares)
+        np.multiply(blend(planes[b, n, c] * coverage[n], own, n), factors[own, n], out=total[b, n, c])
 
-    jobs = itertools.product(*map(range, planes.shape[:3]))
-    threads.share(work, jobs, threads.worthwhile(planes.size, WORTH_A_THREAD))
+    if covered is not None:
+        threads.share(weigh, itertools.product(*map(range, shares.shape[:2])), n_threads)
+    threads.share(work, itertools.product(*map(range, planes.shape[:3])), n_threads)
     return torch.from_numpy(total)
 
 
 def _blur(image: NDArray, way: _Filter, scale: RowFactors) -> None:
-    around = [np.where(rows[:, None] >= 0, image[rows], image.dtype.type(0)) for rows in (way.above, way.below)]
-    radius, length = way.box.radius, rounded_up(image.shape[1])
-    work = Scratch(
-        line=np.zeros(length + 2 * radius, image.dtype),
-        ring=np.empty((2 * radius + 1) * length, image.dtype),
+    box_loop.blur(image, _around(image, way), way.box, *scale, _new_scratch(image, way.box))
+
+
+def _add_level(image: NDArray, way: _Filter, places: NDArray, level: int, total: NDArray) -> None:
+    at, unit = image.dtype.type(level), image.dtype.type(1)
+    box_loop.add_level(image, _around(image, way), way.box, places, at, unit, total, _new_scratch(image, way.box))
+
+
+def _around(image: NDArray, way: _Filter) -> Around:
+    black = image.dtype.type(0)
+    head, tail = (np.where(rows[:, None] >= 0, image[rows], black) for rows in (way.above, way.below))
+    return Around(head, tail, way.columns)
+
+
+def _new_scratch(image: NDArray, box: Box) -> Scratch:
+    length = rounded_up(image.shape[1])
+    return Scratch(
+        line=np.zeros(length + 2 * box.radius, image.dtype),
+        ring=np.empty((2 * box.radius + 1) * length, image.dtype),
         total=np.empty(length, image.dtype),
-        starts=np.empty(way.box.weights.shape, np.int64),
+        starts=np.empty(box.weights.shape, np.int64),
     )
-    box_loop.blur(image, *around, way.columns, way.box, *scale, work)
 
 
 def _filter(width: float, border: Border, size: Sequence[int], working: np.dtype) -> _Filter:

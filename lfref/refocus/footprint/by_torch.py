@@ -37,6 +37,25 @@ def boxed_along(images: Tensor, width: float, border: Border, axis: int) -> Tens
     return total
 
 
+def blurred(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
+    """Planes blurred by a box of another width at every pixel, over the weight of the samples that count.
+
+    Args:
+        stack: [B, N, C, H, W].
+        places: Of the widths among the `levels`, [B or 1, N, H, W].
+        border: As of `boxed`.
+        covered: Share of the aperture that has a sample, in the type of the stack, [N, H, W]; None: all of it.
+    """
+    planes = []
+    for n, own in enumerate(places.unbind(1)):
+        if covered is None:
+            planes.append(blended(stack[:, n], own, border))
+        else:
+            weight = blended(covered[n].expand(len(own), 1, -1, -1), own, border)
+            planes.append(blended(stack[:, n] * covered[n], own, border) * inverse(covered[n], weight))
+    return torch.stack(planes, dim=1)
+
+
 def blended(planes: Tensor, places: Tensor, border: Border) -> Tensor:
     """Images blurred by a box of another width at every pixel.
 

@@ -44,7 +44,7 @@ def test_what_is_not_covered_stays_black():
 
 
 def test_derivatives_are_taken_by_eager_operations(monkeypatch):
-    monkeypatch.setattr(by_numba, "blended", pytest.fail)
+    monkeypatch.setattr(by_numba, "blurred", pytest.fail)
     stack, widths = case()
     blurring.blurred(stack, widths.requires_grad_(), BORDERS["edge"]).sum().backward()
     assert bool(widths.grad.isfinite().all())

@@ -56,7 +56,7 @@ def test_maps_equal_eager(border, n_maps):
     places = 6 * torch.rand(n_maps, 3, 19, 33, dtype=torch.float64)
     places[:, 1] = 0
     expected = [by_torch.blended(stack[:, n], places[:, n], BORDERS[border]) for n in range(3)]
-    blended = by_numba.blended(stack, places, BORDERS[border])
+    blended = by_numba.blurred(stack, places, BORDERS[border], None)
     torch.testing.assert_close(blended, torch.stack(expected, dim=1), atol=1e-12, rtol=0)
 
 
@@ -64,7 +64,7 @@ def test_maps_equal_eager(border, n_maps):
 def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
     monkeypatch.setattr(by_numba, "WORTH_A_THREAD", 1)
     stack, places = torch.rand(2, 3, 2, 9, 13), 4 * torch.rand(1, 3, 9, 13)
-    alone = boxed(stack, [1.0, 2.0, 3.0], "edge"), by_numba.blended(stack, places, BORDERS["edge"])
+    alone = boxed(stack, [1.0, 2.0, 3.0], "edge"), by_numba.blurred(stack, places, BORDERS["edge"], None)
     monkeypatch.setattr(torch, "get_num_threads", lambda: n_threads)
     assert torch.equal(boxed(stack, [1.0, 2.0, 3.0], "edge"), alone[0])
-    assert torch.equal(by_numba.blended(stack, places, BORDERS["edge"]), alone[1])
+    assert torch.equal(by_numba.blurred(stack, places, BORDERS["edge"], None), alone[1])
