@@ -1,5 +1,10 @@
-"""Planes blurred by boxes on the CPU, at the machine's speed: tables for the compiled loops, and threads."""
+"""Planes blurred by boxes on the CPU, at the machine's speed: tables for the compiled loops, and threads.
 
+A tap for every sample, not a running sum: it drifts nowhere, and costs less than the sum over the views up to boxes as
+wide as any slope that is allowed makes them.
+"""
+
+import functools
 import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -114,7 +119,8 @@ def _new_scratch(image: NDArray, box: Box) -> Scratch:
     )
 
 
-def _filter(width: float, border: Border, size: Sequence[int], working: np.dtype) -> _Filter:
+@functools.lru_cache(maxsize=256)
+def _filter(width: float, border: Border, size: tuple[int, int], working: np.dtype) -> _Filter:
     weights = box.taps(width)
     radius = len(weights) // 2
     filled = np.zeros((-(-len(weights) // TAPS), TAPS), working)
