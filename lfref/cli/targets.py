@@ -14,6 +14,7 @@ from typing import Any
 from lfref.errors import InputError, LfrefError
 from lfref.nets.kinds import KINDS
 
+APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
 EFFECTS = {
@@ -54,7 +55,7 @@ LATER: dict[str, tuple[str, ...]] = {
         "lfref.refocuser.operators.even_stack",
         "lfref.refocuser.operators.focus",
     ),
-    "apertures": tuple(f"lfref.refocus.apertures.{name}" for name in ("disc", "full", "gaussian", "mask", "square")),
+    "apertures": tuple(f"lfref.refocus.apertures.{name}" for name in APERTURES),
     "optimisers": tuple(f"torch.optim.{name}" for name in OPTIMISERS),
     "schedules": tuple(f"torch.optim.lr_scheduler.{name}" for name in SCHEDULES),
 }
