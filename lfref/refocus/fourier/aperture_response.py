@@ -15,48 +15,47 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import fourier
+from lfref.refocus.fourier.mixing import Matrices
 
-NEGLIGIBLE = 1e-12  # share of the largest singular value below which there is only rounding
+NEGLIGIBLE = 1e-12  # below this there is only rounding
 
 
-def of_points(distances: Tensor, aperture: Tensor, rows: Tensor, columns: Tensor, dtype: torch.dtype) -> Tensor:
+def of_points(distances: Tensor, aperture: Tensor, size: tuple[int, int]) -> Matrices:
     """The transform D of the weights: real where opposite views weigh the same, as in most apertures.
 
     Args:
-        distances: From the layer to the plane in focus, s - d, in pixels per view step, [...].
+        distances: From each layer to each plane in focus, s - d, in pixels per view step, float64, [N, K].
         aperture: Weight of each view, float64, [V, U].
-        rows: ky in cycles per pixel, float64, [h].
-        columns: kx in cycles per pixel, float64, [w].
-        dtype: float32 or float64; phases are made in float64 all the same.
+        size: Height and width (H, W) of the pictures in pixels.
 
     Returns:
-        In `dtype`, or the complex type that goes with it, [..., h, w].
+        [N, K] at the frequencies of `rfft2`.
     """
     left, strength, right = torch.linalg.svd(aperture, full_matrices=False)
     rank = int((strength > NEGLIGIBLE * strength[0]).sum())  # 1 for products of rows and columns
-    down = _sums(distances, rows, left[:, :rank] * strength[:rank]).to(fourier.complex_dtype(dtype))
-    across = _sums(distances, columns, right[:rank].T).to(down)
-    real = torch.cat([down.real, -down.imag], -2).mT @ torch.cat([across.real, across.imag], -2)
-    if torch.allclose(aperture, aperture.flip(0, 1), rtol=NEGLIGIBLE, atol=0):
-        return real
-    return torch.complex(real, torch.cat([down.real, down.imag], -2).mT @ torch.cat([across.imag, across.real], -2))
+    down = _sums(distances, fourier.frequencies(size[0]), left[:, :rank] * strength[:rank])
+    across = _sums(distances, fourier.half_frequencies(size[1]), right[:rank].T)
+    if not torch.allclose(aperture, aperture.flip(0, 1), rtol=NEGLIGIBLE, atol=0):
+        return Matrices(down, across)
+    rows, columns = torch.cat([down.real, -down.imag], -2), torch.cat([across.real, across.imag], -2)
+    # Apertures whose rows and columns are symmetric themselves have no imaginary parts.
+    counts = (rows.abs().amax((0, 1, 3)) > NEGLIGIBLE) & (columns.abs().amax((0, 1, 3)) > NEGLIGIBLE)
+    return Matrices(rows[..., counts, :], columns[..., counts, :])
 
 
-def of_cell(distances: Tensor, fill: float, rows: Tensor, columns: Tensor, dtype: torch.dtype) -> Tensor:
-    """The transform c of one view's cell; arguments as for `of_points`.
+def of_cell(distances: Tensor, fill: float, size: tuple[int, int]) -> Matrices:
+    """The transform c of one view's cell.
 
     Args:
         distances: As in `of_points`.
         fill: Width of the cells in view steps, >= 0.
-        rows: As in `of_points`.
-        columns: As in `of_points`.
-        dtype: As in `of_points`.
+        size: As in `of_points`.
 
     Returns:
-        In `dtype`, [..., h, w].
+        [N, K] at the frequencies of `rfft2`.
     """
-    down, across = (torch.sinc(fill * distances[..., None] * k).to(dtype) for k in (rows, columns))
-    return down[..., :, None] * across[..., None, :]
+    frequencies = fourier.frequencies(size[0]), fourier.half_frequencies(size[1])
+    return Matrices(*(torch.sinc(fill * distances[..., None, None] * k) for k in frequencies))
 
 
 def checked_fill(fill: float) -> float:
@@ -67,6 +66,7 @@ def checked_fill(fill: float) -> float:
 
 
 def _sums(distances: Tensor, frequencies: Tensor, weights: Tensor) -> Tensor:
-    """Sums over the views of one axis, for each term of the weights [views, r], complex128, [..., r, K]."""
-    angle = 2 * torch.pi * distances[..., None, None] * geometry.angular_offsets(len(weights))[:, None] * frequencies
+    """Sums over the views of one axis, for each term of the weights [views, r], complex128, [N, K, r, frequencies]."""
+    turns = distances[..., None] * geometry.angular_offsets(len(weights))
+    angle = 2 * torch.pi * turns[..., None] * frequencies
     return weights.T.to(torch.complex128) @ torch.polar(torch.ones_like(angle), angle)

@@ -26,6 +26,7 @@ from lfref.refocus.fourier.frames import Frame
 from lfref.refocus.fourier.layer_energies import Energies
 
 RIDGE = 1e-3
+ROUNDING = 100  # epsilons: what a smaller ridge would have to hold down is rounding
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -57,14 +58,11 @@ class Layers:
         """
         planes = geometry.checked_slopes(slopes, self.grid, self.frame.size)
         aperture, width = batches.checked_weights(weights, self.grid), aperture_response.checked_fill(fill)
-        distances, dtype = planes[:, None] - self.energies.disparities, self.spectra.real.dtype
-
-        def response(rows: Tensor, columns: Tensor) -> Tensor:
-            points = aperture_response.of_points(distances, aperture, rows, columns, dtype)
-            return points * aperture_response.of_cell(distances, width, rows, columns, dtype)
-
+        distances = planes[:, None] - self.energies.disparities
+        points = aperture_response.of_points(distances, aperture, self.frame.period)
+        seen = points.times(aperture_response.of_cell(distances, width, self.frame.period))
         flat = self.spectra.reshape(-1, *self.spectra.shape[-4:])
-        stack = self.frame.pictures(mixing.mixed(flat, self.frame.period[1], response))
+        stack = self.frame.pictures(mixing.multiplied(flat, seen))
         return stack.reshape(*self.spectra.shape[:-4], *stack.shape[1:])
 
     def view(self, v: float, u: float) -> Tensor:
@@ -119,7 +117,7 @@ def disparity_layers(
     energies = expected(batch[0], disparities, n_layers, aperture)
     frame = frames.framed(border, size, geometry.corner_shift(energies.disparities, grid))
     seen = exact_fourier(frame.extended(batch), energies.disparities, aperture)
-    spectra = fitted(torch.fft.rfft2(seen), energies, aperture, frame.period[1], ridge)
+    spectra = fitted(torch.fft.rfft2(seen), energies, aperture, frame.period, ridge)
     return Layers(spectra.reshape(*views.shape[:-5], *spectra.shape[1:]), energies, grid, frame)
 
 
@@ -138,7 +136,7 @@ def expected(field: Tensor, disparities: Slopes | None, n_layers: int, aperture:
     return layer_energies.even(geometry.checked_slopes(disparities, grid, size))
 
 
-def fitted(seen: Tensor, energies: Energies, aperture: Tensor, width: int, ridge: float) -> Tensor:
+def fitted(seen: Tensor, energies: Energies, aperture: Tensor, period: tuple[int, int], ridge: float) -> Tensor:
     """The ridge regression.
 
     Args:
@@ -146,7 +144,7 @@ def fitted(seen: Tensor, energies: Energies, aperture: Tensor, width: int, ridge
             [B, K, C, h, w // 2 + 1].
         energies: Of the layers.
         aperture: Weight of each view, their sum 1, [V, U].
-        width: w.
+        period: Height and width (h, w) of the pictures.
         ridge: As in `disparity_layers`.
 
     Returns:
@@ -154,10 +152,6 @@ def fitted(seen: Tensor, energies: Energies, aperture: Tensor, width: int, ridge
     """
     if not (math.isfinite(ridge) and ridge > 0):
         raise InputError("ridge must be finite and above 0", got=ridge)
-    distances, dtype = energies.disparities[:, None] - energies.disparities, seen.real.dtype
-    diagonal = torch.diag(ridge / energies.shares)[..., None, None].to(dtype)
-
-    def gram(rows: Tensor, columns: Tensor) -> Tensor:
-        return aperture_response.of_points(distances, aperture, rows, columns, dtype) + diagonal
-
-    return mixing.unmixed(seen, width, gram)
+    distances = energies.disparities[:, None] - energies.disparities
+    points, least = aperture_response.of_points(distances, aperture, period), ROUNDING * torch.finfo(seen.dtype).eps
+    return mixing.solved(seen, points, max(ridge, least) / energies.shares)

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.fourier import aperture_response, disparity_layers, frames, mixing
@@ -75,17 +74,14 @@ def _refocused(
     field: Tensor, planes: Tensor, energies: Energies, aperture: Tensor, ridge: float, fill: float
 ) -> Tensor:
     """Spectra of the planes, [N, C, h, w // 2 + 1], of periodic views, [V, U, C, h, w]."""
-    (height, width), dtype = field.shape[-2:], field.dtype
+    period = batches.grid_and_size(field)[1]
     exact = torch.fft.rfft2(exact_fourier(field, torch.cat([planes, energies.disparities]), aperture))
     at_planes, at_layers = exact[None].split([len(planes), len(energies.disparities)], dim=1)
-    layers = disparity_layers.fitted(at_layers, energies, aperture, width, ridge)
-    distances, from_middle = planes[:, None] - energies.disparities, planes - energies.disparities @ energies.shares
-
-    def correction(rows: Tensor, columns: Tensor) -> Tensor:
-        cell = aperture_response.of_cell(distances, fill, rows, columns, dtype)
-        taken = aperture_response.of_cell(from_middle, fill, rows, columns, dtype)
-        return (cell - taken[:, None]) * aperture_response.of_points(distances, aperture, rows, columns, dtype)
-
-    frequencies = fourier.frequencies(height), fourier.half_frequencies(width)
-    cell = aperture_response.of_cell(from_middle, fill, *frequencies, dtype).to(field.device)
-    return (cell[:, None] * at_planes + mixing.mixed(layers, width, correction))[0]
+    layers = disparity_layers.fitted(at_layers, energies, aperture, period, ridge)
+    distances = planes[:, None] - energies.disparities
+    from_middle = (planes - energies.disparities @ energies.shares)[:, None]
+    of_middle = aperture_response.of_cell(from_middle.expand_as(distances), fill, period)
+    of_layers = aperture_response.of_cell(distances, fill, period)
+    correction = aperture_response.of_points(distances, aperture, period).times(of_layers.minus(of_middle))
+    cell = of_middle.rows[:, :1, 0, :, None] * of_middle.columns[:, :1, 0, None]
+    return (cell.to(field) * at_planes + mixing.multiplied(layers, correction))[0]
