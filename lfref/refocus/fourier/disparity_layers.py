@@ -107,7 +107,7 @@ def disparity_layers(
         InputError: An argument that cannot be used.
 
     Example:
-        >>> layers = disparity_layers(torch.rand(5, 5, 3, 48, 64), disparities=[-1, 0, 1])
+        >>> layers = lfref.disparity_layers(torch.rand(5, 5, 3, 48, 64), disparities=[-1, 0, 1])
         >>> layers.refocus([0.5]).shape, layers.view(2, 1.5).shape
         (torch.Size([1, 3, 48, 64]), torch.Size([3, 48, 64]))
     """

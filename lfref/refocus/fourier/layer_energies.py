@@ -19,6 +19,7 @@ from lfref.refocus import batches
 
 REACH, STEP = 4.0, 0.25  # pixels per view step: where disparities are looked for
 LEAST_SHARE = 0.01  # of the energy: what layers beyond the scene's range get from noise and occlusion is below it
+OVER_NOISE = 3  # times what a quarter of all candidates has less of, since noise falls on all alike
 N_STEPS = 8
 RADII, ANGLES = 12, 24  # of the frequencies looked at
 LOWEST, HIGHEST = 1 / 24, 0.4  # cycles per pixel: below, all layers look alike; above, views alias
@@ -44,7 +45,8 @@ def found(views: Tensor, n_layers: int, aperture: Tensor) -> Energies:
     """
     sample = _sampled(views.detach(), aperture)
     wide = _of_layers(sample, _candidates(aperture.shape, views.shape[-2:]))
-    seen = wide.disparities[wide.shares >= LEAST_SHARE]
+    least = max(LEAST_SHARE, OVER_NOISE * float(wide.shares.quantile(0.25)))
+    seen = wide.disparities[wide.shares >= min(least, float(wide.shares.max()))]
     ends = (float(seen.min()) - STEP / 2, float(seen.max()) + STEP / 2)
     return _of_layers(sample, geometry.even_slopes(n_layers, *ends))
 

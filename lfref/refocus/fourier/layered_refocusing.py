@@ -52,7 +52,7 @@ def refocus_by_layers(
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
-        >>> refocus_by_layers(views, [-0.5, 0.5]).shape
+        >>> lfref.refocus_by_layers(views, [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
     batch = batches.flattened(views)
