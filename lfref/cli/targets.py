@@ -48,6 +48,7 @@ LATER: dict[str, tuple[str, ...]] = {
         "lfref.refocus.anywhere.surface.tilt_shift",
         "lfref.refocus.fourier.exact.exact_fourier",
         "lfref.refocus.fourier.focal_stack_transform.at_slopes",
+        "lfref.refocus.fourier.layered_refocusing.refocus_by_layers",
         "lfref.refocus.fourier.slice.fourier_slice",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
         "lfref.refocus.shift.super_resolution.super_resolve",

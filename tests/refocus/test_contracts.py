@@ -14,6 +14,7 @@ from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.borders import BORDERS
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
+from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.interpolations import INTERPOLATIONS
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -92,6 +93,10 @@ OPERATORS = {
     "fourier_slice kaiser_bessel": functools.partial(fourier_slice, slopes=SLOPES),
     "fourier_slice kaiser_bessel wide": functools.partial(fourier_slice, slopes=SLOPES, width=6, padding=1.5),
     "focal_stack_transform": functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0.37),
+    "refocus_by_layers": functools.partial(refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1, 0.5]),
+    "refocus_by_layers wrap": functools.partial(
+        refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1], border="wrap", fill=0.5
+    ),
     "super_resolve by 1": functools.partial(super_resolve, slopes=SLOPES, factor=1),
     "super_resolve by 3": functools.partial(super_resolve, slopes=SLOPES, factor=3),
 }
