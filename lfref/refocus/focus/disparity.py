@@ -13,20 +13,16 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.refocus import batches, windows
+from lfref.refocus.fourier import layer_energies
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 STEP = 0.1  # slopes tried, in pixels per view step: parabolas find the least between them
-MARGIN = 0.3  # pixels per view step beyond what a coarse look found
-REACH = 6.0  # largest slope that the coarse look tries
-COARSE = 64  # least side in pixels of the views that it looks at
 HALF_PENALTY = 1.5  # a half has fewer views that could disagree
 FLOOR = 1e-6  # variance of views that agree as well as 8 bits can say
-SHARE = 0.002  # of the pixels: disparities that fewer show are taken for errors of the coarse look
 
 
 class DisparityMap(NamedTuple):
@@ -72,34 +68,14 @@ def disparity_map(
 
 
 def _range(views: Tensor, first: float | None, last: float | None) -> tuple[float, float]:
-    """The slopes between which to look, as asked for or as a coarse look says."""
+    """The slopes between which to look, as asked for or as the field's own spectra say."""
     if first is None or last is None:
-        seen = coarse_range(views)
-        first, last = (seen[0] if first is None else first), (seen[1] if last is None else last)
+        aperture = batches.checked_weights(None, (views.shape[0], views.shape[1]))
+        seen = layer_energies.found(views, 2, aperture).disparities
+        first, last = (float(seen[0]) if first is None else first), (float(seen[-1]) if last is None else last)
     if not (math.isfinite(first) and math.isfinite(last) and first <= last):
         raise InputError("disparities must lie between a first and a larger last one", got=f"{first} and {last}")
     return first, last
-
-
-def coarse_range(views: Tensor) -> tuple[float, float]:
-    """Least and largest disparity of one light field, by a look at smaller views.
-
-    Args:
-        views: [V, U, C, H, W], floating point.
-    """
-    grid, size = (views.shape[0], views.shape[1]), (views.shape[-2], views.shape[-1])
-    factor = max(1, min(4, min(size) // COARSE))
-    smaller = F.avg_pool2d(views.mean(2).flatten(0, 1)[None], factor)[0].unflatten(0, grid)[:, :, None]
-    reach = min(REACH / factor, 0.4 * min(smaller.shape[-2:]) / (max(grid) - 1))
-    slopes = torch.arange(-reach, reach + 0.06, 0.12, dtype=torch.float64)
-    cost = _cost(smaller, slopes, 1.0)
-    best, spread = cost.min(0), cost.mean(0)
-    sure = spread - best.values > 0.5 * spread + FLOOR
-    counts = torch.bincount(best.indices[sure], minlength=len(slopes)).double()
-    seen = slopes[counts > SHARE * max(1, int(sure.sum()))] * factor
-    if len(seen) == 0:
-        return -1.0, 1.0
-    return float(seen.min()) - MARGIN, float(seen.max()) + MARGIN
 
 
 def _found(views: Tensor, first: float, last: float, radius: float) -> tuple[Tensor, Tensor]:

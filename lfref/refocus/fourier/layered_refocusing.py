@@ -63,11 +63,36 @@ def refocus_by_layers(
     for field in batch:  # each has layers of its own
         radiance = batches.radiance(field)
         energies = disparity_layers.expected(radiance, disparities, n_layers, aperture)
-        reach = geometry.corner_shift(torch.cat([planes, energies.disparities]), grid)
-        frame = frames.framed(border, size, reach)
-        spectra = _refocused(frame.extended(radiance), planes, energies, aperture, ridge, width)
-        stacks.append(frame.pictures(spectra))
+        stacks.append(by_energies(radiance, planes, energies, aperture, ridge, width, border))
     return batches.restored(torch.stack(stacks), views)
+
+
+def by_energies(
+    field: Tensor,
+    planes: Tensor,
+    energies: Energies,
+    aperture: Tensor,
+    ridge: float = RIDGE,
+    fill: float = 1.0,
+    border: str = "edge",
+) -> Tensor:
+    """One light field refocused by layers whose energies are known; arguments as for `refocus_by_layers`.
+
+    Args:
+        field: Float32 or float64, [V, U, C, H, W].
+        planes: Slopes, float64, [N].
+        energies: Of the layers.
+        aperture: Weight of each view, together 1, [V, U].
+        ridge: Above 0.
+        fill: In view steps.
+        border: `edge` or `wrap`.
+
+    Returns:
+        Stack, [N, C, H, W].
+    """
+    grid, size = batches.grid_and_size(field)
+    frame = frames.framed(border, size, geometry.corner_shift(torch.cat([planes, energies.disparities]), grid))
+    return frame.pictures(_refocused(frame.extended(field), planes, energies, aperture, ridge, fill))
 
 
 def _refocused(
