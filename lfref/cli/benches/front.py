@@ -1,13 +1,13 @@
 """Group `front`: accuracy against time of every operator setting and every checkpoint, judged by truth."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import pandas as pd
 import torch
 from omegaconf import DictConfig
 
-from lfref.bench import cost, judging, subjects
+from lfref.bench import cost, judging, subjects, thinning
 from lfref.bench.cost import Case
 from lfref.bench.subjects import Subject
 from lfref.cli import config as configs
@@ -35,8 +35,8 @@ def front(config: DictConfig, folder: Path) -> None:
     margin = int(configs.number(config, "margin", 0))
     planes: FocalPlanes = configs.build(config.planes)
     methods = _methods(config, device)
-    fields = [field.to(device) for field in shared.light_fields(config, methods)]
-    judged = pd.DataFrame(judging.rows(_subjects(config, fields, planes, device), methods, planes, margin))
+    judges, fields = _judges(config, methods, planes, device)
+    judged = pd.DataFrame(judging.rows(judges, methods, planes, margin))
     cases = [Case(method, field) for field in fields for method in methods]
     times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
     bench = times[TIMES].reset_index().drop(columns="input").merge(judging.by_class(judged), "left", "method")
@@ -57,12 +57,25 @@ def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     return methods
 
 
-def _subjects(
-    config: DictConfig, fields: Sequence[LightField], planes: FocalPlanes, device: torch.device
-) -> Iterator[Subject]:
-    """The light fields given, or scenes whose truth is known."""
+def _judges(
+    config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
+) -> tuple[Iterable[Subject], list[LightField]]:
+    """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
     if config.input is None:
-        scenes = shared.scenes(config.judged)
-        return subjects.simulated(progress(scenes.values(), "judging by truth"), planes.slopes, device)
-    log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
-    return subjects.given(progress(fields, "judging by exact refocusing"), planes.slopes)
+        scenes = progress(shared.scenes(config.judged).values(), "judging by truth")
+        fields = [field.to(device) for field in shared.light_fields(config, methods)]
+        return subjects.simulated(scenes, planes.slopes, device), fields
+    judges = list(_of_captures(config, methods, planes, device))
+    return progress(judges, f"judging by {judges[0].reference}"), [judge.light for judge in judges]
+
+
+def _of_captures(
+    config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
+) -> Iterator[Subject]:
+    """Light fields that are given, every second or third view of them if that is asked for."""
+    if config.thin is None:
+        log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
+        fields = shared.light_fields(config, methods)
+        return subjects.given((field.to(device) for field in fields), planes.slopes)
+    step = int(configs.number(config, "thin", 2))
+    return thinning.thinned((field.to(device) for field in shared.light_fields(config)), step, planes.slopes)

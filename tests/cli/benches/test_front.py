@@ -64,6 +64,15 @@ def test_light_fields_without_a_truth_are_judged_by_exact_refocusing_and_the_log
     assert "no truth is known" in (folder / "bench.log").read_text()
 
 
+def test_every_second_view_is_judged_by_the_integral_over_all(lfref, front, tmp_path):
+    words = ("n_fields=1", "scene.camera.size=[64,72]", "scene.camera.grid=[5,5]", "outputs=[views]")
+    assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
+    found, folder = front(f"input={tmp_path}/scenes", "thin=2")
+    assert {(row["class"], row["reference"]) for row in found["judged"]} == {("thinned", "dense_integral")}
+    assert all(30 < float(row["psnr_db"]) < 100 for row in found["judged"])
+    assert json.loads((folder / "machine.json").read_text())["views"] == "3x3x3x64x72"
+
+
 def test_scenes_that_do_not_exist_are_one_clear_line(lfref, tmp_path):
     status, errors = lfref("bench", "judged=[moon]", f"output={tmp_path}/run")
     assert status == 1
