@@ -10,7 +10,7 @@ import pandas as pd
 
 from lfref.errors import FileError, LfrefError
 from lfref.io.run import Run
-from lfref.report import costs, front, plots, stability, tables
+from lfref.report import causes, costs, front, plots, stability, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
@@ -140,6 +140,21 @@ def benchmark(folder: Path) -> Section:
     return Section("Accuracy against time", text, figures, shown)
 
 
+def where_decibels_are(folder: Path) -> Section:
+    """What each cause of error costs, and what remedies win back.
+
+    Args:
+        folder: Run folder of `lfref bench group=causes`.
+    """
+    rows, planes = (tables.read_table(folder / f"{name}.csv") for name in ("causes", "causes_by_plane"))
+    text = (
+        "PSNR against what a lens would have photographed: a bar is what is lost where one cause is added and all else "
+        "stays as it was, means over scenes; a mark is what another method wins on the same views. Below 0, the change "
+        "is for the better or the method for the worse."
+    )
+    return Section("Where the decibels are", text, {"Causes": causes.causes(planes)}, {"Means over planes": rows})
+
+
 def operators(folder: Path) -> Section:
     """What operators cost in time and memory, and how time grows.
 
@@ -196,6 +211,7 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     METRICS: training,
     "summary.csv": evaluation,
     "bench.csv": benchmark,
+    "causes.csv": where_decibels_are,
     "operators.csv": operators,
     "goals.csv": stability.goals,
     "stability.csv": stability.hard_cases,
