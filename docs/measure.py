@@ -56,6 +56,23 @@ def bench() -> Iterator[str]:
     yield f"{facts['repeats']} rounds."
 
 
+def causes() -> Iterator[str]:
+    """What each cause of error costs, and the best that a remedy wins, from the table of `lfref bench group=causes`."""
+    facts = json.loads((RUNS / "causes" / "machine.json").read_text())
+    rows = tables.read_table(RUNS / "causes" / "causes.csv")
+    is_base = rows["is_base"].astype(str) == "True"
+    best = rows[~is_base].sort_values("won_db", ascending=False, kind="stable").groupby("cause").first()
+    yield "| cause | with it, dB | costs, dB | this error alone, dB | most won back, dB |"
+    yield "|---|---|---|---|---|"
+    for row in rows[is_base].itertuples():
+        won = _with_note(best.loc[row.cause, "won_db"], best.loc[row.cause, "method"])
+        cells = [row.cause, f"{row.psnr_db:.1f}", f"{row.cost_db:.1f}", _shown(row.alone_db, ".1f"), won]
+        yield f"| {' | '.join(cells)} |"
+    yield ""
+    yield f"PSNR against truth, means over {facts['scenes']} scenes of sim30 (version {facts['sim30']}) and"
+    yield f"{facts['planes']} planes, {facts['margin']} px of the border left out."
+
+
 def operators() -> Iterator[str]:
     """Time, memory and growth of every operator, from the tables of `lfref bench group=operators`."""
     facts = json.loads((RUNS / "operators" / "machine.json").read_text())
@@ -95,6 +112,7 @@ def patch_labels() -> Iterator[str]:
 
 FIGURES = {
     "bench": bench,
+    "causes": causes,
     "operators": operators,
     "patch_labels": patch_labels,
     "explanation": truths.explanation,

@@ -48,14 +48,6 @@ class Subject:
     sensor: Sensor = Sensor()  # noqa: RUF009  frozen
     """Whose tone curve views and truth have."""
 
-    def to(self, device: torch.device) -> "Subject":
-        """The same on a device.
-
-        Args:
-            device: Where views and truth go.
-        """
-        return dataclasses.replace(self, light=self.light.to(device), truth=self.truth.to(device))
-
     def stack(self, method: Refocuser, slopes: Tensor) -> Tensor:
         """What a method makes of the light field, through the aperture that the truth was taken through.
 

@@ -76,13 +76,6 @@ def test_light_fields_of_which_nothing_is_known_are_judged_by_exact_refocusing()
     torch.testing.assert_close(found[1].truth, exact_fourier(fields[1].views, SLOPES))
 
 
-def test_a_subject_goes_to_a_device_as_a_whole():
-    (subject,) = subjects.given([LightField(torch.rand(3, 3, 3, 16, 18))], SLOPES)
-    moved = subject.to(torch.device("meta"))
-    assert moved.light.views.device.type == moved.truth.device.type == "meta"
-    assert moved.kind == subject.kind
-
-
 @pytest.mark.parametrize("aperture", ["square", "disc"])
 def test_every_aperture_of_a_camera_has_weights(aperture):
     assert Camera(aperture=aperture).aperture in subjects.APERTURES
