@@ -20,6 +20,8 @@ _HOMES = {
     "exact_fourier": "lfref.refocus.fourier.exact",
     "fourier_slice": "lfref.refocus.fourier.slice",
     "focal_stack_transform": "lfref.refocus.fourier.focal_stack_transform",
+    "disparity_layers": "lfref.refocus.fourier.disparity_layers",
+    "refocus_by_layers": "lfref.refocus.fourier.layered_refocusing",
     "tilt_shift": "lfref.refocus.anywhere.surface",
     "per_pixel": "lfref.refocus.anywhere.surface",
     "homography": "lfref.refocus.anywhere.homography",

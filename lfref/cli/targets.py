@@ -14,6 +14,7 @@ from typing import Any
 from lfref.errors import InputError, LfrefError
 from lfref.nets.kinds import KINDS
 
+APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
 EFFECTS = {
@@ -47,6 +48,7 @@ LATER: dict[str, tuple[str, ...]] = {
         "lfref.refocus.anywhere.surface.tilt_shift",
         "lfref.refocus.fourier.exact.exact_fourier",
         "lfref.refocus.fourier.focal_stack_transform.at_slopes",
+        "lfref.refocus.fourier.layered_refocusing.refocus_by_layers",
         "lfref.refocus.fourier.slice.fourier_slice",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
         "lfref.refocus.shift.super_resolution.super_resolve",
@@ -54,7 +56,7 @@ LATER: dict[str, tuple[str, ...]] = {
         "lfref.refocuser.operators.even_stack",
         "lfref.refocuser.operators.focus",
     ),
-    "apertures": tuple(f"lfref.refocus.apertures.{name}" for name in ("disc", "full", "gaussian", "mask", "square")),
+    "apertures": tuple(f"lfref.refocus.apertures.{name}" for name in APERTURES),
     "optimisers": tuple(f"torch.optim.{name}" for name in OPTIMISERS),
     "schedules": tuple(f"torch.optim.lr_scheduler.{name}" for name in SCHEDULES),
 }

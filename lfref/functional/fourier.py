@@ -58,3 +58,8 @@ def is_fast(length: int) -> bool:
 def next_fast_length(least: int) -> int:
     """The first length from `least` on at which FFTs are fast."""
     return next(filter(is_fast, itertools.count(least)))
+
+
+def next_fast_even(least: int) -> int:
+    """The first even length from `least` on at which FFTs are fast."""
+    return 2 * next_fast_length(-(-least // 2))

@@ -64,6 +64,29 @@ def square(grid: Sequence[int], side: float | None = None) -> Tensor:
     return rows.T * columns
 
 
+def polygon(grid: Sequence[int], blades: int, diameter: float | None = None, rotation: float = 0.0) -> Tensor:
+    """A regular polygon about the angular centre, as the blades of a diaphragm leave open.
+
+    Args:
+        grid: Number of view rows and columns (V, U).
+        blades: Corners, >= 3.
+        diameter: Of the circle through the corners, in view steps, above 0; None takes the largest on the grid.
+        rotation: Angle of one corner, clockwise from the right, in degrees.
+
+    Returns:
+        Share of each cell that the polygon covers, [0, 1], float64, [V, U].
+
+    Raises:
+        InputError: Too few blades, a diameter that is not finite or not above 0, or a rotation that is not finite.
+    """
+    if not (isinstance(blades, int) and blades >= 3):
+        raise InputError("blades must be a whole number of at least 3", got=repr(blades))
+    if not math.isfinite(rotation):
+        raise InputError("rotation must be finite, in degrees", got=rotation)
+    radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
+    return cells.of_polygon(_edges(grid[0]), _edges(grid[1]), blades, radius, math.radians(rotation))
+
+
 def gaussian(grid: Sequence[int], sigma: float) -> Tensor:
     """An aperture that fades out from the angular centre.
 

@@ -28,8 +28,23 @@ def test_shares_of_a_disc_are_those_of_fine_samples():
     torch.testing.assert_close(apertures.disc((5, 5), 4.2), expected, atol=1e-3, rtol=0)
 
 
+@pytest.mark.parametrize("blades", [3, 5, 6])
+def test_a_polygon_lies_between_the_discs_within_and_around_it(blades):
+    open_ = apertures.polygon((9, 9), blades, 7, rotation=12)
+    within = apertures.disc((9, 9), 7 * math.cos(math.pi / blades))
+    assert bool((within - 1e-5 <= open_).all())
+    assert bool((open_ <= apertures.disc((9, 9), 7) + 1e-5).all())
+
+
+def test_a_turn_by_one_blade_changes_nothing():
+    torch.testing.assert_close(
+        apertures.polygon((7, 7), 5, rotation=10), apertures.polygon((7, 7), 5, rotation=82), atol=1e-5, rtol=0
+    )
+
+
 def test_without_a_size_a_shape_fills_the_grid():
     assert torch.equal(apertures.disc((7, 9)), apertures.disc((7, 9), 7))
+    assert torch.equal(apertures.polygon((7, 9), 6), apertures.polygon((7, 9), 6, 7))
     assert torch.equal(apertures.square((4, 4)), torch.ones(4, 4, dtype=torch.float64))
 
 
@@ -104,6 +119,7 @@ def test_at_a_border_only_the_chosen_views_with_a_sample_count():
         (apertures.full, {}),
         (apertures.disc, {"diameter": 2.5}),
         (apertures.square, {"side": 2.5}),
+        (apertures.polygon, {"blades": 5}),
         (apertures.gaussian, {"sigma": 1.0}),
         (apertures.mask, {"rows": torch.rand(3, 4).tolist()}),
     ],
@@ -129,6 +145,9 @@ def test_a_smaller_aperture_has_more_depth_of_field(plane):
         (apertures.disc, {"diameter": math.nan}, "diameter must be finite and above 0"),
         (apertures.square, {"side": math.inf}, "side must be finite and above 0"),
         (apertures.gaussian, {"sigma": -1.0}, "sigma must be finite and above 0"),
+        (apertures.polygon, {"blades": 2}, "blades must be a whole number of at least 3"),
+        (apertures.polygon, {"blades": 5, "rotation": math.nan}, "rotation must be finite"),
+        (apertures.polygon, {"blades": 5, "diameter": -1}, "diameter must be finite and above 0"),
         (apertures.mask, {"rows": []}, "one for each view"),
         (apertures.mask, {"rows": [[1, 1], [1, 1]]}, "one for each view"),
         (apertures.mask, {"rows": [[1, 1, 1], [1, 1]]}, "one list of numbers"),

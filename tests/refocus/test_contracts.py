@@ -5,6 +5,8 @@ import itertools
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lfref.refocus import batches
 from lfref.refocus.anywhere.homography import homography, slope_homographies
@@ -12,6 +14,7 @@ from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.borders import BORDERS
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
+from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.interpolations import INTERPOLATIONS
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -49,8 +52,37 @@ def shifted(views, **options):
     return shift_and_sum(views, SLOPES, **options)
 
 
+def before_a_bowl(operator):
+    """The operator through cells of the aperture, with another disparity at every pixel."""
+
+    def seen(views, **options):
+        rows, columns = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in views.shape[-2:])
+        return operator(views, disparity=0.8 * columns**2 - 0.3 * rows[:, None], **options)
+
+    return seen
+
+
+def through_cells(operator):
+    return {"": functools.partial(operator, disparity=0.21), " before a bowl": before_a_bowl(operator)}
+
+
+FILLED = {
+    f"{name} fill {fill}{behind}": functools.partial(each, fill=fill)
+    for fill, name, operator in (
+        *((1.0, name, operator) for name, operator in every(shifted, "linear").items()),
+        *((1.0, name, operator) for name, operator in every(on_a_bowl, "cubic").items()),
+        (1.5, "shifted exact", functools.partial(shifted, interpolation="exact")),
+        (0.3, "tilt_shift", functools.partial(tilt_shift, slope=SLOPES, tilt=(0.03, -0.02))),
+        (1.0, "exact_fourier", functools.partial(exact_fourier, slopes=SLOPES)),
+        (1.0, "fourier_slice", functools.partial(fourier_slice, slopes=SLOPES)),
+        (1.0, "focal_stack_transform", functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0.37)),
+    )
+    for behind, each in through_cells(operator).items()
+}
+
 # Views and `weights` in, stack out.
 OPERATORS = {
+    **FILLED,
     **every(shifted, *INTERPOLATIONS),
     **every(on_a_bowl, "nearest", "linear", "cubic"),
     **every(through_turned_cameras, "linear"),
@@ -61,6 +93,10 @@ OPERATORS = {
     "fourier_slice kaiser_bessel": functools.partial(fourier_slice, slopes=SLOPES),
     "fourier_slice kaiser_bessel wide": functools.partial(fourier_slice, slopes=SLOPES, width=6, padding=1.5),
     "focal_stack_transform": functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0.37),
+    "refocus_by_layers": functools.partial(refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1, 0.5]),
+    "refocus_by_layers wrap": functools.partial(
+        refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1], border="wrap", fill=0.5
+    ),
     "super_resolve by 1": functools.partial(super_resolve, slopes=SLOPES, factor=1),
     "super_resolve by 3": functools.partial(super_resolve, slopes=SLOPES, factor=3),
 }
@@ -95,6 +131,17 @@ def test_has_an_adjoint(operator):
 def test_keeps_the_brightness(operator):
     for shape in SHAPES:
         contracts.assert_gain_of_1(operator, shape, 1e-6)
+
+
+@pytest.mark.parametrize("name", ["shifted linear renormalize", "on_a_bowl linear edge", "exact_fourier", "tilt_shift"])
+@settings(deadline=None, max_examples=15)
+@given(fill=st.floats(0, 4), disparity=st.floats(-1, 1), spread=st.floats(0, 1), seed=st.integers(0, 99))
+def test_keeps_the_brightness_at_any_fill_and_disparity(name, fill, disparity, spread, seed):
+    generator = torch.Generator().manual_seed(seed)
+    behind = disparity + spread * (2 * torch.rand(13, 14, dtype=torch.float64, generator=generator) - 1)
+    for each in (disparity, behind):
+        operator = functools.partial(OPERATORS[name], fill=fill, disparity=each)
+        contracts.assert_gain_of_1(operator, (3, 4, 1, 13, 14), 1e-6)
 
 
 @each(WEIGHTED)

@@ -24,7 +24,12 @@ def test_without_weight_the_operator_alone_is_used():
     assert torch.equal(OperatorRefocuser("name", shift_and_sum)(plain, SLOPES), shift_and_sum(plain.views, SLOPES))
 
 
-@pytest.mark.parametrize("operator", [shift_and_sum, exact_fourier, functools.partial(shift_and_sum, border="zero")])
+FILLED = functools.partial(shift_and_sum, fill=1.0)
+
+
+@pytest.mark.parametrize(
+    "operator", [shift_and_sum, exact_fourier, functools.partial(shift_and_sum, border="zero"), FILLED]
+)
 @pytest.mark.parametrize("level", [1.0, 0.3])
 def test_a_weight_that_is_the_same_everywhere_changes_only_what_the_border_leaves_out(operator, level):
     plain = field()
@@ -57,6 +62,15 @@ def test_the_colour_of_samples_that_weigh_nothing_does_not_matter():
     torch.testing.assert_close(
         OperatorRefocuser("name", operator)(first, SLOPES), OperatorRefocuser("name", operator)(second, SLOPES)
     )
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+def test_through_cells_samples_count_by_their_blurred_weight(border):
+    weight = torch.rand(3, 3, 1, 14, 15, dtype=torch.float64) + 0.01
+    level = LightField(torch.full((3, 3, 3, 14, 15), 0.6, dtype=torch.float64), weight=weight)
+    operator = functools.partial(FILLED, border=border)
+    stack = OperatorRefocuser("name", operator)(level, SLOPES)
+    torch.testing.assert_close(stack, torch.full_like(stack, 0.6), atol=1e-12, rtol=0)
 
 
 def test_a_pixel_without_any_trusted_sample_is_black():

@@ -1,7 +1,8 @@
 """Focus on a surface: a slope for every pixel, and its affine case, the tilted plane of a view camera.
 
 `I(x, y) = sum_uv w_uv L[v, u](x + s(x, y) (u - u0), y + s(x, y) (v - v0)) / sum_uv w_uv`, over views that have a
-sample there; differentiable in the views and in the slopes.
+sample there; differentiable in the views and in the slopes. Seen through cells of the aperture (see `footprint`), each
+pixel is blurred by its own distance from focus.
 Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
 Source of `tilt_shift`: Vaish et al., "Synthetic aperture focusing using a shear-warp factorization of the viewing
 transform", 2005.
@@ -18,6 +19,9 @@ from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.anywhere.mean_of_views import mean_of_views
 from lfref.refocus.anywhere.places import Places, pixels
+from lfref.refocus.borders import BORDERS
+from lfref.refocus.footprint import blurring, footprint
+from lfref.refocus.footprint.footprint import Footprint
 
 
 def per_pixel(
@@ -26,6 +30,8 @@ def per_pixel(
     interpolation: str = "linear",
     border: str = "renormalize",
     weights: Tensor | None = None,
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
 ) -> Tensor:
     """Refocus light fields on surfaces, each pixel at its own slope.
 
@@ -35,13 +41,17 @@ def per_pixel(
         interpolation: `nearest`, `linear` or `cubic`.
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
+            over the aperture.
+        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+            one for each light field, [..., H, W].
 
     Returns:
         Stacks in the order of the maps (N = 1 for a single one), type (float32 for integers) and device of the views,
         [..., N, C, H, W]. A pixel that no weighted view covers is 0.
 
     Raises:
-        InputError: Views, slopes, weights or names that cannot be used.
+        InputError: Views, slopes, weights, cells or names that cannot be used.
 
     Example:
         >>> views, slope_map = torch.rand(5, 5, 3, 48, 64), torch.full((48, 64), 0.25)
@@ -49,7 +59,8 @@ def per_pixel(
         True
     """
     batch = batches.flattened(views)
-    stack = _stack(batch, _checked_map(slope_map, batch), interpolation, border, weights)
+    cell = footprint.checked(fill, disparity, views)
+    stack = _stack(batch, _checked_map(slope_map, batch), interpolation, border, weights, cell)
     return batches.restored(stack, views)
 
 
@@ -60,6 +71,8 @@ def tilt_shift(
     interpolation: str = "linear",
     border: str = "renormalize",
     weights: Tensor | None = None,
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
 ) -> Tensor:
     """Refocus light fields on slanted planes: s(x, y) = slope + a x + b y, with x and y counted from pixel 0.
 
@@ -70,6 +83,8 @@ def tilt_shift(
         interpolation: As in `per_pixel`.
         border: As in `per_pixel`.
         weights: As in `per_pixel`.
+        fill: As in `per_pixel`.
+        disparity: As in `per_pixel`.
 
     Returns:
         Stacks in the order of the slopes, otherwise as `per_pixel`, [..., N, C, H, W].
@@ -83,8 +98,8 @@ def tilt_shift(
         torch.Size([1, 3, 48, 64])
     """
     batch = batches.flattened(views)
-    slope_map = _checked_map(_affine_map(slope, tilt, batch), batch)
-    return batches.restored(_stack(batch, slope_map, interpolation, border, weights), views)
+    slope_map, cell = _checked_map(_affine_map(slope, tilt, batch), batch), footprint.checked(fill, disparity, views)
+    return batches.restored(_stack(batch, slope_map, interpolation, border, weights, cell), views)
 
 
 def _affine_map(slope: Slopes | float, tilt: Tensor | Sequence[float], views: Tensor) -> Tensor:
@@ -110,6 +125,10 @@ def _checked_map(slope_map: Tensor, views: Tensor) -> Tensor:
     return slopes.reshape(-1, *size)
 
 
-def _stack(views: Tensor, slopes: Tensor, interpolation: str, border: str, weights: Tensor | None) -> Tensor:
+def _stack(
+    views: Tensor, slopes: Tensor, interpolation: str, border: str, weights: Tensor | None, cell: Footprint
+) -> Tensor:
     aperture = batches.checked_weights(weights, (views.shape[1], views.shape[2]))
-    return mean_of_views(views, aperture, [Places(slopes=each) for each in slopes], interpolation, border)[0]
+    planes = [Places(slopes=each) for each in slopes]
+    stack, coverage = mean_of_views(views, aperture, planes, interpolation, border)
+    return blurring.blurred(stack, cell.widths(slopes), BORDERS[border], coverage) if cell.fill > 0 else stack

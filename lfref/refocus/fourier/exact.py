@@ -1,7 +1,7 @@
 """Exact Fourier refocusing: every view's 2-D spectrum times a phase ramp, summed; no 4-D transform.
 
 `I^(k) = sum_uv w_uv L^[v, u](k) exp(2 pi i s ((u - u0) kx + (v - v0) ky))`, equal to periodic shift-and-sum with
-trigonometric interpolation.
+trigonometric interpolation. Cells of the aperture (see `footprint`) are one more factor, sinc(w kx) sinc(w ky).
 Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` slope in pixels per view step.
 """
 
@@ -11,22 +11,33 @@ from lfref import geometry
 from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.footprint import blurring, footprint
 from lfref.refocus.fourier import spectra
 
 
-def exact_fourier(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+def exact_fourier(
+    views: Tensor,
+    slopes: Slopes,
+    weights: Tensor | None = None,
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
+) -> Tensor:
     """Refocus light fields exactly, the views taken as periodic.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
+            over the aperture.
+        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+            one for each light field, [..., H, W].
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
 
     Raises:
-        InputError: Views, slopes or weights that cannot be used.
+        InputError: Views, slopes, weights or cells that cannot be used.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -36,8 +47,11 @@ def exact_fourier(views: Tensor, slopes: Slopes, weights: Tensor | None = None) 
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)[:, None]
-    rows = fourier.shift_phases(fourier.frequencies(size[0]), planes * geometry.angular_offsets(grid[0]))
-    columns = fourier.shift_phases(fourier.half_frequencies(size[1]), planes * geometry.angular_offsets(grid[1]))
+    planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
+    axes = zip(grid, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
+    rows, columns = (
+        fourier.shift_phases(k, planes[:, None] * geometry.angular_offsets(n_views)) * cell.responses(planes, k)
+        for n_views, k in axes
+    )
     stack = spectra.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
-    return batches.restored(stack, views)
+    return batches.restored(blurring.periodic(stack, cell, planes), views)

@@ -17,12 +17,20 @@ from lfref.errors import InputError
 from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.footprint import blurring, footprint
+from lfref.refocus.footprint.footprint import Footprint
 
 BAND = 8  # rows of the spectra that become planes at a time, so that the padded sums stay small beside the stack
 
 
 def focal_stack_transform(
-    views: Tensor, n_planes: int, first: float = -1.0, last: float = 1.0, weights: Tensor | None = None
+    views: Tensor,
+    n_planes: int,
+    first: float = -1.0,
+    last: float = 1.0,
+    weights: Tensor | None = None,
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
 ) -> Tensor:
     """Refocus light fields at evenly spaced slopes, the views taken as periodic.
 
@@ -36,13 +44,17 @@ def focal_stack_transform(
         first: Slope of the first plane, in pixels per view step.
         last: Slope of the last plane, in pixels per view step.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
+            over the aperture.
+        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+            one for each light field, [..., H, W].
 
     Returns:
         Stacks from the first slope to the last, type (float32 for integers) and device of the views,
         [..., n_planes, C, H, W].
 
     Raises:
-        InputError: Views, slopes or weights that cannot be used.
+        InputError: Views, slopes, weights or cells that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -51,17 +63,26 @@ def focal_stack_transform(
         True
     """
     batch = batches.flattened(views)
-    stack = _stack(batch, geometry.even_slopes(n_planes, first, last), weights)
+    cell = footprint.checked(fill, disparity, views)
+    stack = _stack(batch, geometry.even_slopes(n_planes, first, last), weights, cell)
     return batches.restored(stack, views)
 
 
-def at_slopes(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+def at_slopes(
+    views: Tensor,
+    slopes: Slopes,
+    weights: Tensor | None = None,
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
+) -> Tensor:
     """The same for slopes that are given, once they are known to be evenly spaced.
 
     Args:
         views: As in `focal_stack_transform`.
         slopes: Focus in pixels per view step, evenly spaced, [N].
         weights: As in `focal_stack_transform`.
+        fill: As in `focal_stack_transform`.
+        disparity: As in `focal_stack_transform`.
 
     Raises:
         InputError: Slopes that are not evenly spaced, or what `focal_stack_transform` refuses.
@@ -76,7 +97,7 @@ def at_slopes(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> T
             got=f"slopes {[round(slope, 4) for slope in values.tolist()]}",
             remedy="take evenly spaced alphas with planes.convention=parallel, or another operator",
         )
-    return focal_stack_transform(views, len(values), first, last, weights)
+    return focal_stack_transform(views, len(values), first, last, weights, fill, disparity)
 
 
 class _Chirps(NamedTuple):
@@ -96,14 +117,18 @@ class _Chirps(NamedTuple):
         return torch.fft.ifft(padded * self.between, dim=1)[:, : len(self.after)]
 
 
-def _stack(views: Tensor, slopes: Tensor, weights: Tensor | None) -> Tensor:
+def _stack(views: Tensor, slopes: Tensor, weights: Tensor | None, cell: Footprint) -> Tensor:
     grid, size = batches.grid_and_size(views)
     slopes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
     device, dtype = views.device, fourier.complex_dtype(views.dtype)
     rows = fourier.shift_phases(fourier.frequencies(size[0]), slopes[:, None] * geometry.angular_offsets(grid[0]))
-    chirps = _Chirps(*(factors.to(device, dtype) for factors in _chirps(slopes, grid[1], size[1])))
+    rows = rows * cell.responses(slopes, fourier.frequencies(size[0]))
+    chirps = _chirps(slopes, grid[1], size[1])
+    seen = cell.responses(slopes, fourier.half_frequencies(size[1]))[:, :, None]
+    chirps = _Chirps(*(each.to(device, dtype) for each in chirps._replace(after=chirps.after * seen)))
     spectra = _sum_of_rows(batches.without_unread(views, aperture), rows.to(device, dtype), chirps, aperture)
-    return torch.stack([_image(plane, size[1]) for plane in spectra.unbind(1)], dim=1)
+    stack = torch.stack([_image(plane, size[1]) for plane in spectra.unbind(1)], dim=1)
+    return blurring.periodic(stack, cell, slopes)
 
 
 def _sum_of_rows(views: Tensor, rows: Tensor, chirps: _Chirps, weights: Tensor) -> Tensor:

@@ -19,6 +19,7 @@ from lfref.errors import InputError, chosen
 from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.footprint import blurring, footprint
 from lfref.refocus.fourier import spectra
 from lfref.refocus.fourier.gridding import KERNELS, Kernel
 
@@ -30,6 +31,8 @@ def fourier_slice(
     width: int = 4,
     padding: float = 2,
     weights: Tensor | None = None,
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
 ) -> Tensor:
     """Refocus light fields by slicing their 4-D spectrum, the views taken as periodic.
 
@@ -40,12 +43,16 @@ def fourier_slice(
         width: Angular bins that the kernel spans (`linear` always spans 2).
         padding: Padded over original number of views along each angular axis, >= 1.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
+            over the aperture.
+        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+            one for each light field, [..., H, W].
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
 
     Raises:
-        InputError: Views, slopes, weights, kernel or padding that cannot be used.
+        InputError: Views, slopes, weights, cells, kernel or padding that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -57,18 +64,16 @@ def fourier_slice(
         raise InputError("padding must be finite and at least 1", got=padding)
     batch, make = batches.flattened(views), chosen("kernel", kernel, KERNELS)
     grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)
+    planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
     padded = [math.ceil(padding * n_views) for n_views in grid]
     readers = [make(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
-    rows = _read(planes[:, None] * fourier.frequencies(size[0]), grid[0], padded[0], readers[0])
-    columns = _read(planes[:, None] * fourier.half_frequencies(size[1]), grid[1], padded[1], readers[1])
-    stack = spectra.filter_and_sum(
-        batch,
-        fourier.real_at_nyquist(rows, fourier.frequencies(size[0])),
-        fourier.real_at_nyquist(columns, fourier.half_frequencies(size[1])),
-        batches.checked_weights(weights, grid),
+    axes = zip(grid, padded, readers, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
+    rows, columns = (
+        fourier.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) * cell.responses(planes, k)
+        for n_views, m, reader, k in axes
     )
-    return batches.restored(stack, views)
+    stack = spectra.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
+    return batches.restored(blurring.periodic(stack, cell, planes), views)
 
 
 def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor:

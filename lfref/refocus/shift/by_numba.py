@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.functional import threads
+from lfref.functional.row_sums import TAPS, rounded_up
 from lfref.refocus import batches
+from lfref.refocus.footprint import by_numba as cells
+from lfref.refocus.footprint import by_torch as boxes
+from lfref.refocus.footprint.by_numba import RowFactors
 from lfref.refocus.shift import row_loop
-from lfref.refocus.shift.row_loop import TAPS, VECTOR, Horizontal, Scale, Scratch, Source, Vertical
+from lfref.refocus.shift.row_loop import Horizontal, Scale, Scratch, Source, Vertical
 from lfref.refocus.shift.task import Shifts, Task
 
 WORTH_A_THREAD = 1 << 18
@@ -35,25 +39,30 @@ class _Plan(NamedTuple):
     across: Horizontal
     down: Vertical
     scale: Scale
+    blurred: list[RowFactors]
+    """What planes are multiplied by when they are blurred, [N]."""
 
 
-def shift_and_sum(views: Tensor, task: Task) -> Tensor:
+def shift_and_sum(views: Tensor, task: Task, room: Tensor | None = None) -> Tensor:
     """The sums of the shifted views, over the weight of those that count.
 
     Args:
         views: Light fields on the CPU, floating point (half types are copied to float32), uint8 or uint16, any
             strides, [B, V, U, C, H, W].
         task: What is to be summed, by an interpolation of few taps.
+        room: Stacks to write into, contiguous; passed over if they are of another type than the sums.
 
     Returns:
-        Stacks, float32 (float64 for such views), [B, N, C, H, W].
+        Stacks, float32 (float64 for such views), [B, N, C, H, W]; the room given if it could be used.
     """
     samples = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
     working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
     plan = _plan(task, working, batches.FULL_SCALE.get(views.dtype, 1))
-    # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
-    stack = np.empty((len(views), len(task.planes), views.shape[3], *task.size), working)
-    sources = [_source(field, plan) for field in samples]
+    if room is None or room.dtype != batches.working_dtype(views.dtype):
+        # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
+        room = torch.from_numpy(np.empty((len(views), len(task.planes), views.shape[3], *task.size), working))
+    stack = room.numpy()
+    sources = [_source(field, plan, task) for field in samples]
     n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
 
     def refocus(index: int, band: tuple[int, int]) -> None:
@@ -62,19 +71,34 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
     jobs = itertools.product(range(len(views)), threads.bands(task.size[0], n_threads))
     threads.share(refocus, jobs, n_threads)
-    return torch.from_numpy(stack)
+    if task.blurs:
+        cells.box_planes(stack, [shifts.width for shifts in task.planes], task.border, plan.blurred)
+    return room
 
 
-def _source(field: NDArray, plan: _Plan) -> Source:
+def _source(field: NDArray, plan: _Plan, task: Task) -> Source:
     """One light field [V, U, C, H, W] as the memory that it spans."""
+    working, starts = plan.scale.factors.dtype, plan.across.starts
     strides = np.array(field.strides, np.int64) // field.itemsize
     span = 1 + int((strides * (np.array(field.shape) - 1)).sum())
-    memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,), writeable=False)
-    return Source(memory, strides, field.shape[1], plan.rows, plan.columns)
+    memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,))
+    if not (field.dtype == working and strides[4] == 1 and _stays_on_views(plan.across, len(plan.columns), task)):
+        return Source(memory, np.empty(0, working), starts, -1, strides, field.shape[1], plan.rows, plan.columns)
+    u, place = np.divmod(starts, len(plan.columns))
+    starts = place + u * strides[1]
+    last = span - int(starts.max()) - rounded_up(task.size[1])
+    return Source(memory, memory, starts, last, strides, field.shape[1], plan.rows, plan.columns)
+
+
+def _stays_on_views(across: Horizontal, row_length: int, task: Task) -> bool:
+    """Whether every tap reads samples that the views have, wherever it counts: a cubic's reach beyond the edges."""
+    offsets, counts = across.starts % row_length - task.reach, across.begins < across.ends
+    reads = (across.begins + offsets >= 0) & (across.ends + offsets <= task.size[1])
+    return bool((reads | ~counts).all())
 
 
 def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:
-    width = task.size[1] + -task.size[1] % VECTOR
+    width = rounded_up(task.size[1])
     first = np.concatenate([[0], np.cumsum(plan.down.highest - plan.down.lowest + 1)])
     return Scratch(
         rows=np.zeros((len(task.aperture[0]), len(plan.columns)), working),
@@ -87,13 +111,15 @@ def _new_scratch(plan: _Plan, task: Task, working: np.dtype) -> Scratch:
 @functools.lru_cache(maxsize=16)
 def _plan(task: Task, working: np.dtype, full_scale: int) -> _Plan:
     rows, columns = (task.beyond(axis).numpy() for axis in (0, 1))
-    n_fill = -task.size[1] % VECTOR
+    n_fill = rounded_up(task.size[1]) - task.size[1]
+    factors = [_row_factors(task, shifts) for shifts in task.planes]
     return _Plan(
         rows,
         np.concatenate([columns, np.full(n_fill, -1)]),
         _horizontal(task, columns.size + n_fill, working),
         _vertical(task, working),
-        _scale(task, working, full_scale),
+        _scale(task, factors, working, full_scale),
+        [RowFactors(plane.factors.astype(working), plane.kinds) for plane in factors],
     )
 
 
@@ -148,16 +174,20 @@ def _vertical(task: Task, working: np.dtype) -> Vertical:
     return Vertical(offsets, weights, begins, ends, lowest, highest, int(lowest.min()), int(highest.max()))
 
 
-def _scale(task: Task, working: np.dtype, full_scale: int) -> Scale:
-    """The factors of each plane; rows where the same views have a sample are of one kind."""
-    kinds, planes = np.zeros((len(task.planes), task.size[0]), np.int64), []
-    for n, shifts in enumerate(task.planes):
-        spans = np.array([task.span(shift, 0) for shift in shifts.rows])
-        rows = np.arange(task.size[0])
-        has_sample = (spans[:, :1] <= rows) & (rows < spans[:, 1:])
-        _, first, kinds[n] = np.unique(has_sample, axis=1, return_index=True, return_inverse=True)
-        planes.append(task.factors(shifts)[first].numpy())
-    factors = np.zeros((len(planes), max(map(len, planes)), task.size[1]), working)
-    for all_kinds, known in zip(factors, planes, strict=True):
-        all_kinds[: len(known)] = known / full_scale
-    return Scale(factors, kinds)
+def _scale(task: Task, rows: list[RowFactors], working: np.dtype, full_scale: int) -> Scale:
+    """The factors of each plane's sum; one that is blurred is divided by its coverage after that."""
+    flat = RowFactors(np.ones((1, task.size[1])), np.zeros(task.size[0], np.int64))
+    planes = [flat if shifts.width > 0 else own for shifts, own in zip(task.planes, rows, strict=True)]
+    factors = np.zeros((len(planes), max(len(plane.factors) for plane in planes), task.size[1]), working)
+    for all_kinds, plane in zip(factors, planes, strict=True):
+        all_kinds[: len(plane.factors)] = plane.factors / full_scale
+    return Scale(factors, np.stack([plane.kinds for plane in planes]))
+
+
+def _row_factors(task: Task, shifts: Shifts) -> RowFactors:
+    """The factors of a plane; rows that the same views have a sample in, and around them, are of one kind."""
+    has_sample = task.sampled(shifts)[0]
+    around = boxes.boxed_along(has_sample, shifts.width, task.border, -1)
+    same = np.concatenate([has_sample, around]) * task.border.counts_only_samples
+    _, first, kinds = np.unique(same, axis=1, return_index=True, return_inverse=True)
+    return RowFactors(task.factors(shifts)[first].numpy(), kinds)

@@ -7,8 +7,9 @@ import torch
 from torch import Tensor
 
 from lfref.refocus import batches
+from lfref.refocus.footprint import by_torch as boxes
 from lfref.refocus.shift import shifting
-from lfref.refocus.shift.task import Task
+from lfref.refocus.shift.task import Shifts, Task
 
 
 def shift_and_sum(views: Tensor, task: Task) -> Tensor:
@@ -32,7 +33,16 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
                 shifting.add(row_sum, view, pad, shift, task, -1)
             beyond, pad_rows = shifting.extended(row_sum, task, -2)
             shifting.add(image, beyond, pad_rows, shifts.rows[v], task, -2)
-    if task.border.counts_only_samples:
-        for image, shifts in zip(images, task.planes, strict=True):
-            image.mul_(task.factors(shifts).to(image))
-    return torch.stack(images, dim=1)
+    return torch.stack([finished(*each, task) for each in zip(images, task.planes, strict=True)], dim=1)
+
+
+def finished(total: Tensor, shifts: Shifts, task: Task) -> Tensor:
+    """A plane's sum as seen through the views' cells, over the weight of the samples that count; may be overwritten.
+
+    Args:
+        total: [..., H, W].
+        shifts: Of the plane.
+        task: What is to be summed.
+    """
+    image = boxes.boxed(total, shifts.width, task.border)
+    return image.mul_(task.factors(shifts).to(image)) if task.border.counts_only_samples else image

@@ -1,7 +1,7 @@
 """Shift-and-sum on a GPU as one Triton kernel: each tile of the result is summed over all views for every plane.
 
 A tile's planes read nearly the same samples of the views, so the field comes from memory about once, and from the
-caches after that. The tables of taps are those of the task, as on the CPU.
+caches after that. The tables of taps are those of the task, as on the CPU; boxes are left to PyTorch.
 Letters: `n` plane, `v u` view row and column, `m` tap, `y x` pixel row and column.
 """
 
@@ -13,6 +13,7 @@ import triton.language as tl
 from torch import Tensor
 
 from lfref.refocus import batches
+from lfref.refocus.shift import by_torch
 from lfref.refocus.shift.task import Task
 
 TILE = (8, 64)  # rows and columns of the result that one program sums
@@ -50,16 +51,20 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
     _sum_tile[grid](
         views, *views.stride(), stack, aperture, *rows, *columns, 1 / batches.FULL_SCALE.get(views.dtype, 1),
         height, width, task.reach, n_channels, len(task.planes), n_rows, n_columns,
-        n_taps=rows.offsets.shape[-1], counts_only_samples=task.border.counts_only_samples,
+        n_taps=rows.offsets.shape[-1], counts_only_samples=task.border.counts_only_samples and not task.blurs,
         n_tile_rows=TILE[0], n_tile_columns=TILE[1],
     )  # fmt: skip
-    return stack
+    if not task.blurs:
+        return stack
+    planes = zip(stack.unbind(1), task.planes, strict=True)
+    return torch.stack([by_torch.finished(*plane, task) for plane in planes], dim=1)
 
 
 def _axis(task: Task, axis: int, like: Tensor) -> _Axis:
     taps_of = task.interpolation.taps
-    taps = torch.tensor([[taps_of(shift) for shift in shifts[axis]] for shifts in task.planes], dtype=torch.float64)
-    spans = [[task.span(shift, axis) for shift in shifts[axis]] for shifts in task.planes]
+    planes = [shifts.along(axis) for shifts in task.planes]
+    taps = torch.tensor([[taps_of(shift) for shift in shifts] for shifts in planes], dtype=torch.float64)
+    spans = [[task.span(shift, axis) for shift in shifts] for shifts in planes]
     return _Axis(
         taps[..., 0].to(like.device, torch.int32).contiguous(),
         taps[..., 1].to(like).contiguous(),

@@ -3,6 +3,8 @@
 For a row y of the U views of one view row, and for each plane, one pass adds up the horizontally shifted views; the
 sum goes, weighted, into the output rows that it lies between. All of that stays in the first two caches: U source rows
 as floating point, one row of sums, and a ring of unfinished output rows a plane, written out once when complete.
+Source rows that need neither conversion nor what lies beyond their ends are not copied: what a pass reads there is
+summed again, by the taps that count.
 Letters: `n` plane, `v u` view row and column, `c` channel, `y x` source row and column, `r` output row, `k` tap.
 """
 
@@ -12,11 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.functional.jit import compiled, inlined
-
-TAPS = 8
-"""Taps that one pass over a row adds up: more would leave no registers for their weights."""
-VECTOR = 16
-"""Row lengths are rounded up to this many samples, so that no loop ends in single steps."""
+from lfref.functional.row_sums import TAPS, add_taps, set_taps
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.floating]
@@ -27,6 +25,12 @@ class Source(NamedTuple):
 
     samples: NDArray
     """Memory of the views, any type, one axis."""
+    direct: Reals
+    """The same where rows can be read as they lie there, neither converted nor continued; else empty."""
+    starts: Integers
+    """`Horizontal.starts`, but in the views' own rows, counted from `reach` before the first, [N, G, TAPS]."""
+    last: int
+    """Last place in `direct` from which all of these taps stay within it; -1: none."""
     strides: Integers
     """Steps in it along v, u, c, y, x."""
     n_columns: int
@@ -127,8 +131,13 @@ def add_band(
         for y in range(top + down.least, end + down.most):
             y_source = source.rows[y + reach]
             for v in range(across.weights.shape[1] if y_source >= 0 else 0):
-                _gather(source, v, c, y_source, scratch.rows, reach, stack.shape[3])
-                _serve_planes(scratch, v, y, across, down, stack.shape[3], top, end)
+                first = v * source.strides[0] + c * source.strides[2] + y_source * source.strides[3] - reach
+                if 0 <= first <= source.last:
+                    rows, starts = source.direct[first:], source.starts
+                else:
+                    _gather(source, v, c, y_source, scratch.rows, reach, stack.shape[3])
+                    rows, starts = scratch.rows.reshape(-1), across.starts
+                _serve_planes(rows, starts, scratch, v, y, across, down, stack.shape[3], top, end)
             for n in range(stack.shape[0]):
                 r = y - down.highest[n]
                 if top <= r < end:
@@ -162,10 +171,19 @@ def _gather(source: Source, v: int, c: int, y: int, rows: Reals, reach: int, wid
 
 @inlined
 def _serve_planes(
-    scratch: Scratch, v: int, y: int, across: Horizontal, down: Vertical, width: int, top: int, end: int
+    rows: Reals,
+    starts: Integers,
+    scratch: Scratch,
+    v: int,
+    y: int,
+    across: Horizontal,
+    down: Vertical,
+    width: int,
+    top: int,
+    end: int,
 ) -> None:
     """Add source row y of view row v to the unfinished output rows of every plane."""
-    rows, total = scratch.rows.reshape(-1), scratch.total
+    total = scratch.total
     for n in range(scratch.first.size - 1):
         begin, stop = max(top, down.begins[n, v]), min(end, down.ends[n, v])
         is_summed = False
@@ -173,68 +191,22 @@ def _serve_planes(
             r, weight = y - down.offsets[n, v, m], down.weights[n, v, m]
             if begin <= r < stop and weight != 0:
                 if not is_summed:
-                    _sum_row(rows, across, n, v, total, width)
+                    _sum_row(rows, starts[n], across, n, v, total, width)
                     is_summed = True
                 _add(weight, total, _unfinished(scratch, n, r))
 
 
 @inlined
-def _sum_row(rows: Reals, across: Horizontal, n: int, v: int, total: Reals, width: int) -> None:
+def _sum_row(rows: Reals, starts: Integers, across: Horizontal, n: int, v: int, total: Reals, width: int) -> None:
     """The shifted views of one view row added up for one plane."""
-    starts, weights, begins, ends = across.starts[n], across.weights[n, v], across.begins[n], across.ends[n]
-    _set_taps(rows, starts[0], weights[0], total)
+    weights, begins, ends = across.weights[n, v], across.begins[n], across.ends[n]
+    set_taps(rows, starts[0], weights[0], total)
     for g in range(1, across.groups[n]):
-        _add_taps(rows, starts[g], weights[g], total)
+        add_taps(rows, starts[g], weights[g], total)
     if across.left[n] > 0:
         _sum_edge(rows, starts, weights, begins, ends, total, 0, across.left[n])
     if across.right[n] < width:
         _sum_edge(rows, starts, weights, begins, ends, total, across.right[n], width)
-
-
-@compiled
-def _set_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
-    """The weighted sum of `TAPS` stretches of `rows`, in one pass."""
-    n = total.size
-    r0, r1, r2, r3 = (
-        rows[starts[0] : starts[0] + n],
-        rows[starts[1] : starts[1] + n],
-        rows[starts[2] : starts[2] + n],
-        rows[starts[3] : starts[3] + n],
-    )
-    r4, r5, r6, r7 = (
-        rows[starts[4] : starts[4] + n],
-        rows[starts[5] : starts[5] + n],
-        rows[starts[6] : starts[6] + n],
-        rows[starts[7] : starts[7] + n],
-    )
-    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
-    for x in range(n):
-        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
-        total[x] = low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]
-
-
-@compiled
-def _add_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
-    """The same, added to what is there."""
-    n = total.size
-    r0, r1, r2, r3 = (
-        rows[starts[0] : starts[0] + n],
-        rows[starts[1] : starts[1] + n],
-        rows[starts[2] : starts[2] + n],
-        rows[starts[3] : starts[3] + n],
-    )
-    r4, r5, r6, r7 = (
-        rows[starts[4] : starts[4] + n],
-        rows[starts[5] : starts[5] + n],
-        rows[starts[6] : starts[6] + n],
-        rows[starts[7] : starts[7] + n],
-    )
-    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
-    for x in range(n):
-        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
-        total[x] += low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]
 
 
 @compiled

@@ -4,6 +4,7 @@ Letters: `v u` view row and column, `s` slope in pixels per view step.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -14,16 +15,23 @@ from lfref.errors import chosen
 from lfref.geometry import Slopes
 from lfref.refocus import batches, borders
 from lfref.refocus.borders import BORDERS, Border
+from lfref.refocus.footprint import by_torch as boxes
 from lfref.refocus.interpolations import INTERPOLATIONS, Interpolation
 
 
 class Shifts(NamedTuple):
-    """How far one plane shifts the views, in pixels."""
+    """How far one plane shifts the views, and how widely it then blurs their sum, in pixels."""
 
     rows: tuple[float, ...]
     """Vertical shift of each view row, [V]."""
     columns: tuple[float, ...]
     """Horizontal shift of each view column, [U]."""
+    width: float = 0.0
+    """Of the box that a view's cell covers; 0: a point."""
+
+    def along(self, axis: int) -> tuple[float, ...]:
+        """Along an axis of [H, W]."""
+        return self.columns if axis else self.rows
 
 
 class Task(NamedTuple):
@@ -41,9 +49,14 @@ class Task(NamedTuple):
     """How a view continues beyond its edge."""
 
     @property
+    def blurs(self) -> bool:
+        """Whether any plane is seen through cells instead of points."""
+        return any(shifts.width > 0 for shifts in self.planes)
+
+    @property
     def reach(self) -> int:
         """Samples beyond the edge that may be read."""
-        return math.ceil(max(abs(shift) for shifts in self.planes for axis in shifts for shift in axis)) + 1
+        return math.ceil(max(abs(shift) for shifts in self.planes for shift in (*shifts.rows, *shifts.columns))) + 1
 
     def span(self, shift: float, axis: int) -> tuple[int, int]:
         """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
@@ -57,15 +70,25 @@ class Task(NamedTuple):
 
     def coverage(self, shifts: Shifts) -> Tensor:
         """Share of the aperture that has a sample at each pixel of a plane, float64, CPU, [H, W]."""
-        rows, columns = (borders.sampled(list(axis), n) for axis, n in zip(shifts, self.size, strict=True))
+        rows, columns = self.sampled(shifts)
         return torch.einsum("vy,vu,ux->yx", rows, torch.tensor(self.aperture, dtype=torch.float64), columns)
 
+    @property
+    def coverages(self) -> Tensor:
+        """The same of all planes, [N, H, W]."""
+        return torch.stack([self.coverage(shifts) for shifts in self.planes])
+
+    def sampled(self, shifts: Shifts) -> tuple[Tensor, Tensor]:
+        """Where each view row and each view column has a sample: 1 or 0, float64, CPU, [V, H] and [U, W]."""
+        rows, columns = (borders.sampled(list(shifts.along(axis)), self.size[axis]) for axis in (0, 1))
+        return rows, columns
+
     def factors(self, shifts: Shifts) -> Tensor:
-        """What a plane's sum is multiplied by: 1 over the coverage if only samples count, 0 where none does."""
+        """What a plane's sum, blurred, is multiplied by: 1 over the coverage, as blurred, if only samples count."""
         if not self.border.counts_only_samples:
             return torch.ones(self.size, dtype=torch.float64)
         covered = self.coverage(shifts)
-        return torch.where(covered > 0, 1 / covered, 0.0)
+        return boxes.inverse(covered, boxes.boxed(covered, shifts.width, self.border))
 
 
 def plan(
@@ -75,6 +98,7 @@ def plan(
     interpolation: str = "linear",
     border: str = "renormalize",
     weights: Tensor | None = None,
+    widths: Sequence[float] | None = None,
 ) -> Task:
     """The task of refocusing at some slopes.
 
@@ -85,6 +109,7 @@ def plan(
         interpolation: A key of `INTERPOLATIONS`.
         border: A key of `BORDERS`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        widths: Of the box that each plane is blurred by, in pixels, >= 0, [N]; None blurs none.
 
     Raises:
         InputError: Slopes, weights or names that cannot be used.
@@ -92,8 +117,13 @@ def plan(
     method = chosen("interpolation", interpolation, INTERPOLATIONS)
     planes = geometry.checked_slopes(slopes, grid, size).tolist()
     offsets = [geometry.angular_offsets(n_views).tolist() for n_views in grid]
+
+    def shifts(slope: float, width: float) -> Shifts:
+        rows, columns = (tuple(method.snap(slope * offset) for offset in axis) for axis in offsets)
+        return Shifts(rows, columns, width)
+
     return Task(
-        tuple(Shifts(*(tuple(method.snap(slope * o) for o in axis) for axis in offsets)) for slope in planes),
+        tuple(map(shifts, planes, widths or [0.0] * len(planes))),
         tuple(map(tuple, batches.checked_weights(weights, grid).tolist())),
         size,
         method,

@@ -258,3 +258,25 @@ def test_bad_arguments_are_refused(change, message):
 def test_bad_tilts_are_refused(slope, tilt, message):
     with pytest.raises(InputError, match=message):
         tilt_shift(torch.rand(3, 3, 1, 10, 10), slope, tilt)
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
+def test_cells_are_those_of_shift_and_sum_on_a_level_map(border):
+    views, disparity = torch.rand(3, 4, 2, 12, 15).double(), torch.rand(12, 15)
+    options = {"border": border, "fill": 1.0, "disparity": disparity}
+    expected = shift_and_sum(views, [-0.7], **options)
+    level = torch.full((12, 15), -0.7, dtype=torch.float64)
+    torch.testing.assert_close(per_pixel(views, level, **options), expected, atol=1e-12, rtol=0)
+    torch.testing.assert_close(tilt_shift(views, -0.7, (0, 0), **options), expected, atol=1e-12, rtol=0)
+
+
+def test_a_surface_in_focus_is_not_blurred_by_cells():
+    views, slopes = torch.rand(3, 3, 1, 12, 15).double(), torch.rand(12, 15).double()
+    filled = per_pixel(views, slopes, fill=1.0, disparity=slopes)
+    torch.testing.assert_close(filled, per_pixel(views, slopes), atol=1e-12, rtol=0)
+
+
+def test_derivatives_by_the_slopes_are_right_through_cells():
+    views = torch.rand(2, 2, 1, 4, 5).double()
+    slopes = (0.1 + 0.3 * torch.rand(4, 5).double()).requires_grad_()
+    assert torch.autograd.gradcheck(lambda s: per_pixel(views, s, "cubic", "edge", fill=1.0, disparity=-0.6), slopes)

@@ -51,6 +51,32 @@ def test_a_plane_comes_back_at_its_own_disparity(plane):
     torch.testing.assert_close(exact_fourier(views, [0.63])[0], image, atol=1e-12, rtol=0)
 
 
+def lens(image: torch.Tensor, width: float) -> torch.Tensor:
+    """A periodic picture blurred by a box of some width along both axes, frequency by frequency."""
+    rows, columns = (torch.fft.fftfreq(n, dtype=torch.float64) for n in image.shape[-2:])
+    response = torch.sinc(width * rows)[:, None] * torch.sinc(width * columns)
+    return torch.fft.ifft2(torch.fft.fft2(image) * response).real
+
+
+@pytest.mark.parametrize("fill", [0.5, 1.0])
+@pytest.mark.parametrize("disparity", [0.0, -0.4])
+def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, fill, disparity):
+    views, image = plane(disparity)
+    points = exact_fourier(views, SLOPES)
+    filled = exact_fourier(views, SLOPES, fill=fill, disparity=disparity)
+    for sum_of_points, stack, slope in zip(points, filled, SLOPES, strict=True):
+        width = slope - disparity
+        torch.testing.assert_close(stack, lens(sum_of_points, fill * width), atol=1e-12, rtol=0)
+        if fill == 1:
+            torch.testing.assert_close(stack, lens(image, 7 * width), atol=1e-12, rtol=0)
+
+
+def test_a_map_of_one_disparity_is_nearly_that_number(plane):
+    views, _ = plane(0.2)
+    mapped = exact_fourier(views, SLOPES, fill=1.0, disparity=torch.full((48, 51), 0.2))
+    torch.testing.assert_close(mapped, exact_fourier(views, SLOPES, fill=1.0, disparity=0.2), atol=2e-3, rtol=0)
+
+
 def test_weights_choose_the_views():
     views = torch.rand(3, 3, 1, 8, 9, dtype=torch.float64)
     weights = torch.zeros(3, 3)

@@ -160,3 +160,10 @@ def test_gradients_are_right():
 def test_bad_options_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         fourier_slice(torch.rand(3, 3, 1, 10, 10), [0.5], **options)
+
+
+@pytest.mark.parametrize("disparity", [0.3, torch.rand(16, 17)])
+def test_cells_are_those_of_exact_refocusing(disparity):
+    views, slopes, options = torch.rand(3, 4, 2, 16, 17).double(), [-1.2, 0.4], {"fill": 1.0, "disparity": disparity}
+    stack = fourier_slice(views, slopes, width=8, **options)
+    torch.testing.assert_close(stack, exact_fourier(views, slopes, **options), atol=1e-6, rtol=0)

@@ -53,6 +53,26 @@ def test_equals_eager_on_any_grid_size_slope_and_aperture(data):
     torch.testing.assert_close(fast, slow, atol=1e-12, rtol=0)
 
 
+@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.uint8])
+def test_equals_eager_through_cells(border, dtype):
+    views = in_type(torch.rand(2, 3, 4, 2, 23, 30, dtype=torch.float64), dtype)
+    weights = torch.tensor([[0.0, 1, 0.5, 1]]).expand(3, 4)
+    widths = [2.3, 0.0, 0.4, 0.3, 0.5, 17.0]
+    planned = task.plan(SLOPES, (3, 4), (23, 30), "linear", border, weights, widths)
+    fast, slow = by_numba.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
+    torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 2e-6, rtol=0)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1, 1, 1), (1, 3, 3, 1, 5, 6), (2, 1, 9, 1, 4, 40), (1, 5, 2, 3, 9, 17)])
+def test_rows_are_read_where_they_lie_without_leaving_the_memory_of_the_views(shape):
+    # What lies before and after the views would turn sums into NaN.
+    memory = torch.full((2 * torch.Size(shape).numel() + 200,), torch.nan)
+    views = memory[100 : 100 + torch.Size(shape).numel()].view(shape).copy_(torch.rand(shape))
+    slopes = [0.0, 0.3, -0.4] if shape[4] < 9 else [0.0, -1.7, 0.9]
+    torch.testing.assert_close(*both(views, slopes), atol=1e-6, rtol=0)
+
+
 def test_views_in_any_memory_layout_are_read_where_they_lie():
     views = torch.rand(1, 3, 3, 3, 12, 15, dtype=torch.float64)
     _, expected = both(views)
@@ -115,7 +135,9 @@ def test_derivatives_are_taken_by_eager_operations(monkeypatch):
 def test_plain_views_are_refocused_by_the_kernel(monkeypatch):
     served = []
     monkeypatch.setattr(
-        by_numba, "shift_and_sum", lambda views, planned: served.append(views) or by_torch.shift_and_sum(views, planned)
+        by_numba,
+        "shift_and_sum",
+        lambda views, planned, room: served.append(views) or by_torch.shift_and_sum(views, planned),
     )
     shift_and_sum(torch.rand(2, 2, 1, 6, 7), [0.3])
     with torch.no_grad():

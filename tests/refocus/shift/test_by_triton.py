@@ -27,7 +27,8 @@ for interpolation, border, dtype in {cases}:
     views = torch.rand(2, 2, 3, 2, 9, 20, dtype=torch.float64)
     views = (views * 255).to(dtype) if dtype == torch.uint8 else views.to(dtype)
     views = views.transpose(0, 3).contiguous().transpose(0, 3)
-    planned = task.plan([-2.3, 1.0], (2, 3), (9, 20), interpolation, border, torch.rand(2, 3))
+    widths = [2.3, 0.0] if interpolation == "linear" else None
+    planned = task.plan([-2.3, 1.0], (2, 3), (9, 20), interpolation, border, torch.rand(2, 3), widths)
     fast, slow = by_triton.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
     torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 1e-6, rtol=0)
 print("equal")

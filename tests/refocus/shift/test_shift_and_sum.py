@@ -7,6 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
+from lfref.refocus.footprint import box
+from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
 
 
@@ -124,6 +126,86 @@ def test_brightness_is_kept_at_every_slope(interpolation, border, slope, level):
     torch.testing.assert_close(stack, torch.full_like(stack, level), atol=1e-12, rtol=0)
 
 
+@pytest.mark.parametrize(("interpolation", "error"), [("linear", 0.02), ("cubic", 0.004), ("exact", 0.001)])
+def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, interpolation, error):
+    views, _ = plane(0.0)
+    slopes = [-1.3, 0.25, 0.9]
+    filled = shift_and_sum(views, slopes, interpolation, "wrap", fill=1.0)
+    assert (filled - exact_fourier(views, slopes, fill=1.0)).square().mean().sqrt() < error
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
+def test_fill_0_is_the_sum_over_points_to_the_last_bit(border):
+    views = torch.rand(3, 4, 2, 15, 18)
+    expected = shift_and_sum(views, [-1.1, 0.4], border=border)
+    for disparity in (0.3, torch.rand(15, 18)):
+        assert torch.equal(shift_and_sum(views, [-1.1, 0.4], border=border, fill=0, disparity=disparity), expected)
+
+
+def test_what_is_in_focus_is_not_blurred():
+    views = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
+    expected = shift_and_sum(views, [0.4])
+    torch.testing.assert_close(shift_and_sum(views, [0.4], fill=1, disparity=0.4), expected, atol=1e-12, rtol=0)
+    behind = torch.full((12, 13), 0.4, dtype=torch.float64)
+    behind[:, 7:] = -0.8
+    mapped = shift_and_sum(views, [0.4], fill=1, disparity=behind)
+    torch.testing.assert_close(mapped[..., :7], expected[..., :7], atol=1e-12, rtol=0)
+    assert bool(((mapped - expected)[..., 7:].abs() > 1e-6).all())
+
+
+def test_samples_around_a_pixel_count_by_the_views_that_have_one():
+    weights = torch.tensor([[1.0, 2.0, 1.0]])
+    views = torch.rand(1, 3, 1, 1, 9, dtype=torch.float64)
+    share = coverage([1.5], (1, 3), (1, 9), weights=weights)[0]
+    total = shift_and_sum(views, [1.5], weights=weights)[0, 0] * share
+    taps = torch.tensor(box.taps(1.5), dtype=torch.float64)[None, None, None]
+    blurred, counted = (
+        torch.nn.functional.conv2d(row[None, None], taps, padding="same")[0, 0] for row in (total, share)
+    )
+    stack = shift_and_sum(views, [1.5], weights=weights, fill=1.0)
+    torch.testing.assert_close(stack[0, 0], blurred / counted, atol=1e-12, rtol=0)
+
+
+def test_derivatives_by_the_disparity_are_right():
+    views = torch.rand(2, 2, 1, 4, 5, dtype=torch.float64)
+    behind = (0.3 * torch.rand(4, 5, dtype=torch.float64)).requires_grad_()
+    for border in ("renormalize", "edge"):
+        assert torch.autograd.gradcheck(
+            lambda d, border=border: shift_and_sum(views, [0.7, -1.0], border=border, fill=1.0, disparity=d), behind
+        )
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float32, torch.float64, torch.uint8])
+@pytest.mark.parametrize("options", [{}, {"fill": 1.0}, {"fill": 1.0, "disparity": torch.zeros(12, 13)}])
+def test_a_stack_that_is_there_is_written_into(dtype, options):
+    views = (200 * torch.rand(2, 3, 3, 1, 12, 13)).to(dtype)
+    for interpolation in ("linear", "exact"):
+        expected = shift_and_sum(views, [0.5, -1.0], interpolation, **options)
+        out = torch.full_like(expected, torch.nan)
+        assert shift_and_sum(views, [0.5, -1.0], interpolation, out=out, **options) is out
+        assert torch.equal(out, expected)
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        (torch.empty(2, 1, 12, 12), r"out must be \[2, 1, 12, 13\]"),
+        (torch.empty(2, 1, 12, 13, dtype=torch.float64), "float32, contiguous, on cpu; got .* torch.float64"),
+        (torch.empty(2, 1, 13, 12).mT, "not contiguous"),
+        (torch.empty(2, 1, 12, 13, requires_grad=True), "out must not be asked for where derivatives are"),
+    ],
+)
+def test_a_stack_that_cannot_be_written_into_is_refused(out, message):
+    with pytest.raises(InputError, match=message):
+        shift_and_sum(torch.rand(3, 3, 1, 12, 13), [0.5, -1.0], out=out)
+
+
+def test_a_stack_in_the_memory_of_the_views_is_refused():
+    memory = torch.rand(12, 1, 12, 13)
+    with pytest.raises(InputError, match="out must have memory of its own"):
+        shift_and_sum(memory[:9].reshape(3, 3, 1, 12, 13), [0.5, -1.0], out=memory[9:11])
+
+
 def test_coverage_counts_the_weighted_views_with_a_sample():
     weights = torch.tensor([[1.0, 2.0, 1.0]])
     share = coverage([1.5], (1, 3), (4, 6), weights=weights)[0]
@@ -162,6 +244,9 @@ def test_gradients_are_right(interpolation):
         ({"slopes": [5.0]}, "half the"),
         ({"interpolation": "magic"}, "interpolation must be one of"),
         ({"border": "mirror"}, "border must be one of"),
+        ({"fill": -1.0}, "fill must be finite"),
+        ({"fill": 1.0, "disparity": torch.zeros(3, 3)}, "disparity must be a number or a map"),
+        ({"fill": 30.0}, "at most the picture's 10 px"),
         ({"weights": torch.zeros(3, 3)}, "not all zero"),
         ({"weights": torch.ones(2, 3)}, "one for each view"),
         ({"views": torch.zeros(3, 3, 1, 10)}, "views must be"),

@@ -1,0 +1,69 @@
+"""Compiled: weighted sums of stretches of a row, several in one pass.
+
+A stretch is `total.size` samples of `rows` from a start on, so that a filter along the row, or along a column of rows
+that lie one after the other, is a table of starts and weights.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfref.functional.jit import compiled
+
+TAPS = 8
+"""Taps that one pass over a row adds up: more would leave no registers for their weights."""
+VECTOR = 16
+"""Row lengths are rounded up to this many samples."""
+
+Integers = NDArray[np.int64]
+Reals = NDArray[np.floating]
+
+
+def rounded_up(width: int) -> int:
+    """Length of a row of some width, so that no loop ends in single steps."""
+    return width + -width % VECTOR
+
+
+@compiled
+def set_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
+    """The weighted sum of `TAPS` stretches of `rows`, in one pass."""
+    n = total.size
+    r0, r1, r2, r3 = (
+        rows[starts[0] : starts[0] + n],
+        rows[starts[1] : starts[1] + n],
+        rows[starts[2] : starts[2] + n],
+        rows[starts[3] : starts[3] + n],
+    )
+    r4, r5, r6, r7 = (
+        rows[starts[4] : starts[4] + n],
+        rows[starts[5] : starts[5] + n],
+        rows[starts[6] : starts[6] + n],
+        rows[starts[7] : starts[7] + n],
+    )
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
+    for x in range(n):
+        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
+        total[x] = low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]
+
+
+@compiled
+def add_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
+    """The same, added to what is there."""
+    n = total.size
+    r0, r1, r2, r3 = (
+        rows[starts[0] : starts[0] + n],
+        rows[starts[1] : starts[1] + n],
+        rows[starts[2] : starts[2] + n],
+        rows[starts[3] : starts[3] + n],
+    )
+    r4, r5, r6, r7 = (
+        rows[starts[4] : starts[4] + n],
+        rows[starts[5] : starts[5] + n],
+        rows[starts[6] : starts[6] + n],
+        rows[starts[7] : starts[7] + n],
+    )
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
+    for x in range(n):
+        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
+        total[x] += low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]

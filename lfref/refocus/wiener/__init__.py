@@ -1,0 +1,1 @@
+"""Wiener refocusing: the linear estimate of least mean square error, given which disparities a scene has."""

@@ -1,0 +1,222 @@
+"""The filters of Wiener refocusing: a factor for every plane, view and frequency.
+
+Views L_i and the photograph T are sums over disparities d and over the frequencies q = k + m that pixels cannot tell
+from k. The estimate sum_i g_i L_i of T of least mean square error solves
+
+    sum_i g_i C_ij = b_j,   C_ij = sum_dm p_d S(q) exp(-2 pi i d (i - j) q) + noise,
+    b_j = sum_dm p_d S(q) A((s - d) q) exp(2 pi i d j q),   A the transform of the aperture.
+
+C depends on the distance of views only, and views lie symmetrically about the centre, so that g of a view is the
+conjugate of g of the view opposite. In terms of the sums and differences of opposite views all of it is real.
+Letters: `n` plane, `d` disparity, `i j` view, `v u` its row and column from the centre, `k` frequency in cycles per
+pixel, `m` fold, `q = k + m`, `s` slope.
+"""
+
+import functools
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from lfref import geometry
+from lfref.functional import fourier
+from lfref.refocus.wiener.prior import Prior
+
+FOLDS = torch.tensor([-1.0, 0.0, 1.0], dtype=torch.float64)
+
+
+class Pairs(NamedTuple):
+    """Views by their opposites: P pairs, then the central view, if there is one."""
+
+    first: Tensor
+    """Number of the first view of each pair and of the central one, row by row, [P + 0 or 1]."""
+    n_pairs: int
+    """P."""
+
+    def mixed(self, views: Tensor) -> Tensor:
+        """Sums of opposite views, the central view, and differences of opposite views.
+
+        Args:
+            views: Row by row, [..., V U, C, H, W].
+        """
+        opposite = views.flip(-4)
+        pairs = views.narrow(-4, 0, self.n_pairs), opposite.narrow(-4, 0, self.n_pairs)
+        centre = views.narrow(-4, self.n_pairs, len(self.first) - self.n_pairs)
+        return torch.cat([pairs[0] + pairs[1], centre, pairs[0] - pairs[1]], -4)
+
+
+def opposites(grid: tuple[int, int]) -> Pairs:
+    """The pairs of a grid (V, U)."""
+    n_views = grid[0] * grid[1]
+    return Pairs(torch.arange((n_views + 1) // 2), n_views // 2)
+
+
+class Axis(NamedTuple):
+    """One axis of the picture, with the views' offsets along it."""
+
+    frequencies: Tensor
+    """q of each k and fold, float64, [K, 3]."""
+    offsets: Tensor
+    """Of the views from the centre, float64, [V]."""
+    lags: Tensor
+    """Distances of views, from -(V - 1) to V - 1, float64, [2 V - 1]."""
+
+    def waves(self, disparities: Tensor, places: Tensor, sign: float) -> Tensor:
+        """exp(sign 2 pi i d place q), complex128, [D, K, 3, places]."""
+        angle = sign * 2 * torch.pi * disparities[:, None, None, None] * self.frequencies[:, :, None] * places
+        return torch.polar(torch.ones_like(angle), angle)
+
+    def lens(self, blurs: Tensor, weights: Tensor) -> Tensor:
+        """Transform of an aperture's weights along the axis, each an area of one view step, real, [N, D, K, 3].
+
+        Args:
+            blurs: s - d, [N, D].
+            weights: Of the views, alike on both sides of the centre, [V].
+        """
+        turn = blurs[:, :, None, None] * self.frequencies
+        waves = torch.cos(2 * torch.pi * turn[..., None] * self.offsets) @ weights
+        return waves * torch.sinc(turn)
+
+
+def axis(frequencies: Tensor, n_views: int) -> Axis:
+    """An axis of `n_views` views at these frequencies, in cycles per pixel, [K]."""
+    lags = torch.arange(1 - n_views, n_views, dtype=torch.float64)
+    return Axis(frequencies[:, None] + FOLDS, geometry.angular_offsets(n_views), lags)
+
+
+@functools.lru_cache(maxsize=8)
+def filters(
+    prior: Prior,
+    slopes: tuple[float, ...],
+    grid: tuple[int, int],
+    aperture: tuple[tuple[float, ...], ...],
+    reach: int,
+    side: int,
+) -> Tensor:
+    """Factors of what `Pairs.mixed` makes of the views; those of differences are times i.
+
+    Args:
+        prior: What the scene is like.
+        slopes: In pixels per view step, [N].
+        grid: View rows and columns (V, U).
+        aperture: Weight of each view, together 1, alike on both sides of both axes, [V, U].
+        reach: Pixels that a filter spans on either side.
+        side: Of the square that is transformed, in pixels, even, at least twice the reach.
+
+    Returns:
+        Real, float32, at the frequencies of `rfft2`, [N, V U, side, side // 2 + 1].
+    """
+    both = opposites(grid)
+    # So many frequencies say all there is to say of filters that reach no farther.
+    coarse = min(side, fourier.next_fast_even(2 * reach))
+    half = fourier.half_frequencies(coarse)
+    task = _Task(prior, torch.tensor(slopes, dtype=torch.float64), torch.tensor(aperture, dtype=torch.float64))
+    columns = axis(half, grid[1])
+    found = torch.stack([task.row(axis(row[None], grid[0]), columns) for row in half])
+    found[0, 0] /= (found[0, 0, :, : len(both.first)] * _counts(grid)).sum(-1, keepdim=True)
+    found = torch.cat([found, _mirrored(found[1:-1], grid).flip(0)]).movedim((0, 1), (2, 3)).float()
+    sums, differences = found.split([len(both.first), both.n_pairs], 1)
+    first = _finer(torch.complex(sums, F.pad(differences, (0, 0, 0, 0, 0, len(both.first) - both.n_pairs))), side)
+    return torch.cat([first.real, first.imag[:, : both.n_pairs]], 1)
+
+
+def _finer(spectra: Tensor, side: int) -> Tensor:
+    """Spectra of real filters, [..., coarse, coarse // 2 + 1], at the frequencies of a larger square."""
+    coarse = spectra.shape[-2]
+    if coarse == side:
+        return spectra
+    centred = torch.fft.irfft2(spectra, s=(coarse, coarse)).roll((coarse // 2, coarse // 2), (-2, -1))
+    padded = F.pad(centred, (0, side - coarse, 0, side - coarse)).roll((-(coarse // 2), -(coarse // 2)), (-2, -1))
+    return torch.fft.rfft2(padded)
+
+
+def _counts(grid: tuple[int, int]) -> Tensor:
+    """How many views stand behind each sum of opposite views."""
+    both = opposites(grid)
+    return torch.where(torch.arange(len(both.first)) < both.n_pairs, 2.0, 1.0).double()
+
+
+def _mirrored(factors: Tensor, grid: tuple[int, int]) -> Tensor:
+    """Factors [..., V U] at the opposite vertical frequency: those of the views mirrored in the horizontal axis.
+
+    The mirror image of a first view is the opposite of the one in its own row mirrored in the vertical axis, but in
+    the middle row, which the mirror leaves.
+    """
+    both = opposites(grid)
+    v, u = both.first // grid[1], both.first % grid[1]
+    is_middle = 2 * v == grid[0] - 1
+    place = torch.where(is_middle, both.first, v * grid[1] + grid[1] - 1 - u)
+    sums, differences = factors.split([len(place), both.n_pairs], -1)
+    sign = torch.where(is_middle, 1.0, -1.0).to(factors)[: both.n_pairs]
+    return torch.cat([sums[..., place], differences[..., place[: both.n_pairs]] * sign], -1)
+
+
+class _Task(NamedTuple):
+    """What filters are made for."""
+
+    prior: Prior
+    slopes: Tensor
+    """[N]."""
+    aperture: Tensor
+    """[V, U]."""
+
+    def row(self, row: Axis, columns: Axis) -> Tensor:
+        """Factors at one vertical frequency, [K, N, V U]."""
+        known = torch.tensor([self.prior.disparities, self.prior.shares], dtype=torch.float64)
+        power = self.prior.power(row.frequencies[0][:, None], columns.frequencies[:, None])  # k, y, x
+        covariance = _covariance(power, known, row, columns)
+        noise = self.prior.unexplained * power.sum((1, 2))
+        return _solved(covariance, self.wanted(power, known, row, columns), noise, tuple(self.aperture.shape))
+
+    def wanted(self, power: Tensor, known: Tensor, row: Axis, columns: Axis) -> Tensor:
+        """Covariance of the photographs with the first view of every pair and the central one, complex, [K, N, P]."""
+        disparities, shares = known
+        n_first = (self.aperture.numel() + 1) // 2
+        n_rows = (len(row.offsets) + 1) // 2  # which hold them
+        down = row.waves(disparities, row.offsets[:n_rows], 1)[:, 0]
+        across = columns.waves(disparities, columns.offsets, 1)
+        blurs, shape = self.slopes[:, None] - disparities, (len(self.slopes), *down.shape[:2], len(power))
+        # Single precision: what is wanted enters linearly, and errors of 1e-6 stay as small.
+        folds = (power[:, :, :, None] * shares[:, None, None, None, None] * across[:, :, None]).to(torch.complex64)
+        view_rows, total = down.flatten(0, 1).mT.to(torch.complex64), torch.zeros((), dtype=torch.complex64)
+        left, values, right = torch.linalg.svd(self.aperture)
+        for v, value, u in zip(left.T, values, right, strict=False):
+            if float(value) < 1e-9 * float(values[0]):
+                break
+            lens, down_lens = (columns.lens(blurs, u) * value).float(), row.lens(blurs, v)[:, :, 0].float()
+            # n d y k u, summed over the folds x
+            folded = sum(folds[None, ..., x, :].movedim(3, 2) * lens[:, :, None, :, x, None] for x in range(len(FOLDS)))
+            folded = (folded * down_lens[:, :, :, None, None]).reshape(shape[0], shape[1] * shape[2], -1)
+            total = total + view_rows @ folded
+        return total.unflatten(2, (len(power), -1)).permute(2, 0, 1, 3).flatten(2)[..., :n_first]
+
+
+def _covariance(power: Tensor, known: Tensor, row: Axis, columns: Axis) -> Tensor:
+    """Of views by their distance, complex, [K, 2 V - 1, 2 U - 1]."""
+    disparities, shares = known
+    down, across = row.waves(disparities, row.lags, -1)[:, 0], columns.waves(disparities, columns.lags, -1)
+    folded = torch.einsum("d,kyx,dkxu->dyku", shares + 0j, power + 0j, across)
+    return torch.einsum("dyku,dyv->kvu", folded, down)
+
+
+def _solved(covariance: Tensor, wanted: Tensor, noise: Tensor, grid: tuple[int, int]) -> Tensor:
+    """Real factors, [K, N, V U].
+
+    With g = alpha + i beta for the first view of a pair, and C of views a and b a function of a - b, equation b reads
+    sum_a (alpha + i beta) C(a - b) + (alpha - i beta) C(-a - b) = b_b. The central view is its own opposite: as a pair
+    it is counted twice, which halves its row and its column.
+    """
+    both = opposites(grid)
+    v, u = both.first // grid[1], both.first % grid[1]
+    minus = covariance[:, v[:, None] - v + grid[0] - 1, u[:, None] - u + grid[1] - 1]
+    plus = covariance[:, v[:, None] + v, u[:, None] + u]
+    crossed = -minus.imag - plus.imag
+    upper, lower = torch.cat([minus.real + plus.real, crossed.mT], -1), torch.cat([crossed, minus.real - plus.real], -1)
+    matrix, count = torch.cat([upper, lower], -2), _counts(grid) / 2
+    scale = torch.cat([count, torch.ones_like(count)])
+    matrix = matrix * scale[:, None] * scale + torch.diag_embed(noise[:, None] * scale)
+    right = torch.cat([wanted.real, wanted.imag], -1) * scale
+    kept = grid[0] * grid[1]  # a central view has no difference
+    factor = torch.linalg.cholesky(matrix[:, :kept, :kept])
+    return torch.cholesky_solve(right[..., :kept].mT, factor).mT
