@@ -2,14 +2,19 @@
 
 import csv
 import json
+import re
 
 from matplotlib.image import imread
 
+from lfref.cli import config as configs
 from lfref.simulator import sim30
+
+NAMES = re.findall(r"remedies\.(\w+):", (configs.directory() / "group" / "causes.yaml").read_text())
+FEW = tuple(f"~remedies.{name}" for name in NAMES[2:])
 
 
 def test_one_scene_tells_all_causes(lfref, tmp_path):
-    words = ("judged=[discs]", "alphas=[0.5,2]", "grids=[5]", "~remedies.shift_and_sum_exact", "device=cpu")
+    words = ("judged=[discs]", "alphas=[0.5,2]", "grids=[5]", *FEW, "device=cpu")
     status, errors = lfref("bench", "group=causes", *words, f"output={tmp_path}/run")
     assert status == 0, errors
     folder = tmp_path / "run"
