@@ -16,6 +16,7 @@ from lfref.data.sources import SimulatedField
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
+from lfref.refocus.footprint import box
 from lfref.refocuser.refocuser import Refocuser
 
 
@@ -65,8 +66,9 @@ class OperatorLabels(Labels):
         return self.refocuser.name
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """As far as the outermost view shifts, and a sample for reading between two."""
-        return math.ceil(geometry.corner_shift(self.planes.slopes, grid)) + 1
+        """As far as the outermost view shifts, a sample for reading between two, and what a view's cell is blurred by."""
+        slopes = self.planes.slopes
+        return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + box.radius(self.refocuser.cell_width(slopes))
 
     def __call__(self, field: LightField) -> Tensor:
         """The refocuser's stack; samples count by their weight."""

@@ -52,6 +52,12 @@ class OperatorRefocuser(Refocuser):
         """As in `Refocuser`; an aperture of its own is kept."""
         return self if aperture is None or self.aperture is not None else replace(self, aperture=aperture)
 
+    def cell_width(self, slopes: Tensor) -> float:
+        """As in `Refocuser`, by the operator's `fill` and `disparity`."""
+        options = getattr(self.operator, "keywords", {})
+        disparity = torch.as_tensor(options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
+        return float(options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
+
     def _sum(self, views: Tensor, slopes: Tensor) -> Tensor:
         if self.aperture is None:
             return self.operator(views, slopes)

@@ -66,6 +66,14 @@ class Refocuser(abc.ABC):
         """
         return self
 
+    def cell_width(self, slopes: Tensor) -> float:
+        """Pixels that the area of a view's cell blurs the blurriest plane by; 0 where views are points.
+
+        Args:
+            slopes: Of the planes, in pixels per view step, [N].
+        """
+        return 0.0
+
     def slopes(self, asked: Slopes | None) -> Tensor:
         """The slopes asked for, once they are known to be among those that it makes, float64, [N].
 

@@ -65,6 +65,29 @@ def test_nothing_beyond_the_margin_touches_a_label(alpha):
     assert bool(label.isfinite().all())
 
 
+@pytest.mark.parametrize(
+    "options", [{}, {"fill": 1.0}, {"fill": 0.5, "disparity": 1.5}, {"fill": 2.0, "disparity": -1}]
+)
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+def test_a_patch_has_the_label_that_the_whole_field_has_there(options, interpolation):
+    source = labels(functools.partial(shift_and_sum, interpolation=interpolation, **options))
+    field = LightField(torch.rand(3, 3, 1, 40, 44))
+    whole = source(field)
+    for top, left in ((0, 0), (14, 15), (28, 31)):
+        _, label = patches.cut(field, source, top, left, 12)
+        torch.testing.assert_close(label, whole[..., top : top + 12, left : left + 12], atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("options", "margin"),
+    [({"fill": 1.0}, 22 + 5), ({"fill": 0.0}, 22), ({"fill": 0.5}, 22 + 3), ({"fill": 1.0, "disparity": 1.0}, 22 + 5)],
+)
+def test_the_margin_has_room_for_the_box_of_a_cell(options, margin):
+    # At alpha .125 the slope is -7: a cell of one view step blurs by seven pixels, taps on either side included.
+    operator = functools.partial(shift_and_sum, **options)
+    assert labels(operator, planes_at_alphas((0.125, 1.0))).margin((7, 7)) == margin
+
+
 def test_a_field_too_small_for_its_planes_is_refused():
     with pytest.raises(InputError, match="half the height"):
         labels(shift_and_sum, planes_at_alphas((0.125,)))(LightField(torch.rand(7, 7, 1, 42, 60)))

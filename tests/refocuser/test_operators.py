@@ -140,3 +140,16 @@ def test_another_aperture_makes_another_refocuser_unless_it_has_one_of_its_own()
     assert plain.aperture is None
     assert plain.through(None) is plain
     assert round_one.through(apertures.full) is round_one
+
+
+@pytest.mark.parametrize(
+    ("options", "width"),
+    [({}, 0.0), ({"fill": 1.0}, 1.5), ({"fill": 2.0, "disparity": 0.5}, 4.0), ({"disparity": 0.5}, 0.0)],
+)
+def test_the_widest_cell_is_that_of_the_plane_farthest_from_the_disparity(options, width):
+    assert OperatorRefocuser("name", functools.partial(shift_and_sum, **options)).cell_width(SLOPES) == width
+
+
+def test_cells_before_a_map_are_as_wide_as_at_its_farthest_disparity():
+    behind = functools.partial(shift_and_sum, fill=1.0, disparity=torch.tensor([[0.0, 1.0], [0.5, -0.2]]))
+    assert OperatorRefocuser("name", behind).cell_width(SLOPES) == 2.5
