@@ -50,6 +50,7 @@ LATER: dict[str, tuple[str, ...]] = {
         "lfref.refocus.fourier.focal_stack_transform.at_slopes",
         "lfref.refocus.fourier.layered_refocusing.refocus_by_layers",
         "lfref.refocus.fourier.slice.fourier_slice",
+        "lfref.refocus.occlusion_aware.occlusion_aware",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
         "lfref.refocus.shift.super_resolution.super_resolve",
         "lfref.refocuser.operators.coplanar_homography",

@@ -66,7 +66,7 @@ class OperatorLabels(Labels):
         return self.refocuser.name
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """As far as the outermost view shifts, a sample for reading between two, and what a view's cell is blurred by."""
+        """As far as the outermost view shifts, a sample for reading between two, and the blur of a view's cell."""
         slopes = self.planes.slopes
         return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + box.radius(self.refocuser.cell_width(slopes))
 

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus import batches
+from lfref.refocus import apertures, batches
 from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.borders import BORDERS
@@ -19,6 +19,8 @@ from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.interpolations import INTERPOLATIONS
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.super_resolution import super_resolve
+from lfref.refocus.wiener.prior import between
+from lfref.refocus.wiener.wiener import wiener
 
 from . import contracts
 
@@ -101,6 +103,14 @@ OPERATORS = {
     "super_resolve by 3": functools.partial(super_resolve, slopes=SLOPES, factor=3),
 }
 
+# They read every view, whatever it weighs in the photograph, and take apertures that are alike on both sides only.
+ESTIMATES = {
+    "wiener": functools.partial(wiener, slopes=SLOPES, prior=between(-0.9, 0.4)),
+    "wiener through a disc": lambda views: wiener(
+        views, SLOPES, between(-0.2, 0.2), weights=apertures.disc(views.shape[-5:-3])
+    ),
+}
+
 
 def weighted(operator, views):
     """With weights that differ, one of them 0."""
@@ -115,19 +125,19 @@ def each(operators):
     return pytest.mark.parametrize("operator", [pytest.param(operators[name], id=name) for name in operators])
 
 
-@each(OPERATORS | WEIGHTED)
+@each(OPERATORS | ESTIMATES | WEIGHTED)
 def test_is_linear(operator):
     for shape in SHAPES:
         contracts.assert_linear(operator, shape)
 
 
-@each(OPERATORS | WEIGHTED)
+@each(OPERATORS | ESTIMATES | WEIGHTED)
 def test_has_an_adjoint(operator):
     for shape in SHAPES:
         contracts.assert_adjoint(operator, shape)
 
 
-@each({name: operator for name, operator in (OPERATORS | WEIGHTED).items() if "zero" not in name})
+@each({name: operator for name, operator in (OPERATORS | ESTIMATES | WEIGHTED).items() if "zero" not in name})
 def test_keeps_the_brightness(operator):
     for shape in SHAPES:
         contracts.assert_gain_of_1(operator, shape, 1e-6)
@@ -150,35 +160,35 @@ def test_reads_no_view_of_weight_0(operator):
         contracts.assert_unread(operator, shape)
 
 
-@each(OPERATORS)
+@each(OPERATORS | ESTIMATES)
 def test_is_its_own_derivative(operator):
     contracts.assert_forward_mode(operator, SMALL)
 
 
-@each(OPERATORS)
+@each(OPERATORS | ESTIMATES)
 def test_gradients_are_right(operator):
     contracts.assert_gradients(operator, SMALL)
 
 
-@each(OPERATORS)
+@each(OPERATORS | ESTIMATES)
 def test_takes_any_batch(operator):
     for shape in SHAPES[1:3]:
         contracts.assert_any_batch(operator, shape)
 
 
-@each(OPERATORS)
+@each(OPERATORS | ESTIMATES)
 def test_takes_any_memory_layout(operator):
     for shape in SHAPES[1:3]:
         contracts.assert_any_layout(operator, shape)
 
 
-@each(OPERATORS)
+@each(OPERATORS | ESTIMATES)
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
 def test_takes_half_precision(operator, dtype):
     contracts.assert_half_precision(operator, SHAPES[1], dtype)
 
 
-@each(OPERATORS)
+@each(OPERATORS | ESTIMATES)
 @pytest.mark.parametrize("dtype", list(batches.FULL_SCALE))
 def test_takes_integers(operator, dtype):
     contracts.assert_integers(operator, SHAPES[1], dtype)
@@ -205,14 +215,14 @@ def test_a_broken_operator_is_noticed(contract, broken, more):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@each(OPERATORS | WEIGHTED)
+@each(OPERATORS | ESTIMATES | WEIGHTED)
 def test_same_on_a_gpu(operator, dtype):
     contracts.assert_same_on_gpu(operator, SHAPES[1], dtype)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 @pytest.mark.parametrize("dtype", list(batches.FULL_SCALE))
-@each(OPERATORS)
+@each(OPERATORS | ESTIMATES)
 def test_integers_on_a_gpu(operator, dtype):
     views = torch.randint(0, batches.FULL_SCALE[dtype] + 1, SHAPES[1]).to(dtype)
     torch.testing.assert_close(operator(views.cuda()).cpu(), operator(views), atol=1e-5, rtol=0)

@@ -115,7 +115,9 @@ def filters(
     columns = axis(half, grid[1])
     found = torch.stack([task.row(axis(row[None], grid[0]), columns) for row in half])
     found[0, 0] /= (found[0, 0, :, : len(both.first)] * _counts(grid)).sum(-1, keepdim=True)
-    found = torch.cat([found, _mirrored(found[1:-1], grid).flip(0)]).movedim((0, 1), (2, 3)).float()
+    # Half a cycle a pixel is both signs of its frequency.
+    last = (found[-1:] + _mirrored(found[-1:], grid)) / 2
+    found = torch.cat([found[:-1], last, _mirrored(found[1:-1], grid).flip(0)]).movedim((0, 1), (2, 3)).float()
     sums, differences = found.split([len(both.first), both.n_pairs], 1)
     first = _finer(torch.complex(sums, F.pad(differences, (0, 0, 0, 0, 0, len(both.first) - both.n_pairs))), side)
     return torch.cat([first.real, first.imag[:, : both.n_pairs]], 1)
@@ -127,7 +129,13 @@ def _finer(spectra: Tensor, side: int) -> Tensor:
     if coarse == side:
         return spectra
     centred = torch.fft.irfft2(spectra, s=(coarse, coarse)).roll((coarse // 2, coarse // 2), (-2, -1))
-    padded = F.pad(centred, (0, side - coarse, 0, side - coarse)).roll((-(coarse // 2), -(coarse // 2)), (-2, -1))
+    for axis in (-2, -1):
+        # The outermost sample is as far away on the other side: each has half, or mirrored views would differ.
+        ends = centred.narrow(axis, 0, 1) / 2
+        centred = torch.cat([ends, centred.narrow(axis, 1, coarse - 1), ends], axis)
+    padded = F.pad(centred, (0, side - coarse - 1, 0, side - coarse - 1)).roll(
+        (-(coarse // 2), -(coarse // 2)), (-2, -1)
+    )
     return torch.fft.rfft2(padded)
 
 
@@ -167,7 +175,8 @@ class _Task(NamedTuple):
         power = self.prior.power(row.frequencies[0][:, None], columns.frequencies[:, None])  # k, y, x
         covariance = _covariance(power, known, row, columns)
         noise = self.prior.unexplained * power.sum((1, 2))
-        return _solved(covariance, self.wanted(power, known, row, columns), noise, tuple(self.aperture.shape))
+        grid = (self.aperture.shape[0], self.aperture.shape[1])
+        return _solved(covariance, self.wanted(power, known, row, columns), noise, grid)
 
     def wanted(self, power: Tensor, known: Tensor, row: Axis, columns: Axis) -> Tensor:
         """Covariance of the photographs with the first view of every pair and the central one, complex, [K, N, P]."""

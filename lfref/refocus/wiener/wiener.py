@@ -40,6 +40,12 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
 
     Raises:
         InputError: Views, slopes or weights that cannot be used.
+
+    Example:
+        >>> from lfref.refocus.wiener.prior import between
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> lfref.wiener(views, [-0.5, 0.5], between(-1, 0.5)).shape
+        torch.Size([2, 3, 48, 64])
     """
     batch = batches.radiance(batches.flattened(views))
     grid, size = batches.grid_and_size(batch)
@@ -47,7 +53,8 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
     aperture = batches.checked_weights(weights, grid)
     if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
         raise InputError("weights must be alike on both sides of both axes", got="others", remedy="another operator")
-    margin = math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + TAIL
+    # Filters are found in a square in which FFTs are fast: their margin is all of its half, so that squares fit.
+    margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
     factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
     stack = tiles.filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin)
