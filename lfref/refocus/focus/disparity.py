@@ -50,7 +50,7 @@ def disparity_map(
         Disparity and confidence. No gradients.
 
     Raises:
-        InputError: Views or a range that cannot be used.
+        InputError: Views, a range or a radius that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 64, 64)
@@ -61,6 +61,8 @@ def disparity_map(
     grid, size = batches.grid_and_size(batch)
     if max(grid) < 2:
         raise InputError("disparity takes more than one view", got=f"a grid of {grid[0]}x{grid[1]}")
+    if not (math.isfinite(radius) and radius >= 0):
+        raise InputError("radius must be finite and at least 0", got=radius, remedy="in pixels; 1.5 is the default")
     light = batches.radiance(batch).mean(3, keepdim=True)
     found = [_found(field, *_range(field, first, last), radius) for field in light]
     shape = (*views.shape[:-5], *size)
