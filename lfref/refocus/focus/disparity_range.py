@@ -16,7 +16,7 @@ from lfref.refocus import batches
 SMALLEST = 32  # pixels along the shorter side of what is looked at
 REDUCTION = 4  # at most: disparities of some pixels must become a fraction of one
 WINDOW = 5  # reduced pixels that are taken to be at one disparity
-OUTLIERS = 0.1  # of the gradients' energy, at either end
+OUTLIERS = 0.04  # of the gradients' energy, at either end
 FAINTEST = 1e-12  # energy of gradients below which nothing is to be seen
 
 
@@ -24,11 +24,11 @@ class DisparityRange(NamedTuple):
     """Disparities weighted by the energy of gradients, in pixels per view step."""
 
     low: float
-    """A tenth is below."""
+    """One part in 25 is below."""
     middle: float
     """Mean."""
     high: float
-    """A tenth is above."""
+    """One part in 25 is above."""
 
 
 @torch.no_grad()
@@ -50,7 +50,9 @@ def disparity_range(views: Tensor) -> DisparityRange:
     local = F.avg_pool2d(moments[None], WINDOW, 1, WINDOW // 2)[0].flatten(1)
     disparity, order = (local[0] / local[1].clamp(min=FAINTEST)).sort()
     below = local[1][order].cumsum(0) / local[1].sum()
-    low, high = (float(disparity[min(int((below < share).sum()), len(order) - 1)]) for share in (OUTLIERS, 1 - OUTLIERS))
+    low, high = (
+        float(disparity[min(int((below < share).sum()), len(order) - 1)]) for share in (OUTLIERS, 1 - OUTLIERS)
+    )
     return DisparityRange(factor * low, factor * float(moments[0].sum() / moments[1].sum()), factor * high)
 
 

@@ -11,11 +11,13 @@ from torch import Tensor
 from lfref import geometry
 from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.focus.disparity_range import disparity_range
+from lfref.refocus.focus.disparity_range import DisparityRange, disparity_range
 from lfref.refocus.shift import shift_and_sum, task
 
-CLOSE = 0.1
-"""Pixels per view step beyond the range of disparities that still count as among them."""
+FADE = 0.3
+"""Pixels per view step over which a sum of points gives way to one of cells."""
+LEAST = 1.0
+"""Blur of a cell, in pixels, from which on copies show: cells that blur less are left as points."""
 
 
 def shift_and_sum_through_cells(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
@@ -42,15 +44,26 @@ def shift_and_sum_through_cells(views: Tensor, slopes: Slopes, weights: Tensor |
     grid, size = batches.grid_and_size(batch)
     planes = geometry.checked_slopes(slopes, grid, size)
     stacks = [_stack(field, planes, grid, size, weights) for field in batch]
-    return batches.restored(torch.cat(stacks), views)
+    # One alone is not copied: that would take a tenth of all the time.
+    return batches.restored(torch.cat(stacks) if len(stacks) > 1 else stacks[0], views)
+
+
+def widths(planes: Tensor, seen: DisparityRange) -> Tensor:
+    """Width of the box that each plane is blurred by, in pixels, [N].
+
+    Args:
+        planes: Slopes, [N].
+        seen: What disparities the scene has.
+    """
+    from_middle = (planes - seen.middle).abs()
+    beyond = torch.maximum(seen.low - planes, planes - seen.high)
+    return from_middle * (beyond / FADE).clamp(0, 1) * ((from_middle - LEAST) / FADE).clamp(0, 1)
 
 
 def _stack(
     field: Tensor, planes: Tensor, grid: tuple[int, int], size: tuple[int, int], weights: Tensor | None
 ) -> Tensor:
     """One light field, [V, U, C, H, W], as [1, N, C, H, W]."""
-    seen = disparity_range(field.detach())
-    is_among = (planes >= seen.low - CLOSE) & (planes <= seen.high + CLOSE)
-    widths = torch.where(is_among, 0.0, (planes - seen.middle).abs()).clamp(max=min(size)).tolist()
-    planned = task.plan(planes, grid, size, "cubic", weights=weights, widths=widths)
+    boxes = widths(planes, disparity_range(field.detach())).clamp(max=min(size)).tolist()
+    planned = task.plan(planes, grid, size, "cubic", weights=weights, widths=boxes)
     return shift_and_sum.planned_stack(field[None], planned)

@@ -167,7 +167,9 @@ class _Task(NamedTuple):
         power = self.prior.power(row.frequencies[0][:, None], columns.frequencies[:, None])  # k, y, x
         covariance = _covariance(power, known, row, columns)
         noise = self.prior.unexplained * power.sum((1, 2))
-        return _solved(covariance, self.wanted(power, known, row, columns), noise, (self.aperture.shape[0], self.aperture.shape[1]))
+        return _solved(
+            covariance, self.wanted(power, known, row, columns), noise, (self.aperture.shape[0], self.aperture.shape[1])
+        )
 
     def wanted(self, power: Tensor, known: Tensor, row: Axis, columns: Axis) -> Tensor:
         """Covariance of the photographs with the first view of every pair and the central one, complex, [K, N, P]."""

@@ -62,7 +62,9 @@ def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
     made = np.empty((len(factors), *given.shape[1:]), given.dtype)
     table = F.pad(factors, (0, -factors.shape[-1] % LANES)).unflatten(-1, (-1, LANES)).permute(0, 2, 3, 1, 4)
     n_threads = threads.worthwhile(made.size, WORTH_A_THREAD)
-    jobs = ((given, table.contiguous().numpy(), n_sums, *band, made) for band in threads.bands(given.shape[2], n_threads))
+    jobs = (
+        (given, table.contiguous().numpy(), n_sums, *band, made) for band in threads.bands(given.shape[2], n_threads)
+    )
     threads.share(sum_loop.add_rows, jobs, n_threads)
     return torch.view_as_complex(torch.from_numpy(made))
 

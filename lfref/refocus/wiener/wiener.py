@@ -51,7 +51,9 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
         raise InputError("weights must be alike on both sides of both axes", got="others", remedy="another operator")
     margin = math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + TAIL
     side = _side(margin, size)
-    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), max(margin, LEAST_REACH), side)
+    factors = filters(
+        prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), max(margin, LEAST_REACH), side
+    )
     stack = tiles.filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin)
     return batches.restored(stack, views)
 
