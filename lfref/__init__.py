@@ -17,6 +17,7 @@ _HOMES = {
     "read": "lfref.io.read",
     "write": "lfref.io.write",
     "shift_and_sum": "lfref.refocus.shift.shift_and_sum",
+    "shift_and_sum_through_cells": "lfref.refocus.shift.through_cells",
     "exact_fourier": "lfref.refocus.fourier.exact",
     "fourier_slice": "lfref.refocus.fourier.slice",
     "focal_stack_transform": "lfref.refocus.fourier.focal_stack_transform",

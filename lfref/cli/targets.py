@@ -53,6 +53,7 @@ LATER: dict[str, tuple[str, ...]] = {
         "lfref.refocus.occlusion_aware.occlusion_aware",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
         "lfref.refocus.shift.super_resolution.super_resolve",
+        "lfref.refocus.shift.through_cells.shift_and_sum_through_cells",
         "lfref.refocuser.operators.coplanar_homography",
         "lfref.refocuser.operators.even_stack",
         "lfref.refocuser.operators.focus",

@@ -24,6 +24,7 @@ N_LAYERS = 12
 EDGE = 0.12  # change of disparity from pixel to pixel that is a gap, not a slant
 NEAR = 7  # pixels around an edge
 FOCUS = 1.0  # |s - d| in pixels per view step from which aliases no longer matter
+LARGE = 256  # pixels along the shorter side
 FADE = 5  # pixels over which one estimate gives way to the other
 
 
@@ -58,7 +59,7 @@ def _refocused(field: Tensor, planes: Tensor, aperture: Tensor) -> Tensor:
     """One light field [V, U, C, H, W] as a stack [N, C, H, W]."""
     energies = layer_energies.found(field, N_LAYERS, aperture)
     first, *_, last = energies.disparities.tolist()
-    disparity = disparity_map(field, first, last).disparity
+    disparity = _disparity(field, first, last)
     stack, shares = by_energies(field, planes, energies, aperture), near_edges(disparity, planes)
     needed = shares.amax((1, 2)).cpu() > 0
     if bool(needed.any()):
@@ -66,6 +67,16 @@ def _refocused(field: Tensor, planes: Tensor, aperture: Tensor) -> Tensor:
         chosen = needed.nonzero()[:, 0].to(stack.device)
         stack = stack.index_add(0, chosen, shares[chosen, None] * (estimate - stack[chosen]))
     return stack
+
+
+def _disparity(field: Tensor, first: float, last: float) -> Tensor:
+    """Disparity of each pixel, [H, W], of large views by a look at half their size: where edges are is enough."""
+    height, width = field.shape[-2:]
+    if min(height, width) < LARGE:
+        return disparity_map(field, first, last).disparity
+    halves = F.avg_pool2d(field.flatten(0, 1), 2, ceil_mode=True, count_include_pad=False)
+    found = 2 * disparity_map(halves.unflatten(0, field.shape[:2]), first / 2, last / 2).disparity
+    return found.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width]
 
 
 def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:
@@ -78,12 +89,12 @@ def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:
     window = 2 * NEAR + 1
     edges = (_largest(disparity, 3) + _largest(-disparity, 3) > EDGE).to(disparity)
     near = F.avg_pool2d(_largest(edges, window)[None], FADE, 1, FADE // 2, count_include_pad=False)[0]
-    distance = (planes.to(disparity)[:, None, None] - disparity).abs()
-    focus = ((FOCUS + _largest(-distance, window)) / (0.3 * FOCUS)).clamp(0, 1)
-    return near * focus
+    farthest, nearest, slopes = -_largest(-disparity, window), _largest(disparity, window), planes.to(disparity)
+    distance = torch.maximum(farthest - slopes[:, None, None], slopes[:, None, None] - nearest)
+    return near * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
 
 
-def _largest(images: Tensor, window: int) -> Tensor:
-    """The largest value in a square about each pixel, [..., H, W]."""
-    stacked = images.reshape(1, -1, *images.shape[-2:])
-    return F.max_pool2d(stacked, window, 1, window // 2).reshape(images.shape)
+def _largest(image: Tensor, window: int) -> Tensor:
+    """The largest value in a square about each pixel, [H, W]."""
+    rows = F.max_pool2d(image[None], (1, window), 1, (0, window // 2))
+    return F.max_pool2d(rows, (window, 1), 1, (window // 2, 0))[0]

@@ -1,5 +1,7 @@
 """Where the decibels are: a bar for what each cause costs, and marks for what each remedy wins back."""
 
+from collections.abc import Collection
+
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,12 +12,13 @@ from lfref.report.drawing import CYAN, GREY, PALE, calm, new_figure
 COLUMNS = ["cause", "method", "is_base", "alpha", "slope", "cost_db", "won_db"]
 
 
-def causes(by_plane: pd.DataFrame) -> Figure:
+def causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = None) -> Figure:
     """A panel for the mean over planes, and one for each plane.
 
     Args:
         by_plane: `cause`, `method`, `is_base`, `alpha`, `slope`, `cost_db`, `won_db`; the cost stands with the base,
             the others are remedies.
+        panels_at: Alphas, or slopes, of the planes that get a panel; None: all. The mean is over all in any case.
 
     Raises:
         InputError: One of these columns is missing.
@@ -26,7 +29,8 @@ def causes(by_plane: pd.DataFrame) -> Figure:
     place = "slope" if by_plane["alpha"].isna().any() else "alpha"
     means = by_plane.groupby(["cause", "method", "is_base"], sort=False)[["cost_db", "won_db"]].mean().reset_index()
     heading = wording.heading(place)
-    panels = {"mean over planes": means} | {f"{heading} {at:g}": each for at, each in by_plane.groupby(place)}
+    shown = by_plane if panels_at is None else by_plane[by_plane[place].isin(panels_at)]
+    panels = {"mean over planes": means} | {f"{heading} {at:g}": each for at, each in shown.groupby(place)}
     figure = new_figure(2 + 2.6 * len(panels), 1.6 + 0.32 * len(names))
     drawn = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axes, (title, rows) in zip(drawn, panels.items(), strict=True):
@@ -34,8 +38,8 @@ def causes(by_plane: pd.DataFrame) -> Figure:
         calm(axes, "dB", "", title)
     drawn[0].set_yticks(range(len(names)), names)
     handles = {line.get_label(): line for axes in drawn for line in [*axes.containers, *axes.get_lines()]}
-    shown = {label: handle for label, handle in handles.items() if not label.startswith("_")}
-    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    named = {label: handle for label, handle in handles.items() if not label.startswith("_")}
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return figure
 
 

@@ -29,6 +29,12 @@ def test_there_is_a_panel_for_the_mean_and_each_plane():
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["noise", "points"]
 
 
+def test_some_planes_may_have_panels_and_the_mean_is_over_all():
+    figure = causes.causes(rows(), panels_at=[2.0])
+    assert [axes.get_title("left") for axes in figure.axes] == ["mean over planes", f"{ALPHA} 2"]
+    assert [bar.get_width() for bar in figure.axes[0].patches] == [4.0, 12.0]
+
+
 def test_the_legend_names_bars_and_remedies_once():
     (legend,) = causes.causes(rows()).legends
     assert sorted(text.get_text() for text in legend.get_texts()) == ["costs", "won by filled"]

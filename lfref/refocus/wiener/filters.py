@@ -102,7 +102,7 @@ def filters(
         grid: View rows and columns (V, U).
         aperture: Weight of each view, together 1, alike on both sides of both axes, [V, U].
         reach: Pixels that a filter spans on either side.
-        side: Of the square that is transformed, in pixels, even, at least twice the reach.
+        side: Of the square that is transformed, in pixels, even, at best twice the reach.
 
     Returns:
         Real, float32, at the frequencies of `rfft2`, [N, V U, side, side // 2 + 1].

@@ -1,0 +1,165 @@
+"""Layers and the linear estimate together: near edges in focus the one, elsewhere the other, and nearer the truth."""
+
+import dataclasses
+import functools
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.refocus import apertures
+from lfref.refocus import occlusion_aware as module
+from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
+from lfref.refocus.occlusion_aware import near_edges, occlusion_aware
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
+from tests.refocus.conftest import shifted_views, texture
+
+SLOPES = [-3.0, -1.0, -0.6, 0.0, 0.4]
+"""Of the truth: wide blur, and planes at and between the surfaces of the scenes."""
+
+
+@functools.cache
+def scene(name):
+    """Views and truth [N, C, H, W] of the middle of a scene of sim30."""
+    whole = sim30.SCENES[name]
+    cropped = dataclasses.replace(whole, camera=dataclasses.replace(whole.camera, size=(80, 96)))
+    made = simulate(cropped, outputs=["views", "truth"], slopes=SLOPES)
+    return made.views, made.truth
+
+
+def psnr(stack, truth, margin=12):
+    """Of each plane, [N]."""
+    inner = (..., slice(margin, -margin), slice(margin, -margin))
+    return -10 * (stack - truth)[inner].square().mean((1, 2, 3)).log10()
+
+
+def step(near=0.4, far=-0.6, size=(40, 60)):
+    """A map whose left half is nearer."""
+    disparity = torch.full(size, far)
+    disparity[:, : size[1] // 2] = near
+    return disparity
+
+
+@pytest.mark.parametrize("name", ["edge", "leaves"])
+def test_is_nearer_the_truth_than_exact_refocusing(name):
+    views, truth = scene(name)
+    ours, exact = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, exact_fourier))
+    assert bool((ours >= exact - 0.1).all())
+    assert float((ours - exact).mean()) > 2
+
+
+def test_the_estimate_helps_at_edges_near_focus():
+    views, truth = scene("edge")
+    ours, layers = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, refocus_by_layers))
+    assert bool((ours >= layers - 0.1).all())
+
+
+@pytest.mark.parametrize("name", ["edge", "leaves"])
+def test_brightness_is_that_of_the_truth(name):
+    views, truth = scene(name)
+    inner = (..., slice(12, -12), slice(12, -12))
+    ratio = occlusion_aware(views, SLOPES)[inner].mean((1, 2, 3)) / truth[inner].mean((1, 2, 3))
+    torch.testing.assert_close(ratio, torch.ones(len(SLOPES)), atol=0.002, rtol=0)
+
+
+def test_planes_far_from_all_edges_are_those_of_layers():
+    views, _ = scene("edge")
+    torch.testing.assert_close(
+        occlusion_aware(views, [-3.0]), refocus_by_layers(views, [-3.0]), atol=1e-6, rtol=0
+    )
+
+
+def test_without_edges_no_estimate_is_made(monkeypatch):
+    monkeypatch.setattr(module, "wiener", None)
+    views = shifted_views(texture(1, 40, 44), 0.3, (5, 5))[..., 6:-6, 6:-6].float()
+    occlusion_aware(0.5 + 0 * views, [-1.0, 0.3])
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (4, 3), (1, 5)])
+def test_a_constant_field_stays_constant(grid):
+    stack = occlusion_aware(torch.full((*grid, 3, 30, 31), 0.7), [-2.0, 0.0, 0.5])
+    torch.testing.assert_close(stack, torch.full_like(stack, 0.7), atol=1e-6, rtol=0)
+
+
+def test_each_light_field_of_a_batch_is_alone():
+    views = torch.stack([scene(name)[0][..., 10:58, 10:66] for name in ("edge", "leaves")])[:, None]
+    stacks = occlusion_aware(views, [-0.6, 0.0])
+    assert stacks.shape == (2, 1, 2, 3, 48, 56)
+    for i in range(2):
+        torch.testing.assert_close(stacks[i, 0], occlusion_aware(views[i, 0], [-0.6, 0.0]), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.uint16, torch.float64])
+def test_types_follow_the_input(dtype):
+    views = scene("edge")[0][2:5, 2:5, :, 10:58, 10:66]
+    typed = views.to(dtype) if dtype.is_floating_point else (torch.iinfo(dtype).max * views).round().to(dtype)
+    stack = occlusion_aware(typed, [-1.0, 0.0])
+    assert stack.dtype == (dtype if dtype.is_floating_point else torch.float32)
+    torch.testing.assert_close(stack.float(), occlusion_aware(views, [-1.0, 0.0]), atol=0.01, rtol=0)
+
+
+def test_smaller_apertures_blur_less():
+    views, _ = scene("edge")
+    wide, narrow = (occlusion_aware(views, [-3.0], w)[..., 12:-12, 12:-12].var() for w in (None, apertures.disc((7, 7), 3)))
+    assert narrow > wide
+
+
+def test_gradients_reach_all_views():
+    views = scene("edge")[0][1:6, 1:6, :1, 10:50, 30:70].double().requires_grad_()
+    occlusion_aware(views, [0.0]).square().mean().backward()
+    assert bool(views.grad.isfinite().all())
+    assert bool(views.grad.abs().amax((2, 3, 4)).gt(0).all())
+
+
+def test_pixels_near_an_edge_in_focus_and_no_others():
+    shares = near_edges(step(), torch.tensor([0.4, -0.6, 5.0]))
+    assert shares.shape == (3, 40, 60)
+    assert bool((shares[:2, :, 28:32] == 1).all())
+    assert not shares[:2, :, :15].any()
+    assert not shares[:2, :, 45:].any()
+    assert not shares[2].any()
+
+
+def test_shares_fade_and_lie_between_0_and_1():
+    shares = near_edges(step(), torch.tensor([0.4]))[0]
+    assert float(shares.min()) == 0
+    assert float(shares.max()) == 1
+    assert float(shares.diff(dim=1).abs().max()) <= 0.25
+    torch.testing.assert_close(shares, shares[:1].expand_as(shares))
+
+
+def test_a_slant_is_no_edge():
+    slanted = torch.linspace(-1, 1, 60).expand(40, 60)
+    assert not near_edges(slanted, torch.tensor([0.0])).any()
+
+
+@pytest.mark.parametrize("slope", [-1.5, -0.8, 0.0, 0.9, 1.6])
+def test_focus_counts_by_its_distance_from_the_nearest_surface(slope):
+    distance = min(abs(slope - 0.4), abs(slope + 0.6))
+    expected = min(max((module.FOCUS - distance) / (0.3 * module.FOCUS), 0), 1)
+    shares = near_edges(step(), torch.tensor([slope], dtype=torch.float64))
+    assert float(shares[0, 20, 30]) == pytest.approx(expected, abs=1e-5)
+
+
+def test_maps_of_simulated_scenes_have_their_edges_covered():
+    views, _ = scene("leaves")
+    disparity = disparity_map(views).disparity
+    shares = near_edges(disparity, torch.tensor([0.0]))
+    assert 0.2 < float(shares.mean()) < 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"views": torch.rand(1, 1, 1, 20, 20)}, "more than one view"),
+        ({"slopes": []}, "at least one"),
+        ({"slopes": [15.0]}, "less than half"),
+        ({"weights": torch.arange(9.0).reshape(3, 3)}, "alike on both sides of both axes"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        occlusion_aware(**({"views": torch.rand(3, 3, 1, 20, 20), "slopes": [0.0]} | change))
