@@ -18,7 +18,7 @@ from lfref.refocus.focus.disparity import disparity_map
 from lfref.refocus.fourier import layer_energies
 from lfref.refocus.fourier.layered_refocusing import by_energies
 from lfref.refocus.wiener import prior
-from lfref.refocus.wiener.wiener import wiener
+from lfref.refocus.wiener.wiener import checked_aperture, wiener
 
 N_LAYERS = 12
 EDGE = 0.12  # change of disparity from pixel to pixel that is a gap, not a slant
@@ -50,7 +50,7 @@ def occlusion_aware(views: Tensor, slopes: Slopes, weights: Tensor | None = None
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
+    planes, aperture = geometry.checked_slopes(slopes, grid, size), checked_aperture(weights, grid)
     stacks = [_refocused(batches.radiance(field), planes, aperture) for field in batch]
     return batches.restored(torch.stack(stacks), views)
 
@@ -88,10 +88,10 @@ def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:
     """
     window = 2 * NEAR + 1
     edges = (_largest(disparity, 3) + _largest(-disparity, 3) > EDGE).to(disparity)
-    near = F.avg_pool2d(_largest(edges, window)[None], FADE, 1, FADE // 2, count_include_pad=False)[0]
     farthest, nearest, slopes = -_largest(-disparity, window), _largest(disparity, window), planes.to(disparity)
     distance = torch.maximum(farthest - slopes[:, None, None], slopes[:, None, None] - nearest)
-    return near * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
+    shares = _largest(edges, window) * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
+    return F.avg_pool2d(shares[None], FADE, 1, FADE // 2, count_include_pad=False)[0]
 
 
 def _largest(image: Tensor, window: int) -> Tensor:

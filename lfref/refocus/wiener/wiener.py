@@ -22,8 +22,6 @@ from lfref.refocus.wiener.prior import Prior
 
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
-LEAST_REACH = 36
-"""Pixels that filters are found for, at least: what they hold farther out than their tail is faint, but not nothing."""
 SIDES = (96, 128, 160, 192, 256, 320, 384, 512)
 
 
@@ -52,17 +50,32 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
     batch = batches.radiance(batches.flattened(views))
     grid, size = batches.grid_and_size(batch)
     planes = geometry.checked_slopes(slopes, grid, size)
+    aperture = checked_aperture(weights, grid)
+    # Filters are found in a square in which FFTs are fast, and no larger: what is beyond half of it would be cut off.
+    margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
+    side = _side(margin, size)
+    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
+    stack = tiles.filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin)
+    return batches.restored(stack, views)
+
+
+def checked_aperture(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
+    """The aperture as weights that sum to 1, once it is known to be one that filters can be made for.
+
+    Args:
+        weights: As of `wiener`.
+        grid: Number of view rows and columns (V, U).
+
+    Returns:
+        Float64, CPU, [V, U].
+
+    Raises:
+        InputError: Weights that cannot be used.
+    """
     aperture = batches.checked_weights(weights, grid)
     if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
         raise InputError("weights must be alike on both sides of both axes", got="others", remedy="another operator")
-    # Filters are found in a square in which FFTs are fast: their margin is all of its half, so that squares fit.
-    margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
-    side = _side(margin, size)
-    factors = filters(
-        prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), max(margin, LEAST_REACH), side
-    )
-    stack = tiles.filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin)
-    return batches.restored(stack, views)
+    return aperture
 
 
 def _side(margin: int, size: tuple[int, int]) -> int:

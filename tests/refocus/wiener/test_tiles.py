@@ -47,3 +47,21 @@ def test_gradients_pass_the_seams():
     views = torch.randn(1, 4, 1, 5, 6, dtype=torch.float64, requires_grad=True)
     spectra = factors(kernels(1, 4), (2, 2), 8)
     assert torch.autograd.gradcheck(lambda x: tiles.filtered(x, opposites((2, 2)), spectra, MARGIN), views)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("side", [8, 40])
+def test_the_loop_adds_up_what_pytorch_does(side, dtype):
+    spectra = torch.randn(9, 4, side, side // 2 + 1, dtype=dtype) * (1 + 2j)
+    weights = torch.randn(2, 9, side, side // 2 + 1, dtype=dtype)
+    by_loop, by_torch = (add(spectra, weights, 5) for add in (tiles._by_loop, tiles._by_torch))
+    assert by_loop.dtype == by_torch.dtype == spectra.dtype
+    torch.testing.assert_close(by_loop, by_torch)
+
+
+@pytest.mark.parametrize("add", [tiles._by_loop, tiles._by_torch])
+def test_factors_of_differences_are_times_i(add):
+    spectra, weights = torch.randn(5, 3, 8, 5) * (1 + 1j), torch.randn(2, 5, 8, 5)
+    turns = torch.tensor([1, 1, 1, 1j, 1j])
+    expected = torch.einsum("p,npyx,pjyx->njyx", turns, weights + 0j, spectra)
+    torch.testing.assert_close(add(spectra, weights, 3), expected)

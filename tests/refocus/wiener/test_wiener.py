@@ -133,14 +133,20 @@ def test_rows_and_columns_are_alike():
     torch.testing.assert_close(turned, wiener(views, SLOPES, KNOWN), atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize("sides", [(64,), (72,), (100,), ()])
-def test_squares_of_any_side_agree(sides, monkeypatch):
+@pytest.mark.parametrize("side", [50, 64, 100])
+def test_squares_of_any_side_agree(side, monkeypatch):
     views = torch.rand(3, 4, 1, 90, 101, dtype=torch.float64)
-    expected = wiener(views, SLOPES, KNOWN)
-    monkeypatch.setattr(module, "SIDES", sides)
-    if sides:  # the square that holds the whole picture is not taken
-        monkeypatch.setattr(module, "_side", lambda margin, size: sides[0])
-    torch.testing.assert_close(wiener(views, SLOPES, KNOWN), expected, atol=1e-5, rtol=0)
+    monkeypatch.setattr(module, "_side", lambda margin, size: 180)  # holds the whole picture
+    whole = wiener(views, SLOPES, KNOWN)
+    monkeypatch.setattr(module, "_side", lambda margin, size: side)
+    torch.testing.assert_close(wiener(views, SLOPES, KNOWN), whole, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize(("margin", "size"), [(14, (20, 20)), (14, (375, 540)), (33, (128, 192)), (60, (200, 90))])
+def test_squares_hold_their_margins(margin, size):
+    side = module._side(margin, size)
+    assert side % 2 == 0
+    assert side > 2 * margin + 8
 
 
 def test_a_photograph_through_one_view_is_that_view():
