@@ -92,3 +92,13 @@ def test_fast_lengths_are_the_next_without_large_prime_factors():
     assert fourier.next_fast_length(103) == 108
     assert fourier.next_fast_length(1025) == 1080
     assert [n for n in range(1, 17) if fourier.is_fast(n)] == sorted(set(lengths))
+
+
+@given(least=st.integers(1, 3000))
+@settings(max_examples=60, deadline=None)
+def test_the_next_fast_even_length_is_the_first_that_is_both(least):
+    found = fourier.next_fast_even(least)
+    assert found >= least
+    assert found % 2 == 0
+    assert fourier.is_fast(found)
+    assert not [n for n in range(least, found) if n % 2 == 0 and fourier.is_fast(n)]
