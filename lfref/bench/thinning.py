@@ -12,8 +12,9 @@ Of 9 views every second makes 5, at -4 to 4: share = (4.5 - 4 + 1) / 2 = 3/4; ev
 of views on both sides is kept on both, so that the centres are one; of 14 views, which every second cannot be taken of
 about a centre, the last is left out. Slopes are those of the thinned views, `step` times the dense ones.
 
-The integral is a sum of points too, its copies `step` times nearer to each other: far from focus it is no judge of what
-fills cells better than it does itself. Views are taken to be linear.
+The dense views are points too: where all is far from focus, each stands for its cell, blurred by its distance from the
+middle disparity, as in `shift_and_sum_through_cells`; else copies of edges would be part of the truth. What is left of
+them is the error of this judge. Views are taken to be linear.
 """
 
 import functools
@@ -28,7 +29,9 @@ from lfref.bench.subjects import EXACT, Subject
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
+from lfref.refocus.focus.disparity_range import disparity_range
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift import through_cells
 from lfref.refocuser.operators import OperatorRefocuser
 
 THINNED, DENSE = "thinned", "dense_integral"
@@ -79,13 +82,25 @@ def thinned(fields: Iterable[LightField], step: int, slopes: Tensor) -> Iterator
     Raises:
         InputError: Too few views.
     """
-    exact = OperatorRefocuser(EXACT, exact_fourier)
+    exact = OperatorRefocuser(EXACT, dense_integral)
     for field in fields:
         rows, columns = (axis(n_views, step) for n_views in field.grid)
         weights = rows.shares[:, None] * columns.shares
         truth = exact(_taken(field, rows.dense, columns.dense), slopes / step)
         light = _taken(field, rows.thinned, columns.thinned)
         yield Subject(THINNED, light, truth, DENSE, functools.partial(apertures.mask, rows=weights))
+
+
+def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
+    """Exact refocusing, planes where all is out of focus through whole cells.
+
+    Args:
+        views: One light field, [V, U, C, H, W].
+        slopes: In pixels per view step, [N].
+    """
+    boxes = through_cells.widths(slopes, disparity_range(views))
+    planes = zip(slopes.tolist(), boxes.tolist(), strict=True)
+    return torch.cat([exact_fourier(views, [slope], fill=1.0, disparity=slope - box) for slope, box in planes], -4)
 
 
 def _taken(field: LightField, rows: slice, columns: slice) -> LightField:

@@ -9,7 +9,8 @@ from tests.refocus.conftest import shifted_views, texture
 
 def smooth_views(disparity: float, grid: tuple[int, int] = (7, 7), side: int = 160) -> torch.Tensor:
     """A plane of soft texture, which small pictures of the views still show."""
-    waves = texture(1, side // 8, side // 8, seed=5)[..., None, :, None].expand(-1, -1, 8, -1, 8)
+    torch.manual_seed(5)
+    waves = texture(1, side // 8, side // 8)[:, :, None, :, None].expand(-1, -1, 8, -1, 8)
     soft = torch.fft.rfft2(waves.reshape(1, side, side))
     soft[..., side // 16 : -(side // 16), :] = 0
     soft[..., side // 16 :] = 0
