@@ -24,6 +24,7 @@ N_LAYERS = 12
 EDGE = 0.12  # change of disparity from pixel to pixel that is a gap, not a slant
 NEAR = 7  # pixels around an edge
 FOCUS = 1.0  # |s - d| in pixels per view step from which aliases no longer matter
+WHOLE = 0.1  # distance from whole slopes from which on shifts count as fractional
 LARGE = 256  # pixels along the shorter side
 FADE = 5  # pixels over which one estimate gives way to the other
 
@@ -91,7 +92,9 @@ def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:
     near = F.avg_pool2d(_largest(edges, window)[None], FADE, 1, FADE // 2, count_include_pad=False)[0]
     farthest, nearest, slopes = -_largest(-disparity, window), _largest(disparity, window), planes.to(disparity)
     distance = torch.maximum(farthest - slopes[:, None, None], slopes[:, None, None] - nearest)
-    return near * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
+    # Whole shifts read no view between its pixels: what aliases there does so in the photograph too.
+    between = ((slopes - slopes.round()).abs() / WHOLE).clamp(max=1)[:, None, None]
+    return between * near * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
 
 
 def _largest(image: Tensor, window: int) -> Tensor:
