@@ -24,6 +24,7 @@ N_LAYERS = 12
 EDGE = 0.12  # change of disparity from pixel to pixel that is a gap, not a slant
 NEAR = 7  # pixels around an edge
 FOCUS = 1.0  # |s - d| in pixels per view step from which aliases no longer matter
+WHOLE = 0.1  # distance from whole slopes from which on shifts count as fractional
 LARGE = 256  # pixels along the shorter side
 FADE = 5  # pixels over which one estimate gives way to the other
 
@@ -90,8 +91,10 @@ def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:
     edges = (_largest(disparity, 3) + _largest(-disparity, 3) > EDGE).to(disparity)
     farthest, nearest, slopes = -_largest(-disparity, window), _largest(disparity, window), planes.to(disparity)
     distance = torch.maximum(farthest - slopes[:, None, None], slopes[:, None, None] - nearest)
-    shares = _largest(edges, window) * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
-    return F.avg_pool2d(shares[None], FADE, 1, FADE // 2, count_include_pad=False)[0]
+    # Whole shifts read no view between its pixels: what aliases there does so in the photograph too.
+    between = ((slopes - slopes.round()).abs() / WHOLE).clamp(max=1)[:, None, None]
+    shares = between * _largest(edges, window) * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
+    return F.avg_pool2d(shares, FADE, 1, FADE // 2, count_include_pad=False)
 
 
 def _largest(image: Tensor, window: int) -> Tensor:

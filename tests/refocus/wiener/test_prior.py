@@ -42,9 +42,10 @@ def test_the_mean_of_what_was_found_is_the_disparity_found(disparity):
 
 
 def test_rare_disparities_count_by_the_root_of_how_often_they_occur():
-    known = prior.found_in(torch.tensor([0.0] * 9900 + [1.6] * 100))
+    rare = 16 * prior.STEP
+    known = prior.found_in(torch.tensor([0.0] * 9900 + [rare] * 100, dtype=torch.float64))
     doubt = prior.BROAD / len(known.shares)
-    often, rarely = (share_near(known, d, prior.STEP / 2) - doubt for d in (0.0, 1.6))
+    often, rarely = (share_near(known, d, prior.STEP / 2) - doubt for d in (0.0, rare))
     assert often / rarely == pytest.approx(math.sqrt(99), rel=1e-4)
 
 
