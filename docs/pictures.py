@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import against_mitsuba
+import against_truth
 import effects
 import hard_cases
 import numpy as np
@@ -211,6 +212,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "all_in_focus.jpg": all_in_focus,
     "super_resolve.jpg": super_resolve,
     "apertures.jpg": aperture,
+    **against_truth.PICTURES,
     **effects.PICTURES,
     **truths.PICTURES,
     **against_mitsuba.PICTURES,

@@ -26,8 +26,6 @@ from lfref.refocuser.refocuser import Refocuser
 KEY = ["method", "input"]
 EXACT = OperatorRefocuser("exact_fourier", exact_fourier)
 
-FRONT = ("median_s", "p10_s", "p90_s", "psnr_db", "ssim", "ratio_to_numpy_fft")
-"""Columns of accuracy against time."""
 OPERATORS = (
     "device", "n_views", "height", "width", "channels", "planes", "first_call_s", "median_s", "p10_s", "p90_s",
     "ratio_to_numpy_fft", "ratio_to_same_in_numpy", "psnr_db", "max_error", "extra_bytes", "memory_ratio",

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
+from lfref.cli.benches.causes import causes
 from lfref.cli.benches.front import front
 from lfref.cli.benches.operators import operators
 from lfref.cli.benches.simulate import simulate
@@ -14,6 +15,7 @@ from lfref.errors import chosen
 
 GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "front": front,
+    "causes": causes,
     "operators": operators,
     "simulate": simulate,
     "stability": stability,

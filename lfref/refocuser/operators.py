@@ -1,7 +1,7 @@
 """Linear refocusing operators as refocusers: any planes, any grid, samples counted by their weight."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -11,12 +11,10 @@ from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import Aperture, Refocuser
 
 Operator = Callable[..., Tensor]
 """(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]; with an aperture, `weights` [V, U] too."""
-Aperture = Callable[[Sequence[int]], Tensor]
-"""(grid (V, U)) -> weight of each view, [V, U]."""
 
 LEAST_WEIGHT = 1e-3  # below this share of trusted samples a pixel has no colour of its own and becomes black
 
@@ -49,6 +47,10 @@ class OperatorRefocuser(Refocuser):
         share, weighted = self._sum(weight, slopes), self._sum(radiance * weight, slopes)
         mean = torch.where(share > LEAST_WEIGHT, weighted / share.clamp(min=LEAST_WEIGHT), 0.0)
         return mean.to(batches.stack_dtype(views))
+
+    def through(self, aperture: Aperture | None) -> "OperatorRefocuser":
+        """As in `Refocuser`; an aperture of its own is kept."""
+        return self if aperture is None or self.aperture is not None else replace(self, aperture=aperture)
 
     def _sum(self, views: Tensor, slopes: Tensor) -> Tensor:
         if self.aperture is None:

@@ -7,7 +7,7 @@ Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and
 
 import abc
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import torch
 from torch import Tensor
@@ -16,6 +16,9 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
 from lfref.lightfield import LightField
 from lfref.refocus import batches
+
+Aperture = Callable[[Sequence[int]], Tensor]
+"""(grid (V, U)) -> weight of each view, [V, U]."""
 
 
 class Refocuser(abc.ABC):
@@ -54,6 +57,14 @@ class Refocuser(abc.ABC):
             weight: How far each sample is to be trusted, in [0, 1], [..., V, U, 1, H, W]; None means fully.
             slopes: In pixels per view step, [N].
         """
+
+    def through(self, aperture: Aperture | None) -> "Refocuser":
+        """The same, looking through an aperture if it can; what has weights of its own, or none, stays as it is.
+
+        Args:
+            aperture: Weights of the views, whatever their grid; None: no other.
+        """
+        return self
 
     def slopes(self, asked: Slopes | None) -> Tensor:
         """The slopes asked for, once they are known to be among those that it makes, float64, [N].

@@ -1,6 +1,6 @@
 """Accuracy against time: every method a labelled point, the front of those that nothing beats drawn as a line.
 
-Labels are placed where they meet nothing else.
+The unit of time is the paper's, NumPy's 4-D FFT of the same views. Labels are placed where they meet nothing else.
 """
 
 import math
@@ -11,56 +11,88 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MplPath
-from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox, BboxBase
 
+from lfref.bench.timing import FFT
+from lfref.errors import InputError
 from lfref.report import tables, wording
 from lfref.report.drawing import BLUE, CYAN, GREY, RED, calm, fold_below_cap, new_figure
 
-COLUMNS = ["method", "median_s", "p10_s", "p90_s", "psnr_db"]
+SPANS = ["median_s", "p10_s", "p90_s"]
 TURNS = (0, 8, 4, 12, 2, 6, 10, 14, 1, 7, 9, 15)  # sixteenths: where a label goes beside its point, best first
 DIRECTIONS = [np.array([math.cos(math.tau * turn / 16), math.sin(math.tau * turn / 16)]) for turn in TURNS]
 LEADER = {"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 7}
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "arrowprops": LEADER}
 
 
-def accuracy_time(methods: pd.DataFrame, fft_seconds: float | None = None) -> Figure:
-    """Accuracy against time, every method named, the methods that no other beats joined by a step line.
+def accuracy_time(rows: pd.DataFrame) -> Figure:
+    """Accuracy against time, a panel a class, every method named, those that no other beats joined by a step line.
 
     Args:
-        methods: `method`, `median_s`, `psnr_db`, one row a method that was judged; `p10_s` and `p90_s` are drawn where
-            they are there.
-        fft_seconds: Time of NumPy's 4-D FFT of the three channels in the same run, drawn as a line.
+        rows: `method`, `class`, `reference`, `median_s`, `psnr_db`, a row for each method in each class that it was
+            judged in, and one of method `FFT`, whose time is the unit; `p10_s` and `p90_s` are drawn where they are.
 
     Raises:
-        InputError: One of these columns is missing, or has no number.
+        InputError: One of these columns is missing, or has no number; or the row of the FFT is missing.
     """
-    tables.need(methods, "method")
-    kept = tables.capped(tables.some(methods, "median_s", "psnr_db"), "psnr_db").reindex(columns=COLUMNS)
+    unit = unit_seconds(rows)
+    classes = list(_in_units(rows, unit).groupby(["class", "reference"], sort=False, dropna=False))
+    figure = new_figure(9, 1 + 4.4 * len(classes))
+    panels = figure.subplots(len(classes), squeeze=False)[:, 0]
+    for axes, ((name, reference), methods) in zip(panels, classes, strict=True):
+        axes.set_xscale("log")
+        _draw_points(axes, methods)
+        title = f"{name}, against {reference}: up and to the left is better"
+        calm(axes, "Time, in NumPy's 4-D FFTs of the same views (log scale)", "PSNR (dB)", title, 20)
+        _draw_landmark(axes, unit)
+        _frame_times(axes)
+        fold_below_cap(axes)
+    figure.draw_without_rendering()  # settles the layout, which the labels' places in pixels depend on
+    for axes, (_, methods) in zip(panels, classes, strict=True):
+        _label_points(axes, methods)
+    return figure
+
+
+def unit_seconds(rows: pd.DataFrame) -> float:
+    """Seconds of NumPy's 4-D FFT in the same run.
+
+    Args:
+        rows: `method`, `median_s`.
+
+    Raises:
+        InputError: One of these columns is missing, or the row of the FFT.
+    """
+    tables.need(rows, "method", "median_s")
+    seconds = tables.complete(rows, "median_s").loc[lambda timed: timed["method"] == FFT, "median_s"]
+    if seconds.empty:
+        raise InputError(f"the table must have the time of {FFT}, which is the unit", got="no such row")
+    return float(seconds.iloc[0])
+
+
+def _in_units(rows: pd.DataFrame, unit: float) -> pd.DataFrame:
+    """The methods that were timed and judged, their times in units."""
+    tables.need(rows, "class", "reference")
+    kept = tables.capped(tables.some(rows, "median_s", "psnr_db"), "psnr_db")
+    kept = kept.reindex(columns=["method", "class", "reference", *SPANS, "psnr_db"])
     kept = kept[kept["median_s"].between(0, math.inf, inclusive="neither")]
-    best = tables.front(kept, "median_s", "psnr_db")
-    figure = new_figure(9, 5.4)
-    axes = figure.add_subplot(xscale="log")
+    return kept.assign(**{column: kept[column] / unit for column in SPANS})
+
+
+def _draw_points(axes: Axes, methods: pd.DataFrame) -> None:
+    best = tables.front(methods, "median_s", "psnr_db")
     axes.plot(np.repeat(best["median_s"], 2)[1:], np.repeat(best["psnr_db"], 2)[:-1], color=CYAN, zorder=1)
-    for row in kept.itertuples():
+    for row in methods.itertuples():
         colour = BLUE if row.Index in best.index else GREY
         if row.p10_s > 0 and row.p90_s < math.inf:
             axes.plot([row.p10_s, row.p90_s], [row.psnr_db] * 2, color=colour, linewidth=1.2, alpha=0.6)
         axes.plot(row.median_s, row.psnr_db, "o", color=colour, markersize=7, zorder=3)
-    calm(axes, "Time, median (log scale)", "PSNR (dB)", "Accuracy against time: up and to the left is better", 20)
-    if fft_seconds is not None:
-        _draw_landmark(axes, fft_seconds)
-    _frame_times(axes)
-    fold_below_cap(axes)
-    figure.draw_without_rendering()  # settles the layout, which the labels' places in pixels depend on
-    _label_points(axes, kept)
-    return figure
 
 
 def _draw_landmark(axes: Axes, seconds: float) -> None:
-    axes.axvline(seconds, color=RED, linestyle="--", linewidth=1.2, zorder=0)
+    axes.axvline(1, color=RED, linestyle="--", linewidth=1.2, zorder=0)
     where = axes.get_xaxis_transform()
-    axes.text(seconds, 1.01, f"NumPy 4-D FFT, {seconds:.3g} s", transform=where, ha="center", fontsize=9, color=RED)
+    axes.text(1, 1.01, f"NumPy 4-D FFT, {seconds:.3g} s", transform=where, ha="center", fontsize=9, color=RED)
 
 
 def _frame_times(axes: Axes) -> None:
@@ -70,7 +102,7 @@ def _frame_times(axes: Axes) -> None:
     axes.set_xlim(10 ** (times.min() - margin), 10 ** (times.max() + margin))
     axes.margins(y=0.1)
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if np.ptp(times) < 3 else (1,)))
-    axes.xaxis.set_major_formatter(EngFormatter(unit="s"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda units, place: f"{units:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 

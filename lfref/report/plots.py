@@ -104,6 +104,35 @@ def quality_by_plane(planes: pd.DataFrame) -> Figure:
     return figure
 
 
+def psnr_by_plane(planes: pd.DataFrame) -> Figure:
+    """PSNR against alpha, or slope where not all have one: a panel a class, a line a method.
+
+    Args:
+        planes: `class`, `method`, `reference`, `alpha`, `slope`, `psnr_db`, a row for each plane of each method in each
+            class.
+
+    Raises:
+        InputError: One of these columns is missing, or has no number.
+    """
+    tables.need(planes, "class", *SERIES, "alpha", "slope")
+    place = "slope" if planes["alpha"].isna().any() else "alpha"
+    kept = tables.capped(tables.some(planes, place, "psnr_db"), "psnr_db")
+    classes, methods = kept.groupby(["class", "reference"], sort=False), kept["method"].unique().tolist()
+    figure = new_figure(9, 1.2 + 3.8 * len(classes))
+    panels = figure.subplots(len(classes), squeeze=False)[:, 0]
+    for axes, ((name, reference), group) in zip(panels, classes, strict=True):
+        for method, line in group.sort_values(place, kind="stable").groupby("method", sort=False):
+            style = drawing.look(methods.index(method)) | {"label": wording.drawable(method, 40)}
+            axes.plot(line[place], line["psnr_db"], markersize=4, linewidth=1.2, **style)
+        fold_below_cap(axes)
+        if place == "alpha":
+            _label_slopes(axes, group)
+        calm(axes, wording.heading(place), wording.heading("psnr_db"), f"{name}, against {reference}")
+    handles = {line.get_label(): line for axes in panels for line in axes.get_lines()}
+    figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    return figure
+
+
 def _named(table: pd.DataFrame) -> pd.DataFrame:
     """The table with a dash for a name that is missing."""
     return table.fillna(dict.fromkeys(SERIES, wording.DASH))

@@ -8,15 +8,18 @@ from pathlib import Path
 
 import pandas as pd
 
-from lfref.bench.timing import FFT
 from lfref.errors import FileError, LfrefError
 from lfref.io.run import Run
-from lfref.report import costs, front, plots, stability, tables
+from lfref.report import causes, costs, front, plots, stability, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
 NOTE = "config.yaml"
 """What every command leaves in its run folder, whatever becomes of it."""
+FRONT_COLUMNS = [
+    "method", "reference", "median_s", "ratio_to_numpy_fft", "psnr_db", "worst_psnr_db", "worst_scene", "ssim",
+    "delta_e", "brightness_error", "whole_psnr_db", "exact_psnr_db",
+]  # fmt: skip
 OPERATOR_COLUMNS = [
     "method", "input", "first_call_s", "median_s", "p10_s", "p90_s", "ratio_to_numpy_fft", "ratio_to_same_in_numpy",
     "psnr_db", "max_error", "extra_bytes", "memory_ratio",
@@ -124,16 +127,32 @@ def benchmark(folder: Path) -> Section:
     Args:
         folder: Run folder of `lfref bench`.
     """
-    rows = tables.read_table(folder / "bench.csv")
-    tables.need(rows, "method", "median_s", "psnr_db")
-    fft = rows.loc[rows["method"] == FFT, "median_s"]
+    rows, planes = (tables.read_table(folder / f"{name}.csv") for name in ("bench", "planes"))
+    figures = {"The front": front.accuracy_time(rows), "By plane": plots.psnr_by_plane(planes)}
     text = (
-        "Time for the whole stack of one light field; accuracy against exact Fourier refocusing where every view "
-        "covers every plane. The line is NumPy's 4-D FFT of the three channels in the same run, which Fourier-slice "
-        "refocusing needs before its first plane."
+        "Time for the whole stack of one light field, beside NumPy's 4-D FFT of the three channels in the same run, "
+        "which Fourier-slice refocusing needs before its first plane. Accuracy in the interior, against the reference "
+        "that is named: truth is what a lens would have photographed; exact_fourier, which stands in where no truth "
+        "is known, says how an operator forms the sum, and not how good the picture is."
     )
-    figure = front.accuracy_time(rows, None if fft.empty else fft.iloc[0])
-    return Section("Accuracy against time", text, {"The front": figure}, {"All figures": rows})
+    classes = rows.dropna(subset="class").groupby("class", sort=False)
+    shown = {f"All figures: {name}": group.reindex(columns=FRONT_COLUMNS) for name, group in classes}
+    return Section("Accuracy against time", text, figures, shown)
+
+
+def where_decibels_are(folder: Path) -> Section:
+    """What each cause of error costs, and what remedies win back.
+
+    Args:
+        folder: Run folder of `lfref bench group=causes`.
+    """
+    rows, planes = (tables.read_table(folder / f"{name}.csv") for name in ("causes", "causes_by_plane"))
+    text = (
+        "PSNR against what a lens would have photographed: a bar is what is lost where one cause is added and all else "
+        "stays as it was, means over scenes; a mark is what another method wins on the same views. Below 0, the change "
+        "is for the better or the method for the worse."
+    )
+    return Section("Where the decibels are", text, {"Causes": causes.causes(planes)}, {"Means over planes": rows})
 
 
 def operators(folder: Path) -> Section:
@@ -192,6 +211,7 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     METRICS: training,
     "summary.csv": evaluation,
     "bench.csv": benchmark,
+    "causes.csv": where_decibels_are,
     "operators.csv": operators,
     "goals.csv": stability.goals,
     "stability.csv": stability.hard_cases,

@@ -139,7 +139,7 @@ def test_bench_measures_every_method_beside_numpys_fft(lfref, trained):
     words = (f"input={trained}/scenes", f"checkpoint={checkpoint}", "repeats=1", "warmup=0", "device=cpu")
     assert lfref("bench", f"output={trained}/bench", *words)[0] == 0
     rows = {row["method"]: row for row in table(trained / "bench" / "bench.csv")}
-    assert len(rows) == 11
+    assert set(rows) >= {"numpy_fft_4d", "shift_and_sum", "exact_fourier", "fourier_slice", "run"}
     assert rows["numpy_fft_4d"]["psnr_db"] == ""
     assert float(rows["exact_fourier"]["psnr_db"]) == 100.0
     assert float(rows["fourier_slice"]["psnr_db"]) > 70

@@ -15,6 +15,7 @@ from lfref.refocus.borders import BORDERS
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.finer_grid import in_focus
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
+from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.interpolations import INTERPOLATIONS
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -94,6 +95,10 @@ OPERATORS = {
     "focal_stack_transform": functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0.37),
     "in_focus by 1": functools.partial(in_focus, slopes=SLOPES, factor=1),
     "in_focus by 3": functools.partial(in_focus, slopes=SLOPES, factor=3),
+    "refocus_by_layers": functools.partial(refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1, 0.5]),
+    "refocus_by_layers wrap": functools.partial(
+        refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1], border="wrap", fill=0.5
+    ),
 }
 
 

@@ -8,6 +8,7 @@ from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
+from lfref.refocus import apertures
 from lfref.refocuser import networks
 from lfref.refocuser.networks import NetworkRefocuser
 
@@ -100,3 +101,8 @@ def test_a_run_folder_stands_for_its_best_checkpoint(network, tmp_path):
     (run / "checkpoints" / "best.ckpt").unlink()
     with pytest.raises(CheckpointError, match=r"run my_run must have checkpoints/best\.ckpt; got none"):
         networks.load(run)
+
+
+def test_networks_have_no_aperture(network):
+    refocuser = NetworkRefocuser(network, PLANES)
+    assert refocuser.through(apertures.disc) is refocuser

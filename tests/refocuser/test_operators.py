@@ -129,3 +129,14 @@ def test_focus_takes_every_pixel_from_one_of_the_planes():
     picture, stack = operators.focus(views, SLOPES), shift_and_sum(views, SLOPES)
     assert picture.shape == (2, 1, 1, 12, 13)
     assert bool((picture == stack).any(dim=1).all())
+
+
+def test_another_aperture_makes_another_refocuser_unless_it_has_one_of_its_own():
+    light, plain = field(), OperatorRefocuser("name", exact_fourier)
+    round_one = plain.through(apertures.disc)
+    weights = apertures.disc((3, 3))
+    assert torch.equal(round_one(light, SLOPES), exact_fourier(light.views, SLOPES, weights=weights))
+    assert round_one.name == "name"
+    assert plain.aperture is None
+    assert plain.through(None) is plain
+    assert round_one.through(apertures.full) is round_one

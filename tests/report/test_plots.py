@@ -143,3 +143,29 @@ def test_infinite_mpsnr_is_drawn_at_the_cap():
 def test_odd_names_and_single_rows_are_drawn(make, tmp_path):
     drawing.save_figure(make(), tmp_path / "odd.png")
     assert (tmp_path / "odd.png").read_bytes().startswith(b"\x89PNG")
+
+
+def classes():
+    kinds = (("ideal", 0.0), ("sensor", -10.0))
+    return pd.concat(
+        planes(method, "truth", lift=lift).assign(**{"class": kind})
+        for kind, lift in kinds
+        for method in ("sum", "exact")
+    )
+
+
+def test_every_class_has_a_panel_with_a_line_for_every_method():
+    ideal, sensor = (axes for axes in plots.psnr_by_plane(classes()).axes)
+    for axes, lift in ((ideal, 0.0), (sensor, -10.0)):
+        assert [points(line) for line in axes.get_lines()] == [[(alpha, 30 + alpha + lift) for alpha in ALPHAS]] * 2
+    assert [axes.get_title("left") for axes in (ideal, sensor)] == ["ideal, against truth", "sensor, against truth"]
+
+
+def test_planes_without_alphas_stand_at_their_slopes():
+    axes = plots.psnr_by_plane(classes().assign(alpha=math.nan)).axes[0]
+    assert list(axes.get_lines()[0].get_xdata()) == [-7.0, -1.0, 0.0, 0.5]
+
+
+def test_planes_without_a_class_are_refused():
+    with pytest.raises(InputError, match="'class'"):
+        plots.psnr_by_plane(planes("sum", "truth"))

@@ -46,12 +46,14 @@ def evaluation(tmp_path):
 
 @pytest.fixture
 def benchmark(tmp_path):
-    def row(method, seconds, psnr):
-        times = {"median_s": seconds, "p10_s": 0.9 * seconds, "p90_s": 1.1 * seconds}
-        return {"method": method} | times | {"psnr_db": psnr, "ssim": None, "ratio_to_numpy_fft": 2 / seconds}
+    def row(method, seconds, psnr, kind="ideal", reference="truth"):
+        times = {"median_s": seconds, "p10_s": 0.9 * seconds, "p90_s": 1.1 * seconds, "ratio_to_numpy_fft": 2 / seconds}
+        return {"method": method} | times | {"class": kind, "reference": reference, "psnr_db": psnr, "ssim": None}
 
-    rows = [row("numpy_fft_4d", 2.0, None), row("exact", 1.0, 100.0), row("sum", 0.5, 40.0)]
+    rows = [row("numpy_fft_4d", 2.0, None, None, None), row("exact", 1.0, 100.0), row("sum", 0.5, 40.0)]
+    planes = [each | {"alpha": alpha, "slope": 1 - 1 / alpha} for each in rows[1:] for alpha in ALPHAS]
     tables.write_table(tmp_path / "bench" / "bench.csv", rows)
+    tables.write_table(tmp_path / "bench" / "planes.csv", planes)
     return tmp_path / "bench"
 
 
@@ -127,10 +129,11 @@ def test_an_evaluation_without_pictures_has_its_two_plots(evaluation):
     assert len(section.figures) == 2
 
 
-def test_a_benchmark_shows_all_rows_but_draws_only_what_was_judged(benchmark):
+def test_a_benchmark_shows_what_was_judged_class_by_class_and_plane_by_plane(benchmark):
     (section,) = sections.sections([benchmark])
-    (rows,) = section.tables.values()
-    assert rows["method"].tolist() == ["numpy_fft_4d", "exact", "sum"]
+    assert list(section.tables) == ["All figures: ideal"]
+    assert section.tables["All figures: ideal"]["method"].tolist() == ["exact", "sum"]
+    assert [len(line.get_xdata()) for line in section.figures["By plane"].axes[0].get_lines()] == [3, 3]
     axes = section.figures["The front"].axes[0]
     assert {text.get_text() for text in axes.texts} == {"exact", "sum", "NumPy 4-D FFT, 2 s"}
 
@@ -203,7 +206,8 @@ def test_a_folder_without_results_is_one_clear_error(tmp_path, exists):
 @pytest.mark.parametrize(
     ("kind", "name", "text", "cause"),
     [
-        ("benchmark", "bench.csv", "method,median_s\na,1.0\n", "must have a column 'psnr_db'"),
+        ("benchmark", "bench.csv", "method,psnr_db\na,1.0\n", "must have a column 'median_s'"),
+        ("benchmark", "planes.csv", "method,psnr_db\na,1.0\n", "must have a column 'class'"),
         ("operators", "operators.csv", "method,median_s\na,1.0\n", "must have a column 'input'"),
         ("benchmark", "bench.csv", "", "an empty table in"),
         ("evaluation", "summary.csv", "method\nnet\n", "must have a column 'reference'"),

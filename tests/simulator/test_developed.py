@@ -4,7 +4,7 @@ import dataclasses
 
 import torch
 
-from lfref.simulator.developed import developed
+from lfref.simulator.developed import developed, linear
 from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.mosaic import Mosaic
@@ -46,3 +46,10 @@ def test_defects_of_the_views_leave_a_truth_alone():
     )
     truth = torch.rand(2, 3, 6, 7) * 4
     assert torch.equal(developed(truth, spoilt), truth)
+
+
+def test_linear_pictures_lack_the_tone_curve_alone():
+    truth = torch.rand(2, 3, 6, 7)
+    undone = linear(developed(truth, SENSOR), SENSOR)
+    torch.testing.assert_close(undone, developed(truth, dataclasses.replace(SENSOR, tone_curve=None)))
+    assert linear(truth, Sensor()) is truth

@@ -1,39 +1,81 @@
-"""Group `front`: accuracy against time of every operator setting and every checkpoint."""
+"""Group `front`: accuracy against time of every operator setting and every checkpoint, judged by truth."""
 
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import pandas as pd
+import torch
 from omegaconf import DictConfig
 
-from lfref.bench import cost
+from lfref.bench import cost, judging, subjects, thinning
 from lfref.bench.cost import Case
+from lfref.bench.subjects import Subject
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, paths, progress
 from lfref.geometry import FocalPlanes
+from lfref.lightfield import LightField
 from lfref.refocuser.networks import load
-from lfref.refocuser.refocuser import name_apart
-from lfref.report import drawing, tables
+from lfref.refocuser.refocuser import Refocuser, name_apart
+from lfref.report import drawing, plots, tables
 from lfref.report import front as picture
+from lfref.simulator import sim30
+
+TIMES = ["median_s", "p10_s", "p90_s", "ratio_to_numpy_fft"]
 
 
 def front(config: DictConfig, folder: Path) -> None:
-    """Write `bench.csv`, `machine.json` and `accuracy_time.png`.
+    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `judged.csv`, `machine.json` and two pictures; see the docs.
 
     Args:
         config: `conf/bench.yaml` with `group=front`.
         folder: The run folder.
     """
     device, rounds = device_of(config.device), shared.rounds(config)
+    margin = int(configs.number(config, "margin", 0))
     planes: FocalPlanes = configs.build(config.planes)
-    networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    chosen = [*configs.build(config.methods).values(), *networks]
-    name_apart(chosen)
-    fields = shared.light_fields(config, chosen)
-    cases = [Case(method, field.to(device)) for field in fields for method in chosen]
-    first = cost.first_calls(progress(cases, "first calls"), planes.slopes, ("psnr_db", "ssim"))
+    methods = _methods(config, device)
+    judges, fields = _judges(config, methods, planes, device)
+    judged = pd.DataFrame(judging.rows(judges, methods, planes, margin))
+    cases = [Case(method, field) for field in fields for method in methods]
     times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
-    table = cost.table(cost.FRONT, times, first).drop(columns="input")
-    tables.write_table(folder / "bench.csv", table)
-    shared.write_facts(folder, device, fields, planes, rounds.counted)
-    drawing.save_figure(picture.accuracy_time(table, table["median_s"].iloc[0]), folder / "accuracy_time.png")
-    log.info("%d methods on %d light fields: %s", len(chosen), len(fields), folder / "bench.csv")
+    bench = times[TIMES].reset_index().drop(columns="input").merge(judging.by_class(judged), "left", "method")
+    by_plane = judging.by_plane(judged)
+    written = {"bench": bench, "scenes": judging.by_scene(judged), "planes": by_plane, "judged": judged}
+    for name, table in written.items():
+        tables.write_table(folder / f"{name}.csv", table)
+    drawing.save_figure(picture.accuracy_time(bench), folder / "accuracy_time.png")
+    drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
+    shared.write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
+    log.info("%d methods on %d scenes: %s", len(methods), judged["scene"].nunique(), folder / "bench.csv")
+
+
+def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
+    networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
+    methods = [*configs.build(config.methods).values(), *networks]
+    name_apart(methods)
+    return methods
+
+
+def _judges(
+    config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
+) -> tuple[Iterable[Subject], list[LightField]]:
+    """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
+    if config.input is None:
+        scenes = progress(shared.scenes(config.judged).values(), "judging by truth")
+        fields = [field.to(device) for field in shared.light_fields(config, methods)]
+        return subjects.simulated(scenes, planes.slopes, device), fields
+    judges = list(_of_captures(config, methods, planes, device))
+    return progress(judges, f"judging by {judges[0].reference}"), [judge.light for judge in judges]
+
+
+def _of_captures(
+    config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
+) -> Iterator[Subject]:
+    """Light fields that are given, every second or third view of them if that is asked for."""
+    if config.thin is None:
+        log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
+        fields = shared.light_fields(config, methods)
+        return subjects.given((field.to(device) for field in fields), planes.slopes)
+    step = int(configs.number(config, "thin", 2))
+    return thinning.thinned((field.to(device) for field in shared.light_fields(config)), step, planes.slopes)

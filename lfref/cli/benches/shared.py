@@ -12,10 +12,13 @@ from lfref.bench import machine
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.data.sources import SimulatedSource
+from lfref.errors import chosen
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
+from lfref.simulator import sim30
+from lfref.simulator.scene import Scene
 
 
 class Rounds(NamedTuple):
@@ -49,6 +52,19 @@ def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> li
         return [inputs.read(path, config, refocusers) for path in inputs.find(config)]
     source: SimulatedSource = configs.build(config.source)
     return [source.field(index) for index in range(len(source))]
+
+
+def scenes(names: DictConfig | None) -> dict[str, Scene]:
+    """Test scenes of sim30 by name; null takes all thirty.
+
+    Args:
+        names: A list of them, or null.
+
+    Raises:
+        InputError: There is no such scene.
+    """
+    wanted = list(sim30.SCENES) if names is None else list(configs.plain(names))
+    return {name: chosen("sim30 scene", name, sim30.SCENES) for name in wanted}
 
 
 def write_facts(

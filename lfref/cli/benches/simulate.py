@@ -10,12 +10,10 @@ from lfref.bench import simulation
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, progress
-from lfref.errors import chosen
 from lfref.geometry import FocalPlanes
 from lfref.report import drawing, tables
 from lfref.report import simulation as pictures
 from lfref.simulator import sim30
-from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Scenes
 
 
@@ -28,7 +26,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     """
     device, rounds = device_of(config.device), shared.rounds(config)
     planes: FocalPlanes = configs.build(config.planes)
-    classes, judged = _scenes(config.classes), _scenes(config.judged)
+    classes, judged = shared.scenes(config.classes), shared.scenes(config.judged)
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))
     n_workers = torch.get_num_threads() if device.type == "cpu" else 0
@@ -51,9 +49,3 @@ def simulate(config: DictConfig, folder: Path) -> None:
     drawing.save_figure(pictures.costs_and_distances(pd.DataFrame(costs), by_plane), folder / "simulate.png")
     shared.write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
     log.info("%d classes of scenes, %d scenes judged: %s", len(classes), len(judged), folder / "simulate.csv")
-
-
-def _scenes(names: DictConfig) -> dict[str, Scene]:
-    """Test scenes by name; null takes all thirty."""
-    wanted = list(sim30.SCENES) if names is None else list(configs.plain(names))
-    return {name: chosen("sim30 scene", name, sim30.SCENES) for name in wanted}

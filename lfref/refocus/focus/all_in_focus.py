@@ -20,7 +20,7 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import batches
+from lfref.refocus import batches, windows
 
 SKIRT_SHARE = 0.05  # of the window's weight: less lets copies of edges through, more blurs depth edges
 SKIRT_WIDTH = 6  # radii
@@ -123,21 +123,7 @@ def _sharpness(plane: Tensor, radius: float) -> Tensor:
     rows = padded[..., :-2, 1:-1] + padded[..., 2:, 1:-1]
     columns = padded[..., 1:-1, :-2] + padded[..., 1:-1, 2:]
     energy = (4 * plane - rows - columns).square().sum(1)
-    return torch.lerp(_smoothed(energy, radius), _smoothed(energy, SKIRT_WIDTH * radius), SKIRT_SHARE)
-
-
-def _smoothed(images: Tensor, sigma: float) -> Tensor:
-    """Gaussian local means, [B, H, W]; beyond the border the outermost pixel goes on."""
-    if sigma == 0:
-        return images
-    half_width = math.ceil(3 * sigma)
-    offsets = torch.arange(-half_width, half_width + 1, dtype=torch.float64, device=images.device)
-    window = (-(offsets / sigma).square() / 2).softmax(0).to(images.dtype)
-    padded = F.pad(images, (half_width,) * 4, mode="replicate")[None]
-    with torch.autocast(images.device.type, enabled=False):
-        # Images as channels: CUDA never runs a depthwise convolution in TF32.
-        rows = F.conv2d(padded, window.expand(len(images), 1, 1, -1), groups=len(images))
-        return F.conv2d(rows, window[:, None].expand(len(images), 1, -1, 1), groups=len(images))[0]
+    return torch.lerp(windows.smoothed(energy, radius), windows.smoothed(energy, SKIRT_WIDTH * radius), SKIRT_SHARE)
 
 
 def _peak(log_energy: Tensor, best: Tensor) -> Tensor:

@@ -62,7 +62,7 @@ def shift_and_sum(
     widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
     planned = task.plan(planes, grid, size, interpolation, border, weights, widths)
     room = None if out is None else _room(out, views, len(planes))
-    stack = _stack(batches.without_unread(batch, torch.tensor(planned.aperture)), planned, room)
+    stack = planned_stack(batch, planned, room)
     if widths is None and cell.fill > 0:
         covered = planned.coverages if planned.border.counts_only_samples else None
         stack = blurring.blurred(stack, cell.widths(planes), planned.border, covered)
@@ -113,8 +113,15 @@ def _room(out: Tensor, views: Tensor, n_planes: int) -> Tensor:
     return out.reshape(-1, *shape[-4:])
 
 
-def _stack(views: Tensor, planned: Task, room: Tensor | None) -> Tensor:
-    """By loops compiled for the device where these can serve, perhaps in the room given, else by PyTorch's."""
+def planned_stack(views: Tensor, planned: Task, room: Tensor | None = None) -> Tensor:
+    """The stack that is planned, by loops compiled for the device where these can serve, else by PyTorch's operations.
+
+    Args:
+        views: Light fields, [B, V, U, C, H, W].
+        planned: What is to be summed.
+        room: Where compiled loops may write it, [B, N, C, H, W].
+    """
+    views = batches.without_unread(views, torch.tensor(planned.aperture))
     compiler = backend.compiler_for(views) if planned.interpolation.weights is not None else None
     # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
     if compiler == "numba":

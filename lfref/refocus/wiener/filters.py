@@ -102,7 +102,7 @@ def filters(
         grid: View rows and columns (V, U).
         aperture: Weight of each view, together 1, alike on both sides of both axes, [V, U].
         reach: Pixels that a filter spans on either side.
-        side: Of the square that is transformed, in pixels, even, at least twice the reach.
+        side: Of the square that is transformed, in pixels, even, at best twice the reach.
 
     Returns:
         Real, float32, at the frequencies of `rfft2`, [N, V U, side, side // 2 + 1].
@@ -167,7 +167,9 @@ class _Task(NamedTuple):
         power = self.prior.power(row.frequencies[0][:, None], columns.frequencies[:, None])  # k, y, x
         covariance = _covariance(power, known, row, columns)
         noise = self.prior.unexplained * power.sum((1, 2))
-        return _solved(covariance, self.wanted(power, known, row, columns), noise, tuple(self.aperture.shape))
+        return _solved(
+            covariance, self.wanted(power, known, row, columns), noise, (self.aperture.shape[0], self.aperture.shape[1])
+        )
 
     def wanted(self, power: Tensor, known: Tensor, row: Axis, columns: Axis) -> Tensor:
         """Covariance of the photographs with the first view of every pair and the central one, complex, [K, N, P]."""

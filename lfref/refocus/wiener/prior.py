@@ -16,8 +16,8 @@ from torch import Tensor
 
 from lfref.errors import InputError
 
-STEP = 0.08
-"""Distance of neighbouring disparities: views three steps from the centre then agree to a quarter of a pixel."""
+STEP = 0.12
+"""Distance of neighbouring disparities: at half of it views three steps from the centre agree to a fifth of a pixel."""
 MARGIN = 0.6
 """How far beyond those that were found disparities are still thought possible, in pixels per view step."""
 BROAD = 0.05

@@ -3,11 +3,19 @@
 Letters: `P` what is made of the views, `T` square.
 """
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.functional import threads
+from lfref.refocus import backend
+from lfref.refocus.wiener import sum_loop
 from lfref.refocus.wiener.filters import Pairs
+from lfref.refocus.wiener.sum_loop import LANES
+
+WORTH_A_THREAD = 1 << 18
+"""Values of a band's spectra from which one more thread saves more than it costs."""
 
 
 def filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tensor:
@@ -41,12 +49,33 @@ def filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tenso
 
 def _combined(spectra: Tensor, factors: Tensor, pairs: Pairs) -> Tensor:
     """Spectra [B, V U, C, T, side, K] times their factors, added up, [B, N, C, T, side, K]."""
-    n_sums = len(pairs.first)
-    shape = spectra.shape
+    given = spectra.transpose(0, 1)
+    shape = (*given.shape[1:4], *given.shape[4:])
+    add = _by_loop if backend.compiler_for(spectra, factors) == "numba" else _by_torch
+    made = add(given.reshape(len(given), -1, *given.shape[4:]), factors, len(pairs.first))
+    return made.unflatten(1, shape[:3]).transpose(0, 1)
+
+
+def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
+    """Spectra [V U, J, side, K] added up, [N, J, side, K]."""
+    given = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
+    made = np.empty((len(factors), *given.shape[1:]), given.dtype)
+    table = F.pad(factors, (0, -factors.shape[-1] % LANES)).unflatten(-1, (-1, LANES)).permute(0, 2, 3, 1, 4)
+    n_threads = threads.worthwhile(made.size, WORTH_A_THREAD)
+    jobs = (
+        (given, table.contiguous().numpy(), n_sums, *band, made) for band in threads.bands(given.shape[2], n_threads)
+    )
+    threads.share(sum_loop.add_rows, jobs, n_threads)
+    return torch.view_as_complex(torch.from_numpy(made))
+
+
+def _by_torch(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
+    """The same for whatever needs derivatives, and on a GPU."""
     parts = []
-    for place, count in ((0, n_sums), (n_sums, pairs.n_pairs)):
-        data = torch.view_as_real(spectra[:, place : place + count]).permute(4, 5, 1, 0, 2, 3, 6)
+    for place, count in ((0, n_sums), (n_sums, len(spectra) - n_sums)):
+        data = torch.view_as_real(spectra[place : place + count]).permute(2, 3, 0, 1, 4)
         weights = factors[:, place : place + count].permute(2, 3, 0, 1)
-        parts.append(torch.matmul(weights, data.flatten(3)).unflatten(3, (*shape[:1], *shape[2:4], 2)))
-    sums, differences = (torch.view_as_complex(part.contiguous()) for part in parts)
-    return torch.complex(sums.real - differences.imag, sums.imag + differences.real).permute(3, 2, 4, 5, 0, 1)
+        parts.append(torch.matmul(weights, data.flatten(3)).unflatten(3, (-1, 2)))
+    sums, differences = parts
+    real, imaginary = sums[..., 0] - differences[..., 1], sums[..., 1] + differences[..., 0]
+    return torch.complex(real, imaginary).permute(2, 3, 0, 1)

@@ -35,6 +35,21 @@ def sensor_passes(sensor: Sensor, grid: tuple[int, int], seed: int) -> list[Pass
     ]
 
 
+def recorded(radiance: Tensor, sensor: Sensor, seed: int) -> Tensor:
+    """Views as a sensor hands them over, of the light that the lens offers.
+
+    Args:
+        radiance: Views without any effect, [V, U, 3, H, W].
+        sensor: What is on.
+        seed: Of what effects draw.
+    """
+    grid = (radiance.shape[0], radiance.shape[1])
+    for one in effects(sensor):
+        if one.inert(grid) is None:
+            radiance = _applied(one, seed, radiance)
+    return radiance
+
+
 def effects(sensor: Sensor) -> tuple[Effect, ...]:
     """The effects of a sensor, harmless ones where it has none.
 

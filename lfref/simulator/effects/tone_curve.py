@@ -5,7 +5,7 @@ Below 0 every curve is continued so that nothing is undefined. Source of `srgb`:
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Generator, Tensor
@@ -24,6 +24,16 @@ def srgb(radiance: Tensor, gamma: float) -> Tensor:
     return torch.where(radiance <= 0.0031308, 12.92 * radiance, 1.055 * radiance.clamp(min=1e-3) ** (1 / 2.4) - 0.055)
 
 
+def from_srgb(encoded: Tensor, gamma: float) -> Tensor:
+    """Undo `srgb`; `gamma` is not used.
+
+    Args:
+        encoded: For a standard screen, any shape.
+        gamma: Not used.
+    """
+    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp(min=0.04) + 0.055) / 1.055) ** 2.4)
+
+
 def power(values: Tensor, exponent: float) -> Tensor:
     """Raise to a power, negative values as their mirror image.
 
@@ -36,12 +46,18 @@ def power(values: Tensor, exponent: float) -> Tensor:
     return torch.where(size > 0, values.sign() * size.clamp(min=1e-30) ** exponent, 0.0)
 
 
-CURVES: dict[str, Callable[[Tensor, float], Tensor]] = {
-    "linear": lambda radiance, gamma: radiance,
-    "srgb": srgb,
-    "gamma": lambda radiance, gamma: power(radiance, 1 / gamma),
+class Curve(NamedTuple):
+    """A tone curve and its inverse, functions of values and the exponent `gamma`."""
+
+    encode: Callable[[Tensor, float], Tensor]
+    decode: Callable[[Tensor, float], Tensor]
+
+
+CURVES: dict[str, Curve] = {
+    "linear": Curve(lambda radiance, gamma: radiance, lambda encoded, gamma: encoded),
+    "srgb": Curve(srgb, from_srgb),
+    "gamma": Curve(lambda radiance, gamma: power(radiance, 1 / gamma), power),
 }
-"""Functions of radiance and the exponent `gamma`."""
 
 
 @dataclass(frozen=True)
@@ -68,4 +84,12 @@ class ToneCurve:
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Encode; nothing is drawn."""
-        return CURVES[self.curve](views, self.gamma)
+        return CURVES[self.curve].encode(views, self.gamma)
+
+    def undo(self, views: Tensor) -> Tensor:
+        """Linear values of encoded ones.
+
+        Args:
+            views: Any shape.
+        """
+        return CURVES[self.curve].decode(views, self.gamma)

@@ -103,6 +103,12 @@ def test_all_effects_together_are_one_after_the_other():
     assert torch.equal(planned(FULL, radiance, seed=4).run()["views"], expected)
 
 
+def test_recorded_views_are_those_that_the_planner_makes():
+    radiance = torch.rand(3, 3, 3, 8, 8)
+    assert torch.equal(chain.recorded(radiance, FULL, 4), planned(FULL, radiance, seed=4).run()["views"])
+    assert chain.recorded(radiance, Sensor(), 4) is radiance
+
+
 def test_raw_samples_can_be_asked_for():
     radiance = torch.rand(2, 2, 3, 6, 6)
     plan = planned(FULL, radiance, wanted="quantised")

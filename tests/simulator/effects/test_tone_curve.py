@@ -24,6 +24,12 @@ def test_srgb_has_the_values_of_the_standard():
     torch.testing.assert_close(applied(ToneCurve("srgb"), radiance), expected, atol=1e-6, rtol=0)
 
 
+@pytest.mark.parametrize("curve", CURVES)
+def test_it_can_be_undone(curve):
+    radiance = torch.linspace(-0.2, 1.5, 1001, dtype=torch.float64)
+    torch.testing.assert_close(curve.undo(applied(curve, radiance)), radiance, atol=1e-7, rtol=1e-6)
+
+
 def test_gamma_is_a_root():
     radiance = torch.tensor([0.25, -0.25, 4.0])
     torch.testing.assert_close(applied(ToneCurve("gamma", 2.0), radiance), torch.tensor([0.5, -0.5, 2.0]))

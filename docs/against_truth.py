@@ -1,0 +1,98 @@
+"""Pictures of refocusing judged by truth: plots of what the bench measured, and methods beside what a lens records.
+
+Plots are drawn from the tables of `lfref bench`, where `make figures` leaves them: without these they stay as they are.
+Letters: `s` slope in pixels per view step.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import scenes
+import sheets
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from torch import Tensor
+
+import lfref
+from lfref.bench.subjects import IDEAL
+from lfref.bench.timing import FFT
+from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.report import causes as report_of_causes
+from lfref.report import drawing, front, tables
+from lfref.simulator import sim30
+
+RUNS = Path(__file__).resolve().parents[1] / "runs" / "figures"
+BENCH, CAUSES = RUNS / "bench" / "bench.csv", RUNS / "causes" / "causes_by_plane.csv"
+SCENE = "twigs"
+WIDE, FOCUS = -7.0, 0.5  # slopes of the widest blur among the paper's planes, and next to a surface of the scene
+INNER = (..., slice(24, -24), slice(24, -24))  # every view covers it at all the paper's planes
+DIFFERENCE: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(1e-4, 0.1)}
+
+
+def accuracy_time() -> Figure:
+    """The front of the scenes without a sensor's effects."""
+    rows = tables.read_table(BENCH)
+    return front.accuracy_time(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
+
+
+def causes() -> Figure:
+    """What each cause of error costs, and what the remedies win back."""
+    rows = tables.read_table(CAUSES)
+    rows["is_base"] = rows["is_base"].astype(str) == "True"
+    return report_of_causes.causes(rows, panels_at=(0.125, 2.0))
+
+
+def cells() -> Figure:
+    """A scene far out of focus: the sum over points, the integral over cells, and the lens."""
+    views, truth = _seen(WIDE)
+    points, filled = (lfref.shift_and_sum(views, [WIDE], "cubic", fill=fill)[0] for fill in (0.0, 1.0))
+    shown = [("truth", truth[INNER]), ("49 points", points[INNER]), ("49 cells, fill=1", filled[INNER])]
+    errors = [_difference(picture, truth) for picture in (points, filled)]
+    view = ("one view", views[3, 3][INNER])
+    return sheets.sheet([*shown, view, *errors], bar="absolute difference", **DIFFERENCE)
+
+
+def near_focus() -> Figure:
+    """A scene focused on one of its surfaces, by four methods: what each does wrong."""
+    views, truth = _seen(FOCUS)
+    pictures = {
+        "exact_fourier": lfref.exact_fourier(views, [FOCUS]),
+        "exact_fourier, fill=1": lfref.exact_fourier(views, [FOCUS], fill=1.0),
+        "refocus_by_layers": lfref.refocus_by_layers(views, [FOCUS]),
+        "occlusion_aware": occlusion_aware(views, [FOCUS]),
+    }
+    errors = [_difference(stack[0], truth, name + "\n") for name, stack in pictures.items()]
+    return sheets.sheet(errors, 4, bar="absolute difference", **DIFFERENCE)
+
+
+def disparity() -> Figure:
+    """Disparity found in the views of the still life, how sure it is, and the true one."""
+    views, truth = scenes.still_life()
+    found = disparity_map(views)
+    cells = [("confidence, white: 1", found.confidence[None]), ("disparity_map", found.disparity), ("truth", truth)]
+    return sheets.sheet(cells, bar="disparity, px per view step", vmin=scenes.FAR, vmax=scenes.NEAR, cmap=drawing.MAP)
+
+
+PLOTS: dict[str, tuple[Path, Callable[[], Figure]]] = {
+    "accuracy_time.png": (BENCH, accuracy_time),
+    "causes.png": (CAUSES, causes),
+}
+PICTURES: dict[str, Callable[[], Figure]] = {
+    "cells.jpg": cells,
+    "near_focus.jpg": near_focus,
+    "disparity_map.jpg": disparity,
+    **{name: draw for name, (table, draw) in PLOTS.items() if table.exists()},
+}
+
+
+def _seen(slope: float) -> tuple[Tensor, Tensor]:
+    """Views and truth of the scene at a slope."""
+    result = lfref.simulate(sim30.SCENES[SCENE], slopes=(slope,))
+    return result.views, result.truth[0]
+
+
+def _difference(picture: Tensor, truth: Tensor, title: str = "difference, ") -> tuple[str, Tensor]:
+    size = (picture - truth)[INNER].abs().mean(0).clamp(min=DIFFERENCE["norm"].vmin)
+    return title + sheets.decibels(picture[INNER], truth[INNER]), size

@@ -1,0 +1,100 @@
+"""Refocusing that knows where surfaces hide each other: layers everywhere, the Wiener estimate at edges near focus.
+
+Layers (`refocus_by_layers`) blur each surface by its own distance from the focus, and are exact where one surface
+fills the neighbourhood. At the edge of a surface near focus views are aliased and hide different things; there the
+Wiener estimate, which models the folds of frequencies, is the better one by some decibels. Which pixels are near
+such an edge is read from the map of disparities.
+Letters: `s` slope, `d` disparity in pixels per view step.
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from lfref import geometry
+from lfref.geometry import Slopes
+from lfref.refocus import batches
+from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus.fourier import layer_energies
+from lfref.refocus.fourier.layered_refocusing import by_energies
+from lfref.refocus.wiener import prior
+from lfref.refocus.wiener.wiener import wiener
+
+N_LAYERS = 12
+EDGE = 0.12  # change of disparity from pixel to pixel that is a gap, not a slant
+NEAR = 7  # pixels around an edge
+FOCUS = 1.0  # |s - d| in pixels per view step from which aliases no longer matter
+LARGE = 256  # pixels along the shorter side
+FADE = 5  # pixels over which one estimate gives way to the other
+
+
+def occlusion_aware(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+    """Refocus light fields as a lens with the whole aperture would, with care for edges near focus.
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W], more than one view.
+        slopes: Focus in pixels per view step, [N].
+        weights: Synthetic aperture, >= 0, alike on both sides of both axes, [V, U]; None weighs all views alike.
+
+    Returns:
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+        Derivatives leave out that disparities depend on the views.
+
+    Raises:
+        InputError: Views, slopes or weights that cannot be used.
+
+    Example:
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> lfref.occlusion_aware(views, [-0.5, 0.5]).shape
+        torch.Size([2, 3, 48, 64])
+    """
+    batch = batches.flattened(views)
+    grid, size = batches.grid_and_size(batch)
+    planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
+    stacks = [_refocused(batches.radiance(field), planes, aperture) for field in batch]
+    return batches.restored(torch.stack(stacks), views)
+
+
+def _refocused(field: Tensor, planes: Tensor, aperture: Tensor) -> Tensor:
+    """One light field [V, U, C, H, W] as a stack [N, C, H, W]."""
+    energies = layer_energies.found(field, N_LAYERS, aperture)
+    first, *_, last = energies.disparities.tolist()
+    disparity = _disparity(field, first, last)
+    stack, shares = by_energies(field, planes, energies, aperture), near_edges(disparity, planes)
+    needed = shares.amax((1, 2)).cpu() > 0
+    if bool(needed.any()):
+        estimate = wiener(field, planes[needed], prior.found_in(disparity), aperture)
+        chosen = needed.nonzero()[:, 0].to(stack.device)
+        stack = stack.index_add(0, chosen, shares[chosen, None] * (estimate - stack[chosen]))
+    return stack
+
+
+def _disparity(field: Tensor, first: float, last: float) -> Tensor:
+    """Disparity of each pixel, [H, W], of large views by a look at half their size: where edges are is enough."""
+    height, width = field.shape[-2:]
+    if min(height, width) < LARGE:
+        return disparity_map(field, first, last).disparity
+    halves = F.avg_pool2d(field.flatten(0, 1), 2, ceil_mode=True, count_include_pad=False)
+    found = 2 * disparity_map(halves.unflatten(0, field.shape[:2]), first / 2, last / 2).disparity
+    return found.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width]
+
+
+def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:
+    """How far each pixel of each plane is one that the edge of a surface near focus touches, [0, 1], [N, H, W].
+
+    Args:
+        disparity: In pixels per view step, [H, W].
+        planes: Slopes, [N].
+    """
+    window = 2 * NEAR + 1
+    edges = (_largest(disparity, 3) + _largest(-disparity, 3) > EDGE).to(disparity)
+    near = F.avg_pool2d(_largest(edges, window)[None], FADE, 1, FADE // 2, count_include_pad=False)[0]
+    farthest, nearest, slopes = -_largest(-disparity, window), _largest(disparity, window), planes.to(disparity)
+    distance = torch.maximum(farthest - slopes[:, None, None], slopes[:, None, None] - nearest)
+    return near * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
+
+
+def _largest(image: Tensor, window: int) -> Tensor:
+    """The largest value in a square about each pixel, [H, W]."""
+    rows = F.max_pool2d(image[None], (1, window), 1, (0, window // 2))
+    return F.max_pool2d(rows, (window, 1), 1, (window // 2, 0))[0]

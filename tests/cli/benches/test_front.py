@@ -1,0 +1,77 @@
+"""`lfref bench` judges by truth where it is known, and says what it judged by where it is not."""
+
+import csv
+import json
+import re
+
+import pytest
+from matplotlib.image import imread
+
+from lfref.cli import config as configs
+from lfref.simulator import sim30
+
+QUICK = ("repeats=1", "warmup=0", "device=cpu", "planes.alphas=[0.5,1]")
+KEPT = ("shift_and_sum", "exact_fourier")
+NAMES = re.findall(r"methods\.(\w+):", (configs.directory() / "group" / "front.yaml").read_text())
+FEW = tuple(f"~methods.{name}" for name in NAMES if name not in KEPT)
+
+
+def tables(folder):
+    names = ("bench", "scenes", "planes", "judged")
+    return {name: list(csv.DictReader((folder / f"{name}.csv").read_text().splitlines())) for name in names}
+
+
+@pytest.fixture
+def front(lfref, tmp_path):
+    """Function (*words) -> tables and folder of a run of group front."""
+
+    def run(*words):
+        status, errors = lfref("bench", *QUICK, *FEW, *words, f"output={tmp_path}/run")
+        assert status == 0, errors
+        return tables(tmp_path / "run"), tmp_path / "run"
+
+    return run
+
+
+def test_scenes_are_judged_by_truth_in_two_classes(front):
+    found, folder = front("judged=[stripes,graded]", "scene.camera.size=[32,40]")
+    assert [(row["method"], row["class"], row["reference"]) for row in found["bench"]] == [
+        ("numpy_fft_4d", "", ""),
+        ("shift_and_sum", "ideal", "truth"), ("shift_and_sum", "sensor", "truth"),
+        ("exact_fourier", "ideal", "truth"), ("exact_fourier", "sensor", "truth"),
+    ]  # fmt: skip
+    ideal = [row for row in found["bench"] if row["class"] == "ideal"]
+    assert all(float(row["psnr_db"]) > 45 and float(row["brightness_error"]) < 0.002 for row in ideal)
+    assert float(ideal[1]["exact_psnr_db"]) == 100
+    assert [(row["class"], row["method"], row["scene"]) for row in found["scenes"]] == [
+        (kind, method, scene)
+        for kind, scene in (("ideal", "stripes"), ("ideal", "graded"), ("sensor", "graded"))
+        for method in ("shift_and_sum", "exact_fourier")
+    ]
+    assert len(found["planes"]) == 2 * 2 * 2
+    assert len(found["judged"]) == 3 * 2 * 2
+    assert all(imread(folder / f"{name}.png").std() > 0.05 for name in ("accuracy_time", "by_plane"))
+    assert json.loads((folder / "machine.json").read_text())["sim30"] == sim30.VERSION
+
+
+def test_light_fields_without_a_truth_are_judged_by_exact_refocusing_and_the_log_says_so(lfref, front, tmp_path):
+    assert lfref("simulate", f"output={tmp_path}/scenes", "n_fields=1", "scene.camera.size=[64,72]")[0] == 0
+    found, folder = front(f"input={tmp_path}/scenes")
+    assert {(row["class"], row["reference"]) for row in found["judged"]} == {("given", "exact_fourier")}
+    assert float(found["bench"][2]["psnr_db"]) == 100
+    assert "no truth is known" in (folder / "bench.log").read_text()
+
+
+def test_every_second_view_is_judged_by_the_integral_over_all(lfref, front, tmp_path):
+    words = ("n_fields=1", "scene.camera.size=[64,72]", "scene.camera.grid=[5,5]", "outputs=[views]")
+    assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
+    found, folder = front(f"input={tmp_path}/scenes", "thin=2")
+    assert {(row["class"], row["reference"]) for row in found["judged"]} == {("thinned", "dense_integral")}
+    assert all(30 < float(row["psnr_db"]) < 100 for row in found["judged"])
+    assert json.loads((folder / "machine.json").read_text())["views"] == "3x3x3x64x72"
+
+
+def test_scenes_that_do_not_exist_are_one_clear_line(lfref, tmp_path):
+    status, errors = lfref("bench", "judged=[moon]", f"output={tmp_path}/run")
+    assert status == 1
+    assert "sim30 scene must be one of plane" in errors

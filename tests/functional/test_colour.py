@@ -1,0 +1,99 @@
+"""Colours: the published pairs of Sharma, Wu and Dalal, another library, and what a difference must be."""
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from skimage import color
+
+from lfref.errors import InputError
+from lfref.functional.colour import colour_difference, delta_e_2000, lab
+
+# Table 1 of Sharma, Wu and Dalal, 2005: two colours in CIELAB, and their difference.
+PAIRS = (
+    ((50.0000, 2.6772, -79.7751), (50.0000, 0.0000, -82.7485), 2.0425),
+    ((50.0000, 3.1571, -77.2803), (50.0000, 0.0000, -82.7485), 2.8615),
+    ((50.0000, 2.8361, -74.0200), (50.0000, 0.0000, -82.7485), 3.4412),
+    ((50.0000, -1.3802, -84.2814), (50.0000, 0.0000, -82.7485), 1.0000),
+    ((50.0000, -1.1848, -84.8006), (50.0000, 0.0000, -82.7485), 1.0000),
+    ((50.0000, -0.9009, -85.5211), (50.0000, 0.0000, -82.7485), 1.0000),
+    ((50.0000, 0.0000, 0.0000), (50.0000, -1.0000, 2.0000), 2.3669),
+    ((50.0000, -1.0000, 2.0000), (50.0000, 0.0000, 0.0000), 2.3669),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0009), 7.1792),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0010), 7.1792),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0011), 7.2195),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0012), 7.2195),
+    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0009, -2.4900), 4.8045),
+    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0010, -2.4900), 4.8045),
+    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0011, -2.4900), 4.7461),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 0.0000, -2.5000), 4.3065),
+    ((50.0000, 2.5000, 0.0000), (73.0000, 25.0000, -18.0000), 27.1492),
+    ((50.0000, 2.5000, 0.0000), (61.0000, -5.0000, 29.0000), 22.8977),
+    ((50.0000, 2.5000, 0.0000), (56.0000, -27.0000, -3.0000), 31.9030),
+    ((50.0000, 2.5000, 0.0000), (58.0000, 24.0000, 15.0000), 19.4535),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 3.1736, 0.5854), 1.0000),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2972, 0.0000), 1.0000),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 1.8634, 0.5757), 1.0000),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2592, 0.3350), 1.0000),
+    ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
+    ((63.0109, -31.0961, -5.8663), (62.8187, -29.7946, -4.0864), 1.2630),
+    ((61.2901, 3.7196, -5.3901), (61.4292, 2.2480, -4.9620), 1.8731),
+    ((35.0831, -44.1164, 3.7933), (35.0232, -40.0716, 1.5901), 1.8645),
+    ((22.7233, 20.0904, -46.6940), (23.0331, 14.9730, -42.5619), 2.0373),
+    ((36.4612, 47.8580, 18.3852), (36.2715, 50.5065, 21.2231), 1.4146),
+    ((90.8027, -2.0831, 1.4410), (91.1528, -1.6435, 0.0447), 1.4441),
+    ((90.9257, -0.5406, -0.9208), (88.6381, -0.8985, -0.7239), 1.5381),
+    ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
+    ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
+)
+
+
+def colour(*values):
+    """One pixel, [3, 1, 1]."""
+    return torch.tensor(values, dtype=torch.float64)[:, None, None]
+
+
+@pytest.mark.parametrize(("first", "second", "difference"), PAIRS)
+def test_the_published_pairs(first, second, difference):
+    for one, other in ((first, second), (second, first)):
+        assert float(delta_e_2000(colour(*one), colour(*other))) == pytest.approx(difference, abs=5e-5)
+
+
+def test_another_library_agrees():
+    one, other = torch.rand(2, 5, 3, 8, 9, dtype=torch.float64).unbind(0)
+    shown = [picture.movedim(-3, -1).numpy() for picture in (one, other)]
+    # The library's conversions begin with encoded values.
+    encoded = [(picture > 0.0031308) * (1.055 * picture ** (1 / 2.4) - 0.055) for picture in shown]
+    encoded = [e + (p <= 0.0031308) * 12.92 * p for e, p in zip(encoded, shown, strict=True)]
+    theirs = [color.rgb2lab(picture) for picture in encoded]
+    torch.testing.assert_close(lab(one), torch.from_numpy(theirs[0]).movedim(-1, -3), atol=0.05, rtol=0)
+    difference = torch.from_numpy(color.deltaE_ciede2000(*theirs))
+    torch.testing.assert_close(colour_difference(one, other), difference, atol=0.03, rtol=0)
+    torch.testing.assert_close(colour_difference(one.float(), other.float()).double(), difference, atol=0.03, rtol=0)
+
+
+@given(st.lists(st.floats(0, 1, width=32), min_size=6, max_size=6))
+def test_a_difference_is_symmetric_and_none_to_oneself(values):
+    one, other = colour(*values[:3]), colour(*values[3:])
+    difference = colour_difference(one, other)
+    assert bool((difference >= 0).all())
+    torch.testing.assert_close(colour_difference(other, one), difference, atol=1e-9, rtol=0)
+    assert float(colour_difference(one, one)) == 0
+
+
+def test_greys_have_no_colour_and_their_lightness_is_the_cube_root():
+    levels = torch.tensor([1.0, 0.5, 0.01, 0.001], dtype=torch.float64)
+    found = lab(levels.expand(3, 1, 4))
+    torch.testing.assert_close(found[1:], torch.zeros(2, 1, 4, dtype=torch.float64), atol=1e-9, rtol=0)
+    expected = torch.tensor([100, 116 * 0.5 ** (1 / 3) - 16, 116 * 0.01 ** (1 / 3) - 16, 903.2963 * 0.001])
+    torch.testing.assert_close(found[0, 0].float(), expected)
+
+
+def test_what_a_screen_cannot_show_is_clipped():
+    assert float(colour_difference(colour(8.0, 7.0, 6.0), colour(1.0, 1.0, 1.0))) == 0
+    assert float(colour_difference(colour(-1.0, 0.0, 0.0), colour(0.0, 0.0, 0.0))) == 0
+
+
+def test_pictures_without_colours_are_refused():
+    with pytest.raises(InputError, match="three channels"):
+        colour_difference(torch.rand(1, 4, 4), torch.rand(1, 4, 4))

@@ -1,0 +1,49 @@
+"""The range of disparities at a glance: planes are found, sizes and types make no difference, nothing seen is 0."""
+
+import pytest
+import torch
+
+from lfref.refocus.focus.disparity_range import disparity_range
+from tests.refocus.conftest import shifted_views, texture
+
+
+def smooth_views(disparity: float, grid: tuple[int, int] = (7, 7), side: int = 160) -> torch.Tensor:
+    """A plane of soft texture, which small pictures of the views still show."""
+    torch.manual_seed(5)
+    waves = texture(1, side // 8, side // 8)[:, :, None, :, None].expand(-1, -1, 8, -1, 8)
+    soft = torch.fft.rfft2(waves.reshape(1, side, side))
+    soft[..., side // 16 : -(side // 16), :] = 0
+    soft[..., side // 16 :] = 0
+    return shifted_views(torch.fft.irfft2(soft, s=(side, side)), disparity, grid)
+
+
+@pytest.mark.parametrize("disparity", [-3.0, -1.0, 0.0, 0.4, 2.0])
+def test_one_plane_is_found(disparity):
+    seen = disparity_range(smooth_views(disparity))
+    assert seen.low - 0.01 <= seen.middle <= seen.high + 0.01
+    assert seen.middle == pytest.approx(disparity, rel=0.25, abs=0.02)
+
+
+def test_two_planes_span_a_range():
+    near, far = smooth_views(0.5), smooth_views(-1.0)
+    views = torch.where(torch.arange(160) < 80, near, far)
+    seen = disparity_range(views)
+    assert seen.low < -0.7
+    assert seen.high > 0.3
+
+
+@pytest.mark.parametrize("grid", [(1, 7), (7, 1)])
+def test_one_row_or_column_of_views_is_enough(grid):
+    assert disparity_range(smooth_views(1.0, grid)).middle == pytest.approx(1.0, rel=0.25)
+
+
+def test_integers_are_scaled():
+    views = smooth_views(1.0)
+    views = (views - views.min()) / (views.max() - views.min())
+    found = disparity_range((255 * views).round().to(torch.uint8))
+    assert found.middle == pytest.approx(disparity_range(views).middle, abs=0.02)
+
+
+@pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50)])
+def test_nothing_seen_is_0(views):
+    assert disparity_range(views) == (0.0, 0.0, 0.0)
