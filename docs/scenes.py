@@ -14,6 +14,7 @@ from torch import Tensor
 import lfref
 from lfref import geometry
 from lfref.refocus.anywhere.homography import Cameras
+from lfref.simulator import finer
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc, Polygon
 from lfref.simulator.scene import Camera, Scene, Surface
@@ -118,9 +119,10 @@ def page_plane() -> Tensor:
 
 
 def small_print(disparity: float) -> tuple[Tensor, Tensor]:
-    """Print too small for a view: views of every second pixel, [7, 7, 3, H, W], and the middle one of all pixels."""
-    fine = _views(Camera(GRID, (112, 176)), Surface(Plane(2 * disparity), _page(SMALL, (192, 128), 11)))
-    return fine[..., ::2, ::2], fine[3, 3]
+    """Print too small for a view: views [7, 7, 3, H, W], and the middle one with pixels half as large."""
+    scene = Scene(Camera(GRID, (56, 88), samples=2), (Surface(Plane(disparity), _page(SMALL, (96, 64), 5.5)),))
+    fine = lfref.simulate(finer.finer(scene, 2), outputs=("all_in_focus",)).all_in_focus
+    return lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views, fine
 
 
 def lights(disparity: float, grid: tuple[int, int]) -> Tensor:

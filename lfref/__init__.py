@@ -28,7 +28,7 @@ _HOMES = {
     "tilt_shift": "lfref.refocus.anywhere.surface",
     "per_pixel": "lfref.refocus.anywhere.surface",
     "homography": "lfref.refocus.anywhere.homography",
-    "super_resolve": "lfref.refocus.shift.super_resolution",
+    "super_resolve": "lfref.refocus.fourier.super_resolution",
     "all_in_focus": "lfref.refocus.focus.all_in_focus",
     "disparity_map": "lfref.refocus.focus.disparity",
     "adjoint": "lfref.refocus.adjoint",

@@ -4,7 +4,7 @@ Coordinates are pixels of the central view from the picture's centre, x to the r
 are view steps from the angular centre. Larger disparity is nearer, and hides what is behind.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from torch import Tensor
 
@@ -30,6 +30,9 @@ class Camera:
     """Height and width (H, W) of a view in pixels."""
     aperture: str = "square"
     """`square` or `disc`; it spans the cells of all views, U by V view steps."""
+    samples: int = field(default=1, repr=False)  # versions of sim30 are hashes of what cameras say of themselves
+    """Along each axis of a pixel, which is their mean: textures end at samples / 2 cycles a pixel, so that more than
+    one sample leaves detail that aliases in the views."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -37,6 +40,8 @@ class Camera:
             checks.pair(what, values, least=1)
             if not all(isinstance(value, int) for value in values):
                 raise InputError(f"{what} must be whole numbers", got=values)
+        if not (isinstance(self.samples, int) and 1 <= self.samples <= 8):
+            raise InputError("a camera's samples must be a whole number from 1 to 8", got=repr(self.samples))
         if self.aperture not in APERTURES:
             raise InputError(f"aperture must be one of {', '.join(APERTURES)}", got=repr(self.aperture))
 

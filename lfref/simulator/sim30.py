@@ -2,6 +2,9 @@
 
 Their disparities lie among the slopes of the paper's planes in either convention, most of them between -1 and 0.5
 pixels per view step. Figures are comparable between equal `VERSION`s.
+
+In version 1 nothing that is painted ends beyond half a cycle a pixel. In version 2 cameras average over several samples
+a pixel, so that textures and edges go on beyond it, as in photographs: views alias.
 """
 
 import dataclasses
@@ -145,19 +148,33 @@ SCENES: dict[str, Scene] = {
 }
 """By name, in their order."""
 
+ALIASED = 2
+"""Samples of the cameras of version 2 along each axis of a pixel: detail ends at one cycle a pixel."""
+
+
+def _aliased(scene: Scene) -> Scene:
+    return dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, samples=ALIASED))
+
+
+VERSIONS: dict[str, dict[str, Scene]] = {"1": SCENES, "2": {name: _aliased(scene) for name, scene in SCENES.items()}}
+"""All versions of the set, their scenes by name."""
 VERSION = hashlib.sha256(repr(SCENES).encode()).hexdigest()[:12]
-"""Of the descriptions of all scenes."""
+"""Of the descriptions of all scenes, version 1."""
+VERSION_2 = hashlib.sha256(repr((SCENES, ALIASED)).encode()).hexdigest()[:12]
+"""Likewise, version 2."""
 
 
-def scenes(name: str | None = None, camera: Camera | None = None) -> Fixed:
+def scenes(name: str | None = None, camera: Camera | None = None, version: int = 1) -> Fixed:
     """The thirty scenes, or one of them.
 
     Args:
         name: A key of `SCENES`; None takes all.
         camera: Looks at them instead of their own, and shows more or less of them.
+        version: 1, band-limited textures, or 2, aliased ones.
 
     Raises:
-        InputError: There is no such scene.
+        InputError: There is no such scene, or no such version.
     """
-    found = tuple(SCENES.values()) if name is None else (chosen("sim30 scene", name, SCENES),)
+    known = chosen("version of sim30", str(version), VERSIONS)
+    found = tuple(known.values()) if name is None else (chosen("sim30 scene", name, known),)
     return Fixed(tuple(dataclasses.replace(scene, camera=camera or scene.camera) for scene in found))

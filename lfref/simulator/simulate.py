@@ -13,7 +13,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.simulator import planner
+from lfref.simulator import finer, planner
 from lfref.simulator.effects import chain
 from lfref.simulator.lens import truth
 from lfref.simulator.painting import bitmaps
@@ -25,6 +25,8 @@ from lfref.simulator.views import central, render
 PAPER = geometry.planes_at_alphas(step / 8 for step in range(1, 17))
 """The planes of the paper's stacks."""
 OUTPUTS = ("views", "truth", "disparity", "all_in_focus", "masks")
+PIXELS: dict[str, Callable[[Tensor, int], Tensor]] = {"disparity": finer.nearest}
+"""What pixels make of their samples, where that is not the mean."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,6 +64,8 @@ class Simulation:
         self, scene: Scene, reach: float = 0.0, force: bool = False, device: str | torch.device = "cpu"
     ) -> None:
         self.scene, self.reach, self.force, self.device = scene, reach, force, device
+        self._samples = scene.camera.samples
+        self._fine = finer.finer(scene, self._samples)
         self._layers: list[Layer] | None = None
 
     def run(
@@ -81,10 +85,10 @@ class Simulation:
 
     def _passes(self, planes: Tensor) -> list[Pass]:
         """All there are, whatever is asked for."""
-        scene, camera = self.scene, self.scene.camera
+        scene, slopes = self.scene, self._samples * planes
         on_layers: dict[str, tuple[str, Callable[..., Tensor]]] = {
             "view": ("radiance", render.views),
-            "photograph": ("truth", functools.partial(truth.stack, slopes=planes)),
+            "photograph": ("truth", functools.partial(truth.stack, slopes=slopes)),
             "look through a pinhole": ("all_in_focus", central.all_in_focus),
             "find disparity": ("disparity", central.disparity),
             "find masks": ("masks", functools.partial(central.masks, n_surfaces=len(scene.surfaces))),
@@ -92,16 +96,23 @@ class Simulation:
         return [
             *self._painting(),
             *(
-                Pass(name, ("layers",), makes, functools.partial(make, camera=camera))
+                Pass(name, ("layers",), makes, functools.partial(self._seen, make, PIXELS.get(makes, finer.averaged)))
                 for name, (makes, make) in on_layers.items()
             ),
-            *chain.sensor_passes(scene.sensor, camera.grid, scene.seed),
+            *chain.sensor_passes(scene.sensor, scene.camera.grid, scene.seed),
         ]
+
+    def _seen(
+        self, make: Callable[..., Tensor], pixels: Callable[[Tensor, int], Tensor], layers: list[Layer]
+    ) -> Tensor:
+        """What the camera's samples show of layers, as pixels."""
+        made = make(layers, camera=self._fine.camera)
+        return made if self._samples == 1 else pixels(made, self._samples)
 
     def _painting(self) -> list[Pass]:
         if self._layers is not None:
             return [Pass("take what is painted", (), "layers", lambda: self._layers)]
-        return bitmaps.passes(self.scene, self.device, self.reach, self.force)
+        return bitmaps.passes(self._fine, self.device, self._samples * self.reach, self.force)
 
 
 def simulate(

@@ -13,12 +13,12 @@ from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.borders import BORDERS
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.finer_grid import in_focus
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.interpolations import INTERPOLATIONS
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.super_resolution import super_resolve
 from lfref.refocus.wiener.prior import between
 from lfref.refocus.wiener.wiener import wiener
 
@@ -95,12 +95,12 @@ OPERATORS = {
     "fourier_slice kaiser_bessel": functools.partial(fourier_slice, slopes=SLOPES),
     "fourier_slice kaiser_bessel wide": functools.partial(fourier_slice, slopes=SLOPES, width=6, padding=1.5),
     "focal_stack_transform": functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0.37),
+    "in_focus by 1": functools.partial(in_focus, slopes=SLOPES, factor=1),
+    "in_focus by 3": functools.partial(in_focus, slopes=SLOPES, factor=3),
     "refocus_by_layers": functools.partial(refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1, 0.5]),
     "refocus_by_layers wrap": functools.partial(
         refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1], border="wrap", fill=0.5
     ),
-    "super_resolve by 1": functools.partial(super_resolve, slopes=SLOPES, factor=1),
-    "super_resolve by 3": functools.partial(super_resolve, slopes=SLOPES, factor=3),
 }
 
 # They read every view, whatever it weighs in the photograph, and take apertures that are alike on both sides only.

@@ -25,6 +25,7 @@ def kinds(of):
 def test_a_change_of_a_scene_is_made_on_purpose():
     # Whoever changes this makes all figures measured on sim30 before incomparable.
     assert sim30.VERSION == "d8d1d6f245da"
+    assert sim30.VERSION_2 == "19e864d2ff0b"
 
 
 def test_there_are_thirty_of_different_names():
@@ -80,3 +81,17 @@ def test_another_camera_looks_at_the_same_scene():
     (scene,) = sim30.scenes("twigs", camera).scenes
     assert scene == dataclasses.replace(sim30.SCENES["twigs"], camera=camera)
     assert {scene.camera for scene in sim30.scenes(camera=camera).scenes} == {camera}
+
+
+def test_version_2_has_the_same_scenes_with_detail_that_aliases():
+    first, second = sim30.scenes().scenes, sim30.scenes(version=2).scenes
+    assert {scene.camera.samples for scene in first} == {1}
+    assert {scene.camera.samples for scene in second} == {2}
+    assert (
+        tuple(dataclasses.replace(scene, camera=one.camera) for one, scene in zip(first, second, strict=True)) == first
+    )
+
+
+def test_a_version_that_does_not_exist_is_refused():
+    with pytest.raises(InputError, match="version of sim30 must be one of 1, 2"):
+        sim30.scenes(version=3)
