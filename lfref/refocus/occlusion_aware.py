@@ -75,8 +75,9 @@ def _disparity(field: Tensor, first: float, last: float) -> Tensor:
     height, width = field.shape[-2:]
     if min(height, width) < LARGE:
         return disparity_map(field, first, last).disparity
-    halves = F.avg_pool2d(field.flatten(0, 1), 2, ceil_mode=True, count_include_pad=False)
-    found = 2 * disparity_map(halves.unflatten(0, field.shape[:2]), first / 2, last / 2).disparity
+    # Colours are averaged first: the map would do so, of four times as many pixels.
+    halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
+    found = 2 * disparity_map(halves[:, :, None], first / 2, last / 2).disparity
     return found.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width]
 
 

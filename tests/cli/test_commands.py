@@ -66,7 +66,9 @@ def test_tensorboard_gets_metrics_and_pictures(lfref, trained):
 
 def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
     field = trained / "scenes" / "simulated_s0_e0_000"
-    status, _ = lfref("refocus", f"input={field}", "alphas=[0.5,1,2]", "exposure=1", f"output={tmp_path}/out")
+    status, _ = lfref(
+        "refocus", f"input={field}", "method=shift_and_sum", "alphas=[0.5,1,2]", "exposure=1", f"output={tmp_path}/out"
+    )
     assert status == 0
     stack, planes = read_stack(tmp_path / "out" / "stack.exr")
     assert planes.alphas == (0.5, 1.0, 2.0)
