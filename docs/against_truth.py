@@ -17,8 +17,6 @@ from torch import Tensor
 import lfref
 from lfref.bench.subjects import IDEAL
 from lfref.bench.timing import FFT
-from lfref.refocus.focus.disparity import disparity_map
-from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.report import causes as report_of_causes
 from lfref.report import drawing, front, tables
 from lfref.simulator import sim30
@@ -61,7 +59,7 @@ def near_focus() -> Figure:
         "exact_fourier": lfref.exact_fourier(views, [FOCUS]),
         "exact_fourier, fill=1": lfref.exact_fourier(views, [FOCUS], fill=1.0),
         "refocus_by_layers": lfref.refocus_by_layers(views, [FOCUS]),
-        "occlusion_aware": occlusion_aware(views, [FOCUS]),
+        "occlusion_aware": lfref.occlusion_aware(views, [FOCUS]),
     }
     errors = [_difference(stack[0], truth, name + "\n") for name, stack in pictures.items()]
     return sheets.sheet(errors, 4, bar="absolute difference", **DIFFERENCE)
@@ -70,7 +68,7 @@ def near_focus() -> Figure:
 def disparity() -> Figure:
     """Disparity found in the views of the still life, how sure it is, and the true one."""
     views, truth = scenes.still_life()
-    found = disparity_map(views)
+    found = lfref.disparity_map(views)
     cells = [("confidence, white: 1", found.confidence[None]), ("disparity_map", found.disparity), ("truth", truth)]
     return sheets.sheet(cells, bar="disparity, px per view step", vmin=scenes.FAR, vmax=scenes.NEAR, cmap=drawing.MAP)
 

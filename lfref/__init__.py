@@ -6,7 +6,7 @@ The public names load on first use, so that `import lfref` brings in nothing but
 import importlib
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _HOMES = {
     "LightField": "lfref.lightfield",
