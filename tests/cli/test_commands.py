@@ -79,7 +79,7 @@ def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
 
 def test_refocus_looks_through_an_aperture(lfref, trained, tmp_path):
     field = trained / "scenes" / "simulated_s0_e0_000"
-    words = ("aperture=disc", "aperture.diameter=3", "alphas=[1.5]", f"output={tmp_path}/out")
+    words = ("method=shift_and_sum", "aperture=disc", "aperture.diameter=3", "alphas=[1.5]", f"output={tmp_path}/out")
     assert lfref("refocus", f"input={field}", *words)[0] == 0
     stack, planes = read_stack(tmp_path / "out" / "stack.exr")
     views = read(field, views=7).views
@@ -171,7 +171,9 @@ def test_report_gathers_everything_into_one_page(lfref, trained):
 def test_bench_measures_what_operators_cost(lfref, workplace):
     dropped = [f"~methods.shift_and_sum{name}" for name in ("_nearest", "_cubic", "_exact")]
     dropped += [f"~methods.fourier_slice{name}" for name in ("_linear", "_linear_padded", "_wide")]
-    dropped += [f"~methods.{name}" for name in ("shift_and_sum_cubic_fill", "exact_fourier_fill")]
+    dropped += [
+        f"~methods.{name}" for name in ("shift_and_sum_cubic_fill", "exact_fourier_fill", "shift_and_sum_through_cells")
+    ]
     dropped += [f"~methods.{name}" for name in ("disparity_layers", "occlusion_aware")]  # of more than one view
     words = ("group=operators", "scene.camera.size=[48,64]", "repeats=1", "warmup=0", "scale_repeats=1", "device=cpu")
     sizes = ("scales.sides=[0.5,1]", "scales.views=[1,3]", "scales.planes=[1,2]")
