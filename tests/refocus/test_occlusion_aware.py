@@ -170,3 +170,11 @@ def test_maps_of_simulated_scenes_have_their_edges_covered():
 def test_bad_arguments_are_refused(change, message):
     with pytest.raises(InputError, match=message):
         occlusion_aware(**({"views": torch.rand(3, 3, 1, 20, 20), "slopes": [0.3]} | change))
+
+
+@pytest.mark.parametrize("rubbish", [torch.nan, torch.inf])
+def test_views_that_are_not_finite_are_refused(rubbish):
+    views = torch.rand(3, 3, 1, 32, 32)
+    views[0, 1, 0, 5, 6] = rubbish
+    with pytest.raises(InputError, match="finite"):
+        occlusion_aware(views, [0.0])

@@ -5,6 +5,7 @@ Letters: `d` disparity in pixels per view step.
 Source: Adelson, Wang, "Single Lens Stereo with a Plenoptic Camera", 1992.
 """
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -39,13 +40,13 @@ def disparity_range(views: Tensor) -> DisparityRange:
         views: Floating point, uint8 or uint16, [V, U, C, H, W].
 
     Returns:
-        The range; all 0 where nothing moves or nothing is to be seen.
+        The range; all 0 where nothing moves, nothing is to be seen, or samples are not finite.
     """
     factor = max(1, min(REDUCTION, min(views.shape[-2:]) // SMALLEST))
     middle_row, middle_column = views[views.shape[0] // 2], views[:, views.shape[1] // 2]
     moments = sum(_moments(line, axis, factor) for line, axis in ((middle_row, -1), (middle_column, -2)))
     assert isinstance(moments, Tensor)
-    if float(moments[1].sum()) < FAINTEST:
+    if not FAINTEST <= float(moments[1].sum()) < math.inf:
         return DisparityRange(0.0, 0.0, 0.0)
     local = F.avg_pool2d(moments[None], WINDOW, 1, WINDOW // 2)[0].flatten(1)
     disparity, order = (local[0] / local[1].clamp(min=FAINTEST)).sort()
@@ -59,7 +60,7 @@ def disparity_range(views: Tensor) -> DisparityRange:
 def _moments(line: Tensor, axis: int, factor: int) -> Tensor:
     """Minus the product of both gradients, and the square of the one in the picture, of a line of views, [2, h, w]."""
     light = F.avg_pool2d(batches.radiance(line).mean(1)[None], factor)[0]
-    if len(light) < 2:
+    if len(light) < 2 or light.shape[axis] < 2:
         return light.new_zeros(2, *light.shape[1:])
     from_view_to_view = light[1:] - light[:-1]
     between = (light[1:] + light[:-1]) / 2

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
+from lfref.errors import InputError
 from lfref.functional import fourier
 from lfref.refocus import batches
 
@@ -42,8 +43,13 @@ def found(views: Tensor, n_layers: int, aperture: Tensor) -> Energies:
         views: Light field, [V, U, C, H, W].
         n_layers: Number of layers, >= 1.
         aperture: Weight of each view, their sum 1, [V, U].
+
+    Raises:
+        InputError: Views that are not finite.
     """
     sample = _sampled(views.detach(), aperture)
+    if not bool(sample.spectra.isfinite().all()):
+        raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give disparities")
     wide = _of_layers(sample, _candidates(aperture.shape, views.shape[-2:]))
     least = max(LEAST_SHARE, OVER_NOISE * float(wide.shares.quantile(0.25)))
     seen = wide.disparities[wide.shares >= min(least, float(wide.shares.max()))]

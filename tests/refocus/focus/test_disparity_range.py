@@ -47,3 +47,15 @@ def test_integers_are_scaled():
 @pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50)])
 def test_nothing_seen_is_0(views):
     assert disparity_range(views) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("rubbish", [torch.nan, torch.inf])
+def test_samples_that_are_not_finite_make_no_range(rubbish):
+    views = smooth_views(1.0)
+    views[3, 3, 0, 80, 80] = rubbish
+    assert disparity_range(views) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("size", [(1, 64), (64, 1)])
+def test_a_single_row_or_column_of_pixels_will_do(size):
+    assert all(value == value for value in disparity_range(torch.rand(5, 5, 3, *size)))
