@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
+from lfref import encoding
+from lfref.encoding import Encoding
 from lfref.errors import InputError
 
 
@@ -41,7 +43,7 @@ def check_views(views: Tensor) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LightField:
-    """Views of one scene from a regular grid of positions.
+    """Views of one scene from a grid of positions.
 
     Example:
         >>> field = LightField(torch.rand(7, 7, 3, 32, 48), name="noise")
@@ -57,6 +59,10 @@ class LightField:
     """How far each sample is to be trusted, in [0, 1], [V, U, 1, H, W]; None means fully everywhere."""
     metadata: Mapping[str, str] = field(default_factory=dict)
     """Where the field came from and how it was read."""
+    is_linear: bool = True
+    """Whether the views hold linear light; False: samples encoded as a file has them, whose means are no light."""
+    positions: Tensor | None = None
+    """Of the cameras, (v, u) in view steps from the angular centre, float64, [V, U, 2]; None: an even grid."""
 
     def __post_init__(self) -> None:
         check_views(self.views)
@@ -66,6 +72,8 @@ class LightField:
         expected = (n_rows, n_columns, 1, height, width)
         if self.weight is not None and self.weight.shape != expected:
             raise InputError(f"weight must be {list(expected)}", got=f"shape {list(self.weight.shape)}")
+        if self.positions is not None:
+            self._check_positions(self.positions)
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -76,6 +84,11 @@ class LightField:
     def size(self) -> tuple[int, int]:
         """Height and width (H, W) of a view in pixels."""
         return self.views.shape[3], self.views.shape[4]
+
+    @property
+    def picture_encoding(self) -> Encoding:
+        """What pictures made of the views are encoded by: for a screen, or not at all where they already are."""
+        return encoding.SRGB if self.is_linear else encoding.NONE
 
     def to(self, device: torch.device) -> "LightField":
         """The same light field on a device.
@@ -106,3 +119,9 @@ class LightField:
         window = (..., slice(top, top + height), slice(left, left + width))
         weight = None if self.weight is None else self.weight[window]
         return replace(self, views=self.views[window], weight=weight)
+
+    def _check_positions(self, positions: Tensor) -> None:
+        expected = (*self.grid, 2)
+        if positions.shape != expected or not bool(positions.isfinite().all()):
+            got = f"shape {list(positions.shape)}" if positions.shape != expected else "NaN or infinity"
+            raise InputError(f"positions must be {list(expected)}, finite, (v, u) in view steps", got=got)

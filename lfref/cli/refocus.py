@@ -72,12 +72,13 @@ def _gain(field: LightField, exposure: float | None) -> float:
 
 def _write(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, gain: float, with_focus: bool) -> None:
     write.write_stack(folder / "stack.exr", stack, planes)
-    write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes)
-    images.write_image(folder / "all_views_mean.png", pictures.for_display(field.views.mean(dim=(0, 1)), gain))
-    drawing.save_figure(pictures.contact_sheet(stack, planes.labels, exposure=gain), folder / "contact_sheet.png")
+    screen = field.picture_encoding
+    write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes, encoding=screen)
+    images.write_image(folder / "all_views_mean.png", pictures.for_display(field.views.mean(dim=(0, 1)), gain, screen))
+    drawing.save_figure(pictures.contact_sheet(stack, planes.labels, gain, screen), folder / "contact_sheet.png")
     if with_focus:
         image, index, confidence = all_in_focus(stack)
-        images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
+        images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain, screen))
         figure = focus.focus_map(index_to_slope(index, planes.slopes), confidence)
         drawing.save_figure(figure, folder / "focus_map.png")
 

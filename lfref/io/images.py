@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from lfref.encoding import Encoding
 from lfref.errors import InputError
 from lfref.io import decode, encode
 
@@ -64,3 +66,34 @@ def to_float(array: NDArray) -> NDArray[np.float32]:
     if array.dtype.kind == "u":
         samples /= np.iinfo(array.dtype).max
     return samples
+
+
+def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
+    """Linear light of samples.
+
+    Args:
+        array: uint8, uint16 or floating point, any shape.
+        encoding: How they stand for light.
+
+    Returns:
+        Light, float32, C-contiguous, the same shape.
+
+    Raises:
+        InputError: Another type.
+    """
+    if array.dtype not in (np.uint8, np.uint16) or encoding.curve == "linear":
+        return encoding.decode(torch.from_numpy(to_float(array))).numpy()
+    # A light field has millions of samples, but few values.
+    values = np.arange(np.iinfo(array.dtype).max + 1, dtype=array.dtype)
+    table = encoding.decode(torch.from_numpy(to_float(values)).double()).float().numpy()
+    return table.take(np.ascontiguousarray(array))
+
+
+def encoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
+    """Samples that stand for linear light.
+
+    Args:
+        array: Light, floating point, any shape.
+        encoding: How they shall stand for it.
+    """
+    return encoding.encode(torch.from_numpy(to_float(array))).numpy()

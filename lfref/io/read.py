@@ -10,9 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lfref import encoding as encodings
+from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import exr, formats, grid, images
+from lfref.io import exr, formats, grid, headers, images
 from lfref.lightfield import LightField
 
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
@@ -28,6 +30,7 @@ def read(
     pattern: str | None = None,
     lenslet: int = 14,
     size: tuple[int, int] | None = None,
+    encoding: str = "file",
 ) -> LightField:
     """Read a light field: an ESLF image, a folder of views, or a multi-part EXR file.
 
@@ -42,11 +45,14 @@ def read(
             `index` for a square grid in row-major order; None knows HCI, Stanford gantry and `NAME_RR_CC`.
         lenslet: Views along each axis of an ESLF image.
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
+        encoding: How samples stand for light: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB
+            for integers and linear for floating point; `none` leaves them as they are, as the paper does.
 
     Returns:
-        The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; radiance in [0, 1], but values of EXR
-        files as they are. Alpha becomes the weight. The name is that of the path without suffix; the metadata say
-        `path`, `format` (`eslf`, `folder`, `exr`) and `bits` (`8`, `16`, `float`).
+        The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
+        in [0, 1], and beyond where files of floating point are. Alpha becomes the weight. The name is that of the path
+        without suffix; the metadata say `path`, `format` (`eslf`, `folder`, `exr`), `bits` (`8`, `16`, `float`) and
+        `encoding`.
 
     Raises:
         FileError: A file is missing, damaged, or not what it should be.
@@ -62,9 +68,10 @@ def read(
     selection = grid.Selection((views, views) if isinstance(views, int) else views, start, pattern, lenslet)
     samples = _cut(form.read_views(path, selection), size, path)
     samples = samples[:: -1 if reverse_v else 1, :: -1 if reverse_u else 1]
-    metadata = {"path": str(path), "format": form.name, "bits": BITS[samples.dtype.name]}
+    coded = _encoding(encoding, path, samples)
+    metadata = {"path": str(path), "format": form.name, "bits": BITS[samples.dtype.name], "encoding": str(coded)}
     name = path.absolute().name if path.is_dir() else path.stem
-    return _light_field(samples, name, metadata)
+    return _light_field(samples, name, metadata, coded)
 
 
 def _cut(samples: NDArray, size: tuple[int, int] | None, path: Path) -> NDArray:
@@ -76,15 +83,20 @@ def _cut(samples: NDArray, size: tuple[int, int] | None, path: Path) -> NDArray:
     return samples[..., :rows, :columns]
 
 
-def _light_field(samples: NDArray, name: str, metadata: dict[str, str]) -> LightField:
+def _encoding(asked: str, path: Path, samples: NDArray) -> Encoding:
+    """The encoding asked for, or what the file says, or what such samples usually have."""
+    if asked != "file":
+        return encodings.parsed(asked)
+    usual = encodings.LINEAR if samples.dtype.kind == "f" else encodings.SRGB
+    return headers.encoding_of(path) or usual
+
+
+def _light_field(samples: NDArray, name: str, metadata: dict[str, str], coded: Encoding) -> LightField:
     """The light field whose second or fourth channel, if there is one, is the weight."""
     n_colours = samples.shape[2] - 1 + samples.shape[2] % 2
-    colours, weight = samples[:, :, :n_colours], samples[:, :, n_colours:]
-    return LightField(_tensor(colours), name, _tensor(weight) if weight.size else None, metadata)
-
-
-def _tensor(samples: NDArray) -> Tensor:
-    return torch.from_numpy(images.to_float(samples))
+    weight = torch.from_numpy(images.to_float(samples[:, :, n_colours:])) if n_colours < samples.shape[2] else None
+    views = torch.from_numpy(images.decoded(samples[:, :, :n_colours], coded))
+    return LightField(views, name, weight, metadata, is_linear=coded.is_known)
 
 
 def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:
@@ -100,7 +112,7 @@ def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:
         FileError: The file is missing, damaged or not such a stack.
     """
     stack, planes = exr.read_planes(Path(path))
-    return _tensor(stack), planes
+    return torch.from_numpy(images.to_float(stack)), planes
 
 
 def find(path: str | Path) -> list[Path]:

@@ -10,6 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lfref import encoding as encodings
+from lfref.encoding import Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import exr, folders, formats
@@ -23,7 +25,8 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
 
     Args:
         path: A name in `.exr` for a multi-part EXR file; a name without suffix for a folder of PNG images named
-            `NAME_RR_CC.png`, row and column from 0, which clip to [0, 1]. The weight is the last channel.
+            `NAME_RR_CC.png`, row and column from 0, encoded for a screen (sRGB) if the light field is linear, clipped
+            to [0, 1]. The weight is the last channel.
         field: The light field, C 1 or 3. Its name is not kept: `read` names a light field after its path.
         bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
 
@@ -40,12 +43,20 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
         >>> torch.equal(lfref.read(path).views, field.views)
         True
     """
-    samples = field.views if field.weight is None else torch.cat([field.views, field.weight.to(field.views)], dim=2)
+    views = _stored(field.views, Path(path), field.picture_encoding)
+    samples = views if field.weight is None else torch.cat([views, field.weight.to(views)], dim=2)
     _writer(VIEW_WRITERS, Path(path))(Path(path), _array(samples, field.views.shape[2]), bits)
     return Path(path)
 
 
-def write_stack(path: str | Path, stack: Tensor, planes: FocalPlanes, *, bits: int | None = None) -> Path:
+def write_stack(
+    path: str | Path,
+    stack: Tensor,
+    planes: FocalPlanes,
+    *,
+    bits: int | None = None,
+    encoding: Encoding = encodings.SRGB,
+) -> Path:
     """Write a refocused stack.
 
     Args:
@@ -54,6 +65,7 @@ def write_stack(path: str | Path, stack: Tensor, planes: FocalPlanes, *, bits: i
         stack: Refocused images, floating point, [N, C, H, W] with C 1 or 3.
         planes: The N planes.
         bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
+        encoding: What pictures are encoded by; EXR files hold the stack as it is.
 
     Returns:
         The path.
@@ -65,8 +77,14 @@ def write_stack(path: str | Path, stack: Tensor, planes: FocalPlanes, *, bits: i
     """
     if stack.ndim != 4 or len(stack) != len(planes):
         raise InputError(f"stack must be [N, C, H, W] with N = {len(planes)} planes", got=f"shape {list(stack.shape)}")
-    _writer(STACK_WRITERS, Path(path))(Path(path), _array(stack, stack.shape[1]), planes, bits)
+    shown = _stored(stack, Path(path), encoding)
+    _writer(STACK_WRITERS, Path(path))(Path(path), _array(shown, stack.shape[1]), planes, bits)
     return Path(path)
+
+
+def _stored(light: Tensor, path: Path, encoding: Encoding) -> Tensor:
+    """Light as the file shall hold it: pictures, which a folder consists of, are encoded."""
+    return light if path.suffix else encoding.encode(light)
 
 
 def _array(samples: Tensor, n_colours: int) -> NDArray:

@@ -1,7 +1,7 @@
 """Pictures of light fields: methods beside each other, and all planes of a stack.
 
-Real captures are linear and dark. One gain, taken from the mean of all views (or of all planes), serves every picture
-of a figure, so that a difference in brightness between two methods stays visible.
+Light is linear, and captures may be dark. One gain, taken from the mean of all views (or of all planes), serves every
+picture of a figure, so that a difference in brightness between two methods stays visible.
 """
 
 import math
@@ -12,8 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from lfref.encoding import SRGB, Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
+from lfref.io import images
 from lfref.report import drawing, wording
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
@@ -33,13 +35,13 @@ def common_exposure(mean_image: Tensor) -> float:
     return BRIGHT / bright if bright > 1e-6 else 1.0
 
 
-def for_display(image: Tensor, exposure: float = 1.0, gamma: float = 1.0) -> np.ndarray:
-    """An image as it is shown: times the exposure, cut to [0, 1], then to the power of 1/gamma.
+def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB) -> np.ndarray:
+    """An image as it is shown: times the exposure, cut to [0, 1], then encoded.
 
     Args:
         image: [C, H, W] with C 1 or 3; values that are not finite are shown black.
         exposure: Gain, the same for all pictures that are to be compared; see `common_exposure`.
-        gamma: 1 shows linear values as they are; 2.2 brightens the shadows of a linear capture.
+        encoding: Of the screen, for linear light; `encoding.NONE` for samples that are encoded already.
 
     Returns:
         Float32 [H, W, 3] in [0, 1].
@@ -51,7 +53,7 @@ def for_display(image: Tensor, exposure: float = 1.0, gamma: float = 1.0) -> np.
     if array.shape[0] not in (1, 3):
         raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(array.shape))
     finite = np.nan_to_num(array * np.float32(exposure), nan=0.0, posinf=0.0, neginf=0.0)
-    shown = np.clip(finite, 0, 1) ** np.float32(1 / gamma)
+    shown = images.encoded(np.clip(finite, 0, 1), encoding)
     return np.broadcast_to(shown.transpose(1, 2, 0), (*array.shape[1:], 3))
 
 
@@ -84,14 +86,16 @@ def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Te
     return figure
 
 
-def contact_sheet(stack: Tensor, labels: Sequence[str], exposure: float | None = None, gamma: float = 1.0) -> Figure:
+def contact_sheet(
+    stack: Tensor, labels: Sequence[str], exposure: float | None = None, encoding: Encoding = SRGB
+) -> Figure:
     """All planes of a stack in reading order, each with its label.
 
     Args:
         stack: [N, C, H, W] in [0, 1].
         labels: One a plane.
         exposure: Gain for all planes; None takes it from the mean of the planes.
-        gamma: Display gamma, see `for_display`.
+        encoding: See `for_display`.
 
     Raises:
         InputError: There is not one label a plane.
@@ -101,9 +105,9 @@ def contact_sheet(stack: Tensor, labels: Sequence[str], exposure: float | None =
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
     n_columns = min(4, len(stack))
     n_rows = math.ceil(len(stack) / n_columns)
-    figure, grid = _grid(n_rows, n_columns, stack, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, gamma {gamma:g}")
+    figure, grid = _grid(n_rows, n_columns, stack, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}")
     for axes, label, image in zip(grid.flat, labels, stack, strict=False):
-        _show(axes, wording.drawable(label), for_display(image, exposure, gamma))
+        _show(axes, wording.drawable(label), for_display(image, exposure, encoding))
     return figure
 
 

@@ -3,6 +3,7 @@
 import torch
 from hypothesis import strategies as st
 
+from lfref.encoding import CURVES
 from lfref.simulator.effects.chromatic import Chromatic
 from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.crosstalk import Crosstalk
@@ -12,7 +13,7 @@ from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.quantisation import Quantisation
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import CURVES, ToneCurve
+from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror

@@ -1,63 +1,13 @@
-"""The tone curve: how linear radiance is encoded for a screen.
+"""The tone curve: how linear radiance is encoded for a screen."""
 
-Below 0 every curve is continued so that nothing is undefined. Source of `srgb`: IEC 61966-2-1, 1999.
-"""
-
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
-import torch
 from torch import Generator, Tensor
 
+from lfref.encoding import CURVES
 from lfref.errors import chosen
 from lfref.simulator import checks
-
-
-def srgb(radiance: Tensor, gamma: float) -> Tensor:
-    """Encode for a standard screen; `gamma` is not used.
-
-    Args:
-        radiance: Linear, any shape.
-        gamma: Not used.
-    """
-    return torch.where(radiance <= 0.0031308, 12.92 * radiance, 1.055 * radiance.clamp(min=1e-3) ** (1 / 2.4) - 0.055)
-
-
-def from_srgb(encoded: Tensor, gamma: float) -> Tensor:
-    """Undo `srgb`; `gamma` is not used.
-
-    Args:
-        encoded: For a standard screen, any shape.
-        gamma: Not used.
-    """
-    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp(min=0.04) + 0.055) / 1.055) ** 2.4)
-
-
-def power(values: Tensor, exponent: float) -> Tensor:
-    """Raise to a power, negative values as their mirror image.
-
-    Args:
-        values: Any shape.
-        exponent: Above 0.
-    """
-    # The power of 0 is 0, but its slope need not be finite.
-    size = values.abs()
-    return torch.where(size > 0, values.sign() * size.clamp(min=1e-30) ** exponent, 0.0)
-
-
-class Curve(NamedTuple):
-    """A tone curve and its inverse, functions of values and the exponent `gamma`."""
-
-    encode: Callable[[Tensor, float], Tensor]
-    decode: Callable[[Tensor, float], Tensor]
-
-
-CURVES: dict[str, Curve] = {
-    "linear": Curve(lambda radiance, gamma: radiance, lambda encoded, gamma: encoded),
-    "srgb": Curve(srgb, from_srgb),
-    "gamma": Curve(lambda radiance, gamma: power(radiance, 1 / gamma), power),
-}
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfref.encoding import CURVES
 from lfref.simulator import planner
 from lfref.simulator.effects import chain
 from lfref.simulator.effects.chromatic import Chromatic
@@ -17,7 +18,7 @@ from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.quantisation import Quantisation
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import CURVES, ToneCurve
+from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.planner import Pass
