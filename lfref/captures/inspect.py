@@ -12,6 +12,7 @@ from torch import Tensor
 from lfref.captures.auto_planes import AutoPlanes
 from lfref.captures.correction import Finding
 from lfref.captures.evidence import Evidence
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range, view_axes
@@ -138,11 +139,20 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
     Returns:
         What is known of it.
 
+    Raises:
+        InputError: A white image of another grid or size.
+
     Example:
         >>> seen = lfref.inspect(lfref.LightField(torch.rand(5, 5, 3, 64, 80)))
         >>> seen.disparity.shape, seen.is_reversed
         (torch.Size([64, 80]), False)
     """
+    if white is not None and (white.grid, white.size) != (field.grid, field.size):
+        raise InputError(
+            f"a white image must have the {_shape(field)} of {field.name or 'the light field'}",
+            got=_shape(white),
+            remedy="read it with the same reader options, or leave white= out",
+        )
     evidence = Evidence(field, white)
     well_seen = slope_range.well_seen(evidence.glance)
     return Inspection(
@@ -153,6 +163,10 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         _middle_light(evidence),
         (),
     )
+
+
+def _shape(field: LightField) -> str:
+    return f"{field.grid[0]}x{field.grid[1]} views of {field.size[0]}x{field.size[1]}"
 
 
 def _middle_light(evidence: Evidence) -> float:

@@ -7,6 +7,7 @@ import torch
 
 import lfref
 from lfref.captures.inspect import inspect
+from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
@@ -74,3 +75,8 @@ def test_the_real_capture_goes_from_its_nose_to_the_wall(lytro):
     assert seen.slopes == pytest.approx((-1.36, 0.1), abs=0.15)
     assert not seen.is_reversed
     assert seen.share > 0.9
+
+
+def test_a_white_image_of_another_size_is_refused(shards):
+    with pytest.raises(InputError, match="7x7 views of 128x192 of shards; got 5x5 views of 128x192"):
+        inspect(shards, LightField(shards.views[1:6, 1:6]))

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.refocus.focus import reduced_views
 from lfref.refocus.focus.reduced_views import ReducedViews
 
 WINDOW = 2  # reduced pixels to each side
@@ -26,6 +27,7 @@ COARSE_SIDE, COARSEST = 24, 4  # reduced pixels along the shorter side of the fi
 WIDEST = 4.0  # coarse pixels per view step: the first look reaches so far
 MARGIN = 0.5  # reduced pixels per view step that the second look goes beyond the first
 FLOOR = 1e-7  # variance of square roots of light: 8 bits round to about ten times that
+MOST_SLOPES = 48  # tried in one look: what spans more than that is noise
 AT_ONCE = 40_000  # pixels: small views are tried at many slopes at once
 PAIRS = [(i, j) for i in range(4) for j in range(i, 4)]
 UNKNOWN = 0.02  # confidence below which a pixel gets the median disparity of the others
@@ -91,13 +93,15 @@ def first_look(seen: ReducedViews) -> Glance:
     if len(seen.places) < 2 or min(size) < 2:
         empty = torch.zeros(size)
         return Glance(empty, empty, seen.factor)
-    return _looked(seen.smaller(max(1, min(COARSEST, min(size) // COARSE_SIDE))), -WIDEST, WIDEST)
+    widest = WIDEST * min(1.0, reduced_views.REACH / seen.reach) if seen.reach else WIDEST
+    return _looked(seen.smaller(max(1, min(COARSEST, min(size) // COARSE_SIDE))), -widest, widest)
 
 
 def _looked(seen: ReducedViews, low: float, high: float) -> Glance:
     """Disparities between two slopes, in reduced pixels per view step."""
     step = 1 / max(seen.reach, 2.0)
-    fit = _swept(seen, _slopes(low, high, step), step)
+    slopes = _slopes(low, high, step)
+    fit = _swept(seen, slopes, max(step, slopes[1] - slopes[0]))
     confidence = _confidence(fit)
     known = confidence >= UNKNOWN
     middle = fit.disparity[known].median() if bool(known.any()) else 0.0
@@ -105,7 +109,7 @@ def _looked(seen: ReducedViews, low: float, high: float) -> Glance:
 
 
 def _slopes(low: float, high: float, step: float) -> list[float]:
-    n = 1 + math.ceil((high - low) / step - 1e-9)
+    n = min(MOST_SLOPES, max(2, 1 + math.ceil((high - low) / step - 1e-9)))
     return torch.linspace(low, high, n, dtype=torch.float64).tolist()
 
 
