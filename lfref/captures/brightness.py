@@ -15,6 +15,7 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.captures.evidence import Evidence
 from lfref.functional.block_means import block_means
+from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become a fraction of one
 WINDOWS = 24  # along the longer side
@@ -37,11 +38,8 @@ class Ratios(NamedTuple):
     """Place of each view in view steps from the angular centre, rows and columns, [2, V, U, 1]."""
     shape: tuple[int, int]
     """Rows and columns of windows, of which there are n."""
-
-    @property
-    def centre(self) -> tuple[int, int]:
-        """Row and column of the view that all are compared with."""
-        return self.known.shape[0] // 2, self.known.shape[1] // 2
+    centre: tuple[int, int]
+    """Row and column of the view that all are compared with."""
 
 
 @torch.no_grad()
@@ -60,12 +58,12 @@ def ratios(evidence: Evidence, grey: bool = False) -> Ratios:
     if grey:
         reduced = reduced.mean(1, keepdim=True)
     disparity = block_means(evidence.disparity[None, None].to(reduced), factor, torch.tensor([math.inf]))[0, 0] / factor
-    views = view_places(field.grid).to(reduced)
-    rows, columns = _where(disparity, views)
+    views, centre = view_places(field).to(reduced), evidence.reference
+    rows, columns = _where(disparity, views - views[:, centre[0], centre[1], None, None])
     warped = _read(reduced, rows, columns).unflatten(0, field.grid)
     side = max(SMALLEST, round(max(disparity.shape) / WINDOWS))
     light = _windows(warped, side)
-    central = light[field.grid[0] // 2, field.grid[1] // 2]
+    central = light[centre]
     ratio = light / central
     bright = central > DARKEST * central.nanmean()
     known = (ratio.isfinite() & bright).all(2) & _lit(evidence)[..., None]
@@ -76,12 +74,15 @@ def ratios(evidence: Evidence, grey: bool = False) -> Ratios:
         for place, length in ((rows, height), (columns, width))
     ]
     shape = (disparity.shape[0] // side, disparity.shape[1] // side)
-    return Ratios(log, known, torch.stack(places), views[..., None], shape)
+    return Ratios(log, known, torch.stack(places), views[..., None], shape, centre)
 
 
-def view_places(grid: tuple[int, int]) -> Tensor:
+def view_places(field: LightField) -> Tensor:
     """Rows and columns of all views in view steps from the angular centre, float64, [2, V, U]."""
-    return torch.stack(torch.meshgrid(*map(geometry.angular_offsets, grid), indexing="ij"))
+    positions = getattr(field, "positions", None)
+    if positions is not None:
+        return positions.movedim(-1, 0)
+    return torch.stack(torch.meshgrid(*map(geometry.angular_offsets, field.grid), indexing="ij"))
 
 
 def _lit(evidence: Evidence) -> Tensor:

@@ -15,8 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.captures import hot_loop
-from lfref.captures.brightness import view_places
+from lfref.captures import brightness, hot_loop
 from lfref.captures.correction import Correction
 from lfref.captures.evidence import Evidence
 from lfref.functional import threads
@@ -80,7 +79,8 @@ def find(evidence: Evidence) -> HotPixels:
     places, heights = _candidates(views)
     if not len(places):
         return none
-    own, others = _patches(views, places), _predicted(views, places, evidence.disparity)
+    disparity, steps = evidence.disparity.cpu(), _from_reference(evidence)
+    own, others = _patches(views, places), _predicted(views, places, disparity, steps)
     is_hot = _unconfirmed(own, others, heights)
     if not bool(is_hot.any()):
         return none
@@ -130,17 +130,23 @@ def _patches(views: Tensor, places: Tensor) -> Tensor:
     return views[(*index, rows[:, :, None], columns[:, None, :])]
 
 
-def _predicted(views: Tensor, places: Tensor, disparity: Tensor) -> Tensor:
+def _from_reference(evidence: Evidence) -> Tensor:
+    """Rows and columns of all views in view steps from that which disparities are of, [2, V, U]."""
+    steps, (v, u) = brightness.view_places(evidence.field).float().cpu(), evidence.reference
+    return steps - steps[:, v, u, None, None]
+
+
+def _predicted(views: Tensor, places: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:
     """What the neighbouring views show there, the median of them, [K, ...] as `_patches`."""
-    shown = [_patches(views, moved) for moved in _neighbours(views.shape, places, disparity.cpu())]
+    shown = [_patches(views, moved) for moved in _neighbours(views.shape, places, disparity, steps)]
     return torch.stack(shown).float().nanquantile(0.5, 0)
 
 
-def _neighbours(shape: torch.Size, places: Tensor, disparity: Tensor) -> list[Tensor]:
+def _neighbours(shape: torch.Size, places: Tensor, disparity: Tensor, steps: Tensor) -> list[Tensor]:
     """Places in the views about each view; in a view itself where it has no such neighbour, those on the other side."""
     n_rows, n_columns, _, height, width = shape
     v, u, c, y, x = places.unbind(1)
-    q, p = view_places((n_rows, n_columns)).float()[:, v, u]
+    q, p = steps[:, v, u]
     d = disparity[y, x]
     row = (y - d * q).round().long().clamp(0, height - 1)
     column = (x - d * p).round().long().clamp(0, width - 1)
@@ -151,7 +157,8 @@ def _neighbours(shape: torch.Size, places: Tensor, disparity: Tensor) -> list[Te
             continue
         to_v = torch.where((v + down >= 0) & (v + down < n_rows), v + down, v - down).clamp(0, n_rows - 1)
         to_u = torch.where((u + across >= 0) & (u + across < n_columns), u + across, u - across).clamp(0, n_columns - 1)
-        to_y, to_x = (y + d * (to_v - v)).round().long(), (x + d * (to_u - u)).round().long()
+        down_by, across_by = steps[:, to_v, to_u] - steps[:, v, u]
+        to_y, to_x = (y + d * down_by).round().long(), (x + d * across_by).round().long()
         moves.append(torch.stack([to_v, to_u, c, to_y.clamp(0, height - 1), to_x.clamp(0, width - 1)], 1))
     return moves
 

@@ -96,8 +96,7 @@ class _Problem:
         self.q, self.p = ratios.views.flatten(1, 2)
         middle = ratios.centre[0] * ratios.known.shape[1] + ratios.centre[1]
         self.y0, self.x0 = self.y[middle], self.x[middle]
-        zero = torch.zeros(()).to(self.log)
-        self.q0, self.p0 = zero, zero
+        self.q0, self.p0 = self.q[middle], self.p[middle]
 
     def explained(self, rim: Rim) -> Tensor:
         """Logarithm of each view's gain over that of the central view, [VU, n]."""

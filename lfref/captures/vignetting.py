@@ -63,26 +63,25 @@ class Vignetting:
         left = float(rim.fallen(self._rim, torch.tensor(1.0), torch.tensor(0.0)))
         return f"{cats_eye}; falloff to {left:.0%} in all corners, by parallax"
 
-    def gain(self, grid: tuple[int, int], size: tuple[int, int]) -> Tensor:
+    def gain(self, field: LightField) -> Tensor:
         """Light that reaches each sample over that in the middle of the central view.
 
         Args:
-            grid: View rows and columns.
-            size: Height and width of the views in pixels.
+            field: Whose samples are asked for.
 
         Returns:
             At least 0, float32, [V, U, C or 1, H, W].
         """
         if self.white is not None:
             return self.white.float()
-        y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(*size) for length in size)
-        q, p = (places[:, :, None, None].float() for places in brightness.view_places(grid))
+        y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(*field.size) for length in field.size)
+        q, p = (places[:, :, None, None].float() for places in brightness.view_places(field))
         clipped = rim.clipped(self._rim, y[:, None], x, q, p)
         return (clipped * rim.fallen(self._rim, y[:, None], x))[:, :, None]
 
     def corrected(self, field: LightField) -> LightField:
         """Samples over their gain; those with next to no light keep what they have, and weigh nothing."""
-        gain = self.gain(field.grid, field.size).to(field.views.device)
+        gain = self.gain(field).to(field.views.device)
         views = (field.views / gain.clamp(min=UNTRUSTED)).to(field.views.dtype)
         weight = ((gain.mean(2, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1).to(views.dtype)
         weight = weight if field.weight is None else weight * field.weight
