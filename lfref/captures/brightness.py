@@ -13,7 +13,6 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.captures.evidence import Evidence
 from lfref.functional.block_means import block_means
 from lfref.lightfield import LightField
 
@@ -43,22 +42,20 @@ class Ratios(NamedTuple):
 
 
 @torch.no_grad()
-def ratios(evidence: Evidence, grey: bool = False) -> Ratios:
+def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Ratios:
     """Compare all views with the central one.
 
     Args:
-        evidence: Of the light field.
-        grey: Compare the means of all channels, C = 1.
+        field: The light field.
+        disparity: Of each pixel of the central view, in pixels per view step, [H, W].
+        centre: Row and column of that view.
     """
-    field = evidence.field
-    n_channels, (height, width) = field.views.shape[2], field.size
+    height, width = field.size
     factor = max(1, min(REDUCTION, min(height, width) // 8))
     images = field.views.flatten(0, 1)
     reduced = block_means(images, factor, _clipping(images))
-    if grey:
-        reduced = reduced.mean(1, keepdim=True)
-    disparity = block_means(evidence.disparity[None, None].to(reduced), factor, torch.tensor([math.inf]))[0, 0] / factor
-    views, centre = view_places(field).to(reduced), evidence.reference
+    disparity = block_means(disparity[None, None].to(reduced), factor, torch.tensor([math.inf]))[0, 0] / factor
+    views = view_places(field).to(reduced)
     rows, columns = _where(disparity, views - views[:, centre[0], centre[1], None, None])
     warped = _read(reduced, rows, columns).unflatten(0, field.grid)
     side = max(SMALLEST, round(max(disparity.shape) / WINDOWS))
@@ -66,7 +63,7 @@ def ratios(evidence: Evidence, grey: bool = False) -> Ratios:
     central = light[centre]
     ratio = light / central
     bright = central > DARKEST * central.nanmean()
-    known = (ratio.isfinite() & bright).all(2) & _lit(evidence)[..., None]
+    known = (ratio.isfinite() & bright).all(2) & _lit(field)[..., None].to(bright.device)
     log = torch.where(known[:, :, None], ratio, 1.0).clamp(min=LEAST_RATIO).log()
     half_diagonal = math.hypot(height, width) / 2
     places = [
@@ -85,16 +82,17 @@ def view_places(field: LightField) -> Tensor:
     return torch.stack(torch.meshgrid(*map(geometry.angular_offsets, field.grid), indexing="ij"))
 
 
-def _lit(evidence: Evidence) -> Tensor:
+def _lit(field: LightField) -> Tensor:
     """Views that are to be trusted anywhere, [V, U]."""
-    weight, grid = evidence.field.weight, evidence.field.grid
-    return torch.ones(grid, dtype=torch.bool) if weight is None else weight.flatten(2).amax(2).cpu() > 0
+    if field.weight is None:
+        return torch.ones(field.grid, dtype=torch.bool)
+    return field.weight[..., ::4, ::4].flatten(2).amax(2).cpu() > 0
 
 
 def _clipping(images: Tensor) -> Tensor:
-    """Value of each channel from which on samples count as clipped, by every fourth of their rows and columns, [C]."""
+    """Value of each channel from which on samples count as clipped, by some of their rows and columns, [C]."""
     # At 1 or, after white balance, above: what is white in a darker picture is not clipped.
-    return CLIPPED * images[..., ::4, ::4].amax((0, 2, 3)).clamp(min=1)
+    return CLIPPED * images[..., ::8, ::4].amax((0, 2, 3)).clamp(min=1)
 
 
 def _where(disparity: Tensor, views: Tensor) -> tuple[Tensor, Tensor]:

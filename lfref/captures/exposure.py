@@ -11,7 +11,6 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from lfref.captures import brightness
 from lfref.captures.brightness import Ratios
 from lfref.captures.correction import Correction
 from lfref.captures.evidence import Evidence
@@ -65,7 +64,7 @@ def find(evidence: Evidence) -> Exposure:
     none = torch.ones(*field.grid, field.views.shape[2], dtype=torch.float64)
     if max(field.grid) < 2:
         return Exposure(none, 0.0)
-    found = brightness.ratios(evidence)
+    found = evidence.ratios
     level, error = levels(found)
     is_enough = found.known.sum(2, keepdim=True) >= LEAST_WINDOWS
     is_sure = (level.abs() > SURE * error) & (level.abs() < MOST) & is_enough

@@ -1,4 +1,4 @@
-"""Compiled: samples that stick out of the eight about them, in one pass over a picture.
+"""Compiled: samples that stick out of the eight about them, in one pass over pictures.
 
 Letters: `y x` pixel row and column.
 """
@@ -6,19 +6,20 @@ Letters: `y x` pixel row and column.
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.functional.jit import compiled
+from lfref.functional.jit import compiled, inlined
 
 
 @compiled
-def spread(planes: NDArray, step: int) -> tuple[float, int]:
-    """Sum and number of what samples stick out by, over every so many rows of pictures [B, H, W]."""
-    width = planes.shape[2]
-    excess = np.empty(width, planes.dtype)
+def spread(views: NDArray, channel: int, step: int) -> tuple[float, int]:
+    """Sum and number of what samples of a channel stick out by, over every so many rows of pictures [B, C, H, W]."""
+    scratch = np.empty((3, views.shape[3]), views.dtype)
+    excess = scratch[2]
     total, count = 0.0, 0
-    for plane in planes:
+    for n in range(views.shape[0]):
+        plane = views[n, channel]
         for y in range(1, plane.shape[0] - 1, step):
-            _excess(plane[y - 1], plane[y], plane[y + 1], excess)
-            for x in range(1, width - 1):
+            _excess(plane[y - 1], plane[y], plane[y + 1], scratch)
+            for x in range(1, excess.size - 1):
                 if excess[x] > 0:
                     total += excess[x]
                     count += 1
@@ -26,33 +27,46 @@ def spread(planes: NDArray, step: int) -> tuple[float, int]:
 
 
 @compiled
-def sticking_out(planes: NDArray, limit: float, found: NDArray, heights: NDArray) -> int:
-    """Places [K, 3] of samples that stick out by more than a limit, and by how much; how many, at most K."""
-    width = planes.shape[2]
-    excess = np.empty(width, planes.dtype)
-    count = 0
-    for n in range(planes.shape[0]):
-        plane = planes[n]
+def sticking_out(views: NDArray, channel: int, limit: float, found: NDArray, heights: NDArray) -> int:
+    """Picture, row and column [K, 3] of samples that stick out by more than a limit, and by how much; how many, at most K."""
+    scratch = np.empty((3, views.shape[3]), views.dtype)
+    excess = scratch[2]
+    least, count = views.dtype.type(limit), 0
+    for n in range(views.shape[0]):
+        plane = views[n, channel]
         for y in range(1, plane.shape[0] - 1):
-            _excess(plane[y - 1], plane[y], plane[y + 1], excess)
-            most = excess[1]
-            for x in range(1, width - 1):
-                most = max(most, excess[x])
-            if most <= limit:
+            _excess(plane[y - 1], plane[y], plane[y + 1], scratch)
+            n_out = 0
+            for x in range(1, excess.size - 1):
+                n_out += excess[x] > least
+            if n_out == 0:
                 continue
-            for x in range(1, width - 1):
-                if excess[x] > limit and count < len(found):
+            for x in range(1, excess.size - 1):
+                if excess[x] > least and count < len(found):
                     found[count, 0], found[count, 1], found[count, 2], heights[count] = n, y, x, excess[x]
                     count += 1
     return count
 
 
+@inlined
+def _larger(a: float, b: float) -> float:
+    # The built-in one looks for NaN, and then does not run on vectors.
+    return a if a > b else b
+
+
+@inlined
+def _smaller(a: float, b: float) -> float:
+    return a if a < b else b
+
+
 @compiled
-def _excess(above: NDArray, row: NDArray, below: NDArray, excess: NDArray) -> None:
-    """How far each sample of a row is above or below all about it; less than 0: it is among them."""
+def _excess(above: NDArray, row: NDArray, below: NDArray, scratch: NDArray) -> None:
+    """How far each sample of a row is above or below all about it, scratch[2]; less than 0: it is among them."""
+    high, low, excess = scratch[0], scratch[1], scratch[2]
+    for x in range(row.size):
+        high[x] = _larger(_larger(above[x], below[x]), row[x])
+        low[x] = _smaller(_smaller(above[x], below[x]), row[x])
     for x in range(1, row.size - 1):
-        high = max(max(above[x - 1], above[x]), max(above[x + 1], row[x - 1]))
-        high = max(high, max(max(below[x - 1], below[x]), max(below[x + 1], row[x + 1])))
-        low = min(min(above[x - 1], above[x]), min(above[x + 1], row[x - 1]))
-        low = min(low, min(min(below[x - 1], below[x]), min(below[x + 1], row[x + 1])))
-        excess[x] = max(row[x] - high, low - row[x])
+        most = _larger(_larger(high[x - 1], high[x + 1]), _larger(above[x], below[x]))
+        least = _smaller(_smaller(low[x - 1], low[x + 1]), _smaller(above[x], below[x]))
+        excess[x] = _larger(row[x] - most, least - row[x])

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
@@ -32,6 +33,7 @@ WRONG = 1.5  # times the range of what neighbouring views are wrong by there: en
 MOSTLY = 0.5  # of what sticks out in a view is not known to others
 HARDLY = 0.01  # of it: so few may be detail, whatever they look like
 NEAR = 0.6  # pixels, standard deviation of the weights of what a hot sample is replaced by
+WORTH_A_THREAD = 1 << 18  # samples
 ROWS = 8  # every so many rows tell how far samples stick out
 
 
@@ -90,33 +92,31 @@ def find(evidence: Evidence) -> HotPixels:
 
 def _candidates(views: Tensor) -> tuple[Tensor, Tensor]:
     """Samples that stick out of their own view, [K, 5], and by how much, [K]."""
-    planes = views.detach().float().cpu().flatten(0, 1)
-    found = [_in_channel(planes[:, c].numpy(), c) for c in range(planes.shape[1])]
+    images = views.detach().float().cpu().flatten(0, 1).contiguous().numpy()
+    found = [_in_channel(images, c) for c in range(images.shape[1])]
     places, heights = (torch.cat(parts) for parts in zip(*found, strict=True))
     v, u = places[:, 0] // views.shape[1], places[:, 0] % views.shape[1]
     return torch.cat([torch.stack([v, u], 1), places[:, 1:]], 1), heights
 
 
-def _in_channel(planes: np.ndarray, channel: int) -> tuple[Tensor, Tensor]:
-    """Likewise of one channel [VU, H, W], with the number of the view as the first index, [K, 4] and [K]."""
-    jobs = threads.bands(len(planes), threads.worthwhile(planes.size, 1 << 18))
-    total, count = hot_loop.spread(planes, ROWS)
-    bright = float(np.quantile(planes[:, ::ROWS, ::ROWS], 0.99))
+def _in_channel(images: NDArray, channel: int) -> tuple[Tensor, Tensor]:
+    """Likewise of one channel of pictures [VU, C, H, W], with the number of the view first, [K, 4] and [K]."""
+    total, count = hot_loop.spread(images, channel, ROWS)
+    bright = float(np.quantile(images[:, channel, ::ROWS, ::ROWS], 0.99))
     limit = max(FAR * total / max(count, 1), LEAST * bright)
-    if not np.isfinite(limit):
-        return torch.zeros(0, 4, dtype=torch.long), torch.zeros(0)
-    results: list[tuple[np.ndarray, np.ndarray]] = []
+    found: list[tuple[NDArray, NDArray]] = []
 
     def look(first: int, last: int) -> None:
         places, heights = np.empty((MOST, 3), np.int64), np.empty(MOST, np.float32)
-        n = hot_loop.sticking_out(planes[first:last], limit, places, heights)
-        results.append((places[:n] + np.array([first, 0, 0]), heights[:n]))
+        n = hot_loop.sticking_out(images[first:last], channel, limit, places, heights)
+        found.append((places[:n] + np.array([first, 0, 0]), heights[:n]))
 
+    jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, WORTH_A_THREAD))
     threads.share(look, jobs, len(jobs))
-    places = torch.from_numpy(np.concatenate([each for each, _ in results]))
-    heights = torch.from_numpy(np.concatenate([each for _, each in results]))
-    if len(places) >= MOST:
-        return places.new_zeros(0, 4), heights[:0]
+    places = torch.from_numpy(np.concatenate([each for each, _ in found]))
+    heights = torch.from_numpy(np.concatenate([each for _, each in found]))
+    if len(places) >= MOST or not np.isfinite(limit):
+        places, heights = places[:0], heights[:0]
     return torch.cat([places[:, :1], torch.full_like(places[:, :1], channel), places[:, 1:]], 1), heights
 
 

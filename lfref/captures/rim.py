@@ -19,6 +19,8 @@ from lfref.captures.brightness import LEAST_RATIO, Ratios
 STARTS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.2)  # displacements at the corner tried first, in radii of the grid
 SIZES = (1.0, 0.7)  # radii tried first, likewise
 ROUNDS = 8
+SOME = 2  # every so many views are looked at by all starts
+FEWEST = 8  # windows of a view from which its exposure is known
 STEPS = (1e-3, 1e-3, 1e-3)  # for differences by each parameter
 LONGEST = (0.1, 0.3, 0.3)  # changes in one round
 BOUNDS = ((-0.2, 3.0), (0.0, 20.0), (0.5, 100.0))
@@ -71,13 +73,16 @@ def fit(ratios: Ratios, scatter: float) -> Fit:
     """Find the rim that explains best how brightness changes from view to view.
 
     Args:
-        ratios: Of the light field, grey.
+        ratios: Of the light field.
         scatter: Standard deviation of their logarithms from window to window.
     """
-    known = ratios.known.flatten(0, 1)
-    known = known & (known.sum(1, keepdim=True) > 8)
-    problem = _Problem(ratios, known, 2 * max(scatter, 1e-3))
-    rim = _refined(problem, min(_starts(ratios), key=lambda start: float(problem.costs(start).sum())))
+    scale = 2 * max(scatter, 1e-3)
+    some = _Problem(ratios, scale, SOME)
+    start = min(_starts(ratios), key=lambda start: float(some.costs(start).sum()))
+    if not start.displacement:
+        return Fit(start, 0.0, math.inf)
+    problem = _Problem(ratios, scale)
+    rim = _refined(problem, start)
     return Fit(rim, problem.gain(rim), problem.falloff_error(rim))
 
 
@@ -90,13 +95,15 @@ def _starts(ratios: Ratios) -> list[Rim]:
 class _Problem:
     """Logarithms of brightness to be explained, [VU, n]; what each view has everywhere is its exposure."""
 
-    def __init__(self, ratios: Ratios, known: Tensor, scale: float) -> None:
-        self.log, self.known, self.scale = ratios.log.mean(2).flatten(0, 1), known, scale
-        self.y, self.x = ratios.places.flatten(1, 2)
-        self.q, self.p = ratios.views.flatten(1, 2)
-        middle = ratios.centre[0] * ratios.known.shape[1] + ratios.centre[1]
-        self.y0, self.x0 = self.y[middle], self.x[middle]
-        self.q0, self.p0 = self.q[middle], self.p[middle]
+    def __init__(self, ratios: Ratios, scale: float, step: int = 1) -> None:
+        views = slice(None, None, step)
+        known = ratios.known.flatten(0, 1)[views]
+        self.known = known & (known.sum(1, keepdim=True) > FEWEST)
+        self.log, self.scale = ratios.log.mean(2).flatten(0, 1)[views], scale
+        self.y, self.x = ratios.places.flatten(1, 2)[:, views]
+        self.q, self.p = ratios.views.flatten(1, 2)[:, views]
+        self.y0, self.x0 = ratios.places[(slice(None), *ratios.centre)]
+        self.q0, self.p0 = ratios.views[(slice(None), *ratios.centre)]
 
     def explained(self, rim: Rim) -> Tensor:
         """Logarithm of each view's gain over that of the central view, [VU, n]."""

@@ -103,20 +103,17 @@ def find(evidence: Evidence) -> Vignetting:
         return Vignetting(white=white.gains(evidence.white.views).half())
     if max(evidence.field.grid) < 2:
         return Vignetting(known=False)
-    found = brightness.ratios(evidence, grey=True)
-    scatter = unevenness(found)
-    if scatter is None:
-        return Vignetting(known=False)
-    return _believed(rim.fit(found, scatter))
+    scatter = unevenness(evidence.ratios)
+    return Vignetting(known=False) if scatter is None else _believed(rim.fit(evidence.ratios, scatter))
 
 
 def unevenness(ratios: Ratios) -> float | None:
     """Standard deviation of ratios from window to window, by neighbours; None where too little is known.
 
     Args:
-        ratios: Grey.
+        ratios: Of the light field.
     """
-    log, known = (each.unflatten(-1, ratios.shape) for each in (ratios.log[:, :, 0], ratios.known))
+    log, known = (each.unflatten(-1, ratios.shape) for each in (ratios.log.mean(2), ratios.known))
     both = known[..., 1:] & known[..., :-1]
     steps = (log[..., 1:] - log[..., :-1])[both]
     n_views = ratios.known.shape[0] * ratios.known.shape[1]
