@@ -42,11 +42,9 @@ class Exposure:
 
     def told(self) -> str:
         """How far gains reach, and how sure they are."""
-        count = int((self.gains != 1).any(2).sum())
-        return (
-            f"{count} views are {self.gains.min():.3f} to {self.gains.max():.3f} as bright as the central one, "
-            f"to {self.error:.2%}"
-        )
+        count, n_views = int((self.gains != 1).any(2).sum()), self.gains.shape[0] * self.gains.shape[1]
+        span = f"{self.gains.min():.3f} to {self.gains.max():.3f}"
+        return f"{count} of {n_views} views are {span} as bright as the central one, known to {self.error:.2%}"
 
     def corrected(self, field: LightField) -> LightField:
         """Views over their gains."""

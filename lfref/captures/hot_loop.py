@@ -28,7 +28,7 @@ def spread(views: NDArray, channel: int, step: int) -> tuple[float, int]:
 
 @compiled
 def sticking_out(views: NDArray, channel: int, limit: float, found: NDArray, heights: NDArray) -> int:
-    """Picture, row and column [K, 3] of samples that stick out by more than a limit, and by how much; how many, at most K."""
+    """Write picture, row, column [K, 3] of samples beyond a limit, and how far they stick out; how many, at most K."""
     scratch = np.empty((3, views.shape[3]), views.dtype)
     excess = scratch[2]
     least, count = views.dtype.type(limit), 0

@@ -31,6 +31,7 @@ REACH = 3  # pixels that a look at a sample goes about it
 HALO = 0.15  # of the height, from which on samples beside a hot one are spoilt by it
 WRONG = 1.5  # times the range of what neighbouring views are wrong by there: enough where
 MOSTLY = 0.5  # of what sticks out in a view is not known to others
+FEW = 3  # samples that may be chance
 HARDLY = 0.01  # of it: so few may be detail, whatever they look like
 NEAR = 0.6  # pixels, standard deviation of the weights of what a hot sample is replaced by
 WORTH_A_THREAD = 1 << 18  # samples
@@ -179,7 +180,7 @@ def _unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
     is_clear = is_new & (heights > LOCAL * detail)
     is_likely = is_clear | (is_new & (heights > WRONG * error))
     # Detail that neighbouring views confirm tells that this scene has more of the kind, which they may miss.
-    if int(is_likely.sum()) > MOSTLY * len(heights):
+    if int(is_likely.sum()) > max(FEW, MOSTLY * len(heights)):
         return is_likely
     return is_clear & (int(is_clear.sum()) > HARDLY * len(heights))
 

@@ -17,7 +17,8 @@ from torch import Tensor
 from lfref.captures.brightness import LEAST_RATIO, Ratios
 
 STARTS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.2)  # displacements at the corner tried first, in radii of the grid
-SIZES = (1.0, 0.7)  # radii tried first, likewise
+SIZES = (1.0, 0.9, 0.8, 0.7, 0.6)  # radii tried first, likewise
+BEST = 3  # starts that are followed
 ROUNDS = 8
 SOME = 2  # every so many views are looked at by all starts
 FEWEST = 8  # windows of a view from which its exposure is known
@@ -78,11 +79,11 @@ def fit(ratios: Ratios, scatter: float) -> Fit:
     """
     scale = 2 * max(scatter, 1e-3)
     some = _Problem(ratios, scale, SOME)
-    start = min(_starts(ratios), key=lambda start: float(some.costs(start).sum()))
-    if not start.displacement:
-        return Fit(start, 0.0, math.inf)
+    starts = sorted(_starts(ratios), key=some.cost)
+    if not starts[0].displacement:
+        return Fit(Rim(), 0.0, math.inf)
     problem = _Problem(ratios, scale)
-    rim = _refined(problem, start)
+    rim = min((_refined(problem, start) for start in starts[:BEST]), key=problem.cost)
     return Fit(rim, problem.gain(rim), problem.falloff_error(rim))
 
 
@@ -125,6 +126,10 @@ class _Problem:
         square = (self.rest(rim)[0] / self.scale).square()
         return (self.known * square / (1 + square)).sum(0) / self.known.sum(0).clamp(min=1)
 
+    def cost(self, rim: Rim) -> float:
+        """Of all windows."""
+        return float(self.costs(rim).sum())
+
     def gain(self, rim: Rim) -> float:
         """As in `Fit`."""
         won = self.costs(rim._replace(displacement=0.0)) - self.costs(rim)
@@ -139,7 +144,9 @@ class _Problem:
         for i, step in enumerate(STEPS):
             moved = rim._replace(**{Rim._fields[i]: rim[i] + step})
             column = (self.explained(moved) - self.explained(rim)) / step
-            columns.append(column - (weight * column).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp(min=1e-6))
+            columns.append(
+                column - (weight * column).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp(min=1e-6)
+            )
         return torch.stack(columns)
 
     def falloff_error(self, rim: Rim) -> float:

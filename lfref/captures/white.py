@@ -15,7 +15,7 @@ from lfref.refocus import windows
 NOISE = 2e-3  # standard deviation that gains may keep: far below what a picture shows
 WIDEST = 6.0  # pixels, standard deviation of the window: dust and rims must not be lost in it
 FAINTEST = 1e-3  # a picture darker than this is of nothing
-FLATTEST = 1 / 16  # share of the central view's sides that is its middle
+FLATTEST = 1 / 32  # share of the sides of the central view that is its middle, on either side of the centre
 
 
 def gains(white: Tensor) -> Tensor:
