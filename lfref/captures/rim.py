@@ -22,7 +22,7 @@ BEST = 3  # starts that are followed
 ROUNDS = 8
 SOME = 2  # every so many views are looked at by all starts
 FEWEST = 8  # windows of a view from which its exposure is known
-STEPS = (1e-3, 1e-3, 1e-3)  # for differences by each parameter
+STEP = 1e-3  # for differences by each parameter
 LONGEST = (0.1, 0.3, 0.3)  # changes in one round
 BOUNDS = ((-0.2, 3.0), (0.0, 20.0), (0.5, 100.0))
 TILES = 6  # a side, that are taken to err on their own
@@ -140,14 +140,10 @@ class _Problem:
 
     def slopes(self, rim: Rim, weight: Tensor) -> Tensor:
         """Derivatives of what is explained, less their mean over each view, [3, VU, n]."""
-        columns = []
-        for i, step in enumerate(STEPS):
-            moved = rim._replace(**{Rim._fields[i]: rim[i] + step})
-            column = (self.explained(moved) - self.explained(rim)) / step
-            columns.append(
-                column - (weight * column).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp(min=1e-6)
-            )
-        return torch.stack(columns)
+        here, total = self.explained(rim), weight.sum(1, keepdim=True).clamp(min=1e-6)
+        moved = [rim._replace(**{name: value + STEP}) for name, value in zip(Rim._fields, rim, strict=True)]
+        slopes = torch.stack([(self.explained(each) - here) / STEP for each in moved])
+        return slopes - (weight * slopes).sum(2, keepdim=True) / total
 
     def falloff_error(self, rim: Rim) -> float:
         """As in `Fit`."""

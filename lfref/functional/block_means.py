@@ -1,4 +1,4 @@
-"""Pictures reduced to the means of their blocks, in one pass over their samples; blocks that hold clipped ones are told.
+"""Pictures reduced to the means of their blocks, in one pass; blocks that hold clipped samples are told.
 
 Letters: `f` pixels along a block's side.
 """
@@ -29,8 +29,8 @@ def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
         [B, C, H // factor, W // factor]; NaN where a sample of the block is clipped, or none.
     """
     if images.device.type != "cpu" or images.dtype not in (torch.float32, torch.float64):
-        means, largest = F.avg_pool2d(images, factor), F.max_pool2d(images, factor)
-        return torch.where(largest < limits.to(images)[:, None, None], means, torch.nan)
+        is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]
+        return F.avg_pool2d(images, factor).masked_fill(is_clipped, torch.nan)
     planes, tops = images.flatten(0, 1).numpy(), limits.to(images.dtype).repeat(len(images)).numpy()
     height, width = (length // factor for length in images.shape[-2:])
     means = np.empty((len(planes), height, width), planes.dtype)
