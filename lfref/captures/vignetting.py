@@ -25,6 +25,7 @@ LEAST_WINDOWS = 24  # fewer say nothing
 LEAST_GAIN = 4e-3  # squared scatters a window by which a clipped pupil must explain the views better
 SURE = 6.0  # standard errors from which on falloff is believed: on scenes without it, gloss reaches 6.6
 UNTRUSTED, TRUSTED = 0.02, 0.1  # gains below and above which samples count for nothing and in full
+EVEN = 6.0  # standard deviations of gains that are but noise
 LEAST_LOSS = 0.01  # of the light of one sample in a hundred: less does not show
 
 
@@ -44,11 +45,13 @@ class Vignetting:
     """Whether anything was to be seen."""
     white: Tensor | None = None
     """The gain itself where a white picture tells it, [V, U, C, H, W]."""
+    error: float = 0.0
+    """Standard deviation of that, by the noise of the white picture."""
 
     def inert(self) -> str | None:
         """Nothing changes where the rim clips no view, or the white picture is even."""
         if self.white is not None:
-            return None if lost(self.white) > LEAST_LOSS else "the white picture is even"
+            return None if lost(self.white) > max(LEAST_LOSS, EVEN * self.error) else "the white picture is even"
         if not self.known:
             return "too little is to be seen in all views"
         return None if self.displacement else "no view lacks light in its corners that others have"
@@ -100,7 +103,8 @@ def find(evidence: Evidence) -> Vignetting:
     """
     if evidence.white is not None:
         # Half precision keeps gains to 1 in 2000, and files small.
-        return Vignetting(white=white.gains(evidence.white.views).half())
+        gain, error = white.gains(evidence.white.views)
+        return Vignetting(white=gain.half(), error=error)
     if max(evidence.field.grid) < 2:
         return Vignetting(known=False)
     scatter = unevenness(evidence.ratios)

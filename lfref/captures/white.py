@@ -8,49 +8,63 @@ import math
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.errors import InputError
 from lfref.refocus import windows
 
 NOISE = 2e-3  # standard deviation that gains may keep: far below what a picture shows
-WIDEST = 6.0  # pixels, standard deviation of the window: dust and rims must not be lost in it
+WIDEST = 10.0  # pixels, standard deviation of the window: dust and rims must not be lost in it
+BLOCK = 8  # pixels
 FAINTEST = 1e-3  # a picture darker than this is of nothing
-FLATTEST = 1 / 32  # share of the sides of the central view that is its middle, on either side of the centre
+MIDDLE = (1 / 32, 1 / 8)  # shares of the central view's sides about its centre, of pictures with little and much noise
 
 
-def gains(white: Tensor) -> Tensor:
+def gains(white: Tensor) -> tuple[Tensor, float]:
     """The gain of every sample.
 
     Args:
         white: Linear light, [V, U, C, H, W].
 
     Returns:
-        Of the same shape, at least 0, 1 in the middle of the central view.
+        Of the same shape, at least 0, 1 in the middle of the central view; and the standard deviation that noise leaves.
 
     Raises:
         InputError: The picture is black, or not finite.
     """
     centre = white[white.shape[0] // 2, white.shape[1] // 2]
-    level = _middle(centre)
-    if not bool((level > FAINTEST).all()) or not bool(white.isfinite().all()):
+    rough = _middle(centre, MIDDLE[0])
+    if not bool((rough > FAINTEST).all()) or not bool(white.isfinite().all()):
         got = "one that is black or not finite in the middle"
         raise InputError("white must be a picture of a white, evenly lit scene", got=got)
-    gain = (white / level[:, None, None]).clamp(min=0)
-    width = smoothing(noise_of(centre / level[:, None, None]))
+    noise = noise_of(centre / rough[:, None, None])
+    # So many samples that their mean has but little of the noise.
+    share = noise / NOISE / (2 * min(centre.shape[-2:]))
+    level = _middle(centre, min(max(share, MIDDLE[0]), MIDDLE[1]))
+    gain, width = (white / level[:, None, None]).clamp(min=0), smoothing(noise)
     smooth = torch.stack([windows.smoothed(view, width) for view in gain.flatten(0, 1)])
-    return smooth.unflatten(0, gain.shape[:2])
+    return smooth.unflatten(0, gain.shape[:2]), noise / max(1.0, 2 * math.sqrt(math.pi) * width)
 
 
 def noise_of(image: Tensor) -> float:
-    """Standard deviation of what differs from pixel to pixel of an even picture.
+    """Standard deviation of the noise of an even picture, as if no pixel shared it with the next.
 
     Args:
         image: [C, H, W].
     """
+    # Interpolated samples share their noise: blocks then have more of it than single samples would let expect.
+    blocks = F.avg_pool2d(image, BLOCK) if min(image.shape[-2:]) >= 3 * BLOCK else image[..., :0]
+    return max(_roughness(image), BLOCK * _roughness(blocks))
+
+
+def _roughness(image: Tensor) -> float:
+    """Standard deviation of what differs from pixel to pixel."""
     if min(image.shape[-2:]) < 3:
         return 0.0
+    # Along both axes, so that shading which grows along one of them counts for nothing.
     across = image[..., 2:] - 2 * image[..., 1:-1] + image[..., :-2]
-    return 1.4826 * float(across.abs().median()) / math.sqrt(6)
+    both = across[..., 2:, :] - 2 * across[..., 1:-1, :] + across[..., :-2, :]
+    return 1.4826 * float(both.abs().median()) / 6
 
 
 def smoothing(noise: float) -> float:
@@ -63,8 +77,8 @@ def smoothing(noise: float) -> float:
     return 0.0 if noise <= NOISE else min(WIDEST, max(0.5, noise / (NOISE * 2 * math.sqrt(math.pi))))
 
 
-def _middle(view: Tensor) -> Tensor:
-    """Level of the middle of a view, [C]."""
-    reach = [max(1, int(length * FLATTEST)) for length in view.shape[-2:]]
-    rows, columns = (slice(n // 2 - r, n // 2 + r + 1) for n, r in zip(view.shape[-2:], reach, strict=True))
+def _middle(view: Tensor, share: float) -> Tensor:
+    """Level of a view in its middle, [C]."""
+    reach = [max(1, int(length * share)) for length in view.shape[-2:]]
+    rows, columns = (slice(max(0, n // 2 - r), n // 2 + r + 1) for n, r in zip(view.shape[-2:], reach, strict=True))
     return view[:, rows, columns].flatten(1).mean(1)

@@ -69,6 +69,10 @@ def test_an_even_white_picture_changes_nothing():
     assert vignetting.find(evidence(LightField(torch.rand(3, 3, 3, 40, 60)), even)).inert() is not None
 
 
+def test_a_noisy_white_picture_of_an_even_lens_changes_nothing():
+    assert "even" in str(vignetting.find(evidence(recorded("grainy"), white("grainy"))).inert())
+
+
 def test_dark_samples_weigh_less_and_black_ones_nothing():
     gain = torch.ones(3, 3, 1, 8, 8)
     gain[0, 0, 0, 0], gain[0, 0, 0, 1], gain[0, 0, 0, 2] = 0.0, 0.06, 0.5
