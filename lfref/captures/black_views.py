@@ -20,7 +20,9 @@ NO_LIGHT = 0.05  # of the light of most views: a view below is black
 BLACK = 0.02  # of the brightest twentieth of a view: samples below hold no light, but what compression leaves
 LEAST_CORNER = 3  # pixels along both edges that are black in a black corner
 REACH = 0.4  # of the sides that a corner may take
-FADE = 2  # pixels beside a black corner that are dim
+RING = 1  # pixels between black ones that decoders leave bright, as ringing of the corner's edge does
+FADE = 1  # pixels beside those, that are dim
+MARGIN = RING + FADE + 2
 TURNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # from each corner, the ways into the picture along rows and columns
 
 
@@ -94,14 +96,14 @@ def _corner(views: Tensor, rows: int, columns: int, limit: Tensor) -> Tensor:
     """What is black about one corner of all views, as if that were the first pixel, bool, [V, U, h, w]."""
     height, width = views.shape[-2:]
     edges = views[..., _side(1, rows), :], views[..., :, _side(1, columns)]
-    lines = (edges[0] < limit).all(2)[:, :, 0], (edges[1] < limit).all(2)[..., 0]
+    lines = _closed((edges[0] < limit).all(2))[:, :, 0], _closed((edges[1] < limit).all(2))[..., 0]
     longest = (
-        min(int(_run(line if turn > 0 else line.flip(-1)).max()) + FADE, int(REACH * length))
+        min(int(_run(line if turn > 0 else line.flip(-1)).max()) + MARGIN, int(REACH * length))
         for line, turn, length in zip(reversed(lines), (rows, columns), (height, width), strict=True)
     )
     h, w = (max(1, length) for length in longest)
     box = views[..., _side(h, rows), _side(w, columns)]
-    return _turned((box < limit).all(2), rows, columns).cpu()
+    return _turned(_closed((box < limit).all(2)), rows, columns).cpu()
 
 
 def _region(black: Tensor) -> Tensor:
@@ -112,7 +114,16 @@ def _region(black: Tensor) -> Tensor:
     # One that fills its box goes on beyond what a corner may take.
     is_corner &= (depth < black.shape[2]) & (runs[..., 0] < black.shape[3])
     region = (torch.arange(black.shape[3]) < runs[..., None]) & is_corner[..., None, None]
-    return F.max_pool2d(region.flatten(0, 1).float(), 2 * FADE + 1, 1, FADE).unflatten(0, black.shape[:2]) > 0
+    return _wider(region, FADE)
+
+
+def _closed(black: Tensor) -> Tensor:
+    """Black with what lies between black samples, and beside them, bool, [V, U, h, w]."""
+    return _wider(black, RING)
+
+
+def _wider(region: Tensor, by: int) -> Tensor:
+    return F.max_pool2d(region.flatten(0, 1).float(), 2 * by + 1, 1, by).unflatten(0, region.shape[:2]) > 0
 
 
 def _run(black: Tensor) -> Tensor:

@@ -27,7 +27,8 @@ def gains(white: Tensor) -> tuple[Tensor, float]:
         white: Linear light, [V, U, C, H, W].
 
     Returns:
-        Of the same shape, at least 0, 1 in the middle of the central view; and the standard deviation that noise leaves.
+        Gains of the same shape, at least 0, 1 in the middle of the central view; and the standard deviation that noise
+        leaves them.
 
     Raises:
         InputError: The picture is black, or not finite.
@@ -47,13 +48,13 @@ def gains(white: Tensor) -> tuple[Tensor, float]:
 
 
 def noise_of(image: Tensor) -> float:
-    """Standard deviation of the noise of an even picture, as if no pixel shared it with the next.
+    """Standard deviation of the noise of an even picture's worst channel, as if no pixel shared it with the next.
 
     Args:
         image: [C, H, W].
     """
     # Interpolated samples share their noise: blocks then have more of it than single samples would let expect.
-    blocks = F.avg_pool2d(image, BLOCK) if min(image.shape[-2:]) >= 3 * BLOCK else image[..., :0]
+    blocks = F.avg_pool2d(image, BLOCK) if min(image.shape[-2:]) >= 12 * BLOCK else image[..., :0]
     return max(_roughness(image), BLOCK * _roughness(blocks))
 
 
@@ -64,7 +65,7 @@ def _roughness(image: Tensor) -> float:
     # Along both axes, so that shading which grows along one of them counts for nothing.
     across = image[..., 2:] - 2 * image[..., 1:-1] + image[..., :-2]
     both = across[..., 2:, :] - 2 * across[..., 1:-1, :] + across[..., :-2, :]
-    return 1.4826 * float(both.abs().median()) / 6
+    return 1.4826 * float(both.abs().flatten(1).median(1).values.max()) / 6
 
 
 def smoothing(noise: float) -> float:

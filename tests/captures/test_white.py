@@ -39,7 +39,7 @@ def test_noise_is_smoothed_away_and_what_has_none_stays_as_it_is():
 
 
 def test_the_noise_of_a_smooth_picture_is_measured():
-    assert white.noise_of(shaded()[1, 1] + 0.02 * torch.randn(3, 60, 60)) == pytest.approx(0.02, rel=0.1)
+    assert white.noise_of(shaded()[1, 1] + 0.02 * torch.randn(3, 60, 60)) == pytest.approx(0.02, rel=0.25)
     assert white.noise_of(shaded()[1, 1]) < 1e-3
     shared = F.avg_pool2d(torch.randn(3, 242, 242), 3, 1)
     assert white.noise_of(0.7 + 0.03 * shared) == pytest.approx(0.03, rel=0.25)
