@@ -10,6 +10,7 @@ from torch import Tensor
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths
+from lfref.cli.planes import Planes, planes_of
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
@@ -32,7 +33,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     """
     device = device_of(config.device)
     exposure = None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
-    refocuser, planes = _refocuser(config, device)
+    refocuser, asked = _refocuser(config, device)
     given = paths(configs.plain(config.input))
     names = [path.absolute().name if path.is_dir() else path.stem for path in given]
     if len(set(names)) < len(names) or not given:
@@ -41,6 +42,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
         field = inputs.read(path, config, [refocuser])
         if view_order.seems_reversed(field.views):
             log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
+        planes = planes_of(asked, field)
         with torch.no_grad():
             stack = refocuser(field.to(device), planes.slopes).cpu()
         results = folder if len(given) == 1 else folder / name
@@ -48,15 +50,16 @@ def refocus(config: DictConfig, folder: Path) -> None:
         log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), results)
 
 
-def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, FocalPlanes]:
+def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
     """The checkpoint with its own planes, unless others were asked for, or the operator with the planes configured."""
-    planes: FocalPlanes = configs.build(config.planes)
+    planes: Planes = configs.build(config.planes)
     if config.checkpoint is None:
         return configs.build(config.method, aperture=configs.build(config.aperture)), planes
     network = load(config.checkpoint, device)
     is_asked = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
     planes = planes if network.planes is None or is_asked else network.planes
-    network.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
+    if isinstance(planes, FocalPlanes):
+        network.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
     return network, planes
 
 

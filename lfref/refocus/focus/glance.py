@@ -10,6 +10,7 @@ Source: Lucas, Kanade, "An Iterative Image Registration Technique", 1981; Adelso
 Plenoptic Camera", 1992.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.refocus.focus import reduced_views
 from lfref.refocus.focus.reduced_views import ReducedViews
 
 WINDOW = 2  # reduced pixels to each side
@@ -25,6 +27,7 @@ COARSE_SIDE, COARSEST = 24, 4  # reduced pixels along the shorter side of the fi
 WIDEST = 4.0  # coarse pixels per view step: the first look reaches so far
 MARGIN = 0.5  # reduced pixels per view step that the second look goes beyond the first
 FLOOR = 1e-7  # variance of square roots of light: 8 bits round to about ten times that
+MOST_SLOPES = 48  # tried in one look: what spans more than that is noise
 AT_ONCE = 40_000  # pixels: small views are tried at many slopes at once
 PAIRS = [(i, j) for i in range(4) for j in range(i, 4)]
 UNKNOWN = 0.02  # confidence below which a pixel gets the median disparity of the others
@@ -70,31 +73,43 @@ def glance(seen: ReducedViews) -> Glance:
         >>> glance(reduced(torch.rand(5, 5, 3, 64, 64))).disparity.shape
         torch.Size([64, 64])
     """
+    coarse = first_look(seen)
+    if not bool(coarse.confidence.any()):
+        empty = torch.zeros(seen.pictures.shape[1:])
+        return Glance(empty, empty, seen.factor)
+    sure = coarse.confidence >= min(0.5, float(coarse.confidence.quantile(0.8)))
+    ends = coarse.disparity[sure].quantile(torch.tensor([0.005, 0.995])) / seen.factor
+    return _looked(seen, float(ends[0]) - MARGIN, float(ends[1]) + MARGIN)
+
+
+@torch.no_grad()
+def first_look(seen: ReducedViews) -> Glance:
+    """The same as `glance`, from views that are reduced once more: for what must be known in the large only.
+
+    Args:
+        seen: Reduced views.
+    """
     size = seen.pictures.shape[1:]
     if len(seen.places) < 2 or min(size) < 2:
         empty = torch.zeros(size)
         return Glance(empty, empty, seen.factor)
+    widest = WIDEST * min(1.0, reduced_views.REACH / seen.reach) if seen.reach else WIDEST
+    return _looked(seen.smaller(max(1, min(COARSEST, min(size) // COARSE_SIDE))), -widest, widest)
+
+
+def _looked(seen: ReducedViews, low: float, high: float) -> Glance:
+    """Disparities between two slopes, in reduced pixels per view step."""
     step = 1 / max(seen.reach, 2.0)
-    low, high = _first_look(seen, step)
-    fit = _swept(seen, _slopes(low - MARGIN, high + MARGIN, step), step)
+    slopes = _slopes(low, high, step)
+    fit = _swept(seen, slopes, max(step, slopes[1] - slopes[0]))
     confidence = _confidence(fit)
     known = confidence >= UNKNOWN
     middle = fit.disparity[known].median() if bool(known.any()) else 0.0
     return Glance(seen.factor * torch.where(known, fit.disparity, middle), confidence, seen.factor)
 
 
-def _first_look(seen: ReducedViews, step: float) -> tuple[float, float]:
-    """The range of disparities in reduced pixels per view step, from views that are reduced once more."""
-    factor = max(1, min(COARSEST, min(seen.pictures.shape[1:]) // COARSE_SIDE))
-    fit = _swept(seen.halved(factor), _slopes(-WIDEST, WIDEST, step), step)
-    confidence = _confidence(fit)
-    sure = confidence >= min(0.5, float(confidence.quantile(0.8)))
-    ends = (fit.disparity[sure] * factor).quantile(torch.tensor([0.005, 0.995])).tolist()
-    return ends[0], ends[1]
-
-
 def _slopes(low: float, high: float, step: float) -> list[float]:
-    n = 1 + math.ceil((high - low) / step - 1e-9)
+    n = min(MOST_SLOPES, max(2, 1 + math.ceil((high - low) / step - 1e-9)))
     return torch.linspace(low, high, n, dtype=torch.float64).tolist()
 
 
@@ -109,33 +124,25 @@ def _swept(seen: ReducedViews, slopes: list[float], step: float) -> _Fit:
     pad = math.ceil(max(abs(slopes[0]), abs(slopes[-1])) * seen.reach) + 1
     weights = F.pad(seen.weights, (pad,) * 4)
     light = F.pad(_softened(seen.pictures), (pad,) * 4) * weights
-    at_once = max(1, AT_ONCE // light[0].numel())
-    parts = torch.tensor(slopes, dtype=torch.float64).split(at_once)
-    best = None
-    for part in parts:
-        fit = _best(_fit(light, weights, seen.steps, part, step, pad))
-        best = fit if best is None else _best(_Fit(*(torch.stack(pair) for pair in zip(best, fit, strict=True))))
-    assert best is not None
-    return best
+    parts = torch.tensor(slopes, dtype=torch.float64).split(max(1, AT_ONCE // light[0].numel()))
+    fits = [fit for part in parts for fit in _fits(light, weights, seen.steps, part, step, pad)]
+    return functools.reduce(_better, fits)
 
 
-def _best(fits: _Fit) -> _Fit:
-    """Of fits [S, h, w] the one that leaves the least unexplained, at each pixel, [h, w]."""
-    if len(fits.unexplained) == 1:
-        return _Fit(*(each[0] for each in fits))
-    chosen = fits.unexplained.argmin(0, keepdim=True)
-    return _Fit(*(each.gather(0, chosen)[0] for each in fits))
+def _better(one: _Fit, other: _Fit) -> _Fit:
+    is_worse = other.unexplained < one.unexplained
+    return _Fit(*(torch.where(is_worse, new, old) for new, old in zip(other, one, strict=True)))
 
 
 def _softened(pictures: Tensor) -> Tensor:
     """Under a binomial window: gradients of sharper pictures would not be those of what was sampled."""
-    kernel = torch.tensor([0.25, 0.5, 0.25])
-    padded = F.pad(pictures[:, None], (1, 1, 1, 1), mode="replicate")
-    return F.conv2d(F.conv2d(padded, kernel[None, None, None]), kernel[None, None, :, None])[:, 0]
+    padded = F.pad(pictures[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
+    rows = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
+    return (rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]) / 16
 
 
-def _fit(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, step: float, pad: int) -> _Fit:
-    """Least squares after the shift by each slope: `L_k - mean = -(r p_k + e_k) g`, each [S, h, w]."""
+def _fits(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, step: float, pad: int) -> list[_Fit]:
+    """Least squares after the shift by each of S slopes: `L_k - mean = -(r p_k + e_k) g`."""
     shifts = (slopes[:, None, None] * steps).round()
     offsets = torch.cat([steps.expand_as(shifts), slopes[:, None, None] * steps - shifts], 2).to(light.dtype)
     mean, variance, covariances = _moments(
@@ -150,7 +157,8 @@ def _fit(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, step: fl
     r = -(lean / (rise + 1e-9)).clamp(-step, step)
     unexplained = (left + 2 * r * lean + r * r * rise).clamp(min=0) / freedom.clamp(min=1e-3)
     unexplained = torch.where(freedom > 0.5, unexplained, torch.inf)
-    return _Fit(unexplained, slopes.to(r.dtype)[:, None, None] + r, rise, freedom)
+    disparity = slopes.to(r.dtype)[:, None, None] + r
+    return [_Fit(*maps) for maps in zip(unexplained, disparity, rise, freedom, strict=True)]
 
 
 def _shifted(padded: Tensor, shifts: Tensor, pad: int) -> Tensor:
@@ -167,8 +175,8 @@ def _moments(light: Tensor, weights: Tensor, offsets: Tensor) -> tuple[Tensor, T
     """Mean of the light [S, K, h, w] over views, its squares' sum about the mean, and sums about the means of products.
 
     Args:
-        light: Times the weights.
-        weights: Of each sample.
+        light: 0 where the weight is.
+        weights: 0 or 1.
         offsets: p and e, [S, K, 4].
 
     Returns:
@@ -180,7 +188,7 @@ def _moments(light: Tensor, weights: Tensor, offsets: Tensor) -> tuple[Tensor, T
     lit = torch.einsum("skn,skhw->nshw", first, light)
     share = 1 / about[0].clamp(min=1e-6)
     mean, means = lit[0] * share, about[1:5] * share
-    variance = (light.square() / weights.clamp(min=1e-6)).sum(1) - lit[0] * mean
+    variance = torch.einsum("skhw,skhw->shw", light, light) - lit[0] * mean
     covariances = light.new_empty(4, 5, *mean.shape)
     for (i, j), products in zip(PAIRS, about[5:], strict=True):
         covariances[i, j] = covariances[j, i] = products - means[i] * about[1 + j]

@@ -14,7 +14,10 @@ from lfref.refocus import batches
 
 PIXELS = 25_000  # of a reduced view, about
 REACH = 3  # view steps from the centre: disparities of many pixels move views beyond it too far
-BLACK = 0.1  # of the reference's brightness: darker views show nothing
+BLACK = 0.1  # of the reference's brightness, roots of light like all here: darker views show nothing
+BLACK_CORNER, FADE = 0.15, 2  # of it: pixels of black corners are darker; reduced pixels beside them that are dim
+TRUSTED = 0.5  # mean weight of the samples of a reduced pixel from which it is believed
+OFF_LINE = 0.2  # view steps that a camera may stand off a row or column
 EVEN = 0.03  # spread of the gain of a view below which it is taken for parallax of smooth shading
 
 
@@ -25,7 +28,7 @@ class ReducedViews:
     pictures: Tensor
     """Float32, 0 where nothing can be trusted, [K, h, w]."""
     weights: Tensor
-    """How far they can be trusted, in [0, 1], [K, h, w]."""
+    """1 where they can be trusted, else 0, [K, h, w]."""
     places: tuple[tuple[int, int], ...]
     """Row and column of each view in the grid, the reference first, [K]."""
     steps: Tensor
@@ -38,12 +41,20 @@ class ReducedViews:
         """Greatest distance of a view from the reference along either axis, in view steps."""
         return float(self.steps.abs().max())
 
-    def halved(self, factor: int) -> "ReducedViews":
+    def smaller(self, factor: int) -> "ReducedViews":
         """The same, reduced further by a whole factor."""
         if factor == 1:
             return self
         pictures, weights = (F.avg_pool2d(each[:, None], factor)[:, 0] for each in (self.pictures, self.weights))
-        return replace(self, pictures=pictures, weights=weights, factor=factor * self.factor)
+        return replace(self, pictures=pictures, weights=(weights > TRUSTED).float(), factor=factor * self.factor)
+
+    def along(self, axis: int) -> "ReducedViews":
+        """The reference, and what lies beside it along one axis only: 0 above and below, 1 to the left and right."""
+        kept = (self.steps[:, 1 - axis].abs() < OFF_LINE).nonzero()[:, 0]
+        places = tuple(self.places[k] for k in kept.tolist())
+        return replace(
+            self, pictures=self.pictures[kept], weights=self.weights[kept], places=places, steps=self.steps[kept]
+        )
 
 
 def reduced(
@@ -68,9 +79,9 @@ def reduced(
     weights = torch.ones_like(pictures)
     if weight is not None:
         weights = torch.stack([_pooled(weight[place].float(), factor)[0] for place in places])
-    weights = weights * pictures.isfinite()
+    weights = ((weights > TRUSTED) & pictures.isfinite()).float()
     pictures = pictures.nan_to_num(0, 0, 0)
-    weights = weights * (pictures.mean((1, 2)) > BLACK * pictures[0].mean())[:, None, None]
+    weights = weights * ~_unlit(pictures)
     steps = torch.stack([where[place] - where[places[0]] for place in places])
     return ReducedViews(_evened(pictures, weights, steps), weights, tuple(places), steps, factor)
 
@@ -104,7 +115,21 @@ def _cross(present: Tensor, positions: Tensor) -> list[tuple[int, int]]:
 
 
 def _grey(view: Tensor, factor: int) -> Tensor:
-    return _pooled(batches.radiance(view), factor).mean(0).clamp(min=0).sqrt().float()
+    return _pooled(batches.radiance(view).mean(0, keepdim=True), factor)[0].clamp(min=0).sqrt().float()
+
+
+def _unlit(pictures: Tensor) -> Tensor:
+    """Views without light, and corners that the optics leave black: their edge stands still, and looks like motion."""
+    light = pictures.mean((1, 2))
+    black = pictures < BLACK_CORNER * light[0]
+    sides, ends = ((_run(black, axis) | _run(black.flip(axis), axis).flip(axis)) for axis in (2, 1))
+    corners = F.max_pool2d((sides & ends).float(), 2 * FADE + 1, 1, FADE) > 0
+    return corners | (light <= BLACK * light[0])[:, None, None]
+
+
+def _run(black: Tensor, axis: int) -> Tensor:
+    """Which pixels are black with all before them along an axis."""
+    return black.cumprod(axis).bool()
 
 
 def _pooled(picture: Tensor, factor: int) -> Tensor:

@@ -114,3 +114,10 @@ def test_one_view_and_single_pixels_end_in_a_map(shape):
 def test_integers_are_scaled():
     views = (plane(0.5) * 255).round().to(torch.uint8)
     assert error(seen(views), 0.5) < 0.02
+
+
+def test_positions_in_other_units_only_scale_disparities():
+    places = torch.stack(torch.meshgrid(torch.arange(5.0), torch.arange(5.0), indexing="ij"), -1).double() - 2
+    views = plane(0.5)
+    assert error(seen(views, positions=20 * places), 0.5 / 20) < 0.002
+    assert error(seen(views, positions=0.1 * places), 5.0) < 0.3
