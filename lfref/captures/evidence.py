@@ -10,6 +10,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from lfref.captures import brightness
+from lfref.captures.brightness import Ratios
 from lfref.lightfield import LightField
 from lfref.refocus.focus import glance, reduced_views
 from lfref.refocus.focus.glance import Glance
@@ -59,6 +61,11 @@ class Evidence:
     def confidence(self) -> Tensor:
         """How sure the disparity is, [0, 1], [H, W]; above 1/2 its standard error is below .03 reduced pixels."""
         return self._whole(self.glance.confidence)
+
+    @cached_property
+    def ratios(self) -> Ratios:
+        """Brightness of every view beside that of the reference, window by window."""
+        return brightness.ratios(self.field, self.disparity, self.reference)
 
     def _whole(self, small: Tensor) -> Tensor:
         """Reduced pixels repeated; the last row and column go on to the border."""
