@@ -1,0 +1,71 @@
+"""Views read at other rows and columns, each view and channel at its own.
+
+The interpolation is that of the simulator (Lagrange, eight samples), which blurs little and keeps whole positions.
+"""
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.captures import resampling_loop
+from lfref.functional import threads
+from lfref.lightfield import LightField
+from lfref.simulator.effects import resampling
+
+WORTH_A_THREAD = 1 << 16
+
+
+def moved(field: LightField, rows: Tensor, columns: Tensor) -> LightField:
+    """A light field whose views, and what they count, are read elsewhere.
+
+    Args:
+        field: Any.
+        rows: As of `resampled`; those of weights are the mean over channels.
+        columns: Likewise.
+    """
+    weight = field.weight
+    if weight is not None:
+        middle = (places.mean(2, keepdim=True) for places in (rows, columns))
+        weight = resampled(weight, *middle).clamp(0, 1)
+    return dataclasses.replace(field, views=resampled(field.views, rows, columns), weight=weight)
+
+
+def resampled(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Read views elsewhere; beyond the edge the outermost sample is held.
+
+    Args:
+        views: Floating point, [V, U, C, H, W].
+        rows: Where to read, in pixels from the centre, float64, [V, U, C, H], or 1 in place of V, U, C.
+        columns: Likewise, [..., W].
+    """
+    height, width = views.shape[-2:]
+    samples = views.detach().cpu().contiguous().flatten(0, 2)
+    made = torch.empty_like(samples)
+    shape = views.shape[:3]
+    down = _taps(rows.cpu().expand(*shape, height).flatten(0, 2), height, samples.dtype)
+    across = _taps(columns.cpu().expand(*shape, width).flatten(0, 2), width, samples.dtype)
+    arrays = [table.numpy() for table in (samples, *down, *across, made)]
+    n_threads = threads.worthwhile(made.numel(), WORTH_A_THREAD)
+    bands = threads.bands(len(samples), n_threads)
+    threads.share(lambda first, last: resampling_loop.resample(*arrays, first, last), bands, n_threads)
+    return made.reshape(views.shape).to(views.device)
+
+
+def _taps(positions: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """Samples [B, n, 8] and their weights, for positions [B, n]."""
+    index = (positions + (length - 1) / 2).clamp(0, length - 1)
+    whole = index.floor()
+    taps = whole.long()[..., None] + torch.tensor(resampling.TAPS)
+    return taps.clamp(0, length - 1), resampling.weights(index - whole).to(dtype)
+
+
+def centred(size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Rows [H] and columns [W] of pixels from the picture's centre, float64.
+
+    Args:
+        size: Height and width.
+    """
+    rows, columns = (geometry.angular_offsets(n) for n in size)
+    return rows, columns
