@@ -20,7 +20,7 @@ from lfref.captures.registration import Registration, places_of, registered
 from lfref.lightfield import LightField
 
 SHOWN = 0.02  # pixels that colours lie apart, on the average over the picture or in the outermost view
-SURE = 6.0  # standard errors
+SURE = 4.0  # standard errors
 CLEAR = {"lateral": 0.6, "axial": 1.0}  # of the scatter of patches: textures of two colours lie apart here and there
 LEAST_OFFSET = 0.03  # pixels
 

@@ -21,7 +21,7 @@ from lfref.captures.patches import Patches
 from lfref.lightfield import LightField
 
 ROUNDS = 4  # of reading patches where they now seem to lie
-SETTLED = 0.02  # pixels: patches that moved less need not be read again
+SETTLED = 0.08  # pixels: patches that moved less need not be read again
 FEWEST_PATCHES = 12
 OPEN = 0.5  # weight from which a view shows a patch
 UNEXPLAINED = 0.01  # of a patch's contrast, at the least
@@ -46,7 +46,8 @@ class Registration(NamedTuple):
 
     def again(self, unknown: Tensor, chosen: Tensor | slice = slice(None)) -> Explained:
         """What explains some of the patches, or all, where other shifts are left at 0; see `explained`."""
-        return explained(*(part[chosen] for part in weighed(self.seen.moved(self.expected))), self.places, unknown)
+        information, moved, shown = weighed(self.seen.moved(self.expected))
+        return explained(information[chosen], moved[chosen], shown[chosen], self.places, unknown)
 
     def quarters(self) -> list[Tensor]:
         """Which patches lie in each quarter of the picture, [K] of bool each: four looks at the same views."""

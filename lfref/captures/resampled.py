@@ -27,8 +27,9 @@ def moved(field: LightField, rows: Tensor, columns: Tensor) -> LightField:
     """
     weight = field.weight
     if weight is not None:
-        middle = (places.mean(2, keepdim=True) for places in (rows, columns))
-        weight = resampled(weight, *middle).clamp(0, 1)
+        shape = field.views.shape[:3]
+        means = (places.expand(*shape, -1).mean(2, keepdim=True) for places in (rows, columns))
+        weight = resampled(weight, *means).clamp(0, 1)
     return dataclasses.replace(field, views=resampled(field.views, rows, columns), weight=weight)
 
 
