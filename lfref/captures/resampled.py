@@ -45,9 +45,11 @@ def resampled(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
     samples = views.detach().cpu().contiguous().flatten(0, 2)
     made = torch.empty_like(samples)
     shape = views.shape[:3]
-    down = _taps(rows.cpu().expand(*shape, height).flatten(0, 2), height, samples.dtype)
-    across = _taps(columns.cpu().expand(*shape, width).flatten(0, 2), width, samples.dtype)
-    arrays = [table.numpy() for table in (samples, *down, *across, made)]
+    starts, down = _taps(rows.cpu().expand(*shape, height).flatten(0, 2), height, samples.dtype)
+    lines = (starts[..., None] + torch.arange(len(resampling.TAPS))).clamp(0, height - 1)
+    begins, across = _taps(columns.cpu().expand(*shape, width).flatten(0, 2), width, samples.dtype)
+    tables = (samples, lines, down, begins, across.mT.contiguous(), made)
+    arrays = [table.numpy() for table in tables]
     n_threads = threads.worthwhile(made.numel(), WORTH_A_THREAD)
     bands = threads.bands(len(samples), n_threads)
     threads.share(lambda first, last: resampling_loop.resample(*arrays, first, last), bands, n_threads)
@@ -55,11 +57,10 @@ def resampled(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 
 
 def _taps(positions: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Samples [B, n, 8] and their weights, for positions [B, n]."""
+    """First sample [B, n], perhaps beyond the edge, and weights [B, n, 8] from there on, for positions [B, n]."""
     index = (positions + (length - 1) / 2).clamp(0, length - 1)
     whole = index.floor()
-    taps = whole.long()[..., None] + torch.tensor(resampling.TAPS)
-    return taps.clamp(0, length - 1), resampling.weights(index - whole).to(dtype)
+    return whole.long() + resampling.TAPS[0], resampling.weights(index - whole).to(dtype)
 
 
 def centred(size: tuple[int, int]) -> tuple[Tensor, Tensor]:
