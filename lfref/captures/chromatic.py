@@ -81,22 +81,20 @@ def find(evidence: Evidence) -> Chromatic:
     found = registered(evidence)
     if found is None:
         return _nothing(n_channels, "too little texture, or too few views, to tell")
-    return _found(found, n_channels)
+    return _found(found)
 
 
-def _found(found: Registration, n_channels: int) -> Chromatic:
+def _found(found: Registration) -> Chromatic:
     first = dispersion.dispersions(found, found.seen)
     reach = float(found.places.abs().max())
     lateral = torch.tensor([_is_lateral(one.lateral) for one in first])
     axial = torch.tensor([_is_axial(one.axial, reach) for one in first])
     moved = torch.tensor([_is_beside(one.lateral) for one in first]) & lateral[:, None]
-    total = torch.zeros(n_channels, 4, dtype=torch.float64)
     sure = torch.cat([moved, lateral[:, None], axial[:, None]], 1)
-    step = _values(first)
+    total = torch.where(sure, _values(first), 0.0)
     for _ in range(dispersion.ROUNDS if bool(sure.any()) else 0):
-        total = total + torch.where(sure, step, 0.0)
         seen = dispersion.read_again(found, total[:, :2], total[:, 2], total[:, 3])
-        step = _values(dispersion.dispersions(found, seen))
+        total = total + torch.where(sure, _values(dispersion.dispersions(found, seen)), 0.0)
     return Chromatic(1 + total[:, 2], total[:, :2], total[:, 3])
 
 

@@ -16,7 +16,7 @@ from lfref.captures.displacements import FAINT, Observed
 from lfref.captures.fitted import Fitted
 from lfref.captures.registration import Registration
 
-ROUNDS = 3  # of reading channels where they now seem to lie
+ROUNDS = 2  # of reading channels again where they now seem to lie
 LEAST_ERROR = 0.003  # pixels per view step: no patch knows its disparity better
 FAINTEST = 0.1  # contrast over that of the middle channel
 UNEXPLAINED = 0.02  # of a patch's contrast, at the least

@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 import torch
 
+import lfref
 from lfref.captures import alignment, registration
 from lfref.captures.evidence import Evidence
 from lfref.lightfield import LightField
@@ -87,3 +88,12 @@ def test_a_single_row_of_views_is_aligned():
     # What is linear in the place cannot be told along the row, nor trusted across it.
     moved = found.shifts[0] - linear @ torch.linalg.lstsq(linear, found.shifts[0]).solution
     assert rms(moved - rest) < 0.02
+
+
+def test_two_ends_of_a_real_capture_tell_the_same_of_its_views(lytro):
+    field = lfref.read(lytro)
+    found = [alignment.find(Evidence(field.crop(0, left, 300, 330))) for left in (0, 222)]
+    differences = found[0].shifts - found[1].shifts
+    assert rms(differences) < 0.05
+    together = (found[0].shifts * found[1].shifts).sum()
+    assert float(together / (found[0].shifts.norm() * found[1].shifts.norm())) > 0.3
