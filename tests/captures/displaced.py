@@ -1,0 +1,61 @@
+"""Light fields that lie where they should not: scenes of the simulator, moved by its own effects."""
+
+import dataclasses
+import functools
+
+import torch
+
+from lfref import geometry
+from lfref.captures.evidence import Evidence
+from lfref.lightfield import LightField
+from lfref.simulator import sim30
+from lfref.simulator.effects import chromatic, misalignment, resampling
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.simulate import simulate
+
+
+@functools.cache
+def scene(name):
+    """Views of a scene as a perfect camera has them."""
+    made = simulate(dataclasses.replace(sim30.SCENES[name], sensor=Sensor()), outputs=("views",), slopes=[0.0])
+    return LightField(made.views, name)
+
+
+@functools.cache
+def evidence(name):
+    return Evidence(scene(name))
+
+
+@functools.cache
+def shifts(size=0.25, seed=1):
+    """Down and right, of the kind that can be known: no mean, nothing linear in the place."""
+    drawn = size * torch.randn(49, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+    places = torch.cartesian_prod(*[geometry.angular_offsets(7)] * 2)
+    linear = torch.cat([torch.ones(49, 1, dtype=torch.float64), places], 1)
+    return (drawn - linear @ torch.linalg.lstsq(linear, drawn).solution).unflatten(0, (7, 7))
+
+
+def misaligned(name, moved):
+    field = scene(name)
+    return dataclasses.replace(field, views=misalignment.shift(field.views, moved.flip(-1)))
+
+
+def dispersed(name, magnification, disparity):
+    field = scene(name)
+    return dataclasses.replace(field, views=chromatic.disperse(field.views, magnification, disparity))
+
+
+def stretched(name, ratio):
+    """A picture that is taller has larger disparities along rows: as of rows of views farther apart."""
+    field = scene(name)
+    rows, columns = (geometry.angular_offsets(n) for n in field.size)
+    return dataclasses.replace(field, views=resampling.resample(field.views, rows / ratio, columns))
+
+
+def noisy(field, size=0.02):
+    noise = torch.randn(field.views.shape, generator=torch.Generator().manual_seed(3))
+    return dataclasses.replace(field, views=field.views + size * noise)
+
+
+def rms(values):
+    return float(values.square().mean().sqrt())

@@ -1,0 +1,37 @@
+"""Spacing: rows of views that are farther apart than columns are found; even grids stay even."""
+
+import math
+
+import pytest
+import torch
+
+from lfref.captures import spacing
+from lfref.captures.evidence import Evidence
+from lfref.lightfield import LightField
+
+from . import displaced
+
+
+@pytest.mark.parametrize("ratio", [0.9, 1.04, 1.2])
+def test_a_known_ratio_comes_back_to_half_a_percent(ratio):
+    found = spacing.find(Evidence(displaced.stretched("leaves", ratio)))
+    assert found.inert() is None
+    assert found.ratio == pytest.approx(ratio, rel=5e-3)
+    assert f"[{found.ratio:.4f},1]" in found.told()
+
+
+def test_every_second_column_makes_rows_half_as_far_apart():
+    field = displaced.scene("leaves")
+    found = spacing.find(Evidence(LightField(field.views[:, ::2])))
+    assert found.found == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["leaves", "plane", "stripes", "window", "lattice", "wall"])
+def test_even_grids_stay_even(name):
+    assert spacing.find(displaced.evidence(name)).inert() is not None
+
+
+def test_what_cannot_be_told_is_not():
+    found = spacing.find(Evidence(LightField(torch.rand(1, 5, 3, 80, 96))))
+    assert math.isnan(found.found)
+    assert "too few rows and columns" in found.inert()
