@@ -10,7 +10,7 @@ GRID, SIZE = (3, 5), (20, 24)
 def test_shifts_grow_with_the_distance_from_the_angular_centre():
     shifts = task.plan([0.5], GRID, SIZE).planes[0]
     assert shifts.rows == (-0.5, 0.0, 0.5)
-    assert shifts.columns == (-1.0, -0.5, 0.0, 0.5, 1.0)
+    assert shifts.columns == ((-1.0, -0.5, 0.0, 0.5, 1.0),)
     assert task.plan([0.5], GRID, SIZE, "nearest").planes[0].rows == (0, 0, 1)
 
 
