@@ -53,6 +53,11 @@ def lines(grid: tuple[int, int], positions: Tensor | None = None) -> Lines:
     return Lines(v[:, 0], u[:1] if bool((u == u[:1]).all()) else u)
 
 
+def even(grid: tuple[int, int]) -> Tensor:
+    """(v, u) of each camera of an even grid (V, U) from its centre, in view steps, float64, [V, U, 2]."""
+    return torch.stack(torch.meshgrid(*map(geometry.angular_offsets, grid), indexing="ij"), -1)
+
+
 def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
     """The positions as float64 on the CPU, [V, U, 2], once they are known to be usable.
 

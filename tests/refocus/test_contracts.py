@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus import apertures, batches
+from lfref.refocus import apertures, batches, lines
 from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.borders import BORDERS
@@ -52,6 +52,17 @@ def every(operator, *interpolations):
 
 def shifted(views, **options):
     return shift_and_sum(views, SLOPES, **options)
+
+
+def from_anywhere(operator):
+    """The operator, of cameras that stand on no grid."""
+
+    def seen(views, **options):
+        grid = views.shape[-5:-3]
+        drift = 0.3 * torch.sin(torch.arange(2.0 * grid.numel(), dtype=torch.float64)).reshape(*grid, 2)
+        return operator(views, positions=lines.even(grid) + drift, **options)
+
+    return seen
 
 
 def before_a_bowl(operator):
@@ -109,6 +120,9 @@ ESTIMATES = {
     "wiener through a disc": lambda views: wiener(
         views, SLOPES, between(-0.2, 0.2), weights=apertures.disc(views.shape[-5:-3])
     ),
+    **{f"{name} from anywhere": from_anywhere(operator) for name, operator in every(shifted, *INTERPOLATIONS).items()},
+    "exact_fourier from anywhere": from_anywhere(functools.partial(exact_fourier, slopes=SLOPES, fill=0.4)),
+    "tilt_shift from anywhere": from_anywhere(functools.partial(tilt_shift, slope=SLOPES, tilt=(0.03, -0.02))),
 }
 
 

@@ -61,7 +61,8 @@ class Task(NamedTuple):
     @property
     def reach(self) -> int:
         """Samples beyond the edge that may be read."""
-        return math.ceil(max(abs(shift) for shifts in self.planes for shift in itertools.chain(shifts.rows, *shifts.columns))) + 1
+        taken = (shift for shifts in self.planes for shift in itertools.chain(shifts.rows, *shifts.columns))
+        return math.ceil(max(map(abs, taken))) + 1
 
     def span(self, shift: float, axis: int) -> tuple[int, int]:
         """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
@@ -87,7 +88,7 @@ class Task(NamedTuple):
         return torch.stack([self.coverage(shifts) for shifts in self.planes])
 
     def sampled(self, shifts: Shifts) -> tuple[Tensor, Tensor]:
-        """Where view rows, and the views of each row, have a sample: 1 or 0, float64, CPU, [V, H] and [V or 1, U, W]."""
+        """Where view rows, and views of each row, have a sample: 1 or 0, float64, CPU, [V, H] and [V or 1, U, W]."""
         columns = [borders.sampled(list(row), self.size[1]) for row in shifts.columns]
         return borders.sampled(list(shifts.rows), self.size[0]), torch.stack(columns)
 
