@@ -59,8 +59,8 @@ def from_anywhere(operator):
 
     def seen(views, **options):
         grid = views.shape[-5:-3]
-        drift = 0.3 * torch.sin(torch.arange(2.0 * grid.numel(), dtype=torch.float64)).reshape(*grid, 2)
-        return operator(views, positions=lines.even(grid) + drift, **options)
+        drift = torch.sin(torch.arange(2.0 * grid.numel(), dtype=torch.float64)).reshape(*grid, 2)
+        return operator(views, positions=lines.even(grid) + 0.3 * drift, **options)
 
     return seen
 
@@ -151,7 +151,14 @@ def test_has_an_adjoint(operator):
         contracts.assert_adjoint(operator, shape)
 
 
-@each({name: operator for name, operator in (OPERATORS | ESTIMATES | WEIGHTED).items() if "zero" not in name})
+# Beyond the border views are black; and where all cameras stand to one side, pixels at the other have no view at all.
+DARK = ("zero", "renormalize from anywhere")
+BRIGHT = {
+    name: each for name, each in (OPERATORS | ESTIMATES | WEIGHTED).items() if not any(dark in name for dark in DARK)
+}
+
+
+@each(BRIGHT)
 def test_keeps_the_brightness(operator):
     for shape in SHAPES:
         contracts.assert_gain_of_1(operator, shape, 1e-6)
