@@ -57,6 +57,8 @@ class LightField:
     """How far each sample is to be trusted, in [0, 1], [V, U, 1, H, W]; None means fully everywhere."""
     metadata: Mapping[str, str] = field(default_factory=dict)
     """Where the field came from and how it was read."""
+    positions: Tensor | None = None
+    """(v, u) of each camera from the angular centre, in view steps, float64, [V, U, 2]; None: the even grid."""
 
     def __post_init__(self) -> None:
         check_views(self.views)

@@ -122,7 +122,9 @@ ESTIMATES = {
     ),
     **{f"{name} from anywhere": from_anywhere(operator) for name, operator in every(shifted, *INTERPOLATIONS).items()},
     "exact_fourier from anywhere": from_anywhere(functools.partial(exact_fourier, slopes=SLOPES, fill=0.4)),
-    "tilt_shift from anywhere": from_anywhere(functools.partial(tilt_shift, slope=SLOPES, tilt=(0.03, -0.02))),
+    "tilt_shift from anywhere": from_anywhere(
+        functools.partial(tilt_shift, slope=SLOPES, tilt=(0.03, -0.02), border="edge")
+    ),
 }
 
 
