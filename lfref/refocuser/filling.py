@@ -25,11 +25,21 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
     Returns:
         The views where they have a tenth or more of the largest weight at a pixel; black where no view has any.
     """
-    least = torch.finfo(weight.dtype).tiny
-    views = torch.where(weight > 0, views, 0)
-    mean = (views * weight).sum((-5, -4), keepdim=True) / weight.sum((-5, -4), keepdim=True).clamp(min=least)
-    trust = weight / (TRUSTED * weight.amax((-5, -4), keepdim=True)).clamp(min=least)
-    return torch.lerp(mean.expand_as(views), views, trust.clamp(max=1))
+    needed = TRUSTED * weight.amax((-5, -4), keepdim=True)
+    # Most pixels have no sample that must give way: only the others are worked on.
+    y, x = ((weight < needed) | (needed == 0)).flatten(0, -3).any(0).nonzero(as_tuple=True)
+    if len(y) == 0:
+        return views
+    made = views.clone()
+    made[..., y, x] = _given_way(views[..., y, x], weight[..., y, x], needed[..., y, x])
+    return made
+
+
+def _given_way(samples: Tensor, weight: Tensor, needed: Tensor) -> Tensor:
+    """Samples [..., V, U, C, P] of less weight than is needed, as far as that, replaced by the mean of the views."""
+    least, samples = torch.finfo(weight.dtype).tiny, torch.where(weight > 0, samples, 0)
+    mean = (samples * weight).sum((-4, -3), keepdim=True) / weight.sum((-4, -3), keepdim=True).clamp(min=least)
+    return torch.lerp(mean.expand_as(samples), samples, (weight / needed.clamp(min=least)).clamp(max=1))
 
 
 def foretold(views: Tensor, weights: Tensor) -> Tensor:
