@@ -131,14 +131,15 @@ def even_stack(views: Tensor, slopes: Tensor) -> Tensor:
     return focal_stack_transform(views, len(slopes), float(slopes.min()), float(slopes.max()))
 
 
-def coplanar_homography(views: Tensor, slopes: Tensor) -> Tensor:
+def coplanar_homography(views: Tensor, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
     """Homographies of cameras in one plane, which shift-and-sum needs no matrices for.
 
     Args:
         views: Light fields, [..., V, U, C, H, W].
         slopes: In pixels per view step, [N].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
     """
-    return homography(views, slope_homographies(slopes, (views.shape[-5], views.shape[-4])))
+    return homography(views, slope_homographies(slopes, (views.shape[-5], views.shape[-4]), positions))
 
 
 def focus(views: Tensor, slopes: Tensor) -> Tensor:

@@ -20,6 +20,9 @@ WINDOW = 5  # reduced pixels that are taken to be at one disparity
 OUTLIERS = 0.04  # of the gradients' energy, at either end
 FAINTEST = 1e-12  # energy of gradients below which nothing is to be seen
 
+Index = int | slice | Tensor
+"""Of rows or columns of views."""
+
 
 class DisparityRange(NamedTuple):
     """Disparities weighted by the energy of gradients, in pixels per view step."""
@@ -59,12 +62,16 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
     return DisparityRange(factor * low, factor * float(moments[0].sum() / moments[1].sum()), factor * high)
 
 
-def _looked_at(grid: tuple[int, int], weights: Tensor | None) -> list[tuple[Tensor, Tensor]]:
-    """Row and column numbers of the views of the middlemost row, and column, that have the most to look at."""
+def _looked_at(grid: tuple[int, int], weights: Tensor | None) -> list[tuple[Index, Index]]:
+    """Indices of the views of the middlemost row, and column, that have the most to look at."""
     is_open = torch.ones(grid, dtype=torch.bool) if weights is None else batches.checked_weights(weights, grid) > 0
     row, column = (_middlemost(counts) for counts in (is_open.sum(1), is_open.sum(0)))
-    across, down = is_open[row].nonzero()[:, 0], is_open[:, column].nonzero()[:, 0]
-    return [(torch.full_like(across, row), across), (down, torch.full_like(down, column))]
+    return [(row, _where(is_open[row])), (_where(is_open[:, column]), column)]
+
+
+def _where(is_open: Tensor) -> Index:
+    """Index of the open views of a line; of all a slice, which copies nothing."""
+    return slice(None) if bool(is_open.all()) else is_open.nonzero()[:, 0]
 
 
 def _middlemost(counts: Tensor) -> int:
