@@ -116,7 +116,7 @@ def angular_offsets(n_views: int) -> Tensor:
     return torch.arange(n_views, dtype=torch.float64) - (n_views - 1) / 2
 
 
-def corner_shift(slopes: Tensor, grid: Sequence[int]) -> float:
+def corner_shift(slopes: Tensor, grid: Sequence[float]) -> float:
     """Largest shift, in pixels along one axis, that any view undergoes at these slopes.
 
     Args:
@@ -126,7 +126,7 @@ def corner_shift(slopes: Tensor, grid: Sequence[int]) -> float:
     return float(slopes.abs().max()) * (max(grid) - 1) / 2
 
 
-def checked_slopes(slopes: Slopes, grid: Sequence[int], size: Sequence[int]) -> Tensor:
+def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -> Tensor:
     """The slopes as float64 on the CPU, once they are known to be usable.
 
     Args:

@@ -11,7 +11,8 @@ from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser import filling
+from lfref.refocuser.refocuser import Refocuser, uneven
 
 
 class NetworkRefocuser(Refocuser):
@@ -34,14 +35,17 @@ class NetworkRefocuser(Refocuser):
         self.grid = network.grid
 
     @torch.no_grad()
-    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor) -> Tensor:
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The network's stack, of whole numbers scaled to [0, 1].
 
         A network has no place for weights: what is not trusted is replaced by what the other views show there.
 
         Raises:
-            InputError: Views that are not finite, lie on another device, or do not fit the network.
+            InputError: Views that are not finite, lie on another device, or do not fit the network; cameras that do
+                not stand on an even grid.
         """
+        if positions is not None:
+            raise uneven(self.name)
         like = next(self.network.parameters())
         if views.device != like.device:
             raise InputError(f"views must be on the network's device, {like.device}", got=views.device)
@@ -49,15 +53,8 @@ class NetworkRefocuser(Refocuser):
         if not bool(radiance.isfinite().all()):
             raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
         if weight is not None:
-            radiance = _filled(radiance, weight.to(radiance))
+            radiance = filling.filled(radiance, weight.to(radiance))
         return self.network(radiance.to(like.dtype), slopes).to(batches.stack_dtype(views))
-
-
-def _filled(views: Tensor, weight: Tensor) -> Tensor:
-    """Views whose samples give way, as far as they are not trusted, to the weighted mean of all views there."""
-    total = weight.sum((-5, -4), keepdim=True)
-    mean = (views * weight).sum((-5, -4), keepdim=True) / total.clamp(min=torch.finfo(weight.dtype).tiny)
-    return torch.lerp(mean.expand_as(views), views, weight)
 
 
 def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> NetworkRefocuser:

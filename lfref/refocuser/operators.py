@@ -1,5 +1,6 @@
-"""Linear refocusing operators as refocusers: any planes, any grid, samples counted by their weight."""
+"""Refocusing operators as refocusers: any planes, any grid, samples counted by their weight."""
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -10,8 +11,13 @@ from lfref.refocus import batches
 from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
+from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
+from lfref.refocus.fourier.super_resolution import super_resolve
+from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.refocuser import Aperture, Refocuser
+from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocuser import filling
+from lfref.refocuser.refocuser import Aperture, Refocuser, uneven
 
 Operator = Callable[..., Tensor]
 """(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]; with an aperture, `weights` [V, U] too."""
@@ -38,15 +44,27 @@ class OperatorRefocuser(Refocuser):
     operator: Operator
     aperture: Aperture | None = None
 
-    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor) -> Tensor:
-        """The operator's stack; with weights, the weighted mean, black where no trusted sample contributes."""
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
+        """The operator's stack, samples counted by their weight, black where no trusted one contributes.
+
+        Views that weigh the same throughout, missing ones too, are an aperture. Else linear operators give the weighted
+        mean, sample by sample; those that look at the views see them filled, and all samples alike.
+        """
+        if positions is not None and not self._takes("positions"):
+            raise uneven(self.name)
+        options = {} if positions is None else {"positions": positions}
         if weight is None:
-            return self._sum(views, slopes)
+            return self._sum(views, slopes, None, options)
+        of_views = filling.of_whole_views(weight) if self._takes("weights") else None
+        if of_views is not None and bool(of_views.any()):
+            return self._through_views(views, slopes, of_views, options)
         radiance = batches.radiance(views)
         weight = weight.to(radiance)
-        share, weighted = self._sum(weight, slopes), self._sum(radiance * weight, slopes)
-        mean = torch.where(share > LEAST_WEIGHT, weighted / share.clamp(min=LEAST_WEIGHT), 0.0)
-        return mean.to(batches.stack_dtype(views))
+        if self._looks:
+            stack = self._of_filled(radiance, weight, slopes, options)
+        else:
+            stack = self._mean(radiance, weight, slopes, options)
+        return stack.to(batches.stack_dtype(views))
 
     def through(self, aperture: Aperture | None) -> "OperatorRefocuser":
         """As in `Refocuser`; an aperture of its own is kept."""
@@ -58,10 +76,49 @@ class OperatorRefocuser(Refocuser):
         disparity = torch.as_tensor(options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
         return float(options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
 
-    def _sum(self, views: Tensor, slopes: Tensor) -> Tensor:
-        if self.aperture is None:
-            return self.operator(views, slopes)
-        return self.operator(views, slopes, weights=self.aperture(tuple(views.shape[-5:-3])))
+    def _mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
+        """The weighted mean, sample by sample."""
+        share = self._sum(weight, slopes, None, options)
+        weighted = self._sum(views * weight, slopes, None, options)
+        return torch.where(share > LEAST_WEIGHT, weighted / share.clamp(min=LEAST_WEIGHT), 0.0)
+
+    def _of_filled(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
+        """All samples alike, those that are not to be trusted made up."""
+        whole = filling.filled(views, weight)
+        is_there = (weight.reshape(-1, *weight.shape[-5:]) > 0).any(0).flatten(2).any(2)
+        if bool(is_there.all()) or not (bool(is_there.any()) and self._takes("weights")):
+            return self._sum(whole, slopes, None, options)
+        return self._through_views(whole, slopes, is_there.to(views), options)
+
+    def _through_views(self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor]) -> Tensor:
+        """Through an aperture of these weights [V, U], or, where missing views can be foretold, through the whole."""
+        if bool((weights == weights[0, 0]).all()):
+            return self._sum(views, slopes, None, options)
+        if self._function not in FORETELLING or bool((weights > 0).all()):
+            return self._sum(views, slopes, weights, options)
+        whole = filling.foretold(batches.radiance(views), weights)
+        return self._sum(whole, slopes, None, options).to(batches.stack_dtype(views))
+
+    def _sum(self, views: Tensor, slopes: Tensor, weights: Tensor | None, options: dict[str, Tensor]) -> Tensor:
+        """The operator, through its aperture and these weights of the views, [V, U]."""
+        if self.aperture is not None:
+            own = self.aperture(tuple(views.shape[-5:-3]))
+            weights = own if weights is None else own * weights.to(own)
+        return self.operator(views, slopes, **options, **({} if weights is None else {"weights": weights}))
+
+    @property
+    def _function(self) -> Operator:
+        """The operator without what is bound to it."""
+        return getattr(self.operator, "func", self.operator)
+
+    @property
+    def _looks(self) -> bool:
+        return self._function in LOOKING
+
+    def _takes(self, argument: str) -> bool:
+        """Whether the operator can be given an argument that is not bound already."""
+        bound = getattr(self.operator, "keywords", {})
+        return argument in inspect.signature(self.operator).parameters and argument not in bound
 
 
 def even_stack(views: Tensor, slopes: Tensor) -> Tensor:
@@ -74,14 +131,15 @@ def even_stack(views: Tensor, slopes: Tensor) -> Tensor:
     return focal_stack_transform(views, len(slopes), float(slopes.min()), float(slopes.max()))
 
 
-def coplanar_homography(views: Tensor, slopes: Tensor) -> Tensor:
+def coplanar_homography(views: Tensor, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
     """Homographies of cameras in one plane, which shift-and-sum needs no matrices for.
 
     Args:
         views: Light fields, [..., V, U, C, H, W].
         slopes: In pixels per view step, [N].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
     """
-    return homography(views, slope_homographies(slopes, (views.shape[-5], views.shape[-4])))
+    return homography(views, slope_homographies(slopes, (views.shape[-5], views.shape[-4]), positions))
 
 
 def focus(views: Tensor, slopes: Tensor) -> Tensor:
@@ -92,3 +150,9 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
         slopes: In pixels per view step, [N].
     """
     return all_in_focus(shift_and_sum(views, slopes)).image.unsqueeze(-4)
+
+
+FORETELLING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
+"""Estimate what the whole aperture would have seen: missing views are made up for."""
+LOOKING: frozenset[Operator] = FORETELLING | {shift_and_sum_through_cells, super_resolve, focus}
+"""Look at the views before they sum them: views times weights would mislead them."""

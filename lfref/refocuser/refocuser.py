@@ -44,18 +44,24 @@ class Refocuser(abc.ABC):
         Raises:
             InputError: Views or slopes that it cannot use.
         """
-        views, weight = (light.views, light.weight) if isinstance(light, LightField) else (light, None)
-        batches.check(views)
-        return self.stack(views, weight, self.slopes(slopes))
+        if not isinstance(light, LightField):
+            batches.check(light)
+            return self.stack(light, None, self.slopes(slopes))
+        batches.check(light.views)
+        return self.stack(light.views, light.weight, self.slopes(slopes), light.positions)
 
     @abc.abstractmethod
-    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor) -> Tensor:
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """Refocus views whose axes, type and slopes are known to be usable.
 
         Args:
             views: [..., V, U, C, H, W].
             weight: How far each sample is to be trusted, in [0, 1], [..., V, U, 1, H, W]; None means fully.
             slopes: In pixels per view step, [N].
+            positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+
+        Raises:
+            InputError: Positions that it does not take.
         """
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
@@ -94,6 +100,19 @@ class Refocuser(abc.ABC):
                 remedy="leave the planes as it was trained, or use an operator (method=shift_and_sum)",
             )
         return self.planes.slopes
+
+
+def uneven(name: str) -> InputError:
+    """What is raised where cameras do not stand on the even grid that a method needs.
+
+    Args:
+        name: Of the method.
+    """
+    return InputError(
+        f"{name} needs cameras on an even grid",
+        got="positions of their own",
+        remedy="take method=shift_and_sum_through_cells, shift_and_sum, exact_fourier or tilt_shift",
+    )
 
 
 def name_apart(refocusers: Iterable[Refocuser]) -> None:

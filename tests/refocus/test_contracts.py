@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus import apertures, batches
+from lfref.refocus import apertures, batches, lines
 from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.borders import BORDERS
@@ -52,6 +52,17 @@ def every(operator, *interpolations):
 
 def shifted(views, **options):
     return shift_and_sum(views, SLOPES, **options)
+
+
+def from_anywhere(operator):
+    """The operator, of cameras that stand on no grid."""
+
+    def seen(views, **options):
+        grid = views.shape[-5:-3]
+        drift = torch.sin(torch.arange(2.0 * grid.numel(), dtype=torch.float64)).reshape(*grid, 2)
+        return operator(views, positions=lines.even(grid) + 0.3 * drift, **options)
+
+    return seen
 
 
 def before_a_bowl(operator):
@@ -109,6 +120,11 @@ ESTIMATES = {
     "wiener through a disc": lambda views: wiener(
         views, SLOPES, between(-0.2, 0.2), weights=apertures.disc(views.shape[-5:-3])
     ),
+    **{f"{name} from anywhere": from_anywhere(operator) for name, operator in every(shifted, *INTERPOLATIONS).items()},
+    "exact_fourier from anywhere": from_anywhere(functools.partial(exact_fourier, slopes=SLOPES, fill=0.4)),
+    "tilt_shift from anywhere": from_anywhere(
+        functools.partial(tilt_shift, slope=SLOPES, tilt=(0.03, -0.02), border="edge")
+    ),
 }
 
 
@@ -137,7 +153,14 @@ def test_has_an_adjoint(operator):
         contracts.assert_adjoint(operator, shape)
 
 
-@each({name: operator for name, operator in (OPERATORS | ESTIMATES | WEIGHTED).items() if "zero" not in name})
+# Beyond the border views are black; and where all cameras stand to one side, pixels at the other have no view at all.
+DARK = ("zero", "renormalize from anywhere")
+BRIGHT = {
+    name: each for name, each in (OPERATORS | ESTIMATES | WEIGHTED).items() if not any(dark in name for dark in DARK)
+}
+
+
+@each(BRIGHT)
 def test_keeps_the_brightness(operator):
     for shape in SHAPES:
         contracts.assert_gain_of_1(operator, shape, 1e-6)

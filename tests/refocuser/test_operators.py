@@ -1,16 +1,29 @@
 """Samples count by their weight: the weighted mean over the views, sample by sample."""
 
+import dataclasses
 import functools
 
 import pytest
 import torch
 
+from lfref.errors import InputError
 from lfref.lightfield import LightField
-from lfref.refocus import apertures
+from lfref.refocus import apertures, lines
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
+from lfref.refocus.fourier.slice import fourier_slice
+from lfref.refocus.fourier.super_resolution import super_resolve
+from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
 from lfref.refocuser import operators
 from lfref.refocuser.operators import OperatorRefocuser
+from lfref.simulator import sim30
+from lfref.simulator.effects import vignetting
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.simulate import simulate
+from tests.refocus.conftest import shifted_views, texture
 
 SLOPES = torch.tensor([-1.5, 0.0, 0.4], dtype=torch.float64)
 
@@ -153,3 +166,107 @@ def test_the_widest_cell_is_that_of_the_plane_farthest_from_the_disparity(option
 def test_cells_before_a_map_are_as_wide_as_at_its_farthest_disparity():
     behind = functools.partial(shift_and_sum, fill=1.0, disparity=torch.tensor([[0.0, 1.0], [0.5, -0.2]]))
     assert OperatorRefocuser("name", behind).cell_width(SLOPES) == 2.5
+
+
+EVERY = {
+    "sum": shift_and_sum,
+    "exact": exact_fourier,
+    "cells": shift_and_sum_through_cells,
+    "layers": refocus_by_layers,
+    "aware": occlusion_aware,
+    "finer": super_resolve,
+    "slice": fourier_slice,
+}
+
+
+def with_holes(holes, grid=(5, 5), size=(40, 44)):
+    """A field of a plane at disparity .5, without some of its views, and with rubbish in their place."""
+    weight = torch.ones(*grid, 1, *size, dtype=torch.float64)
+    for hole in holes:
+        weight[hole] = 0
+    whole = shifted_views(texture(3, *size), 0.5, grid)
+    black, wild = torch.where(weight > 0, whole, 0.0), torch.where(weight > 0, whole, 7.0)
+    return LightField(whole), LightField(black, weight=weight), LightField(wild, weight=weight)
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("holes", [[(0, 3)], [(2, 2)], [(0, 0), (0, 4), (4, 0), (4, 4)]])
+def test_what_a_missing_view_holds_is_never_seen(name, holes):
+    whole, black, wild = with_holes(holes)
+    refocuser = OperatorRefocuser(name, EVERY[name])
+    stack = refocuser(black, [-1.2, 0.5])
+    torch.testing.assert_close(refocuser(wild, [-1.2, 0.5]), stack, atol=1e-9, rtol=0)
+    border = 16 if name == "finer" else 8
+    difference = stack - refocuser(whole, [-1.2, 0.5])
+    assert float(difference[1, :, border:-border, border:-border].abs().max()) < 0.05
+
+
+@pytest.mark.parametrize("name", ["sum", "exact", "cells", "finer", "slice"])
+def test_weights_of_whole_views_are_an_aperture(name):
+    views, weights = torch.rand(5, 4, 3, 20, 24), torch.rand(5, 4)
+    weights[1, 2] = 0
+    sampled = LightField(views, weight=weights[:, :, None, None, None].expand(5, 4, 1, 20, 24))
+    expected = EVERY[name](views, [0.3], weights=weights)
+    assert torch.equal(OperatorRefocuser(name, EVERY[name])(sampled, [0.3]), expected)
+    disc = apertures.disc((5, 4))
+    through = OperatorRefocuser(name, EVERY[name], apertures.disc)(sampled, [0.3])
+    assert torch.equal(through, EVERY[name](views, [0.3], weights=weights * disc))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_views_that_all_weigh_the_same_are_as_if_they_had_no_weights(name):
+    views = torch.rand(5, 4, 3, 20, 24)
+    sampled = LightField(views, weight=torch.full((5, 4, 1, 20, 24), 0.4))
+    assert torch.equal(OperatorRefocuser(name, EVERY[name])(sampled, [0.3]), EVERY[name](views, [0.3]))
+
+
+@pytest.mark.parametrize("name", ["cells", "layers", "aware", "finer"])
+def test_methods_that_look_take_samples_of_some_weight_as_they_are(name):
+    views, weight = torch.rand(5, 5, 3, 40, 44), 0.3 + 0.7 * torch.rand(5, 5, 1, 40, 44)
+    stack = OperatorRefocuser(name, EVERY[name])(LightField(views, weight=weight), [0.4])
+    assert torch.equal(stack, EVERY[name](views, [0.4]))
+
+
+def test_no_view_of_any_weight_is_black():
+    black = LightField(torch.rand(3, 3, 3, 20, 24), weight=torch.zeros(3, 3, 1, 20, 24))
+    for name in ("sum", "cells"):
+        assert not OperatorRefocuser(name, EVERY[name])(black, [0.4]).any()
+
+
+# Weighted sums of vignetted views are no photograph through the whole aperture: 46 and 47 dB.
+@pytest.mark.parametrize(("name", "psnr"), [("cells", 50.0), ("aware", 52.0)])
+def test_vignetted_views_over_their_gain_are_near_the_truth(name, psnr):
+    scene = dataclasses.replace(sim30.SCENES["vignetting"], sensor=Sensor(vignetting=Vignetting(0.6, 0.5)))
+    made = simulate(scene, slopes=[-1.5, -0.3, 0.4])
+    gain = vignetting.falloff(made.views, 0.6) * vignetting.clipped_pupil(made.views, 0.5)
+    weight = torch.where(gain > 0.05, gain, 0.0)
+    mended = LightField(torch.where(weight > 0, made.views / gain.clamp(min=0.05), 0.0), weight=weight)
+    stack = OperatorRefocuser(name, EVERY[name])(mended, made.slopes)
+    error = (stack - made.truth)[..., 24:-24, 24:-24].square().mean((1, 2, 3))
+    assert float(-10 * error.log10().mean()) > psnr
+
+
+@pytest.mark.parametrize("name", ["sum", "exact", "cells"])
+@pytest.mark.parametrize("with_weight", [False, True])
+def test_positions_of_cameras_are_handed_on(name, with_weight):
+    views, stand = torch.rand(3, 3, 3, 14, 15), lines.even((3, 3)) * 1.2 + 0.1
+    weight = torch.ones(3, 3, 1, 14, 15)
+    weight[0, 1] = 0
+    uneven = LightField(views, weight=weight if with_weight else None, positions=stand)
+    expected = EVERY[name](views, SLOPES, positions=stand, weights=weight[..., 0, 0, 0] if with_weight else None)
+    assert torch.equal(OperatorRefocuser(name, EVERY[name])(uneven, SLOPES), expected)
+
+
+def test_weighted_samples_of_cameras_anywhere_are_their_weighted_mean():
+    stand, weight = lines.even((3, 3)) * 1.2, torch.rand(3, 3, 1, 14, 15, dtype=torch.float64) + 0.1
+    light = dataclasses.replace(field(weight), positions=stand)
+    share, total = (shift_and_sum(each, SLOPES, positions=stand) for each in (weight, light.views * weight))
+    stack = OperatorRefocuser("sum", shift_and_sum)(light, SLOPES)
+    torch.testing.assert_close(stack, total / share, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("name", ["layers", "aware", "finer", "slice"])
+def test_methods_of_even_grids_name_others_for_cameras_elsewhere(name):
+    uneven = LightField(torch.rand(3, 3, 3, 14, 15), positions=lines.even((3, 3)) * 1.2)
+    with pytest.raises(InputError, match=f"{name} needs cameras on an even grid; .* take method=shift_and_sum"):
+        OperatorRefocuser(name, EVERY[name])(uneven, SLOPES)

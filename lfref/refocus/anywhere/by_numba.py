@@ -7,7 +7,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.functional import threads
 from lfref.refocus import batches
 from lfref.refocus.anywhere import gather_loop
@@ -50,5 +49,5 @@ def _table(places: Places, views: Tensor) -> Table:
     still = torch.eye(3, dtype=torch.float64).expand(*grid, 3, 3)
     matrices = still if places.matrices is None else places.matrices
     slopes = torch.zeros(size, dtype=torch.float64) if places.slopes is None else places.slopes
-    offsets = [geometry.angular_offsets(n).numpy() for n in grid]
-    return Table(matrices.contiguous().numpy(), slopes.contiguous().numpy(), *offsets)
+    offsets = places.offsets(grid).contiguous().numpy()
+    return Table(matrices.contiguous().numpy(), slopes.contiguous().numpy(), offsets)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.refocus import batches
 from lfref.refocus.anywhere.places import Places, pixels
 from lfref.refocus.anywhere.sampling import sample
@@ -28,9 +27,9 @@ def _mean(views: Tensor, aperture: Tensor, places: Places, way: Interpolation, b
     """One plane, [B, C, H, W], and its coverage, [H, W]."""
     image = torch.zeros_like(batches.radiance(views[:, 0, 0]))
     coverage = torch.zeros(views.shape[-2:], dtype=torch.float64, device=views.device)
-    rows, columns = (geometry.angular_offsets(n).tolist() for n in aperture.shape)
+    offsets = places.offsets((aperture.shape[0], aperture.shape[1])).tolist()
     for v, u in aperture.nonzero().tolist():
-        x, y, visible = places.seen_from(v, u, (rows[v], columns[u]), *pixels(views))
+        x, y, visible = places.seen_from(v, u, offsets[v][u], *pixels(views))
         samples, has_sample = sample(batches.radiance(views[:, v, u]), x, y, way, border)
         counted, weight = has_sample & visible, float(aperture[v, u])
         image = image + torch.where(counted, samples, 0.0) * weight

@@ -38,10 +38,8 @@ class Table(NamedTuple):
     """Homogeneous, float64, [V, U, 3, 3]."""
     slopes: Reals
     """At each pixel, in pixels per view step, float64, [H, W]."""
-    rows: Reals
-    """Offset of each view row from the middle, in view steps, [V]."""
-    columns: Reals
-    """Likewise of each view column, [U]."""
+    offsets: Reals
+    """(v, u) of each view from the middle, in view steps, float64, [V, U, 2]."""
 
 
 @compiled
@@ -97,7 +95,7 @@ def _add_row(
 ) -> None:
     """Add a view to a row of the picture; the last four are room for taps."""
     n_channels, height, width = view.shape
-    matrix = table.matrices[v, u]
+    matrix, down_by, across_by = table.matrices[v, u], table.offsets[v, u, 0], table.offsets[v, u, 1]
     for x in range(covered.size):
         w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
         if not w > 0:  # behind the camera
@@ -107,7 +105,7 @@ def _add_row(
         at_y = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]
         if w != 1:  # divisions take longer than all else
             at_x, at_y = at_x / w, at_y / w
-        at_x, at_y = at_x + slope * table.columns[u], at_y + slope * table.rows[v]
+        at_x, at_y = at_x + slope * across_by, at_y + slope * down_by
         at_x, at_y = _snapped(at_x, rule.interpolation), _snapped(at_y, rule.interpolation)
         if not (_counts(at_x, width, rule.beyond) and _counts(at_y, height, rule.beyond)):
             continue

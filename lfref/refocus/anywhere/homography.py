@@ -16,7 +16,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import batches
+from lfref.refocus import batches, lines
 from lfref.refocus.anywhere.mean_of_views import mean_of_views
 from lfref.refocus.anywhere.places import Places
 
@@ -68,24 +68,25 @@ def homography(
     return batches.restored(stack, views)
 
 
-def slope_homographies(slopes: Slopes, grid: tuple[int, int]) -> Tensor:
+def slope_homographies(slopes: Slopes, grid: tuple[int, int], positions: Tensor | None = None) -> Tensor:
     """Homographies of coplanar cameras that all face planes parallel to theirs: shifts by s (u - u0), s (v - v0).
 
     Args:
         slopes: Focus in pixels per view step, [N].
         grid: Number of view rows and columns (V, U).
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         Matrices, float64, CPU, [N, V, U, 3, 3].
 
     Raises:
-        InputError: No slope, or one that is not finite.
+        InputError: No slope, one that is not finite, or positions that cannot be used.
     """
     # A grid of one view never shifts: how far these reach depends on a size that is not known here.
     planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))[:, None, None]
-    rows, columns = (geometry.angular_offsets(n) for n in grid)
+    rows, columns = (lines.even(grid) if positions is None else lines.checked_positions(positions, grid)).unbind(-1)
     matrices = torch.eye(3, dtype=torch.float64).repeat(len(planes), *grid, 1, 1)
-    matrices[..., 0, 2], matrices[..., 1, 2] = planes * columns, planes * rows[:, None]
+    matrices[..., 0, 2], matrices[..., 1, 2] = planes * columns, planes * rows
     return matrices
 
 

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from lfref.refocus import lines
+
 Positions = tuple[Tensor, Tensor, Tensor | bool]
 """x and y in a view, in pixels, and where the view can see the point at all, [H, W] each."""
 
@@ -19,11 +21,17 @@ class Places(NamedTuple):
     """From pixels of the picture to those of each view, float64, [V, U, 3, 3]; None: the same pixel."""
     slopes: Tensor | None = None
     """At each pixel, in pixels per view step, float64, [H, W]; None: 0."""
+    positions: Tensor | None = None
+    """(v, u) of each view from the middle of the grid, in view steps, float64, CPU, [V, U, 2]; None: an even grid."""
 
     @property
     def tensors(self) -> list[Tensor]:
-        """Those that are given."""
-        return [tensor for tensor in self if tensor is not None]
+        """Those that are given and may be differentiated."""
+        return [tensor for tensor in (self.matrices, self.slopes) if tensor is not None]
+
+    def offsets(self, grid: tuple[int, int]) -> Tensor:
+        """The positions, of an even grid (V, U) where none are given."""
+        return lines.even(grid) if self.positions is None else self.positions
 
     def seen_from(self, v: int, u: int, offset: tuple[float, float], x: Tensor, y: Tensor) -> Positions:
         """Where a view shows pixels.
@@ -31,7 +39,7 @@ class Places(NamedTuple):
         Args:
             v: View row.
             u: View column.
-            offset: Of that row and column from the middle of the grid, in view steps.
+            offset: Of that view from the middle of the grid, downwards and to the right, in view steps.
             x: Columns, float64, [1, W].
             y: Rows, float64, [H, 1].
         """

@@ -13,10 +13,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import batches
+from lfref.refocus import batches, lines
 from lfref.refocus.anywhere.mean_of_views import mean_of_views
 from lfref.refocus.anywhere.places import Places, pixels
 from lfref.refocus.borders import BORDERS
@@ -32,6 +31,7 @@ def per_pixel(
     weights: Tensor | None = None,
     fill: float = 0.0,
     disparity: float | Tensor = 0.0,
+    positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields on surfaces, each pixel at its own slope.
 
@@ -45,13 +45,14 @@ def per_pixel(
             over the aperture.
         disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         Stacks in the order of the maps (N = 1 for a single one), type (float32 for integers) and device of the views,
         [..., N, C, H, W]. A pixel that no weighted view covers is 0.
 
     Raises:
-        InputError: Views, slopes, weights, cells or names that cannot be used.
+        InputError: Views, slopes, weights, cells, positions or names that cannot be used.
 
     Example:
         >>> views, slope_map = torch.rand(5, 5, 3, 48, 64), torch.full((48, 64), 0.25)
@@ -60,8 +61,8 @@ def per_pixel(
     """
     batch = batches.flattened(views)
     cell = footprint.checked(fill, disparity, views)
-    stack = _stack(batch, _checked_map(slope_map, batch), interpolation, border, weights, cell)
-    return batches.restored(stack, views)
+    slopes = _checked_map(slope_map, batch, positions)
+    return batches.restored(_stack(batch, slopes, interpolation, border, weights, positions, cell), views)
 
 
 def tilt_shift(
@@ -73,6 +74,7 @@ def tilt_shift(
     weights: Tensor | None = None,
     fill: float = 0.0,
     disparity: float | Tensor = 0.0,
+    positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields on slanted planes: s(x, y) = slope + a x + b y, with x and y counted from pixel 0.
 
@@ -85,6 +87,7 @@ def tilt_shift(
         weights: As in `per_pixel`.
         fill: As in `per_pixel`.
         disparity: As in `per_pixel`.
+        positions: As in `per_pixel`.
 
     Returns:
         Stacks in the order of the slopes, otherwise as `per_pixel`, [..., N, C, H, W].
@@ -98,8 +101,9 @@ def tilt_shift(
         torch.Size([1, 3, 48, 64])
     """
     batch = batches.flattened(views)
-    slope_map, cell = _checked_map(_affine_map(slope, tilt, batch), batch), footprint.checked(fill, disparity, views)
-    return batches.restored(_stack(batch, slope_map, interpolation, border, weights, cell), views)
+    cell = footprint.checked(fill, disparity, views)
+    slopes = _checked_map(_affine_map(slope, tilt, batch), batch, positions)
+    return batches.restored(_stack(batch, slopes, interpolation, border, weights, positions, cell), views)
 
 
 def _affine_map(slope: Slopes | float, tilt: Tensor | Sequence[float], views: Tensor) -> Tensor:
@@ -111,24 +115,31 @@ def _affine_map(slope: Slopes | float, tilt: Tensor | Sequence[float], views: Te
     return start + change[0] * x + change[1] * y
 
 
-def _checked_map(slope_map: Tensor, views: Tensor) -> Tensor:
-    """The slopes as float64 where the views are, [N, H, W], once they are known to be usable."""
-    size = views.shape[-2:]
+def _checked_map(slope_map: Tensor, views: Tensor, positions: Tensor | None) -> Tensor:
+    """The slopes as float64 where the views are, [N, H, W], once they and the positions are known to be usable."""
+    grid, size = batches.grid_and_size(views)
     slopes = torch.as_tensor(slope_map, dtype=torch.float64, device=views.device)
-    if slopes.ndim not in (2, 3) or slopes.shape[-2:] != size or slopes.numel() == 0:
+    if slopes.ndim not in (2, 3) or tuple(slopes.shape[-2:]) != size or slopes.numel() == 0:
         raise InputError(
             f"a slope map must be {list(size)} or [N, {size[0]}, {size[1]}], one slope for each pixel",
             got=f"shape {list(slopes.shape)}",
             remedy="resize the map to the views",
         )
-    geometry.checked_slopes(torch.stack(slopes.detach().aminmax()), views.shape[1:3], size)
+    lines.checked_slopes(torch.stack(slopes.detach().aminmax()), grid, size, positions)
     return slopes.reshape(-1, *size)
 
 
 def _stack(
-    views: Tensor, slopes: Tensor, interpolation: str, border: str, weights: Tensor | None, cell: Footprint
+    views: Tensor,
+    slopes: Tensor,
+    interpolation: str,
+    border: str,
+    weights: Tensor | None,
+    positions: Tensor | None,
+    cell: Footprint,
 ) -> Tensor:
-    aperture = batches.checked_weights(weights, (views.shape[1], views.shape[2]))
-    planes = [Places(slopes=each) for each in slopes]
-    stack, coverage = mean_of_views(views, aperture, planes, interpolation, border)
+    grid, _ = batches.grid_and_size(views)
+    stand = None if positions is None else lines.checked_positions(positions, grid)
+    planes = [Places(slopes=each, positions=stand) for each in slopes]
+    stack, coverage = mean_of_views(views, batches.checked_weights(weights, grid), planes, interpolation, border)
     return blurring.blurred(stack, cell.widths(slopes), BORDERS[border], coverage) if cell.fill > 0 else stack

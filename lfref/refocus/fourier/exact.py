@@ -7,10 +7,9 @@ Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` s
 
 from torch import Tensor
 
-from lfref import geometry
 from lfref.functional import fourier
 from lfref.geometry import Slopes
-from lfref.refocus import batches
+from lfref.refocus import batches, lines
 from lfref.refocus.footprint import blurring, footprint
 from lfref.refocus.fourier import spectra
 
@@ -21,6 +20,7 @@ def exact_fourier(
     weights: Tensor | None = None,
     fill: float = 0.0,
     disparity: float | Tensor = 0.0,
+    positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields exactly, the views taken as periodic.
 
@@ -32,12 +32,13 @@ def exact_fourier(
             over the aperture.
         disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
 
     Raises:
-        InputError: Views, slopes, weights or cells that cannot be used.
+        InputError: Views, slopes, weights, cells or positions that cannot be used.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -47,11 +48,11 @@ def exact_fourier(
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
-    axes = zip(grid, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
-    rows, columns = (
-        fourier.shift_phases(k, planes[:, None] * geometry.angular_offsets(n_views)) * cell.responses(planes, k)
-        for n_views, k in axes
-    )
-    stack = spectra.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
+    planes, cell = lines.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
+    cameras, aperture = lines.lines(grid, positions), batches.checked_weights(weights, grid)
+    ky, kx = fourier.frequencies(size[0]), fourier.half_frequencies(size[1])
+    rows = fourier.shift_phases(ky, planes[:, None] * cameras.rows) * cell.responses(planes, ky)
+    columns = fourier.shift_phases(kx, planes[:, None, None] * cameras.columns) * cell.responses(planes, kx)[:, None]
+    views_of_lines = batch.reshape(len(batch), *cameras.shape, *batch.shape[3:])
+    stack = spectra.filter_and_sum(views_of_lines, rows, columns, aperture.reshape(cameras.shape))
     return batches.restored(blurring.periodic(stack, cell, planes), views)

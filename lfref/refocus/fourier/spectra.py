@@ -18,7 +18,8 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
     Args:
         views: Light fields, [B, V, U, C, H, W], taken as periodic.
         rows: Factors of the view rows at the frequencies of `fft`, complex, [N, V, H].
-        columns: Factors of the view columns at the frequencies of `rfft`, complex, [N, U, W // 2 + 1].
+        columns: Factors of the view columns at the frequencies of `rfft`, complex, [N, U, W // 2 + 1], or of the views
+            of each row, [N, V or 1, U, W // 2 + 1].
         weights: Factor of each view, [V, U].
 
     Returns:
@@ -27,13 +28,15 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
     size, working = (views.shape[-2], views.shape[-1]), batches.working_dtype(views.dtype)
     dtype = fourier.complex_dtype(working)
     rows, columns = rows.to(views.device, dtype), columns.to(views.device, dtype)
+    columns = columns.unsqueeze(1) if columns.ndim == 3 else columns
     views, weights = batches.without_unread(views, weights), weights.to(views.device, working)
     shape = (views.shape[0], *views.shape[3:5], size[1] // 2 + 1)
     planes = [rows.new_zeros(shape) for _ in rows]
     for v, (view_row, row_weights) in enumerate(zip(views.unbind(1), weights, strict=True)):
         # One view row at a time: its spectra are all that is held beside the planes.
         spectra = torch.fft.rfft2(batches.radiance(view_row))
-        for plane, row_factors, column_factors in zip(planes, rows[:, v], columns * row_weights[:, None], strict=True):
+        of_row = columns[:, v if columns.shape[1] > 1 else 0] * row_weights[:, None]
+        for plane, row_factors, column_factors in zip(planes, rows[:, v], of_row, strict=True):
             plane.addcmul_(_row_sum(spectra, column_factors), row_factors[:, None])
     # Each spectrum is given up as its image is made: all of both together would be the peak of memory.
     stack = views.new_empty((views.shape[0], len(planes), views.shape[3], *size), dtype=working)

@@ -124,22 +124,30 @@ def _plan(task: Task, working: np.dtype, full_scale: int) -> _Plan:
 
 
 def _horizontal(task: Task, row_length: int, working: np.dtype) -> Horizontal:
-    aperture, width = np.array(task.aperture), task.size[1]
-    planes = [list(_plane_taps(task, shifts, row_length)) for shifts in task.planes]
-    groups = np.array([-(-len(taps) // TAPS) for taps in planes])
-    shape = (len(planes), groups.max(), TAPS)
+    """Tables of all planes; where all view rows stand at the same columns, one line of them serves all."""
+    aperture = np.array(task.aperture)
+    parts = [aperture] if task.is_separable else np.split(aperture, len(aperture))
+    planes = [
+        [list(_taps(task, *line, row_length)) for line in zip(shifts.columns, parts, strict=True)]
+        for shifts in task.planes
+    ]
+    groups = np.array([max(-(-len(taps) // TAPS) for taps in plane) for plane in planes])
+    shape = (len(planes), len(parts), groups.max(), TAPS)
     starts, begins, ends = (np.zeros(shape, np.int64) for _ in range(3))
-    weights = np.zeros((len(planes), len(aperture), *shape[1:]), working)
-    for n, taps in enumerate(planes):
+    weights = np.zeros((len(planes), len(parts), len(parts[0]), *shape[2:]), working)
+    for place in np.ndindex(shape[:2]):
+        taps, part = planes[place[0]][place[1]], parts[place[1]]
         # What fills up the last group reads what is read anyway: 0 times a NaN from elsewhere would be NaN here.
-        starts[n] = taps[0].start
+        starts[place] = taps[0].start if taps else 0
         for k, tap in enumerate(taps):
-            place = divmod(k, TAPS)
-            starts[n][place], begins[n][place], ends[n][place] = tap.start, *tap.span
-            weights[(n, slice(None), *place)] = tap.weight * aperture[:, tap.u]
-    left = np.array([max(tap.span[0] for tap in taps) for taps in planes]).clip(max=width)
-    right = np.array([min(tap.span[1] for tap in taps) for taps in planes]).clip(left)
-    return Horizontal(starts, weights, groups, begins, ends, left, right)
+            at = (*place, *divmod(k, TAPS))
+            starts[at], begins[at], ends[at] = tap.start, *tap.span
+            weights[(*place, slice(None), *at[2:])] = tap.weight * part[:, tap.u]
+    spans = [[[tap.span for tap in taps] or [(0, task.size[1])] for taps in plane] for plane in planes]
+    left = np.array([[max(begin for begin, _ in line) for line in plane] for plane in spans]).clip(max=task.size[1])
+    right = np.array([[min(end for _, end in line) for line in plane] for plane in spans]).clip(left)
+    # One of the two axes that count rows has length 1.
+    return Horizontal(starts, weights.reshape(len(planes), -1, *shape[2:]), groups, begins, ends, left, right)
 
 
 class _Tap(NamedTuple):
@@ -153,9 +161,10 @@ class _Tap(NamedTuple):
     """Columns that it serves."""
 
 
-def _plane_taps(task: Task, shifts: Shifts, row_length: int) -> Iterator[_Tap]:
-    is_open = np.array(task.aperture).sum(axis=0) > 0
-    for u, shift in enumerate(shifts.columns):
+def _taps(task: Task, shifts: tuple[float, ...], aperture: NDArray, row_length: int) -> Iterator[_Tap]:
+    """Of a line of views at these horizontal shifts, [U], which stands for rows of these weights, [..., U]."""
+    is_open = aperture.sum(axis=0) > 0
+    for u, shift in enumerate(shifts):
         for offset, weight in task.interpolation.taps(shift):
             if is_open[u] and weight != 0:
                 start = u * row_length + task.reach + offset

@@ -29,7 +29,7 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
         row, pad = shifting.extended(batches.radiance(view_row) * weights[:, None, None, None], task, -1)
         for image, shifts in zip(images, task.planes, strict=True):
             row_sum = torch.zeros_like(image)
-            for view, shift in zip(row.unbind(1), shifts.columns, strict=True):
+            for view, shift in zip(row.unbind(1), shifts.along_row(v), strict=True):
                 shifting.add(row_sum, view, pad, shift, task, -1)
             beyond, pad_rows = shifting.extended(row_sum, task, -2)
             shifting.add(image, beyond, pad_rows, shifts.rows[v], task, -2)

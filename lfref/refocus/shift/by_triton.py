@@ -37,7 +37,7 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
     Args:
         views: Light fields on a GPU, floating point, uint8 or uint16, any strides, [B, V, U, C, H, W].
-        task: What is to be summed, by an interpolation of few taps.
+        task: What is to be summed, by an interpolation of few taps, all rows of views at the same columns.
 
     Returns:
         Stacks, float32 (float64 for such views), [B, N, C, H, W].
@@ -62,7 +62,7 @@ def shift_and_sum(views: Tensor, task: Task) -> Tensor:
 
 def _axis(task: Task, axis: int, like: Tensor) -> _Axis:
     taps_of = task.interpolation.taps
-    planes = [shifts.along(axis) for shifts in task.planes]
+    planes = [shifts.columns[0] if axis else shifts.rows for shifts in task.planes]
     taps = torch.tensor([[taps_of(shift) for shift in shifts] for shifts in planes], dtype=torch.float64)
     spans = [[task.span(shift, axis) for shift in shifts] for shifts in planes]
     return _Axis(

@@ -28,7 +28,7 @@ class Source(NamedTuple):
     direct: Reals
     """The same where rows can be read as they lie there, neither converted nor continued; else empty."""
     starts: Integers
-    """`Horizontal.starts`, but in the views' own rows, counted from `reach` before the first, [N, G, TAPS]."""
+    """`Horizontal.starts`, but in the views' own rows, counted from `reach` before the first, [N, R, G, TAPS]."""
     last: int
     """Last place in `direct` from which all of these taps stay within it; -1: none."""
     strides: Integers
@@ -42,22 +42,25 @@ class Source(NamedTuple):
 
 
 class Horizontal(NamedTuple):
-    """Taps of the horizontal pass, `TAPS` at a time in G groups; those of weight 0 fill up the last group."""
+    """Taps of the horizontal pass, `TAPS` at a time in G groups; those of weight 0 fill up the last group.
+
+    R is 1 where all view rows stand at the same columns, else V.
+    """
 
     starts: Integers
-    """Where in the U rows (one after the other) each tap reads for x = 0, [N, G, TAPS]."""
+    """Where in the U rows (one after the other) each tap reads for x = 0, [N, R, G, TAPS]."""
     weights: Reals
     """[N, V, G, TAPS]."""
     groups: Integers
     """Groups in use, [N]."""
     begins: Integers
-    """First column that each tap serves, [N, G, TAPS]."""
+    """First column that each tap serves, [N, R, G, TAPS]."""
     ends: Integers
-    """One past the last column that each tap serves, [N, G, TAPS]."""
+    """One past the last column that each tap serves, [N, R, G, TAPS]."""
     left: Integers
-    """First column that all taps serve, [N]."""
+    """First column that all taps serve, [N, R]."""
     right: Integers
-    """One past the last column that all taps serve, [N]."""
+    """One past the last column that all taps serve, [N, R]."""
 
 
 class Vertical(NamedTuple):
@@ -183,7 +186,7 @@ def _serve_planes(
     end: int,
 ) -> None:
     """Add source row y of view row v to the unfinished output rows of every plane."""
-    total = scratch.total
+    total, line = scratch.total, v if starts.shape[1] > 1 else 0
     for n in range(scratch.first.size - 1):
         begin, stop = max(top, down.begins[n, v]), min(end, down.ends[n, v])
         is_summed = False
@@ -191,22 +194,25 @@ def _serve_planes(
             r, weight = y - down.offsets[n, v, m], down.weights[n, v, m]
             if begin <= r < stop and weight != 0:
                 if not is_summed:
-                    _sum_row(rows, starts[n], across, n, v, total, width)
+                    _sum_row(rows, starts[n, line], across, n, v, line, total, width)
                     is_summed = True
                 _add(weight, total, _unfinished(scratch, n, r))
 
 
 @inlined
-def _sum_row(rows: Reals, starts: Integers, across: Horizontal, n: int, v: int, total: Reals, width: int) -> None:
+def _sum_row(
+    rows: Reals, starts: Integers, across: Horizontal, n: int, v: int, line: int, total: Reals, width: int
+) -> None:
     """The shifted views of one view row added up for one plane."""
-    weights, begins, ends = across.weights[n, v], across.begins[n], across.ends[n]
+    weights, begins, ends = across.weights[n, v], across.begins[n, line], across.ends[n, line]
+    left, right = across.left[n, line], across.right[n, line]
     set_taps(rows, starts[0], weights[0], total)
     for g in range(1, across.groups[n]):
         add_taps(rows, starts[g], weights[g], total)
-    if across.left[n] > 0:
-        _sum_edge(rows, starts, weights, begins, ends, total, 0, across.left[n])
-    if across.right[n] < width:
-        _sum_edge(rows, starts, weights, begins, ends, total, across.right[n], width)
+    if left > 0:
+        _sum_edge(rows, starts, weights, begins, ends, total, 0, left)
+    if right < width:
+        _sum_edge(rows, starts, weights, begins, ends, total, right, width)
 
 
 @compiled

@@ -10,10 +10,9 @@ Source: Ng et al., "Light Field Photography with a Hand-held Plenoptic Camera", 
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import backend, batches
+from lfref.refocus import backend, batches, lines
 from lfref.refocus.footprint import blurring, footprint
 from lfref.refocus.shift import by_torch, task
 from lfref.refocus.shift.task import Task
@@ -28,6 +27,7 @@ def shift_and_sum(
     fill: float = 0.0,
     disparity: float | Tensor = 0.0,
     out: Tensor | None = None,
+    positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields at the given slopes.
 
@@ -43,13 +43,15 @@ def shift_and_sum(
             one for each light field, [..., H, W].
         out: A stack to write into, contiguous, with the shape, type and device of the result and memory of its own;
             None makes one. Memory that is used again saves the time to get it fresh, about a sixth of it all.
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
         A pixel that no weighted view covers (see `coverage`) is 0.
 
     Raises:
-        InputError: Views, slopes, weights, cells or names that cannot be used, or a stack that cannot be written into.
+        InputError: Views, slopes, weights, cells, positions or names that cannot be used, or a stack that cannot be
+            written into.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -58,9 +60,9 @@ def shift_and_sum(
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
+    planes, cell = lines.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
     widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
-    planned = task.plan(planes, grid, size, interpolation, border, weights, widths)
+    planned = task.plan(planes, grid, size, interpolation, border, weights, widths, positions)
     room = None if out is None else _room(out, views, len(planes))
     stack = planned_stack(batch, planned, room)
     if widths is None and cell.fill > 0:
@@ -77,6 +79,7 @@ def coverage(
     size: tuple[int, int],
     interpolation: str = "linear",
     weights: Tensor | None = None,
+    positions: Tensor | None = None,
 ) -> Tensor:
     """Share of the aperture that has a sample at each pixel of each plane.
 
@@ -86,14 +89,15 @@ def coverage(
         size: Height and width (H, W) of a view in pixels.
         interpolation: As in `shift_and_sum`.
         weights: As in `shift_and_sum`.
+        positions: As in `shift_and_sum`.
 
     Returns:
         Coverage in [0, 1], float64, CPU, [N, H, W].
 
     Raises:
-        InputError: Slopes, weights or names that cannot be used.
+        InputError: Slopes, weights, positions or names that cannot be used.
     """
-    planned = task.plan(slopes, grid, size, interpolation, weights=weights)
+    planned = task.plan(slopes, grid, size, interpolation, weights=weights, positions=positions)
     return planned.coverages
 
 
@@ -118,17 +122,18 @@ def planned_stack(views: Tensor, planned: Task, room: Tensor | None = None) -> T
 
     Args:
         views: Light fields, [B, V, U, C, H, W].
-        planned: What is to be summed.
+        planned: What is to be summed; its rows need not be those of the grid.
         room: Where compiled loops may write it, [B, N, C, H, W].
     """
-    views = batches.without_unread(views, torch.tensor(planned.aperture))
+    aperture = torch.tensor(planned.aperture)
+    views = batches.without_unread(views.reshape(len(views), *aperture.shape, *views.shape[3:]), aperture)
     compiler = backend.compiler_for(views) if planned.interpolation.weights is not None else None
     # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
     if compiler == "numba":
         from lfref.refocus.shift import by_numba
 
         return by_numba.shift_and_sum(views, planned, room)
-    if compiler == "triton":
+    if compiler == "triton" and planned.is_separable:
         from lfref.refocus.shift import by_triton
 
         return by_triton.shift_and_sum(views, planned)

@@ -3,6 +3,7 @@
 Letters: `v u` view row and column, `s` slope in pixels per view step.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,10 +11,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.errors import chosen
 from lfref.geometry import Slopes
-from lfref.refocus import batches, borders
+from lfref.refocus import batches, borders, lines
 from lfref.refocus.borders import BORDERS, Border
 from lfref.refocus.footprint import by_torch as boxes
 from lfref.refocus.interpolations import INTERPOLATIONS, Interpolation
@@ -24,14 +24,14 @@ class Shifts(NamedTuple):
 
     rows: tuple[float, ...]
     """Vertical shift of each view row, [V]."""
-    columns: tuple[float, ...]
-    """Horizontal shift of each view column, [U]."""
+    columns: tuple[tuple[float, ...], ...]
+    """Horizontal shift of each view of a row, [V, U]; [1, U] if that of all rows is the same."""
     width: float = 0.0
     """Of the box that a view's cell covers; 0: a point."""
 
-    def along(self, axis: int) -> tuple[float, ...]:
-        """Along an axis of [H, W]."""
-        return self.columns if axis else self.rows
+    def along_row(self, v: int) -> tuple[float, ...]:
+        """Horizontal shift of each view of row v, [U]."""
+        return self.columns[v if len(self.columns) > 1 else 0]
 
 
 class Task(NamedTuple):
@@ -40,7 +40,7 @@ class Task(NamedTuple):
     planes: tuple[Shifts, ...]
     """[N]."""
     aperture: tuple[tuple[float, ...], ...]
-    """Weight of each view, together 1, [V, U]."""
+    """Weight of each view, together 1, [V, U]: the rows that it says, whatever those of the grid."""
     size: tuple[int, int]
     """Height and width of a view in pixels."""
     interpolation: Interpolation
@@ -54,9 +54,15 @@ class Task(NamedTuple):
         return any(shifts.width > 0 for shifts in self.planes)
 
     @property
+    def is_separable(self) -> bool:
+        """Whether all rows of views stand at the same columns."""
+        return all(len(shifts.columns) == 1 for shifts in self.planes)
+
+    @property
     def reach(self) -> int:
         """Samples beyond the edge that may be read."""
-        return math.ceil(max(abs(shift) for shifts in self.planes for shift in (*shifts.rows, *shifts.columns))) + 1
+        taken = (shift for shifts in self.planes for shift in itertools.chain(shifts.rows, *shifts.columns))
+        return math.ceil(max(map(abs, taken))) + 1
 
     def span(self, shift: float, axis: int) -> tuple[int, int]:
         """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
@@ -71,7 +77,10 @@ class Task(NamedTuple):
     def coverage(self, shifts: Shifts) -> Tensor:
         """Share of the aperture that has a sample at each pixel of a plane, float64, CPU, [H, W]."""
         rows, columns = self.sampled(shifts)
-        return torch.einsum("vy,vu,ux->yx", rows, torch.tensor(self.aperture, dtype=torch.float64), columns)
+        aperture = torch.tensor(self.aperture, dtype=torch.float64)
+        if len(columns) == 1:
+            return torch.einsum("vy,vu,ux->yx", rows, aperture, columns[0])
+        return rows.T @ torch.einsum("vu,vux->vx", aperture, columns)
 
     @property
     def coverages(self) -> Tensor:
@@ -79,9 +88,9 @@ class Task(NamedTuple):
         return torch.stack([self.coverage(shifts) for shifts in self.planes])
 
     def sampled(self, shifts: Shifts) -> tuple[Tensor, Tensor]:
-        """Where each view row and each view column has a sample: 1 or 0, float64, CPU, [V, H] and [U, W]."""
-        rows, columns = (borders.sampled(list(shifts.along(axis)), self.size[axis]) for axis in (0, 1))
-        return rows, columns
+        """Where view rows, and views of each row, have a sample: 1 or 0, float64, CPU, [V, H] and [V or 1, U, W]."""
+        columns = [borders.sampled(list(row), self.size[1]) for row in shifts.columns]
+        return borders.sampled(list(shifts.rows), self.size[0]), torch.stack(columns)
 
     def factors(self, shifts: Shifts) -> Tensor:
         """What a plane's sum, blurred, is multiplied by: 1 over the coverage, as blurred, if only samples count."""
@@ -99,6 +108,7 @@ def plan(
     border: str = "renormalize",
     weights: Tensor | None = None,
     widths: Sequence[float] | None = None,
+    positions: Tensor | None = None,
 ) -> Task:
     """The task of refocusing at some slopes.
 
@@ -110,21 +120,22 @@ def plan(
         border: A key of `BORDERS`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         widths: Of the box that each plane is blurred by, in pixels, >= 0, [N]; None blurs none.
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Raises:
-        InputError: Slopes, weights or names that cannot be used.
+        InputError: Slopes, weights, positions or names that cannot be used.
     """
-    method = chosen("interpolation", interpolation, INTERPOLATIONS)
-    planes = geometry.checked_slopes(slopes, grid, size).tolist()
-    offsets = [geometry.angular_offsets(n_views).tolist() for n_views in grid]
+    method, cameras = chosen("interpolation", interpolation, INTERPOLATIONS), lines.lines(grid, positions)
+    planes = lines.checked_slopes(slopes, grid, size, positions).tolist()
+    offsets = [cameras.rows.tolist(), *cameras.columns.tolist()]
 
     def shifts(slope: float, width: float) -> Shifts:
-        rows, columns = (tuple(method.snap(slope * offset) for offset in axis) for axis in offsets)
-        return Shifts(rows, columns, width)
+        rows, *columns = (tuple(method.snap(slope * offset) for offset in line) for line in offsets)
+        return Shifts(rows, tuple(columns), width)
 
     return Task(
         tuple(map(shifts, planes, widths or [0.0] * len(planes))),
-        tuple(map(tuple, batches.checked_weights(weights, grid).tolist())),
+        tuple(map(tuple, batches.checked_weights(weights, grid).reshape(cameras.shape).tolist())),
         size,
         method,
         chosen("border", border, BORDERS),

@@ -8,9 +8,8 @@ width would blur what is in focus. Interpolation is cubic.
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.geometry import Slopes
-from lfref.refocus import batches
+from lfref.refocus import batches, lines
 from lfref.refocus.focus.disparity_range import DisparityRange, disparity_range
 from lfref.refocus.shift import shift_and_sum, task
 
@@ -20,20 +19,23 @@ LEAST = 1.0
 """Blur of a cell, in pixels, from which on copies show: cells that blur less are left as points."""
 
 
-def shift_and_sum_through_cells(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+def shift_and_sum_through_cells(
+    views: Tensor, slopes: Slopes, weights: Tensor | None = None, positions: Tensor | None = None
+) -> Tensor:
     """Refocus light fields by shift-and-sum, each view standing for its cell of the aperture where all is out of focus.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
         Derivatives leave out that the range of disparities depends on the views.
 
     Raises:
-        InputError: Views, slopes or weights that cannot be used.
+        InputError: Views, slopes, weights or positions that cannot be used.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -42,8 +44,8 @@ def shift_and_sum_through_cells(views: Tensor, slopes: Slopes, weights: Tensor |
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)
-    stacks = [_stack(field, planes, grid, size, weights) for field in batch]
+    planes = lines.checked_slopes(slopes, grid, size, positions)
+    stacks = [_stack(field, planes, weights, positions) for field in batch]
     # One alone is not copied: that would take a tenth of all the time.
     return batches.restored(torch.cat(stacks) if len(stacks) > 1 else stacks[0], views)
 
@@ -60,10 +62,9 @@ def widths(planes: Tensor, seen: DisparityRange) -> Tensor:
     return from_middle * (beyond / FADE).clamp(0, 1) * ((from_middle - LEAST) / FADE).clamp(0, 1)
 
 
-def _stack(
-    field: Tensor, planes: Tensor, grid: tuple[int, int], size: tuple[int, int], weights: Tensor | None
-) -> Tensor:
+def _stack(field: Tensor, planes: Tensor, weights: Tensor | None, positions: Tensor | None) -> Tensor:
     """One light field, [V, U, C, H, W], as [1, N, C, H, W]."""
-    boxes = widths(planes, disparity_range(field.detach())).clamp(max=min(size)).tolist()
-    planned = task.plan(planes, grid, size, "cubic", weights=weights, widths=boxes)
+    grid, size = batches.grid_and_size(field)
+    boxes = widths(planes, disparity_range(field.detach(), weights, positions)).clamp(max=min(size)).tolist()
+    planned = task.plan(planes, grid, size, "cubic", weights=weights, widths=boxes, positions=positions)
     return shift_and_sum.planned_stack(field[None], planned)

@@ -74,7 +74,11 @@ def checked_aperture(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     """
     aperture = batches.checked_weights(weights, grid)
     if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
-        raise InputError("weights must be alike on both sides of both axes", got="others", remedy="another operator")
+        raise InputError(
+            "weights must be alike on both sides of both axes",
+            got="others",
+            remedy="take method=shift_and_sum_through_cells",
+        )
     return aperture
 
 

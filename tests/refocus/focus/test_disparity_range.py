@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from lfref.refocus import lines
 from lfref.refocus.focus.disparity_range import disparity_range
 from tests.refocus.conftest import shifted_views, texture
 
@@ -59,3 +60,27 @@ def test_samples_that_are_not_finite_make_no_range(rubbish):
 @pytest.mark.parametrize("size", [(1, 64), (64, 1)])
 def test_a_single_row_or_column_of_pixels_will_do(size):
     assert all(value == value for value in disparity_range(torch.rand(5, 5, 3, *size)))
+
+
+def test_views_of_weight_0_are_not_looked_at():
+    views, weights = smooth_views(1.0), torch.ones(7, 7)
+    weights[3, 1:4], weights[0, 3] = 0, 0
+    expected = disparity_range(views, weights)
+    assert expected.middle == pytest.approx(1.0, rel=0.25)
+    for rubbish in (torch.nan, 7.0):
+        assert disparity_range(torch.where(weights[..., None, None, None] > 0, views, rubbish), weights) == expected
+
+
+def test_a_cross_of_views_is_enough():
+    weights = torch.zeros(7, 7)
+    weights[4], weights[:, 2] = 1, 1
+    assert disparity_range(smooth_views(-1.0), weights).middle == pytest.approx(-1.0, rel=0.25)
+
+
+def test_disparities_are_per_step_wherever_cameras_stand():
+    views, stand = smooth_views(0.5, (9, 9)), lines.even((9, 9))
+    taken = (torch.tensor([0, 1, 4, 6, 8])[:, None], torch.tensor([0, 3, 4, 5, 8]))
+    found = disparity_range(views[taken], None, stand[taken] + 0.1)
+    assert found.middle == pytest.approx(0.5, rel=0.25)
+    half_as_far = disparity_range(views[taken], None, stand[taken] / 2)
+    assert half_as_far.middle == pytest.approx(2 * found.middle, rel=1e-4)

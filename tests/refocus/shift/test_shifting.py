@@ -16,7 +16,7 @@ from tests.refocus.conftest import dirichlet
 
 def planned(view, name, border, shift):
     """The task of shifting one view."""
-    shifts = Shifts((INTERPOLATIONS[name].snap(shift),), (INTERPOLATIONS[name].snap(shift),))
+    shifts = Shifts((INTERPOLATIONS[name].snap(shift),), ((INTERPOLATIONS[name].snap(shift),),))
     return Task((shifts,), ((1.0,),), view.shape[-2:], INTERPOLATIONS[name], BORDERS[border])
 
 

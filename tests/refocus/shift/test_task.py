@@ -10,8 +10,22 @@ GRID, SIZE = (3, 5), (20, 24)
 def test_shifts_grow_with_the_distance_from_the_angular_centre():
     shifts = task.plan([0.5], GRID, SIZE).planes[0]
     assert shifts.rows == (-0.5, 0.0, 0.5)
-    assert shifts.columns == (-1.0, -0.5, 0.0, 0.5, 1.0)
+    assert shifts.columns == ((-1.0, -0.5, 0.0, 0.5, 1.0),)
     assert task.plan([0.5], GRID, SIZE, "nearest").planes[0].rows == (0, 0, 1)
+
+
+def test_cameras_at_columns_of_their_own_shift_by_them():
+    positions = torch.zeros(2, 2, 2, dtype=torch.float64)
+    positions[..., 0], positions[..., 1] = torch.tensor([[-1], [1]]), torch.tensor([[-1, 2], [0.5, 3]])
+    planned = task.plan([0.5], (2, 2), SIZE, positions=positions)
+    assert planned.planes[0].rows == (-0.5, 0.5)
+    assert planned.planes[0].along_row(1) == (0.25, 1.5)
+    assert not planned.is_separable
+    assert planned.reach == 3
+    positions[0, 0, 0] = 0  # no row any more: each view is a line
+    planned = task.plan([0.5], (2, 2), SIZE, weights=torch.tensor([[1.0, 1], [0, 2]]), positions=positions)
+    assert planned.aperture == ((0.25,), (0.25,), (0.0,), (0.5,))
+    assert planned.planes[0].columns == ((-0.5,), (1.0,), (0.25,), (1.5,))
 
 
 def test_reach_covers_every_tap():

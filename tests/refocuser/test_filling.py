@@ -1,0 +1,77 @@
+"""What stands in for samples that are not to be trusted: the weighted mean of the views, or what layers foretell."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfref.refocuser import filling
+from tests.refocus.conftest import shifted_views, texture
+
+
+def test_trusted_samples_stay_as_they_are():
+    views, weight = torch.rand(3, 4, 3, 6, 7), 0.2 + 0.8 * torch.rand(3, 4, 1, 6, 7)
+    assert torch.equal(filling.filled(views, weight), views)
+    weight[1, 2, :, 3, 4] = 0
+    made = filling.filled(views, weight)
+    is_other = torch.ones(3, 4, 3, 6, 7, dtype=torch.bool)
+    is_other[1, 2, :, 3, 4] = False
+    assert torch.equal(made[is_other], views[is_other])
+
+
+@settings(deadline=None, max_examples=30)
+@given(level=st.floats(0.01, 100), share=st.floats(0, 1), seed=st.integers(0, 99))
+def test_samples_of_little_weight_give_way_to_the_weighted_mean(level, share, seed):
+    generator = torch.Generator().manual_seed(seed)
+    views = torch.rand(2, 3, 2, 5, 6, dtype=torch.float64, generator=generator)
+    weight = level * (0.5 + 0.5 * torch.rand(2, 3, 1, 5, 6, dtype=torch.float64, generator=generator))
+    at = (..., 2, 3)
+    weight[0, 1, 0, 2, 3] = share * filling.TRUSTED * float(weight[1:, ..., 2, 3].max().maximum(weight[0, 0, 0, 2, 3]))
+    weight[0, 2, 0, 2, 3] = weight[0, 0, 0, 2, 3]
+    mean = (views * weight)[at].sum((0, 1)) / weight[at].sum((0, 1))
+    trust = weight[0, 1, 0, 2, 3] / (filling.TRUSTED * weight[at].max())
+    expected = torch.lerp(mean, views[0, 1][at], trust)
+    torch.testing.assert_close(filling.filled(views, weight)[0, 1][at], expected, atol=1e-12, rtol=0)
+
+
+def test_what_has_no_weight_may_be_anything():
+    views, weight = torch.rand(3, 3, 1, 5, 6), torch.ones(3, 3, 1, 5, 6)
+    weight[0, 1], weight[:, :, :, 2, 2] = 0, 0
+    expected = filling.filled(views, weight)
+    wild = torch.where(weight > 0, views, torch.nan)
+    assert torch.equal(filling.filled(wild, weight), expected)
+    assert not expected[..., 2, 2].any()
+
+
+def test_light_fields_of_a_batch_are_filled_each_by_its_own():
+    views, weight = torch.rand(2, 3, 3, 2, 5, 6), torch.ones(2, 3, 3, 1, 5, 6)
+    weight[1, 0, 2, :, :3] = 0
+    made = filling.filled(views, weight)
+    assert torch.equal(made[0], views[0])
+    torch.testing.assert_close(made[1], filling.filled(views[1], weight[1]))
+
+
+@pytest.mark.parametrize("disparity", [-1.3, 0.4])
+@pytest.mark.parametrize("hole", [(0, 0), (2, 3), (4, 1)])
+def test_a_missing_view_of_a_plane_is_foretold(disparity, hole):
+    whole = shifted_views(texture(2, 48, 52), disparity, (5, 5))
+    weights = torch.ones(5, 5, dtype=torch.float64)
+    weights[hole] = 0
+    made = filling.foretold(torch.where(weights[:, :, None, None, None] > 0, whole, 9.0), weights)
+    inner = (..., slice(8, -8), slice(8, -8))
+    assert torch.equal(made[weights > 0], whole[weights > 0])
+    error = (made - whole)[hole][inner].square().mean()
+    mean_of_others = (whole[weights > 0].mean(0) - whole[hole])[inner].square().mean()
+    assert float(error) < 1e-3 * float(mean_of_others)
+
+
+def test_only_weights_that_are_the_same_throughout_are_those_of_views():
+    weights = torch.rand(3, 4)
+    weight = weights[:, :, None, None, None].expand(3, 4, 1, 6, 7).clone()
+    found = filling.of_whole_views(weight)
+    assert found is not None
+    assert torch.equal(found, weights)
+    assert filling.of_whole_views(torch.stack([weight, weight])) is not None
+    assert filling.of_whole_views(torch.stack([weight, 2 * weight])) is None
+    weight[2, 1, 0, 5, 6] += 0.1
+    assert filling.of_whole_views(weight) is None
