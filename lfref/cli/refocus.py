@@ -16,6 +16,8 @@ from lfref.io import images, write
 from lfref.lightfield import LightField
 from lfref.refocus.focus import view_order
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
+from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus.focus.extended_focus import extended_focus
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import drawing, focus, pictures
@@ -76,10 +78,19 @@ def _write(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, 
     images.write_image(folder / "all_views_mean.png", pictures.for_display(field.views.mean(dim=(0, 1)), gain))
     drawing.save_figure(pictures.contact_sheet(stack, planes.labels, exposure=gain), folder / "contact_sheet.png")
     if with_focus:
-        image, index, confidence = all_in_focus(stack)
+        image, slopes, confidence = _sharp(field, stack, planes)
         images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
-        figure = focus.focus_map(index_to_slope(index, planes.slopes), confidence)
-        drawing.save_figure(figure, folder / "focus_map.png")
+        drawing.save_figure(focus.focus_map(slopes, confidence), folder / "focus_map.png")
+
+
+def _sharp(field: LightField, stack: Tensor, planes: FocalPlanes) -> tuple[Tensor, Tensor, Tensor]:
+    """What is sharp everywhere, the slope of each pixel and its confidence: of the views, or of one view's stack."""
+    if field.grid == (1, 1):
+        image, index, confidence = all_in_focus(stack)
+        return image, index_to_slope(index, planes.slopes), confidence
+    weights = None if field.weight is None else field.weight.amax((2, 3, 4))
+    found = disparity_map(field.views, weights=weights)
+    return extended_focus(field.views, found.disparity, weights), found.disparity, found.confidence
 
 
 main = command(refocus)

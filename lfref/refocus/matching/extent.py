@@ -22,6 +22,8 @@ SURE = 0.3
 """Confidence from which a reduced pixel has a say."""
 OUTLIERS = 0.005
 """Share of them at either end that has none."""
+MARGIN = 0.15
+"""Pixels per view step beyond what they say: a large part of a reduced pixel's error."""
 BEYOND = 1.0
 """Pixels per view step by which they may widen what spectra say: reflections move as if they were farther off."""
 
@@ -42,7 +44,7 @@ def found(views: Tensor, aperture: Tensor) -> tuple[float, float]:
     if not len(surfaces):
         return first, last
     low, high = (float(surfaces[round(share * (len(surfaces) - 1))]) for share in (OUTLIERS, 1 - OUTLIERS))
-    return min(first, max(low, first - BEYOND)), max(last, min(high, last + BEYOND))
+    return min(first, max(low - MARGIN, first - BEYOND)), max(last, min(high + MARGIN, last + BEYOND))
 
 
 def _reduced(views: Tensor, aperture: Tensor) -> Tensor:

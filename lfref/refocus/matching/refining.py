@@ -19,7 +19,7 @@ FARTHEST = 0.1
 """Pixels per view step that one step may go."""
 SMOOTH = 1e3
 """How well neighbours know each other, per square of pixels per view step: they differ by about 0.03."""
-GAP = 0.1
+GAP = 0.15
 """Difference between neighbours, in pixels per view step, from which they are of different surfaces."""
 CALIBRATION = 0.1
 """Of what views seem to know: their errors are alike, and not noise alone."""

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from lfref.refocus.matching import lines_loop
 
-ROUNDS = 8
+ROUNDS = 16
 """Times that rows and columns are solved: what is known spreads farther in each."""
 LEAST_TRUST = 1e-9
 """Of the ties: where neither neighbours nor pixels know anything, values stay."""

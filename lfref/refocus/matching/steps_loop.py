@@ -46,9 +46,9 @@ def find_steps(
         y = top + i
         for x in range(steps.shape[1]):
             _look(coefficients, places, y, x, disparity[y, x], values, changes)
-            reference = _mean_of(values, middle)
-            reference = _weigh(values, reference, spread[y, x], weights)
-            reference = _weigh(values, reference, spread[y, x], weights)
+            reference = mean_of(values, middle)
+            reference = weigh(values, reference, spread[y, x], weights)
+            reference = weigh(values, reference, spread[y, x], weights)
             information[i, x], steps[i, x] = _step(values, changes, weights, reference)
 
 
@@ -60,14 +60,14 @@ def _look(coefficients: Reals, places: Reals, y: int, x: int, disparity: float, 
         v, u = places[k]
         p, q = y + disparity * v, x + disparity * u
         if 0 <= p <= height - 1 and 0 <= q <= width - 1:
-            values[k], along_y, along_x = _read(coefficients[k], p, q)
+            values[k], along_y, along_x = read_spline(coefficients[k], p, q)
             changes[k] = v * along_y + u * along_x
         else:
             values[k] = np.nan
 
 
 @inlined
-def _read(view: Reals, p: float, q: float) -> tuple[Number, Number, Number]:
+def read_spline(view: Reals, p: float, q: float) -> tuple[Number, Number, Number]:
     """The spline at a position, and its derivatives along y and x."""
     height, width = view.shape
     row, column = int(p), int(q)
@@ -112,7 +112,8 @@ def _spline(t: float) -> tuple[Taps, Taps]:
 
 
 @inlined
-def _mean_of(values: Reals, middle: Integers) -> Number:
+def mean_of(values: Reals, middle: Integers) -> Number:
+    """Mean of those values in the middle that are there, 0 if none is."""
     total, count = np.float32(0), np.float32(0)
     for i in range(middle.size):
         value = values[middle[i]]
@@ -123,7 +124,7 @@ def _mean_of(values: Reals, middle: Integers) -> Number:
 
 
 @inlined
-def _weigh(values: Reals, reference: Number, spread: float, weights: Reals) -> Number:
+def weigh(values: Reals, reference: Number, spread: float, weights: Reals) -> Number:
     """Weights of views by how well they agree with a reference, 0 of those without a sample; and their mean."""
     total, sum_of_weights = np.float32(0), np.float32(0)
     for k in range(values.size):
