@@ -23,5 +23,5 @@ def test_planes_are_found_between_steps_with_confidence(disparity):
     )
     found, confidence = labels.best_slopes(light, labels.slopes_between(-1, 1), 0.0, 1.0)
     assert float((found - disparity)[8:-8, 8:-8].abs().quantile(0.95)) < 0.05
-    assert float(confidence[8:-8, 8:-8].median()) > 0.5
+    assert float(confidence[8:-8, 8:-8].median()) > 0.4
     assert float(confidence.max()) < 1
