@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+import lfref
 from lfref.errors import InputError
 from lfref.refocus import windows
 from lfref.refocus.focus.disparity import disparity_map
@@ -170,3 +171,12 @@ def test_no_gradients_pass():
 def test_bad_arguments_are_refused(change, message):
     with pytest.raises(InputError, match=message):
         disparity_map(**({"views": torch.rand(3, 3, 1, 20, 20), "first": -0.5, "last": 0.5} | change))
+
+
+def test_the_real_capture_has_its_animal_before_its_wall_and_its_even_ground_between(lytro):
+    views = lfref.read(lytro).views[..., 30:, 30:370]
+    found = disparity_map(views, -1.5, 0.5).disparity
+    assert float(found[150:190, 280:330].median()) == pytest.approx(-0.87, abs=0.05)
+    assert float(found[15:85, 10:95].median()) == pytest.approx(-0.08, abs=0.05)
+    ground = found[300:340, 70:220]
+    assert float(((ground > -1.2) & (ground < -0.4)).float().mean()) > 0.95
