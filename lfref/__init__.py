@@ -31,6 +31,7 @@ _HOMES = {
     "homography": "lfref.refocus.anywhere.homography",
     "super_resolve": "lfref.refocus.fourier.super_resolution",
     "all_in_focus": "lfref.refocus.focus.all_in_focus",
+    "extended_focus": "lfref.refocus.focus.extended_focus",
     "disparity_map": "lfref.refocus.focus.disparity",
     "adjoint": "lfref.refocus.adjoint",
     "OperatorRefocuser": "lfref.refocuser.operators",

@@ -1,0 +1,1 @@
+"""Disparity by matching views: at which slope they agree, one map that changes little, and its last hundredths."""

@@ -1,0 +1,43 @@
+"""Steps between slopes: planes come back to thousandths, and what views hide does not pull."""
+
+import pytest
+import torch
+
+from lfref.refocus import windows
+from lfref.refocus.matching import refining
+from lfref.refocus.matching.grey import grey_views
+from tests.refocus.conftest import shifted_views, texture
+
+
+def plane(disparity, grid=(5, 5)):
+    return shifted_views(windows.smoothed(texture(1, 64, 72), 1.0), disparity, grid).float()[..., 8:-8, 8:-8]
+
+
+def refined(views, disparity):
+    light = grey_views(views, torch.ones(views.shape[:2]))
+    return refining.refined(light, disparity, 1e-3, -1.5, 1.5)
+
+
+@pytest.mark.parametrize("disparity", [-0.83, 0.04, 0.5, 1.0])
+@pytest.mark.parametrize("off", [-0.06, 0.05])
+def test_a_plane_comes_back_to_thousandths_borders_included(disparity, off):
+    error = (refined(plane(disparity), torch.full((48, 56), disparity + off)) - disparity).abs()
+    assert float(error.median()) < 2e-3
+    assert float(error.quantile(0.98)) < 0.03
+
+
+def test_views_that_something_hides_do_not_pull():
+    views = plane(0.3, (7, 7))
+    views[:, 5:] = 0.9
+    error = (refined(views, torch.full((48, 56), 0.34)) - 0.3).abs()
+    assert float(error.median()) < 2e-3
+
+
+def test_flat_views_keep_what_was_known():
+    known = torch.full((20, 22), 0.4)
+    torch.testing.assert_close(refined(torch.full((3, 3, 1, 20, 22), 0.5), known), known, atol=1e-5, rtol=0)
+
+
+def test_nothing_leaves_the_range():
+    light = grey_views(plane(0.5), torch.ones(5, 5))
+    assert float(refining.refined(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
