@@ -42,3 +42,22 @@ def test_one_slope_everywhere_can_be_drawn():
 def test_maps_that_do_not_fit_are_refused(shape):
     with pytest.raises(InputError, match=r"must be \[H, W\]"):
         focus.focus_map(torch.zeros(shape), torch.zeros(4, 5))
+
+
+def test_a_few_outliers_do_not_stretch_the_scale_however_sure_they_are():
+    slopes = torch.linspace(-1, 1, 1000).reshape(20, 50)
+    confidence = torch.full((20, 50), 0.6)
+    slopes[0, :10], confidence[0, :10] = 40, 0.99
+    _, shown = drawn(slopes, confidence)
+    low, high = shown.get_clim()
+    assert -1 < low < -0.9
+    assert 0.9 < high < 1.1
+
+
+def test_what_is_hardly_sure_hardly_counts():
+    slopes = torch.linspace(-1, 1, 1000).reshape(20, 50)
+    slopes[:2] = 5
+    confidence = torch.full((20, 50), 0.9)
+    confidence[:2] = 0.12
+    _, shown = drawn(slopes, confidence)
+    assert shown.get_clim()[1] < 1.1
