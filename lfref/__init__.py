@@ -16,6 +16,7 @@ _HOMES = {
     "planes_at_alphas": "lfref.geometry",
     "read": "lfref.io.read",
     "write": "lfref.io.write",
+    "inspect": "lfref.captures.inspect",
     "shift_and_sum": "lfref.refocus.shift.shift_and_sum",
     "shift_and_sum_through_cells": "lfref.refocus.shift.through_cells",
     "exact_fourier": "lfref.refocus.fourier.exact",

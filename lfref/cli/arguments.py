@@ -14,7 +14,7 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from lfref.cli import config, leaving, sweeps
 from lfref.errors import InputError
 
-INPUTS = {"refocus": "input", "eval": "input", "bench": "input", "report": "runs"}
+INPUTS = {"info": "input", "refocus": "input", "eval": "input", "bench": "input", "report": "runs"}
 """What a path is to a command."""
 RUN = {"train": "resume", "refocus": "checkpoint", "eval": "checkpoint", "bench": "checkpoint", "report": "runs"}
 """What `run=FOLDER` is to a command."""

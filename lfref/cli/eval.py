@@ -10,9 +10,9 @@ from lfref.bench import accuracy
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.planes import fixed
 from lfref.data.labels import Labels
 from lfref.errors import InputError
-from lfref.geometry import FocalPlanes
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, pictures, plots, tables
@@ -26,7 +26,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     device = device_of(config.device)
-    planes: FocalPlanes = configs.build(config.planes)
+    planes = fixed(config)
     references: dict[str, Labels] = configs.build(config.references)
     judged = _judged(config, device)
     for method in judged:

@@ -11,6 +11,7 @@ from lfref.cli.leaving import fail, patient_pipes, said_on_signals
 from lfref.errors import InputError
 
 COMMANDS = {
+    "info": "tell what light fields are, which slopes they occupy, and what is wrong with them",
     "train": "train a network on labels made by an operator",
     "eval": "judge checkpoints and operators plane by plane against the label sources",
     "refocus": "refocus light fields into stacks, pictures, films, disparity and point clouds",

@@ -5,10 +5,12 @@ from pathlib import Path
 import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
+from torch import Tensor
 
 from lfref.cli import config as configs
 from lfref.cli import inputs, several
 from lfref.cli.command import command, device_of, log, paths
+from lfref.cli.planes import Planes, planes_of
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import view_order
@@ -25,21 +27,17 @@ def refocus(config: DictConfig, folder: Path) -> None:
         config: `conf/refocus.yaml`.
         folder: The run folder.
     """
-    device, files = device_of(config.device), _files(config)
-    exposure = None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
-    refocuser, planes = _refocuser(config, device)
+    device, files, exposure = device_of(config.device), _files(config), _exposure(config)
+    refocuser, asked = _refocuser(config, device)
     also = [name for name in results.ASKED if config[name]]
     given = paths(configs.plain(config.input))
     captures = several.found(given, config.reader.pattern)
-    is_single = {path.resolve() for path in given} == {path.resolve() for path in captures.values()} and len(
-        captures
-    ) == 1
 
     def one(name: str, path: Path) -> None:
         field = _prepared(path, config, refocuser)
-        with torch.no_grad():
-            stack = refocuser(field.to(device), planes.slopes).cpu()
-        place = folder if is_single else folder / name
+        planes = planes_of(asked, field)
+        stack = _stack(refocuser, field, planes, device)
+        place = folder if several.is_alone(path, given) else folder / name
         results.write_results(place, Refocused(field, stack, planes, _gain(field, exposure), files), also)
         log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), place)
 
@@ -47,20 +45,26 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
 
 def _files(config: DictConfig) -> PictureFiles:
-    """What pictures are written as, refused before any work is done if they cannot be."""
+    """What pictures are written as."""
     bits, quality = (int(configs.number(config, name, 1)) for name in ("bits", "quality"))
     return PictureFiles(str(config.format), bits, quality)
 
 
-def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, FocalPlanes]:
+def _exposure(config: DictConfig) -> float | None:
+    """What pictures shall be multiplied by; None: what each light field needs."""
+    return None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
+
+
+def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
     """The checkpoint with its own planes, unless others were asked for, or the operator with the planes configured."""
-    planes: FocalPlanes = configs.build(config.planes)
+    planes: Planes = configs.build(config.planes)
     if config.checkpoint is None:
         return configs.build(config.method, aperture=configs.build(config.aperture)), planes
     network = load(config.checkpoint, device)
     is_asked = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
     planes = planes if network.planes is None or is_asked else network.planes
-    network.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
+    if isinstance(planes, FocalPlanes):
+        network.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
     return network, planes
 
 
@@ -70,6 +74,12 @@ def _prepared(path: Path, config: DictConfig, refocuser: Refocuser) -> LightFiel
     if view_order.seems_reversed(field.views):
         log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
     return field
+
+
+def _stack(refocuser: Refocuser, field: LightField, planes: FocalPlanes, device: torch.device) -> Tensor:
+    """The planes, on the CPU, [N, C, H, W]."""
+    with torch.no_grad():
+        return refocuser(field.to(device), planes.slopes).cpu()
 
 
 def _gain(field: LightField, exposure: float | None) -> float:

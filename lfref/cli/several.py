@@ -1,10 +1,11 @@
 """Several light fields at once: found in folders, named apart, and one that fails does not stop the others."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from lfref.cli.command import log, progress
-from lfref.errors import InputError, LfrefError
+from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import decode, explain, formats
 
 LENSLET_SIDE = 3000
@@ -52,10 +53,22 @@ def _inside(path: Path) -> list[Path]:
 
 
 def _is_whole(path: Path) -> bool:
-    if path.is_dir() or path.suffix.lower() == ".exr":
-        return True
-    with decode.opened(path) as source:
-        return min(source.spec().width, source.spec().height) >= LENSLET_SIDE
+    # What is damaged is told when it is read, so that it does not stop the others.
+    with suppress(FileError):
+        if formats.of(path).name == "eslf":
+            with decode.opened(path) as source:
+                return bool(min(source.spec().width, source.spec().height) >= LENSLET_SIDE)
+    return True
+
+
+def is_alone(path: Path, given: Sequence[Path]) -> bool:
+    """Whether a light field is all that was given, itself and not as a part of a folder.
+
+    Args:
+        path: A light field that was found.
+        given: As of `found`.
+    """
+    return {path.resolve()} == {each.resolve() for each in given}
 
 
 def each(paths: Mapping[str, Path], task: Callable[[str, Path], None], what: str) -> None:

@@ -65,7 +65,10 @@ LATER: dict[str, tuple[str, ...]] = {
 """Functions and classes that get their options here and the rest of their arguments later: `_partial_: true`."""
 NOW: dict[str, tuple[str, ...]] = {
     "refocusers": ("lfref.refocuser.operators.OperatorRefocuser",),
-    "planes": tuple(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
+    "planes": (
+        *(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
+        "lfref.captures.auto_planes.AutoPlanes",
+    ),
     "labels": ("lfref.data.labels.OperatorLabels", "lfref.data.labels.RenderedLabels"),
     "data": ("lfref.data.datamodules.FolderData", "lfref.data.datamodules.SimulatedData"),
     "sources": ("lfref.data.sources.SimulatedSource",),

@@ -14,6 +14,7 @@ from lfref.cli import config as configs
 from lfref.cli import members, resume
 from lfref.cli.command import command, log, quiet_libraries
 from lfref.cli.leaving import fail
+from lfref.cli.planes import fixed
 from lfref.cli.run_folder import is_first_process
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
@@ -95,7 +96,7 @@ def _module(config: DictConfig) -> Refocusing:
     return Refocusing(
         net=configs.build(config.net),
         loss=configs.build(config.loss),
-        planes=configs.build(config.planes),
+        planes=fixed(config),
         optimizer=configs.build(config.optimizer),
         scheduler=configs.build(config.scheduler),
     )

@@ -36,11 +36,12 @@ class Cameras:
         """The cameras of a light field, None where it does not say all that is needed.
 
         Args:
-            metadata: Of the light field: `focal_length_mm`, `sensor_size_mm`, `baseline_mm` and `focus_distance_m`
-                count, named as in `parameters.cfg` of the HCI light fields.
+            metadata: Of the light field; the entries of `METADATA` count, which HCI light fields have.
         """
         try:
-            focal, sensor, baseline, focus = (float(metadata[name]) for name in METADATA)
+            focal, sensor, baseline, focus = (
+                float(metadata[name].removesuffix(unit)) for name, unit in METADATA.items()
+            )
         except (KeyError, ValueError):
             return None
         if not all(0 < number < torch.inf for number in (focal, sensor, baseline, focus)):
@@ -48,7 +49,8 @@ class Cameras:
         return cls(focal / sensor, baseline / 1000, focus)
 
 
-METADATA = ("focal_length_mm", "sensor_size_mm", "baseline_mm", "focus_distance_m")
+METADATA = {"focal length": " mm", "sensor size": " mm", "baseline": " mm", "focus distance": " m"}
+"""Entry of the metadata -> its unit."""
 
 
 class Points(NamedTuple):

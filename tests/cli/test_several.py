@@ -70,6 +70,19 @@ def test_large_pictures_are(tmp_path):
     assert list(several.found([tmp_path / "images"])) == ["one_eslf", "two_eslf"]
 
 
+def test_a_damaged_picture_does_not_hide_the_others(tmp_path):
+    images.write_image(tmp_path / "images" / "one.png", np.zeros((several.LENSLET_SIDE, 3001, 1), np.uint8))
+    (tmp_path / "images" / "two.png").write_bytes(b"")
+    assert list(several.found([tmp_path / "images"])) == ["one", "two"]
+
+
+def test_a_light_field_is_alone_if_nothing_else_was_given_and_no_folder_of_it(captures):
+    one = captures / "one"
+    assert several.is_alone(one / "a", [one / "a", one / ".." / "one" / "a"])
+    assert not several.is_alone(one / "a", [one])
+    assert not several.is_alone(one / "a", [one / "a", one / "b c.exr"])
+
+
 def test_a_pattern_makes_every_folder_one_light_field(captures):
     assert several.found([captures / "one"], r"(?P<index>\d+)") == {"one": captures / "one"}
 

@@ -7,7 +7,7 @@ from lfref.errors import InputError
 from lfref.functional import point_cloud
 from lfref.functional.point_cloud import Cameras
 
-HCI = {"focal_length_mm": "100", "sensor_size_mm": "35", "baseline_mm": "90", "focus_distance_m": "8"}
+HCI = {"focal length": "100.0 mm", "sensor size": "35 mm", "baseline": "90.0 mm", "focus distance": "8.0 m"}
 
 
 def test_points_that_cameras_saw_come_back_in_metres():
@@ -43,7 +43,14 @@ def test_what_is_beyond_infinity_is_left_out():
 
 
 @pytest.mark.parametrize(
-    "changed", [{"baseline_mm": "0"}, {"focal_length_mm": "far"}, {"sensor_size_mm": "-1"}, {"focus_distance_m": "inf"}]
+    "changed",
+    [
+        {"baseline": "0 mm"},
+        {"baseline": "9 cm"},
+        {"focal length": "far"},
+        {"sensor size": "-1"},
+        {"focus distance": "inf"},
+    ],
 )
 def test_cameras_that_are_not_known_are_none(changed):
     assert Cameras.said_by(HCI) is not None

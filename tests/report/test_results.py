@@ -95,7 +95,7 @@ def test_points_are_the_sure_pixels_in_the_colours_seen_and_nearer_ones_in_front
 
 
 def test_points_of_known_cameras_are_in_metres(scene, tmp_path):
-    cameras = {"focal_length_mm": "50", "sensor_size_mm": "25", "baseline_mm": "10", "focus_distance_m": "2"}
+    cameras = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "10 mm", "focus distance": "2 m"}
     field = LightField(scene.field.views, "metric", metadata=cameras)
     made = Refocused(field, scene.stack, scene.planes)
     results.ASKED["points"](tmp_path, made)

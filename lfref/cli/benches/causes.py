@@ -10,6 +10,7 @@ from lfref.bench.causes import Plan
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, progress
+from lfref.cli.planes import fixed
 from lfref.refocuser.refocuser import name_apart
 from lfref.report import causes as picture
 from lfref.report import drawing, tables
@@ -25,7 +26,7 @@ def causes(config: DictConfig, folder: Path) -> None:
     """
     device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
     grids = tuple(int(n) for n in configs.plain(config.grids))
-    plan = Plan(configs.build(config.planes), margin, configs.build(config.sensor), grids, device)
+    plan = Plan(fixed(config), margin, configs.build(config.sensor), grids, device)
     remedies = list(configs.build(config.remedies).values())
     name_apart(remedies)
     scenes = shared.scenes(config.judged)

@@ -13,6 +13,7 @@ from lfref.bench.subjects import Subject
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, paths, progress
+from lfref.cli.planes import fixed
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocuser.networks import load
@@ -33,7 +34,7 @@ def front(config: DictConfig, folder: Path) -> None:
     """
     device, rounds = device_of(config.device), shared.rounds(config)
     margin = int(configs.number(config, "margin", 0))
-    planes: FocalPlanes = configs.build(config.planes)
+    planes = fixed(config)
     methods = _methods(config, device)
     judges, fields = _judges(config, methods, planes, device)
     judged = pd.DataFrame(judging.rows(judges, methods, planes, margin))

@@ -14,6 +14,7 @@ from lfref.bench.scaling import Scales, Size
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, progress
+from lfref.cli.planes import fixed
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
@@ -29,7 +30,7 @@ def operators(config: DictConfig, folder: Path) -> None:
     """
     device, rounds = device_of(config.device), shared.rounds(config)
     scale_rounds = shared.rounds(config, "scale_repeats")
-    planes: FocalPlanes = configs.build(config.planes)
+    planes = fixed(config)
     scales: Scales = configs.build(config.scales)
     in_numpy: dict[str, str] = configs.plain(config.in_numpy)
     field = _only_field(config).to(device)

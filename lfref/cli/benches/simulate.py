@@ -10,7 +10,7 @@ from lfref.bench import simulation
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, progress
-from lfref.geometry import FocalPlanes
+from lfref.cli.planes import fixed
 from lfref.report import drawing, tables
 from lfref.report import simulation as pictures
 from lfref.simulator import sim30
@@ -25,7 +25,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     device, rounds = device_of(config.device), shared.rounds(config)
-    planes: FocalPlanes = configs.build(config.planes)
+    planes = fixed(config)
     classes, judged = shared.scenes(config.classes), shared.scenes(config.judged)
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))

@@ -1,0 +1,1 @@
+"""What captures suffer from: seen, told and put right."""
