@@ -10,6 +10,7 @@ from lfref.report import drawing
 
 WIDTH = 7.0  # inches
 SURE = 0.1  # confidence from which a slope has a say in the scale of colours
+OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # share of pixels that may be paler than others; confidence that always may
 OUTLIERS = 0.02  # of that say, at either end of the scale
 
 
@@ -30,7 +31,7 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
     height, width = slopes.shape
     figure = drawing.new_figure(WIDTH, 0.4 + (WIDTH - 1) * height / width)
     axes = figure.subplots()
-    values, opacity = slopes.double().cpu().numpy(), confidence.double().cpu().numpy().clip(0, 1)
+    values, opacity = slopes.double().cpu().numpy(), _opacity(confidence.double().cpu().numpy())
     low, high = _scale(values, opacity)
     # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=0 * opacity)
@@ -40,6 +41,11 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
     axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=opacity)
     axes.set_axis_off()
     return figure
+
+
+def _opacity(confidence: NDArray) -> NDArray:
+    """Confidence beside that of most others: of planes close together none is much sharper than the next."""
+    return (confidence / max(LEAST_OPAQUE, np.quantile(confidence, OPAQUE))).clip(0, 1)
 
 
 def _scale(values: NDArray, confidence: NDArray) -> tuple[float, float]:

@@ -12,12 +12,14 @@ def drawn(slopes: torch.Tensor, confidence: torch.Tensor):
     return figure, shown
 
 
-def test_colour_is_the_slope_and_opacity_the_confidence():
-    slopes = torch.linspace(-1, 0.5, 12).reshape(3, 4)
-    confidence = torch.linspace(0, 1, 12).reshape(3, 4)
+@pytest.mark.parametrize("most", [1.0, 0.4, 0.1])
+def test_colour_is_the_slope_and_opacity_the_confidence_beside_that_of_most(most):
+    slopes = torch.linspace(-1, 0.5, 21).reshape(3, 7)
+    confidence = torch.linspace(0, most, 21).reshape(3, 7)
     figure, shown = drawn(slopes, confidence)
     np.testing.assert_allclose(shown.get_array(), slopes, atol=1e-7)
-    np.testing.assert_allclose(shown.get_alpha(), confidence, atol=1e-7)
+    opaque = max(0.9 * most, 0.25)  # nothing that is hardly sure is opaque
+    np.testing.assert_allclose(shown.get_alpha(), (confidence / opaque).clamp(max=1), atol=1e-6)
     assert figure.axes[1].get_ylabel() == "slope, px per view step"
 
 
