@@ -17,7 +17,7 @@ from lfref.refocus.focus import view_order
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import pictures, results
-from lfref.report.refocused import PictureFiles, Refocused
+from lfref.report.refocused import PictureFiles, Refocused, mean_of_views
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
@@ -86,7 +86,7 @@ def _gain(field: LightField, exposure: float | None) -> float:
     """What the pictures are multiplied by: the exposure asked for, or what a dark capture needs."""
     if exposure is not None:
         return exposure
-    gain = max(1.0, pictures.common_exposure(field.views.mean(dim=(0, 1))))
+    gain = max(1.0, pictures.common_exposure(mean_of_views(field)))
     if gain > 1:
         log.info("pictures are brightened %.2f times (exposure=1 leaves them; stack.exr is never changed)", gain)
     return gain

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -50,6 +51,22 @@ class PictureFiles:
     def suffix(self) -> str:
         """Of the files' names."""
         return SUFFIXES[self.format]
+
+
+def mean_of_views(field: LightField) -> Tensor:
+    """The mean of all views, not refocused; samples count as much as they weigh.
+
+    Args:
+        field: The light field.
+
+    Returns:
+        [C, H, W]; black where no sample weighs anything.
+    """
+    if field.weight is None:
+        return field.views.mean(dim=(0, 1))
+    weight = field.weight.to(field.views)
+    total = weight.sum(dim=(0, 1))
+    return torch.where(total > 0, (field.views * weight).sum(dim=(0, 1)) / total.clamp(min=1e-6), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

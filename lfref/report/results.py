@@ -16,7 +16,7 @@ from lfref.refocus.anywhere.surface import per_pixel
 from lfref.refocus.focus.all_in_focus import index_to_slope
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.report import drawing, focus, pictures
-from lfref.report.refocused import Refocused
+from lfref.report.refocused import Refocused, mean_of_views
 
 SURE = 0.5
 """Confidence from which a pixel becomes a point of the cloud."""
@@ -59,7 +59,7 @@ def _sheet(folder: Path, refocused: Refocused) -> None:
 
 
 def _mean(folder: Path, refocused: Refocused) -> None:
-    refocused.save(folder / "all_views_mean", refocused.field.views.mean(dim=(0, 1)))
+    refocused.save(folder / "all_views_mean", mean_of_views(refocused.field))
 
 
 def _all_in_focus(folder: Path, refocused: Refocused) -> None:

@@ -9,7 +9,7 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus.all_in_focus import all_in_focus
-from lfref.report.refocused import PictureFiles, Refocused
+from lfref.report.refocused import PictureFiles, Refocused, mean_of_views
 
 
 def refocused(channels=3, files=PictureFiles(), gain=2.0):  # noqa: B008
@@ -33,6 +33,17 @@ def test_pictures_are_written_as_asked(tmp_path, kind, bits, suffix, channels):
 def test_pictures_that_cannot_be_written_are_refused_at_once(kind, bits, quality):
     with pytest.raises(InputError, match=r"format must|bits of|quality must"):
         PictureFiles(kind, bits, quality)
+
+
+def test_samples_count_in_the_mean_as_much_as_they_weigh():
+    views, weight = torch.rand(2, 2, 3, 4, 5), torch.ones(2, 2, 1, 4, 5)
+    views[0, 1], weight[0, 1] = 9, 0
+    weight[..., 0, 0] = 0
+    mean = mean_of_views(LightField(views, weight=weight))
+    expected = (views[0, 0] + views[1, 0] + views[1, 1]) / 3
+    expected[:, 0, 0] = 0
+    torch.testing.assert_close(mean, expected)
+    torch.testing.assert_close(mean_of_views(LightField(views)), views.mean((0, 1)))
 
 
 def test_planes_rise_from_the_least_slope_whatever_their_order():
