@@ -9,7 +9,7 @@ from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 
-BLUR = 2.0  # pixels that the outermost views move against the centre between the ends and the middle, at least
+BLUR = 0.5  # pixels that the outermost views move against the centre from the middle plane to the ends, at least
 UNKNOWN = (-1.0, 1.0)  # where nothing is to be seen, any planes are as good
 HALF = 0.49  # of the views' sides: no view may move farther
 
@@ -19,8 +19,8 @@ class AutoPlanes:
     """Planes an equal step apart over the scene's range of slopes.
 
     Example:
-        >>> len(AutoPlanes(8).of(LightField(torch.rand(5, 5, 3, 64, 64))))
-        8
+        >>> AutoPlanes(3).of(lfref.LightField(torch.full((5, 5, 3, 64, 64), 0.5))).values
+        (-1.0, 0.0, 1.0)
     """
 
     n: int = 16
@@ -45,7 +45,7 @@ class AutoPlanes:
             ends: In pixels per view step; None: unknown.
             field: What they are to be used with.
         """
-        low, high = UNKNOWN if ends is None else ends
+        low, high = ends or UNKNOWN
         outermost = (max(field.grid) - 1) / 2
         middle, half = (low + high) / 2, max((high - low) / 2, BLUR / max(outermost, 1))
         most = min((HALF * length / max(n - 1, 1) * 2 for n, length in zip(field.grid, field.size, strict=True)))

@@ -25,7 +25,7 @@ class Inspection:
     """What is known of a light field.
 
     Example:
-        >>> seen = inspect(LightField(torch.full((5, 5, 3, 64, 64), 0.5), "grey"))
+        >>> seen = lfref.inspect(lfref.LightField(torch.full((5, 5, 3, 64, 64), 0.5), "grey"))
         >>> seen.slopes, len(seen.planes)
         (None, 16)
     """
@@ -124,9 +124,8 @@ class Inspection:
     def _range(self) -> str:
         if self.slopes is None:
             return "unknown: too little is seen to move"
-        return (
-            f"{self.slopes[0]:.3g} to {self.slopes[1]:.3g} px per view step, {self.share:.0%} of the picture seen well"
-        )
+        low, high = self.slopes
+        return f"{low:.3g} to {high:.3g} px per view step ({self.share:.0%} of the picture seen well)"
 
 
 def inspect(field: LightField, white: LightField | None = None) -> Inspection:
@@ -140,7 +139,7 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         What is known of it.
 
     Example:
-        >>> seen = inspect(LightField(torch.rand(5, 5, 3, 64, 80)))
+        >>> seen = lfref.inspect(lfref.LightField(torch.rand(5, 5, 3, 64, 80)))
         >>> seen.disparity.shape, seen.is_reversed
         (torch.Size([64, 80]), False)
     """

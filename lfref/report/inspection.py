@@ -1,5 +1,7 @@
 """One sheet about a light field: what it shows, how far away that is, and how bright each view is."""
 
+from typing import Any
+
 import numpy as np
 import torch
 from matplotlib.axes import Axes
@@ -12,6 +14,7 @@ from lfref.report import drawing, pictures, wording
 WIDTH = 11.0  # inches
 BINS = 80
 BEYOND = 0.15  # of the range, shown of the histogram at either end
+LEAST_RANGE = 0.01  # of the colours, in pixels per view step
 LEAST_LIGHT = 0.8  # of the central view's: where the scale of grey starts, unless views are darker
 SURE = 0.5  # confidence of what the histogram counts
 STRIDE = 4  # pixels: brightness of a view needs no more
@@ -28,11 +31,11 @@ def inspection_sheet(seen: Inspection) -> Figure:
     top = min(max((WIDTH / 2 - 0.6) * height / width, 1.2), 7.0)
     figure = drawing.new_figure(WIDTH, top + 3.2)
     figure.suptitle(wording.drawable(_title(seen), 120), fontsize=11, x=0.01, ha="left")
-    above, below = figure.subfigures(2, 1, height_ratios=(top + 0.3, 2.9))
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(top + 0.3, 2.9))[:, 0]
     centre, disparity = above.subplots(1, 2)
     _draw_view(centre, seen, seen.evidence.reference, "view {}, {}")
     _draw_disparity(disparity, seen)
-    corners, light, slopes = below.subfigures(1, 3, width_ratios=(1.35, 1, 1.5))
+    corners, light, slopes = below.subfigures(1, 3, squeeze=False, width_ratios=(1.35, 1, 1.5))[0]
     _draw_corners(corners, seen)
     _draw_light(light.subplots(), seen.field, seen.evidence.reference)
     _draw_slopes(slopes.subplots(), seen)
@@ -47,7 +50,7 @@ def _title(seen: Inspection) -> str:
 
 def _exposure(seen: Inspection) -> float:
     """One gain for all views; dark captures are brightened."""
-    return max(1.0, pictures.common_exposure(seen.field.views[seen.evidence.reference]))
+    return max(1.0, pictures.common_exposure(seen.field.views[seen.evidence.reference].nan_to_num()))
 
 
 def _draw_view(axes: Axes, seen: Inspection, place: tuple[int, int], title: str) -> None:
@@ -59,7 +62,7 @@ def _draw_view(axes: Axes, seen: Inspection, place: tuple[int, int], title: str)
 def _draw_disparity(axes: Axes, seen: Inspection) -> None:
     values, opacity = (each.cpu().numpy() for each in (seen.disparity, seen.confidence))
     low, high = seen.slopes or (float(values.min()), float(values.max()))
-    look = {"cmap": drawing.MAP, "vmin": low, "vmax": max(high, low + 1e-6)}
+    look: dict[str, Any] = {"cmap": drawing.MAP, "vmin": low, "vmax": max(high, low + LEAST_RANGE)}
     # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, alpha=0 * opacity, **look)
     bar = axes.figure.colorbar(shown, ax=axes, pad=0.02)
@@ -85,7 +88,7 @@ def _draw_light(axes: Axes, field: LightField, reference: tuple[int, int]) -> No
     ends = min(LEAST_LIGHT, float(np.nanmin(relative))), max(1.0, float(np.nanmax(relative)))
     shown = axes.imshow(relative, cmap="gray", vmin=ends[0], vmax=ends[1])
     axes.figure.colorbar(shown, ax=axes, pad=0.03, shrink=0.8)
-    axes.set_title("light of each view over the central one's", fontsize=9)
+    axes.set_title("light of each view, central: 1", fontsize=9)
     axes.set(xlabel="view column", ylabel="view row", xticks=_ends(field.grid[1]), yticks=_ends(field.grid[0]))
 
 
@@ -101,13 +104,8 @@ def _draw_slopes(axes: Axes, seen: Inspection) -> None:
         return
     low, high = seen.slopes
     margin = max(BEYOND * (high - low), 0.05)
-    axes.hist(
-        sure,
-        BINS,
-        (low - margin, high + margin),
-        weights=np.full(sure.size, 1 / sure.size),
-        color=drawing.BLUE,
-    )
+    shares = np.full(sure.size, 1 / sure.size)
+    axes.hist(sure, bins=BINS, range=(low - margin, high + margin), weights=shares, color=drawing.BLUE)
     axes.axvspan(low, high, color=drawing.ORANGE, alpha=0.12)
     for end in (low, high):
         axes.axvline(end, color=drawing.ORANGE, linewidth=1.2)
