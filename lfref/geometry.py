@@ -28,7 +28,7 @@ class Convention(NamedTuple):
 
 CONVENTIONS: dict[str, Convention] = {
     # The magnification x/alpha of Ng's formula is left out, so that the planes of a stack are registered.
-    "ng": Convention(lambda alpha: 1 - 1 / alpha, lambda slope: 1 / (1 - slope)),
+    "ng": Convention(lambda alpha: 1 - 1 / alpha, lambda slope: 1 / (1 - slope) if slope != 1 else math.inf),
     "parallel": Convention(lambda alpha: alpha - 1, lambda slope: slope + 1),
 }
 
@@ -210,6 +210,16 @@ class FocalPlanes:
         if self.alphas is None:
             return tuple(f"slope {slope:.4g}" for slope in self.values)
         return tuple(f"alpha {alpha:g}" for alpha in self.alphas)
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """What each plane is, in both ways: `slope -7, alpha 0.125`; a slope that no alpha reaches stands alone."""
+        return tuple(", ".join((f"slope {slope:.4g}", *self._alpha(slope))) for slope in self.values)
+
+    def _alpha(self, slope: float) -> tuple[str, ...]:
+        """The alpha of a slope, by the convention that planes were written in, else `ng`; none where there is none."""
+        alpha = CONVENTIONS[self.convention or "ng"].to_alpha(slope)
+        return (f"alpha {alpha:.4g}",) if 0 < alpha < math.inf else ()
 
     def has_slopes(self, slopes: Slopes) -> bool:
         """Whether slopes are these planes, but for rounding to float32.

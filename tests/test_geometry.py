@@ -200,6 +200,15 @@ def test_planes_are_called_what_they_were_written_as():
     assert even_planes(2, -2, 0.5).labels == ("slope -2", "slope 0.5")
 
 
+def test_titles_say_slope_and_alpha_as_far_as_alphas_reach():
+    assert planes_at_alphas([0.125, 0.3]).titles == ("slope -7, alpha 0.125", "slope -2.333, alpha 0.3")
+    assert FocalPlanes([-1, 0, 0.5, 1, 3]).titles == (
+        "slope -1, alpha 0.5", "slope 0, alpha 1", "slope 0.5, alpha 2", "slope 1", "slope 3"
+    )  # fmt: skip
+    assert planes_at_alphas([0.25], "parallel").titles == ("slope -0.75, alpha 0.25",)
+    assert FocalPlanes([-1.5], "parallel").titles == ("slope -1.5",)
+
+
 def test_the_same_slopes_are_told_from_others():
     planes = planes_at_alphas([0.375, 1, 2])
     assert planes.has_slopes(planes.slopes.float())

@@ -14,7 +14,7 @@ COMMANDS = {
     "info": "tell what light fields are, which slopes they occupy, and what is wrong with them",
     "train": "train a network on labels made by an operator",
     "eval": "judge checkpoints and operators plane by plane against the label sources",
-    "refocus": "refocus light fields into PNG and EXR stacks",
+    "refocus": "refocus light fields into stacks, pictures, films, disparity and point clouds",
     "bench": "measure accuracy against time of every operator and checkpoint",
     "simulate": "write simulated light fields",
     "report": "gather runs into one page",

@@ -1,4 +1,4 @@
-"""`lfref refocus`: refocus light fields into PNG and EXR stacks."""
+"""`lfref refocus`: refocus light fields into stacks, pictures, films, maps of disparity and point clouds."""
 
 from pathlib import Path
 
@@ -8,46 +8,51 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli import inputs
+from lfref.cli import inputs, several
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.planes import Planes, planes_of
-from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import images, write
 from lfref.lightfield import LightField
 from lfref.refocus.focus import view_order
-from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser
-from lfref.report import drawing, focus, pictures
+from lfref.report import pictures, results
+from lfref.report.refocused import PictureFiles, Refocused, mean_of_views
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
-    """Write `stack.exr` (data), and `planes/`, `contact_sheet.png` and `all_views_mean.png` (pictures).
-
-    With `all_in_focus`, also `all_in_focus.png` and `focus_map.png`. Of several light fields each gets a folder.
+    """Write what `lfref.report.results` makes of each light field; of several, each gets a folder of its name.
 
     Args:
         config: `conf/refocus.yaml`.
         folder: The run folder.
     """
-    device = device_of(config.device)
-    exposure = None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
+    device, files, exposure = device_of(config.device), _files(config), _exposure(config)
     refocuser, asked = _refocuser(config, device)
+    also = [name for name in results.ASKED if config[name]]
     given = paths(configs.plain(config.input))
-    names = [path.absolute().name if path.is_dir() else path.stem for path in given]
-    if len(set(names)) < len(names) or not given:
-        raise InputError("inputs must be light fields of different names", got=", ".join(names) or "none")
-    for path, name in zip(given, names, strict=True):
-        field = inputs.read(path, config, [refocuser])
-        if view_order.seems_reversed(field.views):
-            log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
+    captures = several.found(given, config.reader.pattern)
+
+    def one(name: str, path: Path) -> None:
+        field = _prepared(path, config, refocuser)
         planes = planes_of(asked, field)
-        with torch.no_grad():
-            stack = refocuser(field.to(device), planes.slopes).cpu()
-        results = folder if len(given) == 1 else folder / name
-        _write(results, field, stack, planes, _gain(field, exposure), config.all_in_focus)
-        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), results)
+        stack = _stack(refocuser, field, planes, device)
+        place = folder if several.is_alone(path, given) else folder / name
+        results.write_results(place, Refocused(field, stack, planes, _gain(field, exposure), files), also)
+        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), place)
+
+    several.each(captures, one, "refocusing")
+
+
+def _files(config: DictConfig) -> PictureFiles:
+    """What pictures are written as."""
+    bits, quality = (int(configs.number(config, name, 1)) for name in ("bits", "quality"))
+    return PictureFiles(str(config.format), bits, quality)
+
+
+def _exposure(config: DictConfig) -> float | None:
+    """What pictures shall be multiplied by; None: what each light field needs."""
+    return None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
 
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
@@ -63,27 +68,28 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     return network, planes
 
 
+def _prepared(path: Path, config: DictConfig, refocuser: Refocuser) -> LightField:
+    """The light field as it will be refocused."""
+    field = inputs.read(path, config, [refocuser])
+    if view_order.seems_reversed(field.views):
+        log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
+    return field
+
+
+def _stack(refocuser: Refocuser, field: LightField, planes: FocalPlanes, device: torch.device) -> Tensor:
+    """The planes, on the CPU, [N, C, H, W]."""
+    with torch.no_grad():
+        return refocuser(field.to(device), planes.slopes).cpu()
+
+
 def _gain(field: LightField, exposure: float | None) -> float:
     """What the pictures are multiplied by: the exposure asked for, or what a dark capture needs."""
     if exposure is not None:
         return exposure
-    gain = max(1.0, pictures.common_exposure(field.views.mean(dim=(0, 1))))
+    gain = max(1.0, pictures.common_exposure(mean_of_views(field)))
     if gain > 1:
         log.info("pictures are brightened %.2f times (exposure=1 leaves them; stack.exr is never changed)", gain)
     return gain
-
-
-def _write(folder: Path, field: LightField, stack: Tensor, planes: FocalPlanes, gain: float, with_focus: bool) -> None:
-    write.write_stack(folder / "stack.exr", stack, planes)
-    screen = field.picture_encoding
-    write.write_stack(folder / "planes", (stack * gain).clamp(0, 1), planes, encoding=screen)
-    images.write_image(folder / "all_views_mean.png", pictures.for_display(field.views.mean(dim=(0, 1)), gain, screen))
-    drawing.save_figure(pictures.contact_sheet(stack, planes.labels, gain, screen), folder / "contact_sheet.png")
-    if with_focus:
-        image, index, confidence = all_in_focus(stack)
-        images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain, screen))
-        figure = focus.focus_map(index_to_slope(index, planes.slopes), confidence)
-        drawing.save_figure(figure, folder / "focus_map.png")
 
 
 main = command(refocus)

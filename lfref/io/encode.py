@@ -1,6 +1,7 @@
-"""Encoding PNG and EXR files with OpenImageIO: rounded to the file's sample type, complete or not at all.
+"""Encoding PNG, JPEG and EXR files with OpenImageIO: rounded to the file's sample type, complete or not at all.
 
-A fourth channel is a weight: it is never multiplied into the colours. EXR is compressed without loss (zip).
+A fourth channel is a weight: it is never multiplied into the colours, and JPEG has no room for it. EXR is compressed
+without loss (zip); JPEG keeps the colour of every pixel (4:4:4).
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,7 @@ from lfref.io import atomic, explain, marks
 
 DEPTHS: dict[str, dict[int, str]] = {
     ".png": {8: "uint8", 16: "uint16"},
+    ".jpg": {8: "uint8"},
     ".exr": {32: "float", 16: "half"},
 }
 """Suffix -> bits a sample -> sample type; the first is the default."""
@@ -28,6 +30,9 @@ ARRAY_TYPES: dict[str, type[np.generic]] = {
 }
 # `weight` instead of `A`: EXR takes for granted that A is multiplied into the colours.
 CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
+COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip"}
+QUALITY = 95
+"""Of a JPEG, from 1 to 100."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ def sample_type(path: Path, bits: int | None) -> str:
         bits: Bits a sample; None takes the default of the format.
 
     Raises:
-        InputError: The suffix is not `.png` or `.exr`, or the format has no such depth.
+        InputError: The suffix is none of `DEPTHS`, or the format has no such depth.
     """
     if path.suffix.lower() not in DEPTHS:
         raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
@@ -87,35 +92,42 @@ def quantised(samples: NDArray, kind: str, path: Path) -> NDArray:
     return rounded
 
 
-def encode(path: Path, parts: Sequence[Part], bits: int | None = None) -> None:
+def encode(path: Path, parts: Sequence[Part], bits: int | None = None, quality: int = QUALITY) -> None:
     """Write a file of one or, for EXR, several parts.
 
     Args:
-        path: The file to write, `.png` or `.exr`; folders above it are made.
+        path: The file to write, `.png`, `.jpg` or `.exr`; folders above it are made.
         parts: What it shall hold.
-        bits: 8 (default) or 16 for PNG; 32 (default) or 16 for EXR.
+        bits: 8 (default) or 16 for PNG; 8 for JPEG; 32 (default) or 16 for EXR.
+        quality: Of a JPEG, from 1 to 100; other formats lose nothing.
 
     Raises:
         InputError: A suffix, depth, channel count or sample that the format does not have.
         FileError: The folder or the disk refuses, or a file of that name is not ours.
     """
     kind = sample_type(path, bits)
+    if not (isinstance(quality, int) and 1 <= quality <= 100):
+        raise InputError("quality must be a whole number from 1 to 100", got=repr(quality))
     marks.check_file(path)
-    specs = [_spec(part, kind, path) for part in parts]
+    specs = [_spec(part, kind, path, quality) for part in parts]
     with atomic.replacing(path) as partial:
         _write(partial, path, parts, specs)
 
 
-def _spec(part: Part, kind: str, path: Path) -> OpenImageIO.ImageSpec:
+def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageSpec:
     if part.samples.ndim != 3 or part.samples.shape[2] not in CHANNELS or 0 in part.samples.shape:
         raise InputError(f"an image for {path} must be [H, W, C] with C 1 to 4", got=f"shape {part.samples.shape}")
+    suffix = path.suffix.lower()
+    if suffix == ".jpg" and part.samples.shape[2] not in (1, 3):
+        raise InputError(f"a JPEG for {path} has no weight", got=f"shape {part.samples.shape}", remedy="write PNG")
     height, width, n_channels = part.samples.shape
     spec = OpenImageIO.ImageSpec(width, height, n_channels, kind)
     spec.channelnames = CHANNELS[n_channels]
     spec.alpha_channel = -1
     # Without it the PNG writer divides the colours by the fourth channel.
     spec.attribute("oiio:UnassociatedAlpha", 1)
-    spec.attribute("compression", "zip")
+    spec.attribute("compression", COMPRESSIONS[suffix].format(quality=quality))
+    spec.attribute("jpeg:subsampling", "4:4:4")
     for name, value in {"oiio:subimagename": part.name, "Software": marks.SOFTWARE, **part.attributes}.items():
         spec.attribute(name, value)
     return spec

@@ -1,4 +1,4 @@
-"""Writing folders of PNG images, all of it or nothing, in the place of nothing but an older one of ours.
+"""Writing folders of images, all of it or nothing, in the place of nothing but an older one of ours.
 
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
@@ -26,26 +26,29 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
     """
     # A leading dot would hide the files from the reader.
     stem = path.absolute().name.lstrip(".") or "view"
+    encode.sample_type(path / "x.png", bits)
     named = ((f"{stem}_{row:02d}_{column:02d}.png", views[row, column]) for row, column in np.ndindex(views.shape[:2]))
     write_images(path, named, "views", bits)
 
 
-def write_images(path: Path, named: Iterable[tuple[str, NDArray]], kind: str, bits: int | None) -> None:
-    """Write PNG images as a folder, which takes the place of an older one of its kind.
+def write_images(
+    path: Path, named: Iterable[tuple[str, NDArray]], kind: str, bits: int | None, quality: int = encode.QUALITY
+) -> None:
+    """Write PNG or JPEG images as a folder, which takes the place of an older one of its kind.
 
     Args:
         path: The folder.
         named: Name and image, floating point, [C, H, W], of each file.
         kind: As `marks.check_folder`.
-        bits: 8 (default) or 16.
+        bits: 8 (default) or 16, which PNG has.
+        quality: Of JPEG images, from 1 to 100.
 
     Raises:
         InputError: NaN or infinity, or another depth or channel count.
         FileError: The disk refuses, or the folder holds anything but such a folder of ours.
     """
-    encode.sample_type(path / "x.png", bits)
     marks.check_folder(path, kind)
     with atomic.replacing_folder(path) as partial:
         for name, image in named:
-            images.write_image(partial / name, image.transpose(1, 2, 0), bits=bits)
+            images.write_image(partial / name, image.transpose(1, 2, 0), bits=bits, quality=quality)
         marks.mark_folder(partial, kind)

@@ -29,14 +29,15 @@ def read_image(path: str | Path) -> NDArray:
         return decode.decode(source, path)
 
 
-def write_image(path: str | Path, array: NDArray, *, bits: int | None = None) -> None:
-    """Write a PNG or EXR file, all of it or nothing.
+def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, quality: int = encode.QUALITY) -> None:
+    """Write a PNG, JPEG or EXR file, all of it or nothing.
 
     Args:
-        path: The file to write, `.png` or `.exr`; folders above it are made.
-        array: [H, W, C] with C 1 to 4 (2 and 4: the last is a weight); floats in [0, 1], which PNG clips and
-            rounds and EXR keeps as they are; or uint8 or uint16.
-        bits: 8 or 16 for PNG (default: 16 for a uint16 array, else 8); 32 (default) or 16 (half) for EXR.
+        path: The file to write, `.png`, `.jpg` or `.exr`; folders above it are made.
+        array: [H, W, C] with C 1 to 4 (2 and 4: the last is a weight, which JPEG has not); floats in [0, 1], which
+            PNG and JPEG clip and round and EXR keeps as they are; or uint8 or uint16.
+        bits: 8 or 16 for PNG (default: 16 for a uint16 array, else 8); 8 for JPEG; 32 (default) or 16 (half) for EXR.
+        quality: Of a JPEG, from 1 to 100.
 
     Raises:
         InputError: NaN or infinity, or a suffix, depth, shape or type that the format does not have.
@@ -45,7 +46,7 @@ def write_image(path: str | Path, array: NDArray, *, bits: int | None = None) ->
     path = Path(path)
     if bits is None and array.dtype == np.uint16 and path.suffix.lower() == ".png":
         bits = 16
-    encode.encode(path, [encode.Part(to_float(array))], bits)
+    encode.encode(path, [encode.Part(to_float(array))], bits, quality)
 
 
 def to_float(array: NDArray) -> NDArray[np.float32]:

@@ -84,6 +84,19 @@ def check_file(path: Path) -> None:
         raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
 
 
+def check_new(path: Path) -> None:
+    """Refuse to replace any file: of a format that cannot say that we wrote it.
+
+    Args:
+        path: What shall be written; of folders the writer complains.
+
+    Raises:
+        FileError: There is such a file.
+    """
+    if path.is_file():
+        raise FileError(f"{path} must be a new file", got="one that is there", remedy="choose another name")
+
+
 def _is_ours(path: Path) -> bool:
     with suppress(FileError), decode.opened(path) as source:
         return bool(source.spec().getattribute("Software") == SOFTWARE)

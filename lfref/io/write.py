@@ -1,8 +1,10 @@
-"""Writing light fields and refocused stacks, all of it or nothing: a multi-part EXR file, or a folder of PNG images.
+"""Writing light fields and refocused stacks, all of it or nothing: a multi-part EXR file, or a folder of images.
 
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +16,7 @@ from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import exr, folders, formats
+from lfref.io import encode, exr, folders, formats
 from lfref.lightfield import LightField
 
 Writer = TypeVar("Writer")
@@ -61,7 +63,7 @@ def write_stack(
 
     Args:
         path: A name in `.exr` for a multi-part EXR file, which `read_stack` reads; a name without suffix for a
-            folder of PNG images named `plane_00_alpha_0.125.png` or `plane_00_slope_-7.png`, which clip to [0, 1].
+            folder of PNG images named `plane_00_slope_-7_alpha_0.125.png`, which clip to [0, 1].
         stack: Refocused images, floating point, [N, C, H, W] with C 1 or 3.
         planes: The N planes.
         bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
@@ -87,6 +89,39 @@ def _stored(light: Tensor, path: Path, encoding: Encoding) -> Tensor:
     return light if path.suffix else encoding.encode(light)
 
 
+def write_pictures(
+    path: str | Path,
+    pictures: Iterable[NDArray],
+    planes: FocalPlanes,
+    *,
+    suffix: str = ".png",
+    bits: int | None = None,
+    quality: int = encode.QUALITY,
+) -> Path:
+    """Write the planes of a stack as pictures, as they are to be shown.
+
+    Args:
+        path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, or without alpha where none reaches.
+        pictures: What is shown, floating point, clipped to [0, 1], N times [C, H, W] with C 1 or 3.
+        planes: The N planes.
+        suffix: `.png` or `.jpg`.
+        bits: 8 (default) or, of PNG, 16.
+        quality: Of JPEG, from 1 to 100.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: NaN or infinity, or a depth, quality or number of channels that cannot be written.
+        FileError: The disk refuses, or the path holds anything but such pictures as lfref left them.
+    """
+    encode.sample_type(Path(path) / f"x{suffix}", bits)
+    names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
+    files = (f"plane_{n:02d}_{name}{suffix}" for n, name in enumerate(names))
+    folders.write_images(Path(path), zip(files, pictures, strict=True), "planes", bits, quality)
+    return Path(path)
+
+
 def _array(samples: Tensor, n_colours: int) -> NDArray:
     """Samples as float32 in numpy."""
     if n_colours not in (1, 3):
@@ -103,9 +138,7 @@ def _writer(writers: dict[str, Writer], path: Path) -> Writer:
 
 
 def _write_stack_folder(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None) -> None:
-    labels = (label.replace(" ", "_") for label in planes.labels)
-    named = ((f"plane_{n:02d}_{label}.png", plane) for n, (label, plane) in enumerate(zip(labels, stack, strict=True)))
-    folders.write_images(path, named, "planes", bits)
+    write_pictures(path, stack, planes, bits=bits)
 
 
 VIEW_WRITERS = {

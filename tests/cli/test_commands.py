@@ -73,7 +73,7 @@ def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
     stack, planes = read_stack(tmp_path / "out" / "stack.exr")
     assert planes.alphas == (0.5, 1.0, 2.0)
     torch.testing.assert_close(stack, shift_and_sum(read(field, views=7).views, planes.slopes))
-    shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / "planes" / "plane_01_alpha_1.png")).get_pixels("float")
+    shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / "planes" / "plane_01_slope_0_alpha_1.png")).get_pixels("float")
     assert abs(torch.from_numpy(shown) - stack[1].permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
 
 

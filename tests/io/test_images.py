@@ -111,7 +111,7 @@ def test_values_beyond_half_are_refused(tmp_path):
         images.write_image(tmp_path / "a.exr", np.full((1, 1, 1), 1e5), bits=16)
 
 
-@pytest.mark.parametrize(("name", "bits"), [("a.png", 32), ("a.exr", 8), ("a.jpg", 8), ("a", None)])
+@pytest.mark.parametrize(("name", "bits"), [("a.png", 32), ("a.exr", 8), ("a.jpg", 16), ("a.tif", 8), ("a", None)])
 def test_formats_and_depths_that_do_not_exist_are_refused(tmp_path, name, bits, one_line):
     with pytest.raises(InputError) as caught:
         images.write_image(tmp_path / name, np.zeros((1, 1, 3)), bits=bits)
@@ -129,3 +129,29 @@ def test_an_unwritable_place_is_one_clear_error(tmp_path, one_line):
     with pytest.raises(FileError) as caught:
         images.write_image(tmp_path / "file" / "a.png", np.zeros((1, 1, 3)))
     one_line(caught.value, tmp_path / "file" / "a.png", "choose another")
+
+
+def test_a_jpeg_is_near_the_picture_and_keeps_the_colour_of_each_pixel(tmp_path):
+    y, x = np.mgrid[:48, :64] / 64
+    picture = np.stack([x, y, np.floor(16 * x) % 2], -1).astype(np.float32)
+    images.write_image(tmp_path / "a.jpg", picture)
+    images.write_image(tmp_path / "small.jpg", picture, quality=40)
+    back = OpenImageIO.ImageBuf(str(tmp_path / "a.jpg"))
+    assert back.spec().getattribute("Software") == "lfref"
+    assert np.abs(back.get_pixels("float") - picture).mean() < 0.005
+    assert (tmp_path / "small.jpg").stat().st_size < 0.6 * (tmp_path / "a.jpg").stat().st_size
+    images.write_image(tmp_path / "a.jpg", picture[..., :1])
+    assert OpenImageIO.ImageBuf(str(tmp_path / "a.jpg")).nchannels == 1
+
+
+@pytest.mark.parametrize("quality", [0, 101, 9.5])
+def test_qualities_that_no_jpeg_has_are_refused(tmp_path, quality):
+    with pytest.raises(InputError, match="from 1 to 100"):
+        images.write_image(tmp_path / "a.jpg", np.zeros((2, 2, 3)), quality=quality)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_jpeg_has_no_room_for_a_weight(tmp_path, one_line):
+    with pytest.raises(InputError) as caught:
+        images.write_image(tmp_path / "a.jpg", np.zeros((2, 2, 4)))
+    one_line(caught.value, tmp_path / "a.jpg", "write PNG")

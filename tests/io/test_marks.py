@@ -49,8 +49,8 @@ def test_captured_views_are_not_replaced_though_they_are_named_like_ours(tmp_pat
 
 
 def test_captured_planes_are_not_replaced_though_they_are_named_like_ours(tmp_path, kept):
-    captured(tmp_path / "stack" / "plane_00_alpha_0.5.png")
-    kept(lambda: write.write_stack(tmp_path / "stack", STACK, PLANES), "plane_00_alpha_0.5.png")
+    captured(tmp_path / "stack" / "plane_00_slope_-1_alpha_0.5.png")
+    kept(lambda: write.write_stack(tmp_path / "stack", STACK, PLANES), "plane_00_slope_-1_alpha_0.5.png")
 
 
 def test_a_view_that_was_painted_over_is_not_replaced_whatever_its_size(tmp_path, make_field, kept):

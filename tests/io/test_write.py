@@ -146,15 +146,15 @@ def test_a_stack_is_read_back_from_exr(tmp_path):
     assert planes == planes_at_alphas((0.125, 0.3))
 
 
-def test_a_stack_folder_has_one_image_a_plane_named_after_its_alpha(tmp_path):
+def test_a_stack_folder_has_one_image_a_plane_named_after_its_slope_and_alpha(tmp_path):
     stack_of_two(tmp_path / "s")
     path = stack_of_two(tmp_path / "s")
     assert sorted(child.name for child in path.iterdir()) == [
         marks.MARK,
-        "plane_00_alpha_0.125.png",
-        "plane_01_alpha_0.3.png",
+        "plane_00_slope_-7_alpha_0.125.png",
+        "plane_01_slope_-2.333_alpha_0.3.png",
     ]
-    image = images.read_image(path / "plane_01_alpha_0.3.png")
+    image = images.read_image(path / "plane_01_slope_-2.333_alpha_0.3.png")
     assert image[..., 0].tolist() == [[76, 89, 102], [115, 128, 140]]
 
 

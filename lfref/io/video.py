@@ -1,0 +1,150 @@
+"""Writing films of a few frames, all of it or nothing: MP4 that every browser plays, and GIF with a palette of its own.
+
+MP4 is H.264 in 4:2:0 with even sides, its colours converted and labelled by BT.709. A GIF has 256 colours, chosen from
+all of its frames, and never ends. A film takes the place of nothing: its name must be free.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfref.errors import FileError, InputError
+from lfref.io import atomic, explain, marks
+
+if TYPE_CHECKING:
+    import av
+
+Frames = Sequence[NDArray[np.uint8]]
+
+GIF_SIDE = 640
+"""Pixels along the longer side of a GIF, at most: it hardly compresses."""
+X264 = {"crf": "16", "preset": "medium"}
+BT709 = {"color_primaries": 1, "color_trc": 1, "colorspace": 1, "color_range": 1}
+"""Numbers of H.273; the range is that of television."""
+
+
+def write_video(path: str | Path, frames: Frames, rate: float = 8.0) -> None:
+    """Write a film.
+
+    Args:
+        path: A name in `.mp4` or `.gif` that is free; folders above it are made.
+        frames: Pictures as they are shown, RGB, uint8, all of one shape [H, W, 3]. MP4 repeats the last row or column
+            of an odd side; a GIF is at most `GIF_SIDE` pixels long and wide.
+        rate: Frames a second, above 0; a GIF rounds each frame's time to 1/100 s.
+
+    Raises:
+        InputError: Another suffix, no frame, frames of another shape or type, or a rate that cannot be used.
+        FileError: The disk refuses, the name is taken, or PyAV has not the encoder.
+
+    Example:
+        >>> frames = [np.full((32, 48, 3), level, np.uint8) for level in (0, 128, 255)]
+        >>> write_video("fade.mp4", frames)
+    """
+    path = Path(path)
+    if path.suffix.lower() not in WRITERS:
+        raise InputError(f"{path} must end in {' or '.join(WRITERS)}", remedy="choose another suffix")
+    _check(frames, rate)
+    marks.check_new(path)
+    with atomic.replacing(path) as partial:
+        _write(partial, path, frames, Fraction(rate).limit_denominator(1000))
+
+
+def there_and_back(frames: Frames) -> Frames:
+    """Frames from the first to the last and back, so that the film may begin again where it ends."""
+    return [*frames, *frames[-2:0:-1]]
+
+
+def _check(frames: Frames, rate: float) -> None:
+    shapes = {frame.shape for frame in frames}
+    if len(shapes) != 1 or any(frame.dtype != np.uint8 for frame in frames):
+        raise InputError("frames must be uint8 and of one shape", got=", ".join(map(str, sorted(shapes))) or "none")
+    (shape,) = shapes
+    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
+        raise InputError("frames must be [H, W, 3]", got=f"shape {shape}")
+    if not 0.01 <= rate <= 100:
+        raise InputError("rate must be from 0.01 to 100 frames a second", got=rate)
+
+
+def _write(partial: Path, path: Path, frames: Frames, rate: Fraction) -> None:
+    import av  # its libraries take a third of a second, which only films cost
+
+    try:
+        write, options = WRITERS[path.suffix.lower()]
+        with av.open(str(partial), "w", options=options) as container:
+            container.metadata["comment"] = marks.SOFTWARE
+            write(container, frames, rate)
+    except av.FFmpegError as error:
+        reason = explain.one_line(str(error))
+        raise FileError(f"{path} cannot be written", got=reason, remedy="check the folder and the disk") from error
+
+
+def _write_mp4(container: "av.container.OutputContainer", frames: Frames, rate: Fraction) -> None:
+    padded = [np.pad(frame, [(0, side % 2) for side in frame.shape[:2]] + [(0, 0)], "edge") for frame in frames]
+    stream: Any = container.add_stream("libx264", rate=rate, options=X264)
+    _shape(stream, padded[0], "yuv420p")
+    for name, value in BT709.items():
+        setattr(stream.codec_context, name, value)
+    for frame in _frames(padded):
+        converted = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+        container.mux(stream.encode(converted))
+    container.mux(stream.encode())
+
+
+def _write_gif(container: "av.container.OutputContainer", frames: Frames, rate: Fraction) -> None:
+    paletted = list(_paletted(frames))
+    stream: Any = container.add_stream("gif", rate=rate)
+    stream.width, stream.height, stream.pix_fmt = paletted[0].width, paletted[0].height, "pal8"
+    for index, frame in enumerate(paletted):
+        frame.pts, frame.time_base = index, 1 / rate
+        container.mux(stream.encode(frame))
+    container.mux(stream.encode())
+
+
+def _paletted(frames: Frames) -> Iterator["av.VideoFrame"]:
+    """The frames in the 256 colours that suit all of them best, reduced to the size of a GIF."""
+    import av
+
+    factor = min(1.0, GIF_SIDE / max(frames[0].shape))
+    height, width = (max(1, round(factor * side)) for side in frames[0].shape[:2])
+    graph = av.filter.Graph()
+    full_height, full_width = frames[0].shape[:2]
+    source = graph.add_buffer(None, full_width, full_height, av.VideoFormat("rgb24"), time_base=Fraction(1))
+    steps = {
+        "scale": f"{width}:{height}:flags=lanczos", "split": "", "palettegen": "stats_mode=full",
+        "paletteuse": "dither=bayer:bayer_scale=4", "buffersink": "",
+    }  # fmt: skip
+    scale, split, generate, use, sink = (graph.add(name, options) for name, options in steps.items())
+    source.link_to(scale)
+    scale.link_to(split)
+    split.link_to(use, 0, 0)
+    split.link_to(generate, 1, 0)
+    generate.link_to(use, 0, 1)
+    use.link_to(sink)
+    graph.configure()
+    for index, frame in enumerate(_frames(frames)):
+        frame.pts, frame.time_base = index, Fraction(1)
+        source.push(frame)
+    source.push(None)
+    for _ in frames:
+        yield sink.pull()  # type: ignore[misc]
+
+
+def _frames(frames: Frames) -> Iterator["av.VideoFrame"]:
+    import av
+
+    return (av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24") for frame in frames)
+
+
+def _shape(stream: Any, frame: NDArray[np.uint8], pix_fmt: str) -> None:
+    (stream.height, stream.width), stream.pix_fmt = frame.shape[:2], pix_fmt
+
+
+WRITERS: dict[str, tuple[Callable[["av.container.OutputContainer", Frames, Fraction], None], dict[str, str]]] = {
+    ".mp4": (_write_mp4, {"movflags": "faststart"}),
+    ".gif": (_write_gif, {}),
+}
+"""Suffix -> what writes frames of that kind into an open container, and options of the container."""

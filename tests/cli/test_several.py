@@ -1,0 +1,123 @@
+"""Light fields are found in folders and named apart; one that fails does not stop the others."""
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.cli import several
+from lfref.errors import FileError, InputError, LfrefError
+from lfref.io import images, write
+from lfref.lightfield import LightField
+
+
+@pytest.fixture
+def captures(tmp_path):
+    """A folder of two light fields, another of one by the name of the first, and what else lies there."""
+    field = LightField(torch.rand(3, 3, 3, 16, 20))
+    for name in ("one/a", "one/b c.exr", "two/a"):
+        write.write(tmp_path / name, field)
+    (tmp_path / "one" / "notes.txt").write_text("mine")
+    (tmp_path / "one" / "empty").mkdir()
+    return tmp_path
+
+
+def test_a_folder_stands_for_the_light_fields_in_it(captures):
+    one = captures / "one"
+    assert several.found([one]) == {"a": one / "a", "b c": one / "b c.exr"}
+    assert several.found([one / "a"]) == {"a": one / "a"}
+
+
+def test_what_is_given_twice_counts_once(captures, monkeypatch):
+    one = captures / "one"
+    monkeypatch.chdir(one)
+    assert list(several.found([one, one / "a", captures / "two" / ".." / "one" / "a"])) == ["a", "b c"]
+
+
+def test_equal_names_are_told_apart_by_their_folders(captures):
+    assert list(several.found([captures / "one", captures / "two" / "a"])) == ["one_a", "one_b c.exr", "two_a"]
+
+
+def test_equal_names_of_different_formats_are_told_apart_by_these(captures):
+    write.write(captures / "one" / "a.exr", LightField(torch.rand(2, 2, 3, 8, 8)))
+    assert list(several.found([captures / "one"])) == ["a", "a.exr", "b c.exr"]
+
+
+def test_a_name_alone_is_that_of_the_folder_that_it_leads_to(captures, monkeypatch):
+    monkeypatch.chdir(captures / "one" / "a")
+    assert list(several.found([several.Path()])) == ["a"]
+
+
+def test_nothing_and_names_that_nothing_tells_apart_are_refused(captures):
+    with pytest.raises(InputError, match="different names; got none"):
+        several.found([])
+    for place in ("x", "y"):
+        write.write(captures / place / "two" / "a", LightField(torch.rand(2, 2, 3, 8, 8)))
+    with pytest.raises(InputError, match="got two_a, two_a"):
+        several.found([captures / "x" / "two" / "a", captures / "y" / "two" / "a"])
+
+
+def test_pictures_by_unknown_names_are_no_folder_of_lenslet_images(tmp_path):
+    for name in ("left", "right"):
+        images.write_image(tmp_path / "views" / f"{name}.png", np.zeros((28, 42, 3)))
+    assert several.found([tmp_path / "views"]) == {"views": tmp_path / "views"}
+
+
+def test_large_pictures_are(tmp_path):
+    for name in ("one", "two"):
+        images.write_image(
+            tmp_path / "images" / f"{name}_eslf.png", np.zeros((several.LENSLET_SIDE, 3001, 1), np.uint8)
+        )
+    assert list(several.found([tmp_path / "images"])) == ["one_eslf", "two_eslf"]
+
+
+def test_a_damaged_picture_does_not_hide_the_others(tmp_path):
+    images.write_image(tmp_path / "images" / "one.png", np.zeros((several.LENSLET_SIDE, 3001, 1), np.uint8))
+    (tmp_path / "images" / "two.png").write_bytes(b"")
+    assert list(several.found([tmp_path / "images"])) == ["one", "two"]
+
+
+def test_a_light_field_is_alone_if_nothing_else_was_given_and_no_folder_of_it(captures):
+    one = captures / "one"
+    assert several.is_alone(one / "a", [one / "a", one / ".." / "one" / "a"])
+    assert not several.is_alone(one / "a", [one])
+    assert not several.is_alone(one / "a", [one / "a", one / "b c.exr"])
+
+
+def test_a_pattern_makes_every_folder_one_light_field(captures):
+    assert several.found([captures / "one"], r"(?P<index>\d+)") == {"one": captures / "one"}
+
+
+def test_a_missing_path_is_left_to_the_reader(tmp_path):
+    assert several.found([tmp_path / "nowhere"]) == {"nowhere": tmp_path / "nowhere"}
+
+
+def test_the_others_are_done_and_the_failed_named_at_the_end(tmp_path):
+    done = []
+
+    def task(name, path):
+        if name in ("b", "d"):
+            raise (FileError if name == "b" else PermissionError)(f"no {name}")
+        done.append((name, path))
+
+    with pytest.raises(LfrefError, match="all 4 light fields must be usable; got 2 that failed: b, d; the others"):
+        several.each({name: tmp_path / name for name in "abcd"}, task, "trying")
+    assert done == [("a", tmp_path / "a"), ("c", tmp_path / "c")]
+
+
+def test_the_error_of_a_single_one_is_raised_as_it_is(tmp_path):
+    error = FileError("mine")
+
+    def task(name, path):
+        raise error
+
+    with pytest.raises(FileError) as caught:
+        several.each({"a": tmp_path}, task, "trying")
+    assert caught.value is error
+
+
+def test_mistakes_of_ours_stop_everything(tmp_path):
+    def task(name, path):
+        raise RuntimeError("a bug")
+
+    with pytest.raises(RuntimeError):
+        several.each({"a": tmp_path, "b": tmp_path}, task, "trying")

@@ -1,0 +1,154 @@
+"""Everything that people take away, read back by other programs: the values are those that were computed."""
+
+import av
+import numpy as np
+import OpenImageIO
+import pytest
+import torch
+
+import lfref
+from lfref.errors import FileError, InputError
+from lfref.geometry import FocalPlanes, planes_at_alphas
+from lfref.io.read import read_stack
+from lfref.lightfield import LightField
+from lfref.report import results
+from lfref.report.refocused import PictureFiles, Refocused
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
+from tests.io.test_ply import parsed
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Cards at several depths, larger disparities nearer."""
+    views = simulate(sim30.SCENES["shards"], 0, ("views",)).views
+    planes = FocalPlanes([0.3, -1, -0.6])
+    return Refocused(LightField(views, "shards"), lfref.shift_and_sum(views, planes.slopes), planes)
+
+
+@pytest.fixture(scope="module")
+def written(scene, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results") / "a folder"
+    results.write_results(folder, scene, results.ASKED)
+    return folder
+
+
+def pixels(path):
+    return OpenImageIO.ImageBuf(str(path)).get_pixels("float")
+
+
+def test_the_folder_holds_nothing_else(written):
+    (scaled,) = written.glob("disparity/disparity_from_*_to_*.png")
+    assert sorted(str(path.relative_to(written)) for path in written.rglob("*") if path.is_file()) == sorted([
+        "stack.exr", "contact_sheet.png", "all_views_mean.png", "all_in_focus.png", "focus_map.png",
+        "planes/.lfref.json", "planes/plane_00_slope_0.3_alpha_1.429.png", "planes/plane_01_slope_-1_alpha_0.5.png",
+        "planes/plane_02_slope_-0.6_alpha_0.625.png", "sweep.mp4", "sweep.gif", "points.ply",
+        *(f"disparity/{name}.{suffix}" for name in ("disparity", "confidence") for suffix in ("pfm", "exr")),
+        "disparity/confidence.png", f"disparity/{scaled.name}", "disparity/map.png",
+    ])  # fmt: skip
+
+
+def test_planes_are_the_stack(scene, written):
+    stack, planes = read_stack(written / "stack.exr")
+    assert torch.equal(stack, scene.stack)
+    assert planes == scene.planes
+    shown = pixels(written / "planes" / "plane_01_slope_-1_alpha_0.5.png")
+    np.testing.assert_allclose(shown, scene.shown(scene.stack[1]), atol=0.51 / 255)
+
+
+def test_disparity_and_confidence_come_back(scene, written):
+    for name, values in zip(("disparity", "confidence"), scene.disparity, strict=True):
+        contents = (written / "disparity" / f"{name}.pfm").read_bytes()
+        kind, size, scale, data = contents.split(b"\n", 3)
+        assert (kind, size) == (b"Pf", b"192 128")
+        assert float(scale) < 0
+        np.testing.assert_array_equal(np.frombuffer(data, "<f4").reshape(128, 192)[::-1], values)
+        np.testing.assert_array_equal(pixels(written / "disparity" / f"{name}.exr")[..., 0], values)
+    sure = pixels(written / "disparity" / "confidence.png")[..., 0]
+    np.testing.assert_allclose(sure, scene.disparity.confidence, atol=0.51 / 65535)
+
+
+def test_the_name_of_the_scaled_disparity_says_its_scale(scene, written):
+    (path,) = written.glob("disparity/disparity_from_*_to_*.png")
+    _, _, low, _, high = path.stem.split("_")
+    picture = OpenImageIO.ImageBuf(str(path))
+    assert str(picture.spec().format) == "uint16"
+    assert f"= {low} + sample / 65535 * " in picture.spec().getattribute("ImageDescription")
+    back = float(low) + picture.get_pixels("float")[..., 0] * (float(high) - float(low))
+    np.testing.assert_allclose(back, scene.disparity.disparity, atol=(float(high) - float(low)) / 65535)
+
+
+def test_points_are_the_sure_pixels_in_the_colours_seen_and_nearer_ones_in_front(scene, written):
+    comments, table = parsed(written / "points.ply")
+    disparity, confidence = (values.numpy() for values in scene.disparity)
+    sure = confidence > results.SURE
+    assert 0.3 * sure.size < len(table) == sure.sum() < sure.size
+    rows, columns = np.nonzero(sure)
+    np.testing.assert_allclose(table["x"], columns - 95.5)
+    np.testing.assert_allclose(table["y"], 63.5 - rows)
+    np.testing.assert_allclose(table["z"], 32 * disparity[sure], rtol=1e-5, atol=1e-5)
+    np.testing.assert_array_equal(table["disparity"], disparity[sure])
+    assert "unit: pixel" in comments[1]
+    middle = scene.shown(scene.field.views[3, 3])[sure]
+    seen = np.stack([table[name] for name in ("red", "green", "blue")], -1) / 255
+    assert np.abs(seen - middle).mean() < 0.02
+
+
+def test_points_of_known_cameras_are_in_metres(scene, tmp_path):
+    cameras = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "10 mm", "focus distance": "2 m"}
+    field = LightField(scene.field.views, "metric", metadata=cameras)
+    made = Refocused(field, scene.stack, scene.planes)
+    results.ASKED["points"](tmp_path, made)
+    comments, table = parsed(tmp_path / "points.ply")
+    assert "unit: metre" in comments
+    depth = 1 / (1 / 2 + table["disparity"].astype(np.float64) / (0.01 * 2 * 192))
+    np.testing.assert_allclose(table["z"], -depth, rtol=1e-5)
+
+
+def test_the_sweep_goes_by_slope_there_and_back(scene, written):
+    with av.open(str(written / "sweep.mp4")) as container:
+        frames = [frame.reformat(format="rgb24", src_colorspace="ITU709") for frame in container.decode(video=0)]
+    shown = [scene.shown(scene.stack[n]) for n in (1, 2, 0, 2)]
+    assert len(frames) == 4
+    for frame, expected in zip(frames, shown, strict=True):
+        errors = [np.abs(frame.to_ndarray() / 255 - scene.shown(plane)).mean() for plane in scene.stack]
+        assert np.abs(frame.to_ndarray() / 255 - expected).mean() == min(errors) < 0.02
+    with av.open(str(written / "sweep.gif")) as container:
+        assert len(list(container.decode(video=0))) == 4
+
+
+def test_all_pictures_can_be_jpegs(scene, tmp_path):
+    made = Refocused(scene.field, scene.stack, scene.planes, 1.0, PictureFiles("jpg"))
+    results.write_results(tmp_path / "out", made, ["all_in_focus"])
+    written = sorted(path.name for path in (tmp_path / "out").rglob("*.jpg"))
+    assert written == [
+        "all_in_focus.jpg", "all_views_mean.jpg", "plane_00_slope_0.3_alpha_1.429.jpg",
+        "plane_01_slope_-1_alpha_0.5.jpg", "plane_02_slope_-0.6_alpha_0.625.jpg",
+    ]  # fmt: skip
+
+
+def test_a_single_plane_is_enough(tmp_path):
+    views = torch.rand(3, 3, 1, 32, 40)
+    made = Refocused(LightField(views, "grey"), views.mean((0, 1))[None], planes_at_alphas([1]))
+    results.write_results(tmp_path, made, ["all_in_focus", "disparity", "video"])
+    with av.open(str(tmp_path / "sweep.mp4")) as container:
+        assert len(list(container.decode(video=0))) == 1
+
+
+def test_a_flat_scene_has_no_point_and_all_else_is_written(tmp_path):
+    views = torch.full((3, 3, 3, 32, 40), 0.5)
+    made = Refocused(LightField(views, "wall"), views[:1, 0], FocalPlanes([0]))
+    with pytest.raises(InputError, match="wall must show something whose distance can be told"):
+        results.write_results(tmp_path, made, results.ASKED)
+    assert (tmp_path / "disparity" / "map.png").exists()
+    assert (tmp_path / "sweep.gif").exists()
+    assert not (tmp_path / "points.ply").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
+    (tmp_path / "file").write_text("x")
+    views = torch.rand(3, 3, 3, 32, 40)[:1, :1].expand(3, 3, -1, -1, -1)
+    made = Refocused(LightField(views, "a"), views[:1, 0], FocalPlanes([0]))
+    for result in (*results.ALWAYS.values(), *results.ASKED.values()):
+        with pytest.raises(FileError, match="choose another"):
+            result(tmp_path / "file", made)
