@@ -1,45 +1,25 @@
 """Folders of sub-aperture views: which file is the view at which row and column.
 
-Known names are those of the HCI benchmark (`input_Cam000.png`, row-major, square), `NAME_RR_CC.png` (also what
-`lfref.write` makes; from 0 or 1) and the Stanford gantry (`out_RR_CC_X_Y.png`); others need a pattern.
+How names say it stands in `names`. Files that are only numbered through are taken for the views of a square grid, row
+by row, where nothing speaks against it.
 """
 
 import math
-import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import decode, explain, grid, images
+from lfref.io import decode, explain, grid, images, names
 
 SUFFIXES = [suffix for picture in decode.PICTURES.values() for suffix in picture.suffixes]
-PATTERNS: dict[str, str] = {
-    "Stanford gantry": r"^(?P<name>out)_(?P<row>\d+)_(?P<column>\d+)_-?\d+\.\d+_-?\d+\.\d+_?\.\w+$",
-    "HCI": r"^(?P<name>input_Cam)(?P<index>\d+)\.\w+$",
-    "NAME_RR_CC": r"^(?P<name>.+)_(?P<row>\d+)_(?P<column>\d+)\.\w+$",
-}
-
-
-class Found(NamedTuple):
-    """A file that follows a pattern."""
-
-    path: Path
-    match: re.Match[str]
-
-    def numbers(self, groups: Iterable[str]) -> tuple[int, ...]:
-        """What the name says its row and column, or its index, are."""
-        return tuple(int(self.match[group]) for group in groups)
-
-    def renamed(self, numbers: Mapping[str, int]) -> str:
-        """The name that the file would have with other numbers."""
-        name = self.match.string
-        for group in sorted(numbers, key=self.match.start, reverse=True):
-            first, last = self.match.span(group)
-            name = f"{name[:first]}{numbers[group]:0{last - first}d}{name[last:]}"
-        return name
+FEWEST_NUMBERED = 9
+"""Pictures that are numbered through and are no views are rarely so many and a square number at once."""
+LARGEST_NUMBERED = 2500
+"""Height and width, in pixels, from which numbered pictures may as well be lenslet images of several scenes."""
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -55,13 +35,14 @@ def image_files(folder: Path) -> list[Path]:
 
 def is_field(folder: Path) -> bool:
     """Whether a folder holds files that are named like sub-aperture views."""
-    return any(_following(image_files(folder), regex) for regex in PATTERNS.values())
+    files = image_files(folder)
+    return bool(names.known(files)) or any(_is_numbered_field(found) for found in names.numbered(files))
 
 
 def is_view(path: Path) -> bool:
-    """Whether a file is named like a view and has others beside it."""
-    siblings = [_following(image_files(path.parent), regex) for regex in PATTERNS.values()]
-    return any(len(found) > 1 and path in [one.path for one in found] for found in siblings)
+    """Whether a file is named like a view, beyond doubt, and has others beside it."""
+    fields = names.known(image_files(path.parent))
+    return any(len(found) > 1 and path in [one.path for one in found] for found in fields)
 
 
 def read_views(folder: Path, selection: grid.Selection) -> NDArray:
@@ -69,7 +50,7 @@ def read_views(folder: Path, selection: grid.Selection) -> NDArray:
 
     Args:
         folder: The folder.
-        selection: Views to keep (None: all) and the pattern of their names (None: one of `PATTERNS`).
+        selection: Views to keep (None: all) and the pattern of their names (None: one that `names` knows).
 
     Returns:
         Samples in the files' own type, alpha as the last channel, [V, U, C, H, W].
@@ -78,106 +59,161 @@ def read_views(folder: Path, selection: grid.Selection) -> NDArray:
         FileError: The folder is empty or holds two light fields, a view is missing, damaged or unlike the others.
         InputError: The pattern is not usable, or the window of views leaves the grid.
     """
+    stored = stored_grid(folder, selection)
+    return grid.gather(stored, selection.window(stored.shape, folder), images.read_image, str)
+
+
+def stored_grid(folder: Path, selection: grid.Selection) -> grid.Grid[Path]:
+    """Which file is the view at which row and column; arguments and errors as `read_views`."""
     found = _one_field(folder, selection.pattern)
-    arrange = ARRANGEMENTS[_numbering(found[0].match.re)]
-    cells = arrange(folder, found)
-    missing_name = _namer(found[0], cells)
-    window = selection.window(grid.shape(cells, missing_name, folder), folder)
-    return grid.gather(cells, window, images.read_image, str)
+    arrange = ARRANGEMENTS[names.numbering(found[0].match.re)]
+    cells, shape, name_of = arrange(folder, found, selection)
+    stored = grid.Grid(shape, {cell: one.path for cell, one in cells.items()})
+    grid.check_holes(stored, name_of, folder, selection.holes)
+    return stored
 
 
-def _following(files: Iterable[Path], regex: str | re.Pattern[str]) -> list[Found]:
-    matches = ((path, re.search(regex, path.name)) for path in files)
-    return [Found(path, match) for path, match in matches if match]
+def positions(folder: Path, selection: grid.Selection) -> NDArray[np.float64]:
+    """Where the names say that the cameras of the chosen views stood, as those of the Stanford gantry do.
+
+    Args:
+        folder: The folder.
+        selection: As `read_views`.
+
+    Returns:
+        Positions along the rows and the columns in the names' own unit, NaN where a view is missing, [V, U, 2].
+
+    Raises:
+        FileError: As `read_views`, or the names say no positions.
+    """
+    found = {one.path: one.match.groupdict() for one in _one_field(folder, selection.pattern)}
+    stored = stored_grid(folder, selection)
+    said = np.full((*stored.shape, 2), np.nan)
+    for cell, path in stored.cells.items():
+        if "v" not in found[path] or "u" not in found[path]:
+            remedy = "give a CSV or JSON file as reader.positions"
+            raise FileError(f"{path} must be named out_RR_CC_Y_X for positions=names", got=path.name, remedy=remedy)
+        said[cell] = float(found[path]["v"]), float(found[path]["u"])
+    return said[selection.window(stored.shape, folder)]
 
 
-def _compiled(pattern: str) -> re.Pattern[str]:
-    """A user's pattern, once it is known to be usable."""
-    try:
-        regex = re.compile(pattern)
-    except re.error as error:
-        raise InputError("pattern must be a regular expression", got=f"{pattern!r} ({error})") from error
-    if _numbering(regex) not in ARRANGEMENTS:
-        raise InputError("pattern must have the named groups row and column, or index", got=repr(pattern))
-    return regex
-
-
-def _numbering(regex: re.Pattern[str]) -> tuple[str, ...]:
-    """Which groups of a pattern say where a view belongs."""
-    return tuple(group for group in ("row", "column", "index") if group in regex.groupindex)
-
-
-def _one_field(folder: Path, pattern: str | None) -> list[Found]:
+def _one_field(folder: Path, pattern: str | None) -> list[names.Found]:
     """The files of the only light field in a folder."""
     files = image_files(folder)
     if not files:
         raise FileError(f"{folder} must hold images", got="none", remedy=f"put in {', '.join(SUFFIXES)} files")
-    regexes = [re.compile(known) for known in PATTERNS.values()] if pattern is None else [_compiled(pattern)]
-    fields = _split_by_name(found for regex in regexes for found in _following(files, regex))
+    fields = _guessed(files) if pattern is None else names.following(files, [names.compiled(pattern)])
     if not fields:
-        got = f"names like {files[0].name}"
-        remedy = "give pattern, a regular expression with groups row and column, or index"
-        raise FileError(f"{folder} must hold views named like {' or '.join(PATTERNS)}", got=got, remedy=remedy)
+        got = f"{len(files)} images named like {files[0].name}"
+        remedy = "give reader.pattern: index (row by row), or a regular expression with groups row and column"
+        raise FileError(f"{folder} must hold views whose names say their rows and columns", got=got, remedy=remedy)
     if len(fields) > 1:
         got = " and ".join(field[0].path.name for field in fields[:2])
-        raise FileError(f"{folder} must hold one light field", got=got, remedy="move one away, or give pattern")
+        raise FileError(f"{folder} must hold one light field", got=got, remedy="move one away, or give reader.pattern")
     return fields[0]
 
 
-def _split_by_name(matches: Iterable[Found]) -> list[list[Found]]:
-    """The files of each pattern and each name."""
-    fields: dict[tuple[str, str], list[Found]] = {}
-    for found in matches:
-        key = found.match.re.pattern, found.match.groupdict().get("name") or ""
-        fields.setdefault(key, []).append(found)
-    return list(fields.values())
+def _guessed(files: list[Path]) -> list[list[names.Found]]:
+    """The light fields whose names say where their views belong, else those that are numbered through."""
+    return names.known(files) or [found for found in names.numbered(files) if _is_numbered_field(found)]
 
 
-def _by_numbers(found: list[Found], groups: tuple[str, ...]) -> dict[tuple[int, ...], Found]:
-    """Numbers in the name -> file, each only once."""
-    numbered: dict[tuple[int, ...], Found] = {}
-    for one in found:
-        try:
-            numbers = one.numbers(groups)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"groups of pattern must be numbers in {one.path}", got=error) from error
-        if numbers in numbered:
-            got = f"{numbered[numbers].path.name} and {one.path.name}"
-            raise FileError(f"{one.path.parent} must hold each view once", got=got, remedy="remove one of them")
-        numbered[numbers] = one
-    return numbered
+def _is_numbered_field(found: list[names.Found]) -> bool:
+    """Whether numbered pictures may be taken for views without being asked: a square number of them, and small."""
+    numbers = [one.numbers(("index",)) for one in found]
+    if len(set(numbers)) < len(numbers):
+        return False
+    first, last = min(numbers)[0], max(numbers)[0]
+    if _square(first, last, len(numbers)) is None or len(numbers) < FEWEST_NUMBERED:
+        return False
+    return min(decode.size(found[0].path)) < LARGEST_NUMBERED
 
 
-def _by_row_and_column(folder: Path, found: list[Found]) -> dict[grid.Cell, Path]:
-    """Views at their rows and columns, counted from the smallest."""
-    numbered = _by_numbers(found, ("row", "column"))
+def _square(first: int, last: int, count: int) -> tuple[int, int] | None:
+    """Side and first number of a square grid whose views have numbers from 0 or 1, or from any number without holes.
+
+    A grid with holes that is like itself turned upside down has its ends as far from its middle: first + last says
+    the side, and whether numbers begin at 0 or at 1, since no two squares differ by 2.
+    """
+    side = math.isqrt(count)
+    if side**2 == count == last - first + 1:
+        return side, first
+    for base in (0, 1):
+        side = math.isqrt(max(0, first + last - 2 * base) + 1)
+        if side**2 - 1 == first + last - 2 * base and count < side**2:
+            return side, base
+    return None
+
+
+class Arrangement(NamedTuple):
+    """Where the files of a light field belong."""
+
+    cells: dict[grid.Cell, names.Found]
+    """File at each row and column from 0."""
+    shape: tuple[int, int]
+    """Rows and columns of the grid, of which some may be missing."""
+    name_of: Callable[[grid.Cell], str]
+    """What the file at a row and column would be called."""
+
+
+def _by_row_and_column(folder: Path, found: list[names.Found], selection: grid.Selection) -> Arrangement:
+    """Views at their rows and columns, counted from the smallest, in steps of what all of them have in common."""
+    numbered = names.by_numbers(found, ("row", "column"))
+    if selection.pattern is None:
+        _check_row(folder, found)
     top, left = min(row for row, _ in numbered), min(column for _, column in numbered)
-    return {(row - top, column - left): one.path for (row, column), one in numbered.items()}
+    step = math.gcd(*(number for row, column in numbered for number in (row - top, column - left))) or 1
+    cells = {((row - top) // step, (column - left) // step): one for (row, column), one in numbered.items()}
+
+    def name_of(cell: grid.Cell) -> str:
+        return found[0].renamed({"row": top + step * cell[0], "column": left + step * cell[1]})
+
+    return Arrangement(cells, grid.extent(cells), name_of)
 
 
-def _row_major(folder: Path, found: list[Found]) -> dict[grid.Cell, Path]:
-    """Views of a square grid that are numbered through, counted from the smallest."""
-    numbered = _by_numbers(found, ("index",))
-    first, last = min(numbered)[0], max(numbered)[0]
+def _check_row(folder: Path, found: list[names.Found]) -> None:
+    """Refuse a single row of a square number of views unless its numbers are as wide as each other.
+
+    `cam_1_01` to `cam_1_81` may be a row of 81 views, or a camera's 9x9 numbered through.
+    """
+    is_row = len({one.match["row"] for one in found}) == 1
+    is_even = all(len(one.match["row"]) == len(one.match["column"]) for one in found)
+    if is_row and not is_even and math.isqrt(len(found)) ** 2 == len(found) > 1:
+        got = f"{len(found)} views named like {found[0].path.name}"
+        remedy = "give reader.pattern=index for a square grid row by row, or reader.pattern=row_column for one row"
+        raise FileError(f"{folder} must say its rows and columns", got=got, remedy=remedy)
+
+
+def _row_major(folder: Path, found: list[names.Found], selection: grid.Selection) -> Arrangement:
+    """Views that are numbered through row by row, of a square grid unless another is asked for."""
+    numbered = names.by_numbers(found, ("index",))
+    shape, base = _square_or_asked(folder, found, [index for (index,) in numbered], selection.grid)
+    cells = {divmod(index - base, shape[1]): one for (index,), one in numbered.items()}
+    return Arrangement(cells, shape, lambda cell: found[0].renamed({"index": base + shape[1] * cell[0] + cell[1]}))
+
+
+def _square_or_asked(
+    folder: Path, found: list[names.Found], numbers: list[int], asked: tuple[int, int] | None
+) -> tuple[tuple[int, int], int]:
+    """Rows and columns of a grid that is numbered through, and its first number."""
+    first, last, count = min(numbers), max(numbers), len(numbers)
+    if asked is not None:
+        n_views = asked[0] * asked[1]
+        base = first if last - first + 1 == n_views else min(first, 1)
+        if min(asked) < 1 or last - base >= n_views:
+            got, remedy = f"{count} views numbered {first} to {last}", "set reader.grid to fit"
+            raise InputError(f"{folder} must hold {asked[0]}x{asked[1]} views", got=got, remedy=remedy)
+        return asked, base
+    if square := _square(first, last, count):
+        return (square[0], square[0]), square[1]
     side = math.isqrt(last - first) + 1
-    absent = next((index for index in range(first, first + side**2) if (index,) not in numbered), None)
-    if absent is not None:
-        expected = f"{folder} must hold a square number of views, {side}x{side} for numbers up to {last}"
-        got = f"{len(numbered)}, no {found[0].renamed({'index': absent})}"
-        raise FileError(expected, got=got, remedy="add the missing views, or give pattern with row and column")
-    return {divmod(index - first, side): one.path for (index,), one in numbered.items()}
+    absent = next(index for index in range(first, first + side**2) if index not in set(numbers))
+    expected = f"{folder} must hold a square number of views, {side}x{side} for numbers up to {last}"
+    got = f"{count}, no {found[0].renamed({'index': absent})}"
+    raise FileError(expected, got=got, remedy="add the missing views, or give reader.grid=[rows,columns]")
 
 
-ARRANGEMENTS: dict[tuple[str, ...], Callable[[Path, list[Found]], dict[grid.Cell, Path]]] = {
+ARRANGEMENTS: dict[tuple[str, ...], Callable[[Path, list[names.Found], grid.Selection], Arrangement]] = {
     ("row", "column"): _by_row_and_column,
     ("index",): _row_major,
 }
-
-
-def _namer(example: Found, cells: Mapping[grid.Cell, Path]) -> Callable[[grid.Cell], str]:
-    """What names a missing view after one that is there."""
-    if "row" not in example.match.re.groupindex:
-        return str
-    row, column = example.numbers(("row", "column"))
-    at = next(cell for cell, path in cells.items() if path == example.path)
-    return lambda cell: example.renamed({"row": row - at[0] + cell[0], "column": column - at[1] + cell[1]})

@@ -1,0 +1,259 @@
+"""Arrays of every kind and order of axes give the same views; what is unclear, foreign or damaged is one line."""
+
+import io
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from lfref.errors import FileError, InputError, LfrefError
+from lfref.io import arrays, formats, read
+
+
+@pytest.fixture(scope="module")
+def stored() -> np.ndarray:
+    """Light field [v, u, h, w, c] whose axes all differ in length."""
+    return np.random.default_rng(0).integers(0, 256, (3, 4, 10, 12, 3)).astype(np.uint8)
+
+
+def expected(stored: np.ndarray) -> np.ndarray:
+    return stored.transpose(0, 1, 4, 2, 3) / np.float32(255)
+
+
+def save_npy(path: Path, array: np.ndarray) -> Path:
+    np.save(path.with_suffix(".npy"), array)
+    return path.with_suffix(".npy")
+
+
+def save_npz(path: Path, array: np.ndarray) -> Path:
+    np.savez_compressed(path.with_suffix(".npz"), light_field=array, notes=np.arange(3))
+    return path.with_suffix(".npz")
+
+
+def save_mat(path: Path, array: np.ndarray) -> Path:
+    """As MATLAB's `save -v7`, with a struct beside the array as the Light Field Toolbox has it."""
+    contents = {"LF": array, "GeneratedByInfo": {"VersionStr": "v0.5"}, "LFSize": np.array(array.shape)}
+    scipy.io.savemat(path.with_suffix(".mat"), contents, do_compression=True)
+    return path.with_suffix(".mat")
+
+
+def save_mat_73(path: Path, array: np.ndarray) -> Path:
+    """As MATLAB's `save -v7.3`: 512 bytes of text, then HDF5 whose axes stand the other way round."""
+    path = path.with_suffix(".mat")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_dataset("LF", data=array.T, compression="gzip")
+        file.create_group("DecodeOptions").create_dataset("LFSize", data=np.array(array.shape))
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sun Nov 22 2026 HDF5 schema 1.00 .".ljust(128))
+    return path
+
+
+def save_hdf5(path: Path, array: np.ndarray) -> Path:
+    """As the older light fields of HCI: the array as it is, the depth of each view beside it."""
+    path = path.with_suffix(".h5")
+    with h5py.File(path, "w") as file:
+        file.create_dataset("LF", data=array)
+        file.create_dataset("GT_DEPTH", data=np.zeros(array.shape[:4], np.float32))
+    return path
+
+
+SAVED = [save_npy, save_npz, save_mat, save_mat_73, save_hdf5]
+
+
+@pytest.mark.parametrize("save", SAVED)
+def test_every_kind_of_file_gives_the_same_views(tmp_path, stored, save):
+    path = save(tmp_path / "scene", stored)
+    field = read.read(path, encoding="none") if "encoding" in read.read.__kwdefaults__ else read.read(path)
+    np.testing.assert_allclose(field.views.numpy(), expected(stored), atol=1e-7)
+    assert (field.name, field.metadata["format"], field.metadata["bits"]) == ("scene", "array", "8")
+    assert read.find(tmp_path) == [path]
+
+
+@pytest.mark.parametrize("axes", ["vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu"])
+def test_usual_orders_of_axes_are_known_by_their_lengths(tmp_path, stored, axes):
+    path = save_npy(tmp_path / "a", np.ascontiguousarray(stored.transpose(["vuhwc".index(letter) for letter in axes])))
+    np.testing.assert_array_equal(arrays.read_views(path, grid_selection()), stored.transpose(0, 1, 4, 2, 3))
+
+
+@pytest.mark.parametrize("axes", ["uvhwc", "wuchv", "hwcuv", "cuvwh"])
+def test_any_order_of_axes_is_read_where_it_is_said(tmp_path, stored, axes):
+    path = save_npy(tmp_path / "a", stored.transpose(["vuhwc".index(letter) for letter in axes]))
+    np.testing.assert_array_equal(arrays.read_views(path, grid_selection(axes=axes)), stored.transpose(0, 1, 4, 2, 3))
+
+
+def grid_selection(**options) -> object:
+    from lfref.io import grid
+
+    return grid.Selection(**options)
+
+
+@pytest.mark.parametrize("axes", ["vuhw", "hwvu"])
+def test_grey_needs_no_channel(tmp_path, stored, axes):
+    grey = stored[..., 0]
+    path = save_npy(tmp_path / "a", grey.transpose(["vuhw".index(letter) for letter in axes]))
+    np.testing.assert_array_equal(arrays.read_views(path, grid_selection())[:, :, 0], grey)
+
+
+@pytest.mark.parametrize("axes", ["nhwc", "nchw", "hwcn"])
+def test_views_that_are_numbered_through_make_a_square_or_the_grid_asked_for(tmp_path, stored, axes, one_line):
+    square = stored[:, :3].reshape(9, 10, 12, 3).transpose(["nhwc".index(letter) for letter in axes])
+    path = save_npy(tmp_path / "a", square)
+    np.testing.assert_array_equal(arrays.read_views(path, grid_selection()), stored[:, :3].transpose(0, 1, 4, 2, 3))
+    other = save_npy(tmp_path / "b", stored.reshape(12, 10, 12, 3).transpose(["nhwc".index(letter) for letter in axes]))
+    views = arrays.read_views(other, grid_selection(axes=axes, grid=(3, 4)))
+    np.testing.assert_array_equal(views, stored.transpose(0, 1, 4, 2, 3))
+    with pytest.raises(InputError) as caught:
+        arrays.read_views(other, grid_selection(axes=axes))
+    one_line(caught.value, other, "reader.grid")
+
+
+@pytest.mark.parametrize("save", [save_mat, save_mat_73])
+def test_the_fourth_channel_of_the_light_field_toolbox_is_the_weight(tmp_path, stored, save):
+    weight = np.zeros((*stored.shape[:4], 1), np.uint16)
+    weight[1:, 1:] = 65535
+    decoded = np.concatenate([stored.astype(np.uint16) * 257, weight], axis=-1)
+    field = read.read(save(tmp_path / "IMG_0001__Decoded", decoded))
+    assert field.views.shape == (3, 4, 3, 10, 12)
+    np.testing.assert_array_equal(field.weight.numpy(), weight.transpose(0, 1, 4, 2, 3) / 65535)
+    assert (field.metadata["bits"], field.metadata["missing"]) == ("16", "6 of 12 views")
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64, ">f4"])
+def test_floats_are_taken_as_they_are(tmp_path, stored, kind):
+    path = save_npy(tmp_path / "a", (stored / 100.0).astype(kind))
+    views = arrays.read_views(path, grid_selection())
+    assert views.dtype == np.float32
+    np.testing.assert_allclose(views, stored.transpose(0, 1, 4, 2, 3) / 100, rtol=1e-3)
+
+
+def test_integers_of_the_other_order_of_bytes_are_read(tmp_path, stored):
+    path = save_npy(tmp_path / "a", stored.astype(">u2"))
+    np.testing.assert_array_equal(arrays.read_views(path, grid_selection()), stored.transpose(0, 1, 4, 2, 3))
+
+
+def test_a_window_of_views_is_kept(tmp_path, stored):
+    path = save_npy(tmp_path / "a", stored)
+    field = read.read(path, views=(2, 3), start=1, size=(4, 5))
+    assert field.views.shape == (2, 3, 3, 4, 5)
+
+
+@pytest.mark.parametrize(
+    ("array", "parts"),
+    [
+        (np.zeros((5, 5), np.uint8), ["one array of 4 or 5 axes", "a 5x5"]),
+        (np.zeros((3, 3, 3, 3, 3), np.uint8), ["reader.axes", "3x3x3x3x3"]),
+        (np.zeros((7, 9, 8, 6), np.uint8), ["reader.axes"]),
+        (np.zeros((2, 2, 5, 6, 3), np.int32), ["uint8, uint16 or floating point", "int32"]),
+        (np.zeros((2, 2, 5, 6, 3), bool), ["uint8, uint16 or floating point", "bool"]),
+        (np.full((2, 2, 5, 6, 3), np.nan), ["NaN or infinity"]),
+        (np.full((2, 2, 5, 6, 3), 200.0), ["whole numbers up to 200", "uint8 or uint16"]),
+    ],
+)
+def test_what_is_no_light_field_is_one_line(tmp_path, array, parts, one_line):
+    path = save_npy(tmp_path / "a", array)
+    with pytest.raises(LfrefError) as caught:
+        read.read(path)
+    one_line(caught.value, path, *parts)
+
+
+@pytest.mark.parametrize("axes", ["vuhw", "vuhwcn", "vvhwc", "nuhwc", "xyhwc", "hwc", "vuhcc", ""])
+def test_axes_that_do_not_fit_are_one_line(tmp_path, stored, axes, one_line):
+    path = save_npy(tmp_path / "a", stored)
+    if not axes:
+        axes = "cvuhw"  # four channels at most
+        path = save_npy(tmp_path / "b", np.zeros((5, 2, 2, 6, 7), np.uint8))
+    with pytest.raises(InputError) as caught:
+        read.read(path, axes=axes)
+    one_line(caught.value, "reader.axes")
+
+
+def test_one_of_several_arrays_is_asked_for_by_its_name(tmp_path, stored, one_line):
+    np.savez(tmp_path / "a.npz", left=stored, right=stored[::-1])
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.npz")
+    one_line(caught.value, "left 3x4x10x12x3, right 3x4x10x12x3", "reader.variable")
+    views = arrays.read_views(tmp_path / "a.npz", grid_selection(variable="right"))
+    np.testing.assert_array_equal(views, stored[::-1].transpose(0, 1, 4, 2, 3))
+    with pytest.raises(InputError) as caught:
+        read.read(tmp_path / "a.npz", variable="middle")
+    one_line(caught.value, "the array middle", "reader.variable")
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz"])
+def test_objects_of_python_are_never_loaded(tmp_path, suffix, one_line):
+    array = np.empty((2, 2, 5, 6, 3), object)
+    (np.save if suffix == ".npy" else np.savez)(tmp_path / f"a{suffix}", array)
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / f"a{suffix}")
+    one_line(caught.value, tmp_path / f"a{suffix}", "plain numbers")
+
+
+def test_data_outside_an_hdf5_file_are_left_where_they_are(tmp_path, stored, one_line):
+    (tmp_path / "secret.bin").write_bytes(stored.tobytes())
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        external = [(str(tmp_path / "secret.bin"), 0, stored.nbytes)]
+        file.create_dataset("LF", shape=stored.shape, dtype=np.uint8, external=external)
+        file["linked"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/LF")
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.h5")
+    one_line(caught.value, tmp_path / "a.h5", "got none")
+
+
+def test_a_header_that_asks_for_any_size_is_refused(tmp_path, one_line):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("LF", shape=(9, 9, 10**6, 10**6, 3), dtype=np.uint8, chunks=(1, 1, 100, 100, 3))
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.h5")
+    one_line(caught.value, tmp_path / "a.h5", "at most")
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "|u1", "fortran_order": False, "shape": (9, 9, 9**9, 9**9, 3)}
+    )
+    (tmp_path / "b.npy").write_bytes(header.getvalue())
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "b.npy")
+    one_line(caught.value, tmp_path / "b.npy")
+
+
+@pytest.mark.parametrize("save", SAVED)
+def test_every_truncation_is_one_line(tmp_path, stored, save, one_line):
+    path = save(tmp_path / "a", stored)
+    whole = path.read_bytes()
+    cuts = {0, 1, 7, 8, 16, 100, 130, 600, *range(200, len(whole), 331), len(whole) - 1}
+    for cut in sorted(cut for cut in cuts if cut < len(whole)):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(FileError) as caught:
+            read.read(path)
+        one_line(caught.value, path)
+
+
+@pytest.mark.parametrize("save", SAVED)
+def test_damaged_bytes_never_end_in_a_traceback(tmp_path, stored, save):
+    path = save(tmp_path / "a", stored)
+    whole = path.read_bytes()
+    generator = np.random.default_rng(1)
+    for _ in range(40):
+        damaged = bytearray(whole)
+        for at in generator.integers(8, min(len(whole), 4000), 3):
+            damaged[at] = generator.integers(256)
+        path.write_bytes(damaged)
+        try:
+            read.read(path)
+        except LfrefError as error:
+            assert "\n" not in str(error)
+
+
+def test_a_zip_file_of_something_else_is_refused(tmp_path, one_line):
+    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04" + bytes(100))
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.npz")
+    one_line(caught.value, tmp_path / "a.npz")
+    assert formats.is_field(tmp_path / "a.npz")  # what is wrong with it is told when it is read
+
+
+def test_other_arrays_of_a_folder_are_no_light_fields(tmp_path, stored):
+    np.save(tmp_path / "depth.npy", np.zeros((5, 6)))
+    path = save_npy(tmp_path / "a", stored)
+    assert read.find(tmp_path) == [path]
