@@ -141,8 +141,9 @@ def _check_size(member: Member, path: Path) -> None:
 
 def _radiances(views: NDArray, path: Path) -> NDArray:
     """Samples that are radiances: 8 or 16 bits, or finite floats that are not plainly 8 or 16 bits."""
-    if views.dtype in (np.uint8, np.uint16):
-        return views.astype(views.dtype.newbyteorder("="))
+    kind = views.dtype.newbyteorder("=")
+    if kind in (np.uint8, np.uint16):
+        return np.asarray(views).astype(kind)
     if views.dtype.kind != "f":
         remedy = "convert it"
         raise FileError(f"{path} must hold uint8, uint16 or floating point", got=views.dtype, remedy=remedy)
@@ -207,9 +208,9 @@ def _npy(path: Path) -> Iterator[list[Member]]:
 
 @contextmanager
 def _npz(path: Path) -> Iterator[list[Member]]:
-    with np.load(path, allow_pickle=False) as stored, zipfile.ZipFile(path) as archive:
-        shapes = {name: _npz_shape(archive, f"{name}.npy") for name in stored.files}
-        yield [Member(name, shape, partial(stored.__getitem__, name)) for name, shape in shapes.items()]
+    with zipfile.ZipFile(path) as archive:
+        names = [name for name in archive.namelist() if name.endswith(".npy")]
+        yield [Member(name[:-4], _npz_shape(archive, name), partial(_npz_array, archive, name)) for name in names]
 
 
 def _npz_shape(archive: zipfile.ZipFile, name: str) -> tuple[int, ...]:
@@ -218,6 +219,11 @@ def _npz_shape(archive: zipfile.ZipFile, name: str) -> tuple[int, ...]:
         version = np.lib.format.read_magic(file)
         read_header = {1: np.lib.format.read_array_header_1_0}.get(version[0], np.lib.format.read_array_header_2_0)
         return tuple(read_header(file)[0])
+
+
+def _npz_array(archive: zipfile.ZipFile, name: str) -> NDArray:
+    with archive.open(name) as file:
+        return np.lib.format.read_array(file, allow_pickle=False)
 
 
 @contextmanager
