@@ -100,7 +100,7 @@ def read(path: str | Path) -> NDArray[np.float64]:
         return _grid(plain)
     # Over a foreign file it is any of these, and what they say is told.
     except (ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
-        got = explain.one_line(str(error))
+        got = f"no {error}" if isinstance(error, KeyError) else explain.one_line(str(error))
         raise FileError(f"{path} must hold positions of cameras", got=got, remedy=f"write {EXAMPLE}") from error
 
 
@@ -115,9 +115,9 @@ def _grid(plain: Any) -> NDArray[np.float64]:
         if values.ndim != 3 or values.shape[2] != 2 or 0 in values.shape:
             raise ValueError(f"an array of shape {list(values.shape)} for [V, U, 2]")
         return values
-    records = [{str(key).strip(): value for key, value in record.items()} for record in plain]
-    if not records:
+    if not (isinstance(plain, list) and plain and all(isinstance(record, dict) for record in plain)):
         raise ValueError("no views")
+    records = [{str(key).strip(): value for key, value in record.items()} for record in plain]
     by_cell = {_cell(record): (float(record["v"]), float(record["u"])) for record in records}
     if len(by_cell) < len(records):
         raise ValueError("a view that is named twice")

@@ -59,9 +59,9 @@ def _text(name: str) -> Callable[[Mapping[str, Any]], str]:
 
 EXIF: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "lens": _text("Exif:LensModel"),
-    "exposure time": _number("ExposureTime", "{:g} s"),
-    "f-number": _number("FNumber", "{:g}"),
-    "focal length": _number("Exif:FocalLength", "{:g} mm"),
+    "exposure time": _number("ExposureTime", "{:.3g} s"),
+    "f-number": _number("FNumber", "{:.3g}"),
+    "focal length": _number("Exif:FocalLength", "{:.4g} mm"),
     "ISO": _number("Exif:PhotographicSensitivity", "{:g}"),
     "date": _text("Exif:DateTimeOriginal"),
 }
@@ -95,12 +95,12 @@ def _frames(plain: Any, depth: int = 8) -> Iterator[Mapping[str, Any]]:
 
 LYTRO: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "camera": lambda frame: f"{frame['camera'].get('make', '')} {frame['camera'].get('model', '')}".strip(),
-    "exposure time": lambda frame: f"{float(frame['devices']['shutter']['frameExposureDuration']):g} s",
-    "f-number": lambda frame: f"{float(frame['devices']['lens']['fNumber']):g}",
-    "focal length": lambda frame: f"{1000 * float(frame['devices']['lens']['focalLength']):g} mm",
+    "exposure time": lambda frame: f"{float(frame['devices']['shutter']['frameExposureDuration']):.3g} s",
+    "f-number": lambda frame: f"{float(frame['devices']['lens']['fNumber']):.3g}",
+    "focal length": lambda frame: f"{1000 * float(frame['devices']['lens']['focalLength']):.4g} mm",
     "ISO": lambda frame: f"{float(frame['devices']['sensor']['iso']):g}",
     "date": lambda frame: str(frame["devices"]["clock"]["zuluTime"]),
-    "lens pitch": lambda frame: f"{1e6 * float(frame['devices']['mla']['lensPitch']):g} um",
-    "pixel pitch": lambda frame: f"{1e6 * float(frame['devices']['sensor']['pixelPitch']):g} um",
+    "lens pitch": lambda frame: f"{1e6 * float(frame['devices']['mla']['lensPitch']):.4g} um",
+    "pixel pitch": lambda frame: f"{1e6 * float(frame['devices']['sensor']['pixelPitch']):.4g} um",
 }
 """Key of the metadata -> how the record of a Lytro's frame says it."""

@@ -86,6 +86,9 @@ def positions(folder: Path, selection: grid.Selection) -> NDArray[np.float64]:
     Raises:
         FileError: As `read_views`, or the names say no positions.
     """
+    if not folder.is_dir():
+        remedy = "give a CSV or JSON file as reader.positions"
+        raise FileError(f"{folder} must be a folder for positions=names", got="a file", remedy=remedy)
     found = {one.path: one.match.groupdict() for one in _one_field(folder, selection.pattern)}
     stored = stored_grid(folder, selection)
     said = np.full((*stored.shape, 2), np.nan)
