@@ -10,7 +10,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from lfref.errors import FileError
 from lfref.io import decode, hci, views
 
 LARGEST_JSON = 2**22
@@ -30,7 +29,7 @@ def of(path: Path) -> dict[str, str]:
     said: dict[str, str] = {}
     for tell in (_lytro, _exif, hci.metadata):
         # Metadata are no reason not to read a light field.
-        with suppress(FileError, OSError, ValueError):
+        with suppress(OSError, ValueError, RecursionError):
             said |= tell(path)
     return said
 

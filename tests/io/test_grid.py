@@ -63,8 +63,8 @@ def test_only_the_views_of_the_window_are_loaded_and_each_once():
 @pytest.mark.parametrize("odd", [np.zeros((2, 4, 1), np.uint8), np.zeros((2, 3, 3), np.uint8), np.zeros((2, 3, 1))])
 def test_a_view_unlike_the_first_is_named(odd, one_line):
     cells = {(0, 0): "first", (0, 1): "odd"}
+    load = {"first": np.zeros((2, 3, 1), np.uint8), "odd": odd}.__getitem__
     with pytest.raises(FileError) as caught:
-        load = {"first": np.zeros((2, 3, 1), np.uint8), "odd": odd}.__getitem__
         grid.gather(grid.Grid((1, 2), cells), (slice(0, 1), slice(0, 2)), load, str)
     one_line(caught.value, "odd must be 2x3, 1 channels, uint8 as first", "alike")
 
