@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import cameras, exr, formats, images, metadata
+from lfref.io import cameras, exr, formats, images, metadata, options
 from lfref.io import grid as grids
 from lfref.lightfield import LightField
 
@@ -75,6 +75,8 @@ def read(
         >>> lfref.read(path).views.shape
         torch.Size([3, 3, 3, 24, 32])
     """
+    options.check(views=views, start=start, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern, lenslet=lenslet)
+    options.check(size=size, grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing)
     path = Path(path)
     form = formats.of(path)
     kept = (views, views) if isinstance(views, int) else views
