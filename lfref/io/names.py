@@ -108,6 +108,11 @@ def numbered(files: Iterable[Path]) -> list[list[Found]]:
     return [field for field in fields if len(field) > 1] or fields
 
 
+def is_numbered(files: Iterable[Path]) -> bool:
+    """Whether the names of a light field are of no pattern but that they are numbered through."""
+    return not known(files)
+
+
 def by_numbers(found: list[Found], groups: tuple[str, ...]) -> dict[tuple[int, ...], Found]:
     """Numbers in the name -> file, each only once.
 

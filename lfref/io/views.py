@@ -18,6 +18,8 @@ from lfref.io import decode, explain, grid, images, names
 SUFFIXES = [suffix for picture in decode.PICTURES.values() for suffix in picture.suffixes]
 FEWEST_NUMBERED = 9
 """Pictures that are numbered through and are no views are rarely so many and a square number at once."""
+ROW_RATIO = 1.5
+"""How much more unlike a view the one below it must be than the next one, for pictures to be taken for one row."""
 LARGEST_NUMBERED = 2500
 """Height and width, in pixels, from which numbered pictures may as well be lenslet images of several scenes."""
 
@@ -60,6 +62,8 @@ def read_views(folder: Path, selection: grid.Selection) -> NDArray:
         InputError: The pattern is not usable, or the window of views leaves the grid.
     """
     stored = stored_grid(folder, selection)
+    if selection.pattern is None and selection.grid is None:
+        _check_square(folder, stored)
     return grid.gather(stored, selection.window(stored.shape, folder), images.read_image, str)
 
 
@@ -71,6 +75,26 @@ def stored_grid(folder: Path, selection: grid.Selection) -> grid.Grid[Path]:
     stored = grid.Grid(shape, {cell: one.path for cell, one in cells.items()})
     grid.check_holes(stored, name_of, folder, selection.holes)
     return stored
+
+
+def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
+    """Refuse a row of pictures, as of a moving camera, that was taken for a square grid because of their number.
+
+    From the last view of a row to the first of the next it is a step in a row of pictures, and a long way in a grid;
+    to the last of the next row it is the other way round.
+    """
+    n_rows, n_columns = stored.shape
+    cells = (n_rows // 2 - 1, n_columns - 1), (n_rows // 2, 0), (n_rows // 2, n_columns - 1)
+    paths = [stored.cells.get(cell) for cell in cells]
+    if None in paths or not names.is_numbered(stored.cells.values()):
+        return
+    last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
+    if not last.shape == first_below.shape == last_below.shape:
+        return  # which of them is unlike the others is said where all are read
+    if np.abs(last_below - last).mean() > ROW_RATIO * np.abs(first_below - last).mean():
+        got, n_views = f"{len(stored.cells)} pictures that look like one row", len(stored.cells)
+        remedy = f"set reader.pattern=index and reader.grid=[1,{n_views}], or reader.grid=[{n_rows},{n_columns}]"
+        raise FileError(f"{folder} must hold a square grid of views, row by row", got=got, remedy=remedy)
 
 
 def positions(folder: Path, selection: grid.Selection) -> NDArray[np.float64]:

@@ -1,12 +1,19 @@
 """Folders of views: each name in its place, each fault named."""
 
+import struct
+from pathlib import Path
+
 import numpy as np
 import OpenImageIO
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import grid, images, read, views
 
+PIXEL = b"BM" + struct.pack("<IIIIiiHHIIiiIIB3x", 58, 0, 54, 40, 1, 1, 1, 24, 0, 4, 0, 0, 0, 0, 9)
+"""A BMP of one pixel, which is written in no time."""
 GRID = [(row, column) for row in range(3) for column in range(3)]
 NAMINGS = {
     "HCI": lambda row, column: f"input_Cam{3 * row + column:03d}.png",
@@ -252,6 +259,26 @@ def test_a_row_of_views_is_told_from_a_square_that_is_numbered_through(view_fold
     assert read.read(unclear, pattern="row_column").grid == (1, 9)
 
 
+def moved(folder: Path, shifts: list[tuple[float, float]]) -> Path:
+    """Numbered pictures of a texture that moved by so many pixels down and to the right."""
+    y, x = np.mgrid[:32, :48]
+    for index, (down, right) in enumerate(shifts):
+        wave = np.sin((y - down) / 7) + np.cos((x - right) / 9)
+        images.write_image(folder / f"{index:03d}.png", (wave[..., None] + 2) / 4)
+    return folder
+
+
+def test_a_row_of_pictures_is_no_square_grid_only_for_its_number(tmp_path, one_line):
+    grid_of_views = moved(tmp_path / "grid", [(row, column) for row in range(4) for column in range(4)])
+    assert read.read(grid_of_views).grid == (4, 4)
+    row = moved(tmp_path / "row", [(0, column) for column in range(16)])
+    with pytest.raises(FileError) as caught:
+        read.read(row)
+    one_line(caught.value, row, "look like one row", "reader.grid=[1,16]")
+    assert read.read(row, pattern="index", grid=(1, 16)).grid == (1, 16)
+    assert read.read(row, pattern="index").grid == (4, 4)
+
+
 def test_other_pictures_beside_numbered_views_are_left_alone(view_folder, numbered_views):
     folder = view_folder({**names(NAMINGS["000"]), (8, 8): "depth2.png", (9, 9): "centre.png"})
     assert numbered_views(read.read(folder).views) == EXPECTED
@@ -317,3 +344,24 @@ def test_names_without_positions_are_refused_where_positions_are_asked_for(view_
     with pytest.raises(FileError) as caught:
         views.positions(view_folder(names(NAMINGS["HCI"])), grid.Selection())
     one_line(caught.value, "input_Cam000.png", "out_RR_CC_Y_X", "reader.positions")
+
+
+NAME = st.one_of(
+    st.from_regex(r"\A[a-c]?_?[0-9]{1,4}[_x-]?[0-9]{0,4}\.png\Z"),
+    st.from_regex(r"\A(v|u|row|c)[0-2]_?(u|v|t|s)?[0-2]?\.png\Z"),
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(found=st.sets(NAME, max_size=12), holes=st.sampled_from([None, True, False]))
+def test_no_names_end_in_a_traceback_or_a_grid_larger_than_its_views(tmp_path_factory, found, holes):
+    folder = tmp_path_factory.mktemp("names")
+    for name in found:
+        (folder / name).write_bytes(PIXEL)
+    try:
+        stored = views.stored_grid(folder, grid.Selection(holes=holes))
+    except LfrefError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert max(stored.shape) <= 4 * len(stored.cells)
+        assert set(stored.cells) <= set(np.ndindex(stored.shape))
