@@ -6,18 +6,15 @@ Light Field Toolbox's `LF` [t, s, v, u, c] is `vuhwc` here. Objects of Python ar
 """
 
 import math
-import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from functools import partial
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import explain, grid
+from lfref.errors import FileError, InputError
+from lfref.io import grid, members
+from lfref.io.members import Member
 
 ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", "nhwc", "nchw", "hwcn")
 """Axes that are tried where none are said."""
@@ -27,15 +24,6 @@ LIMIT = 2**33
 """Largest array that is loaded, in samples: a damaged header may ask for any size."""
 USUAL_NAME = "lf"
 """The light field among several arrays, in small letters."""
-
-
-class Member(NamedTuple):
-    """An array of a file that has not been loaded."""
-
-    name: str
-    shape: tuple[int, ...]
-    """In the order in which its users index it."""
-    load: Callable[[], NDArray]
 
 
 def read_views(path: Path, selection: grid.Selection) -> NDArray:
@@ -52,8 +40,8 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
         FileError: The file is damaged, holds no such array, or values that are no radiances.
         InputError: The axes do not fit or are not to be guessed, or the window of views leaves the grid.
     """
-    with _readable(path), _members(path) as members:
-        member = _chosen(members, selection.variable, path)
+    with members.opened(path) as found:
+        member = _chosen(found, selection.variable, path)
         axes = selection.axes or _guessed_axes(member, path)
         _check_axes(axes, member, path)
         _check_size(member, path)
@@ -65,8 +53,8 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
 
 def holds_views(path: Path) -> bool:
     """Whether a file has an array of as many axes as a light field."""
-    with suppress(FileError), _readable(path), _members(path) as members:
-        return any(len(member.shape) in N_AXES for member in members)
+    with suppress(FileError), members.opened(path) as found:
+        return any(len(member.shape) in N_AXES for member in found)
     return True  # reading it says what is wrong
 
 
@@ -156,13 +144,13 @@ def _radiances(views: NDArray, path: Path) -> NDArray:
     return samples
 
 
-def _chosen(members: list[Member], name: str | None, path: Path) -> Member:
+def _chosen(found: list[Member], name: str | None, path: Path) -> Member:
     """The array asked for, or the only one that may be a light field."""
-    fitting = [one for one in members if (len(one.shape) in N_AXES if name is None else one.name == name)]
+    fitting = [one for one in found if (len(one.shape) in N_AXES if name is None else one.name == name)]
     usual = [one for one in fitting if one.name.lower() == USUAL_NAME]
     if len(fitting) == 1 or len(usual) == 1:
         return (usual or fitting)[0]
-    had = ", ".join(f"{one.name} {_times(one.shape)}" for one in members[:8]) or "none"
+    had = ", ".join(f"{one.name} {_times(one.shape)}" for one in found[:8]) or "none"
     if name is not None:
         raise InputError(f"{path} must hold the array {name}", got=had, remedy="set reader.variable")
     remedy = "set reader.variable to one of them" if fitting else "give an array of 4 or 5 axes"
@@ -171,111 +159,3 @@ def _chosen(members: list[Member], name: str | None, path: Path) -> Member:
 
 def _times(shape: tuple[int, ...]) -> str:
     return "x".join(map(str, shape)) or "a number"
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn whatever the libraries stumble on into a `FileError`."""
-    try:
-        with explain.explained(path, "read"):
-            yield
-    except LfrefError:
-        raise
-    except Exception as error:
-        holds_objects = isinstance(error, ValueError) and ("pickle" in str(error) or "Python objects" in str(error))
-        remedy = "store plain numbers" if holds_objects else "the file may be damaged: copy it again"
-        raise FileError(f"{path} cannot be decoded", got=explain.one_line(str(error)), remedy=remedy) from error
-
-
-@contextmanager
-def _members(path: Path) -> Iterator[list[Member]]:
-    """The arrays of a file, by its first bytes, while it is open."""
-    with path.open("rb") as file:
-        head = file.read(16)
-    for magic, members in MEMBERS.items():
-        if head.startswith(magic):
-            with members(path) as found:
-                yield found
-            return
-    raise FileError(f"{path} must be an array", got="another kind of file", remedy="convert it")
-
-
-@contextmanager
-def _npy(path: Path) -> Iterator[list[Member]]:
-    stored = np.load(path, mmap_mode="r", allow_pickle=False)
-    yield [Member(path.stem, stored.shape, lambda: stored)]
-
-
-@contextmanager
-def _npz(path: Path) -> Iterator[list[Member]]:
-    with zipfile.ZipFile(path) as archive:
-        names = [name for name in archive.namelist() if name.endswith(".npy")]
-        yield [Member(name[:-4], _npz_shape(archive, name), partial(_npz_array, archive, name)) for name in names]
-
-
-def _npz_shape(archive: zipfile.ZipFile, name: str) -> tuple[int, ...]:
-    """Shape of an array of an NPZ file, by its header alone."""
-    with archive.open(name) as file:
-        version = np.lib.format.read_magic(file)
-        read_header = {1: np.lib.format.read_array_header_1_0}.get(version[0], np.lib.format.read_array_header_2_0)
-        return tuple(read_header(file)[0])
-
-
-def _npz_array(archive: zipfile.ZipFile, name: str) -> NDArray:
-    with archive.open(name) as file:
-        return np.lib.format.read_array(file, allow_pickle=False)
-
-
-@contextmanager
-def _mat(path: Path) -> Iterator[list[Member]]:
-    """MATLAB 5 to 7."""
-    from scipy import io  # only those who read MAT files wait for it
-
-    yield [
-        Member(name, tuple(shape), partial(_loaded, path, name))
-        for name, shape, kind in io.whosmat(path)
-        if kind not in ("struct", "cell", "object", "char", "function", "opaque", "sparse", "unknown")
-    ]
-
-
-def _loaded(path: Path, name: str) -> NDArray:
-    from scipy import io
-
-    return np.asarray(io.loadmat(path, variable_names=[name])[name])
-
-
-@contextmanager
-def _mat_73(path: Path) -> Iterator[list[Member]]:
-    """MATLAB 7.3: HDF5 whose axes stand the other way round."""
-    with _hdf5(path) as members:
-        yield [Member(name, shape[::-1], partial(_transposed, load)) for name, shape, load in members]
-
-
-def _transposed(load: Callable[[], NDArray]) -> NDArray:
-    return load().T
-
-
-@contextmanager
-def _hdf5(path: Path) -> Iterator[list[Member]]:
-    import h5py
-
-    found: list[Member] = []
-
-    def visit(name: str, item: Any) -> None:
-        # An external one would read any file that the header names.
-        if isinstance(item, h5py.Dataset) and item.shape and not (item.external or item.is_virtual):
-            found.append(Member(name, item.shape, partial(item.__getitem__, ())))
-
-    with h5py.File(path, "r") as file:
-        file.visititems(visit)
-        yield found
-
-
-MEMBERS = {
-    b"\x93NUMPY": _npy,
-    b"PK\x03\x04": _npz,
-    b"MATLAB 7.3 MAT": _mat_73,
-    b"MATLAB 5.0 MAT": _mat,
-    b"\x89HDF\r\n\x1a\n": _hdf5,
-}
-"""First bytes of a file -> its arrays."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from lfref.errors import FileError
-from lfref.io import arrays, decode, eslf, exr, folders, grid, views
+from lfref.io import arrays, decode, eslf, exr, folders, grid, members, views
 
 
 class Format(NamedTuple):
@@ -43,7 +43,7 @@ FORMATS = (
     Format(
         "array",
         "an array (NPY, NPZ, MAT, HDF5)",
-        tuple(arrays.MEMBERS),
+        tuple(members.READERS),
         (".npy", ".npz", ".mat", ".h5", ".hdf5"),
         arrays.read_views,
         holds_views=arrays.holds_views,

@@ -1,4 +1,5 @@
-"""What light fields say about the camera and the exposure: EXIF of their pictures, JSON files of Lytro beside them.
+"""What light fields say about the camera and the exposure: EXIF of their pictures, JSON of Lytro's
+cameras beside them or in the MAT files of the Light Field Toolbox.
 
 Everything is text, with its unit. Nothing here changes how a light field is read: what is missing or damaged is left
 out without a word.
@@ -10,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from lfref.io import decode, hci, views
+from lfref.io import decode, hci, structs, views
 
 LARGEST_JSON = 2**22
 """Bytes; thumbnails in base64 make some of them long."""
@@ -27,9 +28,9 @@ def of(path: Path) -> dict[str, str]:
         says. Pictures come before JSON.
     """
     said: dict[str, str] = {}
-    for tell in (_lytro, _exif, hci.metadata):
-        # Metadata are no reason not to read a light field.
-        with suppress(OSError, ValueError, RecursionError):
+    for tell in (_lytro, _toolbox, _exif, hci.metadata):
+        # Metadata are no reason not to read a light field, and libraries raise what they like over damaged ones.
+        with suppress(Exception):
             said |= tell(path)
     return said
 
@@ -68,13 +69,24 @@ EXIF: dict[str, Callable[[Mapping[str, Any]], str]] = {
 
 
 def _lytro(path: Path) -> dict[str, str]:
-    """What the JSON of a Lytro camera says, as plenopticam, LFToolbox and lfptools lay it beside the pictures."""
+    """What the JSON of a Lytro camera says, as tools lay it beside the pictures."""
     beside = sorted(path.glob("*.json")) if path.is_dir() else [path.with_suffix(".json")]
     for file in beside:
         if not file.name.startswith(".") and file.is_file() and file.stat().st_size <= LARGEST_JSON:
             for frame in _frames(json.loads(file.read_text("utf-8"))):
-                return {name: value for name, tell in LYTRO.items() if (value := _told(tell, frame))}
+                return _of_frame(frame)
     return {}
+
+
+def _toolbox(path: Path) -> dict[str, str]:
+    """What the Light Field Toolbox keeps of it in its MAT files."""
+    if path.suffix.lower() != ".mat":
+        return {}
+    return _of_frame(next(_frames(structs.read(path, "LFMetadata")), {}))
+
+
+def _of_frame(frame: Mapping[str, Any]) -> dict[str, str]:
+    return {name: value for name, tell in LYTRO.items() if (value := _told(tell, frame))}
 
 
 def _told(tell: Callable[[Mapping[str, Any]], str], frame: Mapping[str, Any]) -> str:
@@ -87,8 +99,8 @@ def _frames(plain: Any, depth: int = 8) -> Iterator[Mapping[str, Any]]:
     """The records of frames anywhere in a JSON file: those that have a camera and its devices."""
     if isinstance(plain, dict) and isinstance(plain.get("camera"), dict) and isinstance(plain.get("devices"), dict):
         yield plain
-    elif isinstance(plain, dict | list) and depth > 0:
-        for child in plain.values() if isinstance(plain, dict) else plain:
+    elif isinstance(plain, Mapping | list) and depth > 0:
+        for child in plain.values() if isinstance(plain, Mapping) else plain:
             yield from _frames(child, depth - 1)
 
 

@@ -4,16 +4,13 @@ How names say it stands in `names`. Files that are only numbered through are tak
 by row, where nothing speaks against it.
 """
 
-import math
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.errors import FileError, InputError
-from lfref.io import decode, explain, grid, images, names
+from lfref.errors import FileError
+from lfref.io import arrangements, decode, explain, grid, images, names
 
 SUFFIXES = [suffix for picture in decode.PICTURES.values() for suffix in picture.suffixes]
 FEWEST_NUMBERED = 9
@@ -70,8 +67,7 @@ def read_views(folder: Path, selection: grid.Selection) -> NDArray:
 def stored_grid(folder: Path, selection: grid.Selection) -> grid.Grid[Path]:
     """Which file is the view at which row and column; arguments and errors as `read_views`."""
     found = _one_field(folder, selection.pattern)
-    arrange = ARRANGEMENTS[names.numbering(found[0].match.re)]
-    cells, shape, name_of = arrange(folder, found, selection)
+    cells, shape, name_of = arrangements.of(folder, found, selection)
     stored = grid.Grid(shape, {cell: one.path for cell, one in cells.items()})
     grid.check_holes(stored, name_of, folder, selection.holes)
     return stored
@@ -151,96 +147,6 @@ def _is_numbered_field(found: list[names.Found]) -> bool:
     if len(set(numbers)) < len(numbers):
         return False
     first, last = min(numbers)[0], max(numbers)[0]
-    if _square(first, last, len(numbers)) is None or len(numbers) < FEWEST_NUMBERED:
+    if arrangements.square(first, last, len(numbers)) is None or len(numbers) < FEWEST_NUMBERED:
         return False
     return min(decode.size(found[0].path)) < LARGEST_NUMBERED
-
-
-def _square(first: int, last: int, count: int) -> tuple[int, int] | None:
-    """Side and first number of a square grid whose views have numbers from 0 or 1, or from any number without holes.
-
-    A grid with holes that is like itself turned upside down has its ends as far from its middle: first + last says
-    the side, and whether numbers begin at 0 or at 1, since no two squares differ by 2.
-    """
-    side = math.isqrt(count)
-    if side**2 == count == last - first + 1:
-        return side, first
-    for base in (0, 1):
-        side = math.isqrt(max(0, first + last - 2 * base) + 1)
-        if side**2 - 1 == first + last - 2 * base and count < side**2:
-            return side, base
-    return None
-
-
-class Arrangement(NamedTuple):
-    """Where the files of a light field belong."""
-
-    cells: dict[grid.Cell, names.Found]
-    """File at each row and column from 0."""
-    shape: tuple[int, int]
-    """Rows and columns of the grid, of which some may be missing."""
-    name_of: Callable[[grid.Cell], str]
-    """What the file at a row and column would be called."""
-
-
-def _by_row_and_column(folder: Path, found: list[names.Found], selection: grid.Selection) -> Arrangement:
-    """Views at their rows and columns, counted from the smallest, in steps of what all of them have in common."""
-    numbered = names.by_numbers(found, ("row", "column"))
-    if selection.pattern is None:
-        _check_row(folder, found)
-    top, left = min(row for row, _ in numbered), min(column for _, column in numbered)
-    step = math.gcd(*(number for row, column in numbered for number in (row - top, column - left))) or 1
-    cells = {((row - top) // step, (column - left) // step): one for (row, column), one in numbered.items()}
-
-    def name_of(cell: grid.Cell) -> str:
-        return found[0].renamed({"row": top + step * cell[0], "column": left + step * cell[1]})
-
-    return Arrangement(cells, grid.extent(cells), name_of)
-
-
-def _check_row(folder: Path, found: list[names.Found]) -> None:
-    """Refuse a single row of a square number of views unless its numbers are as wide as each other.
-
-    `cam_1_01` to `cam_1_81` may be a row of 81 views, or a camera's 9x9 numbered through.
-    """
-    is_row = len({one.match["row"] for one in found}) == 1
-    is_even = all(len(one.match["row"]) == len(one.match["column"]) for one in found)
-    if is_row and not is_even and math.isqrt(len(found)) ** 2 == len(found) > 1:
-        got = f"{len(found)} views named like {found[0].path.name}"
-        remedy = "give reader.pattern=index for a square grid row by row, or reader.pattern=row_column for one row"
-        raise FileError(f"{folder} must say its rows and columns", got=got, remedy=remedy)
-
-
-def _row_major(folder: Path, found: list[names.Found], selection: grid.Selection) -> Arrangement:
-    """Views that are numbered through row by row, of a square grid unless another is asked for."""
-    numbered = names.by_numbers(found, ("index",))
-    shape, base = _square_or_asked(folder, found, [index for (index,) in numbered], selection.grid)
-    cells = {divmod(index - base, shape[1]): one for (index,), one in numbered.items()}
-    return Arrangement(cells, shape, lambda cell: found[0].renamed({"index": base + shape[1] * cell[0] + cell[1]}))
-
-
-def _square_or_asked(
-    folder: Path, found: list[names.Found], numbers: list[int], asked: tuple[int, int] | None
-) -> tuple[tuple[int, int], int]:
-    """Rows and columns of a grid that is numbered through, and its first number."""
-    first, last, count = min(numbers), max(numbers), len(numbers)
-    if asked is not None:
-        n_views = asked[0] * asked[1]
-        base = first if last - first + 1 == n_views else min(first, 1)
-        if min(asked) < 1 or last - base >= n_views:
-            got, remedy = f"{count} views numbered {first} to {last}", "set reader.grid to fit"
-            raise InputError(f"{folder} must hold {asked[0]}x{asked[1]} views", got=got, remedy=remedy)
-        return asked, base
-    if square := _square(first, last, count):
-        return (square[0], square[0]), square[1]
-    side = math.isqrt(last - first) + 1
-    absent = next(index for index in range(first, first + side**2) if index not in set(numbers))
-    expected = f"{folder} must hold a square number of views, {side}x{side} for numbers up to {last}"
-    got = f"{count}, no {found[0].renamed({'index': absent})}"
-    raise FileError(expected, got=got, remedy="add the missing views, or give reader.grid=[rows,columns]")
-
-
-ARRANGEMENTS: dict[tuple[str, ...], Callable[[Path, list[names.Found], grid.Selection], Arrangement]] = {
-    ("row", "column"): _by_row_and_column,
-    ("index",): _row_major,
-}

@@ -1,15 +1,11 @@
 """Arrays of every kind and order of axes give the same views; what is unclear, foreign or damaged is one line."""
 
-import io
-from pathlib import Path
-
-import h5py
 import numpy as np
 import pytest
-import scipy.io
 
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import arrays, formats, grid, read
+from lfref.io import arrays, grid, read
+from tests.io.saving import SAVED, save_mat, save_mat_73, save_npy
 
 
 @pytest.fixture(scope="module")
@@ -20,46 +16,6 @@ def stored() -> np.ndarray:
 
 def expected(stored: np.ndarray) -> np.ndarray:
     return stored.transpose(0, 1, 4, 2, 3) / np.float32(255)
-
-
-def save_npy(path: Path, array: np.ndarray) -> Path:
-    np.save(path.with_suffix(".npy"), array)
-    return path.with_suffix(".npy")
-
-
-def save_npz(path: Path, array: np.ndarray) -> Path:
-    np.savez_compressed(path.with_suffix(".npz"), light_field=array, notes=np.arange(3))
-    return path.with_suffix(".npz")
-
-
-def save_mat(path: Path, array: np.ndarray) -> Path:
-    """As MATLAB's `save -v7`, with a struct beside the array as the Light Field Toolbox has it."""
-    contents = {"LF": array, "GeneratedByInfo": {"VersionStr": "v0.5"}, "LFSize": np.array(array.shape)}
-    scipy.io.savemat(path.with_suffix(".mat"), contents, do_compression=True)
-    return path.with_suffix(".mat")
-
-
-def save_mat_73(path: Path, array: np.ndarray) -> Path:
-    """As MATLAB's `save -v7.3`: 512 bytes of text, then HDF5 whose axes stand the other way round."""
-    path = path.with_suffix(".mat")
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file.create_dataset("LF", data=array.T, compression="gzip")
-        file.create_group("DecodeOptions").create_dataset("LFSize", data=np.array(array.shape))
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sun Nov 22 2026 HDF5 schema 1.00 .".ljust(128))
-    return path
-
-
-def save_hdf5(path: Path, array: np.ndarray) -> Path:
-    """As the older light fields of HCI: the array as it is, the depth of each view beside it."""
-    path = path.with_suffix(".h5")
-    with h5py.File(path, "w") as file:
-        file.create_dataset("LF", data=array)
-        file.create_dataset("GT_DEPTH", data=np.zeros(array.shape[:4], np.float32))
-    return path
-
-
-SAVED = [save_npy, save_npz, save_mat, save_mat_73, save_hdf5]
 
 
 @pytest.mark.parametrize("save", SAVED)
@@ -173,82 +129,6 @@ def test_one_of_several_arrays_is_asked_for_by_its_name(tmp_path, stored, one_li
     with pytest.raises(InputError) as caught:
         read.read(tmp_path / "a.npz", variable="middle")
     one_line(caught.value, "the array middle", "reader.variable")
-
-
-@pytest.mark.parametrize("suffix", [".npy", ".npz"])
-def test_objects_of_python_are_never_loaded(tmp_path, suffix, one_line):
-    array = np.empty((2, 2, 5, 6, 3), object)
-    (np.save if suffix == ".npy" else np.savez)(tmp_path / f"a{suffix}", array)
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / f"a{suffix}")
-    one_line(caught.value, tmp_path / f"a{suffix}", "plain numbers")
-
-
-def test_data_outside_an_hdf5_file_are_left_where_they_are(tmp_path, stored, one_line):
-    (tmp_path / "secret.bin").write_bytes(stored.tobytes())
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        external = [(str(tmp_path / "secret.bin"), 0, stored.nbytes)]
-        file.create_dataset("LF", shape=stored.shape, dtype=np.uint8, external=external)
-        file["linked"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/LF")
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.h5")
-    one_line(caught.value, tmp_path / "a.h5", "got none")
-
-
-def test_a_header_that_asks_for_any_size_is_refused(tmp_path, one_line):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.create_dataset("LF", shape=(9, 9, 10**6, 10**6, 3), dtype=np.uint8, chunks=(1, 1, 100, 100, 3))
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.h5")
-    one_line(caught.value, tmp_path / "a.h5", "at most")
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        header, {"descr": "|u1", "fortran_order": False, "shape": (9, 9, 9**9, 9**9, 3)}
-    )
-    (tmp_path / "b.npy").write_bytes(header.getvalue())
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "b.npy")
-    one_line(caught.value, tmp_path / "b.npy")
-
-
-@pytest.mark.parametrize("save", SAVED)
-def test_every_truncation_is_one_line(tmp_path, stored, save, one_line):
-    path = save(tmp_path / "a", stored)
-    whole = path.read_bytes()
-    cuts = {0, 1, 7, 8, 16, 100, 130, 600, *range(200, len(whole), 331), len(whole) - 1}
-    for cut in sorted(cut for cut in cuts if cut < len(whole)):
-        path.write_bytes(whole[:cut])
-        try:
-            views = arrays.read_views(path, grid.Selection())
-        except FileError as error:
-            one_line(error, path)
-        else:  # only what stands behind the light field is missing
-            assert save is save_mat
-            np.testing.assert_array_equal(views, stored.transpose(0, 1, 4, 2, 3))
-
-
-@pytest.mark.parametrize("save", SAVED)
-def test_damaged_bytes_never_end_in_a_traceback(tmp_path, stored, save, one_line):
-    path = save(tmp_path / "a", stored)
-    whole = path.read_bytes()
-    generator = np.random.default_rng(1)
-    for _ in range(40):
-        damaged = bytearray(whole)
-        for at in generator.integers(8, min(len(whole), 4000), 3):
-            damaged[at] = generator.integers(256)
-        path.write_bytes(damaged)
-        try:
-            read.read(path)
-        except LfrefError as error:
-            one_line(error)
-
-
-def test_a_zip_file_of_something_else_is_refused(tmp_path, one_line):
-    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04" + bytes(100))
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.npz")
-    one_line(caught.value, tmp_path / "a.npz")
-    assert formats.is_field(tmp_path / "a.npz")  # what is wrong with it is told when it is read
 
 
 def test_other_arrays_of_a_folder_are_no_light_fields(tmp_path, stored):

@@ -3,9 +3,11 @@
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import OpenImageIO
 import pytest
+import scipy.io
 
 from lfref.io import images, metadata, read
 
@@ -81,6 +83,33 @@ def test_json_beside_a_picture_is_its_own(tmp_path):
     (tmp_path / "IMG_0001.json").write_text(json.dumps(ILLUM))
     (tmp_path / "IMG_0002.json").write_text(json.dumps({**ILLUM, "camera": {"model": "other"}}))
     assert metadata.of(tmp_path / "IMG_0001.png") == SAID
+
+
+def grouped(place: h5py.Group, plain: dict) -> None:
+    """A structure as MATLAB's `save -v7.3` writes it: groups, text as numbers of its characters."""
+    for name, value in plain.items():
+        if isinstance(value, dict):
+            grouped(place.create_group(name), value)
+        elif isinstance(value, str):
+            stored = place.create_dataset(name, data=np.array([[ord(letter)] for letter in value], np.uint16))
+            stored.attrs["MATLAB_class"] = np.bytes_("char")
+        else:
+            place.create_dataset(name, data=np.array([[value]], np.float64))
+
+
+@pytest.mark.parametrize("is_new", [False, True])
+def test_the_light_field_toolbox_keeps_what_the_camera_said(tmp_path, is_new):
+    path, field = tmp_path / "IMG_0001__Decoded.mat", np.zeros((5, 6, 10, 12, 4), np.uint16)
+    if is_new:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file.create_dataset("LF", data=field.T)
+            grouped(file.create_group("LFMetadata"), ILLUM)
+        with path.open("r+b") as raw:
+            raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
+    else:
+        scipy.io.savemat(path, {"LF": field, "LFMetadata": ILLUM})
+    assert metadata.of(path) == SAID
+    assert SAID.items() <= read.read(path).metadata.items()
 
 
 def test_what_json_does_not_say_is_left_out(view_folder):
