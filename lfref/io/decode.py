@@ -63,6 +63,15 @@ def head(path: Path) -> bytes:
         return file.read(16)
 
 
+def is_picture(path: Path) -> bool:
+    """Whether a file is an image, by its first bytes.
+
+    Raises:
+        FileError: The file is missing or cannot be read.
+    """
+    return head(path).startswith(tuple(magic for picture in PICTURES.values() for magic in picture.magics))
+
+
 def kind(head: bytes) -> str:
     """What a file is, by its first bytes, for messages: `an image in PNG`, `an empty file`.
 

@@ -146,3 +146,9 @@ def test_the_limit_lets_the_largest_eslf_image_pass():
 def test_alpha_multiplied_into_a_tiff_is_divided_out(tmp_path):
     path = stored(tmp_path / "a.tif", np.array([[[50, 25, 0, 128], [200, 100, 50, 255]]], np.uint8))
     np.testing.assert_array_equal(images.read_image(path), [[[100, 50, 0, 128], [200, 100, 50, 255]]])
+
+
+def test_arrays_and_tables_are_no_pictures(tmp_path, noise):
+    assert decode.is_picture(stored(tmp_path / "a.png", noise))
+    np.save(tmp_path / "b.npy", noise)
+    assert not decode.is_picture(tmp_path / "b.npy")
