@@ -7,7 +7,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
-from lfref.cli.command import paths
+from lfref.cli.command import log, paths
 from lfref.errors import InputError
 from lfref.io import read as reader
 from lfref.lightfield import LightField
@@ -35,7 +35,13 @@ def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = ()) -
         FileError: It cannot be read.
         InputError: It has not the views that are wanted.
     """
-    options: dict[str, Any] = configs.plain(config.reader)
+    field = _read(path, configs.plain(config.reader), refocusers)
+    if missing := field.metadata.get("missing"):
+        log.info("%s: %s are missing and count for nothing", field.name, missing)
+    return field
+
+
+def _read(path: Path, options: dict[str, Any], refocusers: Iterable[Refocuser]) -> LightField:
     network = next((refocuser for refocuser in refocusers if refocuser.grid is not None), None)
     if options["views"] is not None or network is None:
         return reader.read(path, **options)

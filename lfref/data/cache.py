@@ -80,7 +80,11 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
 
     Raises:
         FileError: The light field cannot be read or the cache cannot be written.
+        InputError: Cameras off the even grid, which no network learns.
     """
+    if options.get("positions") is not None or options.get("spacing") is not None:
+        remedy = "leave out reader.positions and reader.spacing"
+        raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
     version = _reader_version(Path(reader.__file__))
     identity = json.dumps([hashes.content_hash(path, folder), dict(options), version], sort_keys=True, default=str)
     key = hashlib.sha256(identity.encode()).hexdigest()

@@ -34,8 +34,17 @@ PICTURES = {
     "exr": Picture((b"v/1\x01",), (".exr",)),
     "tiff": Picture((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), (".tif", ".tiff")),
     "jpeg": Picture((b"\xff\xd8\xff",), (".jpg", ".jpeg")),
+    "bmp": Picture((b"BM",), (".bmp", ".dib")),
+    "jpeg2000": Picture((b"\0\0\0\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51"), (".jp2", ".j2k", ".j2c")),
+    "jpegxl": Picture((b"\0\0\0\x0cJXL \r\n\x87\n", b"\xff\x0a"), (".jxl",)),
+    # Not the forms written as text, P1 to P3: one that lacks its last digits looks whole.
+    "pnm": Picture((b"P5", b"P6"), (".pgm", ".ppm", ".pnm")),
+    "webp": Picture((b"RIFF",), (".webp",)),
+    "hdr": Picture((b"#?RADIANCE", b"#?RGBE"), (".hdr",)),
 }
 """What is decoded; a PNG by any other name is one."""
+MULTIPLIED = ("openexr", "tiff")
+"""Formats whose alpha may be multiplied into the colours; of others the decoder does not always say that it is not."""
 SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 """Sample type of the file -> sample type of the array."""
 
@@ -52,6 +61,15 @@ def head(path: Path) -> bytes:
     """
     with explain.explained(path, "read"), path.open("rb") as file:
         return file.read(16)
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a file is an image, by its first bytes.
+
+    Raises:
+        FileError: The file is missing or cannot be read.
+    """
+    return head(path).startswith(tuple(magic for picture in PICTURES.values() for magic in picture.magics))
 
 
 def kind(head: bytes) -> str:
@@ -110,7 +128,7 @@ def opened(path: Path) -> Iterator[OpenImageIO.ImageInput]:
         The OpenImageIO reader.
 
     Raises:
-        FileError: The file is missing, empty, truncated, too large, or not PNG, EXR, TIFF or JPEG.
+        FileError: The file is missing, empty, truncated, too large, or none of `PICTURES`.
     """
     if file_format(path) == "png":
         _check_png_end(path)
@@ -133,6 +151,16 @@ def _source(path: Path) -> OpenImageIO.ImageInput:
     if source is None:
         raise _damaged(path, OpenImageIO.geterror())
     return source
+
+
+def size(path: Path) -> tuple[int, int]:
+    """Height and width of an image file, from its header.
+
+    Raises:
+        FileError: As `opened`.
+    """
+    with opened(path) as source:
+        return source.spec().height, source.spec().width
 
 
 def decode(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDArray:
@@ -158,13 +186,12 @@ def decode(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDArray
         raise _damaged(path, reason)
     if samples.dtype.kind == "f" and not np.isfinite(samples).all():
         raise FileError(f"{path} must hold finite values", got="NaN or infinity", remedy="render or convert it again")
-    return _unassociated(samples, spec)
+    is_multiplied = source.format_name() in MULTIPLIED and not spec.getattribute("oiio:UnassociatedAlpha")
+    return _unassociated(samples, spec) if is_multiplied and spec.alpha_channel >= 0 else samples
 
 
 def _unassociated(samples: NDArray, spec: OpenImageIO.ImageSpec) -> NDArray:
-    """The samples with alpha divided out of the colours, if the file (EXR, some TIFF) multiplied it in."""
-    if spec.alpha_channel < 0 or spec.getattribute("oiio:UnassociatedAlpha"):
-        return samples
+    """The samples with alpha divided out of the colours."""
     full = np.iinfo(samples.dtype).max if samples.dtype.kind == "u" else 1.0
     alpha = samples[..., spec.alpha_channel, None] / full
     colours = np.divide(samples, alpha, out=np.zeros(samples.shape), where=alpha > 0)

@@ -90,8 +90,12 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
         cells = {(row, column): part for (row, column), part in parts.items()}
         if not cells:
             raise FileError(f"{path} must hold parts named view_RR_CC", remedy="write it with lfref.write")
-        window = selection.window(grid.shape(cells, _view_name, path), path)
-        return grid.gather(cells, window, lambda part: decode.decode(source, path, part), lambda part: f"{path}:{part}")
+        stored = grid.Grid(grid.extent(cells), cells)
+        grid.check_holes(stored, _view_name, path, selection.holes)
+        window = selection.window(stored.shape, path)
+        return grid.gather(
+            stored, window, lambda part: decode.decode(source, path, part), lambda part: f"{path}:{part}"
+        )
 
 
 def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None = None) -> None:
@@ -135,11 +139,13 @@ def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
         cells = {(0, index): part for (index,), part in parts.items()}
         if not cells:
             raise FileError(f"{path} must hold parts named plane_NN", remedy="write it with lfref.io.write.write_stack")
-        n_planes = grid.shape(cells, lambda cell: _plane_name(cell[1]), path)[1]
+        stored = grid.Grid(grid.extent(cells), cells)
+        grid.check_holes(stored, lambda cell: _plane_name(cell[1]), path, allowed=False)
+        n_planes = len(cells)
         planes = _planes([source.spec(cells[0, index]) for index in range(n_planes)], path)
         window = slice(0, 1), slice(0, n_planes)
         stack = grid.gather(
-            cells, window, lambda part: decode.decode(source, path, part), lambda part: f"{path}:{part}"
+            stored, window, lambda part: decode.decode(source, path, part), lambda part: f"{path}:{part}"
         )
     return stack[0], planes
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from lfref.errors import FileError
-from lfref.io import decode, eslf, exr, folders, grid, views
+from lfref.io import arrays, decode, eslf, exr, folders, foreign, grid, members, views
 
 
 class Format(NamedTuple):
@@ -30,11 +30,24 @@ class Format(NamedTuple):
 
 
 FOLDER = Format("folder", "a folder of views", (), ("",), views.read_views, folders.write_views, views.is_field)
-_PNG, _TIFF, _EXR = (decode.PICTURES[name] for name in ("png", "tiff", "exr"))
-_ESLF = decode.Picture(_PNG.magics + _TIFF.magics, _PNG.suffixes + _TIFF.suffixes)
+_EXR = decode.PICTURES["exr"]
+# Not JPEG: what it loses mixes neighbouring pixels, which are neighbouring views.
+_LENSLETS = [decode.PICTURES[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
+_ESLF = decode.Picture(
+    tuple(magic for picture in _LENSLETS for magic in picture.magics),
+    tuple(suffix for picture in _LENSLETS for suffix in picture.suffixes),
+)
 FORMATS = (
-    Format("eslf", "an ESLF image (PNG, TIFF)", *_ESLF, eslf.read_views),
+    Format("eslf", "an ESLF image (PNG, TIFF, BMP ...)", *_ESLF, eslf.read_views),
     Format("exr", "an EXR file", *_EXR, exr.read_views, exr.write_views, exr.holds_views),
+    Format(
+        "array",
+        "an array (NPY, NPZ, MAT, HDF5)",
+        tuple(members.READERS),
+        (".npy", ".npz", ".mat", ".h5", ".hdf5"),
+        arrays.read_views,
+        holds_views=arrays.holds_views,
+    ),
 )
 """Of files; a file is of the first whose magic bytes it starts with."""
 TITLES = ", ".join(form.title for form in (*FORMATS, FOLDER))
@@ -52,7 +65,8 @@ def of(path: Path) -> Format:
     for form in FORMATS:
         if head.startswith(form.magics):
             return form
-    raise FileError(f"{path} must be a light field: {TITLES}", got=decode.kind(head), remedy="convert it")
+    got, remedy = foreign.explained(head)
+    raise FileError(f"{path} must be a light field: {TITLES}", got=got, remedy=remedy)
 
 
 def is_field(path: Path) -> bool:

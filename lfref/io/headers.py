@@ -24,8 +24,8 @@ def encoding_of(path: Path) -> Encoding | None:
     Raises:
         FileError: The file is missing or damaged.
     """
-    files = views.image_files(path) if path.is_dir() else [path]
-    if not files:
+    files = views.image_files(path)[:1] if path.is_dir() else [path]
+    if not files or not decode.is_picture(files[0]):
         return None
     with decode.opened(files[0]) as source:
         spec = source.spec()

@@ -12,7 +12,7 @@ from lfref.io import decode, encode
 
 
 def read_image(path: str | Path) -> NDArray:
-    """The first image of a PNG, EXR, TIFF or JPEG file.
+    """The first image of a file in one of `decode.PICTURES`.
 
     Args:
         path: The file.

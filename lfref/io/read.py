@@ -1,11 +1,14 @@
 """Reading light fields and refocused stacks, whatever form they are stored in.
 
-A folder is read as sub-aperture views, a PNG or TIFF file as an ESLF image, an EXR file as one part a view.
+A folder is read as sub-aperture views, a picture as a lenslet image, an EXR file as one part a view, an array as it is.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -14,7 +17,9 @@ from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import exr, formats, grid, headers, images
+from lfref.io import cameras, exr, formats, headers, images, metadata, options
+from lfref.io import grid as grids
+from lfref.io.lenslets import options as described
 from lfref.lightfield import LightField
 
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
@@ -29,7 +34,18 @@ def read(
     reverse_u: bool = False,
     pattern: str | None = None,
     lenslet: int = 14,
+    pitch: float | Sequence[float] | None = None,
+    offset: Sequence[float] | None = None,
+    rotation: float | None = None,
+    lattice: str | None = None,
+    white: str | Path | None = None,
     size: tuple[int, int] | None = None,
+    grid: tuple[int, int] | None = None,
+    holes: bool | None = None,
+    axes: str | None = None,
+    variable: str | None = None,
+    positions: str | Path | None = None,
+    spacing: tuple[float, float] | None = None,
     encoding: str = "file",
 ) -> LightField:
     """Read a light field: an ESLF image, a folder of views, or a multi-part EXR file.
@@ -41,37 +57,74 @@ def read(
             views of an ESLF starts at 4 (3 is as central).
         reverse_v: Whether the rows of views run upwards in the file.
         reverse_u: Whether the columns of views run to the left in the file.
-        pattern: Regular expression for the file names of a folder, with the named groups `row` and `column`, or
-            `index` for a square grid in row-major order; None knows HCI, Stanford gantry and `NAME_RR_CC`.
-        lenslet: Views along each axis of an ESLF image.
+        pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row), or a
+            regular expression with the named groups `row` and `column`, or `index`; None knows what `names` says.
+        lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
+        pitch: Of lenslets that are not aligned: pixels between neighbours, also a fraction, or [rows, columns].
+        offset: Their centre [y, x] of any lenslet, from the middle of the first pixel; None: what dark borders of
+            lenslets show, else half a pitch from the corner.
+        rotation: Degrees by which their rows are turned, above 0 where they fall to the right.
+        lattice: `square` or `hexagonal` (every other row half a pitch further); None: square, or what `white` shows.
+        white: A white image of the camera: it shows the lenslets, and what is divided by it is bright throughout.
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
+        grid: Rows and columns of views that are numbered through; None: a square.
+        holes: Whether views may be missing; None: only where that seems to be on purpose (a cross, a diagonal).
+        axes: What the axes of an array are, as `vuhwc`: view row and column, pixel row and column, channel, or `n` for
+            views row by row; None: what its shape leaves no doubt about.
+        variable: Which array of a file of several; None: the only one that may be a light field, or `LF`.
+        positions: Where the cameras stood: a CSV or JSON file as `positions` reads it, or `names` for the names of a
+            Stanford gantry's files; None: on an even grid.
+        spacing: View steps from row to row and from column to column, both above 0, if they are not alike.
         encoding: How samples stand for light: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB
             for integers and linear for floating point; `none` leaves them as they are, as the paper does.
 
     Returns:
         The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
-        in [0, 1], and beyond where files of floating point are. Alpha becomes the weight. The name is that of the path
-        without suffix; the metadata say `path`, `format` (`eslf`, `folder`, `exr`), `bits` (`8`, `16`, `float`) and
-        `encoding`.
+        in [0, 1], and beyond where files of floating point are. Alpha becomes the weight, which is 0 where views are
+        missing. The name is that of the path without suffix; the metadata say `path`, `format` (`eslf`, `folder`,
+        `exr`, `array`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are, and what else the files say
+        (see `metadata`).
 
     Raises:
         FileError: A file is missing, damaged, or not what it should be.
-        InputError: Views, size or pattern do not fit the file.
+        InputError: Options do not fit the file.
 
     Example:
         >>> path = lfref.write("capture", lfref.LightField(torch.rand(3, 3, 3, 24, 32)))  # a folder of PNG views
         >>> lfref.read(path).views.shape
         torch.Size([3, 3, 3, 24, 32])
     """
+    options.check(views=views, start=start, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern, lenslet=lenslet)
+    options.check(size=size, grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing)
     path = Path(path)
     form = formats.of(path)
-    selection = grid.Selection((views, views) if isinstance(views, int) else views, start, pattern, lenslet)
+    kept = (views, views) if isinstance(views, int) else views
+    lenslets = described.parsed(pitch, offset, rotation, lattice, white)
+    selection = grids.Selection(
+        kept, start, pattern, lenslet, grid, holes, axes, variable, lenslets=lenslets, encoding=encoding
+    )
     samples = _cut(form.read_views(path, selection), size, path)
-    samples = samples[:: -1 if reverse_v else 1, :: -1 if reverse_u else 1]
+    present = _present(samples)
+    reverse = np.s_[:: -1 if reverse_v else 1, :: -1 if reverse_u else 1]
     coded = _encoding(encoding, path, samples)
-    metadata = {"path": str(path), "format": form.name, "bits": BITS[samples.dtype.name], "encoding": str(coded)}
+    said = {"path": str(path), "format": form.name, "bits": BITS[samples.dtype.name], "encoding": str(coded)}
     name = path.absolute().name if path.is_dir() else path.stem
-    return _light_field(samples, name, metadata, coded)
+    if not present.all():
+        said["missing"] = f"{(~present).sum()} of {present.size} views"
+    field = _light_field(samples[reverse], name, metadata.of(path) | said, coded)
+    places = cameras.of(path, selection, present, positions, spacing)
+    if places is None:
+        return field
+    # Positions grow with rows and columns, whichever way round those stand.
+    turned = places[reverse] * (-1 if reverse_v else 1, -1 if reverse_u else 1)
+    return replace(field, positions=torch.from_numpy(turned))
+
+
+def _present(samples: NDArray) -> NDArray[np.bool_]:
+    """Which views have any weight, [V, U]."""
+    if samples.shape[2] % 2:
+        return np.ones(samples.shape[:2], bool)
+    return np.asarray(samples[:, :, -1].any(axis=(2, 3)))
 
 
 def _cut(samples: NDArray, size: tuple[int, int] | None, path: Path) -> NDArray:

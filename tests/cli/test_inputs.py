@@ -1,5 +1,6 @@
 """Light fields are read as they are, or with as many views as a network reads."""
 
+import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
@@ -8,6 +9,7 @@ import lfref
 from lfref.cli import inputs
 from lfref.errors import FileError, InputError
 from lfref.geometry import even_planes
+from lfref.io import images
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.networks import NetworkRefocuser
@@ -52,3 +54,12 @@ def test_the_light_fields_below_a_folder_are_found(field):
     assert inputs.find(config(path=field.parent)) == [field]
     with pytest.raises(FileError, match="must hold light fields"):
         inputs.find(config(path=field.parent / "none"))
+
+
+def test_missing_views_are_told(tmp_path, caplog):
+    for row, column in ((0, 0), (0, 1), (1, 0)):
+        images.write_image(tmp_path / f"a_{row}_{column}.png", np.zeros((4, 5, 3), np.uint8))
+    options = OmegaConf.create({"reader": {"views": None, "holes": True}})
+    with caplog.at_level("INFO"):
+        assert inputs.read(tmp_path, options).grid == (2, 2)
+    assert "1 of 4 views are missing" in caplog.text

@@ -295,3 +295,9 @@ def test_a_crop_outside_the_views_is_refused(store, tmp_path, window):
 def test_a_path_without_light_field_is_a_file_error(tmp_path):
     with pytest.raises(FileError, match=r"none\.png"):
         cache.cached(tmp_path / "none.png", {}, tmp_path / "cache")
+
+
+@pytest.mark.parametrize("options", [{"positions": "names"}, {"spacing": (1, 1.2)}])
+def test_cameras_off_the_even_grid_are_nothing_to_learn_from(store, tmp_path, options):
+    with pytest.raises(InputError, match="even grid"):
+        cache.cached(store(), options, tmp_path / "cache")

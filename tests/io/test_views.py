@@ -1,11 +1,19 @@
 """Folders of views: each name in its place, each fault named."""
 
+import struct
+from pathlib import Path
+
 import numpy as np
+import OpenImageIO
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from lfref.errors import FileError, InputError
-from lfref.io import images, read, views
+from lfref.errors import FileError, InputError, LfrefError
+from lfref.io import grid, images, read, views
 
+PIXEL = b"BM" + struct.pack("<IIIIiiHHIIiiIIB3x", 58, 0, 54, 40, 1, 1, 1, 24, 0, 4, 0, 0, 0, 0, 9)
+"""A BMP of one pixel, which is written in no time."""
 GRID = [(row, column) for row in range(3) for column in range(3)]
 NAMINGS = {
     "HCI": lambda row, column: f"input_Cam{3 * row + column:03d}.png",
@@ -15,6 +23,24 @@ NAMINGS = {
     "gantry": lambda row, column: f"out_{row:02d}_{column:02d}_-{row}.134705_-3355.33{column}_.png",
     "gantry, no tail": lambda row, column: f"out_{row:02d}_{column:02d}_-{row}.134705_3355.33{column}.png",
     "from 8, past 9": lambda row, column: f"s_{row + 8}_{column + 8}.png",
+    "R_C": lambda row, column: f"{row}_{column}.png",
+    "RR_CC": lambda row, column: f"{row:02d}_{column:02d}.png",
+    "R-C": lambda row, column: f"{row + 1}-{column + 1}.png",
+    "RxC": lambda row, column: f"{row}x{column}.png",
+    "view_R_C": lambda row, column: f"view_{row}_{column}.png",
+    "view-RR-CC": lambda row, column: f"view-{row + 1:02d}-{column + 1:02d}.png",
+    "NAME_RxC": lambda row, column: f"chess_{row}x{column}.png",
+    "name that ends in a number": lambda row, column: f"IMG-2019-{row:02d}_{column:02d}.png",
+    "every third": lambda row, column: f"s_{3 * row + 1:02d}_{3 * column + 1:02d}.png",
+    "v and u": lambda row, column: f"v{row}_u{column}.png",
+    "u and v": lambda row, column: f"scene_u{column:02d}v{row:02d}.png",
+    "row and column": lambda row, column: f"my_row{row + 1}_col{column + 1}.png",
+    "s and t": lambda row, column: f"S{column}_T{row}.png",
+    "000": lambda row, column: f"{3 * row + column:03d}.png",
+    "1": lambda row, column: f"{3 * row + column + 1}.png",
+    "numbered through": lambda row, column: f"frame_{3 * row + column + 1:04d}.png",
+    "numbered after a long number": lambda row, column: f"IMG_20190101_{3 * row + column:04d}.png",
+    "numbered behind three digits": lambda row, column: f"seq_001_{3 * row + column:04d}.png",
 }
 EXPECTED = [[0, 1, 2], [10, 11, 12], [20, 21, 22]]
 
@@ -95,8 +121,9 @@ def test_row_major_names_must_be_a_square_number(view_folder, count, one_line):
 
 def test_a_stray_name_of_billions_is_refused_at_once(view_folder):
     folder = view_folder({(0, 0): "a_00_00.png", (0, 1): "a_99999999_99999999.png"})
+    assert read.read(folder).grid == (1, 1)  # no rows and columns have so many digits
     with pytest.raises(FileError, match="missing"):
-        read.read(folder)
+        read.read(folder, pattern=r"_(?P<row>\d+)_(?P<column>\d+)")
     folder = view_folder({(0, 0): "input_Cam0.png", (0, 1): "input_Cam99999999999.png"}, "hci")
     with pytest.raises(FileError, match=r"no input_Cam1\.png"):
         read.read(folder)
@@ -180,3 +207,161 @@ def test_one_view_given_alone_is_not_taken_for_an_eslf(view_folder, one_line):
     with pytest.raises(FileError) as caught:
         read.read(folder / "scene_00_00.png")
     one_line(caught.value, folder / "scene_00_00.png", f"read {folder}")
+
+
+@pytest.mark.parametrize("suffix", ["bmp", "tif", "ppm", "webp", "jp2"])
+def test_views_are_pictures_of_any_format(tmp_path, numbered_views, suffix):
+    for row, column in GRID:
+        path = tmp_path / f"{row}_{column}.{suffix}"
+        output = OpenImageIO.ImageOutput.create(str(path))
+        spec = OpenImageIO.ImageSpec(40, 40, 3, "uint8")
+        spec.attribute("compression", "lossless" if suffix == "webp" else "none")
+        assert output.open(str(path), spec)
+        assert output.write_image(np.full((40, 40, 3), 10 * row + column, np.uint8))
+        assert output.close()
+    assert numbered_views(read.read(tmp_path).views) == EXPECTED
+
+
+def test_columns_come_first_where_that_is_said(view_folder, numbered_views):
+    folder = view_folder(names(lambda row, column: f"{column}_{row}.png"))
+    assert numbered_views(read.read(folder, pattern="column_row").views) == EXPECTED
+    assert numbered_views(read.read(folder).views) == np.transpose(EXPECTED).tolist()
+
+
+def test_a_grid_that_is_no_square_is_numbered_through_where_that_is_said(view_folder, numbered_views, one_line):
+    folder = view_folder({(row, column): f"{3 * row + column}.png" for row in range(2) for column in range(3)})
+    assert numbered_views(read.read(folder, pattern="index", grid=(2, 3)).views) == [[0, 1, 2], [10, 11, 12]]
+    for options in ({"pattern": "index"}, {"pattern": "index", "grid": (2, 2)}, {"pattern": "index", "grid": (0, 6)}):
+        with pytest.raises((FileError, InputError)) as caught:
+            read.read(folder, **options)
+        one_line(caught.value, folder, "reader.grid")
+
+
+@pytest.mark.parametrize("count", [4, 8, 10, 100])
+def test_numbered_pictures_that_may_be_anything_are_no_light_field(view_folder, count, one_line, monkeypatch):
+    folder = view_folder({(0, index): f"photo{index}.png" for index in range(count)})
+    # A hundred scenes make a square too, but not of small pictures.
+    monkeypatch.setattr(views, "LARGEST_NUMBERED", 2)
+    assert not views.is_field(folder)
+    with pytest.raises(FileError) as caught:
+        read.read(folder)
+    one_line(caught.value, folder, f"got {count} images named like photo0.png", "reader.pattern: index")
+
+
+def test_a_row_of_views_is_told_from_a_square_that_is_numbered_through(view_folder, numbered_views, one_line):
+    row = view_folder({(0, column): f"a_01_{column:02d}.png" for column in range(9)}, "row")
+    assert numbered_views(read.read(row).views) == [list(range(9))]
+    unclear = view_folder(names(lambda row, column: f"cam_1_{3 * row + column:02d}.png"), "unclear")
+    with pytest.raises(FileError) as caught:
+        read.read(unclear)
+    one_line(caught.value, unclear, "reader.pattern=index", "reader.pattern=row_column")
+    assert numbered_views(read.read(unclear, pattern="index").views) == EXPECTED
+    assert read.read(unclear, pattern="row_column").grid == (1, 9)
+
+
+def moved(folder: Path, shifts: list[tuple[float, float]]) -> Path:
+    """Numbered pictures of a texture that moved by so many pixels down and to the right."""
+    y, x = np.mgrid[:32, :48]
+    for index, (down, right) in enumerate(shifts):
+        wave = np.sin((y - down) / 7) + np.cos((x - right) / 9)
+        images.write_image(folder / f"{index:03d}.png", (wave[..., None] + 2) / 4)
+    return folder
+
+
+def test_a_row_of_pictures_is_no_square_grid_only_for_its_number(tmp_path, one_line):
+    grid_of_views = moved(tmp_path / "grid", [(row, column) for row in range(4) for column in range(4)])
+    assert read.read(grid_of_views).grid == (4, 4)
+    row = moved(tmp_path / "row", [(0, column) for column in range(16)])
+    with pytest.raises(FileError) as caught:
+        read.read(row)
+    one_line(caught.value, row, "look like one row", "reader.grid=[1,16]")
+    assert read.read(row, pattern="index", grid=(1, 16)).grid == (1, 16)
+    assert read.read(row, pattern="index").grid == (4, 4)
+
+
+def test_other_pictures_beside_numbered_views_are_left_alone(view_folder, numbered_views):
+    folder = view_folder({**names(NAMINGS["000"]), (8, 8): "depth2.png", (9, 9): "centre.png"})
+    assert numbered_views(read.read(folder).views) == EXPECTED
+
+
+CROSS = [(row, column) for row in range(5) for column in range(5) if row == 2 or column == 2]
+DIAGONALS = [(row, column) for row in range(5) for column in range(5) if row in (column, 4 - column)]
+
+
+@pytest.mark.parametrize("cells", [CROSS, DIAGONALS], ids=["cross", "diagonals"])
+@pytest.mark.parametrize(
+    "naming",
+    [
+        lambda row, column: f"view_{row + 1}_{column + 1}.png",
+        lambda row, column: f"input_Cam{5 * row + column:03d}.png",
+        lambda row, column: f"{5 * row + column + 1:02d}.png",
+    ],
+    ids=["row and column", "from 0", "from 1"],
+)
+def test_crosses_and_diagonals_are_read_with_weight_zero_elsewhere(view_folder, numbered_views, cells, naming):
+    field = read.read(view_folder({cell: naming(*cell) for cell in cells}))
+    assert field.grid == (5, 5)
+    numbers, weight = numbered_views(field.views), field.weight.flatten(2)
+    for row in range(5):
+        for column in range(5):
+            if (row, column) in cells:
+                assert numbers[row][column] == 10 * row + column
+            assert weight[row, column].unique().tolist() == [float((row, column) in cells)]
+    assert field.metadata["missing"] == "16 of 25 views"
+
+
+def test_a_missing_view_is_read_where_that_is_allowed(view_folder, numbered_views):
+    folder = view_folder({cell: NAMINGS["from 0"](*cell) for cell in GRID if cell != (1, 2)})
+    field = read.read(folder, holes=True)
+    assert field.metadata["missing"] == "1 of 9 views"
+    assert field.weight.flatten(2).amax(2).tolist() == [[1, 1, 1], [1, 1, 0], [1, 1, 1]]
+    assert numbered_views(field.views)[1][2] == round(
+        np.mean([10 * row + column for row, column in GRID if (row, column) != (1, 2)])
+    )
+    turned = read.read(folder, holes=True, reverse_u=True)
+    assert turned.weight.flatten(2).amax(2).tolist() == [[1, 1, 1], [0, 1, 1], [1, 1, 1]]
+
+
+def test_a_window_beside_the_holes_has_no_weight(view_folder):
+    folder = view_folder({cell: NAMINGS["from 0"](*cell) for cell in GRID if cell != (0, 0)})
+    field = read.read(folder, holes=True, views=2, start=1)
+    assert (field.weight, "missing" in field.metadata) == (None, False)
+
+
+def test_a_gantry_says_where_its_cameras_stood(view_folder):
+    said = {cell: (-3.0 * cell[0] + (cell == (1, 1)), 2.0 * cell[1]) for cell in GRID}
+    folder = view_folder(
+        {cell: f"out_{cell[0]:02d}_{cell[1]:02d}_{v:.6f}_{u:.6f}_.png" for cell, (v, u) in said.items()}
+    )
+    np.testing.assert_array_equal(
+        views.positions(folder, grid.Selection()), [[said[row, column] for column in range(3)] for row in range(3)]
+    )
+    window = views.positions(folder, grid.Selection((2, 2), start=1))
+    np.testing.assert_array_equal(window[0, 0], said[1, 1])
+
+
+def test_names_without_positions_are_refused_where_positions_are_asked_for(view_folder, one_line):
+    with pytest.raises(FileError) as caught:
+        views.positions(view_folder(names(NAMINGS["HCI"])), grid.Selection())
+    one_line(caught.value, "input_Cam000.png", "out_RR_CC_Y_X", "reader.positions")
+
+
+NAME = st.one_of(
+    st.from_regex(r"\A[a-c]?_?[0-9]{1,4}[_x-]?[0-9]{0,4}\.png\Z"),
+    st.from_regex(r"\A(v|u|row|c)[0-2]_?(u|v|t|s)?[0-2]?\.png\Z"),
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(found=st.sets(NAME, max_size=12), holes=st.sampled_from([None, True, False]))
+def test_no_names_end_in_a_traceback_or_a_grid_larger_than_its_views(tmp_path_factory, found, holes):
+    folder = tmp_path_factory.mktemp("names")
+    for name in found:
+        (folder / name).write_bytes(PIXEL)
+    try:
+        stored = views.stored_grid(folder, grid.Selection(holes=holes))
+    except LfrefError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert max(stored.shape) <= 4 * len(stored.cells)
+        assert set(stored.cells) <= set(np.ndindex(stored.shape))

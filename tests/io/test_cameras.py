@@ -1,0 +1,207 @@
+"""Positions of cameras: read from tables, fitted by a grid, in view steps whichever way and in whichever unit."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfref.errors import FileError, InputError, LfrefError
+from lfref.io import cameras, grid, read
+
+UNEVEN = cameras.even((3, 3)) + 0.1 * np.random.default_rng(0).standard_normal((3, 3, 2))
+ALL = np.ones((3, 3), bool)
+
+
+def table(path: Path, header: str, values: np.ndarray, first: int = 0) -> Path:
+    """A CSV file of positions, its views counted from `first`."""
+    lines = [header]
+    for row, column in np.ndindex(values.shape[:2]):
+        place = f"{row + first},{column + first}" if "row" in header else f"{row * values.shape[1] + column + first}"
+        lines.append(f"{place},{values[row, column, 0]},{values[row, column, 1]}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def steps(said: np.ndarray) -> tuple[float, float]:
+    """Mean steps along rows and columns, fitted by numpy's own polynomials."""
+    row, column = np.indices(said.shape[:2])
+    return np.polyfit(row.ravel(), said[..., 0].ravel(), 1)[0], np.polyfit(column.ravel(), said[..., 1].ravel(), 1)[0]
+
+
+@pytest.mark.parametrize("first", [0, 1, 100])
+@pytest.mark.parametrize("header", ["row,column,v,u", "view,v,u", "row, column, v, u"])
+def test_tables_are_read_from_whatever_number_they_begin(tmp_path, header, first):
+    np.testing.assert_allclose(cameras.read(table(tmp_path / "a.csv", header, UNEVEN, first)), UNEVEN)
+
+
+def test_columns_of_a_table_may_stand_in_any_order(tmp_path):
+    (tmp_path / "a.csv").write_text("u,note,column,v,row\n5,x,0,6,0\n7,y,1,8,0\n")
+    assert cameras.read(tmp_path / "a.csv").tolist() == [[[6, 5], [8, 7]]]
+
+
+def test_json_is_an_array_or_a_list_of_records(tmp_path):
+    (tmp_path / "a.json").write_text(json.dumps(UNEVEN.tolist()))
+    np.testing.assert_array_equal(cameras.read(tmp_path / "a.json"), UNEVEN)
+    records = [{"view": n, "v": v, "u": u} for n, (v, u) in enumerate(UNEVEN.reshape(9, 2))]
+    (tmp_path / "a.json").write_text(json.dumps(records[::-1]))
+    np.testing.assert_array_equal(cameras.read(tmp_path / "a.json"), UNEVEN)
+
+
+def test_views_that_are_left_out_are_not_known(tmp_path):
+    (tmp_path / "a.csv").write_text("row,column,v,u\n0,0,0,0\n0,1,0,1\n1,0,1,0\n")
+    assert np.isnan(cameras.read(tmp_path / "a.csv")).tolist() == [[[False] * 2] * 2, [[False] * 2, [True] * 2]]
+
+
+@pytest.mark.parametrize(
+    "contents",
+    [
+        "",
+        "v,u\n1,2\n",
+        "row,column,v,u\n",
+        "row,column,v,u\n0,0,x,1\n",
+        "row,column,v,u\n0,0,1\n",
+        "view,v,u\n0,0,0\n1,0,1\n",
+        "row,column,v,u\n0,0,1,1\n0,0,2,2\n",
+        "row,column,v,u\n0,0,nan,1\n",
+        "row,column,v,u\n0.5,0,1,1\n",
+        "[[1, 2]]",
+        "[[[1, 2, 3]]]",
+        "{",
+        "[" * 100000,
+        '{"v": 1}',
+        "[null]",
+        '[{"row": 0}]',
+        "\0\0",
+        'row,column,v,u\n"0,0,1',
+    ],
+)
+def test_what_is_no_table_of_positions_is_one_line(tmp_path, contents, one_line):
+    (tmp_path / "a.csv").write_text(contents)
+    with pytest.raises(FileError) as caught:
+        cameras.read(tmp_path / "a.csv")
+    one_line(caught.value, tmp_path / "a.csv", "row,column,v,u")
+
+
+def test_a_missing_table_and_one_of_bytes_are_one_line(tmp_path, one_line):
+    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
+    for name in ("a.csv", "b.csv"):
+        with pytest.raises(FileError) as caught:
+            cameras.read(tmp_path / name)
+        one_line(caught.value, tmp_path / name)
+
+
+@given(
+    scale=st.floats(1e-3, 1e3),
+    signs=st.tuples(st.sampled_from([-1, 1]), st.sampled_from([-1, 1])),
+    shift=st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
+)
+def test_unit_direction_and_origin_change_nothing(scale, signs, shift):
+    expected = cameras.normalised(UNEVEN, ALL, "a")
+    said = UNEVEN * scale * np.array(signs) + np.array(shift)
+    np.testing.assert_allclose(cameras.normalised(said, ALL, "a"), expected, atol=1e-6)
+    assert np.mean(steps(expected)) == pytest.approx(1)
+    np.testing.assert_allclose(expected.mean(axis=(0, 1)), 0, atol=1e-12)
+
+
+def test_rows_and_columns_of_unlike_steps_keep_their_ratio():
+    values = cameras.normalised(cameras.even((5, 4), (30.0, 36.0)), np.ones((5, 4), bool), "a")
+    np.testing.assert_allclose(values, cameras.even((5, 4), (30 / 33, 36 / 33)))
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (1, 5), (4, 1), (1, 1)])
+def test_an_even_grid_is_no_positions_at_all(shape):
+    assert cameras.normalised(-31.5 * cameras.even(shape) + 7, np.ones(shape, bool), "a") is None
+
+
+def test_a_row_of_cameras_has_steps_along_it_alone():
+    said = np.array([[[0.0, 0], [2, 10], [-2, 25], [0, 30]]])
+    values = cameras.normalised(said, np.ones((1, 4), bool), "a")
+    assert steps(values.repeat(2, axis=0))[1] == pytest.approx(1)
+    np.testing.assert_allclose(np.ptp(values[..., 0]) / np.ptp(values[..., 1]), 4 / 30)
+
+
+@pytest.mark.parametrize(
+    "present", [np.eye(5, dtype=bool), np.eye(5, dtype=bool) | (np.arange(5) == 2)], ids=["diagonal", "column"]
+)
+def test_missing_views_need_no_position_and_stand_on_the_grid(present):
+    said = np.where(
+        present[..., None], 12.0 * cameras.even((5, 5)) + 0.3 * np.sin(np.arange(50)).reshape(5, 5, 2), np.nan
+    )
+    values = cameras.normalised(said, present, "a")
+    assert np.isfinite(values).all()
+    np.testing.assert_array_equal(values[~present], cameras.even((5, 5))[~present])
+    np.testing.assert_allclose(values[present], cameras.even((5, 5))[present], atol=0.1)
+
+
+def test_a_view_without_a_position_is_named(one_line):
+    said = UNEVEN.copy()
+    said[1, 2] = np.nan
+    with pytest.raises(InputError) as caught:
+        cameras.normalised(said, ALL, "a.csv")
+    one_line(caught.value, "a.csv", "row 1, column 2")
+
+
+@pytest.mark.parametrize("said", [UNEVEN[..., ::-1], np.zeros((3, 3, 2)), UNEVEN.transpose(1, 0, 2)])
+def test_positions_across_the_grid_are_refused(said, one_line):
+    with pytest.raises(InputError) as caught:
+        cameras.normalised(said, ALL, "a.csv")
+    one_line(caught.value, "a.csv", "exchange v and u")
+
+
+def test_a_reader_takes_positions_of_the_views_that_it_keeps(view_folder, tmp_path):
+    folder = view_folder({(row, column): f"a_{row}_{column}.png" for row in range(3) for column in range(3)})
+    path = table(tmp_path / "a.csv", "row,column,v,u", 31 * UNEVEN)
+    field = read.read(folder, positions=path)
+    np.testing.assert_allclose(field.positions.numpy(), cameras.normalised(UNEVEN, ALL, "a"))
+    window = read.read(folder, positions=path, views=2, start=1).positions.numpy()
+    np.testing.assert_allclose(window, cameras.normalised(UNEVEN[1:, 1:], ALL[1:, 1:], "a"))
+    turned = read.read(folder, positions=path, reverse_v=True).positions.numpy()
+    np.testing.assert_allclose(turned, field.positions.numpy()[::-1] * (-1, 1))
+
+
+def test_a_reader_takes_a_spacing_as_it_is(view_folder):
+    folder = view_folder({(row, column): f"a_{row}_{column}.png" for row in range(2) for column in range(3)})
+    positions = read.read(folder, spacing=(1, 1.25), reverse_u=True).positions.numpy()
+    assert positions[:, 0].tolist() == [[-0.5, -1.25], [0.5, -1.25]]
+    assert positions[0, :, 1].tolist() == [-1.25, 0, 1.25]
+    assert read.read(folder, spacing=(1, 1)).positions is None
+
+
+def test_a_reader_takes_positions_of_names(view_folder):
+    said = {cell: 7 * UNEVEN[cell] * (-1, 1) for cell in np.ndindex(3, 3)}
+    folder = view_folder(
+        {cell: f"out_{cell[0]:02d}_{cell[1]:02d}_{v:.6f}_{u:.6f}_.png" for cell, (v, u) in said.items()}
+    )
+    positions = read.read(folder, positions="names").positions.numpy()
+    np.testing.assert_allclose(positions, cameras.normalised(UNEVEN, ALL, "a"), atol=1e-6)
+    assert read.read(folder).positions is None
+
+
+@pytest.mark.parametrize(
+    ("options", "part"),
+    [
+        ({"spacing": (1, 0)}, "spacing"),
+        ({"spacing": (1, float("nan"))}, "spacing"),
+        ({"spacing": (1, 2, 3)}, "spacing"),
+        ({"spacing": (1, 2), "positions": "names"}, "leave out reader.positions or reader.spacing"),
+        ({"positions": "names"}, "reader.positions"),
+        ({"positions": "small.csv"}, "small.csv"),
+    ],
+)
+def test_options_that_do_not_fit_are_one_line(view_folder, tmp_path, monkeypatch, options, part, one_line):
+    monkeypatch.chdir(tmp_path)
+    table(tmp_path / "small.csv", "row,column,v,u", UNEVEN[:2, :2])
+    folder = view_folder({(row, column): f"a_{row}_{column}.png" for row in range(3) for column in range(3)})
+    with pytest.raises(LfrefError) as caught:
+        read.read(folder, **options)
+    one_line(caught.value, part)
+
+
+def test_names_of_a_file_are_no_positions(tmp_path, one_line):
+    np.save(tmp_path / "a.npy", np.zeros((3, 3, 6, 7), np.uint8))
+    with pytest.raises(LfrefError) as caught:
+        cameras.of(tmp_path / "a.npy", grid.Selection(), ALL, "names", None)
+    one_line(caught.value, tmp_path / "a.npy", "reader.positions")
