@@ -1,0 +1,164 @@
+"""Whether an image repeats at the pitch of its lenslets: a wrong pitch gives views that only look like some.
+
+Neighbouring pixels differ most where one lenslet ends and the next begins. In the spectrum of these differences a pitch
+is a comb of lines, which strips of the image show. What differs little from view to view shows it as well as what is
+dark at the lenslets' borders. Letters: `H W` pixel rows and columns, `C` channels.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfref.errors import FileError
+
+STRIPS, THICKNESS = 12, 6
+"""Strips that are looked at along each axis, and the pixels across each."""
+LINES = 4
+"""Lines of a comb that are looked at, the lowest ones."""
+LONGEST, SHORTEST = 64.0, 3.0
+"""Pitches that are looked for, in pixels."""
+AROUND = 30
+"""Lines are compared with the median of so many on either side."""
+SEEN = 0.5
+"""Decimal logarithm of how far lines must stand out. Captures have .9 to 6, pictures -.1 to .2, rarely .7 somewhere."""
+SHARE = 0.75
+"""How far a comb must stand out in relation to the best one; one with every other line missing has half."""
+FEWEST = 16
+"""Lenslets along an axis that allow a judgement."""
+AS_IT_IS = "set reader.pitch={0} to read it all the same"
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """How far each frequency stands out among its neighbours."""
+
+    stands_out: NDArray
+    """Decimal logarithm, from frequency 0 to half a cycle a pixel, even steps."""
+    length: int
+    """Pixels of the image along the axis."""
+
+    def comb(self, pitch: float | NDArray, without: int = LINES + 1) -> NDArray:
+        """How far the lines of a pitch stand out on average.
+
+        Args:
+            pitch: In pixels, above 2; one or many.
+            without: Leaves out every line that is a multiple of it.
+        """
+        last = len(self.stands_out) - 1
+        lines = [k for k in range(1, LINES + 1) if k % without]
+        at = np.round(np.multiply.outer(lines, 2 * last / np.asarray(pitch))).astype(int)
+        there = at < last
+        return np.where(there, self.stands_out[np.minimum(at, last)], 0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+
+    def pitch(self) -> float:
+        """The pitch that seems to be, in pixels: the longest one whose comb is hardly worse than the best."""
+        pitches = self._pitches()
+        scores = self.comb(pitches)
+        first = int(np.argmax(scores >= SHARE * scores.max()))
+        near = pitches > pitches[first] - 3 * pitches[first] ** 2 / self.length
+        return self._refined(float(pitches[first + int(np.argmax(scores[first:][near[first:]]))]))
+
+    def best(self) -> float:
+        """How far the best of all combs stands out."""
+        return float(self.comb(self._pitches()).max())
+
+    def _pitches(self) -> NDArray:
+        """All pitches that differ by a step of the spectrum, the longest first."""
+        step = 1 / (2 * LINES * (len(self.stands_out) - 1))
+        return 1 / np.arange(max(1 / LONGEST, 6 / self.length), 1 / SHORTEST, step)
+
+    def _refined(self, pitch: float) -> float:
+        """A pitch by the centres of its lines, the higher ones of more use."""
+        unit, reach = 2 * (len(self.stands_out) - 1), round(4 * len(self.stands_out) / self.length)
+        found = []
+        for k in range(1, min(LINES, int(pitch / 2)) + 1):
+            at = np.arange(-reach, reach + 1) + round(k * unit / pitch)
+            power = 10 ** self.stands_out[at.clip(0, unit // 2)]
+            found.append((k * float(power @ at) / float(power.sum()), k * k))
+        return unit * sum(weight for _, weight in found) / sum(line for line, _ in found)
+
+
+def spectrum(image: NDArray, axis: int) -> Spectrum | None:
+    """The spectrum of differences along an axis, or None where an image is too flat for a judgement.
+
+    Args:
+        image: Samples of any type, [H, W, C].
+        axis: 0 along the columns, 1 along the rows.
+    """
+    strips = _strips(image if axis else image.swapaxes(0, 1))
+    steps = np.abs(np.diff(strips, axis=1))
+    usual = steps.mean(axis=1, keepdims=True)
+    steps, usual = steps[usual[:, 0] > 0], usual[usual[:, 0] > 0]
+    if len(steps) < THICKNESS or steps.shape[1] < AROUND:
+        return None
+    # A few strong edges of the scene would hide the rest.
+    even = np.minimum(steps / usual, 3)
+    even = (even - even.mean(axis=1, keepdims=True)) * np.hanning(steps.shape[1]).astype(np.float32)
+    size = 1 << (2 * steps.shape[1] - 1).bit_length()
+    power = sum(np.abs(np.fft.rfft(row, size)) ** 2 for row in even)
+    return Spectrum(np.log10(power / _usual(power, round(AROUND * size / steps.shape[1])) + 1e-3), strips.shape[1])
+
+
+def _strips(image: NDArray) -> NDArray[np.float32]:
+    """Grey rows of strips that lie evenly over an image."""
+    thickness = min(THICKNESS, len(image))
+    tops = np.unique(np.linspace(0, len(image) - thickness, STRIPS).astype(int))
+    return np.concatenate([image[top : top + thickness].mean(axis=2, dtype=np.float32) for top in tops])
+
+
+def _usual(power: NDArray, reach: int) -> NDArray:
+    """The median of so many neighbours on either side."""
+    at = np.arange(0, len(power) + reach, reach)
+    medians = [np.median(power[max(0, middle - reach) : middle + reach + 1]) for middle in at.clip(max=len(power) - 1)]
+    return np.interp(np.arange(len(power)), at, medians) + 1e-30
+
+
+def check(image: NDArray, pitch: int, path: Path) -> None:
+    """Refuse an image whose lenslets, as far as they can be seen, have another pitch, or which shows none.
+
+    Args:
+        image: Samples of any type, [H, W, C].
+        pitch: That it is to be read with, in pixels.
+        path: Its file, for messages.
+
+    Raises:
+        FileError: Along both axes it repeats at another pitch, or at none.
+    """
+    if min(image.shape[:2]) < FEWEST * pitch:
+        return
+    spectra = [spectrum(image, axis) for axis in (0, 1)]
+    known = [each for each in spectra if each is not None]
+    if len(known) < 2 or any(_agrees(each, pitch) for each in known):
+        return
+    expected, anyway = f"{path} must hold aligned lenslets of {pitch} pixels", AS_IT_IS.format(pitch)
+    if min(each.best() for each in known) < SEEN:
+        got = "an image without any"
+        raise FileError(expected, got=got, remedy=f"give a light field (a folder of views, for one), or {anyway}")
+    rows, columns = (each.pitch() for each in known)
+    raise FileError(expected, got=f"a pitch of about {_written(rows, columns)}", remedy=_remedy(rows, columns))
+
+
+def _agrees(seen: Spectrum, pitch: int) -> bool:
+    """Whether a pitch is seen, and not only as a part of twice or three times as much."""
+    score = float(seen.comb(pitch))
+    if score < max(SEEN, SHARE * seen.best()):
+        return False
+    return all(float(seen.comb(many * pitch, without=many)) < SHARE * score for many in (2, 3))
+
+
+def _written(rows: float, columns: float) -> str:
+    return f"{columns:.2f}" if abs(rows / columns - 1) < 0.02 else f"{rows:.2f} (rows) and {columns:.2f} (columns)"
+
+
+def _remedy(rows: float, columns: float) -> str:
+    """The options that read lenslets of such a pitch."""
+    ratio = rows / columns
+    if abs(ratio / 3**0.5 - 1) < 0.02:
+        return f"if it is hexagonal, set reader.lattice=hexagonal reader.pitch={columns:.2f}, or reader.white=FILE"
+    whole = round(columns)
+    if abs(ratio - 1) < 0.02 and abs(columns - whole) < 0.01:
+        return f"set reader.lenslet={whole}"
+    pitch = f"{columns:.2f}" if abs(ratio - 1) < 0.02 else f"[{rows:.2f},{columns:.2f}]"
+    return f"set reader.pitch={pitch}, or reader.white to a white image of the camera, which shows it exactly"
