@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from lfref.errors import FileError
-from lfref.io import decode, eslf, exr, folders, grid, views
+from lfref.io import decode, eslf, exr, folders, foreign, grid, views
 
 
 class Format(NamedTuple):
@@ -52,7 +52,8 @@ def of(path: Path) -> Format:
     for form in FORMATS:
         if head.startswith(form.magics):
             return form
-    raise FileError(f"{path} must be a light field: {TITLES}", got=decode.kind(head), remedy="convert it")
+    got, remedy = foreign.explained(head)
+    raise FileError(f"{path} must be a light field: {TITLES}", got=got, remedy=remedy)
 
 
 def is_field(path: Path) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
+from lfref.io.lenslets.options import Lenslets
 
 Source = TypeVar("Source")
 Cell = tuple[int, int]
@@ -30,6 +31,10 @@ class Selection:
     """Regular expression for the file names of a folder, with groups `row` and `column`, or `index`."""
     lenslet: int = 14
     """Views along each axis of an ESLF image."""
+    lenslets: Lenslets = Lenslets()
+    """What is said about the lenslets of an image that is not aligned with them."""
+    encoding: str = "file"
+    """How samples stand for light, for readers that must know it: as `encoding.parsed`, or `file`."""
 
     def window(self, grid: tuple[int, int], path: Path) -> tuple[slice, slice]:
         """Rows and columns of views to keep.

@@ -15,6 +15,8 @@ from lfref.errors import FileError
 
 STRIPS, THICKNESS = 12, 6
 """Strips that are looked at along each axis, and the pixels across each."""
+WIDTH = 4096
+"""Most pixels along each strip, in the middle of the image; more would only cost time."""
 LINES = 4
 """Lines of a comb that are looked at, the lowest ones."""
 LONGEST, SHORTEST = 64.0, 3.0
@@ -27,6 +29,12 @@ SHARE = 0.75
 """How far a comb must stand out in relation to the best one; one with every other line missing has half."""
 FEWEST = 16
 """Lenslets along an axis that allow a judgement."""
+HEXAGONAL = 3**0.5
+"""Distance between every other row of a hexagonal lattice, in distances between lenslets: those stand one above the other."""
+ALIKE = 0.02
+"""How far pitches of rows and columns may differ, relatively, that are the same."""
+WHOLE = 0.01
+"""How far pitches may be from whole pixels, in pixels, that are whole."""
 AS_IT_IS = "set reader.pitch={0} to read it all the same"
 
 
@@ -105,7 +113,9 @@ def _strips(image: NDArray) -> NDArray[np.float32]:
     """Grey rows of strips that lie evenly over an image."""
     thickness = min(THICKNESS, len(image))
     tops = np.unique(np.linspace(0, len(image) - thickness, STRIPS).astype(int))
-    return np.concatenate([image[top : top + thickness].mean(axis=2, dtype=np.float32) for top in tops])
+    left = max(0, image.shape[1] - WIDTH) // 2
+    strips = [image[top : top + thickness, left : left + WIDTH] for top in tops]
+    return np.concatenate([strip.mean(axis=2, dtype=np.float32) for strip in strips])
 
 
 def _usual(power: NDArray, reach: int) -> NDArray:
@@ -133,10 +143,10 @@ def check(image: NDArray, pitch: int, path: Path) -> None:
     if len(known) < 2 or any(_agrees(each, pitch) for each in known):
         return
     expected, anyway = f"{path} must hold aligned lenslets of {pitch} pixels", AS_IT_IS.format(pitch)
-    if min(each.best() for each in known) < SEEN:
-        got = "an image without any"
-        raise FileError(expected, got=got, remedy=f"give a light field (a folder of views, for one), or {anyway}")
     rows, columns = (each.pitch() for each in known)
+    if min(each.best() for each in known) < SEEN or not _is_lattice(rows, columns):
+        remedy = f"give a light field (a folder of views, for one), or {anyway}"
+        raise FileError(expected, got="an image that shows none", remedy=remedy)
     raise FileError(expected, got=f"a pitch of about {_written(rows, columns)}", remedy=_remedy(rows, columns))
 
 
@@ -148,17 +158,19 @@ def _agrees(seen: Spectrum, pitch: int) -> bool:
     return all(float(seen.comb(many * pitch, without=many)) < SHARE * score for many in (2, 3))
 
 
+def _is_lattice(rows: float, columns: float) -> bool:
+    """Whether two pitches may belong together; those of scenes and of views side by side hardly ever do."""
+    return any(abs(rows / columns / ratio - 1) < ALIKE for ratio in (1, HEXAGONAL))
+
+
 def _written(rows: float, columns: float) -> str:
-    return f"{columns:.2f}" if abs(rows / columns - 1) < 0.02 else f"{rows:.2f} (rows) and {columns:.2f} (columns)"
+    return f"{columns:.2f}" if abs(rows / columns - 1) < ALIKE else f"{columns:.2f}, hexagonal"
 
 
 def _remedy(rows: float, columns: float) -> str:
     """The options that read lenslets of such a pitch."""
-    ratio = rows / columns
-    if abs(ratio / 3**0.5 - 1) < 0.02:
-        return f"if it is hexagonal, set reader.lattice=hexagonal reader.pitch={columns:.2f}, or reader.white=FILE"
     whole = round(columns)
-    if abs(ratio - 1) < 0.02 and abs(columns - whole) < 0.01:
+    if abs(rows / columns - 1) < ALIKE and abs(columns - whole) < WHOLE:
         return f"set reader.lenslet={whole}"
-    pitch = f"{columns:.2f}" if abs(ratio - 1) < 0.02 else f"[{rows:.2f},{columns:.2f}]"
-    return f"set reader.pitch={pitch}, or reader.white to a white image of the camera, which shows it exactly"
+    lattice = "" if abs(rows / columns - 1) < ALIKE else "reader.lattice=hexagonal "
+    return f"set {lattice}reader.pitch={columns:.2f}, or reader.white to a white image of the camera"
