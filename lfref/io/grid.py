@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io.lenslets.options import Lenslets
+from lfref.io.lenslets.options import ALIGNED, Lenslets
 
 Source = TypeVar("Source")
 Cell = tuple[int, int]
@@ -31,7 +31,7 @@ class Selection:
     """Regular expression for the file names of a folder, with groups `row` and `column`, or `index`."""
     lenslet: int = 14
     """Views along each axis of an ESLF image."""
-    lenslets: Lenslets = Lenslets()
+    lenslets: Lenslets = ALIGNED
     """What is said about the lenslets of an image that is not aligned with them."""
     encoding: str = "file"
     """How samples stand for light, for readers that must know it: as `encoding.parsed`, or `file`."""

@@ -31,7 +31,7 @@ TILE = 8.0
 TILES = 32
 """Most tiles along each side of the image."""
 STRAY = 0.12
-"""Most by which the lenslets of tiles may stand beside the lattice, root mean square, in its pitches: chance has .29."""
+"""Most by which lenslets of tiles may stand beside the lattice, root mean square, in pitches; chance has .29."""
 REMEDY = "give a white image of the camera, or reader.pitch, reader.offset and reader.rotation without reader.white"
 
 

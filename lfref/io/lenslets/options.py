@@ -35,7 +35,7 @@ class Lenslets:
     @property
     def are_aligned(self) -> bool:
         """Whether nothing is said, so that whole pixels of the image are the views."""
-        return self == Lenslets()
+        return self == ALIGNED
 
     def described(self) -> Lattice:
         """The lattice that the options describe without a white image.
@@ -65,6 +65,10 @@ class Lenslets:
             self.lattice or found.name,
         )
         return kept.described()
+
+
+ALIGNED = Lenslets()
+"""Nothing is said."""
 
 
 def parsed(

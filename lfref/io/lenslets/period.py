@@ -5,6 +5,7 @@ is a comb of lines, which strips of the image show. What differs little from vie
 dark at the lenslets' borders. Letters: `H W` pixel rows and columns, `C` channels.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,14 +29,13 @@ SEEN = 0.5
 SHARE = 0.75
 """How far a comb must stand out in relation to the best one; one with every other line missing has half."""
 FEWEST = 16
-"""Lenslets along an axis that allow a judgement."""
+"""Lenslets along each axis that allow a judgement."""
 HEXAGONAL = 3**0.5
-"""Distance between every other row of a hexagonal lattice, in distances between lenslets: those stand one above the other."""
+"""Distance of every other row of a hexagonal lattice, whose lenslets stand above each other, in pitches."""
 ALIKE = 0.02
 """How far pitches of rows and columns may differ, relatively, that are the same."""
-WHOLE = 0.01
-"""How far pitches may be from whole pixels, in pixels, that are whole."""
-AS_IT_IS = "set reader.pitch={0} to read it all the same"
+WHOLE = 0.15
+"""How far pitches may be from whole pixels that are whole, in steps of what the length of the image resolves."""
 
 
 @dataclass(frozen=True)
@@ -78,14 +78,13 @@ class Spectrum:
         return 1 / np.arange(max(1 / LONGEST, 6 / self.length), 1 / SHORTEST, step)
 
     def _refined(self, pitch: float) -> float:
-        """A pitch by the centres of its lines, the higher ones of more use."""
-        unit, reach = 2 * (len(self.stands_out) - 1), round(4 * len(self.stands_out) / self.length)
-        found = []
-        for k in range(1, min(LINES, int(pitch / 2)) + 1):
-            at = np.arange(-reach, reach + 1) + round(k * unit / pitch)
-            power = 10 ** self.stands_out[at.clip(0, unit // 2)]
-            found.append((k * float(power @ at) / float(power.sum()), k * k))
-        return unit * sum(weight for _, weight in found) / sum(line for line, _ in found)
+        """A pitch by the tops of its lines, the higher ones of more use."""
+        unit = 2 * (len(self.stands_out) - 1)
+        reach = np.arange(-(unit // self.length), unit // self.length + 1)
+        lines = np.arange(1, min(LINES, math.ceil(pitch / 2) - 1) + 1)
+        at = (np.round(lines * unit / pitch).astype(int)[:, None] + reach).clip(0, unit // 2)
+        tops = at[np.arange(len(lines)), self.stands_out[at].argmax(axis=1)]
+        return unit * float(lines @ lines) / float(lines @ tops)
 
 
 def spectrum(image: NDArray, axis: int) -> Spectrum | None:
@@ -136,18 +135,20 @@ def check(image: NDArray, pitch: int, path: Path) -> None:
     Raises:
         FileError: Along both axes it repeats at another pitch, or at none.
     """
-    if min(image.shape[:2]) < FEWEST * pitch:
-        return
-    spectra = [spectrum(image, axis) for axis in (0, 1)]
-    known = [each for each in spectra if each is not None]
+    known = [each for each in (spectrum(image, axis) for axis in (0, 1)) if each is not None]
     if len(known) < 2 or any(_agrees(each, pitch) for each in known):
         return
-    expected, anyway = f"{path} must hold aligned lenslets of {pitch} pixels", AS_IT_IS.format(pitch)
     rows, columns = (each.pitch() for each in known)
-    if min(each.best() for each in known) < SEEN or not _is_lattice(rows, columns):
-        remedy = f"give a light field (a folder of views, for one), or {anyway}"
+    expected = f"{path} must hold aligned lenslets of {pitch} pixels"
+    is_lattice = min(each.best() for each in known) >= SEEN and _is_lattice(rows, columns)
+    if min(image.shape[:2]) < FEWEST * (max(rows, columns) if is_lattice else pitch):
+        return
+    if not is_lattice:
+        remedy = f"give a light field (a folder of views, for one), or set reader.pitch={pitch} to read it all the same"
         raise FileError(expected, got="an image that shows none", remedy=remedy)
-    raise FileError(expected, got=f"a pitch of about {_written(rows, columns)}", remedy=_remedy(rows, columns))
+    raise FileError(
+        expected, got=f"a pitch of about {_written(rows, columns)}", remedy=_remedy(rows, columns, image.shape[1])
+    )
 
 
 def _agrees(seen: Spectrum, pitch: int) -> bool:
@@ -167,10 +168,10 @@ def _written(rows: float, columns: float) -> str:
     return f"{columns:.2f}" if abs(rows / columns - 1) < ALIKE else f"{columns:.2f}, hexagonal"
 
 
-def _remedy(rows: float, columns: float) -> str:
-    """The options that read lenslets of such a pitch."""
+def _remedy(rows: float, columns: float, width: int) -> str:
+    """The options that read lenslets of such a pitch in an image of such a width."""
     whole = round(columns)
-    if abs(rows / columns - 1) < ALIKE and abs(columns - whole) < WHOLE:
+    if abs(rows / columns - 1) < ALIKE and abs(columns - whole) < WHOLE * columns**2 / width:
         return f"set reader.lenslet={whole}"
     lattice = "" if abs(rows / columns - 1) < ALIKE else "reader.lattice=hexagonal "
     return f"set {lattice}reader.pitch={columns:.2f}, or reader.white to a white image of the camera"

@@ -60,7 +60,7 @@ def between(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.f
     """A picture between its pixels.
 
     Args:
-        padded: The picture with 1 pixel more above and to the left and 3 more below and to the right, [H + 4, W + 4, C].
+        padded: The picture with 1 pixel more above and on the left, 3 below and on the right, [H + 4, W + 4, C].
         y: Rows in the picture itself, in [0, H - 1] but for rounding, [I, J].
         x: Columns, likewise.
 
