@@ -104,7 +104,7 @@ def spectrum(image: NDArray, axis: int) -> Spectrum | None:
     even = np.minimum(steps / usual, 3)
     even = (even - even.mean(axis=1, keepdims=True)) * np.hanning(steps.shape[1]).astype(np.float32)
     size = 1 << (2 * steps.shape[1] - 1).bit_length()
-    power = sum(np.abs(np.fft.rfft(row, size)) ** 2 for row in even)
+    power = np.sum([np.abs(np.fft.rfft(row, size)) ** 2 for row in even], axis=0)
     return Spectrum(np.log10(power / _usual(power, round(AROUND * size / steps.shape[1])) + 1e-3), strips.shape[1])
 
 

@@ -69,9 +69,9 @@ def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> NDArray[np
     """
     n_colours = _n_colours(views.shape[2])
     trust = (white.min(axis=2, keepdims=True) / DARK).clip(0, 1)
-    colours = views[:, :, :n_colours] / np.maximum(white, DARK / 10)
+    colours: NDArray[np.float32] = np.divide(views[:, :, :n_colours], np.maximum(white, DARK / 10), dtype=np.float32)
     weight = views[:, :, n_colours:] * trust if n_colours < views.shape[2] else trust
-    return np.concatenate([colours, weight], axis=2) if weight.min() < 1 else colours
+    return _joined(colours, weight) if weight.min() < 1 else colours
 
 
 def _n_colours(n_channels: int) -> int:
@@ -87,16 +87,18 @@ def _encoding(asked: str, path: Path) -> Encoding:
 def _light(image: NDArray, encoding: Encoding) -> NDArray[np.float32]:
     """Linear light, and the weight as it is, [H, W, C]."""
     n_colours = _n_colours(image.shape[2])
-    light = images.decoded(image[..., :n_colours], encoding)
-    return (
-        np.concatenate([light, images.to_float(image[..., n_colours:])], axis=2) if image.shape[2] % 2 == 0 else light
-    )
+    return _joined(images.decoded(image[..., :n_colours], encoding), images.to_float(image[..., n_colours:]))
 
 
 def _recoded(views: NDArray[np.float32], encoding: Encoding) -> NDArray[np.float32]:
     """Views whose colours stand for light as those of the file do, [V, U, C, H, W]."""
     n_colours = _n_colours(views.shape[2])
-    return np.concatenate([images.encoded(views[:, :, :n_colours], encoding), views[:, :, n_colours:]], axis=2)
+    return _joined(images.encoded(views[:, :, :n_colours], encoding), views[:, :, n_colours:])
+
+
+def _joined(colours: NDArray, weight: NDArray) -> NDArray[np.float32]:
+    """Colours and a weight, which may have no channel, as float32; channels are the third axis."""
+    return np.concatenate([colours, weight], axis=2, dtype=np.float32)
 
 
 def _white(selection: grid.Selection, image: NDArray, image_path: Path) -> NDArray[np.float32]:
@@ -113,7 +115,7 @@ def _white(selection: grid.Selection, image: NDArray, image_path: Path) -> NDArr
     level = np.percentile(light.reshape(-1, light.shape[2])[:: max(1, light.size // 10**6)], BRIGHT, axis=0)
     if not (level > 0).all():
         raise FileError(f"{path} must be a white image", got="a black one", remedy="set reader.white to a brighter one")
-    return light / level.astype(np.float32)
+    return np.divide(light, level, dtype=np.float32)
 
 
 def _lattice(said: Lenslets, white: NDArray | None) -> Lattice:

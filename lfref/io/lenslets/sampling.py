@@ -7,7 +7,9 @@ a cubic is read (Keys, "Cubic convolution interpolation for digital image proces
 import math
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch.nn.functional import embedding_bag
 
 from lfref.io.lenslets.lattice import Lattice
 
@@ -68,15 +70,18 @@ def between(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.f
         Samples, [I, J, C].
     """
     (top, down), (left, right) = _split(y, padded.shape[0] - 4), _split(x, padded.shape[1] - 4)
-    channels = padded.shape[2]
-    # A run of neighbours in one piece: 4 copies a sample instead of 16.
-    runs = np.lib.stride_tricks.sliding_window_view(padded.reshape(len(padded), -1), TAPS * channels, axis=1)
-    along, across = taps(right), taps(down)
-    samples = np.zeros((*y.shape, channels), np.float32)
-    for k in range(TAPS):
-        row = runs[top + k, left * channels].reshape(*y.shape, TAPS, channels)
-        samples += across[k, ..., None] * np.einsum("tij,ijtc->ijc", along, row)
-    return samples
+    width = padded.shape[1]
+    nearby = np.add.outer(np.arange(TAPS) * width, np.arange(TAPS)).ravel()
+    pixels = np.add.outer((top * width + left).ravel(), nearby)
+    weights = (taps(right) * taps(down)[:, None]).reshape(TAPS * TAPS, -1).T
+    # PyTorch's name for weighted sums of a few rows of a table: the pixels, 16 a sample.
+    samples = embedding_bag(
+        torch.from_numpy(pixels),
+        torch.from_numpy(padded.reshape(-1, padded.shape[2])),
+        mode="sum",
+        per_sample_weights=torch.from_numpy(np.ascontiguousarray(weights)),
+    )
+    return samples.numpy().reshape(*y.shape, padded.shape[2])
 
 
 def _split(positions: NDArray, length: int) -> tuple[NDArray[np.intp], NDArray]:
