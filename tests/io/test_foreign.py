@@ -15,11 +15,11 @@ def test_a_raw_container_names_the_tools_that_unpack_it(tmp_path, suffix, one_li
     one_line(caught.value, path, "raw container of a Lytro camera", "plenopticam", "viewpoints_*", "__Decoded.mat")
 
 
-@pytest.mark.parametrize("head", [b"PK\x03\x04rest", b"\x1f\x8brest", b"Rar!\x1a\x07rest"])
+@pytest.mark.parametrize("head", [b"7z\xbc\xaf\x27\x1crest", b"\x1f\x8brest", b"Rar!\x1a\x07rest"])
 def test_an_archive_is_to_be_unpacked(tmp_path, head, one_line):
-    (tmp_path / "a.zip").write_bytes(head)
+    (tmp_path / "a.rar").write_bytes(head)
     with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.zip")
+        read.read(tmp_path / "a.rar")
     one_line(caught.value, "a compressed archive", "unpack it")
 
 

@@ -7,6 +7,7 @@ Letters: `y x` pixel row and column, `f` frequency (y, x) of a wave in cycles a 
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,19 +44,29 @@ def lattice_of(white: NDArray, path: Path) -> Lattice:
         path: Its file, for messages.
 
     Returns:
-        The lattice; its lenslet (0, 0) is the first in the image.
+        The lattice, counted from the lenslet in the middle of the image.
 
     Raises:
         FileError: No lattice is seen in it, or one whose rows stand upright.
     """
-    rough = strongest_waves(white)
-    if rough is None or (waves := _by_phases(white, rough)) is None:
+    found = seen(white)
+    if found is None:
         raise FileError(f"{path} must show lenslets in a regular lattice", got="none", remedy=REMEDY)
-    found = _lattice(*waves)
     if found.is_hexagonal and abs(found.rotation) > 15:
         got, remedy = f"rows turned by {found.rotation:.1f} degrees", "turn both images by 90 degrees"
         raise FileError(f"hexagonal lenslets of {path} must stand in level rows", got=got, remedy=remedy)
-    return _first(found, white.shape)
+    return found
+
+
+def seen(image: NDArray) -> Lattice | None:
+    """The lattice of lenslets that an image shows, counted from the one in its middle, or None if it shows none.
+
+    Args:
+        image: Of white, or of a scene if its lenslets are dark at their borders; floating point, [H, W].
+    """
+    rough = strongest_waves(image)
+    waves = None if rough is None else _by_phases(image, rough)
+    return None if waves is None else _from_middle(_lattice(*waves), image.shape)
 
 
 def strongest_waves(white: NDArray) -> NDArray | None:
@@ -203,10 +214,15 @@ def _pair(values: NDArray) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _first(lattice: Lattice, size: tuple[int, int]) -> Lattice:
-    """The same lattice, counted from the lenslet in the picture that is nearest to its top left corner."""
-    i, j = (np.array(numbers) for numbers in lattice.candidates(size))
+def _from_middle(lattice: Lattice, size: tuple[int, ...]) -> Lattice:
+    """The same lattice, counted from the lenslet that is nearest to the middle of an image.
+
+    What is said of it otherwise, such as a rounded pitch, then does least harm.
+    """
+    i, j = (np.array(numbers) for numbers in lattice.candidates((size[0], size[1])))
     y, x = lattice.centres(i[:, None], j[None, :])
-    far = np.where((y >= -0.5) & (x >= -0.5), np.hypot(y, x), math.inf)
+    if lattice.is_hexagonal:
+        y, x = y[i % 2 == 0], x[i % 2 == 0]
+    far = np.hypot(y - (size[0] - 1) / 2, x - (size[1] - 1) / 2)
     row, column = np.unravel_index(int(far.argmin()), far.shape)
-    return Lattice((float(y[row, column]), float(x[row, column])), lattice.rows, lattice.columns, lattice.is_hexagonal)
+    return replace(lattice, origin=(float(y[row, column]), float(x[row, column])))

@@ -14,13 +14,16 @@ from lfref.encoding import Encoding
 from lfref.errors import FileError
 from lfref.io import grid, headers, images
 from lfref.io.lenslets import finding, sampling
-from lfref.io.lenslets.lattice import Lattice
+from lfref.io.lenslets.lattice import Lattice, Pair
 from lfref.io.lenslets.options import Lenslets
 
 BRIGHT = 99.0
 """Percentile of a white image that counts as white."""
 DARK = 0.25
 """Share of white below which a sample is trusted less: what is divided by it multiplies the noise."""
+
+AGREE = 0.01
+"""How far, relatively, a pitch that is said may be from the one that an image of a scene shows."""
 
 
 def read_views(path: Path, selection: grid.Selection, usual: tuple[int, int]) -> NDArray[np.float32]:
@@ -44,11 +47,12 @@ def read_views(path: Path, selection: grid.Selection, usual: tuple[int, int]) ->
     image = images.read_image(path)
     encoding = _encoding(selection.encoding, path)
     white = None if selection.lenslets.white is None else _white(selection, image, path)
-    lattice = _lattice(selection.lenslets, white)
+    light = _light(image, encoding)
+    lattice = _lattice(selection.lenslets, light, white)
     angular = sampling.n_views(lattice.pitch[0]), sampling.n_views(lattice.pitch[1])
     kept = selection.views or (min(usual[0], angular[0]), min(usual[1], angular[1]))
     window = replace(selection, views=kept).window(angular, path)
-    views = sampling.read_views(_light(image, encoding), lattice, angular, window)
+    views = sampling.read_views(light, lattice, angular, window)
     if not views.size:
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "check reader.pitch and reader.offset"
         raise FileError(f"{path} must hold whole lenslets of {lattice.pitch[1]:.4g} pixels", got=got, remedy=remedy)
@@ -118,8 +122,25 @@ def _white(selection: grid.Selection, image: NDArray, image_path: Path) -> NDArr
     return np.divide(light, level, dtype=np.float32)
 
 
-def _lattice(said: Lenslets, white: NDArray | None) -> Lattice:
-    """Where the lenslets stand, by what is said and what a white image shows."""
-    if white is None or said.white is None or None not in (said.pitch, said.offset):
+def _lattice(said: Lenslets, image: NDArray, white: NDArray | None) -> Lattice:
+    """Where the lenslets stand, by what is said, and what a white image shows, or else the image itself."""
+    if None not in (said.pitch, said.offset):
         return said.described()
-    return said.over(finding.lattice_of(white.mean(axis=2), said.white))
+    if white is not None and said.white is not None:
+        return said.over(finding.lattice_of(white.mean(axis=2), said.white))
+    return said.described() if said.pitch is None or _are_whole(said.pitch) else _by_itself(said, image)
+
+
+def _are_whole(pitch: Pair) -> bool:
+    """Whether lenslets of a pitch are cut along pixels, as files are whose lenslets begin in the corner."""
+    return all(float(length).is_integer() for length in pitch)
+
+
+def _by_itself(said: Lenslets, image: NDArray) -> Lattice:
+    """The lattice that is said, and of what is not said, what lenslets that are dark at their borders show."""
+    found = finding.seen(image[..., : _n_colours(image.shape[2])].mean(axis=2))
+    described = said.described()
+    if found is None or found.is_hexagonal != described.is_hexagonal:
+        return described
+    agree = all(abs(a / b - 1) < AGREE for a, b in zip(found.pitch, described.pitch, strict=True))
+    return said.over(found) if agree else described

@@ -6,7 +6,7 @@ import torch
 
 from lfref.errors import FileError, InputError
 from lfref.io import images, read
-from lfref.io.lenslets import reading
+from lfref.io.lenslets import finding, reading
 from tests.io.lenslets.drawing import lenslet_image, made, scene, white_image
 
 SIZE = 300, 330
@@ -27,6 +27,18 @@ def camera(tmp_path):
     return make
 
 
+def first_place(truth, used):
+    """Where the first pixel of the views stands in the scene, in distances of rows."""
+    rows, columns = used.within(SIZE, (6, 6))
+    at = (
+        np.array(used.origin)
+        + rows[0] * np.array(used.rows)
+        + (columns[0] + used.is_hexagonal / 2) * np.array(used.columns)
+    )
+    steps = np.array(truth.steps())
+    return steps @ (at - truth.origin) / truth.pitch[0]
+
+
 def true_views(shape, place, v0, u0):
     """The scene where the first lenslet stands at a place (y, x) in distances of rows."""
     y, x = place[0] + np.arange(shape[3]), place[1] + np.arange(shape[4])
@@ -40,10 +52,9 @@ def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
     field = read.read(tmp_path / "a.png", white=tmp_path / "white.png", encoding="linear")
     assert field.grid == (7, 7)
     assert field.weight is None
-    rows, columns = lattice.within(SIZE, (6, 6))
-    ratio = lattice.pitch[1] / lattice.pitch[0]
-    expected = true_views(field.views.shape, (rows[0], ratio * (columns[0] + 0.5 * is_hexagonal)), 3, 3)
-    level = np.percentile(white_image(lattice, SIZE, width=0.5), 99)
+    white = white_image(lattice, SIZE, width=0.5)
+    expected = true_views(field.views.shape, first_place(lattice, finding.lattice_of(white, tmp_path)), 3, 3)
+    level = np.percentile(white, 99)
     error = field.views[:, :, 0].numpy() / level - expected
     assert abs(error).max() < (8e-3 if is_hexagonal else 2e-3)
 
@@ -137,3 +148,19 @@ def test_a_missing_white_image_is_named(camera, tmp_path, one_line):
     with pytest.raises(FileError) as caught:
         read.read(tmp_path / "a.png", white=tmp_path / "absent.png")
     one_line(caught.value, "absent.png")
+
+
+def test_a_fractional_pitch_is_enough_where_lenslets_are_dark_at_their_borders(camera, tmp_path):
+    camera()
+    means = read.read(tmp_path / "a.png", pitch=14.28, encoding="linear").views.mean(dim=(2, 3, 4))
+    assert float((means - means.flip(0, 1)).abs().max()) < 0.07
+    corner = [6.645, 6.645]
+    beside = read.read(tmp_path / "a.png", pitch=14.29, offset=corner, encoding="linear").views.mean(dim=(2, 3, 4))
+    assert float((beside - beside.flip(0, 1)).abs().max()) > 0.1
+
+
+def test_lenslets_that_do_not_show_begin_in_the_corner(tmp_path):
+    images.write_image(tmp_path / "a.png", np.random.default_rng(0).random((*SIZE, 1)), bits=16)
+    unsaid = read.read(tmp_path / "a.png", pitch=14.29)
+    said = read.read(tmp_path / "a.png", pitch=14.29, offset=[6.645, 6.645])
+    torch.testing.assert_close(unsaid.views, said.views, rtol=0, atol=0)
