@@ -136,7 +136,7 @@ def check(image: NDArray, pitch: int, path: Path) -> None:
         FileError: Along both axes it repeats at another pitch, or at none.
     """
     known = [each for each in (spectrum(image, axis) for axis in (0, 1)) if each is not None]
-    if len(known) < 2 or any(_agrees(each, pitch) for each in known):
+    if len(known) < 2 or pitch < SHORTEST or any(_agrees(each, pitch) for each in known):
         return
     rows, columns = (each.pitch() for each in known)
     expected = f"{path} must hold aligned lenslets of {pitch} pixels"

@@ -82,6 +82,11 @@ def test_what_is_flat_or_small_is_not_judged(image):
     period.check(image, 14, PATH)
 
 
+@pytest.mark.parametrize("pitch", [1, 2])
+def test_lenslets_of_a_pixel_or_two_are_not_judged(pitch):
+    period.check(photograph((300, 400)), pitch, PATH)
+
+
 def test_the_real_capture_as_a_lenslet_image(lytro, one_line):
     views = read.read(lytro).views.numpy()[:, :, :, :200, :250]
     image = views.transpose(3, 0, 4, 1, 2).reshape(200 * 9, 250 * 9, 3)
