@@ -4,6 +4,7 @@ A folder is read as sub-aperture views, a PNG or TIFF file as an ESLF image, an 
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -13,6 +14,7 @@ from torch import Tensor
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import exr, formats, grid, images
+from lfref.io.lenslets import options as described
 from lfref.lightfield import LightField
 
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
@@ -27,6 +29,11 @@ def read(
     reverse_u: bool = False,
     pattern: str | None = None,
     lenslet: int = 14,
+    pitch: float | Sequence[float] | None = None,
+    offset: Sequence[float] | None = None,
+    rotation: float | None = None,
+    lattice: str | None = None,
+    white: str | Path | None = None,
     size: tuple[int, int] | None = None,
 ) -> LightField:
     """Read a light field: an ESLF image, a folder of views, or a multi-part EXR file.
@@ -40,7 +47,13 @@ def read(
         reverse_u: Whether the columns of views run to the left in the file.
         pattern: Regular expression for the file names of a folder, with the named groups `row` and `column`, or
             `index` for a square grid in row-major order; None knows HCI, Stanford gantry and `NAME_RR_CC`.
-        lenslet: Views along each axis of an ESLF image.
+        lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
+        pitch: Of lenslets that are not aligned: pixels between neighbours, also a fraction, or [rows, columns].
+        offset: Their centre [y, x] of any lenslet, from the middle of the first pixel; None: what dark borders of
+            lenslets show, else half a pitch from the corner.
+        rotation: Degrees by which their rows are turned, above 0 where they fall to the right.
+        lattice: `square` or `hexagonal` (every other row half a pitch further); None: square, or what `white` shows.
+        white: A white image of the camera: it shows the lenslets, and what is divided by it is bright throughout.
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
 
     Returns:
@@ -59,7 +72,9 @@ def read(
     """
     path = Path(path)
     form = formats.of(path)
-    selection = grid.Selection((views, views) if isinstance(views, int) else views, start, pattern, lenslet)
+    lenslets = described.parsed(pitch, offset, rotation, lattice, white)
+    wanted = (views, views) if isinstance(views, int) else views
+    selection = grid.Selection(wanted, start, pattern, lenslet, lenslets=lenslets)
     samples = _cut(form.read_views(path, selection), size, path)
     samples = samples[:: -1 if reverse_v else 1, :: -1 if reverse_u else 1]
     metadata = {"path": str(path), "format": form.name, "bits": BITS[samples.dtype.name]}
