@@ -1,6 +1,7 @@
 """ESLF images of a lenslet camera: one PNG or TIFF whose every 14x14 block of pixels is one lenslet.
 
 View (v, u) of lenslet (y, x) is pixel (14 y + v, 14 x + u). A lenslet has no central view, since 14 is even.
+Images whose lenslets are not aligned with the pixels are read by `lenslets`, where options say how they stand.
 Source: the Stanford Lytro light field archive, and Srinivasan et al. 2017 for the window of 7x7 views from 4.
 """
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from lfref.errors import FileError, InputError
 from lfref.io import grid, images
 from lfref.io import views as folders
+from lfref.io.lenslets import period, reading
 
 DEFAULT_VIEWS = (7, 7)
 """Views to keep where nothing is asked for: the outer ones are dark and vignetted."""
@@ -43,22 +45,27 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
 
     Args:
         path: The file.
-        selection: Views to keep (None: 7x7) and size of a lenslet.
+        selection: Views to keep (None: 7x7), size of a lenslet, and how lenslets stand that are not aligned.
 
     Returns:
-        Samples in the file's own type, alpha as the last channel, [V, U, C, H, W].
+        Samples in the file's own type (float32 of lenslets that are not aligned), alpha as the last channel,
+        [V, U, C, H, W].
 
     Raises:
-        FileError: The file cannot be read, is one view of many, or is smaller than one lenslet.
+        FileError: The file cannot be read, is one view of many, is smaller than one lenslet, or has lenslets of another
+            size or none.
         InputError: The window of views leaves the lenslet.
     """
     if folders.is_view(path):
         got, remedy = "one view of a folder of views", f"read {path.parent}"
         raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
+    if not selection.lenslets.are_aligned:
+        return reading.read_views(path, selection, DEFAULT_VIEWS)
     views = selection.views or DEFAULT_VIEWS
     rows, columns = replace(selection, views=views).window((selection.lenslet, selection.lenslet), path)
     image = images.read_image(path)
     if min(image.shape[:2]) < selection.lenslet:
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
         raise FileError(f"{path} must hold lenslets of {selection.lenslet}x{selection.lenslet}", got=got, remedy=remedy)
+    period.check(image, selection.lenslet, path)
     return unpack(image, selection.lenslet)[rows, columns]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from lfref import encoding
 from lfref.io import images
 from lfref.lightfield import LightField
 
@@ -50,7 +51,7 @@ def numbered_views() -> Callable[[torch.Tensor], list[list[int]]]:
     """Which views, as 10 row + column, a field made by `view_folder` holds."""
 
     def numbers(views: torch.Tensor) -> list[list[int]]:
-        return (views[:, :, 0, 0, 0] * 255).round().int().tolist()
+        return (encoding.SRGB.encode(views[:, :, 0, 0, 0]) * 255).round().int().tolist()
 
     return numbers
 

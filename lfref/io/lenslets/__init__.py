@@ -1,0 +1,1 @@
+"""Images of a sensor behind a lattice of lenslets, turned into views."""

@@ -1,0 +1,166 @@
+"""From files of a lenslet camera to views."""
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.errors import FileError, InputError
+from lfref.io import images, read
+from lfref.io.lenslets import finding, reading
+from tests.io.lenslets.drawing import lenslet_image, made, scene, white_image
+
+SIZE = 300, 330
+
+
+@pytest.fixture
+def camera(tmp_path):
+    """Writes the scene and white behind such lenslets as 16-bit samples of a sensor; their lattice."""
+
+    def make(width=0.5, **options):
+        lattice = made(**options)
+        white = white_image(lattice, SIZE, width)
+        images.write_image(tmp_path / "white.png", (white * 65535).astype(np.uint16)[..., None])
+        sensor = lenslet_image(lattice, SIZE) * white
+        images.write_image(tmp_path / "a.png", (sensor * 65535).astype(np.uint16)[..., None])
+        return lattice
+
+    return make
+
+
+def first_place(truth, used):
+    """Where the first pixel of the views stands in the scene, in distances of rows."""
+    rows, columns = used.within(SIZE, (6, 6))
+    at = (
+        np.array(used.origin)
+        + rows[0] * np.array(used.rows)
+        + (columns[0] + used.is_hexagonal / 2) * np.array(used.columns)
+    )
+    steps = np.array(truth.steps())
+    return steps @ (at - truth.origin) / truth.pitch[0]
+
+
+def true_views(shape, place, v0, u0):
+    """The scene where the first lenslet stands at a place (y, x) in distances of rows."""
+    y, x = place[0] + np.arange(shape[3]), place[1] + np.arange(shape[4])
+    v, u = np.arange(shape[0]) - v0, np.arange(shape[1]) - u0
+    return scene(y[:, None], x, v[:, None, None, None], u[:, None, None])
+
+
+@pytest.mark.parametrize("is_hexagonal", [False, True])
+def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
+    lattice = camera(is_hexagonal=is_hexagonal)
+    field = read.read(tmp_path / "a.png", white=tmp_path / "white.png", encoding="linear")
+    assert field.grid == (7, 7)
+    assert field.weight is None
+    white = white_image(lattice, SIZE, width=0.5)
+    expected = true_views(field.views.shape, first_place(lattice, finding.lattice_of(white, tmp_path)), 3, 3)
+    level = np.percentile(white, 99)
+    error = field.views[:, :, 0].numpy() / level - expected
+    assert abs(error).max() < (8e-3 if is_hexagonal else 2e-3)
+
+
+def test_the_same_views_come_from_options(camera, tmp_path):
+    lattice = camera()
+    found = read.read(tmp_path / "a.png", white=tmp_path / "white.png", encoding="linear")
+    said = read.read(
+        tmp_path / "a.png",
+        pitch=lattice.pitch[1],
+        offset=lattice.origin,
+        rotation=0.3,
+        white=tmp_path / "white.png",
+        encoding="linear",
+    )
+    torch.testing.assert_close(found.views, said.views, rtol=0, atol=1e-3)
+    dark = read.read(tmp_path / "a.png", pitch=14.29, offset=lattice.origin, rotation=0.3, encoding="linear")
+    assert float(dark.views[0, 0].mean()) < 0.9 * float(said.views[0, 0].mean())
+    assert float(dark.views[3, 3].mean()) == pytest.approx(float(said.views[3, 3].mean()), rel=0.2)
+
+
+def test_encoded_samples_are_decoded_before_anything_is_mixed_or_divided(camera, tmp_path):
+    camera()
+    linear = read.read(tmp_path / "a.png", white=tmp_path / "white.png", encoding="linear")
+    for name in ("a", "white"):
+        light = images.to_float(images.read_image(tmp_path / f"{name}.png"))
+        images.write_image(tmp_path / f"{name}2.png", (light ** (1 / 2.2) * 65535).round().astype(np.uint16))
+    encoded = read.read(tmp_path / "a2.png", white=tmp_path / "white2.png", encoding="gamma:2.2")
+    torch.testing.assert_close(encoded.views, linear.views, rtol=0, atol=2e-3)
+
+
+def test_dark_samples_are_trusted_less():
+    views, white = np.full((1, 1, 1, 2, 3), 0.2, np.float32), np.ones((1, 1, 1, 2, 3), np.float32)
+    np.testing.assert_array_equal(reading.evened(views, white), views)
+    white[..., 0, :] = 0.5, 0.1, 0
+    even = reading.evened(views, white)
+    np.testing.assert_allclose(even[0, 0, 0, 0], [0.4, 2, 8])
+    np.testing.assert_allclose(even[0, 0, 1, 0], [1, 0.4, 0])
+    np.testing.assert_allclose(even[0, 0, :, 1], [[0.2] * 3, [1] * 3])
+
+
+def test_a_weight_of_the_file_is_kept_and_not_divided():
+    views = np.stack([np.full((1, 1, 2, 2), 0.25), np.full((1, 1, 2, 2), 0.5)], axis=2).astype(np.float32)
+    even = reading.evened(views, np.full((1, 1, 1, 2, 2), 0.5, np.float32))
+    np.testing.assert_allclose(even[:, :, 0], 0.5)
+    np.testing.assert_allclose(even[:, :, 1], 0.5)
+
+
+def test_alpha_becomes_the_weight_and_colours_stay_apart(tmp_path):
+    lattice = made()
+    grey = lenslet_image(lattice, SIZE)
+    image = np.stack([grey, 0.5 * grey, np.full(SIZE, 0.3), np.full(SIZE, 0.75)], axis=-1)
+    images.write_image(tmp_path / "a.png", image, bits=16)
+    field = read.read(tmp_path / "a.png", pitch=14.29, offset=lattice.origin, rotation=0.3, encoding="linear")
+    torch.testing.assert_close(field.views[:, :, 1], 0.5 * field.views[:, :, 0], rtol=0, atol=1e-4)
+    torch.testing.assert_close(field.views[:, :, 2], torch.full_like(field.views[:, :, 2], 0.3), rtol=0, atol=1e-4)
+    torch.testing.assert_close(field.weight, torch.full_like(field.weight, 0.75), rtol=0, atol=1e-4)
+
+
+def test_views_and_start_choose_among_those_of_a_lenslet(camera, tmp_path):
+    camera()
+    options = {"white": tmp_path / "white.png", "encoding": "linear"}
+    all_views = read.read(tmp_path / "a.png", views=13, **options)
+    assert all_views.grid == (13, 13)
+    some = read.read(tmp_path / "a.png", views=(3, 2), start=1, **options)
+    torch.testing.assert_close(some.views, all_views.views[1:4, 1:3], rtol=0, atol=1e-6)
+    with pytest.raises(InputError, match="among the 13"):
+        read.read(tmp_path / "a.png", views=14, **options)
+
+
+@pytest.mark.parametrize(
+    "white", [np.zeros((*SIZE, 1)), np.ones((20, 30, 1)), np.ones((*SIZE, 3)), np.ones((*SIZE, 1))]
+)
+def test_a_white_image_that_does_not_fit_is_refused_in_one_line(camera, tmp_path, white, one_line):
+    camera()
+    images.write_image(tmp_path / "other.png", white)
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.png", white=tmp_path / "other.png")
+    one_line(caught.value, tmp_path / "other.png", "reader.white")
+
+
+def test_a_pitch_larger_than_the_image_is_refused(camera, tmp_path, one_line):
+    camera()
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.png", pitch=400.5)
+    one_line(caught.value, tmp_path / "a.png", "reader.pitch")
+
+
+def test_a_missing_white_image_is_named(camera, tmp_path, one_line):
+    camera()
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.png", white=tmp_path / "absent.png")
+    one_line(caught.value, "absent.png")
+
+
+def test_a_fractional_pitch_is_enough_where_lenslets_are_dark_at_their_borders(camera, tmp_path):
+    camera(width=0.34, offset=(1.0, 12.0))
+    means = read.read(tmp_path / "a.png", pitch=14.28, encoding="linear").views.mean(dim=(2, 3, 4))
+    assert float((means - means.flip(0, 1)).abs().max()) < 0.07
+    corner = [6.645, 6.645]
+    beside = read.read(tmp_path / "a.png", pitch=14.29, offset=corner, encoding="linear").views.mean(dim=(2, 3, 4))
+    assert float((beside - beside.flip(0, 1)).abs().max()) > 0.1
+
+
+def test_lenslets_that_do_not_show_begin_in_the_corner(tmp_path):
+    images.write_image(tmp_path / "a.png", np.random.default_rng(0).random((*SIZE, 1)), bits=16)
+    unsaid = read.read(tmp_path / "a.png", pitch=14.29)
+    said = read.read(tmp_path / "a.png", pitch=14.29, offset=[6.645, 6.645])
+    torch.testing.assert_close(unsaid.views, said.views, rtol=0, atol=0)
