@@ -53,7 +53,9 @@ def _planes(folder: Path, refocused: Refocused) -> None:
 
 
 def _sheet(folder: Path, refocused: Refocused) -> None:
-    sheet = pictures.contact_sheet(refocused.stack, refocused.planes.titles, refocused.gain, encoding=refocused.field.picture_encoding)
+    sheet = pictures.contact_sheet(
+        refocused.stack, refocused.planes.titles, refocused.gain, encoding=refocused.field.picture_encoding
+    )
     drawing.save_figure(sheet, folder / "contact_sheet.png")
 
 
