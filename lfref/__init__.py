@@ -33,6 +33,7 @@ _HOMES = {
     "all_in_focus": "lfref.refocus.focus.all_in_focus",
     "extended_focus": "lfref.refocus.focus.extended_focus",
     "disparity_map": "lfref.refocus.focus.disparity",
+    "correct": "lfref.captures.correct",
     "adjoint": "lfref.refocus.adjoint",
     "OperatorRefocuser": "lfref.refocuser.operators",
     "simulate": "lfref.simulator.simulate",

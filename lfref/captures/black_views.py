@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.captures.correction import Correction
 from lfref.captures.evidence import Evidence
 from lfref.lightfield import LightField
 
@@ -137,3 +138,6 @@ def _side(length: int, turn: int) -> slice:
 
 def _turned(boxes: Tensor, rows: int, columns: int) -> Tensor:
     return boxes.flip([axis for axis, turn in ((-2, rows), (-1, columns)) if turn < 0])
+
+
+BLACK_VIEWS = Correction(BlackViews, "views that are lit, to compare with", find)

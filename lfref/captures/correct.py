@@ -90,7 +90,7 @@ def correct(
         FileError: The profile cannot be read.
 
     Example:
-        >>> field = lfref.simulate("plane").field
+        >>> field = lfref.LightField(lfref.simulate("plane", outputs=("views",)).views)
         >>> corrected, found = lfref.correct(field)
         >>> corrected is field, found.active
         (True, ())
@@ -101,11 +101,20 @@ def correct(
     if white is not None and (white.grid, white.size) != (field.grid, field.size):
         expected = f"the white picture must be {_shape_told(field.grid, field.size)} as {field.name or 'the field'}"
         raise InputError(expected, got=_shape_told(white.grid, white.size), remedy="read both alike")
-    evidence, findings = Evidence(field, white), []
+    return looked(Evidence(field, white))
+
+
+def looked(evidence: Evidence) -> tuple[LightField, Corrections]:
+    """As `correct`, of a light field at which somebody has looked already.
+
+    Args:
+        evidence: What is known of it.
+    """
+    field, findings = evidence.field, list[Finding]()
     for correction in CORRECTIONS:
         findings.append(finding := correction.find(evidence))
         if finding.inert() is None:
-            evidence = Evidence(finding.corrected(evidence.field), white)
+            evidence = Evidence(finding.corrected(evidence.field), evidence.white)
     return evidence.field, Corrections(field.grid, field.size, tuple(findings))
 
 

@@ -36,8 +36,7 @@ class Evidence:
     @cached_property
     def reduced(self) -> ReducedViews:
         """Views on a cross through the centre, grey and small, smooth differences in brightness taken out."""
-        positions = getattr(self.field, "positions", None)
-        return reduced_views.reduced(self.field.views, self.field.weight, positions)
+        return reduced_views.reduced(self.field.views, self.field.weight, self.field.positions)
 
     @cached_property
     def glance(self) -> Glance:

@@ -10,6 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from lfref.captures.auto_planes import AutoPlanes
+from lfref.captures.correct import looked
 from lfref.captures.correction import Finding
 from lfref.captures.evidence import Evidence
 from lfref.errors import InputError
@@ -161,7 +162,7 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         float(well_seen.float().mean()),
         view_axes.seems_reversed(evidence.reduced),
         _middle_light(evidence),
-        (),
+        looked(evidence)[1].findings,
     )
 
 

@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli import inputs, several
+from lfref.cli import corrected, inputs, several
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.planes import Planes, planes_of
 from lfref.geometry import FocalPlanes
@@ -32,13 +32,15 @@ def refocus(config: DictConfig, folder: Path) -> None:
     also = [name for name in results.ASKED if config[name]]
     given = paths(configs.plain(config.input))
     captures = several.found(given, config.reader.pattern)
+    white = corrected.white_of(config, refocuser)
 
     def one(name: str, path: Path) -> None:
-        field = _prepared(path, config, refocuser)
+        field, corrections = corrected.prepared(_read(path, config, refocuser), config, white)
         planes = planes_of(asked, field)
         stack = _stack(refocuser, field, planes, device)
         place = folder if several.is_alone(path, given) else folder / name
         results.write_results(place, Refocused(field, stack, planes, _gain(field, exposure), files), also)
+        corrected.write(place, corrections)
         log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), place)
 
     several.each(captures, one, "refocusing")
@@ -68,8 +70,8 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     return network, planes
 
 
-def _prepared(path: Path, config: DictConfig, refocuser: Refocuser) -> LightField:
-    """The light field as it will be refocused."""
+def _read(path: Path, config: DictConfig, refocuser: Refocuser) -> LightField:
+    """The light field as it lies on the disk."""
     field = inputs.read(path, config, [refocuser])
     if view_order.seems_reversed(field.views):
         log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
