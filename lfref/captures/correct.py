@@ -15,12 +15,14 @@ from lfref.errors import FileError, InputError
 from lfref.io import tensors
 from lfref.lightfield import LightField
 
+SMALLEST = 32
+"""Pixels along the shorter side of views in which defects are looked for."""
 FORMAT = "lfref corrections 1"
 
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """What was found in a light field, in the order in which it was corrected."""
+    """What was found in a light field, in the order in which it was corrected; nothing where it shows too little."""
 
     grid: tuple[int, int]
     """View rows and columns of the light field."""
@@ -90,9 +92,9 @@ def correct(
         FileError: The profile cannot be read.
 
     Example:
-        >>> field = lfref.LightField(lfref.simulate("plane", outputs=("views",)).views)
-        >>> corrected, found = lfref.correct(field)
-        >>> corrected is field, found.active
+        >>> field = lfref.LightField(torch.full((5, 5, 3, 64, 80), 0.5))
+        >>> mended, found = lfref.correct(field)
+        >>> mended is field, found.active
         (True, ())
     """
     if profile is not None:
@@ -111,11 +113,18 @@ def looked(evidence: Evidence) -> tuple[LightField, Corrections]:
         evidence: What is known of it.
     """
     field, findings = evidence.field, list[Finding]()
+    if not _shows_enough(field):
+        return field, Corrections(field.grid, field.size, ())
     for correction in CORRECTIONS:
         findings.append(finding := correction.find(evidence))
         if finding.inert() is None:
             evidence = Evidence(finding.corrected(evidence.field), evidence.white)
     return evidence.field, Corrections(field.grid, field.size, tuple(findings))
+
+
+def _shows_enough(field: LightField) -> bool:
+    """Whether there is enough in a light field to tell defects from what it shows."""
+    return min(field.size) >= SMALLEST and field.grid != (1, 1) and bool(field.views.isfinite().all())
 
 
 def load(path: str | Path) -> Corrections:

@@ -21,6 +21,7 @@ import numpy as np
 import torch
 
 from lfref.data import hashes
+from lfref.encoding import LINEAR, Encoding, parsed
 from lfref.errors import InputError
 from lfref.io import atomic, explain, images
 from lfref.io import read as reader
@@ -28,8 +29,8 @@ from lfref.lightfield import LightField
 
 log = logging.getLogger(__name__)
 
-SUFFIXES = {False: ".npy", True: ".weighted.npy"}
-"""Whether the last channel is the weight -> suffix of the entry."""
+WEIGHTED = ".weighted"
+"""At the end of an entry's name: the last channel is the weight."""
 
 STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
 CHECKSUM = 4
@@ -48,6 +49,8 @@ class CachedField:
     """Memory map, colour channels first and then the weight if there is one, [V, U, C or C + 1, H, W]."""
     has_weight: bool
     """The last channel is the weight."""
+    encoding: Encoding = LINEAR
+    """How the samples stand for light."""
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -64,10 +67,10 @@ class CachedField:
         if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
             raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
         cut = np.array(self.samples[..., top : top + height, left : left + width])
-        values = torch.from_numpy(images.to_float(cut))
-        if not self.has_weight:
-            return LightField(values, self.name)
-        return LightField(values[:, :, :-1].contiguous(), self.name, values[:, :, -1:].contiguous())
+        n_colours = cut.shape[2] - self.has_weight
+        views = torch.from_numpy(images.decoded(cut[:, :, :n_colours], self.encoding))
+        weight = torch.from_numpy(images.to_float(cut[:, :, n_colours:])) if self.has_weight else None
+        return LightField(views, self.name, weight, is_linear=self.encoding.is_known)
 
 
 def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
@@ -88,14 +91,13 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
     version = _reader_version(Path(reader.__file__))
     identity = json.dumps([hashes.content_hash(path, folder), dict(options), version], sort_keys=True, default=str)
     key = hashlib.sha256(identity.encode()).hexdigest()
-    entries = {has_weight: folder / f"{key}{suffix}" for has_weight, suffix in SUFFIXES.items()}
-    has_weight = entries[True].is_file()
-    if not _is_intact(entries[has_weight], path):
-        field = reader.read(path, **options)
-        has_weight = field.weight is not None
-        _store(field, entries[has_weight])
+    entry = next(iter(sorted(folder.glob(f"{key}.*npy"))), None)
+    if entry is None or not _is_intact(entry, path):
+        entry = _store(reader.read(path, **options), folder / key)
     name = path.absolute().name if path.is_dir() else path.stem
-    return CachedField(name, np.load(entries[has_weight], mmap_mode="r"), has_weight)
+    told = entry.name.removeprefix(f"{key}.").removesuffix(".npy")
+    coded = parsed(told.removesuffix(WEIGHTED).replace("_", ":"))
+    return CachedField(name, np.load(entry, mmap_mode="r"), told.endswith(WEIGHTED), coded)
 
 
 def _is_intact(entry: Path, path: Path) -> bool:
@@ -123,31 +125,41 @@ def _checksum(content: bytes | memoryview) -> bytes:
     return zlib.crc32(content).to_bytes(CHECKSUM, "little")
 
 
-def _store(field: LightField, entry: Path) -> None:
-    values = field.views if field.weight is None else torch.cat([field.views, field.weight], dim=2)
+def _store(field: LightField, stem: Path) -> Path:
+    """Write an entry KEY.ENCODING.npy; integers stay what they are in the file, whatever light they stand for."""
     dtype = STORED[field.metadata["bits"]]
-    samples = values.numpy()
+    coded = parsed(field.metadata["encoding"])
+    if dtype.kind == "f" and coded.is_known:
+        coded = LINEAR
+    samples = images.encoded(field.views.numpy(), coded)
+    if field.weight is not None:
+        samples = np.concatenate([samples, field.weight.numpy()], axis=2)
+    ending = WEIGHTED if field.weight is not None else ""
+    entry = stem.with_name(f"{stem.name}.{str(coded).replace(':', '_')}{ending}.npy")
     with atomic.replacing(entry) as temporary:
         np.save(temporary, np.rint(samples * np.iinfo(dtype).max).astype(dtype) if dtype.kind == "u" else samples)
         with temporary.open("r+b") as file:
             file.write(_checksum(file.read()))
+    return entry
 
 
 @functools.cache
 def _reader_version(start: Path) -> str:
     """Hash of the source of a module, and of what it reads through: a change of the reader is a change of the cache."""
     digest = hashlib.sha256()
-    for file in sorted(_sources(start, set())):
+    for file in sorted(_sources(start, set(), start.parent)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def _sources(file: Path, found: set[Path]) -> set[Path]:
-    """A module and all that it imports from its own package, added to those found before."""
+def _sources(file: Path, found: set[Path], room: Path) -> set[Path]:
+    """A module and all that it imports from the readers' folder and below, added to those found before."""
     if file.is_file() and file not in found and file.name not in ONLY_WRITE:
         found.add(file)
         for node in ast.walk(ast.parse(file.read_bytes())):
-            if isinstance(node, ast.ImportFrom) and node.module == reader.__package__:
+            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{reader.__package__}."):
+                below = room.joinpath(*f"{node.module}".removeprefix(f"{reader.__package__}").split(".")[1:])
                 for name in node.names:
-                    _sources(file.with_name(f"{name.name}.py"), found)
+                    _sources(below / f"{name.name}.py", found, room)
+                _sources(below.with_suffix(".py"), found, room)
     return found

@@ -92,7 +92,7 @@ def test_weights_of_samples_are_thinned_too(scene):
 
 def test_of_a_real_capture_too_ends_that_count_less_are_nearer_to_the_integral(lytro):
     slopes = torch.tensor([-5.0, -2.0, 0.0], dtype=torch.float64)
-    (subject,) = thinning.thinned([read(lytro)], 2, slopes)
+    (subject,) = thinning.thinned([read(lytro, encoding="linear")], 2, slopes)
     window = (..., slice(24, -24), slice(24, -24))
     cut, whole = (
         psnr(stack[window], subject.truth[window]) for stack in (subject.stack(SUM, slopes), SUM(subject.light, slopes))

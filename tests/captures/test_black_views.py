@@ -80,7 +80,7 @@ def test_fields_of_nothing_and_small_ones_are_left(views):
 
 
 def test_the_corners_of_a_real_capture_are_found(lytro):
-    field = read(lytro)
+    field = read(lytro, encoding="linear")
     found = black_views.find(evidence(field))
     assert found.views == ()
     assert 0.015 < float(found.corners.float().mean()) < 0.03

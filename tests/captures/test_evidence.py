@@ -25,7 +25,7 @@ def test_the_disparity_of_a_simulated_scene_is_found():
 
 
 def test_a_real_capture_is_believed_from_minus_one_and_a_half_to_one_half(lytro):
-    evidence = Evidence(read(lytro))
+    evidence = Evidence(read(lytro, encoding="linear"))
     assert evidence.reference == (4, 4)
     sure = evidence.disparity[evidence.confidence > 0.5]
     assert sure.numel() > 0.9 * evidence.disparity.numel()

@@ -71,7 +71,7 @@ def test_where_nothing_is_to_be_seen_that_is_told(views):
 
 
 def test_the_real_capture_goes_from_its_nose_to_the_wall(lytro):
-    seen = inspect(lfref.read(lytro))
+    seen = inspect(lfref.read(lytro, encoding="linear"))
     assert seen.slopes == pytest.approx((-1.36, 0.1), abs=0.15)
     assert not seen.is_reversed
     assert seen.share > 0.9

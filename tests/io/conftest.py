@@ -28,8 +28,9 @@ def make_field() -> Callable[..., LightField]:
         full = 2**bits - 1
         dtype = np.uint8 if bits == 8 else np.uint16
         stored = generator.integers(0, full + 1, (*grid, channels + weight, *size)).astype(dtype)
-        samples = torch.from_numpy(images.to_float(stored))
-        return LightField(samples[:, :, :channels], weight=samples[:, :, channels:] if weight else None)
+        light = torch.from_numpy(images.decoded(stored[:, :, :channels], encoding.SRGB))
+        trust = torch.from_numpy(images.to_float(stored[:, :, channels:])) if weight else None
+        return LightField(light, weight=trust)
 
     return make
 

@@ -40,7 +40,7 @@ def test_an_image_smaller_than_a_lenslet_cannot_be_unpacked(lenslet):
 def test_a_file_is_read_as_7x7_views_from_4_unless_told_otherwise(tmp_path, dtype, channels, start):
     image = coded(14 * 3 + 5, 14 * 4 + 13, channels, dtype)
     images.write_image(tmp_path / "scene_eslf.png", image)
-    field = read.read(tmp_path / "scene_eslf.png", start=start)
+    field = read.read(tmp_path / "scene_eslf.png", start=start, encoding="none")
     assert field.views.shape == (7, 7, channels, 3, 4)
     assert field.views.is_contiguous()
     assert (field.name, field.metadata["format"], field.weight) == ("scene_eslf", "eslf", None)
@@ -56,7 +56,7 @@ def test_alpha_is_the_weight_and_not_multiplied_in(tmp_path, dtype):
     image = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, (28, 42, 4), endpoint=True).astype(dtype)
     image[:, :14, 3] = 0
     images.write_image(tmp_path / "a.png", image)
-    field = read.read(tmp_path / "a.png", views=14)
+    field = read.read(tmp_path / "a.png", views=14, encoding="none")
     views = images.to_float(eslf.unpack(image))
     torch.testing.assert_close(field.views, torch.from_numpy(views[:, :, :3]), rtol=0, atol=0)
     torch.testing.assert_close(field.weight, torch.from_numpy(views[:, :, 3:]), rtol=0, atol=0)
@@ -65,7 +65,7 @@ def test_alpha_is_the_weight_and_not_multiplied_in(tmp_path, dtype):
 def test_a_lenslet_of_another_size_and_a_crop(tmp_path):
     image = coded(9 * 6, 9 * 7, 1, np.uint16)
     images.write_image(tmp_path / "a.png", image)
-    field = read.read(tmp_path / "a.png", lenslet=9, views=(9, 5), size=(2, 3))
+    field = read.read(tmp_path / "a.png", lenslet=9, views=(9, 5), size=(2, 3), encoding="none")
     assert field.views.shape == (9, 5, 1, 2, 3)
     assert round(float(field.views[8, 0, 0, 1, 2]) * 65535) == image[9 + 8, 18 + 2, 0]
 
@@ -77,7 +77,7 @@ def test_a_tiff_file_is_an_eslf_too(tmp_path):
     assert output.write_image(image)
     assert output.close()
     expected = images.to_float(eslf.unpack(image)[4:11, 4:11])
-    np.testing.assert_array_equal(read.read(path).views.numpy(), expected)
+    np.testing.assert_array_equal(read.read(path, encoding="none").views.numpy(), expected)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (13, 500)])

@@ -55,7 +55,8 @@ def test_known_names_find_their_place(view_folder, numbered_views, naming):
     field = read.read(folder)
     assert numbered_views(field.views) == EXPECTED
     assert field.views.shape == (3, 3, 1, 2, 3)
-    assert (field.name, field.metadata) == ("field", {"path": str(folder), "format": "folder", "bits": "8"})
+    expected = {"path": str(folder), "format": "folder", "bits": "8", "encoding": "srgb"}
+    assert (field.name, field.metadata) == ("field", expected)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +195,7 @@ def test_other_files_of_a_folder_are_left_alone(view_folder, numbered_views):
 def test_alpha_of_views_is_the_weight(tmp_path):
     for row, column in GRID:
         images.write_image(tmp_path / f"a_{row}_{column}.png", np.full((2, 3, 4), (10, 20, 30, 40 + row), np.uint8))
-    field = read.read(tmp_path)
+    field = read.read(tmp_path, encoding="none")
     assert field.views.shape == (3, 3, 3, 2, 3)
     assert field.weight.shape == (3, 3, 1, 2, 3)
     assert (field.weight[2] * 255).unique().tolist() == [42]

@@ -5,6 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfref import encoding
 from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
 from lfref.io import atomic, images, marks, read, write
@@ -48,7 +49,7 @@ def test_every_folder_name_is_read_back(tmp_path, make_field, name):
 
 
 def test_values_beyond_0_and_1_are_clipped_in_png_and_kept_in_exr(tmp_path):
-    views = torch.tensor([-0.5, 0.2, 1.5]).reshape(1, 1, 1, 1, 3)
+    views = encoding.SRGB.decode(torch.tensor([-0.5, 0.2, 1.5])).reshape(1, 1, 1, 1, 3)
     clipped = read.read(write.write(tmp_path / "a", LightField(views))).views
     torch.testing.assert_close(clipped, views.clamp(0, 1), rtol=0, atol=1e-6)
     kept = read.read(write.write(tmp_path / "a.exr", LightField(views))).views
@@ -155,7 +156,8 @@ def test_a_stack_folder_has_one_image_a_plane_named_after_its_slope_and_alpha(tm
         "plane_01_slope_-2.333_alpha_0.3.png",
     ]
     image = images.read_image(path / "plane_01_slope_-2.333_alpha_0.3.png")
-    assert image[..., 0].tolist() == [[76, 89, 102], [115, 128, 140]]
+    light = (torch.arange(6.0, 12).reshape(2, 3) / 20).double()
+    assert image[..., 0].tolist() == (encoding.SRGB.encode(light) * 255).round().int().tolist()
 
 
 def test_a_light_field_is_not_replaced_by_a_stack(tmp_path, make_field, one_line):

@@ -88,7 +88,7 @@ def test_lenslets_of_a_pixel_or_two_are_not_judged(pitch):
 
 
 def test_the_real_capture_as_a_lenslet_image(lytro, one_line):
-    views = read.read(lytro).views.numpy()[:, :, :, :200, :250]
+    views = read.read(lytro, encoding="linear").views.numpy()[:, :, :, :200, :250]
     image = views.transpose(3, 0, 4, 1, 2).reshape(200 * 9, 250 * 9, 3)
     period.check(image, 9, PATH)
     for wrong in (3, 7, 10, 14, 18):
