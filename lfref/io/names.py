@@ -18,12 +18,12 @@ PATTERNS: dict[str, str] = {
     "HCI": r"^(?P<name>input_Cam)(?P<index>\d+)\.\w+$",
     "v_u": rf"(?i)^(?P<name>|.*[^a-z]){_V}[_-]?{_U}\.\w+$",
     "u_v": rf"(?i)^(?P<name>|.*[^a-z]){_U}[_-]?{_V}\.\w+$",
-    # Numbers of more digits are dates and counters of cameras.
-    "row_column": rf"^(?P<name>|.*\D){_ROW}[_x-]{_COLUMN}\.\w+$",
+    # Numbers of more digits are dates and counters of cameras, those right behind letters belong to a name.
+    "row_column": rf"^(?P<name>|.*[^a-zA-Z\d]){_ROW}[_x-]{_COLUMN}\.\w+$",
 }
 """Name of a pattern -> its expression; a file is of the first that it follows."""
 ASKED: dict[str, str] = {
-    "column_row": rf"^(?P<name>|.*\D){_COLUMN}[_x-]{_ROW}\.\w+$",
+    "column_row": rf"^(?P<name>|.*[^a-zA-Z\d]){_COLUMN}[_x-]{_ROW}\.\w+$",
     "index": r"^(?P<name>|.*\D)(?P<index>\d+)\.\w+$",
 }
 """Those that names alone do not tell: `column_row` from `row_column`, `index` from unrelated pictures."""

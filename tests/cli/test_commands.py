@@ -7,6 +7,7 @@ import torch
 import wandb
 import yaml
 
+from lfref.encoding import SRGB
 from lfref.io.read import read, read_stack
 from lfref.refocus import apertures
 from lfref.refocus.focus.extended_focus import extended_focus
@@ -74,7 +75,7 @@ def test_refocus_writes_the_operators_stack(lfref, trained, tmp_path):
     assert planes.alphas == (0.5, 1.0, 2.0)
     torch.testing.assert_close(stack, shift_and_sum(read(field, views=7).views, planes.slopes))
     shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / "planes" / "plane_01_slope_0_alpha_1.png")).get_pixels("float")
-    assert abs(torch.from_numpy(shown) - stack[1].permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
+    assert abs(torch.from_numpy(shown) - SRGB.encode(stack[1]).permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
 
 
 def test_refocus_looks_through_an_aperture(lfref, trained, tmp_path):
@@ -92,7 +93,7 @@ def test_refocus_makes_a_picture_that_is_sharp_everywhere(lfref, trained, tmp_pa
     assert lfref("refocus", f"input={field}", *words)[0] == 0
     shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / "all_in_focus.png")).get_pixels("float")
     sharp = extended_focus(read(field).views).permute(1, 2, 0)
-    assert abs(torch.from_numpy(shown) - sharp.clamp(0, 1)).max() <= 0.5 / 255 + 1e-6
+    assert abs(torch.from_numpy(shown) - SRGB.encode(sharp.clamp(0, 1))).max() <= 0.5 / 255 + 1e-6
     assert OpenImageIO.ImageBuf(str(tmp_path / "out" / "focus_map.png")).spec().width > 100
 
 
@@ -215,7 +216,10 @@ def detail(planes):
 
 
 def test_refocusing_the_real_capture(lfref, lytro, tmp_path):
-    assert lfref("refocus", f"input={lytro}", "alphas=[0.5,0.75,1]", f"output={tmp_path}/out")[0] == 0
+    assert (
+        lfref("refocus", f"input={lytro}", "reader.encoding=linear", "alphas=[0.5,0.75,1]", f"output={tmp_path}/out")[0]
+        == 0
+    )
     stack, _ = read_stack(tmp_path / "out" / "stack.exr")
     assert stack.shape == (3, 3, 383, 552)
     # The body of the animal is in focus at alpha 0.5, the wall behind it at alpha 1.
