@@ -37,7 +37,6 @@ ROOT = HERE.parent
 CAPTURE = ROOT / "runs" / "figures" / "capture"
 DEPTH: dict[str, Any] = {"cmap": "viridis", "vmin": scenes.FAR, "vmax": scenes.NEAR}
 ALPHA = wording.heading("alpha")
-GAMMA = 1.6  # captures are linear and dark
 SLOPE_LABEL = "slope, px per view step"
 
 
@@ -231,10 +230,10 @@ def capture(path: Path, folder: Path) -> None:
     slopes = geometry.even_slopes(23, -1.75, 1.0)
     stack = lfref.shift_and_sum(field.views, slopes, interpolation="exact")
     gain = pictures.common_exposure(field.views.mean((0, 1)))
-    sweep = pictures.contact_sheet(stack[::2], [sheets.at(slope) for slope in slopes[::2].tolist()], gain, GAMMA)
+    sweep = pictures.contact_sheet(stack[::2], [sheets.at(slope) for slope in slopes[::2].tolist()], gain)
     image, index, confidence = lfref.all_in_focus(stack)
     drawing.save_figure(sweep, folder / "focal_sweep.png")
-    images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain, GAMMA))
+    images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
     figure = focus.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
     drawing.save_figure(figure, folder / "focus_index.png")
 

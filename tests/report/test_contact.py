@@ -3,6 +3,7 @@ import pytest
 import torch
 
 from lfref import geometry
+from lfref.encoding import SRGB
 from lfref.errors import InputError
 from lfref.report import contact
 
@@ -37,7 +38,9 @@ def test_pictures_are_clipped_and_maps_come_with_a_bar_of_their_colours():
     disparity = torch.linspace(-1, 0.5, 24).reshape(4, 6)
     figure = contact.contact_sheet({"a": PICTURE * 2, "b": disparity})
     shown = drawn(figure)
-    np.testing.assert_allclose(shown["a"].get_array(), (PICTURE * 2).clamp(0, 1).permute(1, 2, 0))
+    np.testing.assert_allclose(
+        shown["a"].get_array(), SRGB.encode((PICTURE * 2).clamp(0, 1)).permute(1, 2, 0), rtol=1e-6
+    )
     np.testing.assert_allclose(shown["b"].get_array(), disparity)
     assert shown["b"].get_clim() == (-1.0, 0.5)
     assert len(figure.axes) == 3
