@@ -35,3 +35,10 @@ def test_what_cannot_be_told_is_not():
     found = spacing.find(Evidence(LightField(torch.rand(1, 5, 3, 80, 96))))
     assert math.isnan(found.found)
     assert "too few rows and columns" in found.inert()
+
+
+def test_rows_go_to_their_distance_and_columns_keep_theirs():
+    field = LightField(torch.rand(3, 5, 1, 8, 8))
+    positions = spacing.Spacing(1.1, 1.1, 0.01).corrected(field).positions
+    assert positions[:, :, 0].tolist() == [[pytest.approx(v)] * 5 for v in (-1.1, 0, 1.1)]
+    assert positions[:, :, 1].tolist() == [[-2, -1, 0, 1, 2]] * 3
