@@ -10,7 +10,7 @@ import torch
 
 from lfref.captures.correction import Finding
 from lfref.captures.corrections import CORRECTIONS
-from lfref.captures.evidence import Evidence
+from lfref.captures.evidence import Evidence, shape_told
 from lfref.errors import FileError, InputError
 from lfref.io import tensors
 from lfref.lightfield import LightField
@@ -30,6 +30,8 @@ class Corrections:
     """Height and width of its views in pixels."""
     findings: tuple[Finding, ...]
     """One a correction."""
+    left: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Name of a correction that is not made, whether it finds something or was not looked for -> why."""
 
     def __getitem__(self, name: str) -> Finding:
         return next(finding for finding in self.findings if finding.name == name)
@@ -37,27 +39,37 @@ class Corrections:
     @property
     def active(self) -> tuple[str, ...]:
         """Names of those that changed something."""
-        return tuple(finding.name for finding in self.findings if finding.inert() is None)
+        return tuple(finding.name for finding in self._made())
 
     def explain(self) -> str:
         """What was found and done, a line a correction."""
-        return "\n".join(map(_line, self.findings))
+        said = {finding.name: _told(finding) for finding in self.findings}
+        said |= {name: f"left: {why}" for name, why in self.left.items()}
+        return "\n".join(f"{name:12} {text}" for name, text in said.items())
+
+    def leaving(self, left: Mapping[str, str]) -> "Corrections":
+        """The same, but some of them are not made.
+
+        Args:
+            left: Name -> why.
+        """
+        return dataclasses.replace(self, left={**self.left, **left})
 
     def apply(self, field: LightField) -> LightField:
         """Correct a light field by what was found, in it or in another one of the same camera.
 
         Args:
-            field: Of the same grid and size.
+            field: Of the same grid and size; what measures and scales light is left where it holds encoded samples.
 
         Raises:
             InputError: Another grid or size.
         """
         if (field.grid, field.size) != (self.grid, self.size):
-            got = _shape_told(field.grid, field.size)
-            raise InputError(f"the corrections are of {_shape_told(self.grid, self.size)}", got=got)
-        for finding in self.findings:
-            if finding.inert() is None:
-                field = finding.corrected(field)
+            (n_rows, n_columns), (height, width) = self.grid, self.size
+            expected = f"the corrections are of {n_rows}x{n_columns} views of {height}x{width} pixels"
+            raise InputError(expected, got=shape_told(field))
+        for finding in self.leaving(_without_light(field))._made():
+            field = finding.corrected(field)
         return field
 
     def save(self, path: str | Path) -> None:
@@ -72,6 +84,9 @@ class Corrections:
         found = {finding.name: _plain(finding) for finding in self.findings if finding.inert() is None}
         tensors.write(path, {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": found})
 
+    def _made(self) -> list[Finding]:
+        return [finding for finding in self.findings if finding.inert() is None and finding.name not in self.left]
+
 
 def correct(
     field: LightField, white: LightField | None = None, profile: Corrections | str | Path | None = None
@@ -79,7 +94,8 @@ def correct(
     """Take off the defects that a light field shows, and no others.
 
     Args:
-        field: A capture, or any light field.
+        field: A capture, or any light field. Of encoded samples (`encoding=none`) only places, black views and hot
+            pixels are looked at: what measures and scales light needs light.
         white: A picture of a white scene by the same camera, of the same grid and size.
         profile: What was found in another capture of the camera, or a file of that: applied as it is, nothing is looked
             for.
@@ -88,7 +104,7 @@ def correct(
         The light field, itself where all corrections are inert, and what was found.
 
     Raises:
-        InputError: A white picture or a profile of another grid or size.
+        InputError: A white picture or a profile of another grid or size, or a white picture of encoded samples.
         FileError: The profile cannot be read.
 
     Example:
@@ -99,10 +115,7 @@ def correct(
     """
     if profile is not None:
         known = profile if isinstance(profile, Corrections) else load(profile)
-        return known.apply(field), known
-    if white is not None and (white.grid, white.size) != (field.grid, field.size):
-        expected = f"the white picture must be {_shape_told(field.grid, field.size)} as {field.name or 'the field'}"
-        raise InputError(expected, got=_shape_told(white.grid, white.size), remedy="read both alike")
+        return known.apply(field), known.leaving(_without_light(field))
     return looked(Evidence(field, white))
 
 
@@ -113,18 +126,28 @@ def looked(evidence: Evidence) -> tuple[LightField, Corrections]:
         evidence: What is known of it.
     """
     field, findings = evidence.field, list[Finding]()
-    if not _shows_enough(field):
-        return field, Corrections(field.grid, field.size, ())
-    for correction in CORRECTIONS:
+    left = _blind(field) or _without_light(field)
+    for correction in (each for each in CORRECTIONS if each.kind.name not in left):
         findings.append(finding := correction.find(evidence))
         if finding.inert() is None:
             evidence = Evidence(finding.corrected(evidence.field), evidence.white)
-    return evidence.field, Corrections(field.grid, field.size, tuple(findings))
+    return evidence.field, Corrections(field.grid, field.size, tuple(findings), left)
 
 
-def _shows_enough(field: LightField) -> bool:
-    """Whether there is enough in a light field to tell defects from what it shows."""
-    return min(field.size) >= SMALLEST and field.grid != (1, 1) and bool(field.views.isfinite().all())
+def _blind(field: LightField) -> dict[str, str]:
+    """Corrections that are not looked for because there is too little in a light field, all or none, and why."""
+    reasons = {
+        f"views are smaller than {SMALLEST} pixels": min(field.size) < SMALLEST,
+        "one view has none to be compared with": field.grid == (1, 1),
+        "views hold NaN or infinity": not bool(field.views.isfinite().all()),
+    }
+    return {each.kind.name: why for why, holds in reasons.items() if holds for each in CORRECTIONS}
+
+
+def _without_light(field: LightField) -> dict[str, str]:
+    """Corrections that samples of a light field do not allow because they are encoded, and why."""
+    why = "encoded samples are no light (reader.encoding=none)"
+    return {} if field.is_linear else {each.kind.name: why for each in CORRECTIONS if each.needs_light}
 
 
 def load(path: str | Path) -> Corrections:
@@ -166,10 +189,6 @@ def _plain(finding: Finding) -> dict[str, Any]:
     return {field.name: getattr(finding, field.name) for field in fields}
 
 
-def _line(finding: Finding) -> str:
+def _told(finding: Finding) -> str:
     reason = finding.inert()
-    return f"{finding.name:12} {'corrected: ' + finding.told() if reason is None else 'left: ' + reason}"
-
-
-def _shape_told(grid: tuple[int, int], size: tuple[int, int]) -> str:
-    return f"{grid[0]}x{grid[1]} views of {size[0]}x{size[1]} pixels"
+    return f"corrected: {finding.told()}" if reason is None else f"left: {reason}"

@@ -41,3 +41,5 @@ class Correction(NamedTuple):
     """What it takes of a light field, for explanations."""
     find: Callable[[Evidence], Finding]
     """What is wrong; inert where the evidence does not reach."""
+    needs_light: bool = False
+    """Whether it measures and scales light, which samples as files encode them are not."""

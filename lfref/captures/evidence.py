@@ -12,6 +12,7 @@ from torch import Tensor
 
 from lfref.captures import brightness
 from lfref.captures.brightness import Ratios
+from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus.focus import glance, reduced_views
 from lfref.refocus.focus.glance import Glance
@@ -21,6 +22,9 @@ from lfref.refocus.focus.reduced_views import ReducedViews
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Facts about a light field.
+
+    Raises:
+        InputError: A white picture of another grid or size, or of encoded samples beside linear light.
 
     Example:
         >>> evidence = Evidence(LightField(torch.rand(5, 5, 3, 64, 80)))
@@ -32,6 +36,10 @@ class Evidence:
     """What is looked at."""
     white: LightField | None = None
     """The same camera's picture of an evenly lit white surface, if there is one."""
+
+    def __post_init__(self) -> None:
+        if self.white is not None:
+            _check_white(self.white, self.field)
 
     @cached_property
     def reduced(self) -> ReducedViews:
@@ -73,3 +81,22 @@ class Evidence:
             for n, most in zip(self.field.size, small.shape, strict=True)
         )
         return small[rows][:, columns]
+
+
+def _check_white(white: LightField, field: LightField) -> None:
+    if (white.grid, white.size) != (field.grid, field.size):
+        expected = f"the white picture must have the {shape_told(field)} of {field.name or 'the light field'}"
+        remedy = "read both with the same reader options, or leave white= out"
+        raise InputError(expected, got=shape_told(white), remedy=remedy)
+    if field.is_linear and not white.is_linear:
+        remedy = "read both with the same reader.encoding"
+        raise InputError("the white picture must hold linear light", got="encoded samples", remedy=remedy)
+
+
+def shape_told(field: LightField) -> str:
+    """Grid and size as messages say them.
+
+    Args:
+        field: Of that grid and size.
+    """
+    return f"{field.grid[0]}x{field.grid[1]} views of {field.size[0]}x{field.size[1]} pixels"

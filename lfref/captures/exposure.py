@@ -97,4 +97,4 @@ def _tiles(ratios: Ratios) -> Tensor:
     return (row[:, None] * TILES + torch.arange(columns) * TILES // columns).flatten()
 
 
-EXPOSURE = Correction(Exposure, "windows that all views show", find)
+EXPOSURE = Correction(Exposure, "windows that all views show", find, needs_light=True)

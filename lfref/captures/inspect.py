@@ -10,10 +10,9 @@ from typing import Any
 from torch import Tensor
 
 from lfref.captures.auto_planes import AutoPlanes
-from lfref.captures.correct import looked
+from lfref.captures.correct import Corrections, looked
 from lfref.captures.correction import Finding
 from lfref.captures.evidence import Evidence
-from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range, view_axes
@@ -43,8 +42,8 @@ class Inspection:
     """Whether one axis of the views seems to run against ours."""
     middle_light: float
     """Median of all samples of the central view."""
-    findings: tuple[Finding, ...]
-    """Of each correction, in their order, whether it finds something or not."""
+    corrections: Corrections
+    """What there is to correct, and what could not be looked for."""
 
     @property
     def field(self) -> LightField:
@@ -65,6 +64,11 @@ class Inspection:
     def planes(self) -> FocalPlanes:
         """Sixteen planes that span the range, as `planes=auto` takes them."""
         return AutoPlanes().between(self.slopes, self.field)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Of each correction, in their order, whether it finds something or not."""
+        return self.corrections.findings
 
     @property
     def defects(self) -> tuple[Finding, ...]:
@@ -106,6 +110,7 @@ class Inspection:
             "planes": list(self.planes.values),
             "is_reversed": self.is_reversed,
             "median_light": self.middle_light,
+            "left": dict(self.corrections.left),
             "findings": {each.name: {"inert": each.inert(), "told": each.told()} for each in self.findings},
             "advice": self.advice(),
         }
@@ -121,6 +126,7 @@ class Inspection:
             ("planes", f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} (planes=auto)"),
         ]
         rows += [(each.name, each.inert() or each.told()) for each in self.findings]
+        rows += [(name, f"not looked for: {why}") for name, why in self.corrections.left.items()]
         return rows + [("try", text) for text in self.advice()]
 
     def _range(self) -> str:
@@ -141,19 +147,13 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         What is known of it.
 
     Raises:
-        InputError: A white image of another grid or size.
+        InputError: A white picture of another grid or size, or of encoded samples beside linear light.
 
     Example:
         >>> seen = lfref.inspect(lfref.LightField(torch.rand(5, 5, 3, 64, 80)))
         >>> seen.disparity.shape, seen.is_reversed
         (torch.Size([64, 80]), False)
     """
-    if white is not None and (white.grid, white.size) != (field.grid, field.size):
-        raise InputError(
-            f"a white image must have the {_shape(field)} of {field.name or 'the light field'}",
-            got=_shape(white),
-            remedy="read it with the same reader options, or leave white= out",
-        )
     evidence = Evidence(field, white)
     well_seen = slope_range.well_seen(evidence.glance)
     return Inspection(
@@ -162,12 +162,8 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         float(well_seen.float().mean()),
         view_axes.seems_reversed(evidence.reduced),
         _middle_light(evidence),
-        looked(evidence)[1].findings,
+        looked(evidence)[1],
     )
-
-
-def _shape(field: LightField) -> str:
-    return f"{field.grid[0]}x{field.grid[1]} views of {field.size[0]}x{field.size[1]}"
 
 
 def _middle_light(evidence: Evidence) -> float:

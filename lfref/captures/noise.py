@@ -140,4 +140,4 @@ def _least_squares(x: Tensor, y: Tensor, weight: Tensor) -> tuple[float, float]:
     return float(slope), float(mean_y - slope * mean_x)
 
 
-NOISE = Correction(Noise, "flat parts of views", find)
+NOISE = Correction(Noise, "flat parts of views", find, needs_light=True)

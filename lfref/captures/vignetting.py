@@ -141,4 +141,6 @@ def _believed(fit: Fit) -> Vignetting:
     return Vignetting(fit.rim.falloff if is_sure else 0.0, fit.rim.displacement, fit.rim.radius)
 
 
-VIGNETTING = Correction(Vignetting, "a white picture, or brightness that differs from view to view", find)
+VIGNETTING = Correction(
+    Vignetting, "a white picture, or brightness that differs from view to view", find, needs_light=True
+)

@@ -1,10 +1,13 @@
 """Light fields put right before they are used: `correct=auto`, `none`, or what was found in another capture."""
 
+import dataclasses
+import inspect
 from pathlib import Path
 
 from omegaconf import DictConfig
 
 from lfref.captures.correct import Corrections, correct
+from lfref.captures.spacing import Spacing
 from lfref.cli import inputs
 from lfref.cli.command import log
 from lfref.io import atomic
@@ -23,13 +26,16 @@ def white_of(config: DictConfig, refocuser: Refocuser) -> LightField | None:
     return None if config.white is None else inputs.read(Path(config.white), config, [refocuser])
 
 
-def prepared(field: LightField, config: DictConfig, white: LightField | None) -> tuple[LightField, Corrections | None]:
+def prepared(
+    field: LightField, config: DictConfig, white: LightField | None, refocuser: Refocuser
+) -> tuple[LightField, Corrections | None]:
     """A light field as it is to be refocused, and what was corrected; None where nothing was looked for.
 
     Args:
         field: As it was read.
         config: Holds `correct` and `explain`.
         white: A picture of a white scene by the same camera.
+        refocuser: Who will refocus it: spacing is corrected only for those that take positions, and told otherwise.
 
     Raises:
         InputError: A white picture or corrections of another grid or size.
@@ -38,19 +44,38 @@ def prepared(field: LightField, config: DictConfig, white: LightField | None) ->
     wanted = str(config.correct)
     if wanted == NONE:
         return field, None
-    if not field.is_linear:
-        log.info("%s holds encoded samples (reader.encoding=none): nothing is corrected", field.name)
-        return field, None
     made, found = correct(field, white, None if wanted == AUTO else wanted)
-    if config.explain:
-        log.info("%s\n%s", field.name, found.explain())
-    elif found.active:
-        log.info("corrected: %s (explain=true says more, correct=none leaves them)", ", ".join(found.active))
+    if made.positions is not field.positions and not _takes_positions(refocuser):
+        found = found.leaving({Spacing.name: _uneven(found, refocuser)})
+        made = dataclasses.replace(made, positions=field.positions)
+    _tell(field.name, found, bool(config.explain))
     return made, found
 
 
+def _takes_positions(refocuser: Refocuser) -> bool:
+    """Whether cameras may stand off the even grid: networks learned on even ones, and so work most operators."""
+    operator = getattr(refocuser, "operator", None)
+    return operator is not None and "positions" in inspect.signature(operator).parameters
+
+
+def _uneven(found: Corrections, refocuser: Refocuser) -> str:
+    other = "take method=shift_and_sum_through_cells to have it corrected"
+    return f"{found[Spacing.name].told()}, but {refocuser.name} needs an even grid: {other}"
+
+
+def _tell(name: str, found: Corrections, all_of_it: bool) -> None:
+    """Say what was corrected, and what was not though somebody might expect it."""
+    if all_of_it:
+        log.info("%s\n%s", name, found.explain())
+        return
+    if found.active:
+        log.info("corrected: %s (explain=true says more, correct=none leaves them)", ", ".join(found.active))
+    for why in dict.fromkeys(found.left.values()):
+        log.info("%s: %s left: %s", name, ", ".join(each for each in found.left if found.left[each] == why), why)
+
+
 def write(folder: Path, found: Corrections | None) -> None:
-    """Keep what was corrected: `correction.pt` for other captures of the camera, `corrections.txt` to read.
+    """Keep what was corrected: `corrections.txt` to read; `correction.pt`, if anything was, for other captures.
 
     Args:
         folder: Where.
@@ -60,5 +85,6 @@ def write(folder: Path, found: Corrections | None) -> None:
         FileError: It cannot be written.
     """
     if found is not None:
-        found.save(folder / "correction.pt")
+        if found.active:
+            found.save(folder / "correction.pt")
         atomic.write_text(folder / "corrections.txt", found.explain() + "\n")

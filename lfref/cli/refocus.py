@@ -35,7 +35,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     white = corrected.white_of(config, refocuser)
 
     def one(name: str, path: Path) -> None:
-        field, corrections = corrected.prepared(_read(path, config, refocuser), config, white)
+        field, corrections = corrected.prepared(_read(path, config, refocuser), config, white, refocuser)
         planes = planes_of(asked, field)
         stack = _stack(refocuser, field, planes, device)
         place = folder if several.is_alone(path, given) else folder / name

@@ -78,5 +78,5 @@ def test_the_real_capture_goes_from_its_nose_to_the_wall(lytro):
 
 
 def test_a_white_image_of_another_size_is_refused(shards):
-    with pytest.raises(InputError, match="7x7 views of 128x192 of shards; got 5x5 views of 128x192"):
+    with pytest.raises(InputError, match="7x7 views of 128x192 pixels of shards; got 5x5 views of 128x192"):
         inspect(shards, LightField(shards.views[1:6, 1:6]))
