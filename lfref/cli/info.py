@@ -6,30 +6,31 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from lfref.captures.inspect import Inspection, inspect
-from lfref.cli import inputs
-from lfref.cli.command import command, log
-from lfref.errors import InputError
+from lfref.cli import config as configs
+from lfref.cli import inputs, several
+from lfref.cli.command import command, log, paths
 from lfref.io import atomic
 from lfref.report import drawing
 from lfref.report.inspection import inspection_sheet
 
 
 def info(config: DictConfig, folder: Path) -> None:
-    """Say it in lines, and write `inspection.json` and `inspection.png`; of several light fields each gets a folder.
+    """Say it in lines, and write `inspection.json` and `inspection.png`; of several, each gets a folder of its name.
 
     Args:
         config: `conf/info.yaml`.
         folder: The run folder.
     """
-    found = inputs.find(config)
-    names = [path.absolute().name if path.is_dir() else path.stem for path in found]
-    if len(set(names)) < len(names) or not found:
-        raise InputError("inputs must be light fields of different names", got=", ".join(names) or "none")
+    given = paths(configs.plain(config.input))
+    captures = several.found(given, config.reader.pattern)
     white = None if config.white is None else inputs.read(Path(config.white), config)
-    for path, name in zip(found, names, strict=True):
+
+    def one(name: str, path: Path) -> None:
         seen = inspect(inputs.read(path, config), white)
         log.info("%s", "\n".join(seen.told()))
-        _write(folder if len(found) == 1 else folder / name, seen)
+        _write(several.place(folder, name, path, given), seen)
+
+    several.each(captures, one, "inspecting")
     log.info("inspected: %s", folder)
 
 

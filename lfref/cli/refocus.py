@@ -38,7 +38,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
         field, corrections = corrected.prepared(_read(path, config, refocuser), config, white, refocuser)
         planes = planes_of(asked, field)
         stack = _stack(refocuser, field, planes, device)
-        place = folder if several.is_alone(path, given) else folder / name
+        place = several.place(folder, name, path, given)
         results.write_results(place, Refocused(field, stack, planes, _gain(field, exposure), files), also)
         corrected.write(place, corrections)
         log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), place)

@@ -61,14 +61,17 @@ def _is_whole(path: Path) -> bool:
     return True
 
 
-def is_alone(path: Path, given: Sequence[Path]) -> bool:
-    """Whether a light field is all that was given, itself and not as a part of a folder.
+def place(folder: Path, name: str, path: Path, given: Sequence[Path]) -> Path:
+    """Where the results of a light field go: of one that is all that was given, itself and not as a part of a folder,
+    into the run folder; of others each into one of its own.
 
     Args:
-        path: A light field that was found.
+        folder: The run folder.
+        name: Of the light field.
+        path: Where it was found.
         given: As of `found`.
     """
-    return {path.resolve()} == {each.resolve() for each in given}
+    return folder if {path.resolve()} == {each.resolve() for each in given} else folder / name
 
 
 def each(paths: Mapping[str, Path], task: Callable[[str, Path], None], what: str) -> None:

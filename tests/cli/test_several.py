@@ -76,11 +76,11 @@ def test_a_damaged_picture_does_not_hide_the_others(tmp_path):
     assert list(several.found([tmp_path / "images"])) == ["one", "two"]
 
 
-def test_a_light_field_is_alone_if_nothing_else_was_given_and_no_folder_of_it(captures):
-    one = captures / "one"
-    assert several.is_alone(one / "a", [one / "a", one / ".." / "one" / "a"])
-    assert not several.is_alone(one / "a", [one])
-    assert not several.is_alone(one / "a", [one / "a", one / "b c.exr"])
+def test_results_get_a_folder_of_their_own_unless_one_light_field_was_given_itself(captures):
+    one, run = captures / "one", captures / "run"
+    assert several.place(run, "a", one / "a", [one / "a", one / ".." / "one" / "a"]) == run
+    assert several.place(run, "a", one / "a", [one]) == run / "a"
+    assert several.place(run, "a", one / "a", [one / "a", one / "b c.exr"]) == run / "a"
 
 
 def test_a_pattern_makes_every_folder_one_light_field(captures):
