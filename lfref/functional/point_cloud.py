@@ -5,6 +5,7 @@ In metres where the cameras are known: a point at depth Z from cameras b apart t
 centre of the picture, and z is the disparity at a scale that shows relief.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -30,13 +31,15 @@ class Cameras:
     """From one view to the next, in metres."""
     focus: float
     """Depth without disparity, in metres."""
+    size: tuple[int, int] | None = None
+    """Height and width in pixels of the pictures whose top left corner the maps are; None: that of the maps."""
 
     @classmethod
     def said_by(cls, metadata: Mapping[str, str]) -> "Cameras | None":
         """The cameras of a light field, None where it does not say all that is needed.
 
         Args:
-            metadata: Of the light field; the entries of `METADATA` count, which HCI light fields have.
+            metadata: Of the light field; the entries of `METADATA` count, which HCI light fields have, and `CUT`.
         """
         try:
             focal, sensor, baseline, focus = (
@@ -46,11 +49,18 @@ class Cameras:
             return None
         if not all(0 < number < torch.inf for number in (focal, sensor, baseline, focus)):
             return None
-        return cls(focal / sensor, baseline / 1000, focus)
+        return cls(focal / sensor, baseline / 1000, focus, _whole(metadata.get(CUT, "")))
 
 
+CUT = "cut from"
+"""Entry of the metadata that says the size of pictures of which only a corner was kept, as `512x512 pixels`."""
 METADATA = {"focal length": " mm", "sensor size": " mm", "baseline": " mm", "focus distance": " m"}
 """Entry of the metadata -> its unit."""
+
+
+def _whole(said: str) -> tuple[int, int] | None:
+    found = re.match(r"(\d+)x(\d+) ", said)
+    return None if found is None else (int(found[1]), int(found[2]))
 
 
 class Points(NamedTuple):
@@ -82,9 +92,11 @@ def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> 
         raise InputError("nearness and chosen must be [H, W]", got=f"{list(nearness.shape)}, {list(chosen.shape)}")
     near = nearness.double()
     pixels = chosen.bool() & near.isfinite()
-    height, width = near.shape
-    y = ((height - 1) / 2 - torch.arange(height, dtype=near.dtype, device=near.device))[:, None].expand_as(near)
-    x = (torch.arange(width, dtype=near.dtype, device=near.device) - (width - 1) / 2).expand_as(near)
+    # Cameras look straight ahead in the middle of whole pictures.
+    height, width = (cameras and cameras.size) or near.shape
+    rows, columns = (torch.arange(n, dtype=near.dtype, device=near.device) for n in near.shape)
+    y = ((height - 1) / 2 - rows)[:, None].expand_as(near)
+    x = (columns - (width - 1) / 2).expand_as(near)
     if cameras is None:
         scale = RELIEF * min(height, width)
         unit = f"unit: pixel; z is {scale:g} times the nearness (disparity with the sign by which larger is nearer)"

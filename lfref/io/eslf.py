@@ -19,7 +19,7 @@ DEFAULT_VIEWS = (7, 7)
 """Views to keep where nothing is asked for: the outer ones are dark and vignetted."""
 
 
-def unpack(image: NDArray, lenslet: int = 14) -> NDArray:
+def unpack(image: NDArray, lenslet: int = grid.LENSLET) -> NDArray:
     """The views of an ESLF image, without copying it.
 
     Args:
@@ -54,12 +54,15 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
     Raises:
         FileError: The file cannot be read, is one view of many, is smaller than one lenslet, or has lenslets of another
             size or none.
-        InputError: The window of views leaves the lenslet.
+        InputError: The window of views leaves the lenslet, or lenslets are described in two ways.
     """
     if folders.is_view(path):
         got, remedy = "one view of a folder of views", f"read {path.parent}"
         raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
     if not selection.lenslets.are_aligned:
+        if selection.lenslet != grid.LENSLET:
+            got, remedy = f"both, lenslet {selection.lenslet}", "leave reader.lenslet out"
+            raise InputError("lenslets have whole pixels (lenslet), or pitch or white say", got=got, remedy=remedy)
         return reading.read_views(path, selection, DEFAULT_VIEWS)
     views = selection.views or DEFAULT_VIEWS
     rows, columns = replace(selection, views=views).window((selection.lenslet, selection.lenslet), path)

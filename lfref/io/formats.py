@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from numpy.typing import NDArray
 
-from lfref.errors import FileError
+from lfref.errors import FileError, InputError
 from lfref.io import arrays, decode, eslf, exr, folders, foreign, grid, members, views
 
 
@@ -27,9 +27,20 @@ class Format(NamedTuple):
     """Writes floating-point views [V, U, C, H, W] with so many bits a sample; None if lfref does not write them."""
     holds_views: Callable[[Path], bool] = Path.is_file
     """Whether a file of such a suffix is a light field, where that is not known before."""
+    options: tuple[str, ...] = ()
+    """Options of `lfref.read` that concern it and not all others."""
 
 
-FOLDER = Format("folder", "a folder of views", (), ("",), views.read_views, folders.write_views, views.is_field)
+FOLDER = Format(
+    "folder",
+    "a folder of views",
+    (),
+    ("",),
+    views.read_views,
+    folders.write_views,
+    views.is_field,
+    ("pattern", "grid", "holes"),
+)
 _EXR = decode.PICTURES["exr"]
 # Not JPEG: what it loses mixes neighbouring pixels, which are neighbouring views.
 _LENSLETS = [decode.PICTURES[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
@@ -38,8 +49,14 @@ _ESLF = decode.Picture(
     tuple(suffix for picture in _LENSLETS for suffix in picture.suffixes),
 )
 FORMATS = (
-    Format("eslf", "an ESLF image (PNG, TIFF, BMP ...)", *_ESLF, eslf.read_views),
-    Format("exr", "an EXR file", *_EXR, exr.read_views, exr.write_views, exr.holds_views),
+    Format(
+        "eslf",
+        "an ESLF image (PNG, TIFF, BMP ...)",
+        *_ESLF,
+        eslf.read_views,
+        options=("lenslet", "pitch", "offset", "rotation", "lattice", "white"),
+    ),
+    Format("exr", "an EXR file", *_EXR, exr.read_views, exr.write_views, exr.holds_views, ("holes",)),
     Format(
         "array",
         "an array (NPY, NPZ, MAT, HDF5)",
@@ -47,6 +64,7 @@ FORMATS = (
         (".npy", ".npz", ".mat", ".h5", ".hdf5"),
         arrays.read_views,
         holds_views=arrays.holds_views,
+        options=("grid", "axes", "variable"),
     ),
 )
 """Of files; a file is of the first whose magic bytes it starts with."""
@@ -67,6 +85,24 @@ def of(path: Path) -> Format:
             return form
     got, remedy = foreign.explained(head)
     raise FileError(f"{path} must be a light field: {TITLES}", got=got, remedy=remedy)
+
+
+def check_options(path: Path, form: Format, selection: grid.Selection) -> None:
+    """Refuse options that do not concern a form: they would be ignored, and people would think that they helped.
+
+    Args:
+        path: The light field.
+        form: Its form.
+        selection: What was asked for.
+
+    Raises:
+        InputError: The first that concerns other forms.
+    """
+    for name in selection.given():
+        titles = [each.title for each in (*FORMATS, FOLDER) if name in each.options]
+        if titles and form.title not in titles:
+            expected = f"{name} (reader.{name}) concerns {' and '.join(titles)}"
+            raise InputError(expected, got=f"{form.title}, {path}", remedy=f"leave reader.{name} out")
 
 
 def is_field(path: Path) -> bool:

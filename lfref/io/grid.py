@@ -6,7 +6,7 @@ Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -19,6 +19,8 @@ from lfref.io.lenslets.options import ALIGNED, Lenslets
 Source = TypeVar("Source")
 Cell = tuple[int, int]
 """Row and column of a view, from 0."""
+LENSLET = 14
+"""Views along each axis of the ESLF images of the Stanford archive."""
 FEWEST_HOLES = 4
 """So many views at least are missing where that is on purpose."""
 
@@ -33,7 +35,7 @@ class Selection:
     """First row and column to keep; None keeps the centre (the upper of two equally central windows)."""
     pattern: str | None = None
     """Name of a pattern of file names, or a regular expression with groups `row` and `column`, or `index`."""
-    lenslet: int = 14
+    lenslet: int = LENSLET
     """Views along each axis of an ESLF image."""
     grid: tuple[int, int] | None = None
     """Rows and columns of views that are numbered through; None: a square."""
@@ -47,6 +49,12 @@ class Selection:
     """What is said about the lenslets of an image that is not aligned with them."""
     encoding: str = "file"
     """How samples stand for light, for readers that must know it: as `encoding.parsed`, or `file`."""
+
+    def given(self) -> list[str]:
+        """Names of the options that are not as they are by default, those of lenslets among them."""
+        usual = Selection()
+        own = [one.name for one in fields(self) if getattr(self, one.name) != getattr(usual, one.name)]
+        return own + [one.name for one in fields(self.lenslets) if getattr(self.lenslets, one.name) is not None]
 
     def window(self, grid: tuple[int, int], path: Path) -> tuple[slice, slice]:
         """Rows and columns of views to keep.

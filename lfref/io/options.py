@@ -8,7 +8,7 @@ from lfref.errors import InputError
 
 
 def check(**given: Any) -> None:
-    """Refuse options of another kind than theirs; None is no option.
+    """Refuse options of another kind than theirs; None is no option, but where there must be one.
 
     Args:
         **given: Option of `lfref.read` -> its value.
@@ -18,7 +18,7 @@ def check(**given: Any) -> None:
     """
     for name, value in given.items():
         expected, fits = KINDS[name]
-        if value is not None and not fits(value):
+        if not fits(value) and (value is not None or name in NEEDED):
             raise InputError(f"{name} (reader.{name}) must be {expected}", got=repr(value))
 
 
@@ -49,6 +49,8 @@ KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "reverse_u": ("true or false", _is_flag),
     "pattern": ("text", _is_text),
     "lenslet": ("a whole number", _is_whole),
+    "rotation": ("a number of degrees", _is_number),
+    "white": ("an image file", lambda value: isinstance(value, str | Path)),
     "size": ("[height,width] in whole pixels", _two(_is_whole)),
     "grid": ("[rows,columns]", _two(_is_whole)),
     "holes": ("true or false", _is_flag),
@@ -56,5 +58,8 @@ KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "variable": ("a name", _is_text),
     "positions": ("a CSV or JSON file, or names", lambda value: isinstance(value, str | Path)),
     "spacing": ("two numbers, as [1,1.1]", _two(_is_number)),
+    "encoding": ("linear, srgb, gamma:EXPONENT, file or none", _is_text),
 }
 """Option -> what it must be, and whether a value is."""
+NEEDED = ("lenslet", "encoding")
+"""Options that have a value by default."""

@@ -7,6 +7,7 @@ Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -33,7 +34,7 @@ def read(
     reverse_v: bool = False,
     reverse_u: bool = False,
     pattern: str | None = None,
-    lenslet: int = 14,
+    lenslet: int = grids.LENSLET,
     pitch: float | Sequence[float] | None = None,
     offset: Sequence[float] | None = None,
     rotation: float | None = None,
@@ -82,12 +83,12 @@ def read(
         The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
         in [0, 1], and beyond where files of floating point are. Alpha becomes the weight, which is 0 where views are
         missing. The name is that of the path without suffix; the metadata say `path`, `format` (`eslf`, `folder`,
-        `exr`, `array`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are, and what else the files say
-        (see `metadata`).
+        `exr`, `array`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are, `cut from` if `size` leaves
+        something out, and what else the files say (see `metadata`).
 
     Raises:
         FileError: A file is missing, damaged, or not what it should be.
-        InputError: Options do not fit the file.
+        InputError: Options do not fit the file, or do not concern its form.
 
     Example:
         >>> path = lfref.write("capture", lfref.LightField(torch.rand(3, 3, 3, 24, 32)))  # a folder of PNG views
@@ -96,28 +97,48 @@ def read(
     """
     options.check(views=views, start=start, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern, lenslet=lenslet)
     options.check(size=size, grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing)
+    options.check(rotation=rotation, white=white, encoding=encoding)
     path = Path(path)
-    form = formats.of(path)
     kept = (views, views) if isinstance(views, int) else views
     lenslets = described.parsed(pitch, offset, rotation, lattice, white)
     selection = grids.Selection(
         kept, start, pattern, lenslet, grid, holes, axes, variable, lenslets=lenslets, encoding=encoding
     )
-    samples = _cut(form.read_views(path, selection), size, path)
+    form = formats.of(path)
+    formats.check_options(path, form, selection)
+    whole = form.read_views(path, selection)
+    samples = _cut(whole, size, path)
     present = _present(samples)
-    reverse = np.s_[:: -1 if reverse_v else 1, :: -1 if reverse_u else 1]
-    coded = _encoding(encoding, path, samples)
-    said = {"path": str(path), "format": form.name, "bits": BITS[samples.dtype.name], "encoding": str(coded)}
-    name = path.absolute().name if path.is_dir() else path.stem
+    coded, turned = _encoding(encoding, path, whole), _Turned(reverse_v, reverse_u)
+    said = metadata.of(path) | {"path": str(path), "format": form.name} | _told(whole, samples, present, coded)
+    field = _light_field(turned.samples(samples), path, said, coded)
+    places = cameras.of(path, selection, present, positions, spacing)
+    return field if places is None else replace(field, positions=torch.from_numpy(turned.places(places)))
+
+
+class _Turned(NamedTuple):
+    """Which axes of the views run the other way in the file."""
+
+    v: bool
+    u: bool
+
+    def samples(self, stored: NDArray) -> NDArray:
+        """The views as we count them, [V, U, ...]."""
+        return stored[:: -1 if self.v else 1, :: -1 if self.u else 1]
+
+    def places(self, stored: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions, which grow with rows and columns whichever way round those stand, [V, U, 2]."""
+        return self.samples(stored) * (-1 if self.v else 1, -1 if self.u else 1)
+
+
+def _told(whole: NDArray, samples: NDArray, present: NDArray[np.bool_], coded: Encoding) -> dict[str, str]:
+    """Metadata of the samples that are kept of whole views."""
+    said = {"bits": BITS[samples.dtype.name], "encoding": str(coded)}
     if not present.all():
         said["missing"] = f"{(~present).sum()} of {present.size} views"
-    field = _light_field(samples[reverse], name, metadata.of(path) | said, coded)
-    places = cameras.of(path, selection, present, positions, spacing)
-    if places is None:
-        return field
-    # Positions grow with rows and columns, whichever way round those stand.
-    turned = places[reverse] * (-1 if reverse_v else 1, -1 if reverse_u else 1)
-    return replace(field, positions=torch.from_numpy(turned))
+    if whole.shape != samples.shape:
+        said["cut from"] = f"{whole.shape[-2]}x{whole.shape[-1]} pixels"
+    return said
 
 
 def _present(samples: NDArray) -> NDArray[np.bool_]:
@@ -144,8 +165,9 @@ def _encoding(asked: str, path: Path, samples: NDArray) -> Encoding:
     return headers.encoding_of(path) or usual
 
 
-def _light_field(samples: NDArray, name: str, metadata: dict[str, str], coded: Encoding) -> LightField:
+def _light_field(samples: NDArray, path: Path, metadata: dict[str, str], coded: Encoding) -> LightField:
     """The light field whose second or fourth channel, if there is one, is the weight."""
+    name = path.absolute().name if path.is_dir() else path.stem
     n_colours = samples.shape[2] - 1 + samples.shape[2] % 2
     weight = torch.from_numpy(images.to_float(samples[:, :, n_colours:])) if n_colours < samples.shape[2] else None
     views = torch.from_numpy(images.decoded(samples[:, :, :n_colours], coded))

@@ -5,15 +5,18 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-import lfref
 from lfref.cli import inputs
 from lfref.errors import FileError, InputError
 from lfref.geometry import even_planes
 from lfref.io import images
+from lfref.io.read import read
+from lfref.io.write import write
+from lfref.lightfield import LightField
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
+from tests.cli.test_bad_input import assert_one_line
 
 OPERATOR = OperatorRefocuser("sum", shift_and_sum)
 
@@ -25,7 +28,7 @@ def network():
 
 @pytest.fixture
 def field(tmp_path):
-    return lfref.write(tmp_path / "fields" / "a", lfref.LightField(torch.rand(5, 5, 3, 16, 18)))
+    return write(tmp_path / "fields" / "a", LightField(torch.rand(5, 5, 3, 16, 18)))
 
 
 def config(views=None, path=None):
@@ -36,7 +39,16 @@ def test_operators_read_all_views_and_networks_as_many_as_theirs(field, network)
     assert inputs.read(field, config()).grid == (5, 5)
     assert inputs.read(field, config(), [OPERATOR]).grid == (5, 5)
     assert inputs.read(field, config(), [OPERATOR, network]).grid == (3, 3)
-    assert torch.equal(inputs.read(field, config(), [network]).views, lfref.read(field, views=3).views)
+    assert torch.equal(inputs.read(field, config(), [network]).views, read(field, views=3).views)
+
+
+def test_an_option_that_concerns_other_forms_is_refused_and_their_defaults_are_not(lfref, field):
+    words = ("info", field)
+    assert lfref(*words)[0] == 0  # with all of conf/reader
+    said = assert_one_line(*lfref(*words, "reader.pitch=14.3"))
+    assert "pitch (reader.pitch) concerns an ESLF image (PNG, TIFF, BMP ...); got a folder of views" in said
+    said = assert_one_line(*lfref(*words, "reader.axes=vuhwc"))
+    assert "axes (reader.axes) concerns an array" in said
 
 
 def test_the_number_that_is_asked_for_counts(field, network):
@@ -44,7 +56,7 @@ def test_the_number_that_is_asked_for_counts(field, network):
 
 
 def test_a_field_too_small_for_a_network_names_the_network(tmp_path, network):
-    small = lfref.write(tmp_path / "small", lfref.LightField(torch.rand(2, 2, 3, 16, 18)))
+    small = write(tmp_path / "small", LightField(torch.rand(2, 2, 3, 16, 18)))
     with pytest.raises(InputError, match=r"mine reads \(3, 3\) views; got views to keep must be among the 2"):
         inputs.read(small, config(), [network])
 

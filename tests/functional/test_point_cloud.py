@@ -25,6 +25,14 @@ def test_points_that_cameras_saw_come_back_in_metres():
     assert unit == "unit: metre"
 
 
+def test_points_of_a_corner_stand_where_those_of_the_whole_do():
+    nearness = torch.rand(40, 60, generator=torch.Generator().manual_seed(2))
+    whole = point_cloud.points(nearness, torch.ones(40, 60), Cameras.said_by(HCI)).places.reshape(40, 60, 3)
+    cut = HCI | {"cut from": "40x60 pixels"}
+    corner = point_cloud.points(nearness[:20, :35], torch.ones(20, 35), Cameras.said_by(cut)).places
+    torch.testing.assert_close(corner, whole[:20, :35].reshape(-1, 3))
+
+
 def test_without_cameras_points_stand_at_their_pixels_and_nearer_ones_in_front():
     nearness = torch.tensor([[0.0, 1.0, -2.0], [0.5, 0.0, torch.nan]])
     chosen = torch.tensor([[True, True, True], [False, True, True]])

@@ -13,7 +13,9 @@ WRONG = {
     "reverse_v": ["yes", 1],
     "reverse_u": [0],
     "pattern": [3],
-    "lenslet": ["a", 14.3],
+    "lenslet": ["a", 14.3, None],
+    "rotation": ["a", [1], True],
+    "white": [3, ["a"]],
     "size": [5, [5], ["a", 5]],
     "grid": [5, [1, 2, 3], "ab"],
     "holes": ["maybe", 1],
@@ -21,6 +23,7 @@ WRONG = {
     "variable": [5],
     "positions": [3, [1, 2]],
     "spacing": [1.1, [1, "a"], [1, 2, 3], [True, 1]],
+    "encoding": [2.2, None, ["srgb"]],
 }
 
 

@@ -1,5 +1,6 @@
 """What `read` gives back, whatever form the light field is stored in, and what `find` finds."""
 
+import inspect
 import subprocess
 import sys
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.errors import FileError
+from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
 from lfref.io import images, read, write
 
@@ -40,6 +41,56 @@ def test_options_mean_the_same_for_every_form(tmp_path, make_field, suffix):
     assert window.views.is_contiguous()
     both = read.read(path, reverse_v=True, reverse_u=True)
     torch.testing.assert_close(both.views, field.views.flip(0, 1), rtol=0, atol=0)
+
+
+FOREIGN = {
+    "folder": {"lenslet": 15, "pitch": 14.3, "offset": (7, 7), "rotation": 1.0, "lattice": "square", "white": "w.png"}
+    | {"axes": "vuhwc", "variable": "LF"},
+    "eslf": {"pattern": "index", "grid": (3, 4), "holes": True, "axes": "hwvuc", "variable": "LF"},
+    "exr": {"pattern": "index", "grid": (3, 4), "lenslet": 15, "pitch": 14.3, "white": "w.png", "axes": "vuhwc"},
+    "array": {"pattern": "index", "holes": False, "lenslet": 15, "pitch": 14.3, "white": "w.png"},
+}
+"""Form -> options of `read` that concern others."""
+
+
+@pytest.fixture
+def stored(tmp_path, make_field):
+    """Form -> a light field of that form."""
+    field = make_field((3, 4))
+    np.save(tmp_path / "a.npy", field.views.permute(0, 1, 3, 4, 2).numpy())
+    shown = np.random.default_rng(1).random((20 * 14, 20 * 14, 3))
+    images.write_image(tmp_path / "a.png", shown * np.tile(np.hanning(16)[1:-1], 20)[:, None, None])
+    return {
+        "folder": write.write(tmp_path / "a", field),
+        "eslf": tmp_path / "a.png",
+        "exr": write.write(tmp_path / "a.exr", field),
+        "array": tmp_path / "a.npy",
+    }
+
+
+@pytest.mark.parametrize(("form", "name"), [(form, name) for form, names in FOREIGN.items() for name in names])
+def test_options_that_concern_other_forms_are_refused_by_name(stored, one_line, form, name):
+    with pytest.raises(InputError) as caught:
+        read.read(stored[form], **{name: FOREIGN[form][name]})
+    one_line(caught.value, stored[form], f"(reader.{name}) concerns", f"leave reader.{name} out")
+
+
+@pytest.mark.parametrize("form", FOREIGN)
+def test_defaults_concern_every_form(stored, form):
+    usual = {name: one.default for name, one in inspect.signature(read.read).parameters.items() if name != "path"}
+    assert read.read(stored[form], **usual).metadata["format"] == form
+
+
+def test_lenslets_are_not_described_in_two_ways(stored):
+    with pytest.raises(InputError, match=r"both, lenslet 15; leave reader.lenslet out"):
+        read.read(stored["eslf"], lenslet=15, pitch=14.3)
+
+
+def test_metadata_say_what_a_corner_was_cut_from(tmp_path, make_field):
+    path = write.write(tmp_path / "a", make_field((2, 2)))
+    height, width = read.read(path).size
+    assert "cut from" not in read.read(path, size=(height, width)).metadata
+    assert read.read(path, size=(4, 2)).metadata["cut from"] == f"{height}x{width} pixels"
 
 
 def test_reversing_goes_with_the_weight(tmp_path, make_field):
