@@ -4,6 +4,7 @@ They are listed by their headers and loaded when they are asked for. Objects of 
 header says lies in another file.
 """
 
+import itertools
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -125,11 +126,27 @@ def _hdf5(path: Path) -> Iterator[list[Member]]:
     def visit(name: str, item: Any) -> None:
         # An external one would read any file that the header names.
         if isinstance(item, h5py.Dataset) and item.shape and not (item.external or item.is_virtual):
-            found.append(Member(name, item.shape, partial(item.__getitem__, ())))
+            found.append(Member(name, item.shape, partial(_whole, item)))
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
         yield found
+
+
+def _whole(dataset: Any) -> NDArray:
+    """All samples of an array of HDF5, which would read 0 for pieces that its index has lost.
+
+    Raises:
+        ValueError: Some are not there.
+    """
+    if dataset.chunks is not None:
+        there: set[tuple[int, ...]] = set()
+        dataset.id.chunk_iter(lambda piece: there.add(piece.chunk_offset))
+        steps = zip(dataset.shape, dataset.chunks, strict=True)
+        lost = set(itertools.product(*(range(0, length, step) for length, step in steps))) - there
+        if lost:
+            raise ValueError(f"{len(lost)} pieces of {dataset.name} are missing")
+    return np.asarray(dataset[()])
 
 
 READERS: dict[bytes, Callable[[Path], AbstractContextManager[list[Member]]]] = {
