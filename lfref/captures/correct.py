@@ -136,10 +136,12 @@ def looked(evidence: Evidence) -> tuple[LightField, Corrections]:
 
 def _blind(field: LightField) -> dict[str, str]:
     """Corrections that are not looked for because there is too little in a light field, all or none, and why."""
+    # Extremes are NaN where any sample is, and are found in a third of the time of `isfinite`.
+    is_finite = all(bool(extreme.isfinite()) for extreme in field.views.aminmax())
     reasons = {
         f"views are smaller than {SMALLEST} pixels": min(field.size) < SMALLEST,
         "one view has none to be compared with": field.grid == (1, 1),
-        "views hold NaN or infinity": not bool(field.views.isfinite().all()),
+        "views hold NaN or infinity": not is_finite,
     }
     return {each.kind.name: why for why, holds in reasons.items() if holds for each in CORRECTIONS}
 

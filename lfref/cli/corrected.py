@@ -1,20 +1,17 @@
 """Light fields put right before they are used: `correct=auto`, `none`, or what was found in another capture."""
 
-import dataclasses
 import inspect
 from pathlib import Path
 
 from omegaconf import DictConfig
 
-from lfref.captures.correct import Corrections, correct
-from lfref.captures.spacing import Spacing
+from lfref.captures.asked import as_asked
+from lfref.captures.correct import Corrections
 from lfref.cli import inputs
 from lfref.cli.command import log
 from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
-
-AUTO, NONE = "auto", "none"
 
 
 def white_of(config: DictConfig, refocuser: Refocuser) -> LightField | None:
@@ -41,14 +38,11 @@ def prepared(
         InputError: A white picture or corrections of another grid or size.
         FileError: The file of corrections cannot be read.
     """
-    wanted = str(config.correct)
-    if wanted == NONE:
-        return field, None
-    made, found = correct(field, white, None if wanted == AUTO else wanted)
-    if made.positions is not field.positions and not _takes_positions(refocuser):
-        found = found.leaving({Spacing.name: _uneven(found, refocuser)})
-        made = dataclasses.replace(made, positions=field.positions)
-    _tell(field.name, found, bool(config.explain))
+    other = "take method=shift_and_sum_through_cells to have it corrected"
+    even = None if _takes_positions(refocuser) else f"{refocuser.name} needs an even grid: {other}"
+    made, found = as_asked(field, str(config.correct), white, even)
+    if found is not None:
+        _tell(field.name, found, bool(config.explain))
     return made, found
 
 
@@ -56,11 +50,6 @@ def _takes_positions(refocuser: Refocuser) -> bool:
     """Whether cameras may stand off the even grid: networks learned on even ones, and so work most operators."""
     operator = getattr(refocuser, "operator", None)
     return operator is not None and "positions" in inspect.signature(operator).parameters
-
-
-def _uneven(found: Corrections, refocuser: Refocuser) -> str:
-    other = "take method=shift_and_sum_through_cells to have it corrected"
-    return f"{found[Spacing.name].told()}, but {refocuser.name} needs an even grid: {other}"
 
 
 def _tell(name: str, found: Corrections, all_of_it: bool) -> None:

@@ -1,0 +1,44 @@
+"""Light fields as somebody wants them: even grids stay even where that is asked for, and it is said."""
+
+import pytest
+import torch
+
+from lfref.captures.asked import as_asked
+from lfref.captures.correct import Corrections
+from lfref.captures.spacing import Spacing
+from lfref.lightfield import LightField
+
+
+@pytest.fixture
+def field():
+    return LightField(torch.full((3, 3, 3, 32, 40), 0.25), "grey")
+
+
+@pytest.fixture
+def profile(field, tmp_path):
+    Corrections(field.grid, field.size, (Spacing(1.25, 1.25, 0.001),)).save(tmp_path / "spacing.pt")
+    return str(tmp_path / "spacing.pt")
+
+
+def test_none_looks_for_nothing(field):
+    assert as_asked(field, "none") == (field, None)
+
+
+def test_a_field_without_defects_comes_back_itself(field):
+    made, found = as_asked(field, "auto")
+    assert made is field
+    assert found.active == ()
+
+
+def test_positions_are_those_that_were_found(field, profile):
+    made, found = as_asked(field, profile)
+    assert made.positions[:, 0, 0].tolist() == [-1.25, 0, 1.25]
+    assert found.active == ("spacing",)
+
+
+def test_an_even_grid_stays_even_where_that_is_asked_for_and_it_is_said(field, profile):
+    made, found = as_asked(field, profile, even="networks learned on even ones")
+    assert made.positions is None
+    assert found.active == ()
+    assert found.left["spacing"].startswith("rows are 1.2500 times as far apart as columns")
+    assert found.left["spacing"].endswith(", but networks learned on even ones")
