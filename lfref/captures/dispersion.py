@@ -63,9 +63,10 @@ def read_again(found: Registration, offsets: Tensor, sizes: Tensor, disparities:
     middles = _centred(found)[:, None] + found.expected
     samples = [
         patches.read(
-            views[:, c : c + 1],
+            views,
             found.patches,
             found.expected + offsets[c] + sizes[c] * middles + disparities[c] * found.places,
+            [c],
         )
         for c in range(views.shape[1])
     ]

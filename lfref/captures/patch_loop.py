@@ -9,11 +9,12 @@ from lfref.functional import jit
 
 
 @jit.compiled
-def read(views, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
+def read(views, channels, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
     """Fill the patches from `first` to before `last`.
 
     Args:
-        views: Samples, [I, C, H, W].
+        views: Samples, [I, all channels, H, W].
+        channels: Which of their channels are read, [C].
         rows: First row that a patch takes of a view, [K, I].
         columns: Likewise, [K, I].
         row_weights: Weights of rows side by side, [K, I, T].
@@ -30,18 +31,17 @@ def read(views, rows, columns, row_weights, column_weights, patches, first, last
             top, left = rows[k, i], columns[k, i]
             down, across = row_weights[k, i], column_weights[k, i]
             for c in range(n_channels):
-                view = views[i, c]
+                view = views[i, channels[c]]
                 for y in range(height):
-                    for x in range(width + taps - 1):
-                        line[x] = down[0] * view[top + y, left + x]
-                    for t in range(1, taps):
-                        weight = down[t]
-                        for x in range(width + taps - 1):
-                            line[x] += weight * view[top + y + t, left + x]
+                    line[:] = 0
+                    for t in range(taps):
+                        # Slices begin at 0: an index that might be negative would keep the loop from going in steps.
+                        weight, source = down[t], view[top + y + t, left : left + len(line)]
+                        for x in range(len(line)):
+                            line[x] += weight * source[x]
                     made = patches[k, i, c, y]
-                    for x in range(width):
-                        made[x] = across[0] * line[x]
-                    for t in range(1, taps):
-                        weight = across[t]
+                    made[:] = 0
+                    for t in range(taps):
+                        weight, source = across[t], line[t : t + width]
                         for x in range(width):
-                            made[x] += weight * line[x + t]
+                            made[x] += weight * source[x]

@@ -6,6 +6,7 @@ Letters: `k` patch, `i` view, `c` channel, `y x` pixel row and column, `T` tap.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -78,13 +79,14 @@ def _worth(grey: Tensor, disparity: Tensor) -> tuple[Tensor, Tensor]:
     return detail / (1 + (square - mean.square()).clamp(min=0) / SPREAD**2), mean
 
 
-def read(views: Tensor, patches: Patches, displacements: Tensor) -> Tensor:
+def read(views: Tensor, patches: Patches, displacements: Tensor, channels: Sequence[int] | None = None) -> Tensor:
     """Patches with a ring of `RING` pixels around them, as views show them.
 
     Args:
         views: Floating point, CPU, [I, C, H, W].
         patches: Which.
         displacements: How much lower and farther right each view is read, in pixels, float64, [K, I, 2].
+        channels: Which are read; None: all.
 
     Returns:
         Samples between samples, float32, [K, I, C, SIDE + 2 RING, SIDE + 2 RING].
@@ -96,8 +98,9 @@ def read(views: Tensor, patches: Patches, displacements: Tensor) -> Tensor:
     whole = starts.floor()
     weights = resampling.weights(starts - whole).float()
     rows, columns = (whole.long() - BEFORE).unbind(-1)
-    made = torch.empty(len(rows), *views.shape[:2], side, side)
-    tables = (rows, columns, weights[:, :, 0], weights[:, :, 1], made)
+    wanted = torch.tensor(range(views.shape[1]) if channels is None else channels)
+    made = torch.empty(len(rows), len(views), len(wanted), side, side)
+    tables = (wanted, rows, columns, weights[:, :, 0], weights[:, :, 1], made)
     arrays = [table.contiguous().numpy() for table in tables]
     n_threads = threads.worthwhile(made.numel(), WORTH_A_THREAD)
     samples = views.detach().numpy()

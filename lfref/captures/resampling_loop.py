@@ -26,6 +26,7 @@ def resample(pictures, rows, row_weights, starts, column_weights, made, first, l
     n_taps = rows.shape[2]
     beyond = n_taps
     line = np.empty(width + 2 * beyond, made.dtype)
+    middle = line[beyond : beyond + width]
     for b in range(first, last):
         for y in range(height):
             line[:] = 0
@@ -34,7 +35,7 @@ def resample(pictures, rows, row_weights, starts, column_weights, made, first, l
                 if weight != 0:
                     source = pictures[b, rows[b, y, t]]
                     for x in range(width):
-                        line[beyond + x] += weight * source[x]
+                        middle[x] += weight * source[x]
             line[:beyond] = line[beyond]
             line[beyond + width :] = line[beyond + width - 1]
             into = made[b, y]
@@ -46,7 +47,11 @@ def resample(pictures, rows, row_weights, starts, column_weights, made, first, l
                 end = begin + 1
                 while end < width and starts[b, end] - end == start:
                     end += 1
+                run = into[begin:end]
                 for t in range(n_taps):
-                    for x in range(begin, end):
-                        into[x] += column_weights[b, t, x] * line[beyond + start + t + x]
+                    # Slices begin at 0: an index that might be negative would keep the loop from going in steps.
+                    weights, first_read = column_weights[b, t, begin:end], beyond + start + t + begin
+                    source = line[first_read : first_read + len(run)]
+                    for x in range(len(run)):
+                        run[x] += weights[x] * source[x]
                 begin = end
