@@ -9,9 +9,11 @@ Letters: `V U` view rows and columns.
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.refocus.fourier.disparity_layers import disparity_layers
 
+LEAST = 0.05  # of the weight that a light field has at best: samples of less show nothing by themselves
 TRUSTED = 0.1  # of the weight that the most trusted view has at a pixel: less gives way
 
 
@@ -40,6 +42,46 @@ def _given_way(samples: Tensor, weight: Tensor, needed: Tensor) -> Tensor:
     least, samples = torch.finfo(weight.dtype).tiny, torch.where(weight > 0, samples, 0)
     mean = (samples * weight).sum((-4, -3), keepdim=True) / weight.sum((-4, -3), keepdim=True).clamp(min=least)
     return torch.lerp(mean.expand_as(samples), samples, (weight / needed.clamp(min=least)).clamp(max=1))
+
+
+def trusted(weight: Tensor) -> Tensor:
+    """Which samples have enough weight to show by themselves what is there: interpolated weights are seldom quite 0.
+
+    Args:
+        weight: How far each sample is to be trusted, >= 0, [..., V, U, 1, H, W].
+
+    Returns:
+        Bool, of the same shape.
+    """
+    return weight > LEAST * weight.amax((-5, -4, -3, -2, -1), keepdim=True)
+
+
+def extended(views: Tensor, is_trusted: Tensor) -> Tensor:
+    """Views that go on smoothly as what is around, where none is trusted: blurs then mix in no black.
+
+    Args:
+        views: Floating point, [..., V, U, C, H, W].
+        is_trusted: As `trusted` says, [..., V, U, 1, H, W].
+
+    Returns:
+        The views; pixels at which none is trusted made of the mean of the trusted samples around them.
+    """
+    counts = is_trusted.sum((-5, -4))
+    if bool((counts > 0).all()):
+        return views
+    known, mean = (counts > 0).to(views), torch.where(is_trusted, views, 0).sum((-5, -4)) / counts.clamp(min=1)
+    around = _around(mean.reshape(-1, *mean.shape[-3:]), known.reshape(-1, *known.shape[-3:])).reshape(mean.shape)
+    return torch.where((counts > 0)[..., None, None, :, :, :], views, around[..., None, None, :, :, :])
+
+
+def _around(image: Tensor, known: Tensor) -> Tensor:
+    """Images [B, C, H, W] whose unknown pixels are those of half the size, where each knows of four; [B, 1, H, W]."""
+    if min(image.shape[-2:]) == 1 or bool((known > 0).all()):
+        return image
+    share = F.avg_pool2d(known, 2, ceil_mode=True)
+    coarse = F.avg_pool2d(image * known, 2, ceil_mode=True) / share.clamp(min=torch.finfo(share.dtype).tiny)
+    coarse = _around(coarse, (share > 0).to(share))
+    return torch.where(known > 0, image, F.interpolate(coarse, image.shape[-2:], mode="bilinear", align_corners=False))
 
 
 def foretold(views: Tensor, weights: Tensor) -> Tensor:
