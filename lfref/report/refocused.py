@@ -87,7 +87,7 @@ class Refocused:
     @cached_property
     def disparity(self) -> DisparityMap:
         """Disparity and confidence of each pixel of the central view."""
-        return disparity_map(self.field.views, weights=self._view_weights)
+        return disparity_map(self.field.views, weights=self._view_weights, positions=self.field.positions)
 
     @cached_property
     def nearness(self) -> Tensor:
@@ -108,7 +108,7 @@ class Refocused:
         """The picture that is sharp everywhere, of the views that show the same point, [C, H, W]."""
         if self.field.grid == (1, 1):
             return all_in_focus(self.stack[self.rising]).image
-        return extended_focus(self.field.views, self.disparity.disparity, self._view_weights)
+        return extended_focus(self.field.views, self.disparity.disparity, self._view_weights, self.field.positions)
 
     @cached_property
     def focused(self) -> tuple[Tensor, Tensor]:
