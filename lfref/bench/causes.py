@@ -16,7 +16,8 @@ error after the other, so that each can be told alone:
 
 `cost_db` is PSNR against truth without the cause less that with it, all else as it was; below 0 the change is for the
 better. PSNR is capped at 100 dB, and where nothing else is wrong, so is what a cause costs. `alone_db` is PSNR of the
-picture whose only error it is. With a sensor's effect, the truth is developed like the views. `won_db` is what another
+picture whose only error it is. With a sensor's effect, the truth is developed like the views, and a tone curve is
+left on: what it costs is the mean of encoded values, as `encoding=none` takes it. `won_db` is what another
 method makes of the same views, against the same truth, less what the one above makes. Planes keep their places in the
 scene: with n instead of m views along the aperture, disparities and slopes are m/n times as large. That is done where
 all surfaces are planes.
@@ -30,6 +31,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
+from lfref import encoding
 from lfref.bench import accuracy, quality, simulation
 from lfref.bench.accuracy import Row
 from lfref.bench.subjects import IDEAL, SENSOR, TRUTH, Subject
@@ -164,7 +166,8 @@ def _of_effect(name: str, sensor: Sensor, ideal: Subject, exact: Tensor, plan: P
     """One effect of the sensor, on views that have no other."""
     views = chain.recorded(ideal.light.views, sensor, seed)
     truth = developed(ideal.truth, sensor)
-    subject = Subject(SENSOR, LightField(views, ideal.light.name), truth, TRUTH, sensor=sensor)
+    light = LightField(views, ideal.light.name, is_linear=sensor.encoding == encoding.LINEAR)
+    subject = Subject(SENSOR, light, truth, TRUTH, encoding=sensor.encoding)
     slopes = plan.planes.slopes
     without = plan.quality(exact, ideal.truth)
     alone = plan.quality(subject.stack(EXACT, slopes), developed(exact, sensor))

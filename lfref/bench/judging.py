@@ -8,18 +8,16 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 import torch
-from torch import Tensor
 
 from lfref.bench import accuracy, quality
 from lfref.bench.accuracy import Row
-from lfref.bench.quality import MEASURES, WHOLE, Shown
+from lfref.bench.quality import MEASURES, WHOLE
 from lfref.bench.subjects import EXACT, Subject
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
-from lfref.simulator.developed import linear
 
 JUDGES = OperatorRefocuser(EXACT, exact_fourier)
 SERIES = ["class", "method", "reference"]
@@ -45,19 +43,14 @@ def rows(subjects: Iterable[Subject], methods: Sequence[Refocuser], planes: Foca
     """
     for subject in subjects:
         quality.check_margin(margin, subject.light.size)
-        truth, exact = _shown(subject.truth, subject), _shown(subject.stack(JUDGES, planes.slopes), subject)
+        truth, exact = subject.shown(subject.truth), subject.shown(subject.stack(JUDGES, planes.slopes))
         for method in methods:
-            stack = _shown(subject.stack(method, planes.slopes), subject)
+            stack = subject.shown(subject.stack(method, planes.slopes))
             found = quality.planes(stack, truth, margin)
             found["exact_psnr_db"] = psnr(stack.inside(margin).stack, exact.inside(margin).stack).tolist()
             names = {"class": subject.kind, "scene": subject.light.name, "method": method.name}
             for place, *values in zip(accuracy.plane_names(planes), *found.values(), strict=True):
                 yield names | {"reference": subject.reference} | place | dict(zip(found, values, strict=True))
-
-
-def _shown(stack: Tensor, subject: Subject) -> Shown:
-    stack = stack.cpu()
-    return Shown(stack, linear(stack, subject.sensor))
 
 
 def by_plane(judged: pd.DataFrame) -> pd.DataFrame:

@@ -9,6 +9,7 @@ from torch import Tensor
 from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, progress
 from lfref.cli.planes import fixed
+from lfref.encoding import LINEAR, SRGB, Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import encode, images, write
@@ -75,7 +76,10 @@ def _write(folder: Path, scene: Scene, made: Simulated, planes: FocalPlanes, suf
     cells: dict[str, Tensor] = {}
     if made.views is not None:
         _warn_of_clipping(scene.name, made.views, suffix)
-        write.write(folder / f"{scene.name}{suffix}", LightField(made.views, scene.name))
+        # What a tone curve encoded is written as it is: files then hold what the camera's would.
+        light = LightField(made.views, scene.name, is_linear=scene.sensor.encoding == LINEAR)
+        write.write(folder / f"{scene.name}{suffix}", light)
+        _say_encoding(scene, SRGB if suffix == "" else LINEAR)
         cells |= contact.view_cells(made.views)
     if made.disparity is not None:
         images.write_image(folder / "disparity" / f"{scene.name}.exr", made.disparity[..., None].cpu().numpy())
@@ -100,6 +104,18 @@ def _warn_of_clipping(name: str, views: Tensor, suffix: str) -> None:
     if share > 0 and not suffix:
         reach = f"{float(views.min()):.3g} to {float(views.max()):.3g}"
         log.warning("%s reaches from %s: PNG clips %.2g %% of it, suffix=.exr keeps all", name, reach, 100 * share)
+
+
+def _say_encoding(scene: Scene, assumed: Encoding) -> None:
+    """Say how views are to be read that a reader takes for something else.
+
+    Args:
+        scene: Whose sensor has a tone curve, or none.
+        assumed: What the files are taken for.
+    """
+    encoding = scene.sensor.encoding
+    if encoding not in (LINEAR, assumed):
+        log.warning("%s has a tone curve of its own: read it with reader.encoding=%s", scene.name, encoding)
 
 
 main = command(simulate)

@@ -2,7 +2,8 @@
 
 A PNG of a whole lenslet image decodes in seconds and only from front to back. The cache keeps plain memory-mapped
 arrays [V, U, C, H, W] in the file's own depth, keyed by the SHA-256 of the content, the reader's options and the
-reader's code, so that none of the three can change unnoticed. An entry ends in its own CRC-32.
+reader's code, so that none of the three can change unnoticed. Corrected light fields are kept in linear float32, keyed
+by the corrections and their code as well. An entry ends in its own CRC-32.
 """
 
 import ast
@@ -13,13 +14,15 @@ import logging
 import mmap
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from lfref.captures import correct as corrections
+from lfref.captures.asked import AUTO, NONE, as_asked
 from lfref.data import hashes
 from lfref.encoding import LINEAR, Encoding, parsed
 from lfref.errors import InputError
@@ -73,27 +76,28 @@ class CachedField:
         return LightField(views, self.name, weight, is_linear=self.encoding.is_known)
 
 
-def cached(path: Path, options: Mapping[str, Any], folder: Path) -> CachedField:
+def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE) -> CachedField:
     """Open a light field through the cache, decoding it on first use.
 
     Args:
         path: The light field: a file or a folder of views.
         options: Arguments of `lfref.read`.
         folder: Where the cache lies.
+        correct: As for `as_asked`.
 
     Raises:
-        FileError: The light field cannot be read or the cache cannot be written.
+        FileError: The light field or a file of corrections cannot be read, or the cache cannot be written.
         InputError: Cameras off the even grid, which no network learns.
     """
     if options.get("positions") is not None or options.get("spacing") is not None:
         remedy = "leave out reader.positions and reader.spacing"
         raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
-    version = _reader_version(Path(reader.__file__))
-    identity = json.dumps([hashes.content_hash(path, folder), dict(options), version], sort_keys=True, default=str)
+    version = [_reader_version(Path(reader.__file__)), *_correction_version(correct)]
+    identity = json.dumps([hashes.content_hash(path, folder), dict(options), *version], sort_keys=True, default=str)
     key = hashlib.sha256(identity.encode()).hexdigest()
     entry = next(iter(sorted(folder.glob(f"{key}.*npy"))), None)
     if entry is None or not _is_intact(entry, path):
-        entry = _store(reader.read(path, **options), folder / key)
+        entry = _store(_read(path, options, correct), folder / key)
     name = path.absolute().name if path.is_dir() else path.stem
     told = entry.name.removeprefix(f"{key}.").removesuffix(".npy")
     coded = parsed(told.removesuffix(WEIGHTED).replace("_", ":"))
@@ -125,6 +129,17 @@ def _checksum(content: bytes | memoryview) -> bytes:
     return zlib.crc32(content).to_bytes(CHECKSUM, "little")
 
 
+def _read(path: Path, options: Mapping[str, Any], correct: str) -> LightField:
+    """A light field as it is to be kept, what was corrected as float: it is no longer what the file holds."""
+    read = reader.read(path, **options)
+    mended, found = as_asked(read, correct)
+    if mended.positions is not None:
+        got = f"{mended.name}, whose {found['spacing'].told()}" if found else mended.name
+        remedy = "set data.correct=none, or leave it out"
+        raise InputError("light fields to learn from must stand on an even grid", got=got, remedy=remedy)
+    return mended if mended is read else replace(mended, metadata={**read.metadata, "bits": "float"})
+
+
 def _store(field: LightField, stem: Path) -> Path:
     """Write an entry KEY.ENCODING.npy; integers stay what they are in the file, whatever light they stand for."""
     dtype = STORED[field.metadata["bits"]]
@@ -143,23 +158,38 @@ def _store(field: LightField, stem: Path) -> Path:
     return entry
 
 
-@functools.cache
+def _correction_version(correct: str) -> list[str]:
+    """What a correction depends on beside the light field: its code, and the file of what is to be corrected."""
+    if correct == NONE:
+        return []
+    # All of the package counts that corrections import, down to the operators that they refocus with.
+    package = Path(corrections.__file__).parents[1]
+    code = _version(Path(corrections.__file__), package, package.name)
+    return [code, correct if correct == AUTO else hashes.content_hash(Path(correct))]
+
+
 def _reader_version(start: Path) -> str:
-    """Hash of the source of a module, and of what it reads through: a change of the reader is a change of the cache."""
+    """A change of the reader is a change of the cache."""
+    return _version(start, start.parent, f"{reader.__package__}")
+
+
+@functools.cache
+def _version(start: Path, room: Path, package: str) -> str:
+    """Hash of the source of a module, and of what it imports from a package, which lies in a folder."""
     digest = hashlib.sha256()
-    for file in sorted(_sources(start, set(), start.parent)):
+    for file in sorted(_sources(start, set(), room, package)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def _sources(file: Path, found: set[Path], room: Path) -> set[Path]:
-    """A module and all that it imports from the readers' folder and below, added to those found before."""
+def _sources(file: Path, found: set[Path], room: Path, package: str) -> set[Path]:
+    """A module and all that it imports from a package's folder and below, added to those found before."""
     if file.is_file() and file not in found and file.name not in ONLY_WRITE:
         found.add(file)
         for node in ast.walk(ast.parse(file.read_bytes())):
-            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{reader.__package__}."):
-                below = room.joinpath(*f"{node.module}".removeprefix(f"{reader.__package__}").split(".")[1:])
+            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{package}."):
+                below = room.joinpath(*f"{node.module}".removeprefix(package).split(".")[1:])
                 for name in node.names:
-                    _sources(below / f"{name.name}.py", found, room)
-                _sources(below.with_suffix(".py"), found, room)
+                    _sources(below / f"{name.name}.py", found, room, package)
+                _sources(below.with_suffix(".py"), found, room, package)
     return found

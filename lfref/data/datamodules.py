@@ -9,6 +9,7 @@ from typing import Any
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
+from lfref.captures.asked import NONE
 from lfref.data import splits
 from lfref.data.labels import Labels, RenderedLabels
 from lfref.data.patches import Batch, EpochSampler, FieldPatches, concatenate
@@ -97,6 +98,7 @@ class FolderData(PatchData):
         validation_share: Part held out, in (0, 1).
         cache_folder: Where decoded light fields are kept.
         reader: Arguments of `lfref.read`.
+        correct: `none`, `auto` for what each light field shows, or a file of corrections.
         labels: As in `PatchData`, like all further arguments.
         **options: Arguments of `PatchData`.
     """
@@ -109,6 +111,7 @@ class FolderData(PatchData):
         validation_path: str | None = None,
         validation_share: float = 0.1,
         reader: Mapping[str, Any] | None = None,
+        correct: str = NONE,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
@@ -117,6 +120,7 @@ class FolderData(PatchData):
         self.validation_share = validation_share
         self.cache_folder = Path(cache_folder).expanduser()
         self.reader = dict(reader or {})
+        self.correct = correct
 
     def prepare_data(self) -> None:
         """Hash the fields in one process of a machine; the others find what it kept. Lightning calls this first."""
@@ -134,8 +138,8 @@ class FolderData(PatchData):
                 "no light field is left to train on", remedy="hold out other fields than those you train on"
             )
         return (
-            FolderSource(train, self.cache_folder, self.reader),
-            FolderSource(held, self.cache_folder, self.reader),
+            FolderSource(train, self.cache_folder, self.reader, self.correct),
+            FolderSource(held, self.cache_folder, self.reader, self.correct),
         )
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
@@ -163,6 +167,7 @@ class SimulatedData(PatchData):
         n_validation: Held-out scenes.
         scenes: Where they come from.
         validation_scenes: Where held-out scenes come from, the same whatever the seed; None takes others of `scenes`.
+        correct: `none`, `auto` for what each light field shows, or a file of corrections.
         **options: Arguments of `PatchData`.
     """
 
@@ -173,6 +178,7 @@ class SimulatedData(PatchData):
         n_validation: int = 8,
         scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
         validation_scenes: Scenes | Scene | None = None,
+        correct: str = NONE,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
@@ -181,8 +187,8 @@ class SimulatedData(PatchData):
         # Views and rendered labels share a painting, if it reaches as far as the labels' planes do.
         reach = float(labels.planes.slopes.abs().max()) if isinstance(labels, RenderedLabels) else 0.0
         self.streams = (
-            SimulatedSource(n_fields, self.seed, scenes, reach),
-            SimulatedSource(n_validation, stream, held, reach),
+            SimulatedSource(n_fields, self.seed, scenes, reach, correct),
+            SimulatedSource(n_validation, stream, held, reach, correct),
         )
 
     def sources(self) -> tuple[Source, Source]:

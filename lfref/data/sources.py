@@ -13,6 +13,7 @@ from typing import Any
 
 from torch import Tensor
 
+from lfref.captures.asked import NONE, as_asked
 from lfref.data import cache
 from lfref.data.cache import CachedField
 from lfref.errors import InputError
@@ -50,12 +51,16 @@ class FolderSource(Source):
         paths: The light fields: files or folders of views.
         cache_folder: Where decoded fields are kept.
         reader: Arguments of `lfref.read`.
+        correct: `none`, `auto` for what each shows, or a file of corrections.
     """
 
-    def __init__(self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any]) -> None:
+    def __init__(
+        self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any], correct: str = NONE
+    ) -> None:
         self.paths = list(paths)
         self.cache_folder = cache_folder
         self.reader = dict(reader)
+        self.correct = correct
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -66,7 +71,7 @@ class FolderSource(Source):
         Raises:
             FileError: It cannot be read.
         """
-        return cache.cached(self.paths[index], self.reader, self.cache_folder)
+        return cache.cached(self.paths[index], self.reader, self.cache_folder, self.correct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +99,7 @@ class SimulatedSource(Source):
         scenes: Where they come from; a single scene is seen again and again with other textures and noise.
         reach: Greatest |slope| that fields will be photographed at, in pixels per view step: views and photographs up
             to there share one painting.
+        correct: `none`, `auto` for what each field shows, or a file of corrections.
 
     Raises:
         InputError: No field, or a seed below 0.
@@ -105,6 +111,7 @@ class SimulatedSource(Source):
         seed: int,
         scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
         reach: float = 0.0,
+        correct: str = NONE,
     ) -> None:
         if n_fields < 1 or seed < 0:
             raise InputError(
@@ -113,23 +120,27 @@ class SimulatedSource(Source):
         self.n_fields = n_fields
         self.seed = seed
         self.reach = reach
+        self.correct = correct
         self.scenes = Fixed((scenes,)) if isinstance(scenes, Scene) else scenes
 
     def __len__(self) -> int:
         return self.n_fields
 
     def field(self, index: int, epoch: int = 0) -> SimulatedField:
-        """Render the field at that place of that epoch; what leaves [0, 1] is clipped."""
+        """Render the field at that place of that epoch, in linear light; what leaves [0, 1] is clipped."""
         scene = self.scenes.scene(self.seed, epoch, index)
         simulation = Simulation(scene, self.reach)
         views = simulation.run(["views"], [0.0]).views
         assert views is not None
         once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, simulation))
-        return SimulatedField(views.clamp(0, 1), scene.name, photograph=once)
+        light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
+        mended, _ = as_asked(light, self.correct)
+        return SimulatedField(mended.views, scene.name, mended.weight, photograph=once)
 
 
 def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:
-    """The truth in the brightness and colours of the views, clipped like them."""
+    """The truth in the brightness and colours of the views, clipped and decoded like them."""
     truth = simulation.run(["truth"], slopes).truth
     assert truth is not None
-    return developed(truth, simulation.scene.sensor).clamp(0, 1)
+    sensor = simulation.scene.sensor
+    return sensor.encoding.decode(developed(truth, sensor).clamp(0, 1))

@@ -29,13 +29,3 @@ def developed(pictures: Tensor, sensor: Sensor) -> Tensor:
             # None of these draws anything.
             pictures = effect.apply(pictures, Generator())
     return pictures
-
-
-def linear(pictures: Tensor, sensor: Sensor) -> Tensor:
-    """Pictures with their tone curve undone, as sums of light and colours need them.
-
-    Args:
-        pictures: As `developed` makes them, or views, any shape.
-        sensor: The scene's.
-    """
-    return pictures if sensor.tone_curve is None else sensor.tone_curve.undo(pictures)

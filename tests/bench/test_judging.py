@@ -9,6 +9,7 @@ import torch
 from lfref.bench import judging, quality
 from lfref.bench.quality import Shown
 from lfref.bench.subjects import Subject
+from lfref.encoding import LINEAR, SRGB
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, planes_at_alphas
@@ -16,22 +17,18 @@ from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator.developed import linear
-from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 
 PLANES = planes_at_alphas((0.5, 2.0))
 SUM, EXACT = OperatorRefocuser("sum", shift_and_sum), OperatorRefocuser("exact", exact_fourier)
-IDEAL, CURVED = Sensor(), Sensor(tone_curve=ToneCurve("srgb"))
 
 
-def subject(kind, name, sensor=IDEAL):
+def subject(kind, name, encoding=LINEAR):
     views, truth = torch.rand(3, 3, 3, 20, 24), torch.rand(2, 3, 20, 24)
-    return Subject(kind, LightField(views, name), truth, "truth", sensor=sensor)
+    return Subject(kind, LightField(views, name), truth, "truth", encoding=encoding)
 
 
 def test_there_is_a_row_for_every_plane_of_every_method_on_every_subject():
-    chosen = [subject("ideal", "a"), subject("sensor", "a", CURVED)]
+    chosen = [subject("ideal", "a"), subject("sensor", "a", SRGB)]
     rows = list(judging.rows(chosen, [SUM, EXACT], PLANES, 4))
     keys = [(row["class"], row["scene"], row["method"], row["reference"], row["alpha"], row["slope"]) for row in rows]
     assert keys == [
@@ -44,15 +41,18 @@ def test_there_is_a_row_for_every_plane_of_every_method_on_every_subject():
 
 
 def test_rows_hold_the_measures_of_their_plane():
-    curved = subject("sensor", "a", CURVED)
+    curved = subject("sensor", "a", SRGB)
     rows = list(judging.rows([curved], [SUM], PLANES, 4))
     stack = SUM(curved.light, PLANES.slopes)
-    expected = quality.planes(Shown(stack, linear(stack, CURVED)), Shown(curved.truth, linear(curved.truth, CURVED)), 4)
+    shown = [Shown(SRGB.encode(light), light) for light in (stack, curved.truth)]
+    expected = quality.planes(*shown, 4)
     for name, values in expected.items():
         assert [row[name] for row in rows] == pytest.approx(values)
     inner = (..., slice(4, -4), slice(4, -4))
     exact = EXACT(curved.light, PLANES.slopes)
-    assert [row["exact_psnr_db"] for row in rows] == pytest.approx(psnr(stack[inner], exact[inner]).tolist())
+    assert [row["exact_psnr_db"] for row in rows] == pytest.approx(
+        psnr(SRGB.encode(stack[inner]), SRGB.encode(exact[inner])).tolist()
+    )
 
 
 def test_too_wide_a_border_is_refused_before_any_work():

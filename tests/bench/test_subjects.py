@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lfref.bench import subjects
+from lfref.encoding import SRGB
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
@@ -15,6 +16,7 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
+from lfref.simulator import sim30
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
@@ -45,9 +47,26 @@ def test_a_scene_is_judged_without_its_sensor_and_one_that_has_a_sensor_also_wit
     for each in found[:2]:
         assert torch.equal(each.light.views, made.views)
         assert torch.equal(each.truth, made.truth)
-    assert torch.equal(found[2].light.views, simulate(NOISY, outputs=["views"], slopes=[0.0]).views)
-    assert torch.equal(found[2].truth, developed(made.truth, SENSOR))
-    assert found[2].sensor == SENSOR
+    views = simulate(NOISY, outputs=["views"], slopes=[0.0]).views
+    assert torch.equal(found[2].light.views, SENSOR.encoding.decode(views))
+    torch.testing.assert_close(found[2].shown(found[2].truth).stack, developed(made.truth, SENSOR))
+    assert torch.equal(found[2].shown(found[2].truth).linear, found[2].truth)
+
+
+def test_views_that_are_left_encoded_are_shown_as_they_are():
+    samples = torch.rand(2, 3, 4, 5)
+    light = LightField(torch.rand(3, 3, 3, 4, 5), is_linear=False)
+    shown = subjects.Subject("sensor", light, samples, "truth", encoding=SRGB).shown(samples)
+    assert torch.equal(shown.stack, samples)
+    assert torch.equal(shown.linear, SRGB.decode(samples))
+
+
+@pytest.mark.parametrize(("correction", "least"), [("auto", 15.0), ("white", 20.0)])
+def test_a_scene_whose_sensor_spoils_it_is_also_judged_put_right(correction, least):
+    found = list(subjects.simulated([sim30.SCENES["vignetting"]], SLOPES, CPU, correction))
+    assert [each.kind for each in found] == ["ideal", "sensor", "corrected"]
+    spoilt, mended = (psnr(each.stack(EXACT, SLOPES), each.truth) for each in found[1:])
+    assert float((mended - spoilt).min()) > least
 
 
 def test_operators_look_at_a_disc_scene_through_a_disc():

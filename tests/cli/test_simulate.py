@@ -109,6 +109,23 @@ def test_what_png_files_cannot_hold_is_said_and_kept_in_exr_files(lfref, tmp_pat
     torch.testing.assert_close(SRGB.encode(clipped), SRGB.encode(kept.clamp(0, 1)), atol=0.5 / 255 + 1e-6, rtol=0)
 
 
+@pytest.mark.parametrize(("curve", "suffix"), [("srgb", ""), ("gamma", ""), ("srgb", ".exr")])
+def test_views_with_a_tone_curve_are_read_back_as_light(lfref, tmp_path, curve, suffix):
+    tone = (
+        "+scene.sensor={_target_:lfref.simulator.effects.sensor.Sensor,tone_curve:"
+        f"{{_target_:lfref.simulator.effects.tone_curve.ToneCurve,curve:{curve}}}}}"
+    )
+    words = ("simulate", "scene=slanted", "outputs=[views]", "suffix=.exr", *SMALL)
+    assert lfref(*words, f"output={tmp_path}/plain")[0] == 0
+    assert lfref(*words, tone, f"suffix={suffix}", f"output={tmp_path}/curved")[0] == 0
+    said = (tmp_path / "curved" / "simulate.log").read_text()
+    wanted = "gamma:2.2" if curve == "gamma" else "srgb"
+    assert (f"reader.encoding={wanted}" in said) is not (curve == "srgb" and suffix == "")
+    light = read(tmp_path / "plain" / "slanted.exr").views
+    found = read(tmp_path / "curved" / f"slanted{suffix}", encoding=wanted).views
+    torch.testing.assert_close(found, light.clamp(0, 1), atol=5e-3, rtol=0)
+
+
 def test_sim30_is_written_by_name_as_it_is(lfref, tmp_path):
     words = ("scene=sim30", "scene.name=plane", "outputs=[truth,disparity]", "planes.convention=parallel")
     assert lfref("simulate", *words, f"output={tmp_path}/out")[0] == 0

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 import torch
 
+from lfref.captures.correct import correct
 from lfref.data import cache
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
+from lfref.io.write import write
+from lfref.lightfield import LightField
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
 
 KINDS = {
     "8 bits": ({"kind": "folder", "bits": 8}, {}),
@@ -230,8 +235,16 @@ def copied_reader(tmp_path):
     return tmp_path / "io" / source.name
 
 
+def version(start):
+    """Of the sources as they are now."""
+    cache._version.cache_clear()
+    return cache._reader_version(start)
+
+
 def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
-    names = {file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent)}
+    names = {
+        file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent, "lfref.io")
+    }
     assert names >= {"read", "formats", "decode", "images", "eslf", "exr", "grid", "views", "explain"}
     assert names.isdisjoint({"write", "encode", "folders", "atomic", "marks"})
 
@@ -239,19 +252,19 @@ def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports()
 @pytest.mark.parametrize("name", ["decode", "eslf", "grid", "views", "read"])
 def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
     start = copied_reader(tmp_path)
-    before = cache._reader_version.__wrapped__(start)
+    before = version(start)
     with start.with_name(f"{name}.py").open("a") as file:
         file.write("# edited")
-    assert cache._reader_version.__wrapped__(start) != before
+    assert version(start) != before
 
 
 @pytest.mark.parametrize("name", ["encode", "write", "folders", "atomic", "marks"])
 def test_an_edit_of_what_writes_leaves_the_cache_alone(tmp_path, name):
     start = copied_reader(tmp_path)
-    before = cache._reader_version.__wrapped__(start)
+    before = version(start)
     with start.with_name(f"{name}.py").open("a") as file:
         file.write("# edited")
-    assert cache._reader_version.__wrapped__(start) == before
+    assert version(start) == before
 
 
 def test_a_new_module_counts_as_soon_as_a_reader_imports_it(tmp_path):
@@ -259,7 +272,7 @@ def test_a_new_module_counts_as_soon_as_a_reader_imports_it(tmp_path):
     start.with_name("new.py").write_text("X = 1")
     with start.with_name("eslf.py").open("a") as file:
         file.write("\nfrom lfref.io import new")
-    assert start.with_name("new.py") in cache._sources(start, set(), start.parent)
+    assert start.with_name("new.py") in cache._sources(start, set(), start.parent, "lfref.io")
 
 
 def test_an_entry_whose_array_was_deleted_is_made_anew(store, tmp_path):
@@ -301,3 +314,47 @@ def test_a_path_without_light_field_is_a_file_error(tmp_path):
 def test_cameras_off_the_even_grid_are_nothing_to_learn_from(store, tmp_path, options):
     with pytest.raises(InputError, match="even grid"):
         cache.cached(store(), options, tmp_path / "cache")
+
+
+@pytest.fixture(scope="module")
+def dark_corners(tmp_path_factory):
+    """A capture whose lens shades its outer views."""
+    views = simulate(sim30.SCENES["vignetting"], outputs=("views",), slopes=[0.0]).views
+    path = tmp_path_factory.mktemp("captures") / "dark"
+    write(path, LightField(views.clamp(0, 1)))
+    return path
+
+
+def test_what_a_light_field_shows_is_corrected_once_and_kept_as_light(dark_corners, tmp_path, decoded):
+    expected, found = correct(reader.read(dark_corners))
+    assert found.active
+    decoded.clear()
+    for _ in range(2):
+        made = cache.cached(dark_corners, {}, tmp_path, "auto").crop(0, 0, *expected.size)
+        assert torch.equal(made.views, expected.views)
+        assert torch.equal(made.weight, expected.weight)
+    assert len(decoded) == 1
+    plain = cache.cached(dark_corners, {}, tmp_path).crop(0, 0, *expected.size)
+    assert torch.equal(plain.views, reader.read(dark_corners).views)
+
+
+def test_what_another_capture_showed_is_corrected_too(dark_corners, tmp_path):
+    field = reader.read(dark_corners)
+    expected, found = correct(field)
+    found.save(tmp_path / "correction.pt")
+    made = cache.cached(dark_corners, {}, tmp_path, str(tmp_path / "correction.pt"))
+    torch.testing.assert_close(made.crop(0, 0, *field.size).views, expected.views)
+
+
+def test_a_light_field_without_defects_is_kept_in_its_own_depth(store, tmp_path):
+    path = store(kind="folder", bits=8)
+    assert cache.cached(path, {}, tmp_path, "auto").samples.dtype == np.uint8
+
+
+def test_the_code_of_corrections_is_found_by_what_they_import(tmp_path):
+    found = cache._correction_version("auto")
+    assert found[1] == "auto"
+    assert cache._correction_version("none") == []
+    start = Path(cache.corrections.__file__)
+    names = {file.stem for file in cache._sources(start, set(), start.parents[1], "lfref")}
+    assert names >= {"correct", "corrections", "vignetting", "registration", "encoding"}

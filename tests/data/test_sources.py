@@ -1,18 +1,24 @@
 """Sources repeat by (seed, epoch, index): a folder is the same every epoch, a simulator is new every epoch."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
+from lfref.captures.correct import correct
 from lfref.data.sources import FolderSource, SimulatedField, SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
 from lfref.refocus.focus import view_axes
 from lfref.refocus.focus.reduced_views import reduced
+from lfref.simulator import sim30
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.tone_curve import ToneCurve
+from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc
 from lfref.simulator.painting import bitmaps
@@ -100,6 +106,25 @@ def test_what_no_sensor_clips_is_clipped_at_white():
     truth = simulate(Scene(CAMERA, LAMP.surfaces), outputs=["truth"], slopes=SLOPES).truth
     assert torch.equal(field.photograph(SLOPES), truth.clamp(0, 1))
     assert float(field.views.max()) == 1.0
+
+
+def test_views_and_photographs_are_linear_light_whatever_curve_the_sensor_has():
+    curved = replace(LAMP, sensor=Sensor(tone_curve=ToneCurve("srgb")))
+    made, straight = (
+        SimulatedSource(1, 0, curved).field(0),
+        SimulatedSource(1, 0, replace(LAMP, sensor=Sensor())).field(0),
+    )
+    torch.testing.assert_close(made.views, straight.views, atol=1e-5, rtol=0)
+    torch.testing.assert_close(made.photograph(SLOPES), straight.photograph(SLOPES), atol=1e-5, rtol=0)
+
+
+def test_fields_are_put_right_where_that_is_asked_for():
+    scenes = replace(sim30.SCENES["vignetting"], sensor=Sensor(vignetting=Vignetting(0.6, 0.5)))
+    plain, mended = (SimulatedSource(1, 0, scenes, correct=how).field(0) for how in ("none", "auto"))
+    expected, _ = correct(plain)
+    assert torch.equal(mended.views, expected.views)
+    assert torch.equal(mended.weight, expected.weight)
+    assert float((mended.views - plain.views).abs().max()) > 0.1
 
 
 @pytest.fixture

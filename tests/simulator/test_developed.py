@@ -4,7 +4,7 @@ import dataclasses
 
 import torch
 
-from lfref.simulator.developed import developed, linear
+from lfref.simulator.developed import developed
 from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.mosaic import Mosaic
@@ -48,8 +48,8 @@ def test_defects_of_the_views_leave_a_truth_alone():
     assert torch.equal(developed(truth, spoilt), truth)
 
 
-def test_linear_pictures_lack_the_tone_curve_alone():
+def test_decoded_pictures_lack_the_tone_curve_alone():
     truth = torch.rand(2, 3, 6, 7)
-    undone = linear(developed(truth, SENSOR), SENSOR)
-    torch.testing.assert_close(undone, developed(truth, dataclasses.replace(SENSOR, tone_curve=None)))
-    assert linear(truth, Sensor()) is truth
+    decoded = SENSOR.encoding.decode(developed(truth, SENSOR))
+    torch.testing.assert_close(decoded, developed(truth, dataclasses.replace(SENSOR, tone_curve=None)))
+    assert Sensor().encoding.decode(truth) is truth

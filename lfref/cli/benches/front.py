@@ -9,11 +9,13 @@ from omegaconf import DictConfig
 
 from lfref.bench import cost, judging, subjects, thinning
 from lfref.bench.cost import Case
-from lfref.bench.subjects import Subject
+from lfref.bench.subjects import CORRECTIONS, Subject
+from lfref.captures.asked import as_asked
 from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, paths, progress
 from lfref.cli.planes import fixed
+from lfref.errors import chosen
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocuser.networks import load
@@ -65,7 +67,8 @@ def _judges(
     if config.input is None:
         scenes = progress(shared.scenes(config.judged).values(), "judging by truth")
         fields = [field.to(device) for field in shared.light_fields(config, methods)]
-        return subjects.simulated(scenes, planes.slopes, device), fields
+        chosen("correct", config.correct, CORRECTIONS)
+        return subjects.simulated(scenes, planes.slopes, device, config.correct), fields
     judges = list(_of_captures(config, methods, planes, device))
     return progress(judges, f"judging by {judges[0].reference}"), [judge.light for judge in judges]
 
@@ -74,9 +77,9 @@ def _of_captures(
     config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
 ) -> Iterator[Subject]:
     """Light fields that are given, every second or third view of them if that is asked for."""
+    read = shared.light_fields(config, methods if config.thin is None else ())
+    fields = (as_asked(field, str(config.correct))[0].to(device) for field in read)
     if config.thin is None:
         log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
-        fields = shared.light_fields(config, methods)
-        return subjects.given((field.to(device) for field in fields), planes.slopes)
-    step = int(configs.number(config, "thin", 2))
-    return thinning.thinned((field.to(device) for field in shared.light_fields(config)), step, planes.slopes)
+        return subjects.given(fields, planes.slopes)
+    return thinning.thinned(fields, int(configs.number(config, "thin", 2)), planes.slopes)

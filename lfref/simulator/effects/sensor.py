@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import get_args, get_type_hints
 
+from lfref.encoding import LINEAR, Encoding
 from lfref.simulator import checks
 from lfref.simulator.effects.chromatic import Chromatic
 from lfref.simulator.effects.clipping import Clipping
@@ -42,6 +43,11 @@ class Sensor:
         for name, effect in EFFECTS.items():
             if (value := getattr(self, name)) is not None:
                 checks.kind(f"a sensor's {name}", value, effect)
+
+    @property
+    def encoding(self) -> Encoding:
+        """How the samples of its views stand for light."""
+        return LINEAR if self.tone_curve is None else self.tone_curve.encoding
 
 
 EFFECTS: dict[str, type] = {name: get_args(hint)[0] for name, hint in get_type_hints(Sensor).items()}

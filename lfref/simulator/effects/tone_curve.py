@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from torch import Generator, Tensor
 
-from lfref.encoding import CURVES
+from lfref.encoding import CURVES, Encoding
 from lfref.errors import chosen
 from lfref.simulator import checks
 
@@ -34,12 +34,9 @@ class ToneCurve:
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Encode; nothing is drawn."""
-        return CURVES[self.curve].encode(views, self.gamma)
+        return self.encoding.encode(views)
 
-    def undo(self, views: Tensor) -> Tensor:
-        """Linear values of encoded ones.
-
-        Args:
-            views: Any shape.
-        """
-        return CURVES[self.curve].decode(views, self.gamma)
+    @property
+    def encoding(self) -> Encoding:
+        """How encoded samples stand for light."""
+        return Encoding(self.curve, self.gamma if self.curve == "gamma" else None)
