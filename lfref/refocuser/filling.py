@@ -60,18 +60,21 @@ def extended(views: Tensor, is_trusted: Tensor) -> Tensor:
     """Views that go on smoothly as what is around, where none is trusted: blurs then mix in no black.
 
     Args:
-        views: Floating point, [..., V, U, C, H, W].
+        views: As `filled` leaves them, [..., V, U, C, H, W].
         is_trusted: As `trusted` says, [..., V, U, 1, H, W].
 
     Returns:
-        The views; pixels at which none is trusted made of the mean of the trusted samples around them.
+        The views; pixels at which none is trusted made of the mean of the views around them.
     """
-    counts = is_trusted.sum((-5, -4))
-    if bool((counts > 0).all()):
+    known = is_trusted.any(-5).any(-4)
+    y, x = (~known).flatten(0, -3).any(0).nonzero(as_tuple=True)
+    if len(y) == 0:
         return views
-    known, mean = (counts > 0).to(views), torch.where(is_trusted, views, 0).sum((-5, -4)) / counts.clamp(min=1)
-    around = _around(mean.reshape(-1, *mean.shape[-3:]), known.reshape(-1, *known.shape[-3:])).reshape(mean.shape)
-    return torch.where((counts > 0)[..., None, None, :, :, :], views, around[..., None, None, :, :, :])
+    mean = views.mean((-5, -4))
+    around = _around(*(each.reshape(-1, *each.shape[-3:]) for each in (mean, known.to(views)))).reshape(mean.shape)
+    made, is_known = views.clone(), known[..., None, None, :, :, :]
+    made[..., y, x] = torch.where(is_known[..., y, x], views[..., y, x], around[..., None, None, :, :, :][..., y, x])
+    return made
 
 
 def _around(image: Tensor, known: Tensor) -> Tensor:
