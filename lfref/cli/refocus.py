@@ -13,7 +13,7 @@ from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.planes import Planes, planes_of
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.focus import view_order
+from lfref.refocus.focus import reduced_views, view_axes
 from lfref.refocuser.networks import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import pictures, results
@@ -73,7 +73,7 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
 def _read(path: Path, config: DictConfig, refocuser: Refocuser) -> LightField:
     """The light field as it lies on the disk."""
     field = inputs.read(path, config, [refocuser])
-    if view_order.seems_reversed(field.views):
+    if view_axes.seems_reversed(reduced_views.reduced(field.views, field.weight, field.positions)):
         log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
     return field
 

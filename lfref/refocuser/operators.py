@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.refocus import batches
 from lfref.refocus.anywhere.homography import homography, slope_homographies
@@ -21,8 +22,6 @@ from lfref.refocuser.refocuser import Aperture, Refocuser, uneven
 
 Operator = Callable[..., Tensor]
 """(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]; with an aperture, `weights` [V, U] too."""
-
-LEAST_WEIGHT = 1e-3  # below this share of trusted samples a pixel has no colour of its own and becomes black
 
 
 @dataclass(eq=False)
@@ -77,18 +76,29 @@ class OperatorRefocuser(Refocuser):
         return float(options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
 
     def _mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """The weighted mean, sample by sample."""
+        """The weighted mean, sample by sample; black where the sum of the weights is next to nothing.
+
+        Interpolation by more than two samples weighs some below 0: a quotient by next to nothing is a light or a dark
+        dot.
+        """
         share = self._sum(weight, slopes, None, options)
         weighted = self._sum(views * weight, slopes, None, options)
-        return torch.where(share > LEAST_WEIGHT, weighted / share.clamp(min=LEAST_WEIGHT), 0.0)
+        most = share.detach().amax((-3, -2, -1), keepdim=True)
+        least = (filling.LEAST * most).clamp(min=torch.finfo(share.dtype).tiny)
+        return torch.where(share > least, weighted / torch.maximum(share, least), 0.0)
 
     def _of_filled(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """All samples alike, those that are not to be trusted made up."""
-        whole = filling.filled(views, weight)
+        """All samples alike, those that are not to be trusted made up; black where the picture would be made up."""
+        is_trusted = filling.trusted(weight)
+        whole = filling.extended(filling.filled(views, weight), is_trusted)
         is_there = (weight.reshape(-1, *weight.shape[-5:]) > 0).any(0).flatten(2).any(2)
         if bool(is_there.all()) or not (bool(is_there.any()) and self._takes("weights")):
-            return self._sum(whole, slopes, None, options)
-        return self._through_views(whole, slopes, is_there.to(views), options)
+            stack = self._sum(whole, slopes, None, options)
+        else:
+            stack = self._through_views(whole, slopes, is_there.to(views), options)
+        if bool(is_trusted.any(-5).any(-4).all()):
+            return stack
+        return torch.where(_is_reached(is_trusted.to(weight), slopes, stack, options), stack, 0.0)
 
     def _through_views(self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor]) -> Tensor:
         """Through an aperture of these weights [V, U], or, where missing views can be foretold, through the whole."""
@@ -119,6 +129,15 @@ class OperatorRefocuser(Refocuser):
         """Whether the operator can be given an argument that is not bound already."""
         bound = getattr(self.operator, "keywords", {})
         return argument in inspect.signature(self.operator).parameters and argument not in bound
+
+
+def _is_reached(trust: Tensor, slopes: Tensor, stack: Tensor, options: dict[str, Tensor]) -> Tensor:
+    """Which pixels of a stack, be it finer or of one picture, samples that are trusted reach, [..., N, 1, H, W]."""
+    share = shift_and_sum(trust, slopes, positions=options.get("positions"))
+    if stack.shape[-4] != share.shape[-4]:
+        share = share.amax(-4, keepdim=True)
+    share = F.interpolate(share.flatten(0, -4), stack.shape[-2:], mode="bilinear").unflatten(0, share.shape[:-3])
+    return share > filling.LEAST * share.amax((-3, -2, -1), keepdim=True)
 
 
 def even_stack(views: Tensor, slopes: Tensor) -> Tensor:

@@ -19,6 +19,7 @@ from lfref.refocus.focus import nearer
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
 from lfref.refocus.focus.disparity import DisparityMap, disparity_map
 from lfref.refocus.focus.extended_focus import extended_focus
+from lfref.refocuser import filling
 from lfref.report import pictures
 
 log = logging.getLogger(__name__)
@@ -86,8 +87,12 @@ class Refocused:
 
     @cached_property
     def disparity(self) -> DisparityMap:
-        """Disparity and confidence of each pixel of the central view."""
-        return disparity_map(self.field.views, weights=self._view_weights)
+        """Disparity and confidence of each pixel of the central view; none where no view has a sample of weight."""
+        found = disparity_map(self.field.views, weights=self._view_weights, positions=self.field.positions)
+        if self.field.weight is None:
+            return found
+        is_seen = filling.trusted(self.field.weight).flatten(0, 2).any(0)
+        return DisparityMap(found.disparity, found.confidence * is_seen.to(found.confidence))
 
     @cached_property
     def nearness(self) -> Tensor:
@@ -108,7 +113,7 @@ class Refocused:
         """The picture that is sharp everywhere, of the views that show the same point, [C, H, W]."""
         if self.field.grid == (1, 1):
             return all_in_focus(self.stack[self.rising]).image
-        return extended_focus(self.field.views, self.disparity.disparity, self._view_weights)
+        return extended_focus(self.field.views, self.disparity.disparity, self._view_weights, self.field.positions)
 
     @cached_property
     def focused(self) -> tuple[Tensor, Tensor]:

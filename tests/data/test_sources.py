@@ -9,7 +9,8 @@ from lfref.captures.correct import correct
 from lfref.data.sources import FolderSource, SimulatedField, SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
-from lfref.refocus.focus import view_order
+from lfref.refocus.focus import view_axes
+from lfref.refocus.focus.reduced_views import reduced
 from lfref.simulator import sim30
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.clipping import Clipping
@@ -73,8 +74,8 @@ def test_any_seed_that_lightning_takes_works(seed):
 
 def test_simulated_parallax_runs_in_our_order():
     views = SimulatedSource(1, 0, RandomScenes(Camera((5, 5), (64, 64)))).field(0).views
-    assert not view_order.seems_reversed(views)
-    assert view_order.seems_reversed(views.flip(0))
+    assert not view_axes.seems_reversed(reduced(views))
+    assert view_axes.seems_reversed(reduced(views.flip(0)))
 
 
 def test_scenes_without_parallax_have_views_that_are_all_alike():

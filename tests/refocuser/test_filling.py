@@ -51,6 +51,32 @@ def test_light_fields_of_a_batch_are_filled_each_by_its_own():
     torch.testing.assert_close(made[1], filling.filled(views[1], weight[1]))
 
 
+def test_views_go_on_level_where_none_is_trusted():
+    is_trusted = torch.ones(2, 3, 3, 1, 13, 18, dtype=torch.bool)
+    is_trusted[1, ..., :7, :9], is_trusted[1, 0, 2] = False, False
+    level = torch.tensor([0.2, 0.7])[:, None, None].expand(2, 3, 3, 2, 13, 18)
+    nowhere = ~is_trusted.any(1, keepdim=True).any(2, keepdim=True)
+    made = filling.extended(torch.where(nowhere, 9.0, level), is_trusted)
+    torch.testing.assert_close(made, level)
+
+
+def test_what_goes_on_lies_between_what_is_around():
+    views = torch.rand(3, 3, 1, 20, 30)
+    is_trusted = torch.ones(3, 3, 1, 20, 30, dtype=torch.bool)
+    is_trusted[..., 5:15, 8:22] = False
+    made = filling.extended(views, is_trusted)
+    assert torch.equal(made[is_trusted], views[is_trusted])
+    hole, around = made[..., 5:15, 8:22], views.mean((0, 1))
+    assert float(around.min()) <= float(hole.min()) < float(hole.max()) <= float(around.max())
+    assert torch.equal(filling.extended(views, torch.zeros_like(is_trusted)), torch.zeros_like(views))
+
+
+def test_samples_are_trusted_by_the_best_of_their_own_light_field():
+    weight = torch.tensor([0.3, 0.02, 0.01, 0.0])[:, None, None, None, None].expand(4, 1, 1, 2, 2)
+    both = torch.stack([weight, 0.01 * weight])
+    assert filling.trusted(both)[:, :, 0, 0, 0, 0].tolist() == [[True, True, False, False]] * 2
+
+
 @pytest.mark.parametrize("disparity", [-1.3, 0.4])
 @pytest.mark.parametrize("hole", [(0, 0), (2, 3), (4, 1)])
 def test_a_missing_view_of_a_plane_is_foretold(disparity, hole):

@@ -270,3 +270,51 @@ def test_methods_of_even_grids_name_others_for_cameras_elsewhere(name):
     uneven = LightField(torch.rand(3, 3, 3, 14, 15), positions=lines.even((3, 3)) * 1.2)
     with pytest.raises(InputError, match=f"{name} needs cameras on an even grid; .* take method=shift_and_sum"):
         OperatorRefocuser(name, EVERY[name])(uneven, SLOPES)
+
+
+CUBIC = functools.partial(shift_and_sum, interpolation="cubic")
+EXACT = functools.partial(shift_and_sum, interpolation="exact")
+ROUNDED = {**EVERY, "cubic": CUBIC, "exact sum": EXACT}
+
+
+def with_black_corners(views, dark=0.0):
+    """A field whose samples beyond a slanted line count for nothing, as in the corners of a lens."""
+    height, width = views.shape[-2:]
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    is_seen = (y + 2 * x > 24)[None].expand(*views.shape[:2], 1, height, width)
+    return LightField(torch.where(is_seen, views, dark), weight=is_seen.to(views))
+
+
+@pytest.mark.parametrize("name", ROUNDED)
+@pytest.mark.parametrize("slope", [-1.3, 0.03, 0.45])
+def test_at_black_corners_pictures_stay_within_what_the_views_show(name, slope):
+    noisy = 0.5 + 0.02 * torch.rand(5, 5, 1, 44, 48, dtype=torch.float64)
+    stack = OperatorRefocuser(name, ROUNDED[name])(with_black_corners(noisy), [slope])
+    # Weights below 0, and rings of the exact ones, go a little beyond the samples, but never to light and dark dots.
+    is_within = (stack - 0.51).abs() < 0.06
+    assert bool((is_within | (stack == 0)).all())
+    assert bool((stack[..., -20:, -36:] > 0).all())
+    assert float((stack == 0).double().mean()) < 0.1
+
+
+@pytest.mark.parametrize("name", ["cells", "layers", "aware", "finer"])
+def test_blurs_mix_in_nothing_from_black_corners(name):
+    level = torch.full((5, 5, 3, 44, 48), 0.4, dtype=torch.float64)
+    stack = OperatorRefocuser(name, EVERY[name])(with_black_corners(level), [-3.0, 0.1])
+    torch.testing.assert_close(stack, torch.where(stack == 0, stack, 0.4), atol=1e-6, rtol=0)
+
+
+def test_a_trace_of_weight_that_interpolation_leaves_shows_nothing():
+    light = with_black_corners(torch.rand(5, 5, 3, 44, 48, dtype=torch.float64))
+    leaky = dataclasses.replace(light, weight=light.weight.clamp(min=1e-6))
+    for name in ("cells", "cubic"):
+        refocuser = OperatorRefocuser(name, ROUNDED[name])
+        torch.testing.assert_close(refocuser(leaky, [0.03]), refocuser(light, [0.03]), atol=1e-4, rtol=0)
+
+
+def test_pictures_sharp_everywhere_are_black_only_in_black_corners():
+    light = with_black_corners(torch.rand(5, 5, 3, 44, 48, dtype=torch.float64))
+    picture = OperatorRefocuser("focus", operators.focus)(light, [-1.0, 0.0, 1.0])
+    assert picture.shape == (1, 3, 44, 48)
+    assert not picture[..., :4, :4].any()
+    assert bool((picture[..., 20:, 20:] > 0).all())

@@ -57,3 +57,13 @@ def test_where_nobody_can_tell_smaller_disparities_are_taken_for_nearer_and_that
     made = refocused()
     assert torch.equal(made.nearness, -made.disparity.disparity)
     assert "reader.reverse_v=true reader.reverse_u=true" in caplog.text
+
+
+def test_black_corners_have_no_sure_disparity():
+    plain = refocused()
+    weight = torch.ones(3, 3, 1, 20, 24)
+    weight[..., :5, :6] = 1e-7
+    weight[0, 0, ..., 10:, :] = 0
+    confidence = Refocused(LightField(plain.field.views, weight=weight), plain.stack, plain.planes).disparity.confidence
+    assert not confidence[:5, :6].any()
+    assert torch.equal(confidence[5:, 6:], plain.disparity.confidence[5:, 6:])

@@ -5,7 +5,8 @@ with a faint wide skirt. Far from focus, few views leave copies of an edge inste
 as faint as one view; the skirt lets the edge itself outvote them where nothing else is to be seen.
 Stacks want interpolation that blurs no plane more than another (`exact_fourier`, or `exact` shift-and-sum): linear
 interpolation pulls the index towards slopes whose shifts are whole. Limits: within about two radii of a depth edge
-the stronger texture takes the weaker one's place, confidently; borders, where views end, look sharp out of focus.
+the stronger texture takes the weaker one's place, confidently; at borders, where views end or wrap round, planes out
+of focus look sharp: sharpness there is that of what lies just within (colours are the planes' own, wrapped or not).
 Letters: `n` plane, `y x` pixel row and column, `F` noise floor.
 Source: Nayar, Nakagawa, "Shape from Focus", 1994; its Gaussian peak is the parabola through log E.
 """
@@ -25,6 +26,7 @@ from lfref.refocus import batches, windows
 SKIRT_SHARE = 0.05  # of the window's weight: less lets copies of edges through, more blurs depth edges
 SKIRT_WIDTH = 6  # radii
 ROUNDING = 20 / (12 * 255**2)  # squared Laplacian that rounding to 8 bits gives a channel: 16 + 4 times its variance
+RIM = 4  # pixels at the border whose sharpness is that of views' ends: twice the reach of cubic interpolation
 TIE = 1e-6  # difference of log E that float32 cannot tell from none
 
 
@@ -123,7 +125,17 @@ def _sharpness(plane: Tensor, radius: float) -> Tensor:
     rows = padded[..., :-2, 1:-1] + padded[..., 2:, 1:-1]
     columns = padded[..., 1:-1, :-2] + padded[..., 1:-1, 2:]
     energy = (4 * plane - rows - columns).square().sum(1)
+    if radius == 0:
+        return energy
+    energy = _inner(energy)
     return torch.lerp(windows.smoothed(energy, radius), windows.smoothed(energy, SKIRT_WIDTH * radius), SKIRT_SHARE)
+
+
+def _inner(energy: Tensor) -> Tensor:
+    """The same, [B, H, W], its rim replaced by the mirrored picture within; small pictures have less of a rim."""
+    down, across = (min(RIM, (length - 1) // 4) for length in energy.shape[-2:])
+    inner = energy[:, down : energy.shape[-2] - down, across : energy.shape[-1] - across]
+    return F.pad(inner[None], (across, across, down, down), mode="reflect")[0]
 
 
 def _peak(log_energy: Tensor, best: Tensor) -> Tensor:

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.errors import InputError
-from lfref.refocus import batches
+from lfref.refocus import batches, lines
 from lfref.refocus.matching import agreement, extent, grey, labels, refining
 
 
@@ -33,6 +32,7 @@ def disparity_map(
     last: float | None = None,
     radius: float = 1.0,
     weights: Tensor | None = None,
+    positions: Tensor | None = None,
 ) -> DisparityMap:
     """Find the disparity of every pixel, on the CPU.
 
@@ -42,12 +42,13 @@ def disparity_map(
         last: Largest disparity to look for, likewise.
         radius: Standard deviation of the window in which views are compared, in pixels.
         weights: Which views to look at: those of weight 0 are not, [V, U]; None looks at all.
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         Disparity and confidence, on the device of the views. No gradients.
 
     Raises:
-        InputError: Views, a range, a radius or weights that cannot be used.
+        InputError: Views, a range, a radius, weights or positions that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 64, 64)
@@ -61,7 +62,7 @@ def disparity_map(
     if not (math.isfinite(radius) and radius >= 0):
         raise InputError("radius must be finite and at least 0", got=radius, remedy="in pixels; 1 is the default")
     aperture = batches.checked_weights(weights, grid)
-    found = [_found(field, aperture, first, last, radius) for field in batch]
+    found = [_found(field, aperture, positions, first, last, radius) for field in batch]
     shape, dtype = (*views.shape[:-5], *size), batches.working_dtype(views.dtype)
     return DisparityMap(
         *(torch.stack(maps).reshape(shape).to(views.device, dtype) for maps in zip(*found, strict=True))
@@ -69,21 +70,28 @@ def disparity_map(
 
 
 def _found(
-    views: Tensor, aperture: Tensor, first: float | None, last: float | None, radius: float
+    views: Tensor,
+    aperture: Tensor,
+    positions: Tensor | None,
+    first: float | None,
+    last: float | None,
+    radius: float,
 ) -> tuple[Tensor, Tensor]:
     """Disparity and confidence of one light field, [H, W] each."""
-    low, high = _range(views, aperture, first, last)
-    slopes = geometry.checked_slopes(labels.slopes_between(low, high), *batches.grid_and_size(views))
-    light = grey.grey_views(views, aperture)
+    low, high = _range(views, aperture, positions, first, last)
+    slopes = lines.checked_slopes(labels.slopes_between(low, high), *batches.grid_and_size(views), positions)
+    light = grey.grey_views(views, aperture, positions)
     noise = agreement.noise(light, slopes)
     disparity, confidence = labels.best_slopes(light, slopes, noise, radius)
     return refining.refined(light, disparity, noise, low, high), confidence
 
 
-def _range(views: Tensor, aperture: Tensor, first: float | None, last: float | None) -> tuple[float, float]:
+def _range(
+    views: Tensor, aperture: Tensor, positions: Tensor | None, first: float | None, last: float | None
+) -> tuple[float, float]:
     """The slopes between which to look, as asked for or as the field itself says."""
     if first is None or last is None:
-        low, high = extent.found(views, aperture)
+        low, high = extent.found(views, aperture, positions)
         first, last = (low if first is None else first), (high if last is None else last)
     if not (math.isfinite(first) and math.isfinite(last) and first <= last):
         raise InputError("disparities must lie between a first and a larger last one", got=f"{first} and {last}")

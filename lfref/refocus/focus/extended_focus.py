@@ -23,19 +23,22 @@ WORTH_A_THREAD = 1 << 10
 
 
 @torch.no_grad()
-def extended_focus(views: Tensor, disparity: Tensor | None = None, weights: Tensor | None = None) -> Tensor:
+def extended_focus(
+    views: Tensor, disparity: Tensor | None = None, weights: Tensor | None = None, positions: Tensor | None = None
+) -> Tensor:
     """Make the picture of the central view with the light of all of them, on the CPU.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W], more than one view.
         disparity: Of each pixel of the central view, in pixels per view step, [..., H, W]; None has it found.
         weights: Which views to look at: those of weight 0 are not, [V, U]; None looks at all.
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         Sharp pictures in the type (float32 for integers) and on the device of the views, [..., C, H, W]. No gradients.
 
     Raises:
-        InputError: Views, a map or weights that cannot be used.
+        InputError: Views, a map, weights or positions that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -45,10 +48,10 @@ def extended_focus(views: Tensor, disparity: Tensor | None = None, weights: Tens
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     aperture = batches.checked_weights(weights, grid)
-    maps = disparity_map(views, weights=weights).disparity if disparity is None else disparity
+    maps = disparity_map(views, weights=weights, positions=positions).disparity if disparity is None else disparity
     _check(maps, (*views.shape[:-5], *size))
     maps = maps.detach().float().cpu().reshape(-1, *size)
-    pictures = [_picture(field, aperture, map_) for field, map_ in zip(batch, maps, strict=True)]
+    pictures = [_picture(field, aperture, positions, map_) for field, map_ in zip(batch, maps, strict=True)]
     made = torch.stack(pictures).reshape(*views.shape[:-5], *views.shape[-3:])
     return made.to(views.device, batches.stack_dtype(views))
 
@@ -60,9 +63,9 @@ def _check(disparity: Tensor, shape: tuple[int, ...]) -> None:
         raise InputError("disparity must be finite", got="NaN or infinity", remedy="fill what is missing first")
 
 
-def _picture(views: Tensor, aperture: Tensor, disparity: Tensor) -> Tensor:
+def _picture(views: Tensor, aperture: Tensor, positions: Tensor | None, disparity: Tensor) -> Tensor:
     """One light field [V, U, C, H, W] as one picture [C, H, W]."""
-    light = grey.grey_views(views, aperture)
+    light = grey.grey_views(views, aperture, positions)
     places, weights = disparity.numpy(), _weights(light, disparity)
     read = views.detach()[(aperture > 0).to(views.device)]
     channels = [

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.refocus import batches
+from lfref.refocus import batches, lines
 from lfref.refocus.fourier import layer_energies
 from lfref.refocus.matching import agreement, grey, labels, refining
 
@@ -28,40 +28,43 @@ BEYOND = 1.0
 """Pixels per view step by which they may widen what spectra say: reflections move as if they were farther off."""
 
 
-def found(views: Tensor, aperture: Tensor) -> tuple[float, float]:
+def found(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> tuple[float, float]:
     """Least and largest disparity that a light field may hold, in pixels per view step.
 
     Args:
         views: Radiance, floating point, uint8 or uint16, [V, U, C, H, W].
         aperture: Weight of each view, their sum 1, [V, U].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Raises:
         InputError: Views that are not finite.
     """
     seen = layer_energies.found(views, 2, aperture).disparities
     first, last = float(seen[0]), float(seen[-1])
-    surfaces = _reduced(views, aperture)
+    surfaces = _reduced(views, aperture, positions)
     if not len(surfaces):
         return first, last
     low, high = (float(surfaces[round(share * (len(surfaces) - 1))]) for share in (OUTLIERS, 1 - OUTLIERS))
-    return min(first, max(low - MARGIN, first - BEYOND)), max(last, min(high + MARGIN, last + BEYOND))
+    # Spectra take the grid for even: where it is not, they limit nothing.
+    beyond = BEYOND if positions is None else torch.inf
+    return min(first, max(low - MARGIN, first - beyond)), max(last, min(high + MARGIN, last + beyond))
 
 
-def _reduced(views: Tensor, aperture: Tensor) -> Tensor:
+def _reduced(views: Tensor, aperture: Tensor, positions: Tensor | None) -> Tensor:
     """Disparities of all sure pixels of the reduced views, rising, in full pixels, [P]."""
     factor = max(1, min(REDUCTION, min(views.shape[-2:]) // SMALLEST))
     light = F.avg_pool2d(batches.radiance(views).mean(2), factor)[:, :, None]
-    limit = _reach(views) / factor
+    limit = _reach(views, positions) / factor
     slopes = labels.slopes_between(-limit, limit)
-    small = grey.grey_views(light, aperture)
+    small = grey.grey_views(light, aperture, positions)
     noise = agreement.noise(small, slopes)
     disparity, confidence = labels.best_slopes(small, slopes, noise, 1.0)
     refined = refining.refined(small, disparity, noise, -limit, limit)
     return factor * refined[confidence > SURE].sort().values
 
 
-def _reach(views: Tensor) -> float:
+def _reach(views: Tensor, positions: Tensor | None) -> float:
     """As far as the outermost views can shift, and no farther than `REACH`."""
     grid, size = batches.grid_and_size(views)
-    shifts = geometry.corner_shift(torch.ones(1), grid)
+    shifts = geometry.corner_shift(torch.ones(1), lines.lines(grid, positions).extent)
     return min(REACH, 0.9 * min(size) / 2 / max(shifts, 0.5))

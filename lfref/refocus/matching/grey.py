@@ -10,9 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref import geometry
 from lfref.errors import InputError
-from lfref.refocus import batches
+from lfref.refocus import batches, lines
 
 SAME_DISTANCE = 1.01
 """Views whose distances from the centre are within this ratio are equally near."""
@@ -34,12 +33,13 @@ class GreyViews(NamedTuple):
         return torch.from_numpy(self.samples[self.middle].mean(0))
 
 
-def grey_views(views: Tensor, aperture: Tensor) -> GreyViews:
+def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> GreyViews:
     """The views of a light field in grey, those of weight 0 left out.
 
     Args:
         views: Floating point, uint8 or uint16, [V, U, C, H, W].
         aperture: Weight of each view, [V, U].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Raises:
         InputError: Views that are not finite, or less than two that are to be read.
@@ -51,8 +51,8 @@ def grey_views(views: Tensor, aperture: Tensor) -> GreyViews:
     samples = torch.stack(light)
     if not bool(samples.isfinite().all()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give views weight 0")
-    rows, columns = (geometry.angular_offsets(n_views) for n_views in aperture.shape)
-    places = torch.stack(torch.meshgrid(rows, columns, indexing="ij"), -1)[is_read]
+    grid = batches.grid_and_size(views)[0]
+    places = (lines.even(grid) if positions is None else lines.checked_positions(positions, grid))[is_read]
     distances = places.square().sum(1)
     nearest = (distances <= SAME_DISTANCE * float(distances.min())).nonzero()[:, 0]
     return GreyViews(samples.numpy(), places.float().numpy(), nearest.numpy())

@@ -40,28 +40,29 @@ def find_steps(
         steps: Filled, in pixels per view step, 0 where nothing is known, [R, W].
     """
     n_views = len(coefficients)
-    values, changes = np.empty(n_views, np.float32), np.empty(n_views, np.float32)
-    weights = np.empty(n_views, np.float32)
+    values, weights = np.empty(n_views, np.float32), np.empty(n_views, np.float32)
+    gradients = np.empty((n_views, 2), np.float32)
     for i in range(steps.shape[0]):
         y = top + i
         for x in range(steps.shape[1]):
-            _look(coefficients, places, y, x, disparity[y, x], values, changes)
+            _look(coefficients, places, y, x, disparity[y, x], values, gradients)
             reference = mean_of(values, middle)
             reference = weigh(values, reference, spread[y, x], weights)
             reference = weigh(values, reference, spread[y, x], weights)
-            information[i, x], steps[i, x] = _step(values, changes, weights, reference)
+            information[i, x], steps[i, x] = _step(values, gradients, places, weights, reference)
 
 
 @inlined
-def _look(coefficients: Reals, places: Reals, y: int, x: int, disparity: float, values: Reals, changes: Reals) -> None:
-    """What each view shows of the point at a pixel, and how that changes with its disparity; NaN beyond its borders."""
+def _look(
+    coefficients: Reals, places: Reals, y: int, x: int, disparity: float, values: Reals, gradients: Reals
+) -> None:
+    """What each view shows of the point at a pixel, and its gradient there; NaN beyond its borders."""
     height, width = coefficients.shape[1:]
     for k in range(len(coefficients)):
         v, u = places[k]
         p, q = y + disparity * v, x + disparity * u
         if 0 <= p <= height - 1 and 0 <= q <= width - 1:
-            values[k], along_y, along_x = read_spline(coefficients[k], p, q)
-            changes[k] = v * along_y + u * along_x
+            values[k], gradients[k, 0], gradients[k, 1] = read_spline(coefficients[k], p, q)
         else:
             values[k] = np.nan
 
@@ -138,18 +139,26 @@ def weigh(values: Reals, reference: Number, spread: float, weights: Reals) -> Nu
 
 
 @inlined
-def _step(values: Reals, changes: Reals, weights: Reals, reference: Number) -> tuple[Number, Number]:
-    """Information and step: least squares of what differs from the reference by what the disparity changes of it."""
-    mean, total = np.float32(0), np.float32(0)
+def _step(values: Reals, gradients: Reals, places: Reals, weights: Reals, reference: Number) -> tuple[Number, Number]:
+    """Information and step: least squares of what differs from the reference by what the disparity changes of it.
+
+    What views change by is taken from the mean of their gradients: noise of each one's own would pass for information,
+    and steps would fall short.
+    """
+    total = along_y = along_x = middle_v = middle_u = np.float32(0)
     for k in range(values.size):
         if weights[k] > 0:
-            mean += weights[k] * changes[k]
             total += weights[k]
-    mean /= max(total, np.float32(1e-12))
+            along_y += weights[k] * gradients[k, 0]
+            along_x += weights[k] * gradients[k, 1]
+            middle_v += weights[k] * places[k, 0]
+            middle_u += weights[k] * places[k, 1]
+    share = np.float32(1) / max(total, np.float32(1e-12))
+    along_y, along_x, middle_v, middle_u = share * along_y, share * along_x, share * middle_v, share * middle_u
     information, product = np.float32(0), np.float32(0)
     for k in range(values.size):
         if weights[k] > 0:
-            change = changes[k] - mean
+            change = (places[k, 0] - middle_v) * along_y + (places[k, 1] - middle_u) * along_x
             information += weights[k] * change * change
             product -= weights[k] * change * (values[k] - reference)
     return information, product / information if information > 0 else np.float32(0)

@@ -13,6 +13,7 @@ from lfref.errors import InputError
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.simulator import sim30
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import simulate
@@ -262,3 +263,14 @@ def test_slopes_that_are_no_scale_are_refused(slopes):
 def test_an_index_of_integers_is_refused():
     with pytest.raises(InputError, match="index must be floating point"):
         index_to_slope(torch.zeros(3, dtype=torch.int64), [0.0, 1.0])
+
+
+@pytest.mark.parametrize("operator", [exact_fourier, functools.partial(shift_and_sum, interpolation="cubic")])
+@pytest.mark.parametrize("scene", ["floor", "dome"])
+def test_borders_show_no_bands_of_planes_that_are_out_of_focus(operator, scene):
+    made = simulate(sim30.SCENES[scene], outputs=("views", "disparity"))
+    slopes = torch.linspace(float(made.disparity.min()) - 0.1, float(made.disparity.max()) + 0.1, 16)
+    found = index_to_slope(all_in_focus(operator(made.views, slopes)).index, slopes)
+    is_right = (found - made.disparity).abs() < 0.15
+    is_right[6:-6, 6:-6] = True
+    assert float((~is_right).sum()) < 0.01 * (is_right.numel() - is_right[6:-6, 6:-6].numel())

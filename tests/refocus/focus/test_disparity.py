@@ -7,11 +7,12 @@ import torch
 
 import lfref
 from lfref.errors import InputError
-from lfref.refocus import windows
+from lfref.refocus import lines, windows
 from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus.focus.extended_focus import extended_focus
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
-from tests.refocus.conftest import shifted_views, texture
+from tests.refocus.conftest import dirichlet, shifted_views, texture
 from tests.refocus.focus.test_all_in_focus import layered_views, slanted_views
 
 BORDER = 10
@@ -180,3 +181,36 @@ def test_the_real_capture_has_its_animal_before_its_wall_and_its_even_ground_bet
     assert float(found[15:85, 10:95].median()) == pytest.approx(-0.08, abs=0.05)
     ground = found[300:340, 70:220]
     assert float(((ground > -1.2) & (ground < -0.4)).float().mean()) > 0.95
+
+
+def test_cameras_anywhere_tell_the_same_disparities():
+    spread = torch.tensor([1.6, 0.7], dtype=torch.float64)
+    stand = lines.even((5, 5)) * spread + 0.2 * torch.rand(5, 5, 2, dtype=torch.float64)
+    sharp = windows.smoothed(texture(3, 68, 72), 1.0)
+    views = torch.stack([torch.stack([shifted(sharp, 0.6 * place) for place in row]) for row in stand])[
+        ..., BORDER:-BORDER, BORDER:-BORDER
+    ]
+    found = disparity_map(views, positions=stand)
+    assert float((found.disparity - 0.6).abs().median()) < 0.005
+    assert float(((found.disparity - 0.6).abs() < 0.1).double().mean()) > 0.99
+    picture = extended_focus(views, positions=stand)
+    assert float((picture - border_off(sharp))[..., 4:-4, 4:-4].abs().mean()) < 0.005
+    with pytest.raises(InputError, match="positions must be"):
+        disparity_map(views, positions=stand[:4])
+
+
+@pytest.mark.parametrize("name", ["discs", "dome"])
+def test_a_crosshair_of_views_tells_as_much_as_all(name):
+    made = simulate(sim30.SCENES[name], outputs=("views", "disparity"))
+    middle = torch.arange(7) == 3
+    weights = (middle[:, None] | middle).double()
+    views = torch.where(weights[:, :, None, None, None] > 0, made.views, torch.nan)
+    error = (disparity_map(views, weights=weights).disparity - made.disparity).abs()
+    assert float(error.median()) < 0.002
+    assert float((error < 0.1).double().mean()) > 0.99
+
+
+def shifted(image, by):
+    """A periodic picture moved by (v, u) pixels: a single view of it."""
+    rows, columns = (dirichlet(n, -float(way)) for n, way in zip(image.shape[-2:], by, strict=True))
+    return rows @ image @ columns.T

@@ -3,9 +3,12 @@
 import pytest
 import torch
 
+from lfref.data.sources import SimulatedSource
 from lfref.refocus.focus import view_axes
 from lfref.refocus.focus.reduced_views import reduced
 from lfref.simulator import sim30
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import shifted_views, texture
 
@@ -18,6 +21,14 @@ def test_one_reversed_axis_is_told(name):
         True,
         True,
     ]
+
+
+def test_random_scenes_in_our_order_do_not_seem_reversed():
+    source = SimulatedSource(8, 0, RandomScenes(Camera((5, 5), (64, 72))))
+    scenes = [source.field(index).views for index in range(len(source))]
+    assert not any(view_axes.seems_reversed(reduced(views)) for views in scenes)
+    told = [view_axes.seems_reversed(reduced(views.flip(0))) for views in scenes]
+    assert sum(told) >= 6  # where next to nothing moves, nothing is said
 
 
 def test_both_reversed_are_as_good_as_none():
@@ -33,7 +44,13 @@ def test_disparities_of_many_pixels_do_not_hide_it():
 
 @pytest.mark.parametrize(
     "views",
-    [torch.rand(5, 5, 3, 64, 64), torch.rand(1, 7, 3, 64, 64), torch.zeros(3, 3, 1, 64, 64), torch.rand(3, 3, 1, 1, 9)],
+    [
+        torch.rand(5, 5, 3, 64, 64),
+        torch.rand(1, 7, 3, 64, 64),
+        torch.zeros(3, 3, 1, 64, 64),
+        torch.rand(3, 3, 1, 1, 9),
+        torch.rand(34, 34, 1, 32, 32),
+    ],
 )
 def test_where_nothing_is_known_nothing_is_said(views):
     assert view_axes.correlation(reduced(views)) == 0

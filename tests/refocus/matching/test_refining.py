@@ -3,8 +3,9 @@
 import pytest
 import torch
 
+from lfref.functional import splines
 from lfref.refocus import windows
-from lfref.refocus.matching import refining
+from lfref.refocus.matching import agreement, refining
 from lfref.refocus.matching.grey import grey_views
 from tests.refocus.conftest import shifted_views, texture
 
@@ -41,3 +42,17 @@ def test_flat_views_keep_what_was_known():
 def test_nothing_leaves_the_range():
     light = grey_views(plane(0.5), torch.ones(5, 5))
     assert float(refining.refined(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.03, 0.06])
+def test_noise_of_each_view_is_not_taken_for_information(noise):
+    still = plane(0.3, (7, 7))
+    views = still + noise * torch.randn(still.shape, generator=torch.Generator().manual_seed(1))
+    light = grey_views(views, torch.ones(7, 7))
+    spread = agreement.spread(light, noise).numpy()
+    tried = torch.full((48, 56), 0.34)
+    information, steps = refining._steps(light, splines.coefficients(light.samples), tried.numpy(), spread)
+    inner = (slice(8, -8), slice(8, -8))
+    step = float((information * steps)[inner].sum() / information[inner].sum())
+    # Views that differ by chance weigh less, which halves steps; gradients of each view alone left .27 of them.
+    assert -0.04 < step < -0.35 * 0.04
