@@ -1,6 +1,5 @@
 """Light fields put right before they are used: `correct=auto`, `none`, or what was found in another capture."""
 
-import inspect
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -39,17 +38,11 @@ def prepared(
         FileError: The file of corrections cannot be read.
     """
     other = "take method=shift_and_sum_through_cells to have it corrected"
-    even = None if _takes_positions(refocuser) else f"{refocuser.name} needs an even grid: {other}"
+    even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {other}"
     made, found = as_asked(field, str(config.correct), white, even)
     if found is not None:
         _tell(field.name, found, bool(config.explain))
     return made, found
-
-
-def _takes_positions(refocuser: Refocuser) -> bool:
-    """Whether cameras may stand off the even grid: networks learned on even ones, and so work most operators."""
-    operator = getattr(refocuser, "operator", None)
-    return operator is not None and "positions" in inspect.signature(operator).parameters
 
 
 def _tell(name: str, found: Corrections, all_of_it: bool) -> None:

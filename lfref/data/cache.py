@@ -36,6 +36,8 @@ WEIGHTED = ".weighted"
 """At the end of an entry's name: the last channel is the weight."""
 
 STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
+EVEN = "networks learn on an even grid"
+"""Why spacing is not corrected."""
 CHECKSUM = 4
 """Bytes of the CRC-32 at the end of an entry."""
 ONLY_WRITE = {"atomic.py", "encode.py", "folders.py", "marks.py"}
@@ -132,11 +134,7 @@ def _checksum(content: bytes | memoryview) -> bytes:
 def _read(path: Path, options: Mapping[str, Any], correct: str) -> LightField:
     """A light field as it is to be kept, what was corrected as float: it is no longer what the file holds."""
     read = reader.read(path, **options)
-    mended, found = as_asked(read, correct)
-    if mended.positions is not None:
-        got = f"{mended.name}, whose {found['spacing'].told()}" if found else mended.name
-        remedy = "set data.correct=none, or leave it out"
-        raise InputError("light fields to learn from must stand on an even grid", got=got, remedy=remedy)
+    mended, _ = as_asked(read, correct, even=EVEN)
     return mended if mended is read else replace(mended, metadata={**read.metadata, "bits": "float"})
 
 

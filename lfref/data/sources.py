@@ -134,7 +134,7 @@ class SimulatedSource(Source):
         assert views is not None
         once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, simulation))
         light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
-        mended, _ = as_asked(light, self.correct)
+        mended, _ = as_asked(light, self.correct, even=cache.EVEN)
         return SimulatedField(mended.views, scene.name, mended.weight, photograph=once)
 
 

@@ -49,7 +49,7 @@ class OperatorRefocuser(Refocuser):
         Views that weigh the same throughout, missing ones too, are an aperture. Else linear operators give the weighted
         mean, sample by sample; those that look at the views see them filled, and all samples alike.
         """
-        if positions is not None and not self._takes("positions"):
+        if positions is not None and not self.takes_positions:
             raise uneven(self.name)
         options = {} if positions is None else {"positions": positions}
         if weight is None:
@@ -64,6 +64,11 @@ class OperatorRefocuser(Refocuser):
         else:
             stack = self._mean(radiance, weight, slopes, options)
         return stack.to(batches.stack_dtype(views))
+
+    @property
+    def takes_positions(self) -> bool:
+        """As in `Refocuser`, by the operator's arguments."""
+        return self._takes("positions")
 
     def through(self, aperture: Aperture | None) -> "OperatorRefocuser":
         """As in `Refocuser`; an aperture of its own is kept."""

@@ -31,6 +31,11 @@ class Refocuser(abc.ABC):
     grid: tuple[int, int] | None = None
     """The only view rows and columns (V, U) that it reads; None: any."""
 
+    @property
+    def takes_positions(self) -> bool:
+        """Whether cameras may stand off the even grid."""
+        return False
+
     def __call__(self, light: LightField | Tensor, slopes: Slopes | None = None) -> Tensor:
         """Refocus.
 

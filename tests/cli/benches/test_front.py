@@ -11,6 +11,7 @@ from lfref.cli import config as configs
 from lfref.simulator import sim30
 
 QUICK = ("repeats=1", "warmup=0", "device=cpu", "planes.alphas=[0.5,1]")
+CLASSES = ("ideal", "sensor", "corrected")
 KEPT = ("shift_and_sum", "exact_fourier")
 NAMES = re.findall(r"methods\.(\w+):", (configs.directory() / "group" / "front.yaml").read_text())
 FEW = tuple(f"~methods.{name}" for name in NAMES if name not in KEPT)
@@ -33,23 +34,22 @@ def front(lfref, tmp_path):
     return run
 
 
-def test_scenes_are_judged_by_truth_in_two_classes(front):
+def test_scenes_are_judged_by_truth_without_their_sensor_with_it_and_put_right(front):
     found, folder = front("judged=[stripes,graded]", "scene.camera.size=[32,40]")
     assert [(row["method"], row["class"], row["reference"]) for row in found["bench"]] == [
         ("numpy_fft_4d", "", ""),
-        ("shift_and_sum", "ideal", "truth"), ("shift_and_sum", "sensor", "truth"),
-        ("exact_fourier", "ideal", "truth"), ("exact_fourier", "sensor", "truth"),
+        *((method, kind, "truth") for method in ("shift_and_sum", "exact_fourier") for kind in CLASSES),
     ]  # fmt: skip
     ideal = [row for row in found["bench"] if row["class"] == "ideal"]
     assert all(float(row["psnr_db"]) > 45 and float(row["brightness_error"]) < 0.002 for row in ideal)
     assert float(ideal[1]["exact_psnr_db"]) == 100
     assert [(row["class"], row["method"], row["scene"]) for row in found["scenes"]] == [
         (kind, method, scene)
-        for kind, scene in (("ideal", "stripes"), ("ideal", "graded"), ("sensor", "graded"))
+        for kind, scene in (("ideal", "stripes"), ("ideal", "graded"), ("sensor", "graded"), ("corrected", "graded"))
         for method in ("shift_and_sum", "exact_fourier")
     ]
-    assert len(found["planes"]) == 2 * 2 * 2
-    assert len(found["judged"]) == 3 * 2 * 2
+    assert len(found["planes"]) == 3 * 2 * 2
+    assert len(found["judged"]) == 4 * 2 * 2
     assert all(imread(folder / f"{name}.png").std() > 0.05 for name in ("accuracy_time", "by_plane"))
     assert json.loads((folder / "machine.json").read_text())["sim30"] == sim30.VERSION
 
