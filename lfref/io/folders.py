@@ -3,13 +3,18 @@
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
+from collections import deque
 from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfref.io import atomic, encode, images, marks
+
+AT_ONCE = 4
+"""Images that are compressed at the same time, and held in memory."""
 
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
@@ -49,6 +54,17 @@ def write_images(
     """
     marks.check_folder(path, kind)
     with atomic.replacing_folder(path) as partial:
-        for name, image in named:
-            images.write_image(partial / name, image.transpose(1, 2, 0), bits=bits, quality=quality)
+        _write_all(((partial / name, image.transpose(1, 2, 0)) for name, image in named), bits, quality)
         marks.mark_folder(partial, kind)
+
+
+def _write_all(named: Iterable[tuple[Path, NDArray]], bits: int | None, quality: int) -> None:
+    """Write images, a few at a time: compression is most of the work, and lets go of the interpreter's lock."""
+    under_way = deque[Future[None]]()
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        for path, image in named:
+            if len(under_way) == AT_ONCE:
+                under_way.popleft().result()
+            under_way.append(pool.submit(images.write_image, path, image, bits=bits, quality=quality))
+        for file in under_way:
+            file.result()
