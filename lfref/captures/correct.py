@@ -104,7 +104,8 @@ def correct(
         The light field, itself where all corrections are inert, and what was found.
 
     Raises:
-        InputError: A white picture or a profile of another grid or size, or a white picture of encoded samples.
+        InputError: A white picture or a profile of another grid or size, both of them, or a white picture of encoded
+            samples.
         FileError: The profile cannot be read.
 
     Example:
@@ -113,6 +114,9 @@ def correct(
         >>> mended is field, found.active
         (True, ())
     """
+    if profile is not None and white is not None:
+        expected = "corrections are looked for, by a white picture if there is one, or known from another capture"
+        raise InputError(expected, got="a white picture and a profile", remedy="leave one of them out")
     if profile is not None:
         known = profile if isinstance(profile, Corrections) else load(profile)
         return known.apply(field), known.leaving(_without_light(field))

@@ -46,6 +46,12 @@ def test_another_camera_and_another_white_are_refused(vignetted):
         correct(vignetted, white=other)
 
 
+def test_what_is_known_needs_no_white_picture(vignetted):
+    _, found = correct(vignetted)
+    with pytest.raises(InputError, match="leave one of them out"):
+        correct(vignetted, white=vignetted, profile=found)
+
+
 @pytest.mark.parametrize("content", [b"", b"no archive"])
 def test_a_file_of_something_else_is_one_line(vignetted, tmp_path, content):
     (tmp_path / "a.pt").write_bytes(content)
