@@ -1,0 +1,191 @@
+"""Sets of planes to learn from: classical pictures with their guides, and what a lens would have recorded instead.
+
+Drawing a scene costs more than a step of training, so a set is made once. Every item is fixed by the recipe and its
+number alone: a set that was interrupted goes on, and processes share the work.
+Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column.
+"""
+
+import hashlib
+import json
+import zipfile
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lfref.captures.asked import AUTO, as_asked
+from lfref.data.cache import EVEN
+from lfref.errors import FileError, InputError, chosen
+from lfref.io import atomic
+from lfref.lightfield import LightField
+from lfref.refocuser.guides import GUIDES, Seen, guides
+from lfref.refocuser.refocuser import Refocuser
+from lfref.simulator.developed import developed
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import RandomScenes
+from lfref.simulator.simulate import Simulation
+
+SUFFIX = ".npz"
+NEAR = 0.15
+"""How far planes near focus lie from what is there, at most, in pixels per view step."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What decides what the items of a set are."""
+
+    scenes: RandomScenes
+    """Where they come from; the grid of the camera is one of `grids`."""
+    base: Refocuser
+    """Makes the pictures that are to be corrected."""
+    guides: tuple[str, ...] = tuple(GUIDES)
+    """What is known of them besides, names of `GUIDES`."""
+    seed: int = 0
+    """Of all items."""
+    grids: tuple[tuple[int, int], ...] = ((7, 7),)
+    """View rows and columns, each as often as it stands here."""
+    depths: tuple[float, ...] = (0.5, 1.0, 2.0)
+    """What disparities of scenes are multiplied by, each as often."""
+    ideal: float = 0.25
+    """Share of scenes without a sensor."""
+    n_near: int = 2
+    """Planes near focus: at the disparity of something there is."""
+    ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (-7.0, -1.0))
+    """Of slopes of further planes, one each."""
+    correct: str = AUTO
+    """As for `as_asked`."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "grids", tuple(map(tuple, self.grids)))
+        object.__setattr__(self, "ranges", tuple(map(tuple, self.ranges)))
+        for name in ("guides", "depths"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for guide in self.guides:
+            chosen("guide", guide, GUIDES)
+        if not (self.grids and self.depths and self.n_near + len(self.ranges) and 0 <= self.ideal <= 1):
+            got = (self.grids, self.depths, self.n_near, self.ranges, self.ideal)
+            raise InputError("a set needs grids, depths, planes, and a share of ideal scenes from 0 to 1", got=got)
+
+
+    def description(self) -> dict[str, Any]:
+        """All that decides, as plain values: what a set is known by."""
+        told = {field.name: getattr(self, field.name) for field in fields(self)}
+        return told | {"scenes": asdict(self.scenes), "base": self.base.name}
+
+    def key(self) -> str:
+        """SHA-256 of the description and of the code that items are made by: another set has another one."""
+        told = json.dumps([self.description(), code_version(Path(__file__))], sort_keys=True)
+        return hashlib.sha256(told.encode()).hexdigest()
+
+
+class Item(NamedTuple):
+    """Planes of one light field."""
+
+    guides: Tensor
+    """[N, K, H, W]."""
+    pictures: Tensor
+    """What is to be corrected, [N, C, H, W]."""
+    missing: Tensor
+    """What a lens would have recorded less the pictures, [N, C, H, W]."""
+    slopes: Tensor
+    """In pixels per view step, float64, [N]."""
+
+
+@torch.no_grad()
+def make(recipe: Recipe, index: int) -> Item:
+    """Draw a scene, photograph it, put it right, refocus it.
+
+    Args:
+        recipe: What decides about it.
+        index: Its number, from 0.
+    """
+    random = np.random.default_rng((recipe.seed, index))
+    scene = _scene(recipe, index, random)
+    # Planes near focus lie at disparities that are known only once the scene is drawn.
+    disparity = Simulation(scene).run(["disparity"], [0.0]).disparity
+    assert disparity is not None
+    slopes = _slopes(recipe, disparity, random)
+    simulation = Simulation(scene, max(map(abs, slopes)))
+    views, truth = simulation.run(["views"], [0.0]).views, simulation.run(["truth"], slopes).truth
+    assert views is not None
+    assert truth is not None
+    encoding = scene.sensor.encoding
+    light, _ = as_asked(LightField(encoding.decode(views.clamp(0, 1)), scene.name), recipe.correct, even=EVEN)
+    wanted = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
+    seen = Seen(light, torch.tensor(slopes, dtype=torch.float64), recipe.base)
+    return Item(guides(seen, recipe.guides), seen.pictures, wanted - seen.pictures, seen.slopes)
+
+
+def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
+    depth, grid = float(random.choice(recipe.depths)), recipe.grids[random.integers(len(recipe.grids))]
+    low, high = recipe.scenes.disparities
+    camera = replace(recipe.scenes.camera, grid=grid)
+    scene = replace(recipe.scenes, camera=camera, disparities=(depth * low, depth * high)).scene(recipe.seed, 0, index)
+    return replace(scene, sensor=Sensor()) if random.random() < recipe.ideal else scene
+
+
+def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> tuple[float, ...]:
+    there = random.choice(disparity.flatten().cpu().numpy(), recipe.n_near)
+    near = there + random.uniform(-NEAR, NEAR, recipe.n_near)
+    return (*near.tolist(), *(random.uniform(*ends) for ends in recipe.ranges))
+
+
+def folder_of(recipe: Recipe, cache_folder: Path) -> Path:
+    """Where a set lies.
+
+    Args:
+        recipe: Of the set.
+        cache_folder: Where sets are kept.
+    """
+    return cache_folder / "planes" / recipe.key()[:16]
+
+
+def path_of(folder: Path, index: int) -> Path:
+    """Where an item lies.
+
+    Args:
+        folder: Of the set.
+        index: Its number.
+    """
+    return folder / f"{index:06d}{SUFFIX}"
+
+
+def write(path: Path, item: Item) -> None:
+    """Keep an item in half precision: what is missing to pictures as they are kept, which is small, to a thousandth.
+
+    Args:
+        path: File to write.
+        item: What it shall hold.
+
+    Raises:
+        FileError: The disk refuses.
+    """
+    kept = item.pictures.half()
+    missing = (item.pictures + item.missing - kept.float()).half()
+    guided, pictures, rest, slopes = (part.cpu().numpy() for part in (item.guides.half(), kept, missing, item.slopes))
+    with atomic.replacing(path) as partial, partial.open("wb") as file:
+        np.savez(file, guides=guided, pictures=pictures, missing=rest, slopes=slopes)
+
+
+def read(path: Path) -> Item:
+    """Read what `write` wrote, floats in single precision.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileError: It is missing or damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            guided, pictures, missing = (torch.from_numpy(arrays[name]).float() for name in Item._fields[:3])
+            return Item(guided, pictures, missing, torch.from_numpy(arrays["slopes"]))
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise FileError(
+            f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"
+        ) from error
+

@@ -1,0 +1,104 @@
+"""The refiner: a small residual network that corrects refocused planes, each by itself, by guides that come with it.
+
+It works on a coarser grid of pixels with more channels (pixel unshuffle): as many weights a pixel reach farther and
+cost less. What it adds to a picture starts at nothing.
+Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column, `r` pixels along a coarse one.
+Source of the grid: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel
+Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep Residual Networks", 2017.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from lfref.errors import InputError, chosen
+from lfref.nets.blocks import ACTIVATIONS
+
+SCALE = 0.05
+"""Light that an output of 1 adds: corrections are small."""
+
+
+class RefinerBlock(nn.Module):
+    """Two convolutions whose result is added, nothing at first: [B, width, H, W] -> the same.
+
+    Args:
+        width: Channels.
+        kernel: Side of the convolutions, odd.
+        activation: Made between them.
+    """
+
+    def __init__(self, width: int, kernel: int, activation: Callable[[], nn.Module]) -> None:
+        super().__init__()
+        first, last = (nn.Conv2d(width, width, kernel, padding=kernel // 2) for _ in range(2))
+        self.body = nn.Sequential(first, activation(), _silent(last))
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Apply the block."""
+        return features + self.body(features)
+
+
+class Refiner(nn.Module):
+    """Guides [..., N, K, H, W] and pictures [..., N, C, H, W] -> better pictures, of the same shape.
+
+    Args:
+        n_guides: Channels of guides, K.
+        channels: Of pictures, C.
+        width: Channels within.
+        n_blocks: Pairs of convolutions.
+        shuffle: Pixels along the side of a coarse one, r.
+        kernel: Side of the convolutions, odd.
+        activation: A key of `ACTIVATIONS`.
+
+    Raises:
+        InputError: An option that no network can be built from.
+
+    Example:
+        >>> Refiner(n_guides=4, width=8)(torch.rand(2, 4, 16, 17), torch.rand(2, 3, 16, 17)).shape
+        torch.Size([2, 3, 16, 17])
+    """
+
+    def __init__(
+        self,
+        n_guides: int,
+        channels: int = 3,
+        width: int = 48,
+        n_blocks: int = 4,
+        shuffle: int = 2,
+        kernel: int = 3,
+        activation: str = "silu",
+    ) -> None:
+        super().__init__()
+        if min(n_guides, channels, width, shuffle, kernel) < 1 or n_blocks < 0 or kernel % 2 == 0:
+            got = (n_guides, channels, width, n_blocks, shuffle, kernel)
+            raise InputError("a refiner's sizes must be at least 1, n_blocks 0, its kernel odd", got=got)
+        make = chosen("activation", activation, ACTIVATIONS)
+        self.shuffle = shuffle
+        self.stem = nn.Conv2d(n_guides * shuffle**2, width, 3, padding=1)
+        self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
+        self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, channels * shuffle**2, 3, padding=1)))
+
+    def forward(self, guides: Tensor, pictures: Tensor) -> Tensor:
+        """Correct pictures.
+
+        Args:
+            guides: In the type of the weights, [..., N, K, H, W].
+            pictures: What is corrected, [..., N, C, H, W]; any type.
+        """
+        height, width = guides.shape[-2:]
+        planes = guides.flatten(0, -4) if guides.ndim > 3 else guides[None]
+        # Whole coarse pixels: what lies beyond the edge is as what lies at it.
+        padded = F.pad(planes, (0, -width % self.shuffle, 0, -height % self.shuffle), mode="replicate")
+        features = self.blocks(self.stem(F.pixel_unshuffle(padded, self.shuffle)))
+        added = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
+        return pictures + SCALE * added.reshape(pictures.shape).to(pictures)
+
+
+def _silent(layer: nn.Conv2d) -> nn.Conv2d:
+    """The layer with weights that make nothing of anything."""
+    with torch.no_grad():
+        layer.weight.zero_()
+        assert layer.bias is not None
+        layer.bias.zero_()
+    return layer
