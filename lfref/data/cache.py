@@ -26,6 +26,7 @@ from lfref.captures.asked import AUTO, NONE, as_asked
 from lfref.data import hashes
 from lfref.encoding import LINEAR, Encoding, parsed
 from lfref.errors import InputError
+from lfref.functional import sources
 from lfref.io import atomic, explain, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
@@ -160,34 +161,27 @@ def _correction_version(correct: str) -> list[str]:
     """What a correction depends on beside the light field: its code, and the file of what is to be corrected."""
     if correct == NONE:
         return []
-    # All of the package counts that corrections import, down to the operators that they refocus with.
-    package = Path(corrections.__file__).parents[1]
-    code = _version(Path(corrections.__file__), package, package.name)
-    return [code, correct if correct == AUTO else hashes.content_hash(Path(correct))]
-
-
-def _reader_version(start: Path) -> str:
-    """A change of the reader is a change of the cache."""
-    return _version(start, start.parent, f"{reader.__package__}")
+    file = Path(corrections.__file__)
+    return [sources.digest(file, file.parents[1]), correct if correct == AUTO else hashes.content_hash(Path(correct))]
 
 
 @functools.cache
-def _version(start: Path, room: Path, package: str) -> str:
-    """Hash of the source of a module, and of what it imports from a package, which lies in a folder."""
+def _reader_version(start: Path) -> str:
+    """Hash of the source of a module, and of what it reads through: a change of the reader is a change of the cache."""
     digest = hashlib.sha256()
-    for file in sorted(_sources(start, set(), room, package)):
+    for file in sorted(_sources(start, set(), start.parent)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def _sources(file: Path, found: set[Path], room: Path, package: str) -> set[Path]:
-    """A module and all that it imports from a package's folder and below, added to those found before."""
+def _sources(file: Path, found: set[Path], room: Path) -> set[Path]:
+    """A module and all that it imports from the readers' folder and below, added to those found before."""
     if file.is_file() and file not in found and file.name not in ONLY_WRITE:
         found.add(file)
         for node in ast.walk(ast.parse(file.read_bytes())):
-            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{package}."):
-                below = room.joinpath(*f"{node.module}".removeprefix(package).split(".")[1:])
+            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{reader.__package__}."):
+                below = room.joinpath(*f"{node.module}".removeprefix(f"{reader.__package__}").split(".")[1:])
                 for name in node.names:
-                    _sources(below / f"{name.name}.py", found, room, package)
-                _sources(below.with_suffix(".py"), found, room, package)
+                    _sources(below / f"{name.name}.py", found, room)
+                _sources(below.with_suffix(".py"), found, room)
     return found

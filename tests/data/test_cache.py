@@ -11,6 +11,7 @@ import torch
 from lfref.captures.correct import correct
 from lfref.data import cache
 from lfref.errors import FileError, InputError
+from lfref.functional import sources
 from lfref.io import read as reader
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -235,16 +236,8 @@ def copied_reader(tmp_path):
     return tmp_path / "io" / source.name
 
 
-def version(start):
-    """Of the sources as they are now."""
-    cache._version.cache_clear()
-    return cache._reader_version(start)
-
-
 def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
-    names = {
-        file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent, "lfref.io")
-    }
+    names = {file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent)}
     assert names >= {"read", "formats", "decode", "images", "eslf", "exr", "grid", "views", "explain"}
     assert names.isdisjoint({"write", "encode", "folders", "atomic", "marks"})
 
@@ -252,19 +245,19 @@ def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports()
 @pytest.mark.parametrize("name", ["decode", "eslf", "grid", "views", "read"])
 def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
     start = copied_reader(tmp_path)
-    before = version(start)
+    before = cache._reader_version.__wrapped__(start)
     with start.with_name(f"{name}.py").open("a") as file:
         file.write("# edited")
-    assert version(start) != before
+    assert cache._reader_version.__wrapped__(start) != before
 
 
 @pytest.mark.parametrize("name", ["encode", "write", "folders", "atomic", "marks"])
 def test_an_edit_of_what_writes_leaves_the_cache_alone(tmp_path, name):
     start = copied_reader(tmp_path)
-    before = version(start)
+    before = cache._reader_version.__wrapped__(start)
     with start.with_name(f"{name}.py").open("a") as file:
         file.write("# edited")
-    assert version(start) == before
+    assert cache._reader_version.__wrapped__(start) == before
 
 
 def test_a_new_module_counts_as_soon_as_a_reader_imports_it(tmp_path):
@@ -272,7 +265,7 @@ def test_a_new_module_counts_as_soon_as_a_reader_imports_it(tmp_path):
     start.with_name("new.py").write_text("X = 1")
     with start.with_name("eslf.py").open("a") as file:
         file.write("\nfrom lfref.io import new")
-    assert start.with_name("new.py") in cache._sources(start, set(), start.parent, "lfref.io")
+    assert start.with_name("new.py") in cache._sources(start, set(), start.parent)
 
 
 def test_an_entry_whose_array_was_deleted_is_made_anew(store, tmp_path):
@@ -351,10 +344,10 @@ def test_a_light_field_without_defects_is_kept_in_its_own_depth(store, tmp_path)
     assert cache.cached(path, {}, tmp_path, "auto").samples.dtype == np.uint8
 
 
-def test_the_code_of_corrections_is_found_by_what_they_import(tmp_path):
-    found = cache._correction_version("auto")
-    assert found[1] == "auto"
+def test_other_corrections_are_another_entry(dark_corners, tmp_path):
     assert cache._correction_version("none") == []
-    start = Path(cache.corrections.__file__)
-    names = {file.stem for file in cache._sources(start, set(), start.parents[1], "lfref")}
-    assert names >= {"correct", "corrections", "vignetting", "registration", "encoding"}
+    code, how = cache._correction_version("auto")
+    assert how == "auto"
+    assert code == sources.digest(Path(cache.corrections.__file__), Path(cache.__file__).parents[1])
+    correct(reader.read(dark_corners))[1].save(tmp_path / "correction.pt")
+    assert cache._correction_version(str(tmp_path / "correction.pt"))[1] not in ("auto", how)
