@@ -16,6 +16,7 @@ COMMANDS = {
     "eval": "judge checkpoints and operators plane by plane against the label sources",
     "refocus": "refocus light fields into stacks, pictures, films, disparity and point clouds",
     "bench": "measure accuracy against time of every operator and checkpoint",
+    "prepare": "make a set of planes to learn from",
     "simulate": "write simulated light fields",
     "report": "gather runs into one page",
 }

@@ -70,6 +70,7 @@ NOW: dict[str, tuple[str, ...]] = {
         "lfref.captures.auto_planes.AutoPlanes",
     ),
     "labels": ("lfref.data.labels.OperatorLabels", "lfref.data.labels.RenderedLabels"),
+    "recipes": ("lfref.data.plane_sets.Recipe",),
     "data": ("lfref.data.datamodules.FolderData", "lfref.data.datamodules.SimulatedData"),
     "sources": ("lfref.data.sources.SimulatedSource",),
     "networks": tuple(KINDS.values()),

@@ -19,6 +19,7 @@ from torch import Tensor
 from lfref.captures.asked import AUTO, as_asked
 from lfref.data.cache import EVEN
 from lfref.errors import FileError, InputError, chosen
+from lfref.functional import sources
 from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.guides import GUIDES, Seen, guides
@@ -70,7 +71,6 @@ class Recipe:
             got = (self.grids, self.depths, self.n_near, self.ranges, self.ideal)
             raise InputError("a set needs grids, depths, planes, and a share of ideal scenes from 0 to 1", got=got)
 
-
     def description(self) -> dict[str, Any]:
         """All that decides, as plain values: what a set is known by."""
         told = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -78,7 +78,8 @@ class Recipe:
 
     def key(self) -> str:
         """SHA-256 of the description and of the code that items are made by: another set has another one."""
-        told = json.dumps([self.description(), code_version(Path(__file__))], sort_keys=True)
+        file = Path(__file__)
+        told = json.dumps([self.description(), sources.digest(file, file.parents[1])], sort_keys=True)
         return hashlib.sha256(told.encode()).hexdigest()
 
 
@@ -188,4 +189,3 @@ def read(path: Path) -> Item:
         raise FileError(
             f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"
         ) from error
-
