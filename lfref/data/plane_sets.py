@@ -182,10 +182,10 @@ def read(path: Path) -> Item:
         FileError: It is missing or damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             guided, pictures, missing = (torch.from_numpy(arrays[name]).float() for name in Item._fields[:3])
             return Item(guided, pictures, missing, torch.from_numpy(arrays["slopes"]))
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise FileError(
             f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"
         ) from error

@@ -34,7 +34,7 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
         "alphas": ("planes.alphas=[1]",),
         "slopes": ("planes.slopes=[0]",),
     }
-    config = composed("train", f"{group}={name}", *needs.get(name, ()))
+    config = composed("prepare" if group == "recipe" else "train", f"{group}={name}", *needs.get(name, ()))
     if group == "trainer":
         config.trainer.accelerator, config.trainer.devices = "cpu", 1
     assert configs.build(config[group]) is not None

@@ -1,0 +1,44 @@
+"""`lfref prepare`: a set is made once, goes on where it was interrupted, and says what it is."""
+
+import json
+
+from lfref.data import plane_sets
+
+SMALL = ("prepare", "method=shift_and_sum", "workers=0", "scene.camera.size=[40,40]", "recipe.grids=[[3,3]]")
+
+
+def made(folder):
+    (place,) = (folder / "cache" / "planes").iterdir()
+    return place, sorted(place.glob(f"*{plane_sets.SUFFIX}"))
+
+
+def test_a_set_is_made_and_goes_on(lfref, tmp_path):
+    words = (*SMALL, f"cache_folder={tmp_path}/cache")
+    assert lfref(*words, "n_fields=2", f"output={tmp_path}/one")[0] == 0
+    place, paths = made(tmp_path)
+    first, second = (path.read_bytes() for path in paths)
+    paths[0].unlink()
+    assert lfref(*words, "n_fields=3", f"output={tmp_path}/two")[0] == 0
+    again, paths = made(tmp_path)
+    assert again == place
+    assert [path.read_bytes() for path in paths[:2]] == [first, second]
+    assert len(paths) == 3
+    told = json.loads((tmp_path / "two" / "set.json").read_text())
+    assert told == json.loads((place / "set.json").read_text())
+    assert told["key"].startswith(place.name)
+    assert told["base"] == "shift_and_sum"
+
+
+def test_processes_make_what_one_makes(lfref, tmp_path):
+    for workers in (0, 2):
+        words = (*SMALL, f"workers={workers}", f"cache_folder={tmp_path}/{workers}/cache", "n_fields=3")
+        assert lfref(*words, f"output={tmp_path}/run{workers}")[0] == 0
+    one, several = ([path.read_bytes() for path in made(tmp_path / str(workers))[1]] for workers in (0, 2))
+    assert one == several
+
+
+def test_unknown_guides_are_one_line(lfref, tmp_path):
+    status, errors = lfref(*SMALL, "recipe.guides=[luck]", f"cache_folder={tmp_path}", f"output={tmp_path}/run")
+    assert status != 0
+    assert "guide" in errors
+    assert "Traceback" not in errors

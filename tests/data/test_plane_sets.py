@@ -1,0 +1,99 @@
+"""Sets of planes: every item fixed by recipe and number, kept precisely, and true."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from lfref.data import plane_sets
+from lfref.data.plane_sets import Recipe
+from lfref.errors import FileError, InputError
+from lfref.functional.psnr import psnr
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.guides import GUIDES
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.simulator.chance.random_sensor import RandomSensor
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
+
+BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
+SCENES = RandomScenes(Camera((3, 3), (40, 44)), sensor=RandomSensor(noise=1.0, tone_curve=0.5))
+RECIPE = Recipe(SCENES, BASE, seed=5, grids=((3, 3), (5, 5)), ranges=((-3.0, -2.0),), ideal=0.5)
+
+
+def equal(one, two):
+    return all(torch.equal(a, b) for a, b in zip(one, two, strict=True))
+
+
+def test_items_are_fixed_by_recipe_and_number():
+    torch.manual_seed(1)
+    first = plane_sets.make(RECIPE, 3)
+    torch.manual_seed(2)
+    assert equal(first, plane_sets.make(RECIPE, 3))
+    for other in (plane_sets.make(RECIPE, 4), plane_sets.make(dataclasses.replace(RECIPE, seed=6), 3)):
+        assert not torch.equal(first.pictures, other.pictures)
+
+
+def test_an_item_has_planes_near_focus_and_others_each_with_its_guides():
+    item = plane_sets.make(RECIPE, 0)
+    assert item.pictures.shape == item.missing.shape == (3, 3, 40, 44)
+    assert item.guides.shape == (3, 12, 40, 44)
+    assert -3 <= float(item.slopes[2]) <= -2
+    assert float(item.slopes[:2].abs().max()) < 2 + plane_sets.NEAR
+
+
+def test_what_is_missing_makes_the_picture_of_a_lens():
+    ideal = dataclasses.replace(RECIPE, ideal=1.0)
+    for index in range(3):
+        item = plane_sets.make(ideal, index)
+        inner = (..., slice(8, -8), slice(8, -8))
+        assert float(psnr(item.pictures[:2][inner], (item.pictures + item.missing)[:2][inner]).min()) > 30
+        assert float((item.pictures + item.missing).min()) >= -1e-6
+
+
+def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
+    noisy = dataclasses.replace(
+        RECIPE, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(noise=1.0, shot=(0.01, 0.01)))
+    )
+    spoilt, ideal = (plane_sets.make(dataclasses.replace(noisy, ideal=share), 1) for share in (0.0, 1.0))
+    assert torch.equal(spoilt.slopes, ideal.slopes)
+    assert float(spoilt.missing[:2].std()) > 1.1 * float(ideal.missing[:2].std())
+
+
+def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):
+    item = plane_sets.make(RECIPE, 0)
+    plane_sets.write(path := plane_sets.path_of(tmp_path, 0), item)
+    kept = plane_sets.read(path)
+    truth = item.pictures + item.missing
+    error = (kept.pictures + kept.missing - truth).abs()
+    assert bool((error <= 1e-3 * kept.missing.abs() + 1e-6).all())
+    torch.testing.assert_close(kept.guides, item.guides, atol=1e-3, rtol=1e-3)
+    assert torch.equal(kept.slopes, item.slopes)
+
+
+@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04damaged"])
+def test_a_damaged_file_is_one_line(tmp_path, content):
+    path = plane_sets.path_of(tmp_path, 0)
+    path.write_bytes(content)
+    with pytest.raises(FileError, match="prepare again"):
+        plane_sets.read(path)
+
+
+def test_another_recipe_is_another_set(tmp_path):
+    others = [
+        dataclasses.replace(RECIPE, **change)
+        for change in (
+            {"seed": 6}, {"grids": ((3, 3),)}, {"guides": tuple(GUIDES)[:2]}, {"correct": "none"}, {"ideal": 0.2},
+            {"base": OperatorRefocuser("other", shift_and_sum)},
+            {"scenes": dataclasses.replace(SCENES, disparities=(-2.0, 1.0))},
+        )
+    ]  # fmt: skip
+    keys = {recipe.key() for recipe in (RECIPE, *others)}
+    assert len(keys) == len(others) + 1
+    assert plane_sets.folder_of(RECIPE, tmp_path).name == RECIPE.key()[:16]
+
+
+@pytest.mark.parametrize("change", [{"grids": ()}, {"depths": ()}, {"n_near": 0, "ranges": ()}, {"ideal": 1.5}])
+def test_recipes_that_make_nothing_are_refused(change):
+    with pytest.raises(InputError, match="a set needs"):
+        dataclasses.replace(RECIPE, **change)

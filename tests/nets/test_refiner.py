@@ -1,0 +1,77 @@
+"""The refiner starts as nothing, treats planes alike, and takes any size."""
+
+import pytest
+import torch
+from torch.autograd import gradcheck
+
+from lfref.errors import InputError
+from lfref.nets.refiner import SCALE, Refiner
+
+
+def trained(**options):
+    """A refiner that does something."""
+    torch.manual_seed(3)
+    net = Refiner(**{"n_guides": 4, "width": 8, "n_blocks": 2} | options)
+    for parameter in net.parameters():
+        torch.nn.init.normal_(parameter, std=0.2)
+    return net.eval()
+
+
+def test_it_starts_by_leaving_pictures_as_they_are():
+    pictures = torch.rand(5, 3, 16, 18)
+    assert torch.equal(Refiner(4)(torch.rand(5, 4, 16, 18), pictures), pictures)
+
+
+@pytest.mark.parametrize("size", [(16, 18), (15, 17), (1, 1), (2, 3)])
+@pytest.mark.parametrize("shuffle", [1, 2, 3])
+def test_any_size_and_any_leading_axes_keep_their_shape(size, shuffle):
+    guides, pictures = torch.rand(2, 5, 4, *size), torch.rand(2, 5, 3, *size)
+    net = trained(shuffle=shuffle)
+    made = net(guides, pictures)
+    assert made.shape == pictures.shape
+    torch.testing.assert_close(made[1, 2], net(guides[1, 2], pictures[1, 2]), atol=1e-6, rtol=1e-5)
+    assert not torch.equal(made, pictures)
+
+
+def test_planes_do_not_know_of_each_other():
+    guides, pictures, net = torch.rand(3, 4, 12, 12), torch.rand(3, 3, 12, 12), trained()
+    others = torch.cat([guides[:1], torch.rand(2, 4, 12, 12)])
+    torch.testing.assert_close(net(others, pictures)[0], net(guides, pictures)[0], atol=1e-6, rtol=1e-5)
+
+
+def test_a_shift_by_a_coarse_pixel_shifts_the_correction():
+    guides, net = torch.rand(4, 64, 64), trained()
+    nothing = torch.zeros(3, 64, 64)
+    made, moved = net(guides, nothing), net(guides.roll((2, 4), (1, 2)), nothing)
+    torch.testing.assert_close(moved[:, 24:40, 24:40], made[:, 22:38, 20:36], atol=1e-6, rtol=1e-5)
+
+
+def test_without_blocks_it_is_two_convolutions_written_out():
+    net = trained(n_guides=2, n_blocks=0, shuffle=1, width=3, channels=1)
+    guides, pictures = torch.rand(1, 2, 6, 7), torch.rand(1, 1, 6, 7)
+    inner = torch.nn.functional.silu(net.stem(guides))
+    expected = pictures + SCALE * net.head[1](inner)
+    torch.testing.assert_close(net(guides, pictures), expected)
+
+
+def test_pictures_keep_their_type_and_what_is_added_comes_in_that_of_the_weights():
+    net = trained().bfloat16()
+    made = net(torch.rand(2, 4, 8, 8).bfloat16(), torch.rand(2, 3, 8, 8))
+    assert made.dtype == torch.float32
+
+
+def test_gradients():
+    net = trained(width=4, n_blocks=1).double()
+    inputs = [torch.rand(1, n, 5, 6, dtype=torch.float64, requires_grad=True) for n in (4, 3)]
+    assert gradcheck(net, inputs)
+
+
+@pytest.mark.parametrize("option", [{"n_guides": 0}, {"width": 0}, {"shuffle": 0}, {"kernel": 2}, {"n_blocks": -1}])
+def test_sizes_that_make_no_network_are_refused(option):
+    with pytest.raises(InputError, match="at least 1"):
+        Refiner(**{"n_guides": 4} | option)
+
+
+def test_an_unknown_activation_is_refused():
+    with pytest.raises(InputError, match="activation"):
+        Refiner(4, activation="sigmoidal")

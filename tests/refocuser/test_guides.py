@@ -1,0 +1,63 @@
+"""Guides: each what it says, for any grid and planes."""
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.lightfield import LightField
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.guides import GUIDES, Seen, guides
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.simulate import simulate
+from lfref.simulator.surfaces import Plane
+from lfref.simulator.textures import Noise
+
+BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
+SLOPES = torch.tensor([-0.6, 0.4, 2.0], dtype=torch.float64)
+CHANNELS = {"picture": 3, "sum": 3, "spread": 1, "defocus": 2, "central": 3}
+
+
+def seen(grid=(5, 5), size=(40, 48), disparity=0.4):
+    scene = Scene(Camera(grid, size), (Surface(Plane(disparity), Noise((0.5, 0.4, 0.3), (0.3, 0.3, 0.3))),))
+    return Seen(LightField(simulate(scene, outputs=("views",)).views), SLOPES, BASE)
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (5, 5), (4, 7)])
+def test_they_have_their_channels_at_every_plane_of_any_grid(grid):
+    for name, n_channels in CHANNELS.items():
+        assert GUIDES[name](seen(grid)).expand(3, -1, -1, -1).shape == (3, n_channels, 40, 48)
+    assert set(CHANNELS) == set(GUIDES)
+
+
+def test_they_stand_one_after_the_other_in_the_order_asked_for():
+    light = seen()
+    made = guides(light, ("spread", "picture"))
+    assert made.shape == (3, 4, 40, 48)
+    torch.testing.assert_close(made[:, 1:] + 0.5, BASE(light.light, SLOPES))
+
+
+def test_views_agree_where_a_plane_is_in_focus_and_differ_elsewhere():
+    inner = (..., slice(8, -8), slice(8, -8))
+    spread = seen().spread[inner].mean((1, 2, 3))
+    assert float(spread[1]) < 0.01
+    assert float(spread[0]) > 0.04
+    assert float(spread[2]) > 0.04
+
+
+def test_the_spread_is_that_of_the_views_where_nothing_moves():
+    views = torch.rand(3, 3, 3, 12, 14)
+    still = Seen(LightField(views), torch.zeros(1, dtype=torch.float64), BASE)
+    expected = views.flatten(0, 1).var(0, correction=0).mean(0).sqrt()
+    torch.testing.assert_close(still.spread[0, 0], expected, atol=1e-5, rtol=1e-4)
+
+
+def test_defocus_is_the_slope_less_the_disparity():
+    found = seen().defocus[:, 0, 10:-10, 10:-10]
+    for plane, slope in zip(found, SLOPES.tolist(), strict=True):
+        assert float((plane - (slope - 0.4)).abs().median()) < 0.02
+
+
+def test_an_unknown_guide_is_refused():
+    with pytest.raises(InputError, match="guide"):
+        guides(seen(), ("luck",))
