@@ -30,7 +30,7 @@ METHODS = {
 
 
 def disparities() -> Iterator[str]:
-    """Errors of `disparity_map` over sim30: all scenes, and those that are opaque, matte and free of sensor effects."""
+    """Errors of `disparity_map` over sim30: all scenes, those without a sensor, and the worst four."""
     errors = {name: _errors(name) for name in sim30.SCENES}
     plain = [name for name in errors if sim30.SCENES[name].sensor == Sensor()]
     yield "| scenes | median, px | within .03 px, % | within .1 px, % | within .1 px without a border of 24, % |"

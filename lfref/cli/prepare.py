@@ -48,7 +48,7 @@ def prepare(config: DictConfig, folder: Path) -> None:
     recipe: Recipe = configs.build(config.recipe)
     n_fields = int(configs.number(config, "n_fields", 1))
     place = plane_sets.folder_of(recipe, Path(config.cache_folder).expanduser())
-    told = json.dumps({"key": recipe.key(), **recipe.description()}, indent=1)
+    told = json.dumps({"key": recipe.key(), **recipe.description()}, indent=1, default=str)
     for at in (place, folder):
         at.mkdir(parents=True, exist_ok=True)
         atomic.write_text(at / "set.json", told + "\n")

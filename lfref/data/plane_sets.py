@@ -74,12 +74,14 @@ class Recipe:
     def description(self) -> dict[str, Any]:
         """All that decides, as plain values: what a set is known by."""
         told = {field.name: getattr(self, field.name) for field in fields(self)}
-        return told | {"scenes": asdict(self.scenes), "base": self.base.name}
+        # A method keeps its name whatever options are bound to it.
+        options = getattr(getattr(self.base, "operator", None), "keywords", {})
+        return told | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
 
     def key(self) -> str:
         """SHA-256 of the description and of the code that items are made by: another set has another one."""
         file = Path(__file__)
-        told = json.dumps([self.description(), sources.digest(file, file.parents[1])], sort_keys=True)
+        told = json.dumps([self.description(), sources.digest(file, file.parents[1])], sort_keys=True, default=str)
         return hashlib.sha256(told.encode()).hexdigest()
 
 

@@ -43,13 +43,12 @@ class Seen:
     @cached_property
     def sums(self) -> Tensor:
         """Plain sums of the views, [N, C, H, W]."""
-        return POINTS.through(getattr(self.base, "aperture", None))(self.light, self.slopes)
+        return self._summed(self.light)
 
     @cached_property
     def spread(self) -> Tensor:
         """Standard deviation over the views that a pixel of a plane is the sum of, colours together, [N, 1, H, W]."""
-        squares = replace(self.light, views=self.light.views.square())
-        means = POINTS.through(getattr(self.base, "aperture", None))(squares, self.slopes)
+        means = self._summed(replace(self.light, views=self.light.views.square()))
         return (means - self.sums.square()).mean(1, keepdim=True).clamp(min=0).sqrt()
 
     @cached_property
@@ -63,6 +62,10 @@ class Seen:
         """The view in the middle, [C, H, W]."""
         rows, columns = self.light.grid
         return self.light.views[rows // 2, columns // 2]
+
+    def _summed(self, light: LightField) -> Tensor:
+        """Through the aperture of the classical pictures, if they have one."""
+        return POINTS.through(getattr(self.base, "aperture", None))(light, self.slopes)
 
 
 GUIDES: dict[str, Callable[[Seen], Tensor]] = {

@@ -1,6 +1,7 @@
 """Sets of planes: every item fixed by recipe and number, kept precisely, and true."""
 
 import dataclasses
+import functools
 
 import pytest
 import torch
@@ -85,6 +86,7 @@ def test_another_recipe_is_another_set(tmp_path):
         for change in (
             {"seed": 6}, {"grids": ((3, 3),)}, {"guides": tuple(GUIDES)[:2]}, {"correct": "none"}, {"ideal": 0.2},
             {"base": OperatorRefocuser("other", shift_and_sum)},
+            {"base": OperatorRefocuser("shift_and_sum", functools.partial(shift_and_sum, fill=1.0))},
             {"scenes": dataclasses.replace(SCENES, disparities=(-2.0, 1.0))},
         )
     ]  # fmt: skip
