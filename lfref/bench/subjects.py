@@ -23,10 +23,10 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Aperture, Refocuser
 from lfref.simulator.developed import developed
-from lfref.simulator.effects import chain
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import simulate
+from lfref.simulator.white_picture import white_picture
 
 IDEAL, SENSOR, CORRECTED, GIVEN = "ideal", "sensor", "corrected", "given"
 """Classes: scenes without and with a sensor's effects, the latter put right, light fields without a truth."""
@@ -74,10 +74,6 @@ class Subject:
         return Shown(stack, self.encoding.decode(stack))
 
 
-WHITE = 0.8
-"""Radiance of the white scene that cameras are calibrated by."""
-
-
 def put_right(scene: Scene, light: LightField) -> LightField:
     """The views of a scene, corrected by what they show.
 
@@ -95,8 +91,7 @@ def put_right_by_white(scene: Scene, light: LightField) -> LightField:
         scene: Whose sensor photographs it, with noise of its own.
         light: Its views.
     """
-    white = chain.recorded(torch.full_like(light.views, WHITE), scene.sensor, scene.seed + 1)
-    return correct(light, LightField(scene.sensor.encoding.decode(white)))[0]
+    return correct(light, white_picture(scene, light))[0]
 
 
 CORRECTIONS: dict[str, Callable[[Scene, LightField], LightField] | None] = {

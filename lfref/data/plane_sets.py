@@ -23,12 +23,13 @@ from lfref.functional import sources
 from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.guides import GUIDES, Seen, guides
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation
+from lfref.simulator.white_picture import white_picture
 
 SUFFIX = ".npz"
 NEAR = 0.15
@@ -41,7 +42,7 @@ class Recipe:
 
     scenes: RandomScenes
     """Where they come from; the grid of the camera is one of `grids`."""
-    base: Refocuser
+    base: OperatorRefocuser
     """Makes the pictures that are to be corrected."""
     guides: tuple[str, ...] = tuple(GUIDES)
     """What is known of them besides, names of `GUIDES`."""
@@ -53,12 +54,12 @@ class Recipe:
     """What disparities of scenes are multiplied by, each as often."""
     ideal: float = 0.25
     """Share of scenes without a sensor."""
-    n_near: int = 2
+    n_near: int = 3
     """Planes near focus: at the disparity of something there is."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (-7.0, -1.0))
     """Of slopes of further planes, one each."""
     correct: str = AUTO
-    """As for `as_asked`."""
+    """As for `as_asked`; `auto` has a white picture of cameras with vignetting."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "grids", tuple(map(tuple, self.grids)))
@@ -75,7 +76,7 @@ class Recipe:
         """All that decides, as plain values: what a set is known by."""
         told = {field.name: getattr(self, field.name) for field in fields(self)}
         # A method keeps its name whatever options are bound to it.
-        options = getattr(getattr(self.base, "operator", None), "keywords", {})
+        options = getattr(self.base.operator, "keywords", {})
         return told | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
 
     def key(self) -> str:
@@ -117,7 +118,11 @@ def make(recipe: Recipe, index: int) -> Item:
     assert views is not None
     assert truth is not None
     encoding = scene.sensor.encoding
-    light, _ = as_asked(LightField(encoding.decode(views.clamp(0, 1)), scene.name), recipe.correct, even=EVEN)
+    recorded = LightField(encoding.decode(views.clamp(0, 1)), scene.name)
+    # Falloff that all views share cannot be known from them, nor learned.
+    has_white = recipe.correct == AUTO and scene.sensor.vignetting is not None
+    white = white_picture(scene, recorded) if has_white else None
+    light, _ = as_asked(recorded, recipe.correct, white, even=EVEN)
     wanted = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     seen = Seen(light, torch.tensor(slopes, dtype=torch.float64), recipe.base)
     return Item(guides(seen, recipe.guides), seen.pictures, wanted - seen.pictures, seen.slopes)

@@ -12,8 +12,10 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
+from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.focus.coarse_disparity import coarse_disparity
 from lfref.refocus.focus.disparity import disparity_map
 from lfref.refocus.fourier import layer_energies
 from lfref.refocus.fourier.layered_refocusing import by_energies
@@ -29,20 +31,23 @@ LARGE = 256  # pixels along the shorter side
 FADE = 5  # pixels over which one estimate gives way to the other
 
 
-def occlusion_aware(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+def occlusion_aware(
+    views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
+) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, with care for edges near focus.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W], more than one view.
         slopes: Focus in pixels per view step, [N].
         weights: Synthetic aperture, >= 0, alike on both sides of both axes, [V, U]; None weighs all views alike.
+        disparities: Of each pixel of the central view, if they are known, in pixels per view step, [..., H, W].
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
         Derivatives leave out that disparities depend on the views.
 
     Raises:
-        InputError: Views, slopes or weights that cannot be used.
+        InputError: Views, slopes, weights or disparities that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -52,15 +57,18 @@ def occlusion_aware(views: Tensor, slopes: Slopes, weights: Tensor | None = None
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), checked_aperture(weights, grid)
-    stacks = [_refocused(batches.radiance(field), planes, aperture) for field in batch]
+    known = [None] * len(batch) if disparities is None else _checked(disparities, views)
+    stacks = [
+        _refocused(batches.radiance(field), planes, aperture, found) for field, found in zip(batch, known, strict=True)
+    ]
     return batches.restored(torch.stack(stacks), views)
 
 
-def _refocused(field: Tensor, planes: Tensor, aperture: Tensor) -> Tensor:
+def _refocused(field: Tensor, planes: Tensor, aperture: Tensor, known: Tensor | None) -> Tensor:
     """One light field [V, U, C, H, W] as a stack [N, C, H, W]."""
     energies = layer_energies.found(field, N_LAYERS, aperture)
     first, *_, last = energies.disparities.tolist()
-    disparity = _disparity(field, first, last)
+    disparity = _disparity(field, first, last) if known is None else known
     stack, shares = by_energies(field, planes, energies, aperture), near_edges(disparity, planes)
     needed = shares.amax((1, 2)).cpu() > 0
     if bool(needed.any()):
@@ -72,13 +80,20 @@ def _refocused(field: Tensor, planes: Tensor, aperture: Tensor) -> Tensor:
 
 def _disparity(field: Tensor, first: float, last: float) -> Tensor:
     """Disparity of each pixel, [H, W], of large views by a look at half their size: where edges are is enough."""
-    height, width = field.shape[-2:]
-    if min(height, width) < LARGE:
-        return disparity_map(field, first, last).disparity
-    # Colours are averaged first: the map would do so, of four times as many pixels.
-    halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
-    found = 2 * disparity_map(halves[:, :, None], first / 2, last / 2).disparity
-    return found.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width]
+    small = min(field.shape[-2:]) < LARGE
+    return disparity_map(field, first, last).disparity if small else coarse_disparity(field, first, last)
+
+
+def _checked(disparities: Tensor, views: Tensor) -> Tensor:
+    """Disparities with at least one axis before rows and columns, once they are known to belong to views.
+
+    Raises:
+        InputError: They do not.
+    """
+    wanted = (*views.shape[:-5], *views.shape[-2:])
+    if disparities.shape != wanted or not bool(disparities.isfinite().all()):
+        raise InputError(f"disparities must be finite, of shape {wanted}", got=tuple(disparities.shape))
+    return disparities.reshape(-1, *wanted[-2:])
 
 
 def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:

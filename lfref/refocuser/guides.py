@@ -6,6 +6,7 @@ Letters: `N` planes, `C H W` channel, pixel row and column, `s` slope, `d` dispa
 """
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,15 +14,18 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from lfref import geometry
 from lfref.errors import chosen
 from lfref.lightfield import LightField
-from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus import apertures
+from lfref.refocus.focus.coarse_disparity import coarse_disparity
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refocuser import Refocuser
 
 POINTS = OperatorRefocuser("points", functools.partial(shift_and_sum, interpolation="cubic"))
 """The plain sum of the views, which the other guides are measured by."""
+CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,33 +33,56 @@ class Seen:
     """A light field and planes of it, with what several guides share, each found when first asked for."""
 
     light: LightField
-    """On an even grid."""
+    """On an even grid, [V, U, C, H, W]."""
     slopes: Tensor
     """In pixels per view step, float64, [N]."""
-    base: Refocuser
+    base: OperatorRefocuser
     """Makes the classical pictures."""
 
     @cached_property
     def pictures(self) -> Tensor:
         """The classical pictures, [N, C, H, W]."""
-        return self.base(self.light, self.slopes)
+        return self.base.knowing(self.disparities)(self.light, self.slopes)
+
+    @cached_property
+    def disparities(self) -> Tensor:
+        """Of each pixel of the central view, in pixels per view step, [H, W]; 0 where there is but one view."""
+        views = self.light.views
+        if views.shape[:2].numel() < 2:
+            return views.new_zeros(views.shape[-2:])
+        return coarse_disparity(views).to(views)
 
     @cached_property
     def sums(self) -> Tensor:
         """Plain sums of the views, [N, C, H, W]."""
-        return self._summed(self.light)
+        return self._of(POINTS, self.light)
+
+    @cached_property
+    def grey(self) -> LightField:
+        """The mean of the colours, [V, U, 1, H, W]."""
+        return replace(self.light, views=self.light.views.mean(2, keepdim=True))
 
     @cached_property
     def spread(self) -> Tensor:
-        """Standard deviation over the views that a pixel of a plane is the sum of, colours together, [N, 1, H, W]."""
-        means = self._summed(replace(self.light, views=self.light.views.square()))
-        return (means - self.sums.square()).mean(1, keepdim=True).clamp(min=0).sqrt()
+        """Standard deviation over the views that a pixel of a plane is the sum of, grey, [N, 1, H, W]."""
+        squares = self._of(POINTS, replace(self.grey, views=self.grey.views.square()))
+        return (squares - self.sums.mean(1, keepdim=True).square()).clamp(min=0).sqrt()
+
+    @cached_property
+    def inner(self) -> Tensor:
+        """What the middle of the aperture, half as wide, sees more than all of it, grey, [N, 1, H, W]."""
+        half = POINTS.through(lambda grid: apertures.square(grid, min(grid) / 2))
+        return half(self.grey, self.slopes) - self.sums.mean(1, keepdim=True)
+
+    @cached_property
+    def cells(self) -> Tensor:
+        """Sums of the views as cells of the aperture, [N, C, H, W]."""
+        return self._of(CELLS, self.light)
 
     @cached_property
     def defocus(self) -> Tensor:
         """How far each pixel of the central view is from each plane, s - d, [N, 1, H, W]."""
-        disparity = disparity_map(self.light.views).disparity.to(self.light.views)
-        return self.slopes.to(disparity)[:, None, None, None] - disparity
+        return self.slopes.to(self.disparities)[:, None, None, None] - self.disparities
 
     @property
     def central(self) -> Tensor:
@@ -63,17 +90,36 @@ class Seen:
         rows, columns = self.light.grid
         return self.light.views[rows // 2, columns // 2]
 
-    def _summed(self, light: LightField) -> Tensor:
+    @cached_property
+    def coverage(self) -> Tensor:
+        """Share of the views that see a pixel of a plane within their frame, [N, 1, H, W]."""
+        rows, columns = (
+            self._inside(n_views, n_pixels) for n_views, n_pixels in zip(self.light.grid, self.light.size, strict=True)
+        )
+        return rows[:, None, :, None] * columns[:, None, None, :]
+
+    def _inside(self, n_views: int, n_pixels: int) -> Tensor:
+        """Share of the views along one axis within whose frame pixels lie, [N, n_pixels]."""
+        steps = geometry.angular_offsets(n_views).to(self.slopes)
+        read = torch.arange(n_pixels).to(self.slopes) + (self.slopes[:, None] * steps)[..., None]
+        inside = ((read > -1) & (read < n_pixels)).to(self.light.views)
+        return inside.mean(1)
+
+    def _of(self, operator: OperatorRefocuser, light: LightField) -> Tensor:
         """Through the aperture of the classical pictures, if they have one."""
-        return POINTS.through(getattr(self.base, "aperture", None))(light, self.slopes)
+        return operator.through(self.base.aperture)(light, self.slopes)
 
 
 GUIDES: dict[str, Callable[[Seen], Tensor]] = {
     "picture": lambda seen: seen.pictures - 0.5,
     "sum": lambda seen: 10 * (seen.sums - seen.pictures),
+    "cells": lambda seen: 10 * (seen.cells - seen.pictures),
+    "inner": lambda seen: 10 * seen.inner,
     "spread": lambda seen: 5 * seen.spread,
     "defocus": lambda seen: torch.cat([seen.defocus.tanh(), (0.3 * seen.defocus.abs()).tanh()], 1),
     "central": lambda seen: 3 * (seen.central - seen.pictures),
+    "coverage": lambda seen: 2 * (1 - seen.coverage),
+    "views": lambda seen: torch.full_like(seen.spread, math.log2(math.prod(seen.light.grid)) / 3 - 2),
 }
 """Each (seen) -> [N, channels, H, W], of the order of 1."""
 

@@ -1,5 +1,6 @@
 """Refocusing operators as refocusers: any planes, any grid, samples counted by their weight."""
 
+import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -73,6 +74,11 @@ class OperatorRefocuser(Refocuser):
     def through(self, aperture: Aperture | None) -> "OperatorRefocuser":
         """As in `Refocuser`; an aperture of its own is kept."""
         return self if aperture is None or self.aperture is not None else replace(self, aperture=aperture)
+
+    def knowing(self, disparities: Tensor) -> "OperatorRefocuser":
+        """The same, told the disparities of a light field [H, W] if it can use them: it need not look for them."""
+        takes = self._takes("disparities")
+        return replace(self, operator=functools.partial(self.operator, disparities=disparities)) if takes else self
 
     def cell_width(self, slopes: Tensor) -> float:
         """As in `Refocuser`, by the operator's `fill` and `disparity`."""

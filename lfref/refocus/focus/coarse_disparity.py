@@ -1,0 +1,33 @@
+"""Disparity by a look at views of half their size: a quarter of the time, enough to know where edges are.
+
+Letters: `d` disparity in pixels per view step.
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from lfref.refocus.focus.disparity import disparity_map
+
+
+@torch.no_grad()
+def coarse_disparity(field: Tensor, first: float | None = None, last: float | None = None) -> Tensor:
+    """Disparity of each pixel of the central view, alike in squares of two by two.
+
+    Args:
+        field: Radiance, [V, U, C, H, W], floating point.
+        first: Least disparity to look for, in pixels per view step; None looks for it.
+        last: Largest disparity to look for, likewise.
+
+    Returns:
+        In pixels per view step, [H, W].
+
+    Raises:
+        InputError: Views or a range that cannot be used.
+    """
+    height, width = field.shape[-2:]
+    # Colours are averaged first: the map would do so, of four times as many pixels.
+    halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
+    low, high = (None if end is None else end / 2 for end in (first, last))
+    found = 2 * disparity_map(halves[:, :, None], low, high).disparity
+    return found.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width]
