@@ -55,7 +55,7 @@ def front(config: DictConfig, folder: Path) -> None:
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    methods = [*configs.build(config.methods).values(), *networks]
+    methods = [*(method.to(device) for method in configs.build(config.methods).values()), *networks]
     name_apart(methods)
     return methods
 
