@@ -93,6 +93,8 @@ class Item(NamedTuple):
     """[N, K, H, W]."""
     pictures: Tensor
     """What is to be corrected, [N, C, H, W]."""
+    doubts: Tensor
+    """How far the pictures may be off, [N, 1, H, W]."""
     missing: Tensor
     """What a lens would have recorded less the pictures, [N, C, H, W]."""
     slopes: Tensor
@@ -125,7 +127,7 @@ def make(recipe: Recipe, index: int) -> Item:
     light, _ = as_asked(recorded, recipe.correct, white, even=EVEN)
     wanted = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     seen = Seen(light, torch.tensor(slopes, dtype=torch.float64), recipe.base)
-    return Item(guides(seen, recipe.guides), seen.pictures, wanted - seen.pictures, seen.slopes)
+    return Item(guides(seen, recipe.guides), seen.pictures, seen.doubt, wanted - seen.pictures, seen.slopes)
 
 
 def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
@@ -173,10 +175,12 @@ def write(path: Path, item: Item) -> None:
         FileError: The disk refuses.
     """
     kept = item.pictures.half()
-    missing = (item.pictures + item.missing - kept.float()).half()
-    guided, pictures, rest, slopes = (part.cpu().numpy() for part in (item.guides.half(), kept, missing, item.slopes))
+    missing = item.pictures + item.missing - kept.float()
+    parts = item._replace(pictures=kept, missing=missing)._asdict()
+    arrays = {name: part.cpu().numpy() for name, part in parts.items()}
+    halves = {name: array.astype(np.float16) for name, array in arrays.items() if name != "slopes"}
     with atomic.replacing(path) as partial, partial.open("wb") as file:
-        np.savez(file, guides=guided, pictures=pictures, missing=rest, slopes=slopes)
+        np.savez(file, **(arrays | halves))
 
 
 def read(path: Path) -> Item:
@@ -190,8 +194,8 @@ def read(path: Path) -> Item:
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            guided, pictures, missing = (torch.from_numpy(arrays[name]).float() for name in Item._fields[:3])
-            return Item(guided, pictures, missing, torch.from_numpy(arrays["slopes"]))
+            images = {name: torch.from_numpy(arrays[name]).float() for name in Item._fields[:-1]}
+            return Item(**images, slopes=torch.from_numpy(arrays["slopes"]))
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise FileError(
             f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"

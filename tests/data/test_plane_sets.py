@@ -38,7 +38,8 @@ def test_items_are_fixed_by_recipe_and_number():
 def test_an_item_has_planes_near_focus_and_others_each_with_its_guides():
     item = plane_sets.make(RECIPE, 0)
     assert item.pictures.shape == item.missing.shape == (4, 3, 40, 44)
-    assert item.guides.shape == (4, 18, 40, 44)
+    assert item.guides.shape == (4, 22, 40, 44)
+    assert item.doubts.shape == (4, 1, 40, 44)
     assert -3 <= float(item.slopes[3]) <= -2
     assert float(item.slopes[:3].abs().max()) < 2 + plane_sets.NEAR
 
@@ -81,6 +82,7 @@ def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):
     error = (kept.pictures + kept.missing - truth).abs()
     assert bool((error <= 1e-3 * kept.missing.abs() + 1e-6).all())
     torch.testing.assert_close(kept.guides, item.guides, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(kept.doubts, item.doubts, atol=1e-7, rtol=1e-3)
     assert torch.equal(kept.slopes, item.slopes)
 
 
