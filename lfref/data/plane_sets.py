@@ -27,7 +27,7 @@ from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
-from lfref.simulator.scenes import RandomScenes
+from lfref.simulator.scenes import MATERIALS, RandomScenes
 from lfref.simulator.simulate import Simulation
 from lfref.simulator.white_picture import white_picture
 
@@ -52,8 +52,10 @@ class Recipe:
     """View rows and columns, each as often as it stands here."""
     depths: tuple[float, ...] = (0.5, 1.0, 2.0)
     """What disparities of scenes are multiplied by, each as often."""
-    ideal: float = 0.25
-    """Share of scenes without a sensor."""
+    plain: float = 0.25
+    """Share of scenes without a sensor whose surfaces are matte and still: what methods do best."""
+    ideal: float = 0.2
+    """Share of further scenes without a sensor."""
     n_near: int = 3
     """Planes near focus: at the disparity of something there is."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (-7.0, -1.0))
@@ -68,9 +70,16 @@ class Recipe:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for guide in self.guides:
             chosen("guide", guide, GUIDES)
-        if not (self.grids and self.depths and self.n_near + len(self.ranges) and 0 <= self.ideal <= 1):
-            got = (self.grids, self.depths, self.n_near, self.ranges, self.ideal)
-            raise InputError("a set needs grids, depths, planes, and a share of ideal scenes from 0 to 1", got=got)
+        if not (
+            self.grids
+            and self.depths
+            and self.n_near + len(self.ranges)
+            and min(self.plain, self.ideal, 1 - self.plain - self.ideal) >= 0
+        ):
+            got = (self.grids, self.depths, self.n_near, self.ranges, self.plain, self.ideal)
+            raise InputError(
+                "a set needs grids, depths, planes, and shares of plain and ideal scenes of 1 at most together", got=got
+            )
 
     def description(self) -> dict[str, Any]:
         """All that decides, as plain values: what a set is known by."""
@@ -133,9 +142,12 @@ def make(recipe: Recipe, index: int) -> Item:
 def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
     depth, grid = float(random.choice(recipe.depths)), recipe.grids[random.integers(len(recipe.grids))]
     low, high = recipe.scenes.disparities
-    camera = replace(recipe.scenes.camera, grid=grid)
-    scene = replace(recipe.scenes, camera=camera, disparities=(depth * low, depth * high)).scene(recipe.seed, 0, index)
-    return replace(scene, sensor=Sensor()) if random.random() < recipe.ideal else scene
+    drawn = replace(recipe.scenes, camera=replace(recipe.scenes.camera, grid=grid))
+    kind = random.random()
+    if kind < recipe.plain:
+        drawn = replace(drawn, **dict.fromkeys(MATERIALS, 0.0), moving=0.0)
+    scene = replace(drawn, disparities=(depth * low, depth * high)).scene(recipe.seed, 0, index)
+    return replace(scene, sensor=Sensor()) if kind < recipe.plain + recipe.ideal else scene
 
 
 def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> tuple[float, ...]:
