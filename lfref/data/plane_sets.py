@@ -27,7 +27,7 @@ from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
-from lfref.simulator.scenes import MATERIALS, RandomScenes
+from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation
 from lfref.simulator.white_picture import white_picture
 
@@ -144,8 +144,7 @@ def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
     low, high = recipe.scenes.disparities
     drawn = replace(recipe.scenes, camera=replace(recipe.scenes.camera, grid=grid))
     kind = random.random()
-    if kind < recipe.plain:
-        drawn = replace(drawn, **dict.fromkeys(MATERIALS, 0.0), moving=0.0)
+    drawn = drawn.plain() if kind < recipe.plain else drawn
     scene = replace(drawn, disparities=(depth * low, depth * high)).scene(recipe.seed, 0, index)
     return replace(scene, sensor=Sensor()) if kind < recipe.plain + recipe.ideal else scene
 

@@ -19,7 +19,7 @@ from lfref.simulator.scenes import RandomScenes
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SCENES = RandomScenes(Camera((3, 3), (40, 44)), sensor=RandomSensor(noise=1.0, tone_curve=0.5))
-RECIPE = Recipe(SCENES, BASE, seed=5, grids=((3, 3), (5, 5)), ranges=((-3.0, -2.0),), ideal=0.5)
+RECIPE = Recipe(SCENES, BASE, seed=5, grids=((3, 3), (5, 5)), ranges=((-3.0, -2.0),), plain=0.0, ideal=0.5)
 
 
 def equal(one, two):
@@ -60,6 +60,18 @@ def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
     spoilt, ideal = (plane_sets.make(dataclasses.replace(noisy, ideal=share), 1) for share in (0.0, 1.0))
     assert torch.equal(spoilt.slopes, ideal.slopes)
     assert float(spoilt.missing[:2].std()) > 1.1 * float(ideal.missing[:2].std())
+
+
+def test_plain_scenes_are_matte_and_still_and_have_no_sensor():
+    varied = RandomScenes(Camera((3, 3), (40, 44)), mirror=1.0, moving=1.0, sensor=RandomSensor(noise=1.0))
+    recipe = dataclasses.replace(RECIPE, scenes=varied, plain=1.0, ideal=0.0)
+    bare = dataclasses.replace(recipe, scenes=dataclasses.replace(RandomScenes(varied.camera)), plain=0.0, ideal=1.0)
+    assert equal(plane_sets.make(recipe, 2), plane_sets.make(bare, 2))
+
+
+def test_shares_are_of_one_whole():
+    with pytest.raises(InputError, match="shares of plain and ideal"):
+        dataclasses.replace(RECIPE, plain=0.7, ideal=0.5)
 
 
 def test_cameras_with_vignetting_have_a_white_picture():
