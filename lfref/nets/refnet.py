@@ -109,7 +109,7 @@ class RefNet(Network):
         """What the last convolution reads: views [..., V, U, C, H, W] -> [B, N * C * r^2, H / r, W / r], rounded up.
 
         Raises:
-            InputError: Another grid, number of channels or type than the network was built for, or views of one (coarse) pixel.
+            InputError: Another grid, number of channels or type than the network was built for, or one (coarse) pixel.
         """
         check_views(views)
         expected = (*self.config["grid"], self.config["channels"])
