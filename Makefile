@@ -12,12 +12,14 @@ PIP_ARGS ?=
 
 export PYTHONWARNINGS ?= ignore::FutureWarning
 
-.PHONY: help install demo test figures lint quick clean
+.PHONY: help install demo test figures paper ablations lint quick clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in one page"
 	@echo "make test                       linters, types, floors and all tests"
 	@echo "make figures                    measure the figures of README and docs again"
+	@echo "make paper                      the paper's experiments, judged by truth; goes on where it was stopped"
+	@echo "make ablations                  which of the paper's choices matter, likewise"
 	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make clean                      remove runs and caches of this checkout"
 
@@ -47,6 +49,12 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py
+
+paper: install
+	$(BIN)/python docs/paper.py
+
+ablations: install
+	$(BIN)/python docs/ablations.py
 
 lint: install
 	$(BIN)/ruff check lfref tests docs/*.py

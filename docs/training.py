@@ -1,0 +1,62 @@
+"""Train the networks of an experiment by `lfref train`: a process of one thread for each processor.
+
+A network whose run is finished stays as it is, one that was interrupted goes on, one that was set up in another way is
+refused.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from rich.progress import track
+
+from lfref.cli.resume import FOLDERS, key_of
+from lfref.io.run import Run
+
+QUIET = ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures")
+
+
+def train(wanted: Mapping[Path, Sequence[str]]) -> None:
+    """Train what is not trained yet.
+
+    Args:
+        wanted: Run folder -> what it is set up by, as on the command line.
+
+    Raises:
+        SystemExit: A run failed, or another one lies in its folder.
+    """
+    left = {folder: overrides for folder, overrides in wanted.items() if not _is_done(folder, overrides)}
+    print(f"{len(wanted) - len(left)} of {len(wanted)} networks are trained")
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as processors:
+        made = processors.map(_train, left.keys(), left.values())
+        failed = [told for told in track(made, description="training", total=len(left)) if told]
+    if failed:
+        raise SystemExit("\n".join(failed))
+
+
+def _is_done(folder: Path, overrides: Iterable[str]) -> bool:
+    run = Run(folder)
+    if not run.has_checkpoints:
+        return False
+    if (before := _told(run.overrides)) != (now := _told([*overrides, *QUIET])):
+        raise SystemExit(f"{folder} holds a run of {' '.join(sorted(before ^ now))}: move it away, or delete it")
+    return run.is_finished
+
+
+def _told(overrides: Iterable[str]) -> set[str]:
+    return {override for override in overrides if key_of(override) not in FOLDERS}
+
+
+def _train(folder: Path, overrides: Sequence[str]) -> str:
+    """Train one network; what went wrong, if anything."""
+    said = [f"resume={folder}"] if Run(folder).has_checkpoints else [*overrides, *QUIET, f"output={folder}"]
+    if not Run(folder).has_checkpoints:
+        shutil.rmtree(folder, ignore_errors=True)  # a run that was stopped before its first epoch ended
+    command = [sys.executable, "-m", "lfref.cli.main", "train", *said]
+    one_thread = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    ended = subprocess.run(command, env=one_thread, capture_output=True, text=True)
+    return f"{folder}: {ended.stderr[-2000:]}" if ended.returncode else ""
