@@ -20,7 +20,6 @@ from lfref.refocuser.networks import NetworkRefocuser
 from lfref.report import tables
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.scene import Scene
 
 MARGIN = 24
 """Pixels of the border that the interior lacks, as in `lfref bench`."""
@@ -28,16 +27,11 @@ SEED = ", seed "
 """In the name of a network, between its method and its seed."""
 
 
-def scenes(names: Iterable[str], has_sensor: bool = False) -> Iterator[Scene]:
-    """Scenes of sim30, without their sensors, or those that have one with it."""
-    for name in track(list(names), description="judging by truth"):
-        scene = sim30.SCENES[name]
-        yield scene if has_sensor else dataclasses.replace(scene, sensor=Sensor())
-
-
-def judges(names: Iterable[str], planes: FocalPlanes, has_sensor: bool = False) -> Iterator[Subject]:
-    """What methods are judged on."""
-    return subjects.simulated(scenes(names, has_sensor), planes.slopes, torch.device("cpu"))
+def judges(names: Iterable[str], planes: FocalPlanes, with_sensor: bool = False) -> Iterator[Subject]:
+    """What methods are judged on: scenes of sim30 as a perfect sensor records them, and as their own does if asked."""
+    chosen = (sim30.SCENES[name] for name in track(list(names), description="judging"))
+    scenes = chosen if with_sensor else (dataclasses.replace(scene, sensor=Sensor()) for scene in chosen)
+    return subjects.simulated(scenes, planes.slopes, torch.device("cpu"))
 
 
 def loaded(folders: Mapping[str, Sequence[Path]]) -> list[NetworkRefocuser]:

@@ -21,11 +21,9 @@ from paper_methods import CLASSICAL, LABELS, NETWORKS, PARALLEL, PARALLEL_NETWOR
 
 from lfref.bench import accuracy, judging
 from lfref.bench.accuracy import Row
-from lfref.bench.subjects import SENSOR
 from lfref.geometry import FocalPlanes
 from lfref.refocuser.refocuser import Refocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects.sensor import Sensor
 
 RUNS = marked.ROOT / "runs" / "paper"
 SETUP = "experiment=paper_small"
@@ -71,12 +69,10 @@ def measured(experiment: Experiment) -> dict[str, pd.DataFrame]:
     runs = [run for folders in experiment.folders.values() for run in folders]
     methods: list[Refocuser] = [*CLASSICAL.values(), *networks]
     names, folder = experiment.scenes, experiment.runs
-    with_sensor = [name for name in names if sim30.SCENES[name].sensor != Sensor()]
 
     def by_truth() -> Iterator[Row]:
-        yield from judging.rows(judged.judges(names, PLANES), methods, PLANES, judged.MARGIN)
-        found = judging.rows(judged.judges(with_sensor, PLANES, has_sensor=True), methods, PLANES, judged.MARGIN)
-        yield from (row for row in found if row["class"] == SENSOR)
+        subjects = judged.judges(names, PLANES, with_sensor=True)
+        return judging.rows(subjects, methods, PLANES, judged.MARGIN)
 
     return {
         "truth": judged.kept(folder / "truth.csv", runs, by_truth),
@@ -93,7 +89,7 @@ def measured(experiment: Experiment) -> dict[str, pd.DataFrame]:
 def by_labels(names: Iterable[str], methods: Iterable[Refocuser], planes: FocalPlanes) -> Iterator[Row]:
     """Every method by each label source and by truth, over the whole frame, as the paper does."""
     for subject in judged.judges(names, planes):
-        stacks = {method.name: method(subject.light, planes.slopes) for method in methods}
+        stacks = {method.name: subject.stack(method, planes.slopes) for method in methods}
         labels = {label: CLASSICAL[label](subject.light, planes.slopes) for label in LABELS}
         yield from accuracy.plane_rows(subject.light.name, stacks, labels | {"truth": subject.truth}, planes)
 
@@ -104,7 +100,7 @@ def by_focus(names: Iterable[str], methods: Iterable[Refocuser]) -> Iterator[Row
     for subject in judged.judges(names, PLANES):
         truth = subject.truth[inside]
         for method in methods:
-            stack = method(subject.light, PLANES.slopes)[inside]
+            stack = subject.stack(method, PLANES.slopes)[inside]
             nearest = ((stack[:, None] - truth[None]) ** 2).mean((2, 3, 4)).argmin(1)
             ratios = sharpness(stack) / sharpness(truth)
             for place, ratio, index in zip(accuracy.plane_names(PLANES), ratios.tolist(), nearest, strict=True):

@@ -77,7 +77,7 @@ def comparison(runs: Path) -> Figure:
     pictured = {name: CLASSICAL[name] for name in ("shift_and_sum", "fourier_slice")}
     pictured |= dict(zip(NETWORKS, networks, strict=True))
     methods = (CLASSICAL[BEST], *pictured.values())
-    best, *stacks = (method(subject.light, PLANES.slopes)[INNER] for method in methods)
+    best, *stacks = (subject.stack(method, PLANES.slopes)[INNER] for method in methods)
     cells = []
     for alpha in SHOWN:
         index = (PLANES.alphas or ()).index(alpha)
