@@ -1,6 +1,4 @@
-import importlib
 import itertools
-import sys
 
 import pytest
 import wandb
@@ -8,9 +6,8 @@ import yaml
 
 from lfref.cli import config as configs
 from lfref.cli import train as command
-from lfref.train.module import Refocusing
+from lfref.train.refocusing import Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
-from tests.conftest import ROOT
 
 FAST = (
     "trainer.fast_dev_run=1",
@@ -20,10 +17,9 @@ FAST = (
     "~callbacks.best",
     "~callbacks.last",
 )
-sys.path.append(str(ROOT / "docs"))
-ablations, paper, training = (importlib.import_module(name) for name in ("ablations", "paper", "training"))
-
-EXPERIMENTS = sorted(path.stem for path in (configs.directory() / "experiment").glob("*.yaml"))
+EXPERIMENTS = sorted(
+    path.stem for path in (configs.directory() / "experiment").glob("*.yaml") if path.stem != "refiner"
+)
 
 
 def thinned(choices):
@@ -62,6 +58,20 @@ def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, expe
     assert wandb.run is None
 
 
+def test_the_refiner_passes_a_fast_dev_run(lfref, composed, tmp_path):
+    small = ("method@recipe.base=shift_and_sum", "recipe.scenes.camera.size=[40,40]", "recipe.grids=[[3,3]]")
+    places = (f"cache_folder={tmp_path}/cache", f"output={tmp_path}/set")
+    assert lfref("prepare", *small, *places, "n_fields=2", "workers=0")[0] == 0
+    data = (
+        f"data.cache_folder={tmp_path}/cache",
+        "data.n_validation=1",
+        "data.crop=16",
+        "net.width=8",
+        "trainer.precision=32-true",
+    )
+    command.train(composed("train", "experiment=refiner", *small, *data, *FAST, "~callbacks.average"), tmp_path)
+
+
 @pytest.mark.parametrize("label", thinned(sorted(path.stem for path in (configs.directory() / "label").glob("*.yaml"))))
 def test_every_label_source_passes_a_fast_dev_run(composed, tmp_path, losses, label):
     config = composed("train", f"label={label}", *TINY, *FAST)
@@ -74,38 +84,3 @@ def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, losses, me
     config = composed("train", *TINY, *FAST, *member)
     command.train(config, tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
-
-
-@pytest.mark.parametrize("variant", thinned(ablations.VARIANTS))
-def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, tmp_path, losses, variant):
-    said = (*ablations.SETUP, *TINY_DATA, "net.stem_width=16", *ablations.VARIANTS[variant])
-    config = composed("train", *said, *FAST)
-    command.train(config, tmp_path)
-    assert [bool(loss.isfinite()) for loss in losses] == [True]
-
-
-def test_every_network_of_the_pages_has_a_folder_of_its_own_and_one_setup():
-    experiment = paper.Experiment()
-    wanted = list(experiment.trained()) + list(ablations.trained(ablations.RUNS))
-    own = {folder for folder in wanted if wanted.count(folder) == 1}
-    shared = set(wanted) - own
-    assert len(own) == 3 * 3 + 3 * (len(ablations.VARIANTS) - 1)
-    assert shared == set(experiment.folders["RefNet on truth"])
-    for folder in shared:
-        assert experiment.trained()[folder] == ablations.trained(ablations.RUNS)[folder]
-
-
-@pytest.mark.slow
-def test_what_is_trained_is_kept_and_what_was_stopped_goes_on(tmp_path):
-    said = [*TINY, "trainer.max_epochs=2"]
-    folder = tmp_path / "net"
-    training.train({folder: [*said, "seed=1"]})
-    last = folder / "checkpoints" / "last.ckpt"
-    made = last.stat().st_mtime_ns
-    training.train({folder: [*said, "seed=1"]})
-    assert last.stat().st_mtime_ns == made
-    with pytest.raises(SystemExit, match="seed=1 seed=2"):
-        training.train({folder: [*said, "seed=2"]})
-    assert last.stat().st_mtime_ns == made
-    with pytest.raises(SystemExit, match="activation must be one of"):
-        training.train({tmp_path / "other": [*said, "net.activation=magic"]})
