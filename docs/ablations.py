@@ -119,14 +119,16 @@ def main() -> None:
     parser.add_argument("--size", nargs=2, type=int, default=(375, 540), help="height and width that times are told of")
     asked = parser.parse_args()
     runs = asked.runs.resolve()
-    training.train(trained(runs, asked.overrides))
-    found = folders(runs)
+    failed = training.train(trained(runs, asked.overrides))
+    found = {variant: of_seeds for variant, of_seeds in folders(runs).items() if not failed.keys() & {*of_seeds}}
     sources = [run for of_seeds in found.values() for run in of_seeds]
     rows = judged.kept(runs / "truth.csv", sources, lambda: by_truth(asked.scenes, judged.loaded(found)))
     firsts = {variant: of_seeds[:1] for variant, of_seeds in found.items()}
     with torch.no_grad():
         costs = judged.kept(runs / "costs.csv", sources, lambda: times(judged.loaded(firsts), tuple(asked.size)))
-    lines = "\n".join(table(rows, costs))
+    lines = "\n".join(
+        [*table(rows, costs), *(f"Training failed: {variant}." for variant in VARIANTS if variant not in found)]
+    )
     if runs == RUNS:
         marked.fill({"ablations": lines})
     else:

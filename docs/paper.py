@@ -111,7 +111,8 @@ def by_focus(names: Iterable[str], methods: Iterable[Refocuser]) -> Iterator[Row
 def main() -> None:
     """Train, judge, time, draw; then fill the pages, or print what would stand in them."""
     experiment = _asked()
-    training.train(experiment.trained())
+    if failed := training.train(experiment.trained()):
+        raise SystemExit("\n".join(f"{folder}: {told}" for folder, told in failed.items()))
     found = measured(experiment)
     speed = paper_speed.kept(experiment.runs / "speed.csv", experiment.size)
     lines = {name: "\n".join(table(found)) for name, table in paper_tables.TABLES.items()}

@@ -14,28 +14,30 @@ from pathlib import Path
 
 from rich.progress import track
 
-from lfref.cli.resume import FOLDERS, key_of
+from lfref.cli.resume import FOLDERS, key_of, quoted
 from lfref.io.run import Run
 
 QUIET = ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures")
 
 
-def train(wanted: Mapping[Path, Sequence[str]]) -> None:
+def train(wanted: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
     """Train what is not trained yet.
 
     Args:
         wanted: Run folder -> what it is set up by, as on the command line.
 
+    Returns:
+        Run folder -> what went wrong, of those that failed.
+
     Raises:
-        SystemExit: A run failed, or another one lies in its folder.
+        SystemExit: Another run lies in a folder.
     """
     left = {folder: overrides for folder, overrides in wanted.items() if not _is_done(folder, overrides)}
     print(f"{len(wanted) - len(left)} of {len(wanted)} networks are trained")
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as processors:
+    with ThreadPoolExecutor(os.cpu_count()) as processors:
         made = processors.map(_train, left.keys(), left.values())
-        failed = [told for told in track(made, description="training", total=len(left)) if told]
-    if failed:
-        raise SystemExit("\n".join(failed))
+        told = track(made, description="training", total=len(left))
+        return {folder: error for folder, error in zip(left, told, strict=True) if error}
 
 
 def _is_done(folder: Path, overrides: Iterable[str]) -> bool:
@@ -52,11 +54,11 @@ def _told(overrides: Iterable[str]) -> set[str]:
 
 
 def _train(folder: Path, overrides: Sequence[str]) -> str:
-    """Train one network; what went wrong, if anything."""
-    said = [f"resume={folder}"] if Run(folder).has_checkpoints else [*overrides, *QUIET, f"output={folder}"]
+    """Train one network; what it said last if it failed."""
+    said = [f"resume={folder}"] if Run(folder).has_checkpoints else [*overrides, *QUIET, f"output={quoted(folder)}"]
     if not Run(folder).has_checkpoints:
         shutil.rmtree(folder, ignore_errors=True)  # a run that was stopped before its first epoch ended
     command = [sys.executable, "-m", "lfref.cli.main", "train", *said]
     one_thread = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     ended = subprocess.run(command, env=one_thread, capture_output=True, text=True)
-    return f"{folder}: {ended.stderr[-2000:]}" if ended.returncode else ""
+    return ended.stderr[-2000:] if ended.returncode else ""

@@ -37,7 +37,7 @@ def test_every_network_of_the_pages_has_a_folder_of_its_own_and_one_setup():
 def test_what_is_trained_is_kept_and_what_was_stopped_goes_on(tmp_path):
     said = [*TINY, "trainer.max_epochs=2"]
     folder = tmp_path / "net"
-    training.train({folder: [*said, "seed=1"]})
+    assert training.train({folder: [*said, "seed=1"]}) == {}
     last = folder / "checkpoints" / "last.ckpt"
     made = last.stat().st_mtime_ns
     training.train({folder: [*said, "seed=1"]})
@@ -45,5 +45,7 @@ def test_what_is_trained_is_kept_and_what_was_stopped_goes_on(tmp_path):
     with pytest.raises(SystemExit, match="seed=1 seed=2"):
         training.train({folder: [*said, "seed=2"]})
     assert last.stat().st_mtime_ns == made
-    with pytest.raises(SystemExit, match="activation must be one of"):
-        training.train({tmp_path / "other": [*said, "net.activation=magic"]})
+    other = tmp_path / "other"
+    failed = training.train({other: [*said, "net.activation=magic"], folder: [*said, "seed=1"]})
+    assert list(failed) == [other]
+    assert "activation must be one of" in failed[other]
