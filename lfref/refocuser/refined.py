@@ -54,6 +54,11 @@ class RefinedRefocuser(Refocuser):
         self.names = tuple(names)
         self.name = name
 
+    def to(self, device: torch.device) -> "RefinedRefocuser":
+        """As in `Refocuser`."""
+        self.refiner.to(device)
+        return self
+
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The method's stack, corrected; black stays black.

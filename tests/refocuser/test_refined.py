@@ -8,6 +8,7 @@ import torch
 from lfref.errors import CheckpointError, InputError
 from lfref.io import tensors
 from lfref.lightfield import LightField
+from lfref.nets import checkpoint
 from lfref.nets.refiner import Refiner
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
@@ -157,3 +158,10 @@ def test_methods_that_no_checkpoint_can_name_are_refused():
 def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):
     with pytest.raises(CheckpointError):
         networks.load(written(tmp_path / "net.ckpt", refiner(), changes=changes))
+
+
+def test_weights_alone_refocus_as_their_checkpoint_does(tmp_path):
+    path = written(tmp_path / "net.ckpt", refiner())
+    checkpoint.write_weights(tmp_path / "net.safetensors", checkpoint.read(path), {"command": "lfref train"})
+    views = torch.rand(3, 3, 3, 20, 22)
+    assert torch.equal(networks.load(tmp_path / "net.safetensors")(views, SLOPES), networks.load(path)(views, SLOPES))
