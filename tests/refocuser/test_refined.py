@@ -47,7 +47,7 @@ def fresh():
 def test_it_is_the_method_corrected_by_the_network(refocuser):
     views = torch.rand(3, 3, 3, 20, 22)
     seen = Seen(LightField(views), SLOPES, BASE)
-    expected = refocuser.refiner(guides(seen, GUIDES), seen.pictures)
+    expected = refocuser.refiner(guides(seen, GUIDES), seen.pictures, seen.doubt)
     torch.testing.assert_close(refocuser(views, SLOPES), expected.detach(), atol=2e-3, rtol=0)
 
 
@@ -77,8 +77,10 @@ def test_grey_views_are_as_well_coloured_ones(refocuser):
     torch.testing.assert_close(refocuser(grey, SLOPES), expected)
 
 
-def test_black_stays_black(refocuser):
-    assert float(refocuser(torch.zeros(3, 3, 3, 16, 18), SLOPES).abs().max()) == 0
+@pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
+def test_what_is_constant_stays_so_and_black_stays_black(refocuser, value):
+    stack = refocuser(torch.full((3, 3, 3, 16, 18), value), SLOPES)
+    torch.testing.assert_close(stack, torch.full_like(stack, value), atol=1e-4 * value, rtol=0)
 
 
 def test_samples_that_are_not_trusted_count_as_they_do_for_the_method(fresh):
