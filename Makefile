@@ -13,12 +13,14 @@ PIP_ARGS ?=
 
 export PYTHONWARNINGS ?= ignore::FutureWarning
 
-.PHONY: help install demo test figures weights lint quick clean
+.PHONY: help install demo test figures paper ablations weights lint quick clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in one page"
 	@echo "make test                       linters, types, floors and all tests"
 	@echo "make figures                    measure the figures of README and docs again"
+	@echo "make paper                      the paper's experiments, judged by truth; goes on where it was stopped"
+	@echo "make ablations                  which of the paper's choices matter, likewise"
 	@echo "make weights                    train the network that ships again"
 	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make clean                      remove runs and caches of this checkout"
@@ -49,6 +51,12 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py
+
+paper: install
+	$(BIN)/python docs/paper.py
+
+ablations: install
+	$(BIN)/python docs/ablations.py
 
 # The network that ships, from nothing: two hours on two cores. The same words go on where they were interrupted.
 weights: install
