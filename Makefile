@@ -39,12 +39,14 @@ demo: install
 	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" output="$(DEMO)/eval"
 	$(BIN)/lfref refocus "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/refocus_refnet"
 	$(BIN)/lfref refocus "$(FIELD)" method=shift_and_sum output="$(DEMO)/refocus_shift_and_sum"
+	$(BIN)/lfref refocus "$(FIELD)" method=learned planes=paper output="$(DEMO)/refocus_learned"
 	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/bench" repeats=2
-	$(BIN)/lfref report $(foreach run,refnet_demo eval refocus_refnet refocus_shift_and_sum bench,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo"
+	$(BIN)/lfref report $(foreach run,refnet_demo eval refocus_refnet refocus_learned refocus_shift_and_sum bench,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo"
 
 figures: $(VENV)/checks
 	$(BIN)/lfref bench overwrite=true output=runs/figures/bench repeats=5
 	$(BIN)/lfref bench correct=white 'judged=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/white repeats=1
+	$(BIN)/lfref bench judged=[] varied=60 overwrite=true output=runs/figures/varied repeats=1
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2

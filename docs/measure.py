@@ -11,6 +11,7 @@ from pathlib import Path
 
 import against_mitsuba
 import hard_cases
+import learned
 import maps
 import marked
 import pandas as pd
@@ -132,6 +133,7 @@ FIGURES = {
     "explanation": truths.explanation,
     **against_mitsuba.TABLES,
     **hard_cases.TABLES,
+    **learned.TABLES,
     **maps.TABLES,
     **scene_costs.TABLES,
 }

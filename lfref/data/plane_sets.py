@@ -56,6 +56,8 @@ class Recipe:
     """Share of scenes without a sensor whose surfaces are matte and still: what methods do best."""
     ideal: float = 0.2
     """Share of further scenes without a sensor."""
+    whole: float = 0.25
+    """Share of slopes that are rounded to whole ones, at which no view is read between its pixels."""
     n_near: int = 3
     """Planes near focus: at the disparity of something there is."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (-7.0, -1.0))
@@ -76,9 +78,10 @@ class Recipe:
             and self.n_near + len(self.ranges)
             and min(self.plain, self.ideal, 1 - self.plain - self.ideal) >= 0
         ):
-            got = (self.grids, self.depths, self.n_near, self.ranges, self.plain, self.ideal)
+            got = (self.grids, self.depths, self.n_near, self.ranges, self.plain, self.ideal, self.whole)
             raise InputError(
-                "a set needs grids, depths, planes, and shares of plain and ideal scenes of 1 at most together", got=got
+                "a set needs grids, depths, planes, and shares from 0 to 1, of plain and ideal scenes together too",
+                got=got,
             )
 
     def description(self) -> dict[str, Any]:
@@ -152,7 +155,9 @@ def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
 def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> tuple[float, ...]:
     there = random.choice(disparity.flatten().cpu().numpy(), recipe.n_near)
     near = there + random.uniform(-NEAR, NEAR, recipe.n_near)
-    return (*near.tolist(), *(random.uniform(*ends) for ends in recipe.ranges))
+    slopes = np.array([*near, *(random.uniform(*ends) for ends in recipe.ranges)])
+    is_whole = random.random(len(slopes)) < recipe.whole
+    return tuple(np.where(is_whole, slopes.round(), slopes).tolist())
 
 
 def folder_of(recipe: Recipe, cache_folder: Path) -> Path:

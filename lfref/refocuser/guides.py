@@ -31,6 +31,8 @@ WINDOW = 5
 """Pixels along the side of what is around a pixel."""
 LEAST = 1e-6
 """Light that counts for nothing."""
+SEEN = 1e-3
+"""Share of the views that may miss a pixel which all of them see."""
 CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
 
 
@@ -94,11 +96,12 @@ class Seen:
     def doubt(self) -> Tensor:
         """How far a picture may be off, [N, 1, H, W]: how far methods disagree around a pixel, and chance.
 
-        Chance is the standard error of a mean of views that differ as these do.
+        Chance is the standard error of a mean of views that differ as these do. Where not all views see a pixel there
+        is more that nobody can know: pictures are left as they are, and their doubt is 0.
         """
         apart = (self.sums - self.pictures).abs() + (self.cells - self.pictures).abs()
-        n_views = math.prod(self.light.grid)
-        return _around(apart.mean(1, keepdim=True)) + self.spread / math.sqrt(n_views)
+        chance = self.spread / math.sqrt(math.prod(self.light.grid))
+        return (_around(apart.mean(1, keepdim=True)) + chance) * (self.coverage > 1 - SEEN)
 
     def of_doubt(self, difference: Tensor) -> Tensor:
         """A difference in units of the doubt, large ones as their logarithm: alike for clean scenes and others.
@@ -107,6 +110,11 @@ class Seen:
             difference: In light, [N, channels, H, W].
         """
         return (difference / (self.doubt + LEAST)).asinh()
+
+    @property
+    def fraction(self) -> Tensor:
+        """How far slopes are from whole ones, at which no view is read between its pixels, 0 to 1, [N, 1, 1, 1]."""
+        return 2 * (self.slopes - self.slopes.round()).abs().to(self.light.views)[:, None, None, None]
 
     @cached_property
     def defocus(self) -> Tensor:
@@ -149,6 +157,7 @@ GUIDES: dict[str, Callable[[Seen], Tensor]] = {
     "defocus": lambda seen: torch.cat([seen.defocus.tanh(), (0.3 * seen.defocus.abs()).tanh()], 1),
     "central": lambda seen: seen.of_doubt(seen.central - seen.pictures) / 3,
     "coverage": lambda seen: 2 * (1 - seen.coverage),
+    "fraction": lambda seen: seen.fraction.expand_as(seen.spread),
     "views": lambda seen: torch.full_like(seen.spread, math.log2(math.prod(seen.light.grid)) / 3 - 2),
     "doubt": lambda seen: (seen.doubt + LEAST).log10() / 2 + 1.5,
 }

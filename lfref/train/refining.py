@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from lfref.data.plane_data import PlaneBatch
@@ -18,7 +19,7 @@ class Refining(Fitting):
 
     Args:
         net: Guides, pictures and doubts -> better pictures.
-        loss: Of refined pictures, truth and pictures.
+        loss: Of refined pictures, truth, pictures and doubts.
         recipe: Of the planes that it learns from; its method and guides go into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
@@ -47,7 +48,9 @@ class Refining(Fitting):
         made = self(batch["guides"], batch["pictures"], batch["doubts"])
         self._loss(batch, made, "val")
         truth = batch["pictures"] + batch["missing"]
-        after, before = psnr(made.clamp(0, 1), truth).mean(), psnr(batch["pictures"], truth).mean()
+        # Where nothing may be corrected there is nothing to judge.
+        shown = (torch.where(batch["doubts"] > 0, each, truth) for each in (made, batch["pictures"]))
+        after, before = (psnr(each, truth).mean() for each in shown)
         values = {"val/mpsnr": after, "val/gain": after - before}
         self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
 
@@ -56,7 +59,7 @@ class Refining(Fitting):
         return refined.payload(self.net, self.recipe.base, self.recipe.guides)
 
     def _loss(self, batch: PlaneBatch, made: Tensor, stage: str) -> Tensor:
-        loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"])
+        loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"], batch["doubts"])
         self.log(
             f"{stage}/loss",
             loss,

@@ -33,6 +33,8 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
         "folder": (f"data.cache_folder={tmp_path}", f"data.path={tmp_path}"),
         "alphas": ("planes.alphas=[1]",),
         "slopes": ("planes.slopes=[0]",),
+        "planes": ("recipe=default",),
+        "refining": ("experiment=refiner",),
     }
     config = composed("prepare" if group == "recipe" else "train", f"{group}={name}", *needs.get(name, ()))
     if group == "trainer":
@@ -57,7 +59,7 @@ def test_every_method_composes_and_refocuses(composed, name):
     import torch
 
     config = composed("refocus", f"method={name}", "input=x")
-    stack = configs.build(config.method.operator)(torch.full((5, 5, 3, 16, 16), 0.5), [0.5, -1.0])
+    stack = configs.build(config.method)(torch.full((5, 5, 3, 16, 16), 0.5), [0.5, -1.0])
     assert config.method.name == name
     torch.testing.assert_close(stack, torch.full_like(stack, 0.5), atol=1e-3, rtol=0)
 

@@ -19,7 +19,7 @@ from lfref.simulator.scenes import RandomScenes
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SCENES = RandomScenes(Camera((3, 3), (40, 44)), sensor=RandomSensor(noise=1.0, tone_curve=0.5))
-RECIPE = Recipe(SCENES, BASE, seed=5, grids=((3, 3), (5, 5)), ranges=((-3.0, -2.0),), plain=0.0, ideal=0.5)
+RECIPE = Recipe(SCENES, BASE, seed=5, grids=((3, 3), (5, 5)), ranges=((-3.0, -2.0),), plain=0.0, ideal=0.5, whole=0.0)
 
 
 def equal(one, two):
@@ -38,7 +38,7 @@ def test_items_are_fixed_by_recipe_and_number():
 def test_an_item_has_planes_near_focus_and_others_each_with_its_guides():
     item = plane_sets.make(RECIPE, 0)
     assert item.pictures.shape == item.missing.shape == (4, 3, 40, 44)
-    assert item.guides.shape == (4, 22, 40, 44)
+    assert item.guides.shape == (4, 23, 40, 44)
     assert item.doubts.shape == (4, 1, 40, 44)
     assert -3 <= float(item.slopes[3]) <= -2
     assert float(item.slopes[:3].abs().max()) < 2 + plane_sets.NEAR
@@ -69,8 +69,13 @@ def test_plain_scenes_are_matte_and_still_and_have_no_sensor():
     assert equal(plane_sets.make(recipe, 2), plane_sets.make(bare, 2))
 
 
+def test_a_share_of_the_slopes_is_whole():
+    slopes = plane_sets.make(dataclasses.replace(RECIPE, whole=1.0), 0).slopes
+    assert torch.equal(slopes, slopes.round())
+
+
 def test_shares_are_of_one_whole():
-    with pytest.raises(InputError, match="shares of plain and ideal"):
+    with pytest.raises(InputError, match="shares from 0 to 1"):
         dataclasses.replace(RECIPE, plain=0.7, ideal=0.5)
 
 

@@ -25,6 +25,7 @@ CHANNELS = {
     "defocus": 2,
     "central": 3,
     "coverage": 1,
+    "fraction": 1,
     "views": 1,
     "doubt": 1,
 }
@@ -104,6 +105,7 @@ def test_samples_that_are_not_trusted_are_not_looked_at():
 def test_the_doubt_is_the_standard_error_where_methods_agree():
     views = 0.5 + 0.1 * torch.randn(7, 7, 3, 40, 44)
     still = Seen(LightField(views), torch.zeros(1, dtype=torch.float64), POINTS)
+    assert bool((still.coverage == 1).all())
     apart = (still.cells - still.pictures).abs().mean()
     error = still.doubt.mean() - apart
     assert float(error) == pytest.approx(0.1 / 7 / 3**0.5, rel=0.05)  # of a mean of 49 views, in grey
@@ -115,6 +117,16 @@ def test_differences_are_told_in_units_of_the_doubt_whatever_the_light():
         dim = Seen(LightField(light.light.views / 64), SLOPES, BASE)
         # The map of disparities, which cells depend on, is made of other numbers: here and there it differs.
         assert float((GUIDES[name](dim) - GUIDES[name](light)).abs().median()) < 0.01, name
+
+
+def test_there_is_a_doubt_only_where_all_views_see():
+    light = seen()
+    assert torch.equal(light.doubt > 0, light.coverage == 1)
+
+
+def test_whole_slopes_are_told_from_others():
+    found = Seen(seen().light, torch.tensor([-3.0, 0.5, 1.75], dtype=torch.float64), BASE)
+    assert GUIDES["fraction"](found)[:, 0, 3, 4].tolist() == [0.0, 1.0, 0.5]
 
 
 def test_one_view_has_no_disparity():
