@@ -54,9 +54,10 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by.
+# Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by;
+# the engines of `export` run what PyTorch runs.
 $(VENV)/checks: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export]'
 	touch $@
 
 test: lint $(VENV)/checks

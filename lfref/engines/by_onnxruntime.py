@@ -1,0 +1,100 @@
+"""ONNX Runtime on the CPU, which computes in float32, or in whole numbers that it scales on patches.
+
+A model is exported with any number of pixels, so that patches and pictures are read by one.
+"""
+
+import logging
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lfref.engines.engine import FP32, INT8, Inputs, Job, Run, Way
+
+QUIET = 3
+"""ONNX Runtime's level of errors."""
+
+
+def fp32(job: Job) -> Run:
+    """The network in float32."""
+    return Session(exported(job).SerializeToString())
+
+
+def int8(job: Job) -> Run:
+    """The network with convolutions of whole numbers, a scale for each of their filters, and float32 between them."""
+    from onnxruntime import quantization
+
+    model = exported(job)
+    with tempfile.TemporaryDirectory() as folder:
+        quantised = Path(folder, "int8.onnx")
+        quantization.quantize_static(
+            model,
+            str(quantised),
+            _Patches(model, job.patches),
+            op_types_to_quantize=["Conv"],
+            per_channel=True,
+        )
+        return Session(quantised.read_bytes())
+
+
+def exported(job: Job) -> Any:
+    """The network as an ONNX model that reads any number of pixels.
+
+    Args:
+        job: Its example gives all other axes.
+    """
+    free = {-2: torch.export.Dim.DYNAMIC, -1: torch.export.Dim.DYNAMIC}
+    axes = tuple({each.ndim + axis: of for axis, of in free.items()} for each in job.example)
+    exporter = logging.getLogger("torch.onnx")
+    level = exporter.level
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        exporter.setLevel(logging.ERROR)  # it tells of packages that it could know and that nobody asked for
+        try:
+            program = torch.onnx.export(job.network, job.example, dynamo=True, dynamic_shapes=axes, verbose=False)
+        finally:
+            exporter.setLevel(level)
+    assert program is not None
+    return program.model_proto
+
+
+class _Patches:
+    """Patches as ONNX Runtime asks for them, one after the other, then None."""
+
+    def __init__(self, model: Any, patches: Sequence[Inputs]) -> None:
+        names = [each.name for each in model.graph.input]
+        self.waiting: Iterator[dict[str, Any]] = (dict(zip(names, _arrays(patch), strict=True)) for patch in patches)
+
+    def get_next(self) -> dict[str, Any] | None:
+        """The next patch by the names of the model's inputs."""
+        return next(self.waiting, None)
+
+
+class Session:
+    """A model that is ready to run."""
+
+    def __init__(self, model: bytes) -> None:
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = torch.get_num_threads()
+        options.log_severity_level = QUIET
+        self.runtime = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self.names = [each.name for each in self.runtime.get_inputs()]
+
+    def __call__(self, *inputs: Tensor) -> Tensor:
+        """Run it."""
+        (stack,) = self.runtime.run(None, dict(zip(self.names, _arrays(inputs), strict=True)))
+        return torch.from_numpy(stack)
+
+
+def _arrays(inputs: Inputs) -> list[Any]:
+    return [each.contiguous().numpy() for each in inputs]
+
+
+PACKAGES, DEVICES = ("onnx", "onnxscript", "onnxruntime"), ("cpu",)
+WAYS = {FP32: Way(fp32, PACKAGES, DEVICES), INT8: Way(int8, PACKAGES, DEVICES)}

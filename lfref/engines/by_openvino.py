@@ -1,0 +1,81 @@
+"""OpenVINO on the CPU. Its whole numbers are scaled by NNCF, on patches.
+
+On some processors OpenVINO computes in bfloat16 unless it is told otherwise: the precision is always told.
+"""
+
+import contextlib
+import io
+import logging
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lfref.engines.engine import BF16, FP32, INT8, Inputs, Job, Run, Way
+
+Model = Any
+"""OpenVINO's own; its type is known only where it is installed."""
+
+
+def fp32(job: Job) -> Run:
+    """The network in float32."""
+    return _compiled(job, _converted(job), "f32")
+
+
+def bf16(job: Job) -> Run:
+    """The network, and all that lies between its layers, in bfloat16."""
+    return _compiled(job, _converted(job), "bf16")
+
+
+def int8(job: Job) -> Run:
+    """The network with convolutions of whole numbers, and float32 between them."""
+    import nncf
+
+    nncf.set_log_level(logging.ERROR)
+    patches = nncf.Dataset([_arrays(patch) for patch in job.patches])
+    with contextlib.redirect_stdout(io.StringIO()):  # bars of its own
+        model = nncf.quantize(_converted(job), patches, subset_size=len(job.patches))
+    return _compiled(job, model, "f32")
+
+
+def _converted(job: Job) -> Model:
+    """The network as OpenVINO's model of any size."""
+    import openvino
+
+    with warnings.catch_warnings():
+        # Shapes that Python looks at are those of all inputs of a job.
+        warnings.simplefilter("ignore")
+        return openvino.convert_model(job.network, example_input=job.small)
+
+
+def _compiled(job: Job, model: Model, precision: str) -> Run:
+    import openvino
+
+    model.reshape({port: list(each.shape) for port, each in zip(model.inputs, job.example, strict=True)})
+    options = {
+        "INFERENCE_PRECISION_HINT": precision,
+        "INFERENCE_NUM_THREADS": torch.get_num_threads(),
+        "PERFORMANCE_HINT": "LATENCY",
+    }
+    return _on_tensors(openvino.Core().compile_model(model, "CPU", options))
+
+
+def _on_tensors(model: Callable[..., Any]) -> Run:
+    def run(*inputs: Tensor) -> Tensor:
+        return torch.from_numpy(model(_arrays(inputs), share_inputs=True)[0])
+
+    return run
+
+
+def _arrays(inputs: Inputs) -> list[Any]:
+    return [each.contiguous().numpy() for each in inputs]
+
+
+PACKAGES, DEVICES = ("openvino",), ("cpu",)
+WAYS = {
+    FP32: Way(fp32, PACKAGES, DEVICES),
+    BF16: Way(bf16, PACKAGES, DEVICES),
+    INT8: Way(int8, (*PACKAGES, "nncf"), DEVICES),
+}
