@@ -3,9 +3,7 @@
 A model is exported with any number of pixels, so that patches and pictures are read by one.
 """
 
-import logging
 import tempfile
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import FP32, INT8, Inputs, Job, Run, Way
+from lfref.engines.engine import FP32, INT8, Inputs, Job, Run, Way, hushed
 
 QUIET = 3
 """ONNX Runtime's level of errors."""
@@ -29,7 +27,7 @@ def int8(job: Job) -> Run:
     from onnxruntime import quantization
 
     model = exported(job)
-    with tempfile.TemporaryDirectory() as folder:
+    with hushed(), tempfile.TemporaryDirectory() as folder:
         quantised = Path(folder, "int8.onnx")
         quantization.quantize_static(
             model,
@@ -49,15 +47,8 @@ def exported(job: Job) -> Any:
     """
     free = {-2: torch.export.Dim.DYNAMIC, -1: torch.export.Dim.DYNAMIC}
     axes = tuple({each.ndim + axis: of for axis, of in free.items()} for each in job.example)
-    exporter = logging.getLogger("torch.onnx")
-    level = exporter.level
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        exporter.setLevel(logging.ERROR)  # it tells of packages that it could know and that nobody asked for
-        try:
-            program = torch.onnx.export(job.network, job.example, dynamo=True, dynamic_shapes=axes, verbose=False)
-        finally:
-            exporter.setLevel(level)
+    with hushed():
+        program = torch.onnx.export(job.network, job.example, dynamo=True, dynamic_shapes=axes, verbose=False)
     assert program is not None
     return program.model_proto
 

@@ -3,9 +3,13 @@
 Letters: `H W` pixel row and column, the last two axes of whatever a network reads.
 """
 
+import contextlib
 import importlib.util
+import io
+import logging
 import shutil
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -77,6 +81,19 @@ class Way:
         if self.programs and not any(map(shutil.which, self.programs)):
             return InputError("this engine needs a C++ compiler", got="none", remedy=f"install {self.programs[0]}")
         return None
+
+
+@contextlib.contextmanager
+def hushed() -> Iterator[None]:
+    """Keep to themselves what other libraries tell of a network that they convert: errors are still raised."""
+    level = logging.root.manager.disable
+    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+        warnings.simplefilter("ignore")
+        logging.disable(logging.WARNING)
+        try:
+            yield
+        finally:
+            logging.disable(level)
 
 
 def in_bf16(run: Run) -> Run:
