@@ -19,7 +19,7 @@ from lfref.train import resume
 
 KEY = "resume="
 FOLDERS = "output", "folder", "resume"
-PROTECTED = "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
+PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
 """What a run is; to change it makes another run."""
 FREE = "_target_", "cache_folder", "workers", "timeout"
 """Entries of these that change nothing in what is learned, or that are compared in another way."""

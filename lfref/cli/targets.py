@@ -38,8 +38,8 @@ SCHEDULES = (
     "OneCycleLR", "PolynomialLR", "StepLR",
 )  # fmt: skip
 CALLBACKS = (
-    "DeviceStatsMonitor", "EarlyStopping", "LearningRateMonitor", "ModelCheckpoint", "ModelSummary", "RichModelSummary",
-    "RichProgressBar", "TQDMProgressBar", "Timer",
+    "DeviceStatsMonitor", "EMAWeightAveraging", "EarlyStopping", "LearningRateMonitor", "ModelCheckpoint",
+    "ModelSummary", "RichModelSummary", "RichProgressBar", "TQDMProgressBar", "Timer",
 )  # fmt: skip
 
 LATER: dict[str, tuple[str, ...]] = {
@@ -71,10 +71,18 @@ NOW: dict[str, tuple[str, ...]] = {
     ),
     "labels": ("lfref.data.labels.OperatorLabels", "lfref.data.labels.RenderedLabels"),
     "recipes": ("lfref.data.plane_sets.Recipe",),
-    "data": ("lfref.data.datamodules.FolderData", "lfref.data.datamodules.SimulatedData"),
+    "data": (
+        "lfref.data.datamodules.FolderData",
+        "lfref.data.datamodules.SimulatedData",
+        "lfref.data.plane_data.PlaneData",
+    ),
     "sources": ("lfref.data.sources.SimulatedSource",),
-    "networks": tuple(KINDS.values()),
-    "losses": ("lfref.losses.composite.CompositeLoss", "lfref.losses.composite.paper_weights"),
+    "tasks": ("lfref.train.refining.Refining", "lfref.train.refocusing.Refocusing"),
+    "networks": (*KINDS.values(), "lfref.nets.refiner.Refiner"),
+    "losses": (
+        *(f"lfref.losses.composite.{name}" for name in ("CompositeLoss", "paper_weights")),
+        "lfref.losses.relative.RelativeError",
+    ),
     "scenes": (
         *(f"lfref.simulator.scene.{name}" for name in ("Camera", "Light", "Scene", "Surface")),
         *(f"lfref.simulator.scenes.{name}" for name in ("Fixed", "RandomScenes")),

@@ -21,7 +21,7 @@ from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.train import failures
 from lfref.train.callbacks import RankAgreement
-from lfref.train.module import Refocusing
+from lfref.train.fitting import Fitting
 from lfref.train.resume import cut_log
 from lfref.train.storage import AtomicCheckpointIO
 
@@ -92,14 +92,10 @@ def _how_to_go_on(folder: Path) -> str:
     return f"{at}; go on by lfref train resume={folder}" if Run(folder).has_checkpoints else at
 
 
-def _module(config: DictConfig) -> Refocusing:
-    return Refocusing(
-        net=configs.build(config.net),
-        loss=configs.build(config.loss),
-        planes=fixed(config),
-        optimizer=configs.build(config.optimizer),
-        scheduler=configs.build(config.scheduler),
-    )
+def _module(config: DictConfig) -> Fitting:
+    planes = {"planes": fixed(config)} if "planes" in config.task else {}
+    module: Fitting = configs.build(config.task, **planes)
+    return module
 
 
 def _trainer(config: DictConfig) -> Trainer:

@@ -73,9 +73,21 @@ def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
     Raises:
         CheckpointError: Missing, damaged, not ours, or of another shape than it says.
     """
-    contents = read(path)
+    return restored(path, read(path))
+
+
+def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
+    """As `restore`, of a checkpoint that was read.
+
+    Args:
+        path: Of the checkpoint, for errors.
+        contents: Of `read`.
+
+    Raises:
+        CheckpointError: It describes no network, or one of another shape.
+    """
     network, planes = _build(path, contents["lfref"])
-    _load_state(path, network, contents["state_dict"])
+    load_state(path, network, contents["state_dict"])
     return network, planes
 
 
@@ -118,7 +130,17 @@ def _build(path: str | Path, entry: Mapping[str, Any]) -> tuple[Network, FocalPl
     return network, planes
 
 
-def _load_state(path: str | Path, network: nn.Module, state: Mapping[str, Tensor]) -> None:
+def load_state(path: str | Path, network: nn.Module, state: Mapping[str, Tensor]) -> None:
+    """Give a network the weights of a checkpoint.
+
+    Args:
+        path: Of the checkpoint, for errors.
+        network: The network.
+        state: `state_dict` of the checkpoint.
+
+    Raises:
+        CheckpointError: It holds weights of other shapes, or lacks some.
+    """
     found = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
     for name, wanted in network.state_dict().items():
         got = tuple(found[name].shape) if isinstance(found.get(name), Tensor) else "nothing"

@@ -1,13 +1,14 @@
 """The refiner: a small residual network that corrects refocused planes, each by itself, by guides that come with it.
 
 It works on a coarser grid of pixels with more channels (pixel unshuffle): as many weights a pixel reach farther and
-cost less. What it adds to a picture starts at nothing.
+cost less. What it adds to a picture starts at nothing, since its last convolution does.
 Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column, `r` pixels along a coarse one.
 Source of the grid: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel
 Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep Residual Networks", 2017.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -21,7 +22,7 @@ SCALE = 0.05
 
 
 class RefinerBlock(nn.Module):
-    """Two convolutions whose result is added, nothing at first: [B, width, H, W] -> the same.
+    """Two convolutions whose result is added: [B, width, H, W] -> the same.
 
     Args:
         width: Channels.
@@ -32,7 +33,7 @@ class RefinerBlock(nn.Module):
     def __init__(self, width: int, kernel: int, activation: Callable[[], nn.Module]) -> None:
         super().__init__()
         first, last = (nn.Conv2d(width, width, kernel, padding=kernel // 2) for _ in range(2))
-        self.body = nn.Sequential(first, activation(), _silent(last))
+        self.body = nn.Sequential(first, activation(), last)
 
     def forward(self, features: Tensor) -> Tensor:
         """Apply the block."""
@@ -74,6 +75,15 @@ class Refiner(nn.Module):
             got = (n_guides, channels, width, n_blocks, shuffle, kernel)
             raise InputError("a refiner's sizes must be at least 1, n_blocks 0, its kernel odd", got=got)
         make = chosen("activation", activation, ACTIVATIONS)
+        self.config: dict[str, Any] = {
+            "n_guides": n_guides,
+            "channels": channels,
+            "width": width,
+            "n_blocks": n_blocks,
+            "shuffle": shuffle,
+            "kernel": kernel,
+            "activation": activation,
+        }
         self.shuffle = shuffle
         self.stem = nn.Conv2d(n_guides * shuffle**2, width, 3, padding=1)
         self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
@@ -85,12 +95,21 @@ class Refiner(nn.Module):
         Args:
             guides: In the type of the weights, [..., N, K, H, W].
             pictures: What is corrected, [..., N, C, H, W]; any type.
+
+        Raises:
+            InputError: Guides of another number of channels.
         """
+        if guides.shape[-3] != self.config["n_guides"]:
+            raise InputError(
+                f"a refiner of {self.config['n_guides']} guides must be given as many", got=guides.shape[-3]
+            )
         height, width = guides.shape[-2:]
         planes = guides.flatten(0, -4) if guides.ndim > 3 else guides[None]
         # Whole coarse pixels: what lies beyond the edge is as what lies at it.
         padded = F.pad(planes, (0, -width % self.shuffle, 0, -height % self.shuffle), mode="replicate")
-        features = self.blocks(self.stem(F.pixel_unshuffle(padded, self.shuffle)))
+        # What convolutions on CPUs and on tensor cores read fastest.
+        coarse = F.pixel_unshuffle(padded, self.shuffle).contiguous(memory_format=torch.channels_last)
+        features = self.blocks(self.stem(coarse))
         added = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
         return pictures + SCALE * added.reshape(pictures.shape).to(pictures)
 

@@ -21,6 +21,7 @@ from lfref.refocus import apertures
 from lfref.refocus.focus.coarse_disparity import coarse_disparity
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocuser import filling
 from lfref.refocuser.operators import OperatorRefocuser
 
 POINTS = OperatorRefocuser("points", functools.partial(shift_and_sum, interpolation="cubic"))
@@ -47,10 +48,15 @@ class Seen:
     @cached_property
     def disparities(self) -> Tensor:
         """Of each pixel of the central view, in pixels per view step, [H, W]; 0 where there is but one view."""
-        views = self.light.views
-        if views.shape[:2].numel() < 2:
-            return views.new_zeros(views.shape[-2:])
-        return coarse_disparity(views).to(views)
+        if self.whole.shape[:2].numel() < 2:
+            return self.whole.new_zeros(self.light.size)
+        return coarse_disparity(self.whole).to(self.whole)
+
+    @cached_property
+    def whole(self) -> Tensor:
+        """The views, samples that are not trusted replaced by what the others show there, [V, U, C, H, W]."""
+        light = self.light
+        return light.views if light.weight is None else filling.filled(light.views, light.weight.to(light.views))
 
     @cached_property
     def sums(self) -> Tensor:
@@ -88,7 +94,7 @@ class Seen:
     def central(self) -> Tensor:
         """The view in the middle, [C, H, W]."""
         rows, columns = self.light.grid
-        return self.light.views[rows // 2, columns // 2]
+        return self.whole[rows // 2, columns // 2]
 
     @cached_property
     def coverage(self) -> Tensor:

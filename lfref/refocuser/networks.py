@@ -11,7 +11,7 @@ from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
-from lfref.refocuser import filling
+from lfref.refocuser import filling, refined
 from lfref.refocuser.refocuser import Refocuser, uneven
 
 
@@ -57,7 +57,7 @@ class NetworkRefocuser(Refocuser):
         return self.network(radiance.to(like.dtype), slopes).to(batches.stack_dtype(views))
 
 
-def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> NetworkRefocuser:
+def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> Refocuser:
     """Read a trained refocuser.
 
     Args:
@@ -81,5 +81,8 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     if path is None:
         raise CheckpointError("no model ships with this version", remedy="train one (lfref train) and give its path")
     path = Run.of(path).best if Path(path).is_dir() else Path(path)
-    network, planes = checkpoint.restore(path)
+    contents = checkpoint.read(path)
+    if refined.KIND in contents["lfref"]:
+        return refined.restored(path, contents, run_name(path), device)
+    network, planes = checkpoint.restored(path, contents)
     return NetworkRefocuser(network.to(device), planes, run_name(path))

@@ -14,7 +14,6 @@ from lightning.pytorch import Callback, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 from torch import Tensor, nn
 
-from lfref.data.patches import Batch
 from lfref.errors import InputError, LfrefError
 
 log = logging.getLogger(__name__)
@@ -30,7 +29,7 @@ class Seen(NamedTuple):
 
     where: list[str]
     is_finite: dict[str, Tensor]
-    """Of views and labels, for each patch, [P]."""
+    """Of each kind of images, for each patch, [P]."""
 
 
 class StepGuard(Callback):
@@ -62,7 +61,7 @@ class StepGuard(Callback):
         self._losses: list[Tensor] = []
         self._statistics: list[Tensor] = []
 
-    def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
+    def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Mapping[str, Any], batch_index: int) -> None:
         """Remember the batch, and before the first of a step the running statistics."""
         if not self._window:
             self._statistics = [buffer.clone() for buffer in module.buffers()]
@@ -150,9 +149,13 @@ class BestCheckpoint(ModelCheckpoint):
         return str(Path(self.dirpath or "") / Path(path).name) if path else ""
 
 
-def finite_patches(batch: Batch) -> dict[str, Tensor]:
-    """Whether views and labels of each patch are finite, [P] each."""
-    images = {"views": batch["views"], "labels": batch["labels"]}
+def finite_patches(batch: Mapping[str, Any]) -> dict[str, Tensor]:
+    """Whether the images of each patch are finite, [P] each, by their name: views and labels, or guides and pictures.
+
+    Args:
+        batch: Of patches; what has more than one axis are images, [P, ...].
+    """
+    images = {name: each for name, each in batch.items() if isinstance(each, Tensor) and each.ndim > 1}
     return {name: each.isfinite().flatten(1).all(1) for name, each in images.items()}
 
 
@@ -163,7 +166,7 @@ def gradient_norm(module: nn.Module) -> Tensor:
 
 
 def blamed(window: list[Seen]) -> list[str]:
-    """The patches whose views or labels are not finite, by name."""
+    """The patches whose images are not finite, by name."""
     return [
         f"{name} of {place}"
         for seen in window

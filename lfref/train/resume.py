@@ -10,7 +10,7 @@ from torch.optim.lr_scheduler import LRScheduler
 from lfref.io import atomic, explain
 
 
-def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None) -> None:
+def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
     """Replace the settings of optimiser and schedule in a checkpoint; the moments stay.
 
     The new schedule is run to where the old one stood, so that the rate is what it would be had it been set so from
@@ -20,9 +20,10 @@ def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRSchedule
         checkpoint: As Lightning wrote it; changed in place.
         optimizer: A new one with the settings of now; its parameters count for nothing.
         schedule: Of that optimiser.
+        n_steps: Times that the schedule was stepped so far.
     """
     if schedule is not None:
-        for _ in range(checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"]):
+        for _ in range(n_steps):
             optimizer.step()  # the schedule warns where it comes first
             schedule.step()
     checkpoint["lr_schedulers"] = [] if schedule is None else [schedule.state_dict()]

@@ -4,7 +4,13 @@ import json
 
 from lfref.data import plane_sets
 
-SMALL = ("prepare", "method=shift_and_sum", "workers=0", "scene.camera.size=[40,40]", "recipe.grids=[[3,3]]")
+SMALL = (
+    "prepare",
+    "method@recipe.base=shift_and_sum",
+    "workers=0",
+    "recipe.scenes.camera.size=[40,40]",
+    "recipe.grids=[[3,3]]",
+)
 
 
 def made(folder):

@@ -7,7 +7,7 @@ from lfref.cli import train as command
 from lfref.cli.train import _trainer
 from lfref.train.callbacks import StackPictures
 from lfref.train.guard import BestCheckpoint, StepGuard
-from lfref.train.module import Refocusing
+from lfref.train.refocusing import Refocusing
 from tests.cli.conftest import TINY
 
 

@@ -37,10 +37,10 @@ def test_items_are_fixed_by_recipe_and_number():
 
 def test_an_item_has_planes_near_focus_and_others_each_with_its_guides():
     item = plane_sets.make(RECIPE, 0)
-    assert item.pictures.shape == item.missing.shape == (3, 3, 40, 44)
-    assert item.guides.shape == (3, 12, 40, 44)
-    assert -3 <= float(item.slopes[2]) <= -2
-    assert float(item.slopes[:2].abs().max()) < 2 + plane_sets.NEAR
+    assert item.pictures.shape == item.missing.shape == (4, 3, 40, 44)
+    assert item.guides.shape == (4, 18, 40, 44)
+    assert -3 <= float(item.slopes[3]) <= -2
+    assert float(item.slopes[:3].abs().max()) < 2 + plane_sets.NEAR
 
 
 def test_what_is_missing_makes_the_picture_of_a_lens():
@@ -59,6 +59,18 @@ def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
     spoilt, ideal = (plane_sets.make(dataclasses.replace(noisy, ideal=share), 1) for share in (0.0, 1.0))
     assert torch.equal(spoilt.slopes, ideal.slopes)
     assert float(spoilt.missing[:2].std()) > 1.1 * float(ideal.missing[:2].std())
+
+
+def test_cameras_with_vignetting_have_a_white_picture():
+    falling = dataclasses.replace(
+        RECIPE, ideal=0.0, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(vignetting=1.0, field=(1.0, 1.0)))
+    )
+    errors = []
+    for recipe in (falling, dataclasses.replace(falling, correct="none")):
+        item = plane_sets.make(recipe, 0)
+        corners = item.missing[..., ::39, ::43] / (item.pictures + item.missing)[..., ::39, ::43].clamp(min=0.05)
+        errors.append(float(corners.abs().mean()))
+    assert errors[0] < 0.2 * errors[1]
 
 
 def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):

@@ -178,3 +178,26 @@ def test_views_that_are_not_finite_are_refused(rubbish):
     views[0, 1, 0, 5, 6] = rubbish
     with pytest.raises(InputError, match="finite"):
         occlusion_aware(views, [0.0])
+
+
+def test_disparities_that_are_known_take_the_place_of_those_found():
+    views, _ = scene("discs")
+    found = disparity_map(views).disparity
+    told = occlusion_aware(views, SLOPES, disparities=found)
+    torch.testing.assert_close(told, occlusion_aware(views, SLOPES), atol=2e-2, rtol=0)
+    # Where nothing is an edge, nothing is estimated: layers alone.
+    flat = occlusion_aware(views, SLOPES, disparities=torch.zeros_like(found))
+    torch.testing.assert_close(flat, refocus_by_layers(views, SLOPES), atol=1e-5, rtol=0)
+
+
+def test_a_batch_has_disparities_of_its_own():
+    views = torch.stack([scene(name)[0] for name in ("discs", "edge")])
+    found = torch.stack([disparity_map(each).disparity for each in views])
+    one_by_one = [occlusion_aware(*each[:1], SLOPES, disparities=each[1]) for each in zip(views, found, strict=True)]
+    torch.testing.assert_close(occlusion_aware(views, SLOPES, disparities=found), torch.stack(one_by_one))
+
+
+@pytest.mark.parametrize("wrong", [torch.zeros(3, 4), torch.full((80, 96), torch.nan)])
+def test_disparities_of_other_views_are_refused(wrong):
+    with pytest.raises(InputError, match="disparities must be finite"):
+        occlusion_aware(scene("discs")[0], SLOPES, disparities=wrong)

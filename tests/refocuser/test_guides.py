@@ -15,7 +15,17 @@ from lfref.simulator.textures import Noise
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SLOPES = torch.tensor([-0.6, 0.4, 2.0], dtype=torch.float64)
-CHANNELS = {"picture": 3, "sum": 3, "spread": 1, "defocus": 2, "central": 3}
+CHANNELS = {
+    "picture": 3,
+    "sum": 3,
+    "cells": 3,
+    "inner": 1,
+    "spread": 1,
+    "defocus": 2,
+    "central": 3,
+    "coverage": 1,
+    "views": 1,
+}
 
 
 def seen(grid=(5, 5), size=(40, 48), disparity=0.4):
@@ -48,7 +58,7 @@ def test_views_agree_where_a_plane_is_in_focus_and_differ_elsewhere():
 def test_the_spread_is_that_of_the_views_where_nothing_moves():
     views = torch.rand(3, 3, 3, 12, 14)
     still = Seen(LightField(views), torch.zeros(1, dtype=torch.float64), BASE)
-    expected = views.flatten(0, 1).var(0, correction=0).mean(0).sqrt()
+    expected = views.mean(2).flatten(0, 1).std(0, correction=0)
     torch.testing.assert_close(still.spread[0, 0], expected, atol=1e-5, rtol=1e-4)
 
 
@@ -56,6 +66,42 @@ def test_defocus_is_the_slope_less_the_disparity():
     found = seen().defocus[:, 0, 10:-10, 10:-10]
     for plane, slope in zip(found, SLOPES.tolist(), strict=True):
         assert float((plane - (slope - 0.4)).abs().median()) < 0.02
+
+
+def test_coverage_counts_the_views_that_see_a_pixel_within_their_frame():
+    light = Seen(LightField(torch.rand(3, 5, 3, 9, 12)), SLOPES, BASE)
+    expected = torch.zeros(3, 1, 9, 12)
+    for plane, slope in enumerate(SLOPES.tolist()):
+        for row, column in torch.cartesian_prod(torch.arange(9), torch.arange(12)).tolist():
+            reads = [(row + slope * (v - 1), column + slope * (u - 2)) for v in range(3) for u in range(5)]
+            inside = [-1 < y < 9 and -1 < x < 12 for y, x in reads]
+            expected[plane, 0, row, column] = sum(inside) / 15
+    torch.testing.assert_close(light.coverage, expected)
+
+
+def test_the_middle_of_the_aperture_is_the_mean_of_its_views():
+    views = torch.rand(5, 5, 3, 12, 14)
+    still = Seen(LightField(views), torch.zeros(1, dtype=torch.float64), BASE)
+    weights = torch.tensor([0.0, 0.75, 1.0, 0.75, 0.0])
+    weights = weights[:, None] * weights / weights.sum() ** 2
+    grey = views.mean(2)
+    expected = torch.einsum("vu,vuhw->hw", weights, grey) - grey.mean((0, 1))
+    torch.testing.assert_close(still.inner[0, 0], expected, atol=1e-5, rtol=1e-4)
+
+
+def test_samples_that_are_not_trusted_are_not_looked_at():
+    whole = seen()
+    weight = torch.ones(5, 5, 1, 40, 48)
+    weight[2, 2, :, 10:20, 10:20] = 0
+    spoilt = torch.where(weight > 0, whole.light.views, 0.0)
+    mended = Seen(LightField(spoilt, weight=weight), SLOPES, BASE)
+    assert float((mended.central - whole.central).abs().max()) < 0.3
+    assert float((mended.disparities - whole.disparities).abs().mean()) < 0.02
+
+
+def test_one_view_has_no_disparity():
+    light = LightField(torch.rand(1, 1, 3, 12, 14))
+    assert torch.equal(Seen(light, SLOPES, BASE).disparities, torch.zeros(12, 14))
 
 
 def test_an_unknown_guide_is_refused():

@@ -16,7 +16,7 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
-from lfref.train.module import Refocusing
+from lfref.train.refocusing import Refocusing
 from lfref.train.storage import AtomicCheckpointIO
 
 PLANES = planes_at_alphas((0.5, 1.0, 2.0))

@@ -13,7 +13,7 @@ from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
 from lfref.train.callbacks import HeadInitialization
 from lfref.train.guard import BestCheckpoint, StepGuard, gradient_norm
-from lfref.train.module import Refocusing
+from lfref.train.refocusing import Refocusing
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*",

@@ -65,10 +65,9 @@ def test_a_setting_of_the_optimiser_is_taken_and_its_moments_stay():
     old = torch.optim.Adam([weights], lr=0.5)
     weights.grad = torch.ones(3)
     old.step()
-    progress = {"current": {"processed": 4}}
-    saved = {"loops": {"fit_loop": {"epoch_progress": progress}}, "optimizer_states": [old.state_dict()]}
+    saved = {"optimizer_states": [old.state_dict()]}
     new = torch.optim.Adam([torch.nn.Parameter(torch.zeros(()))], lr=0.25, betas=(0.5, 0.75))
-    refit(saved, new, torch.optim.lr_scheduler.StepLR(new, step_size=3, gamma=0.1))
+    refit(saved, new, torch.optim.lr_scheduler.StepLR(new, step_size=3, gamma=0.1), 4)
     old.load_state_dict(saved["optimizer_states"][0])
     assert old.param_groups[0]["lr"] == pytest.approx(0.025)
     assert old.param_groups[0]["betas"] == (0.5, 0.75)

@@ -39,15 +39,17 @@ def found(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> t
     Raises:
         InputError: Views that are not finite.
     """
-    seen = layer_energies.found(views, 2, aperture).disparities
-    first, last = float(seen[0]), float(seen[-1])
+    # Spectra look half a step farther than views may shift.
+    most = _possible(views, positions)
+    first, last = layer_energies.found(views, 2, aperture).disparities[[0, -1]].clamp(-most, most).tolist()
     surfaces = _reduced(views, aperture, positions)
     if not len(surfaces):
         return first, last
     low, high = (float(surfaces[round(share * (len(surfaces) - 1))]) for share in (OUTLIERS, 1 - OUTLIERS))
     # Spectra take the grid for even: where it is not, they limit nothing.
     beyond = BEYOND if positions is None else torch.inf
-    return min(first, max(low - MARGIN, first - beyond)), max(last, min(high + MARGIN, last + beyond))
+    low, high = max(-most, low - MARGIN), min(most, high + MARGIN)
+    return min(first, max(low, first - beyond)), max(last, min(high, last + beyond))
 
 
 def _reduced(views: Tensor, aperture: Tensor, positions: Tensor | None) -> Tensor:
@@ -65,6 +67,11 @@ def _reduced(views: Tensor, aperture: Tensor, positions: Tensor | None) -> Tenso
 
 def _reach(views: Tensor, positions: Tensor | None) -> float:
     """As far as the outermost views can shift, and no farther than `REACH`."""
+    return min(REACH, _possible(views, positions))
+
+
+def _possible(views: Tensor, positions: Tensor | None) -> float:
+    """As far as the outermost views can shift: little less than half of them, in pixels per view step."""
     grid, size = batches.grid_and_size(views)
     shifts = geometry.corner_shift(torch.ones(1), lines.lines(grid, positions).extent)
-    return min(REACH, 0.9 * min(size) / 2 / max(shifts, 0.5))
+    return 0.9 * min(size) / 2 / max(shifts, 0.5)

@@ -214,3 +214,8 @@ def shifted(image, by):
     """A periodic picture moved by (v, u) pixels: a single view of it."""
     rows, columns = (dirichlet(n, -float(way)) for n, way in zip(image.shape[-2:], by, strict=True))
     return rows @ image @ columns.T
+
+
+def test_the_range_is_looked_for_within_what_small_views_can_shift():
+    views = torch.rand(4, 7, 3, 21, 23)
+    assert disparity_map(views).disparity.shape == (21, 23)

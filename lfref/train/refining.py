@@ -1,0 +1,68 @@
+"""The training of refiners: planes that a method has made, and what is missing to them."""
+
+from typing import Any
+
+from torch import Tensor
+
+from lfref.data.plane_data import PlaneBatch
+from lfref.data.plane_sets import Recipe
+from lfref.functional.psnr import psnr
+from lfref.losses.relative import RelativeError
+from lfref.nets.refiner import Refiner
+from lfref.refocuser import refined
+from lfref.train.fitting import Fitting, OptimizerFactory, SchedulerFactory
+
+
+class Refining(Fitting):
+    """Trains a refiner.
+
+    Args:
+        net: Guides and pictures -> better pictures.
+        loss: Of refined pictures, truth and pictures.
+        recipe: Of the planes that it learns from; its method and guides go into every checkpoint.
+        optimizer: Makes the optimiser from the parameters.
+        scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
+    """
+
+    interval = "step"
+
+    def __init__(
+        self,
+        net: Refiner,
+        loss: RelativeError,
+        recipe: Recipe,
+        optimizer: OptimizerFactory,
+        scheduler: SchedulerFactory | None = None,
+    ) -> None:
+        super().__init__(net, optimizer, scheduler)
+        self.loss = loss
+        self.recipe = recipe
+
+    def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
+        """The loss of one batch."""
+        return self._loss(batch, self.net(batch["guides"], batch["pictures"]), "train")
+
+    def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
+        """The loss, PSNR and what it gained, of one held-out light field, logged."""
+        made = self.net(batch["guides"], batch["pictures"])
+        self._loss(batch, made, "val")
+        truth = batch["pictures"] + batch["missing"]
+        after, before = psnr(made.clamp(0, 1), truth).mean(), psnr(batch["pictures"], truth).mean()
+        values = {"val/mpsnr": after, "val/gain": after - before}
+        self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
+
+    def payload(self) -> dict[str, Any]:
+        """What builds the refiner again, its method and its guides."""
+        return refined.payload(self.net, self.recipe.base, self.recipe.guides)
+
+    def _loss(self, batch: PlaneBatch, made: Tensor, stage: str) -> Tensor:
+        loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"])
+        self.log(
+            f"{stage}/loss",
+            loss,
+            on_step=stage == "train",
+            on_epoch=stage == "val",
+            batch_size=len(made),
+            sync_dist=True,
+        )
+        return loss

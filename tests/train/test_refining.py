@@ -1,0 +1,74 @@
+"""Refiners learn what is missing, and leave a checkpoint that refocuses."""
+
+import functools
+
+import pytest
+import torch
+from lightning.pytorch.callbacks import EMAWeightAveraging
+
+import lfref
+from lfref.data import plane_sets
+from lfref.data.plane_data import PlaneData
+from lfref.data.plane_sets import Item, Recipe
+from lfref.losses.relative import RelativeError
+from lfref.nets.refiner import Refiner
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.train.guard import BestCheckpoint, StepGuard
+from lfref.train.refining import Refining
+from tests.data.test_plane_sets import SCENES
+from tests.train.test_resume import quiet
+
+BASE = OperatorRefocuser("shift_and_sum_cubic", functools.partial(shift_and_sum, interpolation="cubic"))
+RECIPE = Recipe(SCENES, BASE, guides=("picture", "spread"))
+
+
+@pytest.fixture
+def data(tmp_path):
+    """Planes whose truth is twice as bright where the last guide says so."""
+    torch.manual_seed(0)
+    for index in range(6):
+        pictures = 0.2 + 0.2 * torch.rand(2, 3, 24, 24)
+        mark = (torch.rand(2, 1, 6, 6) > 0.5).float().repeat_interleave(4, 2).repeat_interleave(4, 3)
+        slopes = torch.zeros(2, dtype=torch.float64)
+        item = Item(torch.cat([pictures, mark], 1), pictures, 0.1 * mark.expand(-1, 3, -1, -1), slopes)
+        plane_sets.write(plane_sets.path_of(tmp_path / "set", index), item)
+    return PlaneData(RECIPE, "unused", str(tmp_path / "set"), n_validation=2, crop=16, fields_per_batch=2)
+
+
+@pytest.fixture
+def module():
+    torch.manual_seed(0)
+    return Refining(
+        Refiner(4, width=8, n_blocks=1),
+        RelativeError(),
+        RECIPE,
+        functools.partial(torch.optim.Adam, lr=0.01),
+        functools.partial(torch.optim.lr_scheduler.OneCycleLR, max_lr=0.01, total_steps=60, cycle_momentum=False),
+    )
+
+
+@quiet
+def test_it_learns_what_is_missing(module, data, trainer):
+    fit = trainer(max_steps=60, max_epochs=-1, callbacks=[StepGuard()])
+    fit.fit(module, datamodule=data)
+    (found,) = fit.validate(module, datamodule=data, verbose=False)
+    assert found["val/gain"] > 6
+    assert fit.optimizers[0].param_groups[0]["lr"] < 1e-4  # stepped each step: the cycle is over
+
+
+@quiet
+def test_a_checkpoint_of_averaged_weights_refocuses_and_goes_on(module, data, trainer, tmp_path):
+    best = BestCheckpoint(tmp_path, "best", monitor="val/gain", mode="max", enable_version_counter=False)
+    options = {"max_epochs": -1, "enable_checkpointing": True}
+    fit = trainer(max_steps=20, callbacks=[best, EMAWeightAveraging(decay=0.9)], **options)
+    fit.fit(module, datamodule=data)
+    refocuser = lfref.load(tmp_path / "best.ckpt")
+    assert refocuser.base.name == "shift_and_sum_cubic"
+    views = torch.rand(5, 5, 3, 20, 22)
+    stack = refocuser(views, [-0.5, 0.3])
+    assert stack.shape == (2, 3, 20, 22)
+    assert not torch.equal(stack, BASE(views, [-0.5, 0.3]))
+    again = trainer(max_steps=30, callbacks=[best, EMAWeightAveraging(decay=0.9)], **options)
+    again.fit(module, datamodule=data, ckpt_path=str(tmp_path / "best.ckpt"), weights_only=True)
+    assert again.lr_scheduler_configs[0].scheduler.last_epoch == 30
