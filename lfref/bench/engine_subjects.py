@@ -3,23 +3,20 @@
 Letters: `N` planes, `C H W` channel, pixel row and column.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from lfref.data.plane_sets import Recipe
 from lfref.data.sources import SimulatedField
-from lfref.engines.engine import Inputs, Job
+from lfref.engines.engine import Inputs, Job, Run
 from lfref.geometry import FocalPlanes
 from lfref.nets.network import Network
-from lfref.nets.refiner import Refiner
-from lfref.refocuser.guides import Seen, guides
-
-Read = Callable[[SimulatedField], Inputs]
-"""What a network is given of a light field."""
+from lfref.refocuser import guides, refined
+from lfref.refocuser.refined import RefinedRefocuser
 
 
 class Shot(NamedTuple):
@@ -27,10 +24,19 @@ class Shot(NamedTuple):
 
     scene: str
     """Its name."""
-    inputs: Inputs
-    """What the network is given."""
+    parts: Sequence[Inputs]
+    """What the network is given, one after the other, all of one shape."""
     truth: Tensor
     """What a lens would have recorded, in linear light, [N, C, H, W]."""
+
+    def stack(self, run: Run) -> Tensor:
+        """What a network makes of it, [N, C, H, W].
+
+        Args:
+            run: The network.
+        """
+        made = [run(*part) for part in self.parts]
+        return made[0] if len(made) == 1 else torch.cat(made)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +57,7 @@ class Subject:
     @property
     def job(self) -> Job:
         """As engines take it."""
-        return Job(self.network, self.shots[0].inputs, self.patches)
+        return Job(self.network, self.shots[0].parts[0], self.patches)
 
     @property
     def device(self) -> torch.device:
@@ -68,6 +74,7 @@ class Fields(NamedTuple):
     """Small ones, by which whole numbers are scaled."""
 
 
+@torch.no_grad()
 def of_network(
     name: str, network: Network, fields: Fields, planes: FocalPlanes, is_trained: bool, device: torch.device
 ) -> Subject:
@@ -84,60 +91,37 @@ def of_network(
     if not is_trained:
         first = fields.patches[0]
         network.prime(first.views[None], planes.slopes, first.photograph(planes.values)[None])
-    return _subject(name, network, fields, planes, is_trained, device, lambda field: (field.views,))
+    whole = [(field, [(field.views.to(device),)]) for field in fields.whole]
+    shots = [Shot(field.name, parts, field.photograph(planes.values)) for field, parts in whole]
+    patches = [(field.views.to(device),) for field in fields.patches]
+    return Subject(name, network.eval().to(device), is_trained, shots, patches)
 
 
-def of_refiner(
-    name: str, refiner: Refiner, fields: Fields, planes: FocalPlanes, recipe: Recipe, is_trained: bool
-) -> Subject:
-    """A network that reads guides and pictures, on the CPU.
+@torch.no_grad()
+def of_refiner(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, device: torch.device) -> Subject:
+    """The network of a method that is refined; it is given as many planes at once as in use.
 
     Args:
-        name: As tables call it.
-        refiner: Trained, or else with layers that do something.
+        refiner: Trained.
         fields: Of any grid of views.
         planes: What is refocused to.
-        recipe: Says what pictures and guides are made by.
-        is_trained: Whether it is.
+        device: Where the network runs.
     """
+    n_samples = int(refiner.refiner.config["n_guides"]) * math.prod(fields.whole[0].size)
+    n_at_once = _at_once(n_samples, len(planes))
 
-    def read(field: SimulatedField) -> Inputs:
-        seen = Seen(field, planes.slopes, recipe.base)
-        return guides(seen, recipe.guides), seen.pictures
+    def parts(field: SimulatedField) -> list[Inputs]:
+        seen = guides.Seen(field, planes.slopes, refiner.base)
+        read = guides.guides(seen, refiner.names)
+        pairs = zip(read.split(n_at_once), seen.pictures.split(n_at_once), strict=True)
+        return [tuple(each.to(device).contiguous() for each in pair) for pair in pairs]
 
-    return _subject(name, refiner, fields, planes, is_trained, torch.device("cpu"), read)
-
-
-@torch.no_grad()
-def untrained_refiner(recipe: Recipe, field: SimulatedField, planes: FocalPlanes) -> Refiner:
-    """A refiner for these guides whose last layers are not silent, as fast as a trained one.
-
-    Args:
-        recipe: Says which guides there are.
-        field: Any, to count their channels.
-        planes: Any.
-    """
-    seen = Seen(field, planes.slopes[:1], recipe.base)
-    refiner = Refiner(guides(seen, recipe.guides).shape[-3], seen.pictures.shape[-3])
-    for layer in refiner.modules():
-        if isinstance(layer, nn.Conv2d):
-            nn.init.kaiming_normal_(layer.weight)
-    return refiner
+    shots = [Shot(field.name, parts(field), field.photograph(planes.values)) for field in fields.whole]
+    patches = [part for field in fields.patches for part in parts(field)]
+    return Subject(refiner.name, refiner.refiner.to(device), True, shots, patches)
 
 
-@torch.no_grad()
-def _subject(
-    name: str,
-    network: nn.Module,
-    fields: Fields,
-    planes: FocalPlanes,
-    is_trained: bool,
-    device: torch.device,
-    read: Read,
-) -> Subject:
-    def there(inputs: Inputs) -> Inputs:
-        return tuple(each.to(device).contiguous() for each in inputs)
-
-    shots = [Shot(field.name, there(read(field)), field.photograph(planes.values)) for field in fields.whole]
-    patches = [there(read(field)) for field in fields.patches]
-    return Subject(name, network.eval().to(device), is_trained, shots, patches)
+def _at_once(n_samples: int, n_planes: int) -> int:
+    """Planes that the network is given at once, all parts alike: an engine is prepared for one shape."""
+    most = max(1, refined.AT_ONCE // n_samples)
+    return max(count for count in range(1, n_planes + 1) if n_planes % count == 0 and count <= most)

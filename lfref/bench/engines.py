@@ -83,7 +83,7 @@ def ready(subject: Subject, engine: str, precision: str) -> Ready:
         return timing.result_and_seconds(lambda: table.prepared(engine, precision, subject.job), subject.device)
 
     run, seconds = _or_refused(prepare)
-    first = functools.partial(timing.seconds, functools.partial(run, *subject.shots[0].inputs), subject.device)
+    first = functools.partial(timing.seconds, functools.partial(subject.shots[0].stack, run), subject.device)
     more, most = _or_refused(lambda: memory.highest(first, subject.device))
     return Ready(run, seconds + more, None if before is None or most is None else most - before)
 
@@ -102,7 +102,7 @@ def passes(subject: Subject, runs: dict[tuple[str, str], Run], rounds: Iterable[
     for number in rounds:
         shot, judge = subject.shots[number % len(subject.shots)], None
         for (engine, precision), run in runs.items():
-            call = functools.partial(run, *shot.inputs)
+            call = functools.partial(shot.stack, run)
             stack, seconds = timing.result_and_seconds(call, subject.device)
             judge = stack if judge is None else judge
             names = {"subject": subject.name, "engine": engine, "precision": precision}

@@ -6,14 +6,17 @@ import torch
 from lfref import geometry
 from lfref.bench import engine_subjects
 from lfref.bench.engine_subjects import Fields
-from lfref.data.plane_sets import Recipe
 from lfref.data.sources import SimulatedSource
+from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import operators
+from lfref.refocuser import refined
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refined import RefinedRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
+BASE = OperatorRefocuser("sum", shift_and_sum)
 CPU = torch.device("cpu")
 PLANES = geometry.even_planes(2)
 
@@ -35,9 +38,9 @@ def test_a_network_reads_views_and_is_judged_by_photographs(fields):
     subject = engine_subjects.of_network("net", network(), fields, PLANES, True, CPU)
     assert [shot.scene for shot in subject.shots] == [field.name for field in fields.whole]
     for shot, field in zip(subject.shots, fields.whole, strict=True):
-        assert torch.equal(shot.inputs[0], field.views)
+        assert torch.equal(shot.parts[0][0], field.views)
         assert torch.equal(shot.truth, field.photograph(PLANES.values))
-        assert subject.network(*shot.inputs).shape == shot.truth.shape
+        assert shot.stack(subject.network).shape == shot.truth.shape
     assert [tuple(views.shape) for (views,) in subject.patches] == [(3, 3, 3, 24, 24)]
     assert not subject.network.training
 
@@ -54,15 +57,21 @@ def test_a_network_without_training_makes_pictures_as_bright_as_the_scenes_and_a
     assert made.std() > 0.03
 
 
-def test_a_refiner_reads_guides_and_the_pictures_of_its_base(fields):
-    base = operators.OperatorRefocuser("sum", shift_and_sum)
-    recipe = Recipe(RandomScenes(), base, guides=("picture", "central"))
-    refiner = engine_subjects.untrained_refiner(recipe, fields.patches[0], PLANES)
-    subject = engine_subjects.of_refiner("refiner", refiner, fields, PLANES, recipe, False)
-    field, (guides, pictures) = fields.whole[0], subject.shots[0].inputs
-    assert torch.equal(pictures, base(field, PLANES.slopes))
-    assert torch.equal(guides[:, :3], pictures - 0.5)
-    assert guides.shape == (2, 6, 32, 40)
-    assert (guides.stride(), pictures.stride()) == ((6 * 1280, 1280, 40, 1), (3 * 1280, 1280, 40, 1))
-    with torch.no_grad():
-        assert (subject.network(guides, pictures) - pictures).std() > 1e-3
+def test_a_refiner_reads_guides_and_pictures_in_the_parts_that_its_refocuser_makes(fields, monkeypatch):
+    network = Refiner(6, width=8, n_blocks=1)
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=0.1)
+    refiner = RefinedRefocuser(network, BASE, ("picture", "central"), "refined")
+    monkeypatch.setattr(refined, "AT_ONCE", 3 * 6 * 32 * 40)
+    planes = geometry.even_planes(4)
+    subject = engine_subjects.of_refiner(refiner, fields, planes, CPU)
+    for shot, field in zip(subject.shots, fields.whole, strict=True):
+        # Three planes would fit, and the fourth would be a part of another shape.
+        assert [tuple(guides.shape) for guides, _ in shot.parts] == [(2, 6, 32, 40)] * 2
+        with torch.no_grad():
+            stack = shot.stack(subject.network)
+        torch.testing.assert_close(stack, refiner(field, planes.slopes), atol=2e-3, rtol=0)
+        assert (stack - BASE(field, planes.slopes)).std() > 1e-3
+        assert torch.equal(shot.truth, field.photograph(planes.values))
+    assert [tuple(guides.shape) for guides, _ in subject.patches] == [(2, 6, 24, 24)] * 2
+    assert (subject.name, subject.is_trained) == ("refined", True)

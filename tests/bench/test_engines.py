@@ -19,8 +19,8 @@ EAGER = ("eager", "fp32")
 def subject(is_trained=True, sides=(24, 24)):
     """A convolution of two light fields, whose truth is what it makes and a tenth of a tenth."""
     network = torch.nn.Conv2d(3, 3, 3, padding=1).eval().requires_grad_(False)
-    shots = [Shot(f"scene {side}", (torch.rand(2, 3, side, 32),), torch.zeros(2, 3, side, 32)) for side in sides]
-    shots = [shot._replace(truth=network(*shot.inputs) + 0.01) for shot in shots]
+    views = {f"scene {place}": torch.rand(2, 3, side, 32) for place, side in enumerate(sides)}
+    shots = [Shot(name, [(each,)], network(each) + 0.01) for name, each in views.items()]
     return Subject("convolution", network, is_trained, shots, [(torch.rand(2, 3, 16, 16),)])
 
 
@@ -40,7 +40,7 @@ def test_passes_take_turns_on_one_light_field_after_the_other():
     measured = subject()
     runs = {EAGER: measured.network, ("half", "fp32"): lambda views: measured.network(views) + 0.1}
     rows = pd.DataFrame(engines.passes(measured, runs, range(3)))
-    assert rows["scene"].tolist() == ["scene 24"] * 6
+    assert rows["scene"].tolist() == ["scene 0", "scene 0", "scene 1", "scene 1", "scene 0", "scene 0"]
     assert rows["round"].tolist() == [0, 0, 1, 1, 2, 2]
     assert rows["engine"].tolist() == ["eager", "half"] * 3
     assert rows["psnr_db"].to_numpy() == pytest.approx([40, 20 * math.log10(1 / 0.09)] * 3, abs=1e-3)
@@ -63,7 +63,7 @@ def test_an_engine_gets_ready_with_its_first_stack_and_the_memory_that_took():
     # One tensor of the input's size is 0.9 MB; a copy in bfloat16 and its result, in float32 and not, are needed.
     assert made.extra_bytes is None or 0.3e6 < made.extra_bytes < 50e6
     shot = measured.shots[0]
-    assert psnr(made.run(*shot.inputs), measured.network(*shot.inputs)).min() > 40
+    assert psnr(shot.stack(made.run), shot.stack(measured.network)).min() > 40
 
 
 def test_an_engine_that_cannot_run_says_why_in_one_line(monkeypatch):

@@ -18,11 +18,13 @@ from lfref.cli.planes import fixed
 from lfref.data.sources import SimulatedSource
 from lfref.engines.engine import Run
 from lfref.errors import InputError, chosen
-from lfref.refocuser.networks import load
+from lfref.refocuser.networks import NetworkRefocuser, load
+from lfref.refocuser.refined import RefinedRefocuser
 from lfref.report import drawing, tables
 from lfref.report import engines as picture
 
 PACKAGES = ("onnxruntime", "openvino", "nncf")
+REFINER = "give refiner_checkpoint=RUN"
 
 
 def engines(config: DictConfig, folder: Path) -> None:
@@ -70,6 +72,8 @@ def _networks(config: DictConfig, fields: Fields, device: torch.device) -> Itera
     planes = fixed(config)
     for path in paths(configs.plain(config.checkpoint)):
         trained = load(path)
+        if not isinstance(trained, NetworkRefocuser):
+            raise InputError("checkpoint must be of a network that reads views", got=path, remedy=REFINER)
         yield engine_subjects.of_network(trained.name, trained.network, fields, trained.planes or planes, True, device)
     if config.checkpoint is None:
         torch.manual_seed(0)
@@ -78,11 +82,11 @@ def _networks(config: DictConfig, fields: Fields, device: torch.device) -> Itera
 
 
 def _refiners(config: DictConfig, fields: Fields, device: torch.device) -> Iterator[Subject]:
-    """A refiner with the guides of the recipe, without training."""
-    recipe, planes = configs.build(config.recipe), fixed(config)
-    torch.manual_seed(0)
-    refiner = engine_subjects.untrained_refiner(recipe, fields.patches[0], planes)
-    yield engine_subjects.of_refiner("refiner", refiner, fields, planes, recipe, False)
+    """The refiner that ships, or another one."""
+    trained = load(config.refiner_checkpoint)
+    if not isinstance(trained, RefinedRefocuser):
+        raise InputError("refiner_checkpoint must be of a refiner", got=trained.name, remedy="give checkpoint=RUN")
+    yield engine_subjects.of_refiner(trained, fields, fixed(config), device)
 
 
 SUBJECTS = {"network": _networks, "refiner": _refiners}
