@@ -44,6 +44,7 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2
+	$(BIN)/lfref bench group=engines overwrite=true output=runs/figures/engines
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py

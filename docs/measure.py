@@ -14,6 +14,7 @@ import against_mitsuba
 import hard_cases
 import maps
 import pandas as pd
+import runtimes
 import scene_costs
 import torch
 import truths
@@ -134,6 +135,7 @@ FIGURES = {
     **against_mitsuba.TABLES,
     **hard_cases.TABLES,
     **maps.TABLES,
+    **runtimes.TABLES,
     **scene_costs.TABLES,
 }
 

@@ -15,6 +15,7 @@ import against_truth
 import effects
 import hard_cases
 import numpy as np
+import runtimes
 import scenes
 import sheets
 import torch
@@ -216,6 +217,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     **truths.PICTURES,
     **against_mitsuba.PICTURES,
     **hard_cases.PICTURES,
+    **runtimes.PICTURES,
 }
 
 

@@ -15,7 +15,8 @@ CODE = re.compile(r"^```.*?^```$|^ {4,}.*?$|`[^`\n]*`", re.MULTILINE | re.DOTALL
 LINK = re.compile(r"\]\(([^)#:]*)(?:#([^)]*))?\)")
 REFOCUSING, SIMULATOR = (ROOT / "docs" / f"{name}.md" for name in ("refocusing", "simulator"))
 LARGEST = 120_000  # bytes of a picture
-PLOTS = {"accuracy_time.png": "bench", "causes.png": "causes"}  # drawn from what a run of the bench has left
+# Drawn from what a run of the bench has left.
+PLOTS = {"accuracy_time.png": "bench", "causes.png": "causes", "engines.png": "engines"}
 
 
 def anchors(text: str) -> set[str]:
