@@ -110,7 +110,7 @@ def passes(subject: Subject, runs: dict[tuple[str, str], Run], rounds: Iterable[
             yield names | place | _quality(stack.cpu(), judge.cpu(), shot.truth.cpu(), subject.is_trained)
 
 
-def summary(passed: pd.DataFrame, starts: Sequence[Row]) -> pd.DataFrame:
+def summary(passed: pd.DataFrame, starts: pd.DataFrame) -> pd.DataFrame:
     """What the passes come to.
 
     Args:
@@ -132,7 +132,7 @@ def summary(passed: pd.DataFrame, starts: Sequence[Row]) -> pd.DataFrame:
     of_judge = {name: table.index.get_level_values("subject").map(judges[name]) for name in ("min_s", "psnr_db")}
     table["ratio_to_eager"] = of_judge["min_s"] / table["min_s"]
     table["loss_db"] = of_judge["psnr_db"] - table["psnr_db"]
-    started = pd.DataFrame(starts, columns=[*KEY, "start_s", "extra_bytes", "skipped"])
+    started = starts.reindex(columns=[*KEY, "start_s", "extra_bytes", "skipped"])
     joined = started.merge(table.reset_index(), "left", KEY)
     return joined[COLUMNS].astype({"extra_bytes": "Int64"})
 

@@ -11,8 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import FP32, INT8, Inputs, Job, Run, Way, hushed
+from lfref.engines.engine import FP32, INT8, Inputs, Job, Run, Way, hushed, left_in_float
 
+CONVOLUTION = "Conv"
 QUIET = 3
 """ONNX Runtime's level of errors."""
 
@@ -23,17 +24,20 @@ def fp32(job: Job) -> Run:
 
 
 def int8(job: Job) -> Run:
-    """The network with convolutions of whole numbers, a scale for each of their filters, and float32 between them."""
+    """The network with inner convolutions of whole numbers, a scale for each of their filters, the rest in float32."""
     from onnxruntime import quantization
 
     model = exported(job)
+    weights = {each.name: tuple(each.dims) for each in model.graph.initializer}
+    kernels = {each.name: weights[each.input[1]][2:] for each in model.graph.node if each.op_type == CONVOLUTION}
     with hushed(), tempfile.TemporaryDirectory() as folder:
         quantised = Path(folder, "int8.onnx")
         quantization.quantize_static(
             model,
             str(quantised),
             _Patches(model, job.patches),
-            op_types_to_quantize=["Conv"],
+            op_types_to_quantize=[CONVOLUTION],
+            nodes_to_exclude=left_in_float(kernels),
             per_channel=True,
         )
         return Session(quantised.read_bytes())

@@ -9,8 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import BF16, FP32, INT8, Inputs, Job, Run, Way, hushed
+from lfref.engines.engine import BF16, FP32, INT8, Inputs, Job, Run, Way, hushed, left_in_float
 
+CONVOLUTION = "Convolution"
 ENDS = ("Parameter", "Constant", "Result")
 """Nodes of a model that compute nothing."""
 Model = Any
@@ -28,21 +29,34 @@ def bf16(job: Job) -> Run:
 
 
 def int8(job: Job) -> Run:
-    """The network with convolutions of whole numbers, and float32 between them."""
+    """The network with inner convolutions of whole numbers, the rest in bfloat16 where the processor has it."""
     import nncf
 
     model = _converted(job)
+    nodes = model.get_ordered_ops()
+    kernels = {
+        each.get_friendly_name(): tuple(each.input_value(1).get_partial_shape().to_shape())[2:]
+        for each in nodes
+        if each.get_type_name() == CONVOLUTION
+    }
     # Sums and normalisations of 8 bits cost a network far more than they save.
-    others = {each.get_type_name() for each in model.get_ordered_ops()} - {"Convolution", *ENDS}
+    others = {each.get_type_name() for each in nodes} - {CONVOLUTION, *ENDS}
+    left_out = nncf.IgnoredScope(names=left_in_float(kernels), types=sorted(others), validate=False)
     with hushed():
         scaled = nncf.quantize(
             model,
             nncf.Dataset([_arrays(patch) for patch in job.patches]),
             preset=nncf.QuantizationPreset.MIXED,
             subset_size=len(job.patches),
-            ignored_scope=nncf.IgnoredScope(types=sorted(others), validate=False),
+            ignored_scope=left_out,
         )
-    return _compiled(job, scaled, "f32")
+    return _compiled(job, scaled, "bf16" if _has_bf16() else "f32")
+
+
+def _has_bf16() -> bool:
+    import openvino
+
+    return "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
 
 
 def _converted(job: Job) -> Model:

@@ -96,7 +96,7 @@ def summary():
     names = dict.fromkeys((row["subject"], row["engine"], row["precision"]) for row in rows)
     starts = [dict(zip(engines.KEY, name, strict=True), start_s=7.0, extra_bytes=10) for name in names]
     starts.insert(1, {"subject": "net", "engine": "graphs", "precision": "fp32", "skipped": "no GPU"})
-    return engines.summary(pd.DataFrame(rows), starts)
+    return engines.summary(pd.DataFrame(rows), pd.DataFrame(starts))
 
 
 def test_the_table_compares_the_fastest_passes_and_the_mean_decibels_with_eager_float32():

@@ -112,3 +112,8 @@ def test_two_networks_compiled_one_after_the_other_keep_their_own_weights():
     for job, run in [*zip(jobs, runs, strict=True), (jobs[0], runs[0])]:
         assert error(job, run(*job.example)) < ALLOWED["fp32"]
     assert error(jobs[0], jobs[1].network(*jobs[0].example)) > 0.1
+
+
+def test_whole_numbers_are_for_inner_convolutions_of_more_than_a_pixel():
+    kernels = {"stem": (3, 3), "wide": (1, 1), "inner": (3, 3), "row": (1, 5), "head": (1, 1)}
+    assert engines.left_in_float(kernels) == ["stem", "wide", "head"]

@@ -1,6 +1,7 @@
 """Group `engines`: which runtime runs a network fastest on this machine, and what accuracy and memory that costs."""
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -18,13 +19,17 @@ from lfref.cli.planes import fixed
 from lfref.data.sources import SimulatedSource
 from lfref.engines.engine import Run
 from lfref.errors import InputError, chosen
+from lfref.geometry import FocalPlanes
+from lfref.nets import checkpoint
 from lfref.refocuser.networks import NetworkRefocuser, load
 from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, tables
 from lfref.report import engines as picture
 
 PACKAGES = ("onnxruntime", "openvino", "nncf")
-REFINER = "give refiner_checkpoint=RUN"
+Make = Callable[..., Subject]
+"""(fields=..., device=...) -> a network and what it is measured on."""
 
 
 def engines(config: DictConfig, folder: Path) -> None:
@@ -36,19 +41,21 @@ def engines(config: DictConfig, folder: Path) -> None:
     """
     device = device_of(config.device)
     choices = measurements.choices(configs.plain(config.engines), configs.plain(config.precisions))
-    names = list(configs.plain(config.subjects))
-    makers = [chosen("subjects", name, SUBJECTS) for name in names]
-    repeats = {name: int(configs.number(config.passes, name, 1)) for name in names}
+    # Whatever is wrong with the words is told before scenes are drawn.
+    kinds = {name: chosen("subjects", name, SUBJECTS) for name in configs.plain(config.subjects)}
+    if not kinds:
+        raise InputError(f"subjects must be some of {', '.join(SUBJECTS)}", got="none")
+    repeats = {name: int(configs.number(config.passes, name, 1)) for name in kinds}
+    makers = {name: kind(config) for name, kind in kinds.items()}
     fields = _fields(config)
-    starts: list[Row] = []
-    passed: list[Row] = []
-    for name, make in zip(names, makers, strict=True):
-        for subject in make(config, fields, device):
-            runs = _ready(subject, choices, starts)
-            rounds = progress(range(repeats[name]), f"{subject.name}: passes of {len(runs)} engines")
-            passed += list(measurements.passes(subject, runs, rounds))
-    table = measurements.summary(pd.DataFrame(passed), starts)
-    for name, rows in {"engines": table, "passes": pd.DataFrame(passed)}.items():
+    found = [
+        _measured(make(fields=fields, device=device), choices, repeats[name])
+        for name, of_kind in makers.items()
+        for make in of_kind
+    ]
+    starts, passed = (pd.concat(parts) for parts in zip(*found, strict=True))
+    table = measurements.summary(passed, starts)
+    for name, rows in {"engines": table, "passes": passed}.items():
         tables.write_table(folder / f"{name}.csv", rows)
     drawing.save_figure(picture.engines(table), folder / "engines.png")
     packages = {package: machine.version(package) for package in PACKAGES}
@@ -67,35 +74,43 @@ def _fields(config: DictConfig) -> Fields:
     return Fields(whole, [small.field(index) for index in range(len(small))])
 
 
-def _networks(config: DictConfig, fields: Fields, device: torch.device) -> Iterator[Subject]:
+def _networks(config: DictConfig) -> Sequence[Make]:
     """The checkpoints, or the network of the configuration without training."""
-    planes = fixed(config)
-    for path in paths(configs.plain(config.checkpoint)):
-        trained = load(path)
-        if not isinstance(trained, NetworkRefocuser):
-            raise InputError("checkpoint must be of a network that reads views", got=path, remedy=REFINER)
-        yield engine_subjects.of_network(trained.name, trained.network, fields, trained.planes or planes, True, device)
-    if config.checkpoint is None:
+    trained, planes = [load(path) for path in paths(configs.plain(config.checkpoint))], fixed(config)
+    if not trained:
         torch.manual_seed(0)
         network = configs.build(config.net)
-        yield engine_subjects.of_network(network.name, network, fields, planes, False, device)
+        checkpoint.check_number(network, planes)
+        return [functools.partial(engine_subjects.of_network, network.name, network, planes=planes, is_trained=False)]
+    name_apart(trained)
+    return [_trained(each, planes) for each in trained]
 
 
-def _refiners(config: DictConfig, fields: Fields, device: torch.device) -> Iterator[Subject]:
+def _trained(trained: Refocuser, planes: FocalPlanes) -> Make:
+    if not isinstance(trained, NetworkRefocuser):
+        remedy = "give refiner_checkpoint=RUN"
+        raise InputError("checkpoint must be of a network that reads views", got=trained.name, remedy=remedy)
+    its_own, network = trained.planes or planes, trained.network
+    return functools.partial(engine_subjects.of_network, trained.name, network, planes=its_own, is_trained=True)
+
+
+def _refiners(config: DictConfig) -> Sequence[Make]:
     """The refiner that ships, or another one."""
     trained = load(config.refiner_checkpoint)
     if not isinstance(trained, RefinedRefocuser):
-        raise InputError("refiner_checkpoint must be of a refiner", got=trained.name, remedy="give checkpoint=RUN")
-    yield engine_subjects.of_refiner(trained, fields, fixed(config), device)
+        remedy = "give checkpoint=RUN"
+        raise InputError("refiner_checkpoint must be of a refiner", got=trained.name, remedy=remedy)
+    return [functools.partial(engine_subjects.of_refiner, trained, planes=fixed(config))]
 
 
-SUBJECTS = {"network": _networks, "refiner": _refiners}
+SUBJECTS: dict[str, Callable[[DictConfig], Sequence[Make]]] = {"network": _networks, "refiner": _refiners}
 """What engines can be measured on."""
 
 
-def _ready(subject: Subject, choices: list[tuple[str, str]], starts: list[Row]) -> dict[tuple[str, str], Run]:
-    """The engines that can run here; rows of all are added to the starts."""
+def _measured(subject: Subject, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """How engines start, and how they pass; what they hold is gone afterwards."""
     runs: dict[tuple[str, str], Run] = {}
+    starts: list[Row] = []
     for engine, precision in progress(choices, f"{subject.name}: getting ready"):
         row: Row = {"subject": subject.name, "engine": engine, "precision": precision}
         try:
@@ -106,4 +121,5 @@ def _ready(subject: Subject, choices: list[tuple[str, str]], starts: list[Row]) 
             log.info("%s %s is left out: %s", engine, precision, error)
             row |= {"skipped": str(error)}
         starts.append(row)
-    return runs
+    rounds = progress(range(repeats), f"{subject.name}: passes of {len(runs)} engines")
+    return pd.DataFrame(starts), pd.DataFrame(measurements.passes(subject, runs, rounds))

@@ -92,6 +92,7 @@ def test_what_is_not_there_is_said_in_one_line(lfref, tmp_path):
         ("engines=[tensorrt]", "engine must be one of"),
         ("precisions=[fp4]", "precision must be one of fp32, bf16, int8"),
         ("subjects=[unet]", "subjects must be one of network, refiner"),
+        ("subjects=[]", "subjects must be some of network, refiner; got none"),
         ("passes.network=0", "network must be a number of at least 1"),
     ):
         status, errors = lfref("bench", "group=engines", *SMALL, word, f"output={tmp_path}/run")
