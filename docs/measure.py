@@ -6,13 +6,13 @@ Run by `make figures` when `lfref bench` has left its tables; a marker is `<!-- 
 import functools
 import json
 import math
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import against_mitsuba
 import hard_cases
 import maps
+import marked
 import pandas as pd
 import runtimes
 import scene_costs
@@ -24,7 +24,6 @@ from lfref.data.patches import cut
 from lfref.data.sources import SimulatedSource
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
-from lfref.io import atomic
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.report import tables
@@ -176,19 +175,7 @@ def _label_psnr(source: OperatorLabels, index: int, corner: int) -> torch.Tensor
 
 def main() -> None:
     """Fill every marker of the README and the pages beside this file."""
-    measured = {name: "\n".join(lines()) for name, lines in FIGURES.items()}
-    for page in (ROOT / "README.md", *sorted(Path(__file__).parent.glob("*.md"))):
-        text = page.read_text("utf-8")
-        filled = re.sub(
-            r"(<!-- measured: (\w+) -->\n)(.*?)(<!-- end -->)",
-            # What cannot be measured here stays as it was measured elsewhere.
-            lambda found: f"{found[1]}{measured[found[2]]}\n{found[4]}" if found[2] in measured else found[0],
-            text,
-            flags=re.DOTALL,
-        )
-        if filled != text:
-            atomic.write_text(page, filled)
-            print(f"wrote {page.relative_to(ROOT)}")
+    marked.fill({name: "\n".join(lines()) for name, lines in FIGURES.items()})
 
 
 if __name__ == "__main__":

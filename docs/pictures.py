@@ -15,6 +15,7 @@ import against_truth
 import effects
 import hard_cases
 import numpy as np
+import paper_pictures
 import runtimes
 import scenes
 import sheets
@@ -217,6 +218,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     **truths.PICTURES,
     **against_mitsuba.PICTURES,
     **hard_cases.PICTURES,
+    **paper_pictures.PICTURES,
     **runtimes.PICTURES,
 }
 

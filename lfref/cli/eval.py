@@ -53,7 +53,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
 
 def _judged(config: DictConfig, device: torch.device) -> list[Refocuser]:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    judged = [*networks, *configs.build(config.methods).values()]
+    judged = [*networks, *(method.to(device) for method in configs.build(config.methods).values())]
     name_apart(judged)
     if not judged:
         raise InputError(

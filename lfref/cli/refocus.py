@@ -61,7 +61,7 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     """The checkpoint with its own planes, unless others were asked for, or the operator with the planes configured."""
     planes: Planes = configs.build(config.planes)
     if config.checkpoint is None:
-        return configs.build(config.method, aperture=configs.build(config.aperture)), planes
+        return configs.build(config.method, aperture=configs.build(config.aperture)).to(device), planes
     network = load(config.checkpoint, device)
     is_asked = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
     planes = planes if network.planes is None or is_asked else network.planes

@@ -64,7 +64,7 @@ LATER: dict[str, tuple[str, ...]] = {
 }
 """Functions and classes that get their options here and the rest of their arguments later: `_partial_: true`."""
 NOW: dict[str, tuple[str, ...]] = {
-    "refocusers": ("lfref.refocuser.operators.OperatorRefocuser",),
+    "refocusers": ("lfref.refocuser.operators.OperatorRefocuser", "lfref.refocuser.networks.learned"),
     "planes": (
         *(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
         "lfref.captures.auto_planes.AutoPlanes",

@@ -26,6 +26,8 @@ class PlaneBatch(TypedDict):
     """[B, K, H, W]."""
     pictures: Tensor
     """What is to be corrected, [B, C, H, W]."""
+    doubts: Tensor
+    """How far the pictures may be off, [B, 1, H, W]."""
     missing: Tensor
     """What a lens would have recorded less the pictures, [B, C, H, W]."""
     where: list[str]
@@ -56,13 +58,20 @@ class Crops(Dataset[PlaneBatch]):
         path = self.paths[index]
         item = plane_sets.read(path)
         random = np.random.default_rng((self.seed, epoch, index))
-        images = torch.cat([item.guides, item.pictures, item.missing], 1)
+        parts = item[:-1]
+        images = torch.cat(parts, 1)
         if self.crop is not None:
             images = torch.stack([turned(cropped(plane, self.crop, random), random) for plane in images])
-        n_channels = item.pictures.shape[1]
-        guides, pictures, missing = images.split([item.guides.shape[1], n_channels, n_channels], 1)
+        guides, pictures, doubts, missing = images.split([part.shape[1] for part in parts], 1)
         where = [f"{path.name}, plane {plane}" for plane in range(len(images))]
-        return {"guides": guides, "pictures": pictures, "missing": missing, "where": where, "resampled": 0}
+        return PlaneBatch(
+            guides=guides,
+            pictures=pictures,
+            doubts=doubts,
+            missing=missing,
+            where=where,
+            resampled=0,
+        )
 
 
 def cropped(image: Tensor, crop: int, random: np.random.Generator) -> Tensor:
@@ -87,11 +96,18 @@ def turned(image: Tensor, random: np.random.Generator) -> Tensor:
 
 def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
     """The planes of several items as one batch."""
-    guides, pictures, missing = (
-        torch.cat([item[name] for item in items]) for name in ("guides", "pictures", "missing")
+    guides, pictures, doubts, missing = (
+        torch.cat([item[name] for item in items]) for name in ("guides", "pictures", "doubts", "missing")
     )
     where = [place for item in items for place in item["where"]]
-    return {"guides": guides, "pictures": pictures, "missing": missing, "where": where, "resampled": 0}
+    return PlaneBatch(
+        guides=guides,
+        pictures=pictures,
+        doubts=doubts,
+        missing=missing,
+        where=where,
+        resampled=0,
+    )
 
 
 class PlaneData(LightningDataModule):

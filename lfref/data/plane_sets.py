@@ -52,8 +52,10 @@ class Recipe:
     """View rows and columns, each as often as it stands here."""
     depths: tuple[float, ...] = (0.5, 1.0, 2.0)
     """What disparities of scenes are multiplied by, each as often."""
-    ideal: float = 0.25
-    """Share of scenes without a sensor."""
+    plain: float = 0.25
+    """Share of scenes without a sensor whose surfaces are matte and still: what methods do best."""
+    ideal: float = 0.2
+    """Share of further scenes without a sensor."""
     n_near: int = 3
     """Planes near focus: at the disparity of something there is."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (-7.0, -1.0))
@@ -68,9 +70,16 @@ class Recipe:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for guide in self.guides:
             chosen("guide", guide, GUIDES)
-        if not (self.grids and self.depths and self.n_near + len(self.ranges) and 0 <= self.ideal <= 1):
-            got = (self.grids, self.depths, self.n_near, self.ranges, self.ideal)
-            raise InputError("a set needs grids, depths, planes, and a share of ideal scenes from 0 to 1", got=got)
+        if not (
+            self.grids
+            and self.depths
+            and self.n_near + len(self.ranges)
+            and min(self.plain, self.ideal, 1 - self.plain - self.ideal) >= 0
+        ):
+            got = (self.grids, self.depths, self.n_near, self.ranges, self.plain, self.ideal)
+            raise InputError(
+                "a set needs grids, depths, planes, and shares of plain and ideal scenes of 1 at most together", got=got
+            )
 
     def description(self) -> dict[str, Any]:
         """All that decides, as plain values: what a set is known by."""
@@ -93,6 +102,8 @@ class Item(NamedTuple):
     """[N, K, H, W]."""
     pictures: Tensor
     """What is to be corrected, [N, C, H, W]."""
+    doubts: Tensor
+    """How far the pictures may be off, [N, 1, H, W]."""
     missing: Tensor
     """What a lens would have recorded less the pictures, [N, C, H, W]."""
     slopes: Tensor
@@ -125,15 +136,17 @@ def make(recipe: Recipe, index: int) -> Item:
     light, _ = as_asked(recorded, recipe.correct, white, even=EVEN)
     wanted = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     seen = Seen(light, torch.tensor(slopes, dtype=torch.float64), recipe.base)
-    return Item(guides(seen, recipe.guides), seen.pictures, wanted - seen.pictures, seen.slopes)
+    return Item(guides(seen, recipe.guides), seen.pictures, seen.doubt, wanted - seen.pictures, seen.slopes)
 
 
 def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
     depth, grid = float(random.choice(recipe.depths)), recipe.grids[random.integers(len(recipe.grids))]
     low, high = recipe.scenes.disparities
-    camera = replace(recipe.scenes.camera, grid=grid)
-    scene = replace(recipe.scenes, camera=camera, disparities=(depth * low, depth * high)).scene(recipe.seed, 0, index)
-    return replace(scene, sensor=Sensor()) if random.random() < recipe.ideal else scene
+    drawn = replace(recipe.scenes, camera=replace(recipe.scenes.camera, grid=grid))
+    kind = random.random()
+    drawn = drawn.plain() if kind < recipe.plain else drawn
+    scene = replace(drawn, disparities=(depth * low, depth * high)).scene(recipe.seed, 0, index)
+    return replace(scene, sensor=Sensor()) if kind < recipe.plain + recipe.ideal else scene
 
 
 def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> tuple[float, ...]:
@@ -173,10 +186,12 @@ def write(path: Path, item: Item) -> None:
         FileError: The disk refuses.
     """
     kept = item.pictures.half()
-    missing = (item.pictures + item.missing - kept.float()).half()
-    guided, pictures, rest, slopes = (part.cpu().numpy() for part in (item.guides.half(), kept, missing, item.slopes))
+    missing = item.pictures + item.missing - kept.float()
+    parts = item._replace(pictures=kept, missing=missing)._asdict()
+    arrays = {name: part.cpu().numpy() for name, part in parts.items()}
+    halves = {name: array.astype(np.float16) for name, array in arrays.items() if name != "slopes"}
     with atomic.replacing(path) as partial, partial.open("wb") as file:
-        np.savez(file, guides=guided, pictures=pictures, missing=rest, slopes=slopes)
+        np.savez(file, **(arrays | halves))
 
 
 def read(path: Path) -> Item:
@@ -190,8 +205,8 @@ def read(path: Path) -> Item:
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            guided, pictures, missing = (torch.from_numpy(arrays[name]).float() for name in Item._fields[:3])
-            return Item(guided, pictures, missing, torch.from_numpy(arrays["slopes"]))
+            images = {name: torch.from_numpy(arrays[name]).float() for name in Item._fields[:-1]}
+            return Item(**images, slopes=torch.from_numpy(arrays["slopes"]))
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise FileError(
             f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"

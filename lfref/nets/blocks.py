@@ -56,6 +56,8 @@ class ResBlock(nn.Module):
         activation: A key of `ACTIVATIONS`.
         normalization: A key of `NORMALIZATIONS`.
         style: A key of `STYLES`.
+        kernel: Side of the second convolution, odd; the paper's is 3.
+        dilation: Pixels from one of its samples to the next.
 
     Raises:
         InputError: F is odd or a key is unknown.
@@ -68,6 +70,8 @@ class ResBlock(nn.Module):
         activation: str = "softplus",
         normalization: str = "instance",
         style: str = "text",
+        kernel: int = 3,
+        dilation: int = 1,
     ) -> None:
         super().__init__()
         if filters < 2 or filters % 2:
@@ -80,7 +84,7 @@ class ResBlock(nn.Module):
             nn.Conv2d(channels, first, 1),
             act(),
             norm(first),
-            nn.Conv2d(first, second, 3, padding=1),
+            nn.Conv2d(first, second, kernel, padding=dilation * (kernel // 2), dilation=dilation),
             act(),
             norm(second),
             nn.Conv2d(second, filters, 1),

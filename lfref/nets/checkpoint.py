@@ -1,7 +1,8 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them. Reading is `weights_only`, networks are built from a table of names, and addresses are refused.
+beside them, or none of it, in a file of safetensors. Reading is `weights_only`, networks are built from a table of
+names, and addresses are refused.
 """
 
 import importlib
@@ -14,7 +15,7 @@ from torch import Tensor, nn
 
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes, planes_from
-from lfref.io import tensors
+from lfref.io import safetensors, tensors
 from lfref.nets.kinds import KINDS
 from lfref.nets.network import Network
 
@@ -102,7 +103,9 @@ def read(path: str | Path) -> dict[str, Any]:
     if not Path(path).is_file():
         raise CheckpointError(f"no checkpoint at {path}", remedy="give the .ckpt file of a run (RUN/checkpoints)")
     try:
-        contents = torch.load(path, map_location="cpu", weights_only=True)
+        contents = _weights(path) if Path(path).suffix == safetensors.SUFFIX else _pickled(path)
+    except CheckpointError:
+        raise
     # Over a foreign file the unpickler raises whatever it stumbles on; torch's advice to load it unsafely is not ours.
     except Exception as error:
         raise CheckpointError(f"{path} is damaged or no checkpoint", remedy="train or copy it anew") from error
@@ -111,6 +114,31 @@ def read(path: str | Path) -> dict[str, Any]:
     ):
         raise CheckpointError(f"{path} was not written by lfref", remedy="give the .ckpt file of an lfref run")
     return contents
+
+
+def _pickled(path: str | Path) -> Any:
+    return torch.load(path, map_location="cpu", weights_only=True)
+
+
+def _weights(path: str | Path) -> dict[str, Any]:
+    """A file of weights alone, as `write_weights` wrote it."""
+    state, told = safetensors.read(path)
+    return told | {"state_dict": state}
+
+
+def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
+    """Write the network of a checkpoint alone, as safetensors, which `read` reads too.
+
+    Args:
+        path: File to write, `NAME.safetensors`; replaced as a whole or not at all.
+        contents: Of `read`.
+        notes: How it was made, plain containers.
+
+    Raises:
+        FileError: The file cannot be written.
+    """
+    state = {name: each for name, each in contents["state_dict"].items() if name.startswith(PREFIX)}
+    safetensors.write(path, state, {"lfref": contents["lfref"], "notes": notes})
 
 
 def _build(path: str | Path, entry: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:

@@ -1,7 +1,8 @@
 """The refiner: a small residual network that corrects refocused planes, each by itself, by guides that come with it.
 
 It works on a coarser grid of pixels with more channels (pixel unshuffle): as many weights a pixel reach farther and
-cost less. What it adds to a picture starts at nothing, since its last convolution does.
+cost less. What it adds is in units of the doubt that comes with a picture: where methods agree and views do too, there
+is nothing to correct, be a scene clean or noisy. It starts at nothing, since the last convolution does.
 Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column, `r` pixels along a coarse one.
 Source of the grid: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel
 Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep Residual Networks", 2017.
@@ -16,9 +17,6 @@ from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
 from lfref.nets.blocks import ACTIVATIONS
-
-SCALE = 0.05
-"""Light that an output of 1 adds: corrections are small."""
 
 
 class RefinerBlock(nn.Module):
@@ -41,7 +39,7 @@ class RefinerBlock(nn.Module):
 
 
 class Refiner(nn.Module):
-    """Guides [..., N, K, H, W] and pictures [..., N, C, H, W] -> better pictures, of the same shape.
+    """Guides [..., N, K, H, W], pictures [..., N, C, H, W] and doubts [..., N, 1, H, W] -> better pictures.
 
     Args:
         n_guides: Channels of guides, K.
@@ -56,7 +54,8 @@ class Refiner(nn.Module):
         InputError: An option that no network can be built from.
 
     Example:
-        >>> Refiner(n_guides=4, width=8)(torch.rand(2, 4, 16, 17), torch.rand(2, 3, 16, 17)).shape
+        >>> guides, pictures, doubts = torch.rand(2, 8, 16, 17).split([4, 3, 1], dim=1)
+        >>> Refiner(n_guides=4, width=8)(guides, pictures, doubts).shape
         torch.Size([2, 3, 16, 17])
     """
 
@@ -89,12 +88,13 @@ class Refiner(nn.Module):
         self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
         self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, channels * shuffle**2, 3, padding=1)))
 
-    def forward(self, guides: Tensor, pictures: Tensor) -> Tensor:
+    def forward(self, guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
         """Correct pictures.
 
         Args:
             guides: In the type of the weights, [..., N, K, H, W].
             pictures: What is corrected, [..., N, C, H, W]; any type.
+            doubts: Light that an output of 1 adds, of the type of the pictures, [..., N, 1, H, W].
 
         Raises:
             InputError: Guides of another number of channels.
@@ -111,7 +111,7 @@ class Refiner(nn.Module):
         coarse = F.pixel_unshuffle(padded, self.shuffle).contiguous(memory_format=torch.channels_last)
         features = self.blocks(self.stem(coarse))
         added = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
-        return pictures + SCALE * added.reshape(pictures.shape).to(pictures)
+        return pictures + doubts * added.reshape(pictures.shape).to(pictures)
 
 
 def _silent(layer: nn.Conv2d) -> nn.Conv2d:

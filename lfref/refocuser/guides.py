@@ -13,6 +13,7 @@ from functools import cached_property
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import chosen
@@ -26,6 +27,10 @@ from lfref.refocuser.operators import OperatorRefocuser
 
 POINTS = OperatorRefocuser("points", functools.partial(shift_and_sum, interpolation="cubic"))
 """The plain sum of the views, which the other guides are measured by."""
+WINDOW = 5
+"""Pixels along the side of what is around a pixel."""
+LEAST = 1e-6
+"""Light that counts for nothing."""
 CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
 
 
@@ -86,6 +91,24 @@ class Seen:
         return self._of(CELLS, self.light)
 
     @cached_property
+    def doubt(self) -> Tensor:
+        """How far a picture may be off, [N, 1, H, W]: how far methods disagree around a pixel, and chance.
+
+        Chance is the standard error of a mean of views that differ as these do.
+        """
+        apart = (self.sums - self.pictures).abs() + (self.cells - self.pictures).abs()
+        n_views = math.prod(self.light.grid)
+        return _around(apart.mean(1, keepdim=True)) + self.spread / math.sqrt(n_views)
+
+    def of_doubt(self, difference: Tensor) -> Tensor:
+        """A difference in units of the doubt, large ones as their logarithm: alike for clean scenes and others.
+
+        Args:
+            difference: In light, [N, channels, H, W].
+        """
+        return (difference / (self.doubt + LEAST)).asinh()
+
+    @cached_property
     def defocus(self) -> Tensor:
         """How far each pixel of the central view is from each plane, s - d, [N, 1, H, W]."""
         return self.slopes.to(self.disparities)[:, None, None, None] - self.disparities
@@ -118,14 +141,16 @@ class Seen:
 
 GUIDES: dict[str, Callable[[Seen], Tensor]] = {
     "picture": lambda seen: seen.pictures - 0.5,
-    "sum": lambda seen: 10 * (seen.sums - seen.pictures),
-    "cells": lambda seen: 10 * (seen.cells - seen.pictures),
-    "inner": lambda seen: 10 * seen.inner,
-    "spread": lambda seen: 5 * seen.spread,
+    "detail": lambda seen: seen.of_doubt(seen.pictures - _around(seen.pictures)) / 3,
+    "sum": lambda seen: seen.of_doubt(seen.sums - seen.pictures),
+    "cells": lambda seen: seen.of_doubt(seen.cells - seen.pictures),
+    "inner": lambda seen: seen.of_doubt(seen.inner) / 3,
+    "spread": lambda seen: seen.of_doubt(seen.spread) / 3,
     "defocus": lambda seen: torch.cat([seen.defocus.tanh(), (0.3 * seen.defocus.abs()).tanh()], 1),
-    "central": lambda seen: 3 * (seen.central - seen.pictures),
+    "central": lambda seen: seen.of_doubt(seen.central - seen.pictures) / 3,
     "coverage": lambda seen: 2 * (1 - seen.coverage),
     "views": lambda seen: torch.full_like(seen.spread, math.log2(math.prod(seen.light.grid)) / 3 - 2),
+    "doubt": lambda seen: (seen.doubt + LEAST).log10() / 2 + 1.5,
 }
 """Each (seen) -> [N, channels, H, W], of the order of 1."""
 
@@ -144,3 +169,8 @@ def guides(seen: Seen, names: Sequence[str]) -> Tensor:
         InputError: There is no such guide.
     """
     return torch.cat([chosen("guide", name, GUIDES)(seen) for name in names], 1)
+
+
+def _around(images: Tensor) -> Tensor:
+    """The mean of what is around each pixel, [N, channels, H, W]."""
+    return F.avg_pool2d(images, WINDOW, 1, WINDOW // 2, count_include_pad=False)

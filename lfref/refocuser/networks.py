@@ -5,14 +5,18 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lfref.errors import CheckpointError, InputError
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
 from lfref.refocuser import filling, refined
-from lfref.refocuser.refocuser import Refocuser, uneven
+from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.refocuser import Aperture, Refocuser, uneven
+
+SHIPPED = Path(__file__).parents[1] / "weights" / "learned.safetensors"
+"""How it was trained stands in the file itself."""
 
 
 class NetworkRefocuser(Refocuser):
@@ -33,6 +37,11 @@ class NetworkRefocuser(Refocuser):
         self.name = network.name if name is None else name
         self.planes = None if network.n_planes is None else planes
         self.grid = network.grid
+
+    def to(self, device: torch.device) -> "NetworkRefocuser":
+        """As in `Refocuser`."""
+        self.network.to(device)
+        return self
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -61,8 +70,8 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     """Read a trained refocuser.
 
     Args:
-        path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. None stands
-            for a model that ships with lfref; this version ships none.
+        path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. None is
+            the model that ships with lfref, which makes any planes of any even grid.
         device: Where the network goes.
 
     Returns:
@@ -79,10 +88,31 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
         (torch.Size([2, 3, 24, 32]), ('slope -1', 'slope 1'))
     """
     if path is None:
-        raise CheckpointError("no model ships with this version", remedy="train one (lfref train) and give its path")
+        return learned(device=device)
     path = Run.of(path).best if Path(path).is_dir() else Path(path)
     contents = checkpoint.read(path)
     if refined.KIND in contents["lfref"]:
         return refined.restored(path, contents, run_name(path), device)
     network, planes = checkpoint.restored(path, contents)
     return NetworkRefocuser(network.to(device), planes, run_name(path))
+
+
+def learned(
+    name: str = "learned", aperture: Aperture | None = None, device: str | torch.device = "cpu"
+) -> RefinedRefocuser:
+    """The model that ships with lfref: a classical method whose pictures a network corrects.
+
+    Args:
+        name: As tables and legends call it.
+        aperture: Weights of the views, whatever their grid; None weighs all alike.
+        device: Where the network goes.
+
+    Raises:
+        CheckpointError: The installation is damaged.
+
+    Example:
+        >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
+        torch.Size([2, 3, 48, 64])
+    """
+    made = refined.restored(SHIPPED, checkpoint.read(SHIPPED), name, device)
+    return made.through(aperture)

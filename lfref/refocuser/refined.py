@@ -42,7 +42,7 @@ class RefinedRefocuser(Refocuser):
     """A classical method and the network that corrects its pictures, without gradients.
 
     Args:
-        refiner: Guides and pictures -> better pictures.
+        refiner: Guides, pictures and doubts -> better pictures.
         base: Makes the pictures.
         names: Of the guides.
         name: As tables and legends call it.
@@ -53,6 +53,11 @@ class RefinedRefocuser(Refocuser):
         self.base = base
         self.names = tuple(names)
         self.name = name
+
+    def to(self, device: torch.device) -> "RefinedRefocuser":
+        """As in `Refocuser`."""
+        self.refiner.to(device)
+        return self
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -94,10 +99,9 @@ class RefinedRefocuser(Refocuser):
         seen = Seen(light, slopes, self.base)
         read = guides(seen, self.names)
         n_at_once = max(1, AT_ONCE // read[0].numel())
-        parts = zip(read.split(n_at_once), seen.pictures.split(n_at_once), strict=True)
+        parts = zip(*(each.split(n_at_once) for each in (read, seen.pictures, seen.doubt)), strict=True)
         with torch.autocast(read.device.type, torch.bfloat16, enabled=_is_half_faster(read.device)):
-            made = torch.cat([self.refiner(*part) for part in parts])
-        return torch.where(seen.pictures.abs().amax(1, keepdim=True) > 0, made, seen.pictures)
+            return torch.cat([self.refiner(*part) for part in parts])
 
 
 def _is_half_faster(device: torch.device) -> bool:

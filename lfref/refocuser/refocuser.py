@@ -77,6 +77,14 @@ class Refocuser(abc.ABC):
         """
         return self
 
+    def to(self, device: torch.device) -> "Refocuser":
+        """Itself, its weights on a device, if it has any.
+
+        Args:
+            device: That of the views.
+        """
+        return self
+
     def cell_width(self, slopes: Tensor) -> float:
         """Pixels that the area of a view's cell blurs the blurriest plane by; 0 where views are points.
 

@@ -116,6 +116,10 @@ class RandomScenes(Scenes):
         # No two numbers side by side at its end: files would look like views by row and column.
         return dataclasses.replace(scene, name=f"simulated_s{seed}_e{epoch}_{index:03d}")
 
+    def plain(self) -> "RandomScenes":
+        """The same of matte surfaces that stand still."""
+        return dataclasses.replace(self, glossy=0.0, mirror=0.0, glass=0.0, emissive=0.0, moving=0.0)
+
     def drawn(self, generator: Generator) -> Scene:
         """Draw a scene.
 

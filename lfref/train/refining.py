@@ -17,7 +17,7 @@ class Refining(Fitting):
     """Trains a refiner.
 
     Args:
-        net: Guides and pictures -> better pictures.
+        net: Guides, pictures and doubts -> better pictures.
         loss: Of refined pictures, truth and pictures.
         recipe: Of the planes that it learns from; its method and guides go into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
@@ -40,11 +40,11 @@ class Refining(Fitting):
 
     def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
         """The loss of one batch."""
-        return self._loss(batch, self.net(batch["guides"], batch["pictures"]), "train")
+        return self._loss(batch, self(batch["guides"], batch["pictures"], batch["doubts"]), "train")
 
     def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
         """The loss, PSNR and what it gained, of one held-out light field, logged."""
-        made = self.net(batch["guides"], batch["pictures"])
+        made = self(batch["guides"], batch["pictures"], batch["doubts"])
         self._loss(batch, made, "val")
         truth = batch["pictures"] + batch["missing"]
         after, before = psnr(made.clamp(0, 1), truth).mean(), psnr(batch["pictures"], truth).mean()

@@ -17,7 +17,7 @@ def folder(tmp_path):
     for index in range(6):
         pictures = torch.rand(2, 3, 20, 24)
         guides = torch.cat([pictures, pictures + 1], 1)
-        item = Item(guides, pictures, pictures / 2, torch.zeros(2, dtype=torch.float64))
+        item = Item(guides, pictures, pictures[:, :1] / 4, pictures / 2, torch.zeros(2, dtype=torch.float64))
         plane_sets.write(plane_sets.path_of(tmp_path, index), item)
     return tmp_path
 
@@ -34,6 +34,7 @@ def test_guides_pictures_and_what_is_missing_are_cropped_and_turned_alike(folder
     assert batch["pictures"].shape == (2, 3, 16, 16)
     torch.testing.assert_close(batch["guides"][:, :3], batch["pictures"], atol=1e-3, rtol=1e-3)
     torch.testing.assert_close(batch["guides"][:, 3:] - 1, batch["pictures"], atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(batch["doubts"], batch["pictures"][:, :1] / 4, atol=1e-3, rtol=1e-3)
     torch.testing.assert_close(batch["missing"], batch["pictures"] / 2, atol=1e-3, rtol=1e-3)
 
 

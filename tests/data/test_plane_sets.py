@@ -19,7 +19,7 @@ from lfref.simulator.scenes import RandomScenes
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SCENES = RandomScenes(Camera((3, 3), (40, 44)), sensor=RandomSensor(noise=1.0, tone_curve=0.5))
-RECIPE = Recipe(SCENES, BASE, seed=5, grids=((3, 3), (5, 5)), ranges=((-3.0, -2.0),), ideal=0.5)
+RECIPE = Recipe(SCENES, BASE, seed=5, grids=((3, 3), (5, 5)), ranges=((-3.0, -2.0),), plain=0.0, ideal=0.5)
 
 
 def equal(one, two):
@@ -38,7 +38,8 @@ def test_items_are_fixed_by_recipe_and_number():
 def test_an_item_has_planes_near_focus_and_others_each_with_its_guides():
     item = plane_sets.make(RECIPE, 0)
     assert item.pictures.shape == item.missing.shape == (4, 3, 40, 44)
-    assert item.guides.shape == (4, 18, 40, 44)
+    assert item.guides.shape == (4, 22, 40, 44)
+    assert item.doubts.shape == (4, 1, 40, 44)
     assert -3 <= float(item.slopes[3]) <= -2
     assert float(item.slopes[:3].abs().max()) < 2 + plane_sets.NEAR
 
@@ -61,6 +62,18 @@ def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
     assert float(spoilt.missing[:2].std()) > 1.1 * float(ideal.missing[:2].std())
 
 
+def test_plain_scenes_are_matte_and_still_and_have_no_sensor():
+    varied = RandomScenes(Camera((3, 3), (40, 44)), mirror=1.0, moving=1.0, sensor=RandomSensor(noise=1.0))
+    recipe = dataclasses.replace(RECIPE, scenes=varied, plain=1.0, ideal=0.0)
+    bare = dataclasses.replace(recipe, scenes=dataclasses.replace(RandomScenes(varied.camera)), plain=0.0, ideal=1.0)
+    assert equal(plane_sets.make(recipe, 2), plane_sets.make(bare, 2))
+
+
+def test_shares_are_of_one_whole():
+    with pytest.raises(InputError, match="shares of plain and ideal"):
+        dataclasses.replace(RECIPE, plain=0.7, ideal=0.5)
+
+
 def test_cameras_with_vignetting_have_a_white_picture():
     falling = dataclasses.replace(
         RECIPE, ideal=0.0, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(vignetting=1.0, field=(1.0, 1.0)))
@@ -81,6 +94,7 @@ def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):
     error = (kept.pictures + kept.missing - truth).abs()
     assert bool((error <= 1e-3 * kept.missing.abs() + 1e-6).all())
     torch.testing.assert_close(kept.guides, item.guides, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(kept.doubts, item.doubts, atol=1e-7, rtol=1e-3)
     assert torch.equal(kept.slopes, item.slopes)
 
 

@@ -55,6 +55,15 @@ def test_with_a_silent_body_the_block_is_the_activation_of_its_input():
     torch.testing.assert_close(block(features), nn.functional.softplus(features))
 
 
+@pytest.mark.parametrize(("kernel", "dilation", "reach"), [(3, 1, 1), (5, 1, 2), (3, 3, 3), (5, 2, 4), (1, 4, 0)])
+def test_a_block_sees_as_far_as_the_kernel_in_its_middle(kernel, dilation, reach):
+    block = ResBlock(2, 4, normalization="none", kernel=kernel, dilation=dilation)
+    features = torch.rand(1, 2, 13, 13, requires_grad=True)
+    block(features)[0, :, 6, 6].sum().backward()
+    seen = features.grad[0].abs().sum(0).nonzero() - 6
+    assert (int(seen.min()), int(seen.max())) == (-reach, reach)
+
+
 def test_instance_norm_can_learn_scale_and_offset():
     norm = NORMALIZATIONS["instance"](4)
     assert norm.affine

@@ -5,7 +5,7 @@ import torch
 from torch.autograd import gradcheck
 
 from lfref.errors import InputError
-from lfref.nets.refiner import SCALE, Refiner
+from lfref.nets.refiner import Refiner
 
 
 def trained(**options):
@@ -17,9 +17,13 @@ def trained(**options):
     return net.eval()
 
 
+def doubts(pictures, value=0.05):
+    return torch.full_like(pictures[..., :1, :, :], value)
+
+
 def test_it_starts_by_leaving_pictures_as_they_are():
     pictures = torch.rand(5, 3, 16, 18)
-    assert torch.equal(Refiner(4)(torch.rand(5, 4, 16, 18), pictures), pictures)
+    assert torch.equal(Refiner(4)(torch.rand(5, 4, 16, 18), pictures, doubts(pictures)), pictures)
 
 
 @pytest.mark.parametrize("size", [(16, 18), (15, 17), (1, 1), (2, 3)])
@@ -27,22 +31,26 @@ def test_it_starts_by_leaving_pictures_as_they_are():
 def test_any_size_and_any_leading_axes_keep_their_shape(size, shuffle):
     guides, pictures = torch.rand(2, 5, 4, *size), torch.rand(2, 5, 3, *size)
     net = trained(shuffle=shuffle)
-    made = net(guides, pictures)
+    made = net(guides, pictures, doubts(pictures))
     assert made.shape == pictures.shape
-    torch.testing.assert_close(made[1, 2], net(guides[1, 2], pictures[1, 2]), atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(
+        made[1, 2], net(guides[1, 2], pictures[1, 2], doubts(pictures[1, 2])), atol=1e-6, rtol=1e-5
+    )
     assert not torch.equal(made, pictures)
 
 
 def test_planes_do_not_know_of_each_other():
     guides, pictures, net = torch.rand(3, 4, 12, 12), torch.rand(3, 3, 12, 12), trained()
     others = torch.cat([guides[:1], torch.rand(2, 4, 12, 12)])
-    torch.testing.assert_close(net(others, pictures)[0], net(guides, pictures)[0], atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(
+        net(others, pictures, doubts(pictures))[0], net(guides, pictures, doubts(pictures))[0], atol=1e-6, rtol=1e-5
+    )
 
 
 def test_a_shift_by_a_coarse_pixel_shifts_the_correction():
     guides, net = torch.rand(4, 64, 64), trained()
     nothing = torch.zeros(3, 64, 64)
-    made, moved = net(guides, nothing), net(guides.roll((2, 4), (1, 2)), nothing)
+    made, moved = (net(each, nothing, doubts(nothing)) for each in (guides, guides.roll((2, 4), (1, 2))))
     torch.testing.assert_close(moved[:, 24:40, 24:40], made[:, 22:38, 20:36], atol=1e-6, rtol=1e-5)
 
 
@@ -50,19 +58,20 @@ def test_without_blocks_it_is_two_convolutions_written_out():
     net = trained(n_guides=2, n_blocks=0, shuffle=1, width=3, channels=1)
     guides, pictures = torch.rand(1, 2, 6, 7), torch.rand(1, 1, 6, 7)
     inner = torch.nn.functional.silu(net.stem(guides))
-    expected = pictures + SCALE * net.head[1](inner)
-    torch.testing.assert_close(net(guides, pictures), expected)
+    doubted = torch.rand(1, 1, 6, 7)
+    expected = pictures + doubted * net.head[1](inner)
+    torch.testing.assert_close(net(guides, pictures, doubted), expected)
 
 
 def test_pictures_keep_their_type_and_what_is_added_comes_in_that_of_the_weights():
     net = trained().bfloat16()
-    made = net(torch.rand(2, 4, 8, 8).bfloat16(), torch.rand(2, 3, 8, 8))
+    made = net(torch.rand(2, 4, 8, 8).bfloat16(), torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8))
     assert made.dtype == torch.float32
 
 
 def test_gradients():
     net = trained(width=4, n_blocks=1).double()
-    inputs = [torch.rand(1, n, 5, 6, dtype=torch.float64, requires_grad=True) for n in (4, 3)]
+    inputs = [torch.rand(1, n, 5, 6, dtype=torch.float64, requires_grad=True) for n in (4, 3, 1)]
     assert gradcheck(net, inputs)
 
 
@@ -75,3 +84,13 @@ def test_sizes_that_make_no_network_are_refused(option):
 def test_an_unknown_activation_is_refused():
     with pytest.raises(InputError, match="activation"):
         Refiner(4, activation="sigmoidal")
+
+
+def test_where_there_is_no_doubt_pictures_stay_as_they_are():
+    pictures = torch.rand(2, 3, 8, 8)
+    assert torch.equal(trained()(torch.rand(2, 4, 8, 8), pictures, doubts(pictures, 0.0)), pictures)
+
+
+def test_another_number_of_guides_is_refused():
+    with pytest.raises(InputError, match="4 guides"):
+        trained()(torch.rand(2, 5, 8, 8), torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8))

@@ -133,6 +133,7 @@ def test_n_blocks_is_the_number_of_blocks_whatever_the_widths():
         {"n_blocks": 5},
         {"activation": "gelu", "normalization": "group", "style": "sibling"},
         {"stem_kernel": 5, "head_kernel": 3, "normalization": "batch"},
+        {"shuffle": 2, "kernel": 5, "dilation": 2},
     ],
 )
 def test_config_rebuilds_the_same_network_through_plain_text(options):
@@ -158,6 +159,71 @@ def test_config_rebuilds_the_same_network_through_plain_text(options):
 def test_views_that_do_not_fit_are_refused(shape, message):
     with pytest.raises(InputError, match=message):
         RefNet(**TINY)(torch.rand(shape))
+
+
+def test_networks_of_before_the_coarser_grid_are_built_and_run_as_they_were():
+    network = RefNet(**TINY).eval()
+    old = {name: value for name, value in network.config.items() if name not in ("shuffle", "kernel", "dilation")}
+    twin = RefNet(**old).eval()
+    twin.load_state_dict(network.state_dict())
+    views = torch.rand(2, 3, 2, 1, 6, 5)
+    written_out = torch.relu(twin.head(twin.trunk(views.reshape(2, 6, 6, 5)))).reshape(2, 2, 1, 6, 5)
+    assert torch.equal(network(views), written_out)
+
+
+@pytest.mark.parametrize("shuffle", [2, 3, 4])
+@pytest.mark.parametrize("size", [(8, 8), (7, 9), (5, 13), (2, 10)])
+def test_a_coarser_grid_keeps_pictures_of_any_size(shuffle, size):
+    network = RefNet(**TINY | {"channels": 3}, shuffle=shuffle)
+    views = torch.rand(2, 3, 2, 3, *size)
+    assert network(views).shape == (2, 2, 3, *size)
+    assert network.features(views).shape == (2, 6 * shuffle**2, *(-(-length // shuffle) for length in size))
+
+
+def test_on_a_coarser_grid_every_pixel_is_its_own_channel_at_its_place():
+    network = RefNet(**TINY, shuffle=2)
+    with torch.no_grad():
+        network.head.weight.zero_()
+        network.head.bias.copy_(torch.arange(8) / 10)
+    expected = torch.tensor([[[0.0, 0.1], [0.2, 0.3]], [[0.4, 0.5], [0.6, 0.7]]]).repeat(1, 3, 3)[:, None, :5, :6]
+    torch.testing.assert_close(network(torch.rand(3, 2, 1, 5, 6)), expected)
+
+
+def test_a_coarser_grid_starts_at_the_brightness_of_its_labels():
+    network = RefNet(**TINY, shuffle=2)
+    views, labels = torch.rand(4, 3, 2, 1, 15, 21), torch.full((4, 2, 1, 15, 21), 0.5)
+    labels[:, 1] = 0.8
+    network.prime(views, None, labels)
+    means = network(views)[..., :14, :20].mean((0, 2, 3, 4))
+    torch.testing.assert_close(means, torch.tensor([0.5, 0.8]), atol=0.05, rtol=0)
+
+
+def reach(**options):
+    """How many pixels a pixel in the middle of the stack sees to the left, and to the right; nothing normalised."""
+    network = RefNet(n_planes=1, grid=(1, 1), channels=1, stem_width=8, normalization="none", **options)
+    nn.init.constant_(network.head.bias, 10.0)  # the last ReLU must not hide the gradients
+    nn.init.constant_(network.trunk[-2].bias, 10.0)
+    nn.init.constant_(network.trunk[0].bias, 10.0)
+    views = torch.rand(1, 1, 1, 9, 129, requires_grad=True)
+    network.double()(views.double())[..., 4, 64].sum().backward()
+    seen = views.grad.abs().sum((0, 1, 2, 3)).nonzero()[:, 0] - 64
+    return -int(seen.min()), int(seen.max())
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"widths": (4,) * 11}, (12, 12)),  # the paper's: 25 x 25 pixels
+        ({"widths": (4,) * 3}, (4, 4)),
+        ({"widths": (4,) * 3, "kernel": 5}, (7, 7)),
+        ({"widths": (4,) * 3, "dilation": 3}, (10, 10)),
+        # Pixel 64 is the first of a coarse one: it sees 4 coarse ones on either side, and those whole.
+        ({"widths": (4,) * 3, "shuffle": 2}, (8, 9)),
+        ({"widths": (4,) * 3, "shuffle": 4, "stem_kernel": 1}, (12, 15)),
+    ],
+)
+def test_how_far_a_pixel_sees(options, expected):
+    assert reach(**options) == expected
 
 
 def test_integers_are_refused():
@@ -203,6 +269,13 @@ def test_repeated_runs_are_bit_equal_and_threads_agree_to_a_hundred_thousandth()
         torch.testing.assert_close(alone, together, rtol=0, atol=1e-5 * max(1, alone.abs().max().item()))
 
 
+def test_views_of_one_coarse_pixel_are_refused():
+    network = RefNet(**TINY, shuffle=4)
+    assert bool(network(torch.rand(3, 2, 1, 4, 5)).isfinite().all())
+    with pytest.raises(InputError, match="more than one pixel of 4x4; got 4x4"):
+        network(torch.rand(3, 2, 1, 4, 4))
+
+
 def test_the_narrowest_views_that_have_a_neighbour_work():
     assert bool(RefNet(**TINY)(torch.rand(3, 2, 1, 1, 2)).isfinite().all())
 
@@ -218,6 +291,9 @@ def test_the_narrowest_views_that_have_a_neighbour_work():
         ({"stem_width": -1}, "must be positive"),
         ({"stem_kernel": 2}, "must be odd"),
         ({"head_kernel": 0}, "must be odd"),
+        ({"kernel": 4}, "must be odd"),
+        ({"shuffle": 0}, "must be positive"),
+        ({"dilation": 0}, "must be positive"),
         ({"widths": ()}, "at least one block and one width"),
         ({"n_blocks": 0}, "at least one block and one width"),
         ({"widths": (6, 3)}, "must be even"),

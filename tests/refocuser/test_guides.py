@@ -6,7 +6,7 @@ import torch
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.guides import GUIDES, Seen, guides
+from lfref.refocuser.guides import GUIDES, POINTS, Seen, guides
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
@@ -17,6 +17,7 @@ BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SLOPES = torch.tensor([-0.6, 0.4, 2.0], dtype=torch.float64)
 CHANNELS = {
     "picture": 3,
+    "detail": 3,
     "sum": 3,
     "cells": 3,
     "inner": 1,
@@ -25,6 +26,7 @@ CHANNELS = {
     "central": 3,
     "coverage": 1,
     "views": 1,
+    "doubt": 1,
 }
 
 
@@ -97,6 +99,22 @@ def test_samples_that_are_not_trusted_are_not_looked_at():
     mended = Seen(LightField(spoilt, weight=weight), SLOPES, BASE)
     assert float((mended.central - whole.central).abs().max()) < 0.3
     assert float((mended.disparities - whole.disparities).abs().mean()) < 0.02
+
+
+def test_the_doubt_is_the_standard_error_where_methods_agree():
+    views = 0.5 + 0.1 * torch.randn(7, 7, 3, 40, 44)
+    still = Seen(LightField(views), torch.zeros(1, dtype=torch.float64), POINTS)
+    apart = (still.cells - still.pictures).abs().mean()
+    error = still.doubt.mean() - apart
+    assert float(error) == pytest.approx(0.1 / 7 / 3**0.5, rel=0.05)  # of a mean of 49 views, in grey
+
+
+def test_differences_are_told_in_units_of_the_doubt_whatever_the_light():
+    light = seen()
+    for name in ("sum", "cells", "inner", "spread", "central", "detail"):
+        dim = Seen(LightField(light.light.views / 64), SLOPES, BASE)
+        # The map of disparities, which cells depend on, is made of other numbers: here and there it differs.
+        assert float((GUIDES[name](dim) - GUIDES[name](light)).abs().median()) < 0.01, name
 
 
 def test_one_view_has_no_disparity():

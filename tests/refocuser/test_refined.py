@@ -8,6 +8,7 @@ import torch
 from lfref.errors import CheckpointError, InputError
 from lfref.io import tensors
 from lfref.lightfield import LightField
+from lfref.nets import checkpoint
 from lfref.nets.refiner import Refiner
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
@@ -46,7 +47,7 @@ def fresh():
 def test_it_is_the_method_corrected_by_the_network(refocuser):
     views = torch.rand(3, 3, 3, 20, 22)
     seen = Seen(LightField(views), SLOPES, BASE)
-    expected = refocuser.refiner(guides(seen, GUIDES), seen.pictures)
+    expected = refocuser.refiner(guides(seen, GUIDES), seen.pictures, seen.doubt)
     torch.testing.assert_close(refocuser(views, SLOPES), expected.detach(), atol=2e-3, rtol=0)
 
 
@@ -76,8 +77,10 @@ def test_grey_views_are_as_well_coloured_ones(refocuser):
     torch.testing.assert_close(refocuser(grey, SLOPES), expected)
 
 
-def test_black_stays_black(refocuser):
-    assert float(refocuser(torch.zeros(3, 3, 3, 16, 18), SLOPES).abs().max()) == 0
+@pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
+def test_what_is_constant_stays_so_and_black_stays_black(refocuser, value):
+    stack = refocuser(torch.full((3, 3, 3, 16, 18), value), SLOPES)
+    torch.testing.assert_close(stack, torch.full_like(stack, value), atol=1e-4 * value, rtol=0)
 
 
 def test_samples_that_are_not_trusted_count_as_they_do_for_the_method(fresh):
@@ -157,3 +160,10 @@ def test_methods_that_no_checkpoint_can_name_are_refused():
 def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):
     with pytest.raises(CheckpointError):
         networks.load(written(tmp_path / "net.ckpt", refiner(), changes=changes))
+
+
+def test_weights_alone_refocus_as_their_checkpoint_does(tmp_path):
+    path = written(tmp_path / "net.ckpt", refiner())
+    checkpoint.write_weights(tmp_path / "net.safetensors", checkpoint.read(path), {"command": "lfref train"})
+    views = torch.rand(3, 3, 3, 20, 22)
+    assert torch.equal(networks.load(tmp_path / "net.safetensors")(views, SLOPES), networks.load(path)(views, SLOPES))

@@ -23,7 +23,11 @@ from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, plots, tables
 from lfref.report import front as picture
 from lfref.simulator import sim30
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import RandomScenes
 
+HELD_OUT = 2_000_003
+"""Seed of the scenes drawn at random."""
 TIMES = ["median_s", "p10_s", "p90_s", "ratio_to_numpy_fft"]
 
 
@@ -55,7 +59,7 @@ def front(config: DictConfig, folder: Path) -> None:
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    methods = [*configs.build(config.methods).values(), *networks]
+    methods = [*(method.to(device) for method in configs.build(config.methods).values()), *networks]
     name_apart(methods)
     return methods
 
@@ -65,12 +69,18 @@ def _judges(
 ) -> tuple[Iterable[Subject], list[LightField]]:
     """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
     if config.input is None:
-        scenes = progress(shared.scenes(config.judged).values(), "judging by truth")
+        scenes = progress([*shared.scenes(config.judged).values(), *_varied(config)], "judging by truth")
         fields = [field.to(device) for field in shared.light_fields(config, methods)]
         chosen("correct", config.correct, CORRECTIONS)
         return subjects.simulated(scenes, planes.slopes, device, config.correct), fields
     judges = list(_of_captures(config, methods, planes, device))
     return progress(judges, f"judging by {judges[0].reference}"), [judge.light for judge in judges]
+
+
+def _varied(config: DictConfig) -> list[Scene]:
+    """Scenes drawn at random; sets of planes are drawn from other seeds, so that no network has seen them."""
+    held_out: RandomScenes = configs.build(config.held_out)
+    return [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
 
 
 def _of_captures(

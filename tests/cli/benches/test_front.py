@@ -75,3 +75,10 @@ def test_scenes_that_do_not_exist_are_one_clear_line(lfref, tmp_path):
     status, errors = lfref("bench", "judged=[moon]", f"output={tmp_path}/run")
     assert status == 1
     assert "sim30 scene must be one of plane" in errors
+
+
+def test_scenes_are_drawn_at_random_too(front):
+    found, _ = front("judged=[]", "varied=3", "margin=4", "held_out.camera.size=[64,72]", "scene.camera.size=[32,40]")
+    names = list(dict.fromkeys(row["scene"] for row in found["scenes"]))
+    assert names == [f"simulated_s2000003_e0_{index:03d}" for index in range(3)]
+    assert {row["class"] for row in found["scenes"]} >= {"ideal", "corrected"}

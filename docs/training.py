@@ -1,0 +1,64 @@
+"""Train the networks of an experiment by `lfref train`: a process of one thread for each processor.
+
+A network whose run is finished stays as it is, one that was interrupted goes on, one that was set up in another way is
+refused.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from rich.progress import track
+
+from lfref.cli.resume import FOLDERS, key_of, quoted
+from lfref.io.run import Run
+
+QUIET = ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures")
+
+
+def train(wanted: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
+    """Train what is not trained yet.
+
+    Args:
+        wanted: Run folder -> what it is set up by, as on the command line.
+
+    Returns:
+        Run folder -> what went wrong, of those that failed.
+
+    Raises:
+        SystemExit: Another run lies in a folder.
+    """
+    left = {folder: overrides for folder, overrides in wanted.items() if not _is_done(folder, overrides)}
+    print(f"{len(wanted) - len(left)} of {len(wanted)} networks are trained")
+    with ThreadPoolExecutor(os.cpu_count()) as processors:
+        made = processors.map(_train, left.keys(), left.values())
+        told = track(made, description="training", total=len(left))
+        return {folder: error for folder, error in zip(left, told, strict=True) if error}
+
+
+def _is_done(folder: Path, overrides: Iterable[str]) -> bool:
+    run = Run(folder)
+    if not run.has_checkpoints:
+        return False
+    if (before := _told(run.overrides)) != (now := _told([*overrides, *QUIET])):
+        raise SystemExit(f"{folder} holds a run of {' '.join(sorted(before ^ now))}: move it away, or delete it")
+    return run.is_finished
+
+
+def _told(overrides: Iterable[str]) -> set[str]:
+    return {override for override in overrides if key_of(override) not in FOLDERS}
+
+
+def _train(folder: Path, overrides: Sequence[str]) -> str:
+    """Train one network; what it said last if it failed."""
+    said = [f"resume={folder}"] if Run(folder).has_checkpoints else [*overrides, *QUIET, f"output={quoted(folder)}"]
+    if not Run(folder).has_checkpoints:
+        shutil.rmtree(folder, ignore_errors=True)  # a run that was stopped before its first epoch ended
+    command = [sys.executable, "-m", "lfref.cli.main", "train", *said]
+    one_thread = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    ended = subprocess.run(command, env=one_thread, capture_output=True, text=True)
+    return ended.stderr[-2000:] if ended.returncode else ""

@@ -1,0 +1,56 @@
+"""Put the network of a training run into the package, with how it was made: `python docs/weights.py RUN`.
+
+Run by `make weights`.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import yaml
+
+import lfref
+from lfref.data import plane_sets
+from lfref.io.run import Run
+from lfref.nets import checkpoint
+from lfref.refocuser import networks
+
+
+def notes(run: Run) -> dict[str, object]:
+    """How the network of a run was made, and what it came to on fields that it was not trained on."""
+    validated = [row for row in run.metrics if row.get("val/gain") is not None]
+    best = max(validated, key=lambda row: row["val/gain"] or 0.0)
+    folder = Path(run.config["data"]["folder"] or _folder(run))
+    return {
+        "lfref": lfref.__version__,
+        "command": f"lfref train {run.told}",
+        "set": json.loads((folder / "set.json").read_text("utf-8")),
+        "fields": len(list(folder.glob(f"*{plane_sets.SUFFIX}"))),
+        "steps": int(best["step"] or 0) + 1,
+        "gain_db": best["val/gain"],
+        "mpsnr_db": best["val/mpsnr"],
+    }
+
+
+def _folder(run: Run) -> Path:
+    """Where the set of a run lies in the cache."""
+    from lfref.cli import config as configs
+
+    recipe = configs.build(run.config["recipe"])
+    return plane_sets.folder_of(recipe, Path(run.config["data"]["cache_folder"]).expanduser())
+
+
+def main() -> None:
+    """Write `lfref/weights/learned.safetensors`."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path)
+    parser.add_argument("--to", type=Path, default=networks.SHIPPED)
+    asked = parser.parse_args()
+    run = Run.of(asked.run)
+    told = notes(run)
+    checkpoint.write_weights(asked.to, checkpoint.read(run.best), told)
+    print(yaml.safe_dump({**told, "file": str(asked.to), "bytes": asked.to.stat().st_size}, sort_keys=False))
+
+
+if __name__ == "__main__":
+    main()
