@@ -113,8 +113,8 @@ def of_refiner(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, d
     def parts(field: SimulatedField) -> list[Inputs]:
         seen = guides.Seen(field, planes.slopes, refiner.base)
         read = guides.guides(seen, refiner.names)
-        pairs = zip(read.split(n_at_once), seen.pictures.split(n_at_once), strict=True)
-        return [tuple(each.to(device).contiguous() for each in pair) for pair in pairs]
+        split = zip(*(each.split(n_at_once) for each in (read, seen.pictures, seen.doubt)), strict=True)
+        return [tuple(each.to(device).contiguous() for each in part) for part in split]
 
     shots = [Shot(field.name, parts(field), field.photograph(planes.values)) for field in fields.whole]
     patches = [part for field in fields.patches for part in parts(field)]

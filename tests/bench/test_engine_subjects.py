@@ -67,11 +67,11 @@ def test_a_refiner_reads_guides_and_pictures_in_the_parts_that_its_refocuser_mak
     subject = engine_subjects.of_refiner(refiner, fields, planes, CPU)
     for shot, field in zip(subject.shots, fields.whole, strict=True):
         # Three planes would fit, and the fourth would be a part of another shape.
-        assert [tuple(guides.shape) for guides, _ in shot.parts] == [(2, 6, 32, 40)] * 2
+        assert [tuple(guides.shape) for guides, *_ in shot.parts] == [(2, 6, 32, 40)] * 2
         with torch.no_grad():
             stack = shot.stack(subject.network)
         torch.testing.assert_close(stack, refiner(field, planes.slopes), atol=2e-3, rtol=0)
         assert (stack - BASE(field, planes.slopes)).std() > 1e-3
         assert torch.equal(shot.truth, field.photograph(planes.values))
-    assert [tuple(guides.shape) for guides, _ in subject.patches] == [(2, 6, 24, 24)] * 2
+    assert [tuple(guides.shape) for guides, *_ in subject.patches] == [(2, 6, 24, 24)] * 2
     assert (subject.name, subject.is_trained) == ("refined", True)

@@ -1,4 +1,4 @@
-"""Small networks with odd sizes, as jobs: the one that reads views, and the one that reads guides and pictures."""
+"""Small networks with odd sizes, as jobs: one that reads views, and one that reads guides, pictures and doubts."""
 
 import torch
 
@@ -23,8 +23,11 @@ def refiner(device="cpu"):
     for layer in network.modules():
         if isinstance(layer, torch.nn.Conv2d):
             torch.nn.init.kaiming_normal_(layer.weight)
-    patches = [(torch.randn(4, 5, *PATCH), torch.rand(4, 3, *PATCH)) for _ in range(3)]
-    return _job(network, (torch.randn(4, 5, *SIZE), torch.rand(4, 3, *SIZE)), patches, device)
+    drawn = [
+        (torch.randn(4, 5, *size), torch.rand(4, 3, *size), 0.05 * torch.rand(4, 1, *size))
+        for size in (SIZE, PATCH, PATCH, PATCH)
+    ]
+    return _job(network, drawn[0], drawn[1:], device)
 
 
 def _job(network, example, patches, device):
