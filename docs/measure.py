@@ -15,6 +15,7 @@ import learned
 import maps
 import marked
 import pandas as pd
+import runtimes
 import scene_costs
 import torch
 import truths
@@ -135,6 +136,7 @@ FIGURES = {
     **hard_cases.TABLES,
     **learned.TABLES,
     **maps.TABLES,
+    **runtimes.TABLES,
     **scene_costs.TABLES,
 }
 

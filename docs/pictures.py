@@ -16,6 +16,7 @@ import effects
 import hard_cases
 import numpy as np
 import paper_pictures
+import runtimes
 import scenes
 import sheets
 import torch
@@ -218,6 +219,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     **against_mitsuba.PICTURES,
     **hard_cases.PICTURES,
     **paper_pictures.PICTURES,
+    **runtimes.PICTURES,
 }
 
 

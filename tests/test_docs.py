@@ -18,6 +18,7 @@ LARGEST = 120_000  # bytes of a picture
 PLOTS = {  # drawn from what runs have left
     "accuracy_time.png": "figures/bench",
     "causes.png": "figures/causes",
+    "engines.png": "figures/engines",
     **dict.fromkeys(("paper_scatter.png", "paper_by_alpha.png", "paper_comparison.jpg"), "paper/truth.csv"),
 }
 

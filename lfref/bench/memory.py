@@ -6,6 +6,7 @@ libraries and compilation do not count. The process makes random views of its ow
 """
 
 import ctypes
+import functools
 import math
 import multiprocessing
 import re
@@ -13,12 +14,14 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
+
+Result = TypeVar("Result")
 
 PROCESS = Path("/proc/self")
 MARGIN = 8  # pixels that a warm-up field is larger than the slopes demand
@@ -86,35 +89,60 @@ def peak(workload: Workload, device: torch.device) -> Peak | None:
     Returns:
         The peak; None on the CPU of a system that has no `/proc` of Linux.
     """
+    if device.type == "cuda" or not _is_told():
+        return _beyond_views(workload, device)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, context, torch.set_num_threads, (workload.threads,)) as fresh:
+        return fresh.submit(_beyond_views, workload, device).result()
+
+
+def resident(device: torch.device) -> int | None:
+    """Bytes that this process holds, freed memory given back first; None as for `peak`.
+
+    Args:
+        device: Whose memory: the GPU's, or the machine's.
+    """
     if device.type == "cuda":
-        return _beyond_views_on_gpu(workload, device)
-    if not (PROCESS / "clear_refs").exists():
+        torch.cuda.empty_cache()
+        return torch.cuda.memory_allocated(device)
+    if not _is_told():
         return None
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as fresh:
-        return fresh.submit(_beyond_views, workload).result()
+    _return_freed_memory()
+    return _status("VmRSS")
 
 
-def _beyond_views_on_gpu(workload: Workload, device: torch.device) -> Peak:
+def highest(run: Callable[[], Result], device: torch.device) -> tuple[Result, int | None]:
+    """What a call returns, and the bytes that this process holds at the highest during it; None as for `peak`.
+
+    Args:
+        run: The call.
+        device: As for `resident`.
+    """
+    if device.type == "cuda":
+        torch.cuda.reset_peak_memory_stats(device)
+        return run(), torch.cuda.max_memory_allocated(device)
+    if not _is_told():
+        return run(), None
+    (PROCESS / "clear_refs").write_text("5")  # the highest so far is forgotten
+    return run(), _status("VmHWM")
+
+
+def _beyond_views(workload: Workload, device: torch.device) -> Peak | None:
+    """Memory at its highest during the call, less that before it."""
+    if resident(device) is None:
+        return None
     workload.small().run(workload.small().views(device))
     views = workload.views(device)
-    torch.cuda.empty_cache()
-    torch.cuda.reset_peak_memory_stats(device)
-    before = torch.cuda.memory_allocated(device)
-    stack = workload.run(views)
-    return Peak(torch.cuda.max_memory_allocated(device) - before, stack.nbytes)
+    before = resident(device)
+    stack, most = highest(functools.partial(workload.run, views), device)
+    assert before is not None
+    assert most is not None
+    return Peak(most - before, stack.nbytes)
 
 
-def _beyond_views(workload: Workload) -> Peak:
-    """In a process of its own: resident memory at its highest during the call, less that before it."""
-    cpu = torch.device("cpu")
-    torch.set_num_threads(workload.threads)
-    workload.small().run(workload.small().views(cpu))
-    views = workload.views(cpu)
-    _return_freed_memory()
-    (PROCESS / "clear_refs").write_text("5")  # the highest so far is forgotten
-    before = _status("VmRSS")
-    stack = workload.run(views)
-    return Peak(_status("VmHWM") - before, stack.nbytes)
+def _is_told() -> bool:
+    """Whether the system tells what a process holds."""
+    return (PROCESS / "clear_refs").exists()
 
 
 def _return_freed_memory() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from lfref.cli.benches.causes import causes
+from lfref.cli.benches.engines import engines
 from lfref.cli.benches.front import front
 from lfref.cli.benches.operators import operators
 from lfref.cli.benches.simulate import simulate
@@ -17,6 +18,7 @@ GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "front": front,
     "causes": causes,
     "operators": operators,
+    "engines": engines,
     "simulate": simulate,
     "stability": stability,
 }

@@ -10,7 +10,7 @@ import pandas as pd
 
 from lfref.errors import FileError, LfrefError
 from lfref.io.run import Run
-from lfref.report import causes, costs, front, plots, stability, tables
+from lfref.report import causes, costs, engines, front, plots, stability, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
@@ -181,6 +181,21 @@ def operators(folder: Path) -> Section:
     )
 
 
+def runtimes(folder: Path) -> Section:
+    """What each engine makes of networks.
+
+    Args:
+        folder: Run folder of `lfref bench group=engines`.
+    """
+    rows = tables.read_table(folder / "engines.csv")
+    text = (
+        "One pass of a network for the whole stack, the fastest of several, beside PyTorch's own in float32. What is "
+        "lost is PSNR against what a lens would have recorded; of a network without training, whose pictures show "
+        "nothing, how near they are to those of float32. The start is all that comes before a second pass."
+    )
+    return Section("Engines", text, {"Engines": engines.engines(rows)}, {"All figures": rows})
+
+
 def sweep(folder: Path) -> Section:
     """The jobs of a multirun, best first.
 
@@ -213,6 +228,7 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "bench.csv": benchmark,
     "causes.csv": where_decibels_are,
     "operators.csv": operators,
+    "engines.csv": runtimes,
     "goals.csv": stability.goals,
     "stability.csv": stability.hard_cases,
     "contact_sheet.png": refocusing,

@@ -1,0 +1,48 @@
+"""CUDA graphs: the GPU's commands of one pass are recorded once and replayed, so that the CPU need not issue them.
+
+Source: PyTorch, "CUDA semantics", section "CUDA Graphs".
+"""
+
+import torch
+from torch import Tensor
+
+from lfref.engines import channels_last
+from lfref.engines.engine import BF16, FP32, Job, Run, Way, in_bf16
+
+WARMUP = 3
+"""Passes before the recording, in which libraries choose their algorithms."""
+
+
+def fp32(job: Job) -> Run:
+    """The network, recorded."""
+    return _recorded(channels_last.arranged(job.network), job)
+
+
+def bf16(job: Job) -> Run:
+    """Likewise, with convolutions in bfloat16."""
+    return _recorded(in_bf16(channels_last.arranged(job.network)), job)
+
+
+def _recorded(run: Run, job: Job) -> Run:
+    # A graph reads and writes where it did when it was recorded.
+    inputs = tuple(each.clone() for each in job.example)
+    stream = torch.cuda.Stream(job.device)
+    stream.wait_stream(torch.cuda.current_stream(job.device))
+    with torch.cuda.stream(stream):
+        for _ in range(WARMUP):
+            run(*inputs)
+    torch.cuda.current_stream(job.device).wait_stream(stream)
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        stack = run(*inputs)
+
+    def replayed(*given: Tensor) -> Tensor:
+        for place, each in zip(inputs, given, strict=True):
+            place.copy_(each)
+        graph.replay()
+        return stack.clone()
+
+    return replayed
+
+
+WAYS = {precision: Way(prepare, devices=("cuda",)) for precision, prepare in ((FP32, fp32), (BF16, bf16))}

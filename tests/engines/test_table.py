@@ -1,0 +1,120 @@
+"""Every engine computes what eager float32 computes, to what its precision allows; what is missing is told."""
+
+import copy
+
+import pytest
+import torch
+
+from lfref.engines import engine as engines
+from lfref.engines import table
+from lfref.engines.engine import Job, Way
+from lfref.engines.table import ENGINES
+from lfref.errors import InputError
+from tests.engines import cases
+
+CPU = torch.device("cpu")
+EVERY = [(engine, precision) for engine, ways in ENGINES.items() for precision in ways]
+ALLOWED = {"fp32": 1e-5, "bf16": 0.1, "int8": 0.3}
+"""Root mean square of what changes, beside the standard deviation of what the network adds or draws."""
+
+
+def prepared(engine, precision, job):
+    """The engine, or a skip that says why it can't be had."""
+    lacking = table.way(engine, precision).lacking(job.device)
+    if lacking is not None:
+        pytest.skip(str(lacking))
+    return table.prepared(engine, precision, job)
+
+
+def error(job, stack):
+    """Root mean square of the change beside that of what the network makes of its pictures."""
+    with torch.no_grad():
+        exact = job.network(*job.example)
+    made = exact - (job.example[1] if len(job.example) > 1 else exact.mean())
+    return float((stack - exact).square().mean().sqrt() / made.square().mean().sqrt())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("network", cases.JOBS)
+@pytest.mark.parametrize(("engine", "precision"), EVERY)
+def test_an_engine_computes_what_the_network_computes(engine, precision, network):
+    job = cases.JOBS[network]("cuda" if "cuda" in engine and torch.cuda.is_available() else "cpu")
+    before = copy.deepcopy(job.network.state_dict())
+    run = prepared(engine, precision, job)
+    first, again = run(*job.example), run(*job.example)
+    assert (first.shape, first.dtype) == (job.network(*job.example).shape, torch.float32)
+    assert error(job, first) < ALLOWED[precision]
+    if precision != "fp32":
+        assert error(job, first) > 1e-5, "it is no other precision"
+    # Results are the caller's: another pass doesn't write into them.
+    run(*(0.5 * each for each in job.example))
+    torch.testing.assert_close(first, again, rtol=0, atol=1e-6)
+    assert all(torch.equal(value, before[name]) for name, value in job.network.state_dict().items())
+
+
+def test_an_engine_that_cannot_run_here_says_in_a_line_what_it_lacks():
+    def told(way):
+        return str(way.lacking(CPU))
+
+    assert Way(None).lacking(CPU) is None
+    expected = "this engine needs a package; got no nothing_like_it; pip install 'lfref[export]'"
+    assert told(Way(None, packages=("torch", "nothing_like_it"))) == expected
+    assert told(Way(None, devices=("cuda",))) == "this engine runs on cuda; got cpu"
+    assert told(Way(None, programs=("no-such-compiler",))).startswith("this engine needs a C++ compiler; got none")
+    assert Way(None, programs=("no-such-compiler", "sh")).lacking(CPU) is None
+
+
+def test_what_is_missing_is_an_error_where_it_is_asked_for(monkeypatch):
+    monkeypatch.setattr(engines.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="got no openvino and no nncf; pip install"):
+        table.prepared("openvino", "int8", cases.refnet())
+
+
+@pytest.mark.parametrize(
+    ("engine", "precision", "said"),
+    [
+        ("tensorrt", "fp32", "engine must be one of eager"),
+        ("eager", "int8", "precision of engine eager must be"),
+    ],
+)
+def test_an_engine_or_precision_that_is_not_there_is_told(engine, precision, said):
+    with pytest.raises(InputError, match=said):
+        table.prepared(engine, precision, cases.refnet())
+
+
+def test_a_network_in_training_and_whole_numbers_without_patches_are_refused():
+    job = cases.refnet()
+    with pytest.raises(InputError, match="got training mode"):
+        table.prepared("eager", "fp32", Job(copy.deepcopy(job.network).train(), job.example))
+    pytest.importorskip("onnxruntime")
+    with pytest.raises(InputError, match="got no patches"):
+        table.prepared("onnxruntime", "int8", Job(job.network, job.example))
+
+
+def test_inputs_of_another_shape_or_type_are_refused_by_every_engine_alike():
+    run = table.prepared("eager", "fp32", cases.refiner())
+    rest = torch.rand(4, 3, 31, 45), torch.rand(4, 1, 31, 45)
+    with pytest.raises(InputError, match="prepared for 4x5x31x45 float32, 4x3x31x45 float32, 4x1x31x45 float32; got 4x5x31x44"):
+        run(torch.rand(4, 5, 31, 44), *rest)
+    with pytest.raises(InputError, match="got 4x5x31x45 float64"):
+        run(torch.rand(4, 5, 31, 45).double(), *rest)
+
+
+def test_an_engine_takes_no_gradients():
+    job = cases.refnet()
+    job.network.requires_grad_(True)
+    assert not table.prepared("channels_last", "bf16", job)(*job.example).requires_grad
+
+
+@pytest.mark.slow
+def test_two_networks_compiled_one_after_the_other_keep_their_own_weights():
+    jobs = [cases.refnet(), cases.refnet()]
+    runs = [prepared("compile", "fp32", job) for job in jobs]
+    for job, run in [*zip(jobs, runs, strict=True), (jobs[0], runs[0])]:
+        assert error(job, run(*job.example)) < ALLOWED["fp32"]
+    assert error(jobs[0], jobs[1].network(*jobs[0].example)) > 0.1
+
+
+def test_whole_numbers_are_for_inner_convolutions_of_more_than_a_pixel():
+    kernels = {"stem": (3, 3), "wide": (1, 1), "inner": (3, 3), "row": (1, 5), "head": (1, 1)}
+    assert engines.left_in_float(kernels) == ["stem", "wide", "head"]
