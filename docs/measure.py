@@ -11,7 +11,6 @@ from pathlib import Path
 
 import against_mitsuba
 import hard_cases
-import learned
 import maps
 import marked
 import pandas as pd
@@ -134,7 +133,6 @@ FIGURES = {
     "explanation": truths.explanation,
     **against_mitsuba.TABLES,
     **hard_cases.TABLES,
-    **learned.TABLES,
     **maps.TABLES,
     **runtimes.TABLES,
     **scene_costs.TABLES,
