@@ -1,8 +1,8 @@
 """The refiner: a small residual network that corrects refocused planes, each by itself, by guides that come with it.
 
 It works on a coarser grid of pixels with more channels (pixel unshuffle): as many weights a pixel reach farther and
-cost less. What it adds is in units of the doubt that comes with a picture: where methods agree and views do too, there
-is nothing to correct, be a scene clean or noisy. It starts at nothing, since the last convolution does.
+cost less. What it adds is in units of the doubt that comes with a picture: where methods agree there is nothing to
+correct, be a scene clean or noisy. It starts at nothing, since the last convolution does.
 Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column, `r` pixels along a coarse one.
 Source of the grid: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel
 Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep Residual Networks", 2017.

@@ -94,14 +94,16 @@ class Seen:
 
     @cached_property
     def doubt(self) -> Tensor:
-        """How far a picture may be off, [N, 1, H, W]: how far methods disagree around a pixel, and chance.
+        """How far a picture may be off, [N, 1, H, W]: as far as from the nearer one of two others, around a pixel.
 
-        Chance is the standard error of a mean of views that differ as these do. Where not all views see a pixel there
-        is more that nobody can know: pictures are left as they are, and their doubt is 0.
+        Where not all views see a pixel there is more that nobody can know: pictures are left as they are, and their
+        doubt is 0.
         """
-        apart = (self.sums - self.pictures).abs() + (self.cells - self.pictures).abs()
-        chance = self.spread / math.sqrt(math.prod(self.light.grid))
-        return (_around(apart.mean(1, keepdim=True)) + chance) * (self.coverage > 1 - SEEN)
+        apart = [(other - self.pictures).abs() for other in (self.sums, self.cells)]
+        # A method that makes one of these itself is measured by the other.
+        others = [each for each in apart if bool(each.any())] or apart
+        nearer = torch.stack(others).amin(0).mean(1, keepdim=True)
+        return _around(nearer) * (self.coverage > 1 - SEEN)
 
     def of_doubt(self, difference: Tensor) -> Tensor:
         """A difference in units of the doubt, large ones as their logarithm: alike for clean scenes and others.

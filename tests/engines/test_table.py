@@ -94,8 +94,7 @@ def test_a_network_in_training_and_whole_numbers_without_patches_are_refused():
 def test_inputs_of_another_shape_or_type_are_refused_by_every_engine_alike():
     run = table.prepared("eager", "fp32", cases.refiner())
     rest = torch.rand(4, 3, 31, 45), torch.rand(4, 1, 31, 45)
-    fitting = "prepared for 4x5x31x45 float32, 4x3x31x45 float32, 4x1x31x45 float32"
-    with pytest.raises(InputError, match=f"{fitting}; got 4x5x31x44"):
+    with pytest.raises(InputError, match=r"prepared for 4x5x31x45 float32, .*, 4x1x31x45 float32; got 4x5x31x44"):
         run(torch.rand(4, 5, 31, 44), *rest)
     with pytest.raises(InputError, match="got 4x5x31x45 float64"):
         run(torch.rand(4, 5, 31, 45).double(), *rest)

@@ -19,7 +19,7 @@ from lfref.refocuser.guides import Seen, guides
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 
-BASE = OperatorRefocuser("cubic", functools.partial(shift_and_sum, interpolation="cubic"))
+BASE = OperatorRefocuser("linear", shift_and_sum)
 GUIDES = ("picture", "spread", "central")
 SLOPES = torch.tensor([-0.6, 0.0, 0.4], dtype=torch.float64)
 

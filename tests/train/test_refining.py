@@ -19,7 +19,7 @@ from lfref.train.refining import Refining
 from tests.data.test_plane_sets import SCENES
 from tests.train.test_resume import quiet
 
-BASE = OperatorRefocuser("shift_and_sum_cubic", functools.partial(shift_and_sum, interpolation="cubic"))
+BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 RECIPE = Recipe(SCENES, BASE, guides=("picture", "spread"))
 
 
@@ -65,7 +65,7 @@ def test_a_checkpoint_of_averaged_weights_refocuses_and_goes_on(module, data, tr
     fit = trainer(max_steps=20, callbacks=[best, EMAWeightAveraging(decay=0.9)], **options)
     fit.fit(module, datamodule=data)
     refocuser = lfref.load(tmp_path / "best.ckpt")
-    assert refocuser.base.name == "shift_and_sum_cubic"
+    assert refocuser.base.name == "shift_and_sum"
     views = torch.rand(5, 5, 3, 20, 22)
     stack = refocuser(views, [-0.5, 0.3])
     assert stack.shape == (2, 3, 20, 22)
