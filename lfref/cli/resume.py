@@ -21,7 +21,7 @@ KEY = "resume="
 FOLDERS = "output", "folder", "resume"
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
 """What a run is; to change it makes another run."""
-FREE = "_target_", "cache_folder", "workers", "timeout"
+FREE = "_target_", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
 """Entries of these that change nothing in what is learned, or that are compared in another way."""
 SHOWN = 4
 
@@ -118,7 +118,8 @@ def refuse_changes(run: Run, config: dict[str, Any]) -> None:
         InputError: They differ; they are named.
     """
     kept = run.config
-    found = [change for key in PROTECTED for change in _changes(key, kept.get(key), config.get(key))]
+    known = [key for key in PROTECTED if key in kept]  # an older version of lfref may not have had all
+    found = [change for key in known for change in _changes(key, kept[key], config.get(key))]
     # Interpolated values stand in several places: the first one names them all.
     named = {(name.rpartition(".")[2], values): f"{name} ({values})" for name, values in reversed(found)}
     if named:
