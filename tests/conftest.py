@@ -1,6 +1,8 @@
 """Shared by all tests: a fixed seed, and where the real capture lies on machines that have it."""
 
+import importlib.util
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,13 @@ import torch
 # made it thirty times slower. Children of the tests inherit it.
 os.environ["OMP_NUM_THREADS"] = "1"
 torch.set_num_threads(1)
+
+# OpenVINO brings absl, whose log handler closes what was standard error when it was imported if that is another one
+# by then: here pytest's capture.
+if importlib.util.find_spec("absl") is not None:
+    from absl import logging as absl_logging
+
+    absl_logging.get_absl_handler().python_handler.stream = sys.__stderr__
 
 ROOT = Path(__file__).resolve().parents[1]
 
