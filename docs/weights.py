@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 
 import lfref
+from lfref.cli import config as configs
 from lfref.data import plane_sets
 from lfref.io.run import Run
 from lfref.nets import checkpoint
@@ -34,8 +35,6 @@ def notes(run: Run) -> dict[str, object]:
 
 def _folder(run: Run) -> Path:
     """Where the set of a run lies in the cache."""
-    from lfref.cli import config as configs
-
     recipe = configs.build(run.config["recipe"])
     return plane_sets.folder_of(recipe, Path(run.config["data"]["cache_folder"]).expanduser())
 

@@ -1,7 +1,7 @@
 """What every training module has in common: its optimiser and schedule, also across a resume."""
 
 import abc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import torch
@@ -65,6 +65,17 @@ class Fitting(LightningModule, abc.ABC):
         }
         made = self._optimization(iter([nn.Parameter(torch.zeros(()))]))
         resume.refit(checkpoint, *made, done[self.interval])
+
+    def log_stage(self, stage: str, values: Mapping[str, Tensor], batch_size: int) -> None:
+        """Log values as `STAGE/NAME`: of training each step, of validation their mean over the epoch.
+
+        Args:
+            stage: `train` or `val`.
+            values: By name.
+            batch_size: What they are means over.
+        """
+        named = {f"{stage}/{name}": value for name, value in values.items()}
+        self.log_dict(named, on_step=stage == "train", on_epoch=stage == "val", batch_size=batch_size, sync_dist=True)
 
     def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[torch.optim.Optimizer, LRScheduler | None]:
         try:

@@ -60,12 +60,5 @@ class Refining(Fitting):
 
     def _loss(self, batch: PlaneBatch, made: Tensor, stage: str) -> Tensor:
         loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"], batch["doubts"])
-        self.log(
-            f"{stage}/loss",
-            loss,
-            on_step=stage == "train",
-            on_epoch=stage == "val",
-            batch_size=len(made),
-            sync_dist=True,
-        )
+        self.log_stage(stage, {"loss": loss}, len(made))
         return loss

@@ -62,12 +62,5 @@ class Refocusing(Fitting):
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
         terms = self.loss.terms(stack, labels)
         total = self.loss.total(terms)
-        values = {f"{stage}/{name}": value for name, value in {"loss": total, **terms}.items()}
-        self.log_dict(
-            values,
-            on_step=stage == "train",
-            on_epoch=stage == "val",
-            batch_size=len(labels),
-            sync_dist=True,
-        )
+        self.log_stage(stage, {"loss": total, **terms}, len(labels))
         return total

@@ -6,6 +6,7 @@ import yaml
 
 from lfref.cli import config as configs
 from lfref.cli import train as command
+from lfref.train.refining import Refining
 from lfref.train.refocusing import Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 
@@ -58,7 +59,7 @@ def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, expe
     assert wandb.run is None
 
 
-def test_the_refiner_passes_a_fast_dev_run(lfref, composed, tmp_path):
+def test_the_refiner_passes_a_fast_dev_run(lfref, composed, tmp_path, monkeypatch):
     small = ("method@recipe.base=shift_and_sum", "recipe.scenes.camera.size=[40,40]", "recipe.grids=[[3,3]]")
     places = (f"cache_folder={tmp_path}/cache", f"output={tmp_path}/set")
     assert lfref("prepare", *small, *places, "n_fields=2", "workers=0")[0] == 0
@@ -69,7 +70,15 @@ def test_the_refiner_passes_a_fast_dev_run(lfref, composed, tmp_path):
         "net.width=8",
         "trainer.precision=32-true",
     )
+    losses, step = [], Refining.training_step
+
+    def watched(self, batch, batch_index):
+        losses.append(step(self, batch, batch_index))
+        return losses[-1]
+
+    monkeypatch.setattr(Refining, "training_step", watched)
     command.train(composed("train", "experiment=refiner", *small, *data, *FAST, "~callbacks.average"), tmp_path)
+    assert [bool(loss.isfinite()) for loss in losses] == [True]
 
 
 @pytest.mark.parametrize("label", thinned(sorted(path.stem for path in (configs.directory() / "label").glob("*.yaml"))))

@@ -52,6 +52,7 @@ def test_a_run_goes_on_as_it_was_set_up(lfref, trained):
     # A task names all others, the rate and its schedule too.
     kept = set(resume.PROTECTED) - {"task"}
     assert {key: after.get(key) for key in kept} == {key: before.get(key) for key in kept}
+    assert after["task"]["_target_"] == before["task"]["_target_"]
     assert (after["label"]["planes"]["convention"], after["loss"]["weights"]["beta"]) == ("parallel", 0.2)
     rows = logged(trained)
     assert rows[:2] == first
