@@ -7,7 +7,7 @@ from typing import Any
 import torch
 import wandb
 from hydra.core.hydra_config import HydraConfig
-from lightning.pytorch import Trainer, seed_everything
+from lightning.pytorch import LightningDataModule, Trainer, seed_everything
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
@@ -69,7 +69,8 @@ def train(config: DictConfig, folder: Path) -> None:
     quiet_libraries()
     seed_everything(config.seed, workers=True, verbose=False)
     torch.set_float32_matmul_precision(config.matmul_precision)
-    data, module = configs.build(config.data), _module(config)
+    data = configs.build(config.data)
+    module = _module(config, data)
     try:
         with failures.explained(folder):
             trainer = _trainer(config)
@@ -92,9 +93,9 @@ def _how_to_go_on(folder: Path) -> str:
     return f"{at}; go on by lfref train resume={folder}" if Run(folder).has_checkpoints else at
 
 
-def _module(config: DictConfig) -> Fitting:
-    planes = {"planes": fixed(config)} if "planes" in config.task else {}
-    module: Fitting = configs.build(config.task, **planes)
+def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
+    told = {"planes": fixed(config), "is_linear": getattr(data, "is_linear", True)} if "planes" in config.task else {}
+    module: Fitting = configs.build(config.task, **told)
     return module
 
 

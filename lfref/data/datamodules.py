@@ -59,6 +59,11 @@ class PatchData(LightningDataModule, abc.ABC):
         self.seed = seed
         self.timeout = timeout
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether views are linear light, or samples as files hold them."""
+        return True
+
     @abc.abstractmethod
     def sources(self) -> tuple[Source, Source]:
         """Light fields to train on, and light fields held out."""
@@ -121,6 +126,11 @@ class FolderData(PatchData):
         self.cache_folder = Path(cache_folder).expanduser()
         self.reader = dict(reader or {})
         self.correct = correct
+
+    @property
+    def is_linear(self) -> bool:
+        """Unless files are read without decoding them."""
+        return self.reader.get("encoding") != "none"
 
     def prepare_data(self) -> None:
         """Hash the fields in one process of a machine; the others find what it kept. Lightning calls this first."""

@@ -24,9 +24,16 @@ FORMATS = (1, 2)  # that can be read: 1 kept alphas in place of slopes
 PREFIX = "net."  # under which a training module holds its network
 
 
-def payload(network: Network, planes: FocalPlanes) -> dict[str, Any]:
-    """The entry `lfref` of a checkpoint: what builds the network again."""
-    return {"format": FORMAT, "network": {"name": network.name, **network.config}, "planes": planes.as_dict()}
+def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> dict[str, Any]:
+    """The entry `lfref` of a checkpoint: what builds the network again.
+
+    Args:
+        network: The network.
+        planes: What its planes are.
+        is_linear: Whether it reads linear light, or samples as files hold them.
+    """
+    told = {"network": {"name": network.name, **network.config}, "planes": planes.as_dict(), "is_linear": is_linear}
+    return {"format": FORMAT, **told}
 
 
 def kind(name: str) -> type[Network]:

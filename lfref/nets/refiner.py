@@ -1,11 +1,15 @@
 """The refiner: a small residual network that corrects refocused planes, each by itself, by guides that come with it.
 
+What it adds is mixed of offers, the first of the guides: other pictures of the same plane, less the one that is
+corrected, in units of the doubt that comes with it. So there is nothing to correct where methods agree, nothing can be
+invented, and all colours are treated alike. It starts at nothing, since the last convolution does.
 It works on a coarser grid of pixels with more channels (pixel unshuffle): as many weights a pixel reach farther and
-cost less. What it adds is in units of the doubt that comes with a picture: where methods agree there is nothing to
-correct, be a scene clean or noisy. It starts at nothing, since the last convolution does.
-Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column, `r` pixels along a coarse one.
+cost less.
+Letters: `N` planes, `K` channels of guides, `M` offers, `C H W` channel, pixel row and column, `r` pixels along the
+side of a coarse one.
 Source of the grid: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel
-Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep Residual Networks", 2017.
+Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep Residual Networks", 2017; of
+mixtures: Bako et al., "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017.
 """
 
 from collections.abc import Callable
@@ -17,6 +21,9 @@ from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
 from lfref.nets.blocks import ACTIVATIONS
+
+STEP = 0.1
+"""Weight that an output of 1 stands for: rates that suit the inner convolutions suit the last one then."""
 
 
 class RefinerBlock(nn.Module):
@@ -43,6 +50,7 @@ class Refiner(nn.Module):
 
     Args:
         n_guides: Channels of guides, K.
+        n_offers: How many of them are offers, of as many channels as pictures each: the first ones.
         channels: Of pictures, C.
         width: Channels within.
         n_blocks: Pairs of convolutions.
@@ -54,14 +62,15 @@ class Refiner(nn.Module):
         InputError: An option that no network can be built from.
 
     Example:
-        >>> guides, pictures, doubts = torch.rand(2, 8, 16, 17).split([4, 3, 1], dim=1)
-        >>> Refiner(n_guides=4, width=8)(guides, pictures, doubts).shape
+        >>> guides, pictures, doubts = torch.rand(2, 11, 16, 17).split([7, 3, 1], dim=1)
+        >>> Refiner(n_guides=7, n_offers=2, width=8)(guides, pictures, doubts).shape
         torch.Size([2, 3, 16, 17])
     """
 
     def __init__(
         self,
         n_guides: int,
+        n_offers: int,
         channels: int = 3,
         width: int = 48,
         n_blocks: int = 4,
@@ -70,12 +79,15 @@ class Refiner(nn.Module):
         activation: str = "silu",
     ) -> None:
         super().__init__()
-        if min(n_guides, channels, width, shuffle, kernel) < 1 or n_blocks < 0 or kernel % 2 == 0:
-            got = (n_guides, channels, width, n_blocks, shuffle, kernel)
+        if min(n_guides, n_offers, channels, width, shuffle, kernel) < 1 or n_blocks < 0 or kernel % 2 == 0:
+            got = (n_guides, n_offers, channels, width, n_blocks, shuffle, kernel)
             raise InputError("a refiner's sizes must be at least 1, n_blocks 0, its kernel odd", got=got)
+        if n_offers * channels > n_guides:
+            raise InputError("n_offers of all channels must be among the n_guides", got=f"{n_offers} and {n_guides}")
         make = chosen("activation", activation, ACTIVATIONS)
         self.config: dict[str, Any] = {
             "n_guides": n_guides,
+            "n_offers": n_offers,
             "channels": channels,
             "width": width,
             "n_blocks": n_blocks,
@@ -83,18 +95,19 @@ class Refiner(nn.Module):
             "kernel": kernel,
             "activation": activation,
         }
+        self.n_offers = n_offers
         self.shuffle = shuffle
         self.stem = nn.Conv2d(n_guides * shuffle**2, width, 3, padding=1)
         self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
-        self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, channels * shuffle**2, 3, padding=1)))
+        self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, n_offers * shuffle**2, 3, padding=1)))
 
     def forward(self, guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
         """Correct pictures.
 
         Args:
-            guides: In the type of the weights, [..., N, K, H, W].
+            guides: In the type of the weights, offers first, [..., N, K, H, W].
             pictures: What is corrected, [..., N, C, H, W]; any type.
-            doubts: Light that an output of 1 adds, of the type of the pictures, [..., N, 1, H, W].
+            doubts: Light that offers are in units of, of the type of the pictures, [..., N, 1, H, W].
 
         Raises:
             InputError: Guides of another number of channels.
@@ -110,8 +123,11 @@ class Refiner(nn.Module):
         # What convolutions on CPUs and on tensor cores read fastest.
         coarse = F.pixel_unshuffle(padded, self.shuffle).contiguous(memory_format=torch.channels_last)
         features = self.blocks(self.stem(coarse))
-        added = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
-        return pictures + doubts * added.reshape(pictures.shape).to(pictures)
+        shares = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width].to(pictures)
+        n_channels = self.n_offers * pictures.shape[-3]
+        offers = planes[:, :n_channels].to(pictures).unflatten(1, (self.n_offers, -1))
+        added = (STEP * shares[:, :, None] * offers).sum(1)
+        return pictures + doubts * added.reshape(pictures.shape)
 
 
 def _silent(layer: nn.Conv2d) -> nn.Conv2d:

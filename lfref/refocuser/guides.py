@@ -1,7 +1,8 @@
 """What a refiner reads of each plane: a classical picture of it, and what tells where that picture errs.
 
 Every guide is one entry of a table, made of the light field and the slopes alone, so that any view grid, any planes and
-any number of them serve.
+any number of them serve. Those of `OFFERS` are other pictures of the same plane, less the classical one: what a refiner
+mixes its correction of.
 Letters: `N` planes, `C H W` channel, pixel row and column, `s` slope, `d` disparity.
 """
 
@@ -16,7 +17,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import chosen
+from lfref.errors import InputError, chosen
+from lfref.functional import noise_line
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.focus.coarse_disparity import coarse_disparity
@@ -31,6 +33,8 @@ WINDOW = 5
 """Pixels along the side of what is around a pixel."""
 LEAST = 1e-6
 """Light that counts for nothing."""
+MOST = 3.0
+"""Doubts that no offer goes beyond."""
 SEEN = 1e-3
 """Share of the views that may miss a pixel which all of them see."""
 CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
@@ -93,8 +97,22 @@ class Seen:
         return self._of(CELLS, self.light)
 
     @cached_property
+    def smoother(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Pictures through wider and wider binomial filters, about 2, 5 and 9 pixels, [N, C, H, W] each."""
+        fine = _smooth(self.pictures, 1)
+        middle = _smooth(fine, 2)
+        return fine, middle, _smooth(middle, 4)
+
+    @cached_property
+    def chance(self) -> Tensor:
+        """Standard deviation that the noise of the views leaves in pictures, [N, 1, H, W]."""
+        shot, read = noise_line.measured(self.light)
+        light = self.pictures.mean(1, keepdim=True).clamp(min=0)
+        return ((shot * light + read) / self._n_views()).sqrt()
+
+    @cached_property
     def doubt(self) -> Tensor:
-        """How far a picture may be off, [N, 1, H, W]: as far as from the nearer one of two others, around a pixel.
+        """How far a picture may be off, [N, 1, H, W]: as its noise, and as far as the nearer one of two others is.
 
         Where not all views see a pixel there is more that nobody can know: pictures are left as they are, and their
         doubt is 0.
@@ -102,8 +120,8 @@ class Seen:
         apart = [(other - self.pictures).abs() for other in (self.sums, self.cells)]
         # A method that makes one of these itself is measured by the other.
         others = [each for each in apart if bool(each.any())] or apart
-        nearer = torch.stack(others).amin(0).mean(1, keepdim=True)
-        return _around(nearer) * (self.coverage > 1 - SEEN)
+        nearer = _around(torch.stack(others).amin(0).mean(1, keepdim=True))
+        return nearer.hypot(self.chance) * (self.coverage > 1 - SEEN)
 
     def of_doubt(self, difference: Tensor) -> Tensor:
         """A difference in units of the doubt, large ones as their logarithm: alike for clean scenes and others.
@@ -112,6 +130,15 @@ class Seen:
             difference: In light, [N, channels, H, W].
         """
         return (difference / (self.doubt + LEAST)).asinh()
+
+    def offered(self, other: Tensor) -> Tensor:
+        """Another picture less the classical one, in units of the doubt; none goes beyond `MOST`.
+
+        Args:
+            other: In light, [N, C, H, W].
+        """
+        difference = other - self.pictures
+        return difference / (self.doubt + LEAST + difference.abs() / MOST)
 
     @property
     def fraction(self) -> Tensor:
@@ -144,26 +171,56 @@ class Seen:
         inside = ((read > -1) & (read < n_pixels)).to(self.light.views)
         return inside.mean(1)
 
+    def _n_views(self) -> float:
+        """As many views of equal weight leave as much noise as the aperture does."""
+        if self.base.aperture is None:
+            return float(math.prod(self.light.grid))
+        weights = self.base.aperture(self.light.grid)
+        return float(weights.sum().square() / weights.square().sum())
+
     def _of(self, operator: OperatorRefocuser, light: LightField) -> Tensor:
         """Through the aperture of the classical pictures, if they have one."""
         return operator.through(self.base.aperture)(light, self.slopes)
 
 
-GUIDES: dict[str, Callable[[Seen], Tensor]] = {
+OFFERS: dict[str, Callable[[Seen], Tensor]] = {
+    "fine": lambda seen: seen.offered(seen.smoother[0]),
+    "middle": lambda seen: seen.offered(seen.smoother[1]),
+    "coarse": lambda seen: seen.offered(seen.smoother[2]),
+    "sum": lambda seen: seen.offered(seen.sums),
+    "cells": lambda seen: seen.offered(seen.cells),
+    "central": lambda seen: seen.offered(seen.central),
+}
+"""Each (seen) -> [N, C, H, W], in units of the doubt."""
+
+GUIDES: dict[str, Callable[[Seen], Tensor]] = OFFERS | {
     "picture": lambda seen: seen.pictures - 0.5,
-    "detail": lambda seen: seen.of_doubt(seen.pictures - _around(seen.pictures)) / 3,
-    "sum": lambda seen: seen.of_doubt(seen.sums - seen.pictures),
-    "cells": lambda seen: seen.of_doubt(seen.cells - seen.pictures),
     "inner": lambda seen: seen.of_doubt(seen.inner) / 3,
     "spread": lambda seen: seen.of_doubt(seen.spread) / 3,
     "defocus": lambda seen: torch.cat([seen.defocus.tanh(), (0.3 * seen.defocus.abs()).tanh()], 1),
-    "central": lambda seen: seen.of_doubt(seen.central - seen.pictures) / 3,
     "coverage": lambda seen: 2 * (1 - seen.coverage),
     "fraction": lambda seen: seen.fraction.expand_as(seen.spread),
     "views": lambda seen: torch.full_like(seen.spread, math.log2(math.prod(seen.light.grid)) / 3 - 2),
     "doubt": lambda seen: (seen.doubt + LEAST).log10() / 2 + 1.5,
+    "chance": lambda seen: (seen.chance + LEAST).log10() / 2 + 1.5,
 }
 """Each (seen) -> [N, channels, H, W], of the order of 1."""
+
+
+def check(names: Sequence[str], n_offers: int) -> None:
+    """Refuse guides that a refiner could not mix its corrections of.
+
+    Args:
+        names: Of the guides.
+        n_offers: How many of them it takes for offers: the first ones.
+
+    Raises:
+        InputError: They are no offers.
+    """
+    first = tuple(names)[:n_offers]
+    if len(first) < n_offers or not set(first) <= set(OFFERS):
+        remedy = "order the guides of the recipe, or set net.n_offers"
+        raise InputError(f"the first {n_offers} guides must be among {', '.join(OFFERS)}", got=first, remedy=remedy)
 
 
 def guides(seen: Seen, names: Sequence[str]) -> Tensor:
@@ -185,3 +242,13 @@ def guides(seen: Seen, names: Sequence[str]) -> Tensor:
 def _around(images: Tensor) -> Tensor:
     """The mean of what is around each pixel, [N, channels, H, W]."""
     return F.avg_pool2d(images, WINDOW, 1, WINDOW // 2, count_include_pad=False)
+
+
+def _smooth(images: Tensor, apart: int) -> Tensor:
+    """Half of each pixel and a quarter of those `apart` from it, across and down; beyond an edge is what lies at it."""
+    for padding, axis in (((apart, apart, 0, 0), -1), ((0, 0, apart, apart), -2)):
+        length = images.shape[axis]
+        padded = F.pad(images, padding, mode="replicate")
+        neighbours = padded.narrow(axis, 0, length) + padded.narrow(axis, 2 * apart, length)
+        images = 0.5 * images + 0.25 * neighbours
+    return images

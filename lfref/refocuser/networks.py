@@ -26,17 +26,21 @@ class NetworkRefocuser(Refocuser):
         network: Views and slopes -> stack.
         planes: What the planes of its labels were.
         name: As tables and legends call it; None takes the network's own.
+        is_linear: Whether it was trained on linear light, or on samples as files hold them; None: not known.
 
     Raises:
         InputError: The network makes another number of planes.
     """
 
-    def __init__(self, network: Network, planes: FocalPlanes, name: str | None = None) -> None:
+    def __init__(
+        self, network: Network, planes: FocalPlanes, name: str | None = None, is_linear: bool | None = None
+    ) -> None:
         checkpoint.check_number(network, planes)
         self.network = network.eval()
         self.name = network.name if name is None else name
         self.planes = None if network.n_planes is None else planes
         self.grid = network.grid
+        self.is_linear = is_linear
 
     def to(self, device: torch.device) -> "NetworkRefocuser":
         """As in `Refocuser`."""
@@ -94,7 +98,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     if refined.KIND in contents["lfref"]:
         return refined.restored(path, contents, run_name(path), device)
     network, planes = checkpoint.restored(path, contents)
-    return NetworkRefocuser(network.to(device), planes, run_name(path))
+    return NetworkRefocuser(network.to(device), planes, run_name(path), contents["lfref"].get("is_linear"))
 
 
 def learned(

@@ -22,7 +22,7 @@ from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
-from lfref.refocuser.guides import GUIDES, Seen, guides
+from lfref.refocuser.guides import GUIDES, Seen, check, guides
 from lfref.refocuser.operators import Operator, OperatorRefocuser
 from lfref.refocuser.refocuser import Aperture, Refocuser, uneven
 
@@ -46,9 +46,13 @@ class RefinedRefocuser(Refocuser):
         base: Makes the pictures.
         names: Of the guides.
         name: As tables and legends call it.
+
+    Raises:
+        InputError: Corrections cannot be mixed of these guides.
     """
 
     def __init__(self, refiner: Refiner, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
+        check(names, refiner.n_offers)
         self.refiner = refiner.eval()
         self.base = base
         self.names = tuple(names)
@@ -152,6 +156,7 @@ def restored(path: Path, contents: Mapping[str, Any], name: str, device: str | t
         names = list(entry["guides"])
         for each in names:
             chosen("guide", each, GUIDES)
+        check(names, refiner.n_offers)
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         raise CheckpointError(f"{path} describes no refiner that can be built", got=error) from error
     checkpoint.load_state(path, refiner, contents["state_dict"])

@@ -21,6 +21,9 @@ Aperture = Callable[[Sequence[int]], Tensor]
 """(grid (V, U)) -> weight of each view, [V, U]."""
 
 
+KINDS_OF_LIGHT = {True: "linear light", False: "samples as files hold them"}
+
+
 class Refocuser(abc.ABC):
     """A named way to refocus."""
 
@@ -30,6 +33,8 @@ class Refocuser(abc.ABC):
     """The only planes that it makes; None: any."""
     grid: tuple[int, int] | None = None
     """The only view rows and columns (V, U) that it reads; None: any."""
+    is_linear: bool | None = None
+    """Whether it was made for linear light, or for samples as files hold them; None: whatever comes."""
 
     @property
     def takes_positions(self) -> bool:
@@ -53,6 +58,10 @@ class Refocuser(abc.ABC):
             batches.check(light)
             return self.stack(light, None, self.slopes(slopes))
         batches.check(light.views)
+        if self.is_linear not in (None, light.is_linear):
+            wanted, got = (KINDS_OF_LIGHT[is_linear] for is_linear in (not light.is_linear, light.is_linear))
+            remedy = "read it with encoding=none" if light.is_linear else "read it without encoding=none"
+            raise InputError(f"{self.name} was trained on {wanted}", got=got, remedy=remedy)
         return self.stack(light.views, light.weight, self.slopes(slopes), light.positions)
 
     @abc.abstractmethod

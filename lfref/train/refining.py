@@ -11,6 +11,7 @@ from lfref.functional.psnr import psnr
 from lfref.losses.relative import RelativeError
 from lfref.nets.refiner import Refiner
 from lfref.refocuser import refined
+from lfref.refocuser.guides import check
 from lfref.train.fitting import Fitting, OptimizerFactory, SchedulerFactory
 
 
@@ -23,6 +24,9 @@ class Refining(Fitting):
         recipe: Of the planes that it learns from; its method and guides go into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
+
+    Raises:
+        InputError: Corrections cannot be mixed of the guides of the recipe.
     """
 
     interval = "step"
@@ -36,6 +40,7 @@ class Refining(Fitting):
         scheduler: SchedulerFactory | None = None,
     ) -> None:
         super().__init__(net, optimizer, scheduler)
+        check(recipe.guides, net.n_offers)
         self.loss = loss
         self.recipe = recipe
 

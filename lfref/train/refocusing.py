@@ -22,6 +22,7 @@ class Refocusing(Fitting):
         planes: What the planes of the labels are; goes into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
+        is_linear: Whether the data is linear light, or samples as files hold them; goes into every checkpoint.
 
     Raises:
         InputError: The network makes another number of planes.
@@ -34,11 +35,13 @@ class Refocusing(Fitting):
         planes: FocalPlanes,
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
+        is_linear: bool = True,
     ) -> None:
         super().__init__(net, optimizer, scheduler)
         checkpoints.check_number(net, planes)
         self.loss = loss
         self.planes = planes
+        self.is_linear = is_linear
         self.mpsnr = MPSNR(n_planes=len(planes))
         self.mssim = MSSIM(n_planes=len(planes))
 
@@ -57,7 +60,7 @@ class Refocusing(Fitting):
 
     def payload(self) -> dict[str, Any]:
         """What builds the network again, and what its planes are."""
-        return checkpoints.payload(self.net, self.planes)
+        return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
         terms = self.loss.terms(stack, labels)

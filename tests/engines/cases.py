@@ -19,7 +19,7 @@ def refnet(device="cpu"):
 
 def refiner(device="cpu"):
     """A refiner that does something to four planes."""
-    network = Refiner(n_guides=5, width=16, n_blocks=1).eval().requires_grad_(False)
+    network = Refiner(n_guides=5, n_offers=1, width=16, n_blocks=1).eval().requires_grad_(False)
     for layer in network.modules():
         if isinstance(layer, torch.nn.Conv2d):
             torch.nn.init.kaiming_normal_(layer.weight)

@@ -6,8 +6,9 @@ import torch
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.guides import GUIDES, Seen, guides
+from lfref.refocuser.guides import GUIDES, OFFERS, Seen, guides
 from lfref.refocuser.operators import OperatorRefocuser
+from lfref.simulator.effects.noise import noisy
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Plane
@@ -16,18 +17,21 @@ from lfref.simulator.textures import Noise
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SLOPES = torch.tensor([-0.6, 0.4, 2.0], dtype=torch.float64)
 CHANNELS = {
-    "picture": 3,
-    "detail": 3,
+    "fine": 3,
+    "middle": 3,
+    "coarse": 3,
     "sum": 3,
     "cells": 3,
+    "central": 3,
+    "picture": 3,
     "inner": 1,
     "spread": 1,
     "defocus": 2,
-    "central": 3,
     "coverage": 1,
     "fraction": 1,
     "views": 1,
     "doubt": 1,
+    "chance": 1,
 }
 
 
@@ -102,18 +106,53 @@ def test_samples_that_are_not_trusted_are_not_looked_at():
     assert float((mended.disparities - whole.disparities).abs().mean()) < 0.02
 
 
-def test_the_doubt_is_how_far_the_nearer_of_two_others_is_around_a_pixel():
+def test_the_doubt_is_how_far_the_nearer_of_two_others_is_around_a_pixel_and_noise():
     light = seen()
     apart = torch.minimum((light.sums - light.pictures).abs(), (light.cells - light.pictures).abs()).mean(1)
     row, column = 20, 24
     for plane in range(2):
-        expected = apart[plane, row - 2 : row + 3, column - 2 : column + 3].mean()
+        around = apart[plane, row - 2 : row + 3, column - 2 : column + 3].mean()
+        expected = around.hypot(light.chance[plane, 0, row, column])
         torch.testing.assert_close(light.doubt[plane, 0, row, column], expected)
+
+
+def test_chance_is_the_noise_that_the_mean_of_the_views_keeps():
+    views = noisy(torch.full((5, 5, 3, 160, 160), 0.4), 1e-3, 1e-4, torch.randn(5, 5, 3, 160, 160))
+    still = Seen(LightField(views), torch.zeros(1, dtype=torch.float64), BASE)
+    kept = float(still.pictures.std())
+    assert float(still.chance.mean()) == pytest.approx(kept, rel=0.1)
+    half = Seen(still.light, still.slopes, BASE.through(lambda grid: torch.eye(5)))
+    assert float(half.chance.mean()) == pytest.approx(5**0.5 * kept, rel=0.1)
+
+
+def test_views_without_noise_leave_nothing_to_chance():
+    assert float(seen().chance.max()) < 1e-3
+
+
+def test_smoother_pictures_are_binomial_filters_of_each_other():
+    light = seen()
+    kernel = torch.tensor([0.25, 0.5, 0.25])
+    before = light.pictures
+    for apart, found in zip((1, 2, 4), light.smoother, strict=True):
+        filled = torch.zeros(2 * apart + 1)
+        filled[::apart] = kernel
+        padded = torch.nn.functional.pad(before, (apart,) * 4, mode="replicate")
+        expected = torch.nn.functional.conv2d(padded, (filled[:, None] * filled).expand(3, 1, -1, -1), groups=3)
+        torch.testing.assert_close(found, expected)
+        before = found
+
+
+def test_offers_are_differences_in_doubts_and_never_many():
+    light = seen()
+    found = light.offered(light.pictures + 0.1 * light.doubt)[(light.doubt > 1e-3).expand(-1, 3, -1, -1)]
+    torch.testing.assert_close(found, torch.full_like(found, 0.1 / (1 + 0.1 / 3)), rtol=0.01, atol=0)
+    assert len(found) > 1000
+    assert float(light.offered(light.pictures + 1e3).max()) <= 3
 
 
 def test_differences_are_told_in_units_of_the_doubt_whatever_the_light():
     light = seen()
-    for name in ("sum", "cells", "inner", "spread", "central", "detail"):
+    for name in (*OFFERS, "inner", "spread"):
         dim = Seen(LightField(light.light.views / 8), SLOPES, BASE)
         # The map of disparities, which cells depend on, is made of other numbers: here and there it differs.
         assert float((GUIDES[name](dim) - GUIDES[name](light)).abs().median()) < 0.02, name

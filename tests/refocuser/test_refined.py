@@ -20,13 +20,13 @@ from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 
 BASE = OperatorRefocuser("linear", shift_and_sum)
-GUIDES = ("picture", "spread", "central")
+GUIDES = ("central", "spread", "picture")
 SLOPES = torch.tensor([-0.6, 0.0, 0.4], dtype=torch.float64)
 
 
 def refiner(trained=True):
     torch.manual_seed(1)
-    net = Refiner(7, width=8, n_blocks=1)
+    net = Refiner(7, 1, width=8, n_blocks=1)
     if trained:
         for parameter in net.parameters():
             torch.nn.init.normal_(parameter, std=0.1)
@@ -147,14 +147,15 @@ def test_methods_that_no_checkpoint_can_name_are_refused():
     "changes",
     [
         {"format": 99},
-        {"refiner": {"n_guides": 0}},
+        {"refiner": {"n_guides": 0, "n_offers": 1}},
         {"refiner": {"luck": 1}},
         {"base": {"name": "x", "operator": "os.system", "options": {}}},
         {"base": {"name": "x", "operator": "shift_and_sum", "options": {"luck": 1}}},
         {"base": None},
         {"guides": ["luck"]},
         {"guides": 3},
-        {"refiner": {"n_guides": 9}},
+        {"guides": ["spread", "picture", "central"]},
+        {"refiner": {"n_guides": 9, "n_offers": 1}},
     ],
 )
 def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):

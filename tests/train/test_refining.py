@@ -20,7 +20,7 @@ from tests.data.test_plane_sets import SCENES
 from tests.train.test_resume import quiet
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
-RECIPE = Recipe(SCENES, BASE, guides=("picture", "spread"))
+RECIPE = Recipe(SCENES, BASE, guides=("central", "spread"))
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def data(tmp_path):
         mark = (torch.rand(2, 1, 6, 6) > 0.5).float().repeat_interleave(4, 2).repeat_interleave(4, 3)
         slopes = torch.zeros(2, dtype=torch.float64)
         doubts = torch.full_like(mark, 0.05)
-        item = Item(torch.cat([pictures, mark], 1), pictures, doubts, 0.1 * mark.expand(-1, 3, -1, -1), slopes)
+        item = Item(torch.cat([2 * mark.expand(-1, 3, -1, -1), mark], 1), pictures, doubts, 0.1 * mark.expand(-1, 3, -1, -1), slopes)
         plane_sets.write(plane_sets.path_of(tmp_path / "set", index), item)
     return PlaneData(RECIPE, "unused", str(tmp_path / "set"), n_validation=2, crop=16, fields_per_batch=2)
 
@@ -41,7 +41,7 @@ def data(tmp_path):
 def module():
     torch.manual_seed(0)
     return Refining(
-        Refiner(4, width=8, n_blocks=1),
+        Refiner(4, 1, width=8, n_blocks=1),
         RelativeError(),
         RECIPE,
         functools.partial(torch.optim.Adam, lr=0.01),

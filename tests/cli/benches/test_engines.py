@@ -30,10 +30,10 @@ def table(path):
 @pytest.fixture
 def refiner(tmp_path):
     """The checkpoint of a refiner that does something."""
-    network = Refiner(3, width=8, n_blocks=1)
+    network = Refiner(3, 1, width=8, n_blocks=1)
     for parameter in network.parameters():
         torch.nn.init.normal_(parameter, std=0.1)
-    entry = refined.payload(network, OperatorRefocuser("sum", shift_and_sum), ("picture",))
+    entry = refined.payload(network, OperatorRefocuser("sum", shift_and_sum), ("central",))
     state = {checkpoint.PREFIX + name: value for name, value in network.state_dict().items()}
     tensors.write(tmp_path / "refiner.ckpt", {"lfref": entry, "state_dict": state})
     return tmp_path / "refiner.ckpt"

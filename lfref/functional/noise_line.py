@@ -1,0 +1,100 @@
+"""How the variance of noise, a x + b, grows with the light x: from what is rough even where views are flattest.
+
+Samples of which some are interpolated, as after demosaicing, have noise that neighbours share; what is measured then is
+the part that changes from pixel to pixel, which is less.
+Source: Immerkaer, "Fast Noise Variance Estimation", 1996 (the filter); Foi et al., "Practical Poissonian-Gaussian Noise
+Modeling and Fitting for Single-Image Raw-Data", 2008 (the model).
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from lfref.lightfield import LightField
+
+BLOCK = 8  # pixels along the side of a block
+BINS = 8  # levels of light, with as many blocks each
+FLAT = 0.1  # share of the blocks of a level that are flat
+FLAT_VARIANCE = 0.539  # of the noise: what the flattest tenth of blocks has where there is nothing else
+LEAST_BLOCKS = 20  # a level
+ENERGY = 36.0  # of the filter's weights, squared
+SAMPLES = 1 << 19  # that are looked at, about
+
+
+def measured(field: LightField) -> tuple[float, float]:
+    """Variance for each unit of light, a, and in the dark, b; both 0 where views are too small to tell.
+
+    Args:
+        field: Views [V, U, C, H, W].
+    """
+    pictures = _chosen(field)
+    if min(pictures.shape[-2:]) < BLOCK + 2:
+        return 0.0, 0.0
+    light, variance = blocks(pictures)
+    usable = (light > 0) & (light < 0.95) & variance.isfinite()
+    return _line(*_flattest(light[usable], variance[usable]))
+
+
+def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and rough variance of all blocks of pictures, each in one row.
+
+    Args:
+        pictures: [B, H, W], at least 10 x 10 pixels.
+    """
+    across = pictures[..., 2:] - 2 * pictures[..., 1:-1] + pictures[..., :-2]
+    rough = across[:, 2:] - 2 * across[:, 1:-1] + across[:, :-2]
+    variance = F.avg_pool2d(rough.square()[None], BLOCK)[0] / ENERGY
+    light = F.avg_pool2d(pictures[None, :, 1:-1, 1:-1], BLOCK)[0]
+    return light.flatten(), variance.flatten()
+
+
+def _chosen(field: LightField) -> Tensor:
+    """Some of the views' channels as pictures, those that count, [B, H, W]."""
+    n_rows, n_columns, n_channels, height, width = field.views.shape
+    count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
+    views = field.views.flatten(0, 1)
+    if field.weight is not None:
+        full = field.weight.flatten(0, 1).flatten(1)[:, ::97].amin(1) > 0
+        views = views[full] if bool(full.any()) else views
+    places = torch.linspace(0, len(views) - 1, 2 * count + 1)[1::2].round().long()
+    return views[places].flatten(0, 1).float()
+
+
+def _flattest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
+    """Light and variance of the flattest blocks at several levels of light, at most [BINS] each."""
+    n_bins = max(1, min(BINS, len(light) // LEAST_BLOCKS))
+    order = light.argsort()
+    levels = [(light[part], variance[part]) for part in order.tensor_split(n_bins) if len(part)]
+    found = []
+    for own_light, own_variance in levels:
+        n_flat = max(1, int(FLAT * len(own_variance)))
+        flat = own_variance.argsort()[:n_flat]
+        found.append((own_light[flat].mean(), own_variance[flat].mean() / FLAT_VARIANCE))
+    if not found:
+        return light.new_zeros(0), light.new_zeros(0)
+    lights, variances = zip(*found, strict=True)
+    return torch.stack(lights), torch.stack(variances)
+
+
+def _line(light: Tensor, variance: Tensor) -> tuple[float, float]:
+    """The line that none of the levels lies far below, with no negative part."""
+    if not len(light) or not float(variance.max()) > 0:
+        return 0.0, 0.0
+    x, y = light.double(), variance.double()
+    weight = (y + 1e-3 * y.max()) ** -2
+    for _ in range(10):
+        shot, read = _least_squares(x, y, weight)
+        above = y / (shot * x + read).clamp(min=1e-12) - 1
+        # Texture only adds: levels above the line count less.
+        weight = (shot * x + read + 1e-3 * y.max()) ** -2 / (1 + (above.clamp(min=0) / 0.2).square()) ** 2
+    return shot, read
+
+
+def _least_squares(x: Tensor, y: Tensor, weight: Tensor) -> tuple[float, float]:
+    total, mean_x, mean_y = weight.sum(), (weight * x).sum() / weight.sum(), (weight * y).sum() / weight.sum()
+    slope = (weight * (x - mean_x) * (y - mean_y)).sum() / (weight * (x - mean_x).square()).sum().clamp(min=1e-12)
+    if slope <= 0 or float(total) == 0:
+        return 0.0, float(mean_y)
+    if slope * mean_x > mean_y:
+        return float((weight * x * y).sum() / (weight * x * x).sum()), 0.0
+    return float(slope), float(mean_y - slope * mean_x)
