@@ -112,8 +112,7 @@ def of_refiner(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, d
 
     def parts(field: SimulatedField) -> list[Inputs]:
         seen = guides.Seen(field, planes.slopes, refiner.base)
-        read = guides.guides(seen, refiner.names)
-        split = zip(*(each.split(n_at_once) for each in (read, seen.pictures, seen.doubt)), strict=True)
+        split = [(guides.guides(part, refiner.names), part.pictures, part.doubt) for part in seen.parts(n_at_once)]
         return [tuple(each.to(device).contiguous() for each in part) for part in split]
 
     shots = [Shot(field.name, parts(field), field.photograph(planes.values)) for field in fields.whole]

@@ -22,8 +22,8 @@ from torch.nn import functional as F
 from lfref.errors import InputError, chosen
 from lfref.nets.blocks import ACTIVATIONS
 
-STEP = 0.1
-"""Weight that an output of 1 stands for: rates that suit the inner convolutions suit the last one then."""
+STEP = 0.2
+"""Share that an output of 1 stands for: rates that suit the inner convolutions suit the last one then."""
 
 
 class RefinerBlock(nn.Module):
@@ -99,7 +99,7 @@ class Refiner(nn.Module):
         self.shuffle = shuffle
         self.stem = nn.Conv2d(n_guides * shuffle**2, width, 3, padding=1)
         self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
-        self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, n_offers * shuffle**2, 3, padding=1)))
+        self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, (n_offers + 1) * shuffle**2, 3, padding=1)))
 
     def forward(self, guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
         """Correct pictures.
@@ -118,16 +118,25 @@ class Refiner(nn.Module):
             )
         height, width = guides.shape[-2:]
         planes = guides.flatten(0, -4) if guides.ndim > 3 else guides[None]
-        # Whole coarse pixels: what lies beyond the edge is as what lies at it.
-        padded = F.pad(planes, (0, -width % self.shuffle, 0, -height % self.shuffle), mode="replicate")
         # What convolutions on CPUs and on tensor cores read fastest.
-        coarse = F.pixel_unshuffle(padded, self.shuffle).contiguous(memory_format=torch.channels_last)
+        coarse = F.pixel_unshuffle(self._whole(planes), self.shuffle).contiguous(memory_format=torch.channels_last)
         features = self.blocks(self.stem(coarse))
-        shares = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width].to(pictures)
-        n_channels = self.n_offers * pictures.shape[-3]
-        offers = planes[:, :n_channels].to(pictures).unflatten(1, (self.n_offers, -1))
-        added = (STEP * shares[:, :, None] * offers).sum(1)
-        return pictures + doubts * added.reshape(pictures.shape)
+        made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width].to(pictures)
+        # To leave a picture as it is, one output closes, instead of each share meeting zero.
+        *shares, gate = made.split(1, 1)
+        offers = planes.split(pictures.shape[-3], 1)[: self.n_offers]
+        mixed = sum(share * offer for share, offer in zip(shares, offers, strict=True))
+        added = (STEP * gate.sigmoid() * mixed).reshape(pictures.shape)
+        return pictures + doubts * added
+
+    def _whole(self, planes: Tensor) -> Tensor:
+        """Planes of whole coarse pixels: what lies beyond the edge is as what lies at it."""
+        for axis in (-2, -1):
+            if beyond := -planes.shape[axis] % self.shuffle:
+                # Autocast would have `F.pad` make single precision of it.
+                edge = planes.narrow(axis, planes.shape[axis] - 1, 1)
+                planes = torch.cat([planes, *(edge,) * beyond], axis)
+        return planes
 
 
 def _silent(layer: nn.Conv2d) -> nn.Conv2d:

@@ -8,7 +8,7 @@ Letters: `N` planes, `C H W` channel, pixel row and column, `s` slope, `d` dispa
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +35,10 @@ LEAST = 1e-6
 """Light that counts for nothing."""
 MOST = 3.0
 """Doubts that no offer goes beyond."""
+ROUGHNESS = 1.57
+"""Standard deviation of white noise for each unit of what the finest filter takes away of it, in the mean."""
+REACHES = (9, 33)
+"""Pixels along the sides of squares that surfaces are looked for in."""
 SEEN = 1e-3
 """Share of the views that may miss a pixel which all of them see."""
 CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
@@ -104,11 +108,23 @@ class Seen:
         return fine, middle, _smooth(middle, 4)
 
     @cached_property
+    def noise(self) -> tuple[float, float]:
+        """Variance of the views' noise for each unit of light, and in the dark."""
+        return noise_line.measured(self.light)
+
+    @cached_property
     def chance(self) -> Tensor:
-        """Standard deviation that the noise of the views leaves in pictures, [N, 1, H, W]."""
-        shot, read = noise_line.measured(self.light)
-        light = self.pictures.mean(1, keepdim=True).clamp(min=0)
-        return ((shot * light + read) / self._n_views()).sqrt()
+        """Standard deviation that the noise of the views leaves in pictures, [N, 1, H, W].
+
+        Never more than is rough about a picture, nor than the views differ by.
+        """
+        shot, read = self.noise
+        light, n_views = self.pictures.mean(1, keepdim=True).clamp(min=0), self._n_views()
+        told = ((shot * light + read) / n_views).sqrt()
+        rough = ROUGHNESS * _around((self.pictures - self.smoother[0]).abs().mean(1, keepdim=True))
+        # The spread is grey, which noise of its own in each colour is less than that of a colour in.
+        apart = math.sqrt(self.light.views.shape[2] / n_views) * _around(self.spread)
+        return told.minimum(rough).minimum(apart)
 
     @cached_property
     def doubt(self) -> Tensor:
@@ -117,11 +133,19 @@ class Seen:
         Where not all views see a pixel there is more that nobody can know: pictures are left as they are, and their
         doubt is 0.
         """
-        apart = [(other - self.pictures).abs() for other in (self.sums, self.cells)]
-        # A method that makes one of these itself is measured by the other.
-        others = [each for each in apart if bool(each.any())] or apart
-        nearer = _around(torch.stack(others).amin(0).mean(1, keepdim=True))
+        apart = [(other - self.pictures).abs() for other in self._others()]
+        nearer = _around(functools.reduce(torch.minimum, apart).mean(1, keepdim=True))
         return nearer.hypot(self.chance) * (self.coverage > 1 - SEEN)
+
+    @cached_property
+    def is_one(self) -> tuple[bool, bool]:
+        """Whether the classical pictures are the sums, or the sums of cells."""
+        return torch.equal(self.pictures, self.sums), torch.equal(self.pictures, self.cells)
+
+    def _others(self) -> Sequence[Tensor]:
+        """What the pictures are measured by: a method that makes one of these itself, by the other."""
+        both = (self.sums, self.cells)
+        return [each for each, is_itself in zip(both, self.is_one, strict=True) if not is_itself] or both
 
     def of_doubt(self, difference: Tensor) -> Tensor:
         """A difference in units of the doubt, large ones as their logarithm: alike for clean scenes and others.
@@ -140,6 +164,21 @@ class Seen:
         difference = other - self.pictures
         return difference / (self.doubt + LEAST + difference.abs() / MOST)
 
+    def parts(self, n_planes: int) -> Iterator["Seen"]:
+        """Some of the planes after the others; what is known of all of them is found once.
+
+        Args:
+            n_planes: In each, if there are as many.
+        """
+        shared = {name: getattr(self, name) for name in ("whole", "disparities", "relief", "noise", "is_one")}
+        names = ("pictures", "sums", "cells", "spread", "inner", "coverage")
+        split = {name: getattr(self, name).split(n_planes) for name in names}
+        for part, slopes in enumerate(self.slopes.split(n_planes)):
+            made = replace(self, slopes=slopes)
+            # Where cached properties keep what was found.
+            vars(made).update(shared | {name: planes[part] for name, planes in split.items()})
+            yield made
+
     @property
     def fraction(self) -> Tensor:
         """How far slopes are from whole ones, at which no view is read between its pixels, 0 to 1, [N, 1, 1, 1]."""
@@ -149,6 +188,11 @@ class Seen:
     def defocus(self) -> Tensor:
         """How far each pixel of the central view is from each plane, s - d, [N, 1, H, W]."""
         return self.slopes.to(self.disparities)[:, None, None, None] - self.disparities
+
+    @cached_property
+    def relief(self) -> Tensor:
+        """By how much disparities vary within each of `REACHES`, in pixels per view step, [1, 2, H, W]."""
+        return torch.cat([_range(self.disparities[None, None], reach) for reach in REACHES], 1)
 
     @property
     def central(self) -> Tensor:
@@ -198,6 +242,7 @@ GUIDES: dict[str, Callable[[Seen], Tensor]] = OFFERS | {
     "inner": lambda seen: seen.of_doubt(seen.inner) / 3,
     "spread": lambda seen: seen.of_doubt(seen.spread) / 3,
     "defocus": lambda seen: torch.cat([seen.defocus.tanh(), (0.3 * seen.defocus.abs()).tanh()], 1),
+    "relief": lambda seen: seen.relief.tanh().expand(len(seen.pictures), -1, -1, -1),
     "coverage": lambda seen: 2 * (1 - seen.coverage),
     "fraction": lambda seen: seen.fraction.expand_as(seen.spread),
     "views": lambda seen: torch.full_like(seen.spread, math.log2(math.prod(seen.light.grid)) / 3 - 2),
@@ -223,12 +268,13 @@ def check(names: Sequence[str], n_offers: int) -> None:
         raise InputError(f"the first {n_offers} guides must be among {', '.join(OFFERS)}", got=first, remedy=remedy)
 
 
-def guides(seen: Seen, names: Sequence[str]) -> Tensor:
+def guides(seen: Seen, names: Sequence[str], dtype: torch.dtype = torch.float32) -> Tensor:
     """What a refiner reads of planes.
 
     Args:
         seen: A light field and planes of it.
         names: Of `GUIDES`.
+        dtype: Of the guides.
 
     Returns:
         Guides one after the other, [N, channels, H, W].
@@ -236,12 +282,20 @@ def guides(seen: Seen, names: Sequence[str]) -> Tensor:
     Raises:
         InputError: There is no such guide.
     """
-    return torch.cat([chosen("guide", name, GUIDES)(seen) for name in names], 1)
+    return torch.cat([chosen("guide", name, GUIDES)(seen).to(dtype) for name in names], 1)
 
 
 def _around(images: Tensor) -> Tensor:
     """The mean of what is around each pixel, [N, channels, H, W]."""
     return F.avg_pool2d(images, WINDOW, 1, WINDOW // 2, count_include_pad=False)
+
+
+def _range(images: Tensor, reach: int) -> Tensor:
+    """Largest less smallest value within a square around each pixel, [N, channels, H, W]."""
+    largest, smallest = images, -images
+    for window, padding in (((reach, 1), (reach // 2, 0)), ((1, reach), (0, reach // 2))):
+        largest, smallest = (F.max_pool2d(each, window, 1, padding) for each in (largest, smallest))
+    return largest + smallest
 
 
 def _smooth(images: Tensor, apart: int) -> Tensor:

@@ -6,6 +6,7 @@ through guides.
 
 import functools
 import inspect
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -101,11 +102,14 @@ class RefinedRefocuser(Refocuser):
     def _of_field(self, light: LightField, slopes: Tensor) -> Tensor:
         """A stack, [N, C, H, W]."""
         seen = Seen(light, slopes, self.base)
-        read = guides(seen, self.names)
-        n_at_once = max(1, AT_ONCE // read[0].numel())
-        parts = zip(*(each.split(n_at_once) for each in (read, seen.pictures, seen.doubt)), strict=True)
-        with torch.autocast(read.device.type, torch.bfloat16, enabled=_is_half_faster(read.device)):
-            return torch.cat([self.refiner(*part) for part in parts])
+        n_at_once = max(1, AT_ONCE // (int(self.refiner.config["n_guides"]) * math.prod(light.size)))
+        is_half = _is_half_faster(light.views.device)
+        dtype = torch.bfloat16 if is_half else light.views.dtype
+        with torch.autocast(light.views.device.type, torch.bfloat16, enabled=is_half):
+            parts = seen.parts(n_at_once)
+            return torch.cat(
+                [self.refiner(guides(part, self.names, dtype), part.pictures, part.doubt) for part in parts]
+            )
 
 
 def _is_half_faster(device: torch.device) -> bool:

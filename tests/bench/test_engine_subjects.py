@@ -60,9 +60,11 @@ def test_a_network_without_training_makes_pictures_as_bright_as_the_scenes_and_a
 def test_a_refiner_reads_guides_and_pictures_in_the_parts_that_its_refocuser_makes(fields, monkeypatch):
     network = Refiner(6, 1, width=8, n_blocks=1)
     for parameter in network.parameters():
-        torch.nn.init.normal_(parameter, std=0.5)
+        torch.nn.init.normal_(parameter, std=0.3)
     refiner = RefinedRefocuser(network, BASE, ("central", "picture"), "refined")
     monkeypatch.setattr(refined, "AT_ONCE", 3 * 6 * 32 * 40)
+    # Digits are compared here, which half of them would hide.
+    monkeypatch.setattr(refined, "_is_half_faster", lambda device: False)
     planes = geometry.even_planes(4)
     subject = engine_subjects.of_refiner(refiner, fields, planes, CPU)
     for shot, field in zip(subject.shots, fields.whole, strict=True):
@@ -70,8 +72,8 @@ def test_a_refiner_reads_guides_and_pictures_in_the_parts_that_its_refocuser_mak
         assert [tuple(guides.shape) for guides, *_ in shot.parts] == [(2, 6, 32, 40)] * 2
         with torch.no_grad():
             stack = shot.stack(subject.network)
-        torch.testing.assert_close(stack, refiner(field, planes.slopes), atol=1e-2, rtol=0)
-        assert (stack - BASE(field, planes.slopes)).std() > 3e-2
+        torch.testing.assert_close(stack, refiner(field, planes.slopes), atol=1e-5, rtol=0)
+        assert (stack - BASE(field, planes.slopes)).std() > 1e-3
         assert torch.equal(shot.truth, field.photograph(planes.values))
     assert [tuple(guides.shape) for guides, *_ in subject.patches] == [(2, 6, 24, 24)] * 2
     assert (subject.name, subject.is_trained) == ("refined", True)

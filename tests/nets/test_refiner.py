@@ -69,7 +69,9 @@ def test_without_blocks_it_is_two_convolutions_written_out():
     guides, pictures = torch.rand(1, 2, 6, 7), torch.rand(1, 1, 6, 7)
     inner = torch.nn.functional.silu(net.stem(guides))
     doubted = torch.rand(1, 1, 6, 7)
-    expected = pictures + doubted * 0.1 * (net.head[1](inner) * guides).sum(1, keepdim=True)
+    first, second, gate = net.head[1](inner).unbind(1)
+    added = 0.2 * gate.sigmoid() * (first * guides[:, 0] + second * guides[:, 1])
+    expected = pictures + doubted * added[:, None]
     torch.testing.assert_close(net(guides, pictures, doubted), expected)
 
 
@@ -85,7 +87,9 @@ def test_gradients():
     assert gradcheck(net, inputs)
 
 
-@pytest.mark.parametrize("option", [{"n_guides": 0}, {"n_offers": 0}, {"width": 0}, {"shuffle": 0}, {"kernel": 2}, {"n_blocks": -1}])
+@pytest.mark.parametrize(
+    "option", [{"n_guides": 0}, {"n_offers": 0}, {"width": 0}, {"shuffle": 0}, {"kernel": 2}, {"n_blocks": -1}]
+)
 def test_sizes_that_make_no_network_are_refused(option):
     with pytest.raises(InputError, match="at least 1"):
         Refiner(**{"n_guides": 7, "n_offers": 2} | option)

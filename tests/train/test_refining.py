@@ -32,7 +32,13 @@ def data(tmp_path):
         mark = (torch.rand(2, 1, 6, 6) > 0.5).float().repeat_interleave(4, 2).repeat_interleave(4, 3)
         slopes = torch.zeros(2, dtype=torch.float64)
         doubts = torch.full_like(mark, 0.05)
-        item = Item(torch.cat([2 * mark.expand(-1, 3, -1, -1), mark], 1), pictures, doubts, 0.1 * mark.expand(-1, 3, -1, -1), slopes)
+        item = Item(
+            torch.cat([2 * mark.expand(-1, 3, -1, -1), mark], 1),
+            pictures,
+            doubts,
+            0.1 * mark.expand(-1, 3, -1, -1),
+            slopes,
+        )
         plane_sets.write(plane_sets.path_of(tmp_path / "set", index), item)
     return PlaneData(RECIPE, "unused", str(tmp_path / "set"), n_validation=2, crop=16, fields_per_batch=2)
 
