@@ -3,6 +3,7 @@
 Run by `make figures` when `lfref bench` has left its tables; a marker is `<!-- measured: NAME -->` ... `<!-- end -->`.
 """
 
+import argparse
 import functools
 import json
 import math
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import against_mitsuba
 import hard_cases
+import learned
 import maps
 import marked
 import pandas as pd
@@ -133,6 +135,7 @@ FIGURES = {
     "explanation": truths.explanation,
     **against_mitsuba.TABLES,
     **hard_cases.TABLES,
+    **learned.TABLES,
     **maps.TABLES,
     **runtimes.TABLES,
     **scene_costs.TABLES,
@@ -174,8 +177,11 @@ def _label_psnr(source: OperatorLabels, index: int, corner: int) -> torch.Tensor
 
 
 def main() -> None:
-    """Fill every marker of the README and the pages beside this file."""
-    marked.fill({name: "\n".join(lines()) for name, lines in FIGURES.items()})
+    """Fill the markers of the README and the pages beside this file."""
+    parser = argparse.ArgumentParser(description="Fill the markers of the README and of the pages.")
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[[], *FIGURES], help="markers to fill; none: all")
+    names = parser.parse_args().names or FIGURES
+    marked.fill({name: "\n".join(FIGURES[name]()) for name in names})
 
 
 if __name__ == "__main__":

@@ -254,12 +254,14 @@ def _enlarged(image: Tensor) -> Tensor:
 def main() -> None:
     """Write all pictures."""
     parser = argparse.ArgumentParser(description="Draw the pictures of the pages.")
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[[], *PICTURES], help="files to draw; none: all")
     parser.add_argument("--capture", type=Path, help=f"a light field to draw too, into {CAPTURE.relative_to(ROOT)}")
     parser.add_argument("--output", type=Path, default=HERE / "pictures", help="folder of the pictures")
     arguments = parser.parse_args()
-    for name, draw in PICTURES.items():
-        sheets.save(draw(), arguments.output / name)
-    print(f"wrote {len(PICTURES)} pictures to {arguments.output}")
+    names = arguments.names or PICTURES
+    for name in names:
+        sheets.save(PICTURES[name](), arguments.output / name)
+    print(f"wrote {len(names)} pictures to {arguments.output}")
     if arguments.capture is not None:
         capture(arguments.capture, CAPTURE)
         print(f"wrote a focal sweep, an all-in-focus picture and its focus index to {CAPTURE}")

@@ -24,7 +24,8 @@ def notes(run: Run) -> dict[str, object]:
     folder = Path(run.config["data"]["folder"] or _folder(run))
     return {
         "lfref": lfref.__version__,
-        "command": f"lfref train {run.told}",
+        # Where it was written to is nobody's concern.
+        "command": " ".join(["lfref train", *(word for word in run.overrides if not word.startswith("output="))]),
         "set": json.loads((folder / "set.json").read_text("utf-8")),
         "fields": len(list(folder.glob(f"*{plane_sets.SUFFIX}"))),
         "steps": int(best["step"] or 0) + 1,

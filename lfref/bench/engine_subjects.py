@@ -17,6 +17,7 @@ from lfref.geometry import FocalPlanes
 from lfref.nets.network import Network
 from lfref.refocuser import guides, refined
 from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.seen import Seen
 
 
 class Shot(NamedTuple):
@@ -111,7 +112,7 @@ def of_refiner(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, d
     n_at_once = _at_once(n_samples, len(planes))
 
     def parts(field: SimulatedField) -> list[Inputs]:
-        seen = guides.Seen(field, planes.slopes, refiner.base)
+        seen = Seen(field, planes.slopes, refiner.base)
         split = [(guides.guides(part, refiner.names), part.pictures, part.doubt) for part in seen.parts(n_at_once)]
         return [tuple(each.to(device).contiguous() for each in part) for part in split]
 

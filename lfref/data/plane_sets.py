@@ -22,8 +22,9 @@ from lfref.errors import FileError, InputError, chosen
 from lfref.functional import sources
 from lfref.io import atomic
 from lfref.lightfield import LightField
-from lfref.refocuser.guides import GUIDES, Seen, guides
+from lfref.refocuser.guides import GUIDES, guides
 from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.seen import Seen
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene

@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lfref.errors import CheckpointError, InputError
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
@@ -75,7 +75,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
 
     Args:
         path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. None is
-            the model that ships with lfref, if one does.
+            the model that ships with lfref, which makes any planes of any even grid.
         device: Where the network goes.
 
     Returns:
@@ -112,9 +112,11 @@ def learned(
         device: Where the network goes.
 
     Raises:
-        CheckpointError: There is none, or the installation is damaged.
+        CheckpointError: The installation is damaged.
+
+    Example:
+        >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
+        torch.Size([2, 3, 48, 64])
     """
-    if not SHIPPED.is_file():
-        raise CheckpointError("no model ships with this version", remedy="train one (make weights) or give a path")
     made = refined.restored(SHIPPED, checkpoint.read(SHIPPED), name, device)
     return made.through(aperture)

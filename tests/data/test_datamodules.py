@@ -53,6 +53,13 @@ def test_a_batch_holds_the_patches_of_as_many_fields_as_asked_for():
         assert batches[0]["labels"].shape == (sizes[0], 2, 3, 8, 8)
 
 
+def test_files_that_are_not_decoded_hold_no_linear_light(folder_data):
+    assert simulated().is_linear
+    assert folder_data().is_linear
+    assert folder_data(reader={"encoding": "srgb"}).is_linear
+    assert not folder_data(reader={"encoding": "none"}).is_linear
+
+
 @pytest.mark.parametrize(
     ("labels", "reach"), [(LABELS, 0.0), (RenderedLabels("r", planes_at_alphas((0.25, 2.0))), 3.0)]
 )

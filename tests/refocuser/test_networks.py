@@ -5,6 +5,7 @@ import torch
 
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes
+from lfref.io import tensors
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
@@ -86,9 +87,8 @@ def test_another_number_of_planes_than_the_network_makes_is_refused(network):
         NetworkRefocuser(network, FocalPlanes([0.0]))
 
 
-def test_no_path_says_that_no_model_ships_and_a_missing_one_is_one_line(tmp_path):
-    with pytest.raises(CheckpointError, match=r"no model ships .* train one"):
-        networks.load()
+def test_no_path_is_the_model_that_ships_and_a_missing_one_is_one_line(tmp_path):
+    assert networks.load().name == "learned"
     with pytest.raises(CheckpointError, match="no checkpoint at"):
         networks.load(tmp_path / "none.ckpt")
 
@@ -101,6 +101,28 @@ def test_a_run_folder_stands_for_its_best_checkpoint(network, tmp_path):
     (run / "checkpoints" / "best.ckpt").unlink()
     with pytest.raises(CheckpointError, match=r"run my_run must have checkpoints/best\.ckpt; got none"):
         networks.load(run)
+
+
+def test_light_of_another_kind_than_it_was_trained_on_is_refused(network, tmp_path):
+    views = torch.rand(3, 3, 1, 8, 8)
+    encoded, linear = LightField(views, is_linear=False), LightField(views)
+    for is_linear, wanted, other, remedy in (
+        (True, linear, encoded, "read it without encoding=none"),
+        (False, encoded, linear, "read it with encoding=none"),
+    ):
+        entry = checkpoint.payload(network, PLANES, is_linear)
+        state = {f"net.{name}": value for name, value in network.state_dict().items()}
+        tensors.write(tmp_path / "net.ckpt", {"lfref": entry, "state_dict": state})
+        refocuser = networks.load(tmp_path / "net.ckpt")
+        assert torch.equal(refocuser(wanted), refocuser(views))
+        with pytest.raises(InputError, match=f"net was trained on .*; got .*; {remedy}"):
+            refocuser(other)
+
+
+def test_a_checkpoint_that_does_not_tell_takes_any_light(network):
+    refocuser = NetworkRefocuser(network, PLANES)
+    views = torch.rand(3, 3, 1, 8, 8)
+    assert torch.equal(refocuser(LightField(views, is_linear=False)), refocuser(LightField(views)))
 
 
 def test_networks_have_no_aperture(network):

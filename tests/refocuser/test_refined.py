@@ -15,9 +15,10 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import networks, refined
-from lfref.refocuser.guides import Seen, guides
+from lfref.refocuser.guides import guides
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.seen import Seen
 
 BASE = OperatorRefocuser("linear", shift_and_sum)
 GUIDES = ("central", "spread", "picture")

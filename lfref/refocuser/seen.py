@@ -1,0 +1,246 @@
+"""A light field and planes of it, with all that is found out about them: what guides are made of.
+
+Letters: `N` planes, `C H W` channel, pixel row and column, `s` slope, `d` disparity.
+"""
+
+import functools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from lfref import geometry
+from lfref.functional import noise_line
+from lfref.lightfield import LightField
+from lfref.refocus import apertures
+from lfref.refocus.focus.coarse_disparity import coarse_disparity
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocuser import filling
+from lfref.refocuser.operators import OperatorRefocuser
+
+POINTS = OperatorRefocuser("points", functools.partial(shift_and_sum, interpolation="cubic"))
+"""The plain sum of the views, which the other guides are measured by."""
+WINDOW = 5
+"""Pixels along the side of what is around a pixel."""
+LEAST = 1e-6
+"""Light that counts for nothing."""
+MOST = 3.0
+"""Doubts that no offer goes beyond."""
+ROUGHNESS = 1.57
+"""Standard deviation of white noise for each unit of what the finest filter takes away of it, in the mean."""
+REACHES = (9, 33)
+"""Pixels along the sides of squares that surfaces are looked for in."""
+SEEN = 1e-3
+"""Share of the views that may miss a pixel which all of them see."""
+CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A light field and planes of it, with what several guides share, each found when first asked for."""
+
+    light: LightField
+    """On an even grid, [V, U, C, H, W]."""
+    slopes: Tensor
+    """In pixels per view step, float64, [N]."""
+    base: OperatorRefocuser
+    """Makes the classical pictures."""
+
+    @cached_property
+    def pictures(self) -> Tensor:
+        """The classical pictures, [N, C, H, W]."""
+        return self.base.knowing(self.disparities)(self.light, self.slopes)
+
+    @cached_property
+    def disparities(self) -> Tensor:
+        """Of each pixel of the central view, in pixels per view step, [H, W]; 0 where there is but one view."""
+        if self.whole.shape[:2].numel() < 2:
+            return self.whole.new_zeros(self.light.size)
+        return coarse_disparity(self.whole).to(self.whole)
+
+    @cached_property
+    def whole(self) -> Tensor:
+        """The views, samples that are not trusted replaced by what the others show there, [V, U, C, H, W]."""
+        light = self.light
+        return light.views if light.weight is None else filling.filled(light.views, light.weight.to(light.views))
+
+    @cached_property
+    def sums(self) -> Tensor:
+        """Plain sums of the views, [N, C, H, W]."""
+        return self._of(POINTS, self.light)
+
+    @cached_property
+    def grey(self) -> LightField:
+        """The mean of the colours, [V, U, 1, H, W]."""
+        return replace(self.light, views=self.light.views.mean(2, keepdim=True))
+
+    @cached_property
+    def spread(self) -> Tensor:
+        """Standard deviation over the views that a pixel of a plane is the sum of, grey, [N, 1, H, W]."""
+        squares = self._of(POINTS, replace(self.grey, views=self.grey.views.square()))
+        return (squares - self.sums.mean(1, keepdim=True).square()).clamp(min=0).sqrt()
+
+    @cached_property
+    def inner(self) -> Tensor:
+        """What the middle of the aperture, half as wide, sees more than all of it, grey, [N, 1, H, W]."""
+        half = POINTS.through(lambda grid: apertures.square(grid, min(grid) / 2))
+        return half(self.grey, self.slopes) - self.sums.mean(1, keepdim=True)
+
+    @cached_property
+    def cells(self) -> Tensor:
+        """Sums of the views as cells of the aperture, [N, C, H, W]."""
+        return self._of(CELLS, self.light)
+
+    @cached_property
+    def smoother(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Pictures through wider and wider binomial filters, about 2, 5 and 9 pixels, [N, C, H, W] each."""
+        fine = _smooth(self.pictures, 1)
+        middle = _smooth(fine, 2)
+        return fine, middle, _smooth(middle, 4)
+
+    @cached_property
+    def noise(self) -> tuple[float, float]:
+        """Variance of the views' noise for each unit of light, and in the dark."""
+        return noise_line.measured(self.light)
+
+    @cached_property
+    def chance(self) -> Tensor:
+        """Standard deviation that the noise of the views leaves in pictures, [N, 1, H, W].
+
+        Never more than is rough about a picture, nor than the views differ by.
+        """
+        shot, read = self.noise
+        light, n_views = self.pictures.mean(1, keepdim=True).clamp(min=0), self._n_views()
+        told = ((shot * light + read) / n_views).sqrt()
+        rough = ROUGHNESS * _around((self.pictures - self.smoother[0]).abs().mean(1, keepdim=True))
+        # The spread is grey, which noise of its own in each colour is less than that of a colour in.
+        apart = math.sqrt(self.light.views.shape[2] / n_views) * _around(self.spread)
+        return told.minimum(rough).minimum(apart)
+
+    @cached_property
+    def doubt(self) -> Tensor:
+        """How far a picture may be off, [N, 1, H, W]: as its noise, and as far as the nearer one of two others is.
+
+        Where not all views see a pixel there is more that nobody can know: pictures are left as they are, and their
+        doubt is 0.
+        """
+        apart = [(other - self.pictures).abs() for other in self._others()]
+        nearer = _around(functools.reduce(torch.minimum, apart).mean(1, keepdim=True))
+        return nearer.hypot(self.chance) * (self.coverage > 1 - SEEN)
+
+    @cached_property
+    def is_one(self) -> tuple[bool, bool]:
+        """Whether the classical pictures are the sums, or the sums of cells."""
+        return torch.equal(self.pictures, self.sums), torch.equal(self.pictures, self.cells)
+
+    def _others(self) -> Sequence[Tensor]:
+        """What the pictures are measured by: a method that makes one of these itself, by the other."""
+        both = (self.sums, self.cells)
+        return [each for each, is_itself in zip(both, self.is_one, strict=True) if not is_itself] or both
+
+    def of_doubt(self, difference: Tensor) -> Tensor:
+        """A difference in units of the doubt, large ones as their logarithm: alike for clean scenes and others.
+
+        Args:
+            difference: In light, [N, channels, H, W].
+        """
+        return (difference / (self.doubt + LEAST)).asinh()
+
+    def offered(self, other: Tensor) -> Tensor:
+        """Another picture less the classical one, in units of the doubt; none goes beyond `MOST`.
+
+        Args:
+            other: In light, [N, C, H, W].
+        """
+        difference = other - self.pictures
+        return difference / (self.doubt + LEAST + difference.abs() / MOST)
+
+    def parts(self, n_planes: int) -> Iterator["Seen"]:
+        """Some of the planes after the others; what is known of all of them is found once.
+
+        Args:
+            n_planes: In each, if there are as many.
+        """
+        shared = {name: getattr(self, name) for name in ("whole", "disparities", "relief", "noise", "is_one")}
+        names = ("pictures", "sums", "cells", "spread", "inner", "coverage")
+        split = {name: getattr(self, name).split(n_planes) for name in names}
+        for part, slopes in enumerate(self.slopes.split(n_planes)):
+            made = replace(self, slopes=slopes)
+            # Where cached properties keep what was found.
+            vars(made).update(shared | {name: planes[part] for name, planes in split.items()})
+            yield made
+
+    @property
+    def fraction(self) -> Tensor:
+        """How far slopes are from whole ones, at which no view is read between its pixels, 0 to 1, [N, 1, 1, 1]."""
+        return 2 * (self.slopes - self.slopes.round()).abs().to(self.light.views)[:, None, None, None]
+
+    @cached_property
+    def defocus(self) -> Tensor:
+        """How far each pixel of the central view is from each plane, s - d, [N, 1, H, W]."""
+        return self.slopes.to(self.disparities)[:, None, None, None] - self.disparities
+
+    @cached_property
+    def relief(self) -> Tensor:
+        """By how much disparities vary within each of `REACHES`, in pixels per view step, [1, 2, H, W]."""
+        return torch.cat([_range(self.disparities[None, None], reach) for reach in REACHES], 1)
+
+    @property
+    def central(self) -> Tensor:
+        """The view in the middle, [C, H, W]."""
+        rows, columns = self.light.grid
+        return self.whole[rows // 2, columns // 2]
+
+    @cached_property
+    def coverage(self) -> Tensor:
+        """Share of the views that see a pixel of a plane within their frame, [N, 1, H, W]."""
+        rows, columns = (
+            self._inside(n_views, n_pixels) for n_views, n_pixels in zip(self.light.grid, self.light.size, strict=True)
+        )
+        return rows[:, None, :, None] * columns[:, None, None, :]
+
+    def _inside(self, n_views: int, n_pixels: int) -> Tensor:
+        """Share of the views along one axis within whose frame pixels lie, [N, n_pixels]."""
+        steps = geometry.angular_offsets(n_views).to(self.slopes)
+        read = torch.arange(n_pixels).to(self.slopes) + (self.slopes[:, None] * steps)[..., None]
+        inside = ((read > -1) & (read < n_pixels)).to(self.light.views)
+        return inside.mean(1)
+
+    def _n_views(self) -> float:
+        """As many views of equal weight leave as much noise as the aperture does."""
+        if self.base.aperture is None:
+            return float(math.prod(self.light.grid))
+        weights = self.base.aperture(self.light.grid)
+        return float(weights.sum().square() / weights.square().sum())
+
+    def _of(self, operator: OperatorRefocuser, light: LightField) -> Tensor:
+        """Through the aperture of the classical pictures, if they have one."""
+        return operator.through(self.base.aperture)(light, self.slopes)
+
+
+def _around(images: Tensor) -> Tensor:
+    """The mean of what is around each pixel, [N, channels, H, W]."""
+    return F.avg_pool2d(images, WINDOW, 1, WINDOW // 2, count_include_pad=False)
+
+
+def _range(images: Tensor, reach: int) -> Tensor:
+    """Largest less smallest value within a square around each pixel, [N, channels, H, W]."""
+    largest, smallest = images, -images
+    for window, padding in (((reach, 1), (reach // 2, 0)), ((1, reach), (0, reach // 2))):
+        largest, smallest = (F.max_pool2d(each, window, 1, padding) for each in (largest, smallest))
+    return largest + smallest
+
+
+def _smooth(images: Tensor, apart: int) -> Tensor:
+    """Half of each pixel and a quarter of those `apart` from it, across and down; beyond an edge is what lies at it."""
+    for padding, axis in (((apart, apart, 0, 0), -1), ((0, 0, apart, apart), -2)):
+        length = images.shape[axis]
+        padded = F.pad(images, padding, mode="replicate")
+        neighbours = padded.narrow(axis, 0, length) + padded.narrow(axis, 2 * apart, length)
+        images = 0.5 * images + 0.25 * neighbours
+    return images
