@@ -61,7 +61,7 @@ paper: install
 ablations: install
 	$(BIN)/python docs/ablations.py
 
-# The network that ships, from nothing: two hours on two cores. The same words go on where they were interrupted.
+# The network that ships, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
 	$(BIN)/lfref prepare output="$(WEIGHTS)/set_$(shell date +%s)"
 	if [ -e "$(WEIGHTS)/run/checkpoints" ]; then $(BIN)/lfref train resume="$(WEIGHTS)/run"; \
