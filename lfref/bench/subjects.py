@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from lfref.bench.quality import Shown
-from lfref.captures.correct import correct
+from lfref.captures.asked import AUTO, as_asked
 from lfref.encoding import LINEAR, Encoding
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
@@ -74,6 +74,9 @@ class Subject:
         return Shown(stack, self.encoding.decode(stack))
 
 
+EVEN = "methods are compared on an even grid"
+
+
 def put_right(scene: Scene, light: LightField) -> LightField:
     """The views of a scene, corrected by what they show.
 
@@ -81,7 +84,7 @@ def put_right(scene: Scene, light: LightField) -> LightField:
         scene: Not looked at.
         light: Its views.
     """
-    return correct(light)[0]
+    return as_asked(light, AUTO, even=EVEN)[0]
 
 
 def put_right_by_white(scene: Scene, light: LightField) -> LightField:
@@ -91,7 +94,7 @@ def put_right_by_white(scene: Scene, light: LightField) -> LightField:
         scene: Whose sensor photographs it, with noise of its own.
         light: Its views.
     """
-    return correct(light, white_picture(scene, light))[0]
+    return as_asked(light, AUTO, white_picture(scene, light), EVEN)[0]
 
 
 CORRECTIONS: dict[str, Callable[[Scene, LightField], LightField] | None] = {

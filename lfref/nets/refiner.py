@@ -1,7 +1,7 @@
 """The refiner: a small residual network that corrects refocused planes, each by itself, by guides that come with it.
 
 What it adds is mixed of offers, the first of the guides: other pictures of the same plane, less the one that is
-corrected, in units of the doubt that comes with it. So there is nothing to correct where methods agree, nothing can be
+corrected, in units of the doubt that comes with it. So nothing is corrected where there is no doubt, nothing can be
 invented, and all colours are treated alike. It starts at nothing, since the last convolution does.
 It works on a coarser grid of pixels with more channels (pixel unshuffle): as many weights a pixel reach farther and
 cost less.

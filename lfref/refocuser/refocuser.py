@@ -19,9 +19,8 @@ from lfref.refocus import batches
 
 Aperture = Callable[[Sequence[int]], Tensor]
 """(grid (V, U)) -> weight of each view, [V, U]."""
-
-
 KINDS_OF_LIGHT = {True: "linear light", False: "samples as files hold them"}
+"""By whether they are linear."""
 
 
 class Refocuser(abc.ABC):

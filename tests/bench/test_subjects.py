@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lfref.bench import subjects
+from lfref.captures.correct import correct
 from lfref.encoding import SRGB
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
@@ -27,6 +28,7 @@ from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat
+from tests.captures import displaced
 
 CPU = torch.device("cpu")
 SLOPES = torch.tensor([-1.0, 0.0], dtype=torch.float64)
@@ -98,3 +100,9 @@ def test_light_fields_of_which_nothing_is_known_are_judged_by_exact_refocusing()
 @pytest.mark.parametrize("aperture", ["square", "disc"])
 def test_every_aperture_of_a_camera_has_weights(aperture):
     assert Camera(aperture=aperture).aperture in subjects.APERTURES
+
+
+def test_put_right_cameras_stay_on_the_grid_that_all_methods_can_read():
+    field = displaced.stretched("leaves", 1.2)
+    assert correct(field)[0].positions is not None
+    assert subjects.put_right(sim30.SCENES["leaves"], field).positions is None
