@@ -131,12 +131,14 @@ class Refiner(nn.Module):
 
     def _whole(self, planes: Tensor) -> Tensor:
         """Planes of whole coarse pixels: what lies beyond the edge is as what lies at it."""
-        for axis in (-2, -1):
-            if beyond := -planes.shape[axis] % self.shuffle:
-                # Autocast would have `F.pad` make single precision of it.
-                edge = planes.narrow(axis, planes.shape[axis] - 1, 1)
-                planes = torch.cat([planes, *(edge,) * beyond], axis)
-        return planes
+        height, width = planes.shape[-2:]
+        beyond = (0, -width % self.shuffle, 0, -height % self.shuffle)
+        # What is traced at one size is run at others.
+        if not any(beyond) and not torch.jit.is_tracing():
+            return planes
+        # Autocast would make single precision of it.
+        with torch.autocast(planes.device.type, enabled=False):
+            return F.pad(planes, beyond, mode="replicate")
 
 
 def _silent(layer: nn.Conv2d) -> nn.Conv2d:
