@@ -50,9 +50,10 @@ class Registration(NamedTuple):
         return explained(information[chosen], moved[chosen], shown[chosen], self.places, unknown)
 
     def quarters(self) -> list[Tensor]:
-        """Which patches lie in each quarter of the picture, [K] of bool each: four looks at the same views."""
+        """Which patches lie in each quarter of the picture, [K] of bool each: up to four looks at the same views."""
         low, right = (self.patches.centres > self.patches.centres.median(0).values).unbind(-1)
-        return [low & right, low & ~right, ~low & right, ~low & ~right]
+        quarters = [low & right, low & ~right, ~low & right, ~low & ~right]
+        return [quarter for quarter in quarters if bool(quarter.any())]
 
 
 def registered(evidence: Evidence) -> Registration | None:

@@ -62,7 +62,7 @@ class Crops(Dataset[PlaneBatch]):
         images = torch.cat(parts, 1)
         if self.crop is not None:
             images = torch.stack([turned(cropped(plane, self.crop, random), random) for plane in images])
-        guides, pictures, doubts, missing = images.split([part.shape[1] for part in parts], 1)
+        guides, pictures, doubts, missing = images.float().split([part.shape[1] for part in parts], 1)
         where = [f"{path.name}, plane {plane}" for plane in range(len(images))]
         return PlaneBatch(
             guides=guides,

@@ -53,15 +53,17 @@ class Recipe:
     """View rows and columns, each as often as it stands here."""
     depths: tuple[float, ...] = (0.5, 1.0, 2.0)
     """What disparities of scenes are multiplied by, each as often."""
-    plain: float = 0.25
+    plain: float = 0.3
     """Share of scenes without a sensor whose surfaces are matte and still: what methods do best."""
+    flat: float = 0.4
+    """Share of those whose one or two surfaces face the camera: what some methods do without an error."""
     ideal: float = 0.2
     """Share of further scenes without a sensor."""
     whole: float = 0.25
     """Share of slopes that are rounded to whole ones, at which no view is read between its pixels."""
     n_near: int = 3
     """Planes near focus: at the disparity of something there is."""
-    ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (-7.0, -1.0))
+    ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
     """Of slopes of further planes, one each."""
     correct: str = AUTO
     """As for `as_asked`; `auto` has a white picture of cameras with vignetting."""
@@ -77,9 +79,9 @@ class Recipe:
             self.grids
             and self.depths
             and self.n_near + len(self.ranges)
-            and min(self.plain, self.ideal, 1 - self.plain - self.ideal) >= 0
+            and min(self.plain, self.ideal, 1 - self.plain - self.ideal, self.flat, 1 - self.flat) >= 0
         ):
-            got = (self.grids, self.depths, self.n_near, self.ranges, self.plain, self.ideal, self.whole)
+            got = (self.grids, self.depths, self.n_near, self.ranges, self.plain, self.flat, self.ideal, self.whole)
             raise InputError(
                 "a set needs grids, depths, planes, and shares from 0 to 1, of plain and ideal scenes together too",
                 got=got,
@@ -148,7 +150,10 @@ def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
     low, high = recipe.scenes.disparities
     drawn = replace(recipe.scenes, camera=replace(recipe.scenes.camera, grid=grid))
     kind = random.random()
-    drawn = drawn.plain() if kind < recipe.plain else drawn
+    if kind < recipe.plain:
+        drawn = drawn.plain()
+    if kind < recipe.flat * recipe.plain:
+        drawn = replace(drawn, n_surfaces=(1, 2), slant=0.0, domes=0.0)
     scene = replace(drawn, disparities=(depth * low, depth * high)).scene(recipe.seed, 0, index)
     return replace(scene, sensor=Sensor()) if kind < recipe.plain + recipe.ideal else scene
 
@@ -201,7 +206,7 @@ def write(path: Path, item: Item) -> None:
 
 
 def read(path: Path) -> Item:
-    """Read what `write` wrote, floats in single precision.
+    """Read what `write` wrote, images in half precision.
 
     Args:
         path: The file.
@@ -211,8 +216,7 @@ def read(path: Path) -> Item:
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            images = {name: torch.from_numpy(arrays[name]).float() for name in Item._fields[:-1]}
-            return Item(**images, slopes=torch.from_numpy(arrays["slopes"]))
+            return Item(*(torch.from_numpy(arrays[name]) for name in Item._fields))
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise FileError(
             f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"

@@ -3,11 +3,13 @@
 Source: PyTorch, "CUDA semantics", section "CUDA Graphs".
 """
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
 from lfref.engines import channels_last
-from lfref.engines.engine import BF16, FP32, Job, Run, Way, in_bf16
+from lfref.engines.engine import BF16, FP32, Inputs, Job, Run, Way, in_bf16
 
 WARMUP = 3
 """Passes before the recording, in which libraries choose their algorithms."""
@@ -36,13 +38,27 @@ def _recorded(run: Run, job: Job) -> Run:
     with torch.cuda.graph(graph):
         stack = run(*inputs)
 
-    def replayed(*given: Tensor) -> Tensor:
-        for place, each in zip(inputs, given, strict=True):
-            place.copy_(each)
-        graph.replay()
-        return stack.clone()
+    return Recorded(run, graph, inputs, stack)
 
-    return replayed
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A pass that is replayed."""
+
+    run: Run
+    """What was recorded: the graph reads the weights where they were then, so they must stay."""
+    graph: torch.cuda.CUDAGraph
+    inputs: Inputs
+    """Where it reads."""
+    stack: Tensor
+    """Where it writes."""
+
+    def __call__(self, *given: Tensor) -> Tensor:
+        """Replay it."""
+        for place, each in zip(self.inputs, given, strict=True):
+            place.copy_(each)
+        self.graph.replay()
+        return self.stack.clone()
 
 
 WAYS = {precision: Way(prepare, devices=("cuda",)) for precision, prepare in ((FP32, fp32), (BF16, bf16))}

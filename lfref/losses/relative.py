@@ -12,8 +12,8 @@ from torch import Tensor, nn
 
 from lfref.errors import chosen
 
-LEAST = 3e-5
-"""Error below which nothing is gained, in light: beyond 90 dB."""
+LEAST = 1e-5
+"""Error below which nothing is gained, in light: beyond 100 dB."""
 
 POWERS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "l1": lambda error, share: (share * error.abs()).sum((-3, -2, -1)),

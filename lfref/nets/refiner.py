@@ -122,11 +122,11 @@ class Refiner(nn.Module):
         coarse = F.pixel_unshuffle(self._whole(planes), self.shuffle).contiguous(memory_format=torch.channels_last)
         features = self.blocks(self.stem(coarse))
         made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width].to(pictures)
-        # To leave a picture as it is, one output closes, instead of each share meeting zero.
+        # To leave a picture as it is, one output closes, wholly, instead of each share meeting zero.
         *shares, gate = made.split(1, 1)
         offers = planes.split(pictures.shape[-3], 1)[: self.n_offers]
         mixed = sum(share * offer for share, offer in zip(shares, offers, strict=True))
-        added = (STEP * gate.sigmoid() * mixed).reshape(pictures.shape)
+        added = (STEP * F.hardsigmoid(gate) * mixed).reshape(pictures.shape)
         return pictures + doubts * added
 
     def _whole(self, planes: Tensor) -> Tensor:

@@ -16,7 +16,6 @@ from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.focus.coarse_disparity import coarse_disparity
-from lfref.refocus.focus.disparity import disparity_map
 from lfref.refocus.fourier import layer_energies
 from lfref.refocus.fourier.layered_refocusing import by_energies
 from lfref.refocus.wiener import prior
@@ -27,7 +26,6 @@ EDGE = 0.12  # change of disparity from pixel to pixel that is a gap, not a slan
 NEAR = 7  # pixels around an edge
 FOCUS = 1.0  # |s - d| in pixels per view step from which aliases no longer matter
 WHOLE = 0.1  # distance from whole slopes from which on shifts count as fractional
-LARGE = 256  # pixels along the shorter side
 FADE = 5  # pixels over which one estimate gives way to the other
 
 
@@ -68,7 +66,7 @@ def _refocused(field: Tensor, planes: Tensor, aperture: Tensor, known: Tensor | 
     """One light field [V, U, C, H, W] as a stack [N, C, H, W]."""
     energies = layer_energies.found(field, N_LAYERS, aperture)
     first, *_, last = energies.disparities.tolist()
-    disparity = _disparity(field, first, last) if known is None else known
+    disparity = coarse_disparity(field, first, last) if known is None else known
     stack, shares = by_energies(field, planes, energies, aperture), near_edges(disparity, planes)
     needed = shares.amax((1, 2)).cpu() > 0
     if bool(needed.any()):
@@ -76,12 +74,6 @@ def _refocused(field: Tensor, planes: Tensor, aperture: Tensor, known: Tensor | 
         chosen = needed.nonzero()[:, 0].to(stack.device)
         stack = stack.index_add(0, chosen, shares[chosen, None] * (estimate - stack[chosen]))
     return stack
-
-
-def _disparity(field: Tensor, first: float, last: float) -> Tensor:
-    """Disparity of each pixel, [H, W], of large views by a look at half their size: where edges are is enough."""
-    small = min(field.shape[-2:]) < LARGE
-    return disparity_map(field, first, last).disparity if small else coarse_disparity(field, first, last)
 
 
 def _checked(disparities: Tensor, views: Tensor) -> Tensor:

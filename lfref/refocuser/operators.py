@@ -75,10 +75,15 @@ class OperatorRefocuser(Refocuser):
         """As in `Refocuser`; an aperture of its own is kept."""
         return self if aperture is None or self.aperture is not None else replace(self, aperture=aperture)
 
-    def knowing(self, disparities: Tensor) -> "OperatorRefocuser":
-        """The same, told the disparities of a light field [H, W] if it can use them: it need not look for them."""
-        takes = self._takes("disparities")
-        return replace(self, operator=functools.partial(self.operator, disparities=disparities)) if takes else self
+    def knowing(self, disparities: Callable[[], Tensor]) -> "OperatorRefocuser":
+        """The same, told the disparities of a light field if it can use them: it need not look for them.
+
+        Args:
+            disparities: Finds them, [H, W]; not called where they are of no use.
+        """
+        if not self._takes("disparities"):
+            return self
+        return replace(self, operator=functools.partial(self.operator, disparities=disparities()))
 
     def cell_width(self, slopes: Tensor) -> float:
         """As in `Refocuser`, by the operator's `fill` and `disparity`."""

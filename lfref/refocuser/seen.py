@@ -5,9 +5,10 @@ Letters: `N` planes, `C H W` channel, pixel row and column, `s` slope, `d` dispa
 
 import functools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -40,6 +41,32 @@ SEEN = 1e-3
 CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
 
 
+Found = TypeVar("Found")
+
+
+def _once(find: Callable[["Seen"], Found]) -> cached_property[Found]:
+    """What is found once for all planes."""
+
+    @functools.wraps(find)
+    def found(seen: "Seen") -> Found:
+        return find(seen) if seen.among is None else getattr(seen.among, find.__name__)
+
+    return cached_property(found)
+
+
+def _at_once(find: Callable[["Seen"], Tensor]) -> cached_property[Tensor]:
+    """What is found for all planes at once, plane by plane."""
+
+    @functools.wraps(find)
+    def found(seen: "Seen") -> Tensor:
+        if seen.among is None:
+            return find(seen)
+        planes: Tensor = getattr(seen.among, find.__name__)
+        return planes[seen.first : seen.first + len(seen.slopes)]
+
+    return cached_property(found)
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """A light field and planes of it, with what several guides share, each found when first asked for."""
@@ -50,26 +77,30 @@ class Seen:
     """In pixels per view step, float64, [N]."""
     base: OperatorRefocuser
     """Makes the classical pictures."""
+    among: "Seen | None" = None
+    """More planes, of which these are some; None: these are all."""
+    first: int = 0
+    """Which of those comes first."""
 
-    @cached_property
+    @_at_once
     def pictures(self) -> Tensor:
         """The classical pictures, [N, C, H, W]."""
-        return self.base.knowing(self.disparities)(self.light, self.slopes)
+        return self.base.knowing(lambda: self.disparities)(self.light, self.slopes)
 
-    @cached_property
+    @_once
     def disparities(self) -> Tensor:
         """Of each pixel of the central view, in pixels per view step, [H, W]; 0 where there is but one view."""
         if self.whole.shape[:2].numel() < 2:
             return self.whole.new_zeros(self.light.size)
         return coarse_disparity(self.whole).to(self.whole)
 
-    @cached_property
+    @_once
     def whole(self) -> Tensor:
         """The views, samples that are not trusted replaced by what the others show there, [V, U, C, H, W]."""
         light = self.light
         return light.views if light.weight is None else filling.filled(light.views, light.weight.to(light.views))
 
-    @cached_property
+    @_at_once
     def sums(self) -> Tensor:
         """Plain sums of the views, [N, C, H, W]."""
         return self._of(POINTS, self.light)
@@ -79,19 +110,19 @@ class Seen:
         """The mean of the colours, [V, U, 1, H, W]."""
         return replace(self.light, views=self.light.views.mean(2, keepdim=True))
 
-    @cached_property
+    @_at_once
     def spread(self) -> Tensor:
         """Standard deviation over the views that a pixel of a plane is the sum of, grey, [N, 1, H, W]."""
         squares = self._of(POINTS, replace(self.grey, views=self.grey.views.square()))
         return (squares - self.sums.mean(1, keepdim=True).square()).clamp(min=0).sqrt()
 
-    @cached_property
+    @_at_once
     def inner(self) -> Tensor:
         """What the middle of the aperture, half as wide, sees more than all of it, grey, [N, 1, H, W]."""
         half = POINTS.through(lambda grid: apertures.square(grid, min(grid) / 2))
         return half(self.grey, self.slopes) - self.sums.mean(1, keepdim=True)
 
-    @cached_property
+    @_at_once
     def cells(self) -> Tensor:
         """Sums of the views as cells of the aperture, [N, C, H, W]."""
         return self._of(CELLS, self.light)
@@ -103,7 +134,7 @@ class Seen:
         middle = _smooth(fine, 2)
         return fine, middle, _smooth(middle, 4)
 
-    @cached_property
+    @_once
     def noise(self) -> tuple[float, float]:
         """Variance of the views' noise for each unit of light, and in the dark."""
         return noise_line.measured(self.light)
@@ -133,7 +164,7 @@ class Seen:
         nearer = _around(functools.reduce(torch.minimum, apart).mean(1, keepdim=True))
         return nearer.hypot(self.chance) * (self.coverage > 1 - SEEN)
 
-    @cached_property
+    @_once
     def is_one(self) -> tuple[bool, bool]:
         """Whether the classical pictures are the sums, or the sums of cells."""
         return torch.equal(self.pictures, self.sums), torch.equal(self.pictures, self.cells)
@@ -161,19 +192,13 @@ class Seen:
         return difference / (self.doubt + LEAST + difference.abs() / MOST)
 
     def parts(self, n_planes: int) -> Iterator["Seen"]:
-        """Some of the planes after the others; what is known of all of them is found once.
+        """Some of the planes after the others; what is found of all of them is found once.
 
         Args:
             n_planes: In each, if there are as many.
         """
-        shared = {name: getattr(self, name) for name in ("whole", "disparities", "relief", "noise", "is_one")}
-        names = ("pictures", "sums", "cells", "spread", "inner", "coverage")
-        split = {name: getattr(self, name).split(n_planes) for name in names}
-        for part, slopes in enumerate(self.slopes.split(n_planes)):
-            made = replace(self, slopes=slopes)
-            # Where cached properties keep what was found.
-            vars(made).update(shared | {name: planes[part] for name, planes in split.items()})
-            yield made
+        for first in range(0, len(self.slopes), n_planes):
+            yield replace(self, slopes=self.slopes[first : first + n_planes], among=self, first=first)
 
     @property
     def fraction(self) -> Tensor:
@@ -185,7 +210,7 @@ class Seen:
         """How far each pixel of the central view is from each plane, s - d, [N, 1, H, W]."""
         return self.slopes.to(self.disparities)[:, None, None, None] - self.disparities
 
-    @cached_property
+    @_once
     def relief(self) -> Tensor:
         """By how much disparities vary within each of `REACHES`, in pixels per view step, [1, 2, H, W]."""
         return torch.cat([_range(self.disparities[None, None], reach) for reach in REACHES], 1)
@@ -196,7 +221,7 @@ class Seen:
         rows, columns = self.light.grid
         return self.whole[rows // 2, columns // 2]
 
-    @cached_property
+    @_at_once
     def coverage(self) -> Tensor:
         """Share of the views that see a pixel of a plane within their frame, [N, 1, H, W]."""
         rows, columns = (

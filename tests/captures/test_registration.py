@@ -20,6 +20,15 @@ def test_patches_of_a_plane_have_its_disparity():
     assert sum(int(quarter.sum()) for quarter in found.quarters()) == len(found.patches.rows)
 
 
+def test_quarters_without_patches_are_left_out():
+    found = registration.registered(displaced.evidence("plane"))
+    falling = torch.arange(len(found.patches.rows))
+    diagonal = found._replace(patches=found.patches._replace(rows=falling, columns=falling))
+    quarters = diagonal.quarters()
+    assert len(quarters) == 2
+    assert bool((quarters[0] ^ quarters[1]).all())
+
+
 def test_half_of_the_patches_say_the_same():
     found = registration.registered(displaced.evidence("shards"))
     part = found.again(registration.linear(found.places), torch.arange(len(found.patches.rows)) % 2 == 0)

@@ -114,7 +114,7 @@ def assert_integers(operator: Operator, shape: Shape, dtype: torch.dtype) -> Non
 def assert_same_on_gpu(operator: Operator, shape: Shape, dtype: torch.dtype) -> None:
     """A GPU gives the stack of the CPU, and the gradient of the CPU."""
     views = torch.randn(shape, dtype=dtype)
-    here, there = (views.to(device).requires_grad_() for device in ("cpu", "cuda"))
+    here, there = (views.clone().to(device).requires_grad_() for device in ("cpu", "cuda"))
     stacks = operator(here), operator(there)
     assert stacks[1].is_cuda
     tolerance = {"atol": 1e-12 if dtype == torch.float64 else 1e-5, "rtol": 0}

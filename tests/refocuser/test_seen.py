@@ -3,12 +3,19 @@
 import pytest
 import torch
 
+from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
+from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocuser.guides import GUIDES, guides
+from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.seen import CELLS, Seen
+from lfref.simulator import sim30
 from lfref.simulator.effects.noise import noisy
+from lfref.simulator.simulate import simulate
 
 from .cases import BASE, SLOPES, seen
+
+INNER = (..., slice(24, -24), slice(24, -24))
 
 
 def test_views_agree_where_a_plane_is_in_focus_and_differ_elsewhere():
@@ -123,6 +130,23 @@ def test_there_is_a_doubt_only_where_all_views_see():
 def test_one_view_has_no_disparity():
     light = LightField(torch.rand(1, 1, 3, 12, 14))
     assert torch.equal(Seen(light, SLOPES, BASE).disparities, torch.zeros(12, 14))
+
+
+def test_the_classical_pictures_are_as_good_as_the_method_makes_them_alone():
+    scene = sim30.SCENES["lattice"]
+    slopes = torch.tensor([-0.33, 0.2], dtype=torch.float64)
+    made = simulate(scene, outputs=("views", "truth"), slopes=slopes)
+    base = OperatorRefocuser("occlusion_aware", occlusion_aware)
+    pictures, alone = Seen(LightField(made.views), slopes, base).pictures, base(made.views, slopes)
+    before, after = (psnr(each[INNER], made.truth[INNER]) for each in (alone, pictures))
+    assert float((after - before).min()) > -0.1
+
+
+def test_disparities_are_not_looked_for_where_they_are_of_no_use(monkeypatch):
+    monkeypatch.setattr("lfref.refocuser.seen.coarse_disparity", None)
+    light = Seen(LightField(torch.rand(3, 3, 3, 24, 26)), SLOPES, CELLS)
+    for part in light.parts(2):
+        assert bool(guides(part, ["sum", "spread", "doubt", "chance"]).isfinite().all())
 
 
 @pytest.mark.parametrize("n_planes", [1, 2, 3, 5])

@@ -15,7 +15,7 @@ from lfref.cli import config as configs
 from lfref.cli.benches import shared
 from lfref.cli.command import device_of, log, paths, progress
 from lfref.cli.planes import fixed
-from lfref.errors import chosen
+from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocuser.networks import load
@@ -69,10 +69,12 @@ def _judges(
 ) -> tuple[Iterable[Subject], list[LightField]]:
     """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
     if config.input is None:
-        scenes = progress([*shared.scenes(config.judged).values(), *_varied(config)], "judging by truth")
+        scenes = [*shared.scenes(config.judged).values(), *_varied(config)]
+        if not scenes:
+            raise InputError("there must be scenes to judge by", got="none", remedy="name some by judged or varied")
         fields = [field.to(device) for field in shared.light_fields(config, methods)]
         chosen("correct", config.correct, CORRECTIONS)
-        return subjects.simulated(scenes, planes.slopes, device, config.correct), fields
+        return subjects.simulated(progress(scenes, "judging by truth"), planes.slopes, device, config.correct), fields
     judges = list(_of_captures(config, methods, planes, device))
     return progress(judges, f"judging by {judges[0].reference}"), [judge.light for judge in judges]
 

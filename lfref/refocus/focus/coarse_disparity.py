@@ -1,4 +1,4 @@
-"""Disparity by a look at views of half their size: a quarter of the time, enough to know where edges are.
+"""Disparity of large views by a look at half their size: a quarter of the time, enough to know where edges are.
 
 Letters: `d` disparity in pixels per view step.
 """
@@ -9,13 +9,13 @@ from torch.nn import functional as F
 
 from lfref.refocus.focus.disparity import disparity_map
 
-LEAST = 64
-"""Pixels along the shorter side below which there is nothing to save, and halves are too small for wide disparities."""
+LARGE = 256
+"""Pixels along the shorter side from which there is time to save, and halves of views still show where edges are."""
 
 
 @torch.no_grad()
 def coarse_disparity(field: Tensor, first: float | None = None, last: float | None = None) -> Tensor:
-    """Disparity of each pixel of the central view; of all but small views alike in squares of two by two.
+    """Disparity of each pixel of the central view; of large views alike in squares of two by two.
 
     Args:
         field: Radiance, [V, U, C, H, W], floating point.
@@ -29,7 +29,7 @@ def coarse_disparity(field: Tensor, first: float | None = None, last: float | No
         InputError: Views or a range that cannot be used.
     """
     height, width = field.shape[-2:]
-    if min(height, width) < LEAST:
+    if min(height, width) < LARGE:
         return disparity_map(field, first, last).disparity
     # Colours are averaged first: the map would do so, of four times as many pixels.
     halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)

@@ -82,3 +82,9 @@ def test_scenes_are_drawn_at_random_too(front):
     names = list(dict.fromkeys(row["scene"] for row in found["scenes"]))
     assert names == [f"simulated_s2000003_e0_{index:03d}" for index in range(3)]
     assert {row["class"] for row in found["scenes"]} >= {"ideal", "corrected"}
+
+
+def test_no_scenes_at_all_are_refused_in_a_line(lfref, tmp_path):
+    status, errors = lfref("bench", *QUICK, *FEW, "judged=[]", f"output={tmp_path}/run")
+    assert status == 1
+    assert "there must be scenes to judge by; got none; name some by judged or varied" in errors
