@@ -22,7 +22,7 @@ BAR_WIDTH = 0.75
 TITLE: dict[str, Any] = {"fontsize": 8, "color": drawing.BLACK, "pad": 3}
 ERROR: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(1e-6, 1)}
 SHARE: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1}
-JPEG = {**drawing.PNG, "format": "jpg", "pil_kwargs": {"quality": 85, "subsampling": 0, "optimize": True}}
+JPEG = {**drawing.PNG, "format": "jpg", "pil_kwargs": {"quality": 83, "subsampling": 0, "optimize": True}}
 
 
 def sheet(cells: Iterable[tuple[str, Tensor]], n_columns: int = 3, bar: str = "", **style: Any) -> Figure:

@@ -37,58 +37,68 @@ class PlaneBatch(TypedDict):
 
 
 class Crops(Dataset[PlaneBatch]):
-    """The planes of an item: crops, mirrored and turned at random, the same for the same (seed, epoch, item).
+    """A plane of an item: a crop, mirrored and turned at random, the same for the same (seed, epoch, place).
+
+    Planes of a light field err alike, so a batch is drawn of all of them, and not of all planes of a few.
 
     Args:
-        paths: The items.
-        crop: Height and width in pixels; None takes planes as they are.
+        paths: The items, of as many planes each.
+        crop: Height and width in pixels.
         seed: Of the crops.
+
+    Raises:
+        InputError: Planes are smaller than crops.
     """
 
-    def __init__(self, paths: Sequence[Path], crop: int | None, seed: int) -> None:
+    def __init__(self, paths: Sequence[Path], crop: int, seed: int) -> None:
         self.paths = paths
         self.crop = crop
         self.seed = seed
+        self.n_planes, *self.size = plane_sets.shape(paths[0])
+        if crop > min(self.size):
+            size = "x".join(map(str, self.size))
+            raise InputError(f"crops must be at most as large as the planes, {size}", got=crop)
+
+    def __len__(self) -> int:
+        return len(self.paths) * self.n_planes
+
+    def __getitem__(self, key: tuple[int, int]) -> PlaneBatch:
+        epoch, place = key
+        path, plane = self.paths[place // self.n_planes], place % self.n_planes
+        random = np.random.default_rng((self.seed, epoch, place))
+        firsts = (int(random.integers(length - self.crop + 1)) for length in self.size)
+        box = (slice(first, first + self.crop) for first in firsts)
+        parts = plane_sets.read(path, slice(plane, plane + 1), *box)[:-1]
+        images = turned(torch.cat(parts, 1).float(), random)
+        return _batch(images.split([part.shape[1] for part in parts], 1), [f"{path.name}, plane {plane}"])
+
+
+class Wholes(Dataset[PlaneBatch]):
+    """All planes of an item as they are.
+
+    Args:
+        paths: The items.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self.paths = paths
 
     def __len__(self) -> int:
         return len(self.paths)
 
     def __getitem__(self, key: tuple[int, int]) -> PlaneBatch:
-        epoch, index = key
-        path = self.paths[index]
-        item = plane_sets.read(path)
-        random = np.random.default_rng((self.seed, epoch, index))
-        parts = item[:-1]
-        images = torch.cat(parts, 1)
-        if self.crop is not None:
-            images = torch.stack([turned(cropped(plane, self.crop, random), random) for plane in images])
-        guides, pictures, doubts, missing = images.float().split([part.shape[1] for part in parts], 1)
-        where = [f"{path.name}, plane {plane}" for plane in range(len(images))]
-        return PlaneBatch(
-            guides=guides,
-            pictures=pictures,
-            doubts=doubts,
-            missing=missing,
-            where=where,
-            resampled=0,
-        )
+        path = self.paths[key[1]]
+        parts = [part.float() for part in plane_sets.read(path)[:-1]]
+        return _batch(parts, [f"{path.name}, plane {plane}" for plane in range(len(parts[0]))])
 
 
-def cropped(image: Tensor, crop: int, random: np.random.Generator) -> Tensor:
-    """A square of an image [K, H, W] somewhere within, [K, crop, crop].
-
-    Raises:
-        InputError: It is smaller.
-    """
-    height, width = image.shape[-2:]
-    if crop > min(height, width):
-        raise InputError(f"crops must be at most as large as the planes, {height}x{width}", got=crop)
-    top, left = (int(random.integers(length - crop + 1)) for length in (height, width))
-    return image[..., top : top + crop, left : left + crop]
+def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
+    guides, pictures, doubts, missing = parts
+    return PlaneBatch(guides=guides, pictures=pictures, doubts=doubts, missing=missing, where=where, resampled=0)
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
-    """A square image in one of its eight orientations: no guide knows left from right, nor across from down."""
+    """Square images in one of its eight orientations: no guide knows left from right, nor across from down."""
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image
@@ -96,18 +106,9 @@ def turned(image: Tensor, random: np.random.Generator) -> Tensor:
 
 def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
     """The planes of several items as one batch."""
-    guides, pictures, doubts, missing = (
-        torch.cat([item[name] for item in items]) for name in ("guides", "pictures", "doubts", "missing")
-    )
-    where = [place for item in items for place in item["where"]]
-    return PlaneBatch(
-        guides=guides,
-        pictures=pictures,
-        doubts=doubts,
-        missing=missing,
-        where=where,
-        resampled=0,
-    )
+    names = ("guides", "pictures", "doubts", "missing")
+    parts = [torch.cat([item[name] for item in items]) for name in names]  # type: ignore[literal-required]
+    return _batch(parts, [place for item in items for place in item["where"]])
 
 
 class PlaneData(LightningDataModule):
@@ -120,7 +121,7 @@ class PlaneData(LightningDataModule):
         n_fields: Light fields to use, the first ones of the set; None takes all there are.
         n_validation: The first ones of these are held out.
         crop: Height and width of what is trained on, in pixels.
-        fields_per_batch: Light fields whose planes make a batch.
+        planes_per_batch: Crops that make a batch, each of any light field.
         workers: Processes that prepare batches; 0 prepares them in the training process.
         seed: Of order and crops.
 
@@ -136,19 +137,19 @@ class PlaneData(LightningDataModule):
         n_fields: int | None = None,
         n_validation: int = 40,
         crop: int = 96,
-        fields_per_batch: int = 4,
+        planes_per_batch: int = 24,
         workers: int = 0,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if min(n_validation, crop, fields_per_batch) < 1 or min(workers, seed) < 0:
-            got = f"{n_validation}, {crop}, {fields_per_batch}, {workers} and {seed}"
-            raise InputError("n_validation, crop and fields_per_batch must be at least 1, workers and seed 0", got=got)
+        if min(n_validation, crop, planes_per_batch) < 1 or min(workers, seed) < 0:
+            got = f"{n_validation}, {crop}, {planes_per_batch}, {workers} and {seed}"
+            raise InputError("n_validation, crop and planes_per_batch must be at least 1, workers and seed 0", got=got)
         self.folder = plane_sets.folder_of(recipe, Path(cache_folder).expanduser()) if folder is None else Path(folder)
         self.n_fields = n_fields
         self.n_validation = n_validation
         self.crop = crop
-        self.fields_per_batch = fields_per_batch
+        self.planes_per_batch = planes_per_batch
         self.workers = workers
         self.seed = seed
 
@@ -169,18 +170,18 @@ class PlaneData(LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[PlaneBatch]:
         """Crops in a new order and at new places each epoch."""
-        return self._loader(Crops(self.trained, self.crop, self.seed), self.seed, self.fields_per_batch)
+        return self._loader(Crops(self.trained, self.crop, self.seed), self.seed, self.planes_per_batch)
 
     def val_dataloader(self) -> DataLoader[PlaneBatch]:
         """The planes of each held-out item as a whole."""
-        return self._loader(Crops(self.held, None, self.seed), None, 1)
+        return self._loader(Wholes(self.held), None, 1)
 
-    def _loader(self, crops: Crops, order_seed: int | None, n_fields: int) -> DataLoader[PlaneBatch]:
+    def _loader(self, items: Crops | Wholes, order_seed: int | None, n_items: int) -> DataLoader[PlaneBatch]:
         rank, world_size = (self.trainer.global_rank, self.trainer.world_size) if self.trainer else (0, 1)
         return DataLoader(
-            crops,
-            batch_size=n_fields,
-            sampler=EpochSampler(len(crops), order_seed, rank, world_size),
+            items,
+            batch_size=n_items,
+            sampler=EpochSampler(len(items), order_seed, rank, world_size),
             collate_fn=together,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,

@@ -5,15 +5,18 @@ number alone: a set that was interrupted goes on, and processes share the work.
 Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column.
 """
 
+import contextlib
 import hashlib
 import json
-import zipfile
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
 from torch import Tensor
 
 from lfref.captures.asked import AUTO, as_asked
@@ -21,6 +24,7 @@ from lfref.data.cache import EVEN
 from lfref.errors import FileError, InputError, chosen
 from lfref.functional import sources
 from lfref.io import atomic
+from lfref.io.safetensors import SUFFIX
 from lfref.lightfield import LightField
 from lfref.refocuser.guides import GUIDES, guides
 from lfref.refocuser.operators import OperatorRefocuser
@@ -32,7 +36,6 @@ from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation
 from lfref.simulator.white_picture import white_picture
 
-SUFFIX = ".npz"
 NEAR = 0.15
 """How far planes near focus lie from what is there, at most, in pixels per view step."""
 
@@ -199,14 +202,13 @@ def write(path: Path, item: Item) -> None:
     kept = item.pictures.half()
     missing = item.pictures + item.missing - kept.float()
     parts = item._replace(pictures=kept, missing=missing)._asdict()
-    arrays = {name: part.cpu().numpy() for name, part in parts.items()}
-    halves = {name: array.astype(np.float16) for name, array in arrays.items() if name != "slopes"}
-    with atomic.replacing(path) as partial, partial.open("wb") as file:
-        np.savez(file, **(arrays | halves))
+    tensors = {name: (part if name == "slopes" else part.half()).cpu().contiguous() for name, part in parts.items()}
+    with atomic.replacing(path) as partial:
+        partial.write_bytes(save(tensors))
 
 
-def read(path: Path) -> Item:
-    """Read what `write` wrote, images in half precision.
+def shape(path: Path) -> tuple[int, int, int]:
+    """Number of planes, height and width of a file that `write` wrote.
 
     Args:
         path: The file.
@@ -214,10 +216,34 @@ def read(path: Path) -> Item:
     Raises:
         FileError: It is missing or damaged.
     """
+    with _opened(path) as file:
+        n_planes, _, height, width = file.get_slice("pictures").get_shape()
+        return n_planes, height, width
+
+
+def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), columns: slice = slice(None)) -> Item:
+    """Read what `write` wrote, images in half precision; nothing else is read of the file.
+
+    Args:
+        path: The file.
+        planes: Which ones.
+        rows: Of their pixels.
+        columns: Likewise.
+
+    Raises:
+        FileError: It is missing or damaged.
+    """
+    with _opened(path) as file:
+        images = {name: file.get_slice(name)[planes, :, rows, columns] for name in Item._fields[:-1]}
+        return Item(**images, slopes=file.get_tensor("slopes")[planes])
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return Item(*(torch.from_numpy(arrays[name]) for name in Item._fields))
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        with safe_open(path, framework="pt", device="cpu") as file:
+            yield file
+    except (SafetensorError, OSError, ValueError) as error:
         raise FileError(
             f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"
         ) from error

@@ -40,7 +40,7 @@ def data(tmp_path):
             slopes,
         )
         plane_sets.write(plane_sets.path_of(tmp_path / "set", index), item)
-    return PlaneData(RECIPE, "unused", str(tmp_path / "set"), n_validation=2, crop=16, fields_per_batch=2)
+    return PlaneData(RECIPE, "unused", str(tmp_path / "set"), n_validation=2, crop=16, planes_per_batch=4)
 
 
 @pytest.fixture
