@@ -98,7 +98,7 @@ def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
-    """Square images in one of its eight orientations: no guide knows left from right, nor across from down."""
+    """Square images in one of the eight orientations: no guide knows left from right, nor across from down."""
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image
