@@ -37,8 +37,11 @@ IS_MITSUBA_INSTALLED = importlib.util.find_spec("mitsuba") is not None
 
 def gains() -> Iterator[str]:
     """The network beside the best rival of each class of scenes."""
-    yield "| scenes | best rival | its PSNR, dB | learned, dB | gain | worst scene | worst alpha |"
-    yield "|---|---|---|---|---|---|---|"
+    yield (
+        "| scenes | best rival | its PSNR, dB | learned, dB | gain | worst scene | worst alpha "
+        "| Delta E 2000, rival and learned | brightness off by at most, rival and learned |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|"
     units = tables.read_table(RUNS / "bench" / "bench.csv").groupby("method")["ratio_to_numpy_fft"].first()
     rivals = [name for name, ratio in units.items() if name != LEARNED and ratio * MOST_UNITS >= 1]
     for run, kind, title in (
@@ -54,7 +57,10 @@ def gains() -> Iterator[str]:
 
 def _gain(title: str, judged: pd.DataFrame, rivals: list[str]) -> str:
     """One class of scenes: means, and where the network gains least."""
-    wide = judged.pivot(index=["scene", "alpha"], columns="method", values="psnr_db")
+    wide, delta, light = (
+        judged.pivot(index=["scene", "alpha"], columns="method", values=name)
+        for name in ("psnr_db", "delta_e", "brightness")
+    )
     best = wide[[name for name in rivals if name in wide]].mean().idxmax()
     gained = wide[LEARNED] - wide[best]
     scenes, alphas = (gained.groupby(level).mean() for level in ("scene", "alpha"))
@@ -67,6 +73,8 @@ def _gain(title: str, judged: pd.DataFrame, rivals: list[str]) -> str:
         f"{gained.mean():+.2f}",
         f"{scenes.min():+.2f} ({scenes.idxmin()})",
         f"{alphas.min():+.2f} ({alphas.idxmin():g})",
+        " and ".join(f"{delta[name].mean():.3f}" for name in (best, LEARNED)),
+        " and ".join(f"{(light[name] - 1).abs().max():.4f}" for name in (best, LEARNED)),
     ]
     return f"| {' | '.join(cells)} |"
 

@@ -3,8 +3,8 @@
 What it adds is mixed of offers, the first of the guides: other pictures of the same plane, less the one that is
 corrected, in units of the doubt that comes with it. So nothing is corrected where there is no doubt, nothing can be
 invented, and all colours are treated alike. It starts at nothing, since the last convolution does.
-It works on a coarser grid of pixels with more channels (pixel unshuffle): as many weights a pixel reach farther and
-cost less.
+It works on a coarser grid of pixels with more channels (pixel unshuffle, and the convolution after it, are one
+convolution with strides): as many weights a pixel reach farther and cost less.
 Letters: `N` planes, `K` channels of guides, `M` offers, `C H W` channel, pixel row and column, `r` pixels along the
 side of a coarse one.
 Source of the grid: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel
@@ -97,9 +97,11 @@ class Refiner(nn.Module):
         }
         self.n_offers = n_offers
         self.shuffle = shuffle
-        self.stem = nn.Conv2d(n_guides * shuffle**2, width, 3, padding=1)
+        self.stem = nn.Conv2d(n_guides, width, 3 * shuffle, stride=shuffle, padding=shuffle)
         self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
         self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, (n_offers + 1) * shuffle**2, 3, padding=1)))
+        # What convolutions on CPUs and on tensor cores read fastest; features follow the weights.
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
         """Correct pictures.
@@ -118,16 +120,16 @@ class Refiner(nn.Module):
             )
         height, width = guides.shape[-2:]
         planes = guides.flatten(0, -4) if guides.ndim > 3 else guides[None]
-        # What convolutions on CPUs and on tensor cores read fastest.
-        coarse = F.pixel_unshuffle(self._whole(planes), self.shuffle).contiguous(memory_format=torch.channels_last)
-        features = self.blocks(self.stem(coarse))
-        made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width].to(pictures)
-        # To leave a picture as it is, one output closes, wholly, instead of each share meeting zero.
+        features = self.blocks(self.stem(self._whole(planes)))
+        made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
         *shares, gate = made.split(1, 1)
-        offers = planes.split(pictures.shape[-3], 1)[: self.n_offers]
-        mixed = sum(share * offer for share, offer in zip(shares, offers, strict=True))
-        added = (STEP * F.hardsigmoid(gate) * mixed).reshape(pictures.shape)
-        return pictures + doubts * added
+        offers = planes.split(pictures.shape[-3], 1)
+        mixed = shares[0] * offers[0]
+        for share, offer in zip(shares[1:], offers[1:], strict=False):
+            mixed = torch.addcmul(mixed, share, offer)
+        # To leave a picture as it is, one output closes, wholly, instead of each share meeting zero.
+        opened = STEP * F.hardsigmoid(gate).reshape(doubts.shape).to(doubts) * doubts
+        return torch.addcmul(pictures, opened, mixed.reshape(pictures.shape).to(pictures))
 
     def _whole(self, planes: Tensor) -> Tensor:
         """Planes of whole coarse pixels: what lies beyond the edge is as what lies at it."""

@@ -9,10 +9,10 @@ Letters: `s` slope, `d` disparity in pixels per view step.
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional.neighbours import box_max, box_mean
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.focus.coarse_disparity import coarse_disparity
@@ -96,16 +96,10 @@ def near_edges(disparity: Tensor, planes: Tensor) -> Tensor:
         planes: Slopes, [N].
     """
     window = 2 * NEAR + 1
-    edges = (_largest(disparity, 3) + _largest(-disparity, 3) > EDGE).to(disparity)
-    farthest, nearest, slopes = -_largest(-disparity, window), _largest(disparity, window), planes.to(disparity)
+    edges = (box_max(disparity, 3) + box_max(-disparity, 3) > EDGE).to(disparity)
+    farthest, nearest, slopes = -box_max(-disparity, window), box_max(disparity, window), planes.to(disparity)
     distance = torch.maximum(farthest - slopes[:, None, None], slopes[:, None, None] - nearest)
     # Whole shifts read no view between its pixels: what aliases there does so in the photograph too.
     between = ((slopes - slopes.round()).abs() / WHOLE).clamp(max=1)[:, None, None]
-    shares = between * _largest(edges, window) * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
-    return F.avg_pool2d(shares, FADE, 1, FADE // 2, count_include_pad=False)
-
-
-def _largest(image: Tensor, window: int) -> Tensor:
-    """The largest value in a square about each pixel, [H, W]."""
-    rows = F.max_pool2d(image[None], (1, window), 1, (0, window // 2))
-    return F.max_pool2d(rows, (window, 1), 1, (window // 2, 0))[0]
+    shares = between * box_max(edges, window) * ((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1)
+    return box_mean(shares, FADE)

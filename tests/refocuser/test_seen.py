@@ -8,7 +8,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocuser.guides import GUIDES, guides
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.seen import CELLS, Seen
+from lfref.refocuser.seen import CELLS, LEAST, Seen
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import noisy
 from lfref.simulator.simulate import simulate
@@ -119,6 +119,13 @@ def test_offers_are_differences_in_doubts_and_never_many():
     torch.testing.assert_close(found, torch.full_like(found, 0.1 / (1 + 0.1 / 3)), rtol=0.01, atol=0)
     assert len(found) > 1000
     assert float(light.offered(light.pictures + 1e3).max()) <= 3
+
+
+def test_differences_in_doubts_are_pressed_as_the_area_hyperbolic_sine_does():
+    light = seen()
+    times = torch.tensor([-1e4, -2.0, -1e-3, 0.0, 1e-3, 2.0, 1e4]).reshape(-1, 1, 1, 1, 1)
+    found = light.of_doubt(times * (light.doubt + LEAST))
+    torch.testing.assert_close(found, times.asinh().expand_as(found), atol=1e-6, rtol=1e-5)
 
 
 def test_there_is_a_doubt_only_where_all_views_see():

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
+from lfref.functional.neighbours import box_max
 from lfref.refocus import batches, windows
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
@@ -99,5 +99,5 @@ def _half(line: Tensor, slopes: Tensor, side: int) -> _Half:
 
 def _around(disparity: Tensor, here: Tensor) -> tuple[Tensor, Tensor]:
     """How far disparities around a pixel reach above and below one of its own, [H, W] each."""
-    most, least = (sign * F.max_pool2d(sign * disparity[None], 2 * AROUND + 1, 1, AROUND)[0] for sign in (1, -1))
+    most, least = (sign * box_max(sign * disparity, 2 * AROUND + 1) for sign in (1, -1))
     return most - here, here - least

