@@ -17,7 +17,6 @@ ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
     "leaky_relu": nn.LeakyReLU,
     "gelu": nn.GELU,
     "silu": nn.SiLU,
-    "hardswish": nn.Hardswish,
     "elu": nn.ELU,
 }
 

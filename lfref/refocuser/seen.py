@@ -18,6 +18,7 @@ from lfref.functional import noise_line
 from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
+from lfref.refocus.anywhere.surface import per_pixel
 from lfref.refocus.focus.coarse_disparity import coarse_disparity
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
@@ -217,11 +218,14 @@ class Seen:
         """By how much disparities vary within each of `REACHES`, in pixels per view step, [1, 2, H, W]."""
         return torch.cat([_range(self.disparities[None, None], reach) for reach in REACHES], 1)
 
-    @property
+    @_once
     def central(self) -> Tensor:
-        """The view in the middle, [C, H, W]."""
-        rows, columns = self.light.grid
-        return self.whole[rows // 2, columns // 2]
+        """The view in the middle, [C, H, W]; where none stands there, those around it, each pixel from where it is."""
+        rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in self.light.grid)
+        middle = self.whole[rows, columns]
+        if middle.shape[:2].numel() == 1:
+            return middle[0, 0]
+        return per_pixel(middle, self.disparities, "cubic", border="edge")[0]
 
     @_at_once
     def coverage(self) -> Tensor:

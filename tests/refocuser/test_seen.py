@@ -1,5 +1,7 @@
 """What is found out about planes: against sums written out, and simple scenes."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -11,6 +13,7 @@ from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.seen import CELLS, LEAST, Seen
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import noisy
+from lfref.simulator.scene import Camera
 from lfref.simulator.simulate import simulate
 
 from .cases import BASE, SLOPES, seen
@@ -65,6 +68,18 @@ def test_the_middle_of_the_aperture_is_the_mean_of_its_views():
     grey = views.mean(2)
     expected = torch.einsum("vu,vuhw->hw", weights, grey) - grey.mean((0, 1))
     torch.testing.assert_close(still.inner[0, 0], expected, atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("rows", [slice(1, None, 2), slice(0, None, 2)], ids=["five rows", "six rows"])
+@pytest.mark.parametrize("columns", [slice(1, None, 2), slice(0, None, 2)], ids=["five columns", "six columns"])
+def test_the_view_in_the_middle_is_seen_from_there_whether_one_stands_there_or_not(rows, columns):
+    # Every second of eleven views are five with one in the middle, or six with none.
+    dense = simulate(
+        replace(sim30.SCENES["dome"], camera=Camera(grid=(11, 11), size=(72, 80))), outputs=("views",)
+    ).views
+    found = Seen(LightField(dense[rows, columns].contiguous()), SLOPES, BASE)
+    inner = (..., slice(8, -8), slice(8, -8))
+    assert float(psnr(found.central[inner], dense[5, 5][inner])) > 40
 
 
 def test_samples_that_are_not_trusted_are_not_looked_at():
