@@ -1,7 +1,7 @@
 """Pictures filtered by the pixels around each: pictures shifted against each other instead of window by window.
 
-PyTorch's pooling reads each window anew; along one axis after the other, all pixels at once, it takes a fifth of the
-time and less.
+PyTorch's pooling reads each window anew, and its padding copies each picture; along one axis after the other, all
+pixels at once, it takes a fraction of the time.
 """
 
 import torch

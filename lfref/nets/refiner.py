@@ -123,9 +123,9 @@ class Refiner(nn.Module):
         features = self.blocks(self.stem(self._whole(planes)))
         made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
         *shares, gate = made.split(1, 1)
-        offers = planes.split(pictures.shape[-3], 1)
+        offers = planes.split(pictures.shape[-3], 1)[: self.n_offers]
         mixed = shares[0] * offers[0]
-        for share, offer in zip(shares[1:], offers[1:], strict=False):
+        for share, offer in zip(shares[1:], offers[1:], strict=True):
             mixed = torch.addcmul(mixed, share, offer)
         # To leave a picture as it is, one output closes, wholly, instead of each share meeting zero.
         opened = STEP * F.hardsigmoid(gate).reshape(doubts.shape).to(doubts) * doubts
