@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from PIL import Image
 from torch import Tensor
 
 from lfref.functional.psnr import psnr
@@ -86,3 +87,7 @@ def save(figure: Figure, path: Path) -> None:
     """Write a figure, all or nothing, as its suffix says: `.jpg` or `.png`."""
     with atomic.replacing(path) as temporary:
         figure.savefig(temporary, **(JPEG if path.suffix == ".jpg" else drawing.PNG))
+        if path.suffix == ".png" and not any(axes.images for axes in figure.axes):
+            # Lines and letters have few colours: a palette takes a third of the bytes.
+            with Image.open(temporary) as drawn:
+                drawn.convert("RGB").quantize().save(temporary, optimize=True)

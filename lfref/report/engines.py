@@ -26,7 +26,7 @@ def engines(rows: pd.DataFrame) -> Figure:
     tables.need(rows, "subject", "engine", "precision", "loss_db", "agreement_db")
     timed = tables.some(rows, "ratio_to_eager")
     subjects = list(timed.groupby("subject", sort=False))
-    figure = new_figure(9, 0.8 + sum(0.8 + 0.26 * len(group) for _, group in subjects))
+    figure = new_figure(8, 0.8 + sum(0.8 + 0.22 * len(group) for _, group in subjects))
     heights = [3 + len(group) for _, group in subjects]
     panels = figure.subplots(len(subjects), 2, squeeze=False, width_ratios=(1.5, 1), height_ratios=heights)
     for (speed, loss), (subject, group) in zip(panels, subjects, strict=True):
@@ -57,10 +57,15 @@ def _draw_losses(axes: Axes, rows: pd.DataFrame) -> None:
     left = 0.0 if has_truth else SHOWN_DB
     axes.barh(rows.index, values - left, left=left, height=0.62, color=rows["precision"].map(COLOURS))
     axes.set_yticks(rows.index, [""] * len(rows))
-    text = values.map("{:.2f}".format if has_truth else lambda value: wording.cell_for_people("psnr_db", value))
+    text = values.map(_told if has_truth else lambda value: wording.cell_for_people("psnr_db", value))
     for place, (value, shown) in enumerate(zip(np.maximum(values, left), text, strict=True)):
         axes.annotate(shown, (value, place), (3, 0), textcoords="offset points", va="center", fontsize=8)
     axes.margins(x=0.2)
     axes.set_axisbelow(True)
     title = "What is lost: to the left is better" if has_truth else "Agreement with eager fp32"
     calm(axes, "dB" if has_truth else "PSNR, dB", "", title)
+
+
+def _told(value: float) -> str:
+    """Two digits, nothing without a sign."""
+    return f"{round(value, 2) + 0.0:.2f}"
