@@ -15,7 +15,7 @@ from rich.progress import track
 from lfref.bench import subjects
 from lfref.bench.subjects import Subject
 from lfref.geometry import FocalPlanes
-from lfref.refocuser import networks
+from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.report import tables
 from lfref.simulator import sim30
@@ -43,7 +43,7 @@ def loaded(folders: Mapping[str, Sequence[Path]]) -> list[NetworkRefocuser]:
     found = []
     for method, runs in folders.items():
         for seed, run in enumerate(runs):
-            found.append(networks.load(run))
+            found.append(load(run))
             found[-1].name = f"{method}{SEED}{seed}"
     return found
 

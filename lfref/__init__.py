@@ -38,7 +38,7 @@ _HOMES = {
     "OperatorRefocuser": "lfref.refocuser.operators",
     "simulate": "lfref.simulator.simulate",
     "RefNet": "lfref.nets.refnet",
-    "load": "lfref.refocuser.networks",
+    "load": "lfref.refocuser.load",
     "CompositeLoss": "lfref.losses.composite",
     "ssim": "lfref.functional.ssim",
     "psnr": "lfref.functional.psnr",

@@ -13,7 +13,7 @@ from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.planes import fixed
 from lfref.data.labels import Labels
 from lfref.errors import InputError
-from lfref.refocuser.networks import load
+from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, pictures, plots, tables
 

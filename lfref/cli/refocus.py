@@ -14,7 +14,7 @@ from lfref.cli.planes import Planes, planes_of
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import reduced_views, view_axes
-from lfref.refocuser.networks import load
+from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import pictures, results
 from lfref.report.refocused import PictureFiles, Refocused, mean_of_views

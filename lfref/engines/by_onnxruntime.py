@@ -4,7 +4,7 @@ A model is exported with any number of pixels, so that patches and pictures are 
 """
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,32 +25,43 @@ def fp32(job: Job) -> Run:
 
 def int8(job: Job) -> Run:
     """The network with inner convolutions of whole numbers, a scale for each of their filters, the rest in float32."""
+    return Session(quantised(exported(job), job.patches).SerializeToString())
+
+
+def quantised(model: Any, patches: Sequence[Inputs]) -> Any:
+    """A model whose inner convolutions are of whole numbers.
+
+    Args:
+        model: Of `exported`.
+        patches: By which they are scaled.
+    """
+    import onnx
     from onnxruntime import quantization
 
-    model = exported(job)
     weights = {each.name: tuple(each.dims) for each in model.graph.initializer}
     kernels = {each.name: weights[each.input[1]][2:] for each in model.graph.node if each.op_type == CONVOLUTION}
     with hushed(), tempfile.TemporaryDirectory() as folder:
-        quantised = Path(folder, "int8.onnx")
+        path = Path(folder, "int8.onnx")
         quantization.quantize_static(
             model,
-            str(quantised),
-            _Patches(model, job.patches),
+            str(path),
+            _Patches(model, patches),
             op_types_to_quantize=[CONVOLUTION],
             nodes_to_exclude=left_in_float(kernels),
             per_channel=True,
         )
-        return Session(quantised.read_bytes())
+        return onnx.load_model(path)
 
 
-def exported(job: Job) -> Any:
+def exported(job: Job, free: Sequence[Iterable[int]] | None = None) -> Any:
     """The network as an ONNX model that reads any number of pixels.
 
     Args:
         job: Its example gives all other axes.
+        free: Places of the axes of each input that may have any length; None: rows and columns of pixels.
     """
-    free = {-2: torch.export.Dim.DYNAMIC, -1: torch.export.Dim.DYNAMIC}
-    axes = tuple({each.ndim + axis: of for axis, of in free.items()} for each in job.example)
+    places = [(each.ndim - 2, each.ndim - 1) for each in job.example] if free is None else free
+    axes = tuple(dict.fromkeys(of_input, torch.export.Dim.DYNAMIC) for of_input in places)
     with hushed():
         program = torch.onnx.export(job.network, job.example, dynamo=True, dynamic_shapes=axes, verbose=False)
     assert program is not None

@@ -3,7 +3,7 @@
 On some processors OpenVINO computes in bfloat16 unless it is told otherwise: the precision is always told.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -18,21 +18,33 @@ Model = Any
 """OpenVINO's own; its type is known only where it is installed."""
 
 
+HINTS = {FP32: "f32", BF16: "bf16"}
+
+
 def fp32(job: Job) -> Run:
     """The network in float32."""
-    return _compiled(job, _converted(job), "f32")
+    return _compiled(job, converted(job), FP32)
 
 
 def bf16(job: Job) -> Run:
     """The network, and all that lies between its layers, in bfloat16."""
-    return _compiled(job, _converted(job), "bf16")
+    return _compiled(job, converted(job), BF16)
 
 
 def int8(job: Job) -> Run:
     """The network with inner convolutions of whole numbers, the rest in bfloat16 where the processor has it."""
+    return _compiled(job, quantised(converted(job), job.patches), around_int8())
+
+
+def quantised(model: Model, patches: Sequence[Inputs]) -> Model:
+    """A model whose inner convolutions are of whole numbers.
+
+    Args:
+        model: Of `converted`.
+        patches: By which they are scaled.
+    """
     import nncf
 
-    model = _converted(job)
     nodes = model.get_ordered_ops()
     kernels = {
         each.get_friendly_name(): tuple(each.input_value(1).get_partial_shape().to_shape())[2:]
@@ -43,23 +55,23 @@ def int8(job: Job) -> Run:
     others = {each.get_type_name() for each in nodes} - {CONVOLUTION, *ENDS}
     left_out = nncf.IgnoredScope(names=left_in_float(kernels), types=sorted(others), validate=False)
     with hushed():
-        scaled = nncf.quantize(
+        return nncf.quantize(
             model,
-            nncf.Dataset([_arrays(patch) for patch in job.patches]),
+            nncf.Dataset([_arrays(patch) for patch in patches]),
             preset=nncf.QuantizationPreset.MIXED,
-            subset_size=len(job.patches),
+            subset_size=len(patches),
             ignored_scope=left_out,
         )
-    return _compiled(job, scaled, "bf16" if _has_bf16() else "f32")
 
 
-def _has_bf16() -> bool:
+def around_int8() -> str:
+    """Precision of what is not of whole numbers: the fastest of this processor."""
     import openvino
 
-    return "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+    return BF16 if "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else FP32
 
 
-def _converted(job: Job) -> Model:
+def converted(job: Job) -> Model:
     """The network as OpenVINO's model of any size."""
     import openvino
 
@@ -69,11 +81,21 @@ def _converted(job: Job) -> Model:
 
 
 def _compiled(job: Job, model: Model, precision: str) -> Run:
+    model.reshape({port: list(each.shape) for port, each in zip(model.inputs, job.example, strict=True)})
+    return compiled(model, precision)
+
+
+def compiled(model: Model, precision: str) -> Run:
+    """A model, ready to run.
+
+    Args:
+        model: Of the shapes that it will be given.
+        precision: A key of `HINTS`.
+    """
     import openvino
 
-    model.reshape({port: list(each.shape) for port, each in zip(model.inputs, job.example, strict=True)})
     options = {
-        "INFERENCE_PRECISION_HINT": precision,
+        "INFERENCE_PRECISION_HINT": HINTS[precision],
         "INFERENCE_NUM_THREADS": torch.get_num_threads(),
         "PERFORMANCE_HINT": "LATENCY",
     }

@@ -27,6 +27,11 @@ class Network(nn.Module, abc.ABC):
     grid: tuple[int, int] | None
     """View rows and columns (V, U) that it reads; None: any."""
 
+    @property
+    def like(self) -> Tensor:
+        """A tensor of the type and on the device that it works in."""
+        return next(self.parameters())
+
     @abc.abstractmethod
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
         """Refocus.

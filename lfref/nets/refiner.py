@@ -12,6 +12,7 @@ Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep R
 mixtures: Bako et al., "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017.
 """
 
+import abc
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
+from lfref.nets import coarse
 from lfref.nets.blocks import ACTIVATIONS
 
 STEP = 0.2
@@ -45,7 +47,21 @@ class RefinerBlock(nn.Module):
         return features + self.body(features)
 
 
-class Refiner(nn.Module):
+class Correction(nn.Module, abc.ABC):
+    """Guides [..., N, K, H, W], pictures [..., N, C, H, W] and doubts [..., N, 1, H, W] -> better pictures."""
+
+    config: dict[str, Any]
+    """The arguments that build it again, in plain containers."""
+    n_offers: int
+    """How many guides are offers."""
+
+    @property
+    def like(self) -> Tensor:
+        """A tensor of the type and on the device that it works in."""
+        return next(self.parameters())
+
+
+class Refiner(Correction):
     """Guides [..., N, K, H, W], pictures [..., N, C, H, W] and doubts [..., N, 1, H, W] -> better pictures.
 
     Args:
@@ -85,7 +101,7 @@ class Refiner(nn.Module):
         if n_offers * channels > n_guides:
             raise InputError("n_offers of all channels must be among the n_guides", got=f"{n_offers} and {n_guides}")
         make = chosen("activation", activation, ACTIVATIONS)
-        self.config: dict[str, Any] = {
+        self.config = {
             "n_guides": n_guides,
             "n_offers": n_offers,
             "channels": channels,
@@ -120,7 +136,7 @@ class Refiner(nn.Module):
             )
         height, width = guides.shape[-2:]
         planes = guides.flatten(0, -4) if guides.ndim > 3 else guides[None]
-        features = self.blocks(self.stem(self._whole(planes)))
+        features = self.blocks(self.stem(coarse.whole(planes, self.shuffle)))
         made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
         *shares, gate = made.split(1, 1)
         offers = planes.split(pictures.shape[-3], 1)[: self.n_offers]
@@ -130,17 +146,6 @@ class Refiner(nn.Module):
         # To leave a picture as it is, one output closes, wholly, instead of each share meeting zero.
         opened = STEP * F.hardsigmoid(gate).reshape(doubts.shape).to(doubts) * doubts
         return torch.addcmul(pictures, opened, mixed.reshape(pictures.shape).to(pictures))
-
-    def _whole(self, planes: Tensor) -> Tensor:
-        """Planes of whole coarse pixels: what lies beyond the edge is as what lies at it."""
-        height, width = planes.shape[-2:]
-        beyond = (0, -width % self.shuffle, 0, -height % self.shuffle)
-        # What is traced at one size is run at others.
-        if not any(beyond) and not torch.jit.is_tracing():
-            return planes
-        # Autocast would make single precision of it.
-        with torch.autocast(planes.device.type, enabled=False):
-            return F.pad(planes, beyond, mode="replicate")
 
 
 def _silent(layer: nn.Conv2d) -> nn.Conv2d:

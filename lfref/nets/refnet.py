@@ -19,7 +19,7 @@ from torch.nn import functional as F
 
 from lfref.errors import InputError
 from lfref.lightfield import check_views
-from lfref.nets import head
+from lfref.nets import coarse, head
 from lfref.nets.blocks import ResBlock
 from lfref.nets.network import Network, Total, alone
 
@@ -157,9 +157,7 @@ class RefNet(Network):
 
     def _coarse(self, images: Tensor) -> Tensor:
         """Images [B, K, H, W] on the coarser grid, [B, K * r^2, H / r, W / r]; beyond an edge is what lies at it."""
-        height, width = images.shape[-2:]
-        missing = (0, -width % self.shuffle, 0, -height % self.shuffle)
-        return F.pixel_unshuffle(F.pad(images, missing, mode="replicate") if any(missing) else images, self.shuffle)
+        return F.pixel_unshuffle(coarse.whole(images, self.shuffle), self.shuffle)
 
 
 def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:

@@ -7,7 +7,6 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
@@ -59,7 +58,7 @@ class NetworkRefocuser(Refocuser):
         """
         if positions is not None:
             raise uneven(self.name)
-        like = next(self.network.parameters())
+        like = self.network.like
         if views.device != like.device:
             raise InputError(f"views must be on the network's device, {like.device}", got=views.device)
         radiance = batches.radiance(views)
@@ -68,37 +67,6 @@ class NetworkRefocuser(Refocuser):
         if weight is not None:
             radiance = filling.filled(radiance, weight.to(radiance))
         return self.network(radiance.to(like.dtype), slopes).to(batches.stack_dtype(views))
-
-
-def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> Refocuser:
-    """Read a trained refocuser.
-
-    Args:
-        path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. None is
-            the model that ships with lfref, which makes any planes of any even grid.
-        device: Where the network goes.
-
-    Returns:
-        A callable from a light field or views [..., V, U, C, H, W] to a stack [..., N, C, H, W], with `planes`.
-
-    Raises:
-        CheckpointError: Missing, damaged, not ours, or of another shape than it says.
-
-    Example:
-        >>> from lfref.nets import checkpoint
-        >>> checkpoint.save("net.ckpt", lfref.RefNet(n_planes=2, grid=(3, 3), widths=(8,)), lfref.even_planes(2))
-        >>> refocuser = lfref.load("net.ckpt")
-        >>> refocuser(torch.rand(3, 3, 3, 24, 32)).shape, refocuser.planes.labels
-        (torch.Size([2, 3, 24, 32]), ('slope -1', 'slope 1'))
-    """
-    if path is None:
-        return learned(device=device)
-    path = Run.of(path).best if Path(path).is_dir() else Path(path)
-    contents = checkpoint.read(path)
-    if refined.KIND in contents["lfref"]:
-        return refined.restored(path, contents, run_name(path), device)
-    network, planes = checkpoint.restored(path, contents)
-    return NetworkRefocuser(network.to(device), planes, run_name(path), contents["lfref"].get("is_linear"))
 
 
 def learned(

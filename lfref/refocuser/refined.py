@@ -17,7 +17,7 @@ from torch import Tensor
 from lfref.errors import CheckpointError, InputError, chosen
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
-from lfref.nets.refiner import Refiner
+from lfref.nets.refiner import Correction, Refiner
 from lfref.refocus import batches
 from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
@@ -39,6 +39,9 @@ BASES: dict[str, Operator] = {
 AT_ONCE = 2**23
 """Samples of guides that the network is given at once: features of all planes together leave the processor's caches."""
 
+MATRICES = ("amx_bf16", "avx512_bf16")
+"""Instructions that multiply matrices of bfloat16: by either, networks of refiners took half the time."""
+
 
 class RefinedRefocuser(Refocuser):
     """A classical method and the network that corrects its pictures, without gradients.
@@ -53,7 +56,7 @@ class RefinedRefocuser(Refocuser):
         InputError: Corrections cannot be mixed of these guides.
     """
 
-    def __init__(self, refiner: Refiner, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
+    def __init__(self, refiner: Correction, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
         check(names, refiner.n_offers)
         self.refiner = refiner.eval()
         self.base = base
@@ -75,7 +78,7 @@ class RefinedRefocuser(Refocuser):
         """
         if positions is not None:
             raise uneven(self.name)
-        like = next(self.refiner.parameters())
+        like = self.refiner.like
         if views.device != like.device:
             raise InputError(f"views must be on the network's device, {like.device}", got=views.device)
         radiance = self._of_its_channels(batches.flattened(batches.radiance(views).to(like.dtype)))
@@ -116,10 +119,10 @@ class RefinedRefocuser(Refocuser):
 def _is_half_faster(device: torch.device) -> bool:
     """Whether the processor multiplies matrices of bfloat16; a correction needs no more digits."""
     told: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)() if device.type == "cpu" else {}
-    return bool(told.get("amx_bf16"))
+    return any(told.get(name) for name in MATRICES)
 
 
-def payload(refiner: Refiner, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
+def payload(refiner: Correction, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
     """The entry `lfref` of a checkpoint: what builds the refocuser again.
 
     Args:
@@ -155,14 +158,28 @@ def restored(path: Path, contents: Mapping[str, Any], name: str, device: str | t
     if entry.get("format") != FORMAT:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
     try:
-        refiner, told = Refiner(**entry[KIND]), entry["base"]
-        operator = functools.partial(chosen("method", told["operator"], BASES), **told["options"])
-        inspect.signature(operator).bind(None, None)
-        names = list(entry["guides"])
-        for each in names:
-            chosen("guide", each, GUIDES)
+        refiner, (base, names) = Refiner(**entry[KIND]), described(entry)
         check(names, refiner.n_offers)
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         raise CheckpointError(f"{path} describes no refiner that can be built", got=error) from error
     checkpoint.load_state(path, refiner, contents["state_dict"])
-    return RefinedRefocuser(refiner.to(device), OperatorRefocuser(told["name"], operator), names, name)
+    return RefinedRefocuser(refiner.to(device), base, names, name)
+
+
+def described(entry: Mapping[str, Any]) -> tuple[OperatorRefocuser, list[str]]:
+    """The method that is refined, and the names of the guides.
+
+    Args:
+        entry: Of `payload`.
+
+    Raises:
+        InputError: There is no such method or guide.
+        KeyError: Something is not said.
+        TypeError: Options that the method has not.
+    """
+    told, names = entry["base"], list(entry["guides"])
+    operator = functools.partial(chosen("method", told["operator"], BASES), **told["options"])
+    inspect.signature(operator).bind(None, None)
+    for each in names:
+        chosen("guide", each, GUIDES)
+    return OperatorRefocuser(told["name"], operator), names

@@ -10,7 +10,7 @@ from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
-from lfref.refocuser import networks
+from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
 
 PLANES = FocalPlanes((-1.0, 0.5), "ng")
@@ -29,7 +29,7 @@ def refocuser(network):
 def test_a_loaded_network_is_named_after_its_run_and_gives_the_same_stack(network, tmp_path):
     path = tmp_path / "my_run" / "checkpoints" / "best.ckpt"
     checkpoint.save(path, network.train(), PLANES)
-    refocuser, views = networks.load(path), torch.rand(2, 3, 3, 1, 8, 8)
+    refocuser, views = load(path), torch.rand(2, 3, 3, 1, 8, 8)
     assert (refocuser.name, refocuser.planes, refocuser.grid) == ("my_run", PLANES, (3, 3))
     assert torch.equal(refocuser(views), network.eval()(views))
     assert torch.equal(refocuser(views, PLANES.slopes.float()), network(views))
@@ -88,19 +88,19 @@ def test_another_number_of_planes_than_the_network_makes_is_refused(network):
 
 
 def test_no_path_is_the_model_that_ships_and_a_missing_one_is_one_line(tmp_path):
-    assert networks.load().name == "learned"
+    assert load().name == "learned"
     with pytest.raises(CheckpointError, match="no checkpoint at"):
-        networks.load(tmp_path / "none.ckpt")
+        load(tmp_path / "none.ckpt")
 
 
 def test_a_run_folder_stands_for_its_best_checkpoint(network, tmp_path):
     run = tmp_path / "my_run"
     checkpoint.save(run / "checkpoints" / "best.ckpt", network, PLANES)
     (run / "config.yaml").write_text("{}\n")
-    assert networks.load(run).name == "my_run"
+    assert load(run).name == "my_run"
     (run / "checkpoints" / "best.ckpt").unlink()
     with pytest.raises(CheckpointError, match=r"run my_run must have checkpoints/best\.ckpt; got none"):
-        networks.load(run)
+        load(run)
 
 
 def test_light_of_another_kind_than_it_was_trained_on_is_refused(network, tmp_path):
@@ -113,7 +113,7 @@ def test_light_of_another_kind_than_it_was_trained_on_is_refused(network, tmp_pa
         entry = checkpoint.payload(network, PLANES, is_linear)
         state = {f"net.{name}": value for name, value in network.state_dict().items()}
         tensors.write(tmp_path / "net.ckpt", {"lfref": entry, "state_dict": state})
-        refocuser = networks.load(tmp_path / "net.ckpt")
+        refocuser = load(tmp_path / "net.ckpt")
         assert torch.equal(refocuser(wanted), refocuser(views))
         with pytest.raises(InputError, match=f"net was trained on .*; got .*; {remedy}"):
             refocuser(other)

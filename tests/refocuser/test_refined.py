@@ -14,8 +14,9 @@ from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import networks, refined
+from lfref.refocuser import refined
 from lfref.refocuser.guides import guides
+from lfref.refocuser.load import load
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.seen import Seen
@@ -50,6 +51,17 @@ def test_it_is_the_method_corrected_by_the_network(refocuser):
     seen = Seen(LightField(views), SLOPES, BASE)
     expected = refocuser.refiner(guides(seen, GUIDES), seen.pictures, seen.doubt)
     torch.testing.assert_close(refocuser(views, SLOPES), expected.detach(), atol=2e-3, rtol=0)
+
+
+@pytest.mark.parametrize("able", [{}, {"amx_bf16": True}, {"avx512_bf16": True}])
+def test_corrections_are_of_half_precision_where_the_processor_multiplies_it(refocuser, able, monkeypatch):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: able, raising=False)
+    views = torch.rand(3, 3, 3, 20, 22)
+    seen = Seen(LightField(views), SLOPES, BASE)
+    with torch.no_grad():
+        whole = refocuser.refiner(guides(seen, GUIDES), seen.pictures, seen.doubt)
+    apart = float((refocuser(views, SLOPES) - whole).abs().max())
+    assert (1e-6 < apart < 5e-3) if able else apart < 1e-6
 
 
 @pytest.mark.parametrize("grid", [(3, 3), (4, 7), (9, 9), (1, 5), (1, 1)])
@@ -131,7 +143,7 @@ def written(path, net, method=BASE, changes=()):
 def test_a_checkpoint_brings_method_options_and_guides_along(refocuser, tmp_path):
     layers = OperatorRefocuser("layers", functools.partial(refocus_by_layers, fill=1.0))
     path = written(tmp_path / "net.ckpt", refiner(), layers)
-    loaded, views = networks.load(path), torch.rand(3, 3, 3, 20, 22)
+    loaded, views = load(path), torch.rand(3, 3, 3, 20, 22)
     expected = RefinedRefocuser(refiner(), layers, GUIDES, "net")(views, SLOPES)
     torch.testing.assert_close(loaded(views, SLOPES), expected)
     assert (loaded.name, loaded.planes, loaded.grid) == ("net", None, None)
@@ -161,11 +173,11 @@ def test_methods_that_no_checkpoint_can_name_are_refused():
 )
 def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):
     with pytest.raises(CheckpointError):
-        networks.load(written(tmp_path / "net.ckpt", refiner(), changes=changes))
+        load(written(tmp_path / "net.ckpt", refiner(), changes=changes))
 
 
 def test_weights_alone_refocus_as_their_checkpoint_does(tmp_path):
     path = written(tmp_path / "net.ckpt", refiner())
     checkpoint.write_weights(tmp_path / "net.safetensors", checkpoint.read(path), {"command": "lfref train"})
     views = torch.rand(3, 3, 3, 20, 22)
-    assert torch.equal(networks.load(tmp_path / "net.safetensors")(views, SLOPES), networks.load(path)(views, SLOPES))
+    assert torch.equal(load(tmp_path / "net.safetensors")(views, SLOPES), load(path)(views, SLOPES))

@@ -8,7 +8,7 @@ from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
-from lfref.refocuser import networks
+from lfref.refocuser.load import load
 from lfref.train.callbacks import HeadInitialization
 from lfref.train.refocusing import Refocusing
 
@@ -46,7 +46,7 @@ class TestFit:
         fit = trainer(max_epochs=1)
         fit.fit(module, datamodule=data)
         fit.save_checkpoint(tmp_path / "run.ckpt")
-        refocuser = networks.load(tmp_path / "run.ckpt")
+        refocuser = load(tmp_path / "run.ckpt")
         views = torch.rand(3, 3, 3, 20, 22)
         assert refocuser.planes.alphas == (0.5, 1.0, 2.0)
         assert torch.equal(refocuser(views), module.net.eval()(views))

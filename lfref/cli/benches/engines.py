@@ -21,7 +21,8 @@ from lfref.engines.engine import Run
 from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.nets import checkpoint
-from lfref.refocuser.networks import NetworkRefocuser, load
+from lfref.refocuser.load import load
+from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, tables

@@ -18,7 +18,7 @@ from lfref.cli.planes import fixed
 from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocuser.networks import load
+from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, plots, tables
 from lfref.report import front as picture

@@ -1,0 +1,116 @@
+"""`lfref export`: a network, the refiner that ships or shift-and-sum as a file that other runtimes load."""
+
+import dataclasses
+import functools
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+import torch
+from omegaconf import DictConfig, open_dict
+
+import lfref
+from lfref.bench import timing
+from lfref.cli import config as configs
+from lfref.cli.command import command, log, progress
+from lfref.cli.planes import fixed
+from lfref.data.sources import SimulatedSource
+from lfref.engines.engine import FP32, INT8, Inputs
+from lfref.engines.files import formats
+from lfref.errors import InputError, LfrefError
+from lfref.export import checked, graphs
+from lfref.export.checked import Wanted
+from lfref.export.graphs import Exportable
+from lfref.lightfield import LightField
+from lfref.refocus import apertures
+from lfref.refocuser.load import load
+from lfref.refocuser.refocuser import Refocuser
+
+CPU = torch.device("cpu")
+ROUNDS = 6
+"""Of which the first is a warm-up."""
+
+
+def export(config: DictConfig, folder: Path) -> None:
+    """Write `NAME.SUFFIX` and `NAME.SUFFIX.parity.json`, or the latter alone if the file makes other pictures.
+
+    Args:
+        config: `conf/export.yaml`.
+        folder: The run folder.
+    """
+    refocuser, planes = _refocuser(config), fixed(config)
+    wanted = Wanted(folder / _name(config, refocuser), config.format, config.precision, lfref.__version__)
+    grid = refocuser.grid or tuple(configs.plain(config.grid))
+    subject = graphs.exportable(refocuser, planes, grid)
+    fields, patches = _fields(config, grid)
+    if wanted.precision == INT8:
+        scales = [subject.inputs([patch]) for patch in patches]
+        subject = dataclasses.replace(subject, graph=dataclasses.replace(subject.graph, patches=scales))
+    largest = subject.inputs([max(fields, key=lambda field: field.views.numel())])
+
+    def further(draft: Path) -> None:
+        if wanted.precision == INT8:
+            _need_faster(draft, dataclasses.replace(wanted, precision=FP32), subject, largest, refocuser)
+
+    rows = checked.write_checked(wanted, refocuser, subject, fields, further)
+    for engine, found in pd.DataFrame(rows).groupby("engine", sort=False):
+        most, least = found["max_error"].max(), found["psnr_db"].min()
+        log.info("%s: off by %.2g at most, %.1f dB at least, in %d cases", engine, most, least, len(found))
+    log.info("%s as %s in %s", refocuser.name, config.precision, wanted.file)
+
+
+def _refocuser(config: DictConfig) -> Refocuser:
+    if config.checkpoint is not None:
+        return load(config.checkpoint)
+    aperture = configs.build(config.aperture)
+    is_full = getattr(aperture, "func", aperture) is apertures.full
+    made: Refocuser = configs.build(config.method, aperture=None if is_full else aperture)
+    return made
+
+
+def _name(config: DictConfig, refocuser: Refocuser) -> str:
+    name = refocuser.name if config.name is None else str(config.name)
+    if Path(name).name != name or not name:
+        raise InputError("name must be that of a file, without folders", got=repr(name))
+    return name
+
+
+def _fields(config: DictConfig, grid: Sequence[int]) -> tuple[list[LightField], list[LightField]]:
+    """Light fields of every size that a file is tried at, and small ones that whole numbers are scaled by."""
+    with open_dict(config):
+        config.source.scenes.camera.grid = list(grid)
+    source: SimulatedSource = configs.build(config.source)
+    sizes = [tuple(map(int, size)) for size in configs.plain(config.sizes)]
+    n_patches = int(configs.number(config, "n_patches", 1)) if config.precision == INT8 else 0
+    drawn: list[LightField] = [
+        source.field(index) for index in progress(range(len(sizes) + n_patches), "drawing scenes")
+    ]
+    tried: list[LightField] = [field.crop(0, 0, *size) for field, size in zip(drawn, sizes, strict=False)]
+    return tried, drawn[len(sizes) :]
+
+
+def _need_faster(draft: Path, full: Wanted, subject: Exportable, inputs: Inputs, refocuser: Refocuser) -> None:
+    """Whole numbers cost accuracy: a file that gains no time by them is of no use.
+
+    Raises:
+        LfrefError: It is not faster than float32.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        paths = {INT8: draft, FP32: checked.drafted(Path(folder), full, refocuser, subject)}
+        runs = {precision: formats.opened(path)[0] for precision, path in paths.items()}
+        watches = {
+            precision: functools.partial(timing.seconds, functools.partial(run, *inputs), CPU)
+            for precision, run in runs.items()
+        }
+        spent = timing.in_turns(watches, range(ROUNDS), warmup=1)
+    ratio = min(spent[FP32]) / min(spent[INT8])
+    if ratio <= 1:
+        raise LfrefError("int8 must be faster than fp32", got=f"{ratio:.2f} times as fast", remedy="no file was left")
+    log.info("int8 is %.2f times as fast as fp32", ratio)
+
+
+main = command(export)
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""What an exported file says of itself: inputs, planes, how it was made, all as one JSON text under one key.
+
+Axes are told as numbers where they are fixed and as letters where any length will do: `B` light fields, `V U` view rows
+and columns, `N` planes, `K` channels of guides, `C H W` channel, pixel row and column.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lfref.errors import CheckpointError
+
+KEY = "lfref"
+"""Under which the text stands in the metadata of a file."""
+FORMAT = 1
+LONGEST = 2**20
+"""Characters of a text, at most."""
+VIEWS, GUIDES = "views", "guides"
+"""First inputs: of networks that read views, and of refiners."""
+
+Axes = tuple[int | str, ...]
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a file holds."""
+
+    name: str
+    """As tables call it."""
+    inputs: Mapping[str, Axes]
+    """By name, in their order; `views` [B, V, U, C, H, W], or `guides`, `pictures` and `doubts`; float32."""
+    output: Axes
+    """Of the stack that it makes, float32."""
+    precision: str
+    """That it computes in, or that its weights are kept in."""
+    sha256: str
+    """Of the weights that it was made of, in float32."""
+    version: str
+    """Of lfref, that wrote it."""
+    planes: Mapping[str, Any] | None = None
+    """`slopes` in pixels per view step, and `convention` and `alphas` if they were written so; None: any."""
+    is_linear: bool | None = None
+    """Whether it reads linear light, or samples as files hold them; None: whatever comes."""
+    config: Mapping[str, Any] = field(default_factory=dict)
+    """What builds the same again."""
+
+    @property
+    def reads_views(self) -> bool:
+        """Whether it refocuses by itself, or corrects what lfref has refocused."""
+        return VIEWS in self.inputs
+
+    def text(self) -> str:
+        """As it stands in a file."""
+        return json.dumps({"format": FORMAT} | asdict(self))
+
+
+def parsed(path: Path, text: str | None) -> Manifest:
+    """The manifest that a file holds.
+
+    Args:
+        path: The file, for errors.
+        text: What stands under `KEY`; None: nothing.
+
+    Raises:
+        CheckpointError: It is none, or one of a later version.
+    """
+    if text is None or len(text) > LONGEST:
+        raise CheckpointError(f"{path} was not written by lfref export", remedy="export it anew")
+    try:
+        told = json.loads(text)
+        if told.pop("format") != FORMAT:
+            raise CheckpointError(f"{path} must have format {FORMAT}", remedy="update lfref, or export it anew")
+        inputs = {str(name): _axes(axes) for name, axes in told.pop("inputs").items()}
+        made = Manifest(inputs=inputs, output=_axes(told.pop("output")), **told)
+    except CheckpointError:
+        raise
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
+    if next(iter(inputs), None) not in (VIEWS, GUIDES) or not isinstance(made.config, dict):
+        raise CheckpointError(f"{path} must read {VIEWS} or {GUIDES}", got=list(inputs), remedy="export it anew")
+    return made
+
+
+def _axes(told: Any) -> Axes:
+    axes = tuple(told)
+    if not 3 <= len(axes) <= 6 or not all(type(each) in (int, str) for each in axes):
+        raise ValueError(f"axes {axes}")
+    return axes

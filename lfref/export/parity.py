@@ -1,0 +1,114 @@
+"""Whether a file makes the pictures of what it was made of: scenes, odd sizes, degenerate frames, several at once."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from lfref.engines.engine import BF16, FP32, INT8, Inputs, Run
+from lfref.export.graphs import Exportable
+from lfref.functional.psnr import psnr
+from lfref.lightfield import LightField
+
+FP16 = "fp16"
+FLAT = {"black": 0.0, "grey": 0.5, "white": 1.0}
+"""Light of frames that show nothing."""
+FLAT_DB = 25.0
+"""Least PSNR of these in low precision: what a network that normalises makes of them it makes of its own roundings."""
+BATCH = 4
+Row = dict[str, Any]
+
+
+class Tolerance(NamedTuple):
+    """How far a file may be from what it was made of."""
+
+    error: float = math.inf
+    """Largest distance, in light."""
+    psnr_db: float = 0.0
+    """Least PSNR."""
+
+
+TOLERANCES = {
+    FP32: Tolerance(error=1e-4),
+    FP16: Tolerance(psnr_db=50),
+    BF16: Tolerance(psnr_db=50),
+    INT8: Tolerance(psnr_db=40),
+}
+"""By precision."""
+
+
+class Case(NamedTuple):
+    """Something to refocus."""
+
+    name: str
+    """Of the scene, or of what is wrong with it."""
+    n_fields: int
+    size: tuple[int, int]
+    """Height and width, in pixels."""
+    inputs: Inputs
+    """What the graph is given."""
+
+
+def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[Case]:
+    """What a file is tried on: each light field, four at once, and frames that show nothing.
+
+    Args:
+        subject: What is exported.
+        fields: Of as many sizes as it shall be tried at.
+    """
+    for field in fields:
+        yield _case(field.name, [field], subject)
+    first = fields[0]
+    turned = [first.views.flip(axes) for axes in ((), (-1,), (-2,), (-1, -2))]
+    yield _case("turned", [replace(first, views=views) for views in turned], subject)
+    for name, light in FLAT.items():
+        yield _case(name, [replace(first, views=torch.full_like(first.views, light))], subject)
+
+
+def _case(name: str, fields: Sequence[LightField], subject: Exportable) -> Case:
+    return Case(name, len(fields), fields[0].size, subject.inputs(fields))
+
+
+@torch.no_grad()
+def rows(wanted: Callable[..., Tensor], runs: Mapping[str, Run], tried: Iterable[Case]) -> Iterator[Row]:
+    """How far each engine is from what was exported, case by case.
+
+    Args:
+        wanted: What lfref makes of the inputs of a case.
+        runs: The file, by the names of the engines that run it.
+        tried: Of `cases`.
+
+    Yields:
+        `engine, case, n_fields, height, width, max_error, psnr_db`; a stack that is not finite has an infinite error.
+    """
+    for case in tried:
+        stack = wanted(*case.inputs)
+        for engine, run in runs.items():
+            made = run(*case.inputs)
+            place = {"engine": engine, "case": case.name, "n_fields": case.n_fields}
+            size = dict(zip(("height", "width"), case.size, strict=True))
+            yield place | size | _apart(made, stack)
+
+
+def worst(found: Iterable[Row], tolerance: Tolerance) -> Row | None:
+    """The row that is farthest beyond a tolerance; None: all hold it.
+
+    Args:
+        found: Of `rows`.
+        tolerance: That they should hold.
+    """
+    beyond = [row for row in found if row["max_error"] > tolerance.error or row["psnr_db"] < _least(row, tolerance)]
+    return max(beyond, key=lambda row: row["max_error"], default=None)
+
+
+def _least(row: Row, tolerance: Tolerance) -> float:
+    return min(tolerance.psnr_db, FLAT_DB) if row["case"] in FLAT else tolerance.psnr_db
+
+
+def _apart(made: Tensor, wanted: Tensor) -> Row:
+    if made.shape != wanted.shape or not bool(made.isfinite().all()):
+        return {"max_error": math.inf, "psnr_db": -math.inf}
+    return {"max_error": float((made - wanted).abs().max()), "psnr_db": float(psnr(made, wanted).min())}

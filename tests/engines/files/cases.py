@@ -1,0 +1,46 @@
+"""Small graphs: one that reads views of any size, one that reads guides, pictures and doubts."""
+
+import torch
+from torch import nn
+
+from lfref.engines.files.graph import Graph
+from lfref.engines.files.manifest import Manifest
+from tests.engines import cases
+
+
+class Stack(nn.Module):
+    """RefNet given nothing but views."""
+
+    def __init__(self, network):
+        super().__init__()
+        self.network = network
+
+    def forward(self, views):
+        return self.network(views)
+
+
+def views():
+    job = cases.refnet()
+    axes = {"views": ("B", 3, 3, 3, "H", "W")}
+    return Graph(Stack(job.network).eval(), axes, ("B", 2, 3, "H", "W"), (torch.rand(2, 3, 3, 3, 24, 28),), job.patches)
+
+
+def guides():
+    job = cases.refiner()
+    axes = {"guides": ("N", 5, "H", "W"), "pictures": ("N", 3, "H", "W"), "doubts": ("N", 1, "H", "W")}
+    example = tuple(each[:2, :, :24, :28].contiguous() for each in job.example)
+    return Graph(job.network, axes, ("N", 3, "H", "W"), example, job.patches)
+
+
+GRAPHS = {"views": views, "guides": guides}
+
+
+def manifest(graph, precision="fp32"):
+    told = {"sha256": "0" * 64, "version": "1.2.3", "planes": {"slopes": [-1.0, 0.5], "convention": None}}
+    return Manifest("net", graph.inputs, graph.output, precision, **told)
+
+
+def inputs(graph, n, size):
+    """Other ones than it was followed with."""
+    lengths = {"B": n, "N": n, "H": size[0], "W": size[1]}
+    return tuple(torch.rand([lengths.get(axis, axis) for axis in axes]) for axes in graph.inputs.values())

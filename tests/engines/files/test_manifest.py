@@ -1,0 +1,50 @@
+"""What a file says of itself comes back as it was said; anything else is a line."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lfref.engines.files import manifest
+from lfref.engines.files.manifest import Manifest
+from lfref.errors import CheckpointError
+
+PATH = Path("net.onnx")
+MADE = Manifest(
+    "net",
+    {"views": ("B", 7, 7, 3, "H", "W")},
+    ("B", 2, 3, "H", "W"),
+    "fp32",
+    "0" * 64,
+    "1.2.3",
+    {"slopes": [-1.0, 0.5], "convention": "ng"},
+    True,
+    {"network": {"name": "refnet"}},
+)
+
+
+def test_what_was_said_comes_back():
+    assert manifest.parsed(PATH, MADE.text()) == MADE
+    assert MADE.reads_views
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, "was not written by lfref export"),
+        ("{" * (manifest.LONGEST + 1), "was not written by lfref export"),
+        ("[]", "must say what it holds"),
+        ("{" * 1000, "must say what it holds"),
+        ("{}", "must say what it holds"),
+        (json.dumps({"format": 99}), "must have format 1; update lfref"),
+        (json.dumps({"format": 1, "inputs": 3}), "must say what it holds"),
+        (json.dumps(json.loads(MADE.text()) | {"more": 1}), "must say what it holds"),
+        (json.dumps(json.loads(MADE.text()) | {"inputs": {"image": [1, 2, 3]}}), "must read views or guides"),
+        (json.dumps(json.loads(MADE.text()) | {"output": [1.5, 2, 3]}), "must say what it holds"),
+        (json.dumps(json.loads(MADE.text()) | {"output": []}), "must say what it holds"),
+    ],
+)
+def test_what_cannot_be_is_a_line(text, said):
+    with pytest.raises(CheckpointError, match=said) as error:
+        manifest.parsed(PATH, text)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,54 @@
+"""A network, a refiner and an operator, small, and light fields of three sizes."""
+
+import functools
+
+import torch
+
+from lfref.geometry import FocalPlanes, planes_at_alphas
+from lfref.lightfield import LightField
+from lfref.nets.refiner import Refiner
+from lfref.nets.refnet import RefNet
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refined import RefinedRefocuser
+
+GRID = (3, 3)
+PLANES = planes_at_alphas([0.5, 1.0, 2.0])
+GUIDES = ("fine", "spread", "doubt")
+
+
+def field(size=(31, 45), seed=0):
+    random = torch.Generator().manual_seed(seed)
+    smooth = torch.nn.functional.interpolate(torch.rand(9, 3, 8, 8, generator=random), size, mode="bicubic")
+    return LightField(smooth.clamp(0, 1).reshape(*GRID, 3, *size), f"drawn_{seed}")
+
+
+FIELDS = [field(), field((24, 32), 1), field((40, 33), 2)]
+
+
+def network(shuffle=1):
+    torch.manual_seed(3)
+    made = RefNet(3, GRID, widths=(16, 8), stem_width=16, shuffle=shuffle).requires_grad_(False)
+    made.prime(FIELDS[0].views[None], None, 0.5 + 0.1 * torch.rand(1, 3, 3, 31, 45))
+    return NetworkRefocuser(made, PLANES, "net", is_linear=True)
+
+
+def refiner():
+    torch.manual_seed(4)
+    made = Refiner(5, 1, width=8, n_blocks=1).requires_grad_(False)
+    for layer in made.modules():
+        if isinstance(layer, torch.nn.Conv2d):
+            torch.nn.init.kaiming_normal_(layer.weight)
+    made.head[1].bias[-4:] = 3.0  # the gate, of each of four pixels, is open
+    base = OperatorRefocuser("cells", shift_and_sum_through_cells)
+    return RefinedRefocuser(made, base, GUIDES, "refined")
+
+
+def operator(**options):
+    return OperatorRefocuser("sums", functools.partial(shift_and_sum, **options) if options else shift_and_sum)
+
+
+SUBJECTS = {"network": network, "refiner": refiner, "operator": operator}
+SLOPES = FocalPlanes([-2.0, -0.3, 0.5])

@@ -1,0 +1,59 @@
+"""What is exported of a refocuser computes what the refocuser does, and says what it is."""
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.export import graphs
+from lfref.geometry import planes_from
+from lfref.refocus import apertures
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocuser.operators import OperatorRefocuser
+from tests.export import cases
+
+
+@pytest.mark.parametrize("kind", cases.SUBJECTS)
+def test_a_graph_makes_the_pictures_of_its_refocuser(kind):
+    refocuser = cases.SUBJECTS[kind]()
+    subject = graphs.exportable(refocuser, cases.PLANES, cases.GRID)
+    for field in cases.FIELDS:
+        made = subject.graph.module(*subject.inputs([field]))
+        wanted = refocuser(field, cases.PLANES.slopes)
+        torch.testing.assert_close(made.reshape(wanted.shape), wanted, atol=3e-3 if kind == "refiner" else 3e-6, rtol=0)
+
+
+@pytest.mark.parametrize("kind", cases.SUBJECTS)
+def test_inputs_have_the_axes_that_are_told(kind):
+    subject = graphs.exportable(cases.SUBJECTS[kind](), cases.PLANES, cases.GRID)
+    for tensors in (subject.graph.example, subject.inputs(cases.FIELDS[:1])):
+        lengths = {}
+        told = dict(zip(subject.graph.inputs, tensors, strict=True))
+        for name, axes in subject.graph.inputs.items():
+            for axis, length in zip(axes, told[name].shape, strict=True):
+                assert length == (axis if isinstance(axis, int) else lengths.setdefault(axis, length))
+        made = subject.graph.module(*tensors)
+        assert made.shape == tuple(lengths.get(axis, axis) for axis in subject.graph.output)
+
+
+def test_networks_and_operators_say_their_planes():
+    for refocuser in (cases.network(), cases.operator()):
+        told = graphs.exportable(refocuser, cases.PLANES, cases.GRID).told
+        assert planes_from(told["planes"]) == cases.PLANES
+        assert told["planes"]["alphas"] == [0.5, 1.0, 2.0]
+    assert "planes" not in graphs.exportable(cases.refiner(), cases.PLANES, cases.GRID).told
+
+
+def test_an_aperture_is_exported_with_its_operator():
+    refocuser = cases.operator(interpolation="cubic", fill=1.0).through(lambda grid: apertures.gaussian(grid, 1.0))
+    subject = graphs.exportable(refocuser, cases.SLOPES, cases.GRID)
+    views = cases.FIELDS[0].views[None]
+    torch.testing.assert_close(subject.graph.module(views), subject.wanted(views), atol=3e-6, rtol=0)
+    assert len(subject.told["config"]["options"]["weights"]) == 3
+
+
+@pytest.mark.parametrize(
+    "refocuser", [OperatorRefocuser("exact_fourier", exact_fourier), cases.operator(positions=torch.zeros(3, 3, 2))]
+)
+def test_what_no_graph_does_is_a_line(refocuser):
+    with pytest.raises(InputError, match="must be a network, a refiner, or shift-and-sum"):
+        graphs.exportable(refocuser, cases.PLANES, cases.GRID)

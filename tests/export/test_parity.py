@@ -1,0 +1,48 @@
+"""Cases cover sizes, several at once and frames that show nothing; what is off is found, and by how much."""
+
+import math
+
+import torch
+
+from lfref.export import graphs, parity
+from lfref.export.parity import Tolerance
+from tests.export import cases
+
+
+def subject():
+    return graphs.exportable(cases.network(), cases.PLANES, cases.GRID)
+
+
+def test_cases_are_every_size_four_at_once_and_flat_frames():
+    tried = list(parity.cases(subject(), cases.FIELDS))
+    assert [case.name for case in tried] == ["drawn_0", "drawn_1", "drawn_2", "turned", "black", "grey", "white"]
+    assert [case.n_fields for case in tried] == [1, 1, 1, 4, 1, 1, 1]
+    assert {case.size for case in tried} == {(31, 45), (24, 32), (40, 33)}
+    black, white = (next(case.inputs[0] for case in tried if case.name == name) for name in ("black", "white"))
+    assert float(black.abs().max()) == 0
+    assert float(white.min()) == 1
+    turned = tried[3].inputs[0]
+    assert torch.equal(turned[1], turned[0].flip(-1))
+
+
+def test_how_far_an_engine_is_off_is_told_case_by_case():
+    exact = subject()
+    runs = {"same": exact.wanted, "off": lambda views: exact.wanted(views) + 0.01}
+    rows = list(parity.rows(exact.wanted, runs, parity.cases(exact, cases.FIELDS[:1])))
+    assert [row["engine"] for row in rows[:2]] == ["same", "off"]
+    assert all(row["max_error"] == 0 and row["psnr_db"] == 100 for row in rows[::2])
+    assert all(abs(row["max_error"] - 0.01) < 1e-6 and abs(row["psnr_db"] - 40) < 0.01 for row in rows[1::2])
+    assert parity.worst(rows[::2], Tolerance(error=1e-6)) is None
+    assert parity.worst(rows, Tolerance(psnr_db=39)) is None
+    assert parity.worst(rows, Tolerance(psnr_db=41))["engine"] == "off"
+    flat = [row for row in rows if row["case"] in parity.FLAT]
+    assert parity.worst(flat, Tolerance(psnr_db=41)) is None, "in low precision, flat frames are held to less"
+    assert parity.worst(flat, Tolerance(error=1e-4)) is not None
+
+
+def test_stacks_that_are_not_finite_or_of_another_shape_are_off_by_more_than_anything():
+    exact = subject()
+    runs = {"nan": lambda views: exact.wanted(views) * math.nan, "less": lambda views: exact.wanted(views)[:, :1]}
+    rows = list(parity.rows(exact.wanted, runs, parity.cases(exact, cases.FIELDS[:1])))
+    assert all(row["max_error"] == math.inf for row in rows)
+    assert parity.worst(rows, Tolerance(psnr_db=1)) is not None
