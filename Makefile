@@ -16,7 +16,7 @@ export PYTHONWARNINGS ?= ignore::FutureWarning
 .PHONY: help install demo test figures paper ablations weights lint quick clean
 
 help:
-	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in one page"
+	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in two pages"
 	@echo "make test                       linters, types, floors and all tests"
 	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make paper                      the paper's experiments, judged by truth; goes on where it was stopped"
@@ -42,6 +42,7 @@ demo: install
 	$(BIN)/lfref refocus "$(FIELD)" method=learned planes=paper output="$(DEMO)/refocus_learned"
 	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/bench" repeats=2
 	$(BIN)/lfref report $(foreach run,refnet_demo eval refocus_refnet refocus_learned refocus_shift_and_sum bench,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo"
+	$(BIN)/lfref view "$(FIELD)" output="$(DEMO)/view"
 
 figures: $(VENV)/checks
 	$(BIN)/lfref bench overwrite=true output=runs/figures/bench repeats=5

@@ -14,9 +14,13 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from lfref.cli import config, leaving, sweeps
 from lfref.errors import InputError
 
-INPUTS = {"info": "input", "refocus": "input", "eval": "input", "bench": "input", "report": "runs"}
+INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "eval", "bench"), "input")
 """What a path is to a command."""
-RUN = {"train": "resume", "refocus": "checkpoint", "eval": "checkpoint", "bench": "checkpoint", "report": "runs"}
+RUN = {
+    "train": "resume",
+    "report": "runs",
+    **dict.fromkeys(("refocus", "view", "eval", "bench", "export"), "checkpoint"),
+}
 """What `run=FOLDER` is to a command."""
 SHORTHANDS = {
     "slopes": ["planes=slopes", "planes.slopes={}"],

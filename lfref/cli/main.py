@@ -15,6 +15,7 @@ COMMANDS = {
     "train": "train a network on labels made by an operator",
     "eval": "judge checkpoints and operators plane by plane against the label sources",
     "refocus": "refocus light fields into stacks, pictures, films, disparity and point clouds",
+    "view": "make a page on which people refocus a light field themselves",
     "export": "write a network or an operator as a file that other runtimes load",
     "bench": "measure accuracy against time of every operator and checkpoint",
     "prepare": "make a set of planes to learn from",

@@ -1,0 +1,79 @@
+"""`lfref view`: one page on which people refocus a light field themselves, from disk, without a server."""
+
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from lfref.cli import config as configs
+from lfref.cli import corrected, refocusing, several
+from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.planes import Planes, planes_of
+from lfref.errors import InputError
+from lfref.refocuser.load import load
+from lfref.refocuser.refocuser import Refocuser, name_apart
+from lfref.report.refocused import Refocused
+from lfref.viewer import content, page
+
+PAGE = "index.html"
+
+
+def view(config: DictConfig, folder: Path) -> None:
+    """Write a page for each light field; of several, each gets a folder of its name.
+
+    Args:
+        config: `conf/view.yaml`.
+        folder: The run folder.
+    """
+    device, exposure = device_of(config.device), refocusing.exposure(config)
+    refocusers = [each.to(device) for each in _refocusers(config)]
+    asked: Planes = configs.build(config.planes)
+    given = paths(configs.plain(config.input))
+    captures = several.found(given, config.reader.pattern)
+    white = corrected.white_of(config, refocusers[0])
+
+    def one(name: str, path: Path) -> None:
+        read = refocusing.read(path, config, refocusers)
+        field, _ = corrected.prepared(read, config, white, refocusers[0])
+        planes = next((each.planes for each in refocusers if each.planes is not None), planes_of(asked, field))
+        gain = refocusing.gain(field, exposure)
+        shown = {
+            each.name: Refocused(field, refocusing.stack(each, field, planes, device), planes, gain)
+            for each in progress(refocusers, f"{field.name}: refocusing")
+        }
+        place = several.place(folder, name, path, given) / PAGE
+        page.write(place, config.title or field.name, _facts(shown), content.content(shown))
+        log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
+
+    several.each(captures, one, "viewing")
+
+
+def _refocusers(config: DictConfig) -> list[Refocuser]:
+    """The checkpoint, then the methods, each once."""
+    aperture = configs.build(config.aperture)
+    chosen = [load(config.checkpoint)] if config.checkpoint is not None else []
+    chosen += [configs.build(each, aperture=aperture) for each in (config.methods or {}).values() if each is not None]
+    if not chosen:
+        raise InputError(
+            "a page must show at least one method", got="none", remedy="give method=NAME or checkpoint=RUN"
+        )
+    name_apart(chosen)
+    return chosen
+
+
+def _facts(shown: dict[str, Refocused]) -> dict[str, object]:
+    first = next(iter(shown.values()))
+    rows, columns = first.field.grid
+    height, width = first.field.size
+    return {
+        "views": f"{rows} x {columns}",
+        "pixels": f"{width} x {height}",
+        "planes": len(first.planes),
+        "slopes": f"{min(first.planes.values):.2f} to {max(first.planes.values):.2f} px per view step",
+        "methods": ", ".join(shown),
+    }
+
+
+main = command(view)
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""`lfref view`: a page for each light field, or one line."""
+
+import json
+import re
+
+import pytest
+
+from lfref.io import write
+from tests.viewer import cases
+
+WORDS = ("view", "slopes=[-0.5,0,1]", "method@methods.first=shift_and_sum_cubic", "correct=none")
+
+
+@pytest.fixture
+def field(tmp_path):
+    return write.write(tmp_path / "field", cases.scene()[0])
+
+
+def held(folder):
+    text = (folder / "index.html").read_text()
+    return text, json.loads(re.search(r'id="held">(.*?)</script>', text).group(1))
+
+
+def test_a_light_field_becomes_a_page(lfref, field, tmp_path):
+    status, errors = lfref(*WORDS, field, f"output={tmp_path}/run", "title=A wall")
+    assert status == 0, errors
+    text, made = held(tmp_path / "run")
+    assert "<title>A wall</title>" in text
+    assert [method["name"] for method in made["methods"]] == ["shift_and_sum_cubic", "shift_and_sum"]
+    assert made["slopes"] == [-0.5, 0, 1]
+    assert made["size"] == [96, 128]
+    assert not re.search(r"(src|href)=.?https?:", text)
+
+
+def test_several_get_a_folder_each(lfref, field, tmp_path):
+    other = write.write(tmp_path / "other", cases.scene()[0])
+    status, errors = lfref(*WORDS, field, other, f"output={tmp_path}/run")
+    assert status == 0, errors
+    assert {each.parent.name for each in (tmp_path / "run").glob("*/index.html")} == {"field", "other"}
+
+
+def test_a_page_without_a_method_is_a_line(lfref, field, tmp_path):
+    status, errors = lfref("view", field, "methods=null", f"output={tmp_path}/run")
+    assert status != 0
+    assert "Traceback" not in errors

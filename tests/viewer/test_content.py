@@ -1,0 +1,89 @@
+"""What the page holds is what was refocused: pictures, cameras, and how far away each pixel is."""
+
+import base64
+import dataclasses
+import io
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.geometry import FocalPlanes
+from lfref.viewer import content
+from tests.viewer import cases
+
+Image = pytest.importorskip("PIL.Image")
+
+
+@pytest.fixture(scope="module")
+def held():
+    return content.content(cases.shown())
+
+
+def pixels(uri):
+    head, _, text = uri.partition(",")
+    assert head == "data:image/jpeg;base64"
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))), np.float64) / 255
+
+
+def test_planes_rise_and_are_pictures_of_the_stack(held):
+    assert held["slopes"] == [-1.0, -0.5, 0.0, 0.5, 1.0]
+    assert held["titles"][3] == "slope 0.5, alpha 2"
+    assert [method["name"] for method in held["methods"]] == ["linear", "dim"]
+    first = cases.shown()["linear"]
+    wanted = first.shown(first.stack[0])  # slope 1
+    own, other = (np.abs(pixels(held["methods"][0]["planes"][place]) - wanted).mean() for place in (4, 3))
+    assert own < 0.01
+    assert other > 2 * own
+
+
+def test_depth_is_kept_to_a_thousandth(held):
+    depth = held["depth"]
+    steps = np.frombuffer(base64.b64decode(depth["disparity"]), "<u2").reshape(96, 128)
+    sure = np.frombuffer(base64.b64decode(depth["confidence"]), np.uint8).reshape(96, 128)
+    found, confidence = cases.shown()["linear"].focused
+    kept = depth["low"] + steps / 65535 * (depth["high"] - depth["low"])
+    assert np.abs(kept - found.numpy()).max() < 1e-3
+    assert np.abs(sure / 255 - confidence.numpy()).max() < 0.003
+
+
+def test_views_come_with_where_their_cameras_are(held):
+    views = held["views"]
+    assert views["size"] == [96, 128]
+    assert len(views["pictures"]) == len(views["cameras"]) == 25
+    assert views["cameras"][0] == [-2, -2]
+    assert views["cameras"][1] == [-1, -2], "x, then y"
+    field, _ = cases.scene()
+    assert np.abs(pixels(views["pictures"][1]) - cases.shown()["linear"].shown(field.views[0, 1])).mean() < 0.01
+
+
+def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
+    field, _ = cases.scene()
+    weight, positions = torch.ones(5, 5, 1, 96, 128), torch.zeros(5, 5, 2, dtype=torch.float64)
+    weight[0, 1] = 0
+    positions[4, 4] = torch.tensor([1.25, -0.5])
+    made = dataclasses.replace(
+        cases.shown()["linear"], field=dataclasses.replace(field, weight=weight, positions=positions)
+    )
+    views = content._views(made)
+    assert len(views["pictures"]) == 24
+    assert views["cameras"][-1] == [-0.5, 1.25]
+
+
+def test_many_large_views_are_made_smaller(monkeypatch):
+    monkeypatch.setattr(content, "MOST_VIEW_PIXELS", 25 * 96 * 128 // 4)
+    assert content.content(cases.shown())["views"]["size"] == [48, 64]
+
+
+def test_the_first_plane_is_where_most_of_the_scene_is(held):
+    assert held["slopes"][held["start"]] in (-0.5, 1.0)
+
+
+def test_methods_of_other_planes_are_refused():
+    shown = cases.shown()
+    shown["dim"] = dataclasses.replace(shown["dim"], planes=FocalPlanes([0.0, 1.0, 2.0, 3.0, 4.0]))
+    with pytest.raises(InputError, match="the same planes"):
+        content.content(shown)
+    with pytest.raises(InputError, match="at least one method"):
+        content.content({})
