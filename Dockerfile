@@ -21,5 +21,9 @@ COPY --from=build /opt/lfref /opt/lfref
 ENV PATH=/opt/lfref/bin:$PATH
 USER lfref
 WORKDIR /work
+# Whether it can do what it is for: a light field is simulated and refocused.
+HEALTHCHECK --interval=10m --timeout=2m --start-period=2m CMD \
+    lfref simulate n_fields=1 scene.camera.size=[48,64] outputs=[views] output=/tmp/health/scene overwrite=true && \
+    lfref refocus /tmp/health/scene/simulated_s0_e0_000 slopes=[0] output=/tmp/health/stack overwrite=true
 ENTRYPOINT ["lfref"]
 CMD ["--help"]

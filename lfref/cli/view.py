@@ -3,12 +3,16 @@
 from pathlib import Path
 
 from omegaconf import DictConfig
+from torch import Tensor
 
 from lfref.cli import config as configs
 from lfref.cli import corrected, refocusing, several
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.planes import Planes, planes_of
 from lfref.errors import InputError
+from lfref.geometry import FocalPlanes
+from lfref.io import read as reader
+from lfref.lightfield import LightField
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import Refocused
@@ -30,16 +34,22 @@ def view(config: DictConfig, folder: Path) -> None:
     given = paths(configs.plain(config.input))
     captures = several.found(given, config.reader.pattern)
     white = corrected.white_of(config, refocusers[0])
+    truth = None if config.truth is None else reader.read_stack(config.truth)
+    if truth is not None and len(captures) > 1:
+        raise InputError("truth is of one light field", got=f"{len(captures)} of them", remedy="view them one by one")
 
     def one(name: str, path: Path) -> None:
         read = refocusing.read(path, config, refocusers)
         field, _ = corrected.prepared(read, config, white, refocusers[0])
-        planes = next((each.planes for each in refocusers if each.planes is not None), planes_of(asked, field))
+        planes = next((each.planes for each in refocusers if each.planes is not None), None)
+        planes = (planes_of(asked, field) if truth is None else truth[1]) if planes is None else planes
         gain = refocusing.gain(field, exposure)
         shown = {
             each.name: Refocused(field, refocusing.stack(each, field, planes, device), planes, gain)
             for each in progress(refocusers, f"{field.name}: refocusing")
         }
+        if truth is not None:
+            shown["truth"] = Refocused(field, _fitting(truth, field, planes), planes, gain)
         place = several.place(folder, name, path, given) / PAGE
         page.write(place, config.title or field.name, _facts(shown), content.content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
@@ -58,6 +68,19 @@ def _refocusers(config: DictConfig) -> list[Refocuser]:
         )
     name_apart(chosen)
     return chosen
+
+
+def _fitting(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
+    """The truth's stack, once it is known to be of these planes of this light field.
+
+    Raises:
+        InputError: It is of others.
+    """
+    stack, own = truth
+    if tuple(stack.shape[-2:]) != field.size or not own.has_slopes(planes.slopes):
+        wanted = f"truth must be {len(planes)} planes of {field.size[0]}x{field.size[1]}, {', '.join(planes.labels)}"
+        raise InputError(wanted, got=f"{list(stack.shape)}, {', '.join(own.labels)}")
+    return stack
 
 
 def _facts(shown: dict[str, Refocused]) -> dict[str, object]:

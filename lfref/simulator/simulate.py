@@ -142,7 +142,7 @@ def simulate(
         The results, and what became of each pass.
 
     Raises:
-        InputError: An output that does not exist, or slopes that the views are too small for.
+        InputError: No scene, an output that does not exist, or slopes that the views are too small for.
 
     Example:
         >>> from lfref.simulator import sim30
@@ -150,5 +150,8 @@ def simulate(
         >>> made.views.shape[:3], made.truth.shape[:2]
         (torch.Size([7, 7, 3]), torch.Size([2, 3]))
     """
+    if not isinstance(scene, Scene):
+        remedy = "take one of lfref.simulator.sim30.SCENES, or describe one: lfref.simulator.scene.Scene"
+        raise InputError("what is simulated must be a Scene", got=repr(scene), remedy=remedy)
     seeded = dataclasses.replace(scene, seed=scene.seed + seed)
     return Simulation(seeded, force=force, device=device).run(outputs, slopes, timed)

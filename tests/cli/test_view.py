@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from lfref.geometry import FocalPlanes
 from lfref.io import write
 from tests.viewer import cases
 
@@ -30,6 +31,20 @@ def test_a_light_field_becomes_a_page(lfref, field, tmp_path):
     assert made["slopes"] == [-0.5, 0, 1]
     assert made["size"] == [96, 128]
     assert not re.search(r"(src|href)=.?https?:", text)
+
+
+def test_the_truth_is_shown_beside_the_methods(lfref, field, tmp_path):
+    stack = 0.5 * cases.shown()["linear"].stack[:2]
+    write.write_stack(tmp_path / "truth.exr", stack, FocalPlanes([1.0, -1.0]))
+    status, errors = lfref("view", field, f"truth={tmp_path}/truth.exr", WORDS[2], f"output={tmp_path}/run")
+    assert status == 0, errors
+    _, made = held(tmp_path / "run")
+    assert made["slopes"] == [-1, 1]
+    assert made["methods"][-1]["name"] == "truth"
+    write.write_stack(tmp_path / "small.exr", stack[..., :50], FocalPlanes([1.0, -1.0]))
+    status, errors = lfref("view", field, f"truth={tmp_path}/small.exr", WORDS[2], f"output={tmp_path}/other")
+    assert status == 1
+    assert "truth must be 2 planes of 96x128, slope 1, slope -1" in errors
 
 
 def test_several_get_a_folder_each(lfref, field, tmp_path):

@@ -35,6 +35,11 @@ def random_scene(seed: int, **more: object) -> Scene:
     return dataclasses.replace(scene, **more)
 
 
+def test_a_name_is_no_scene():
+    with pytest.raises(InputError, match=r"must be a Scene; got 'plane'; take one of lfref\.simulator\.sim30"):
+        simulate("plane")
+
+
 def test_only_what_is_asked_for_is_made():
     found = simulate(CARDS, outputs=["disparity"])
     assert found.views is None
