@@ -9,7 +9,8 @@ function decode(uri) {
   if (!decoded.has(uri)) {
     const image = new Image();
     image.src = uri;
-    decoded.set(uri, image.decode().then(() => image));
+    // A bitmap stays decoded; of an image the browser may throw that away again.
+    decoded.set(uri, image.decode().then(() => createImageBitmap(image)));
   }
   return decoded.get(uri);
 }
