@@ -55,3 +55,12 @@ def chosen(what: str, name: str, table: Mapping[str, Value]) -> Value:
     if name not in table:
         raise InputError(f"{what} must be one of {', '.join(table)}", got=repr(name))
     return table[name]
+
+
+def first_line(error: Exception) -> str:
+    """What another library says in an error, in one line that is not too long; the error's kind where it says nothing.
+
+    Args:
+        error: Whatever it raised.
+    """
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]

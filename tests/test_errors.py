@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from lfref.errors import CheckpointError, FileError, InputError, LfrefError, chosen
+from lfref.errors import CheckpointError, FileError, InputError, LfrefError, chosen, first_line
 
 
 def test_the_message_is_expected_then_got_then_remedy():
@@ -72,3 +72,10 @@ def test_an_error_from_a_worker_is_only_its_last_line():
         "Caught InputError in DataLoader worker process 0.\nOriginal Traceback ...\nlfref.errors.InputError: a; got b"
     )
     assert str(InputError(text)) == "a; got b"
+
+
+@pytest.mark.parametrize(
+    ("error", "line"), [(ValueError("\n a\nb"), "a"), (ValueError(), "ValueError"), (OSError("x" * 999), "x" * 200)]
+)
+def test_what_others_say_is_one_line(error, line):
+    assert first_line(error) == line

@@ -19,7 +19,7 @@ from lfref.bench.engine_subjects import Subject
 from lfref.engines import table
 from lfref.engines.engine import BF16, FP32, INT8, Job, Run
 from lfref.engines.table import ENGINES
-from lfref.errors import InputError, LfrefError, chosen
+from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
 
 Result = TypeVar("Result")
@@ -169,8 +169,7 @@ def _or_refused(act: Callable[[], Result]) -> Result:
     except LfrefError:
         raise
     except Exception as error:
-        said = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise InputError("this engine must be able to run the network", got=said[:200]) from error
+        raise InputError("this engine must be able to run the network", got=first_line(error)) from error
 
 
 def _quality(stack: Tensor, judge: Tensor, truth: Tensor, is_trained: bool) -> Row:

@@ -23,8 +23,8 @@ Inputs = tuple[Tensor, ...]
 Run = Callable[..., Tensor]
 """Called like the network, with inputs of the shapes and types that it was prepared for."""
 
-FP32, BF16, INT8 = "fp32", "bf16", "int8"
-"""Precisions: of all numbers, of the products and what they read, of the products and what they read."""
+FP32, FP16, BF16, INT8 = "fp32", "fp16", "bf16", "int8"
+"""Precisions: of all numbers; the others, of the products and what they read."""
 LEAST = 32
 """Pixels along a side that a network is followed with, where what it does doesn't depend on them."""
 

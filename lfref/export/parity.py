@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import BF16, FP32, INT8, Inputs, Run
+from lfref.engines.engine import BF16, FP16, FP32, INT8, Inputs, Run
 from lfref.export.graphs import Exportable
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 
-FP16 = "fp16"
 FLAT = {"black": 0.0, "grey": 0.5, "white": 1.0}
 """Light of frames that show nothing."""
 FLAT_DB = 25.0

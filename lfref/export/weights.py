@@ -5,9 +5,8 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from lfref.engines.engine import BF16, FP32, Run
+from lfref.engines.engine import BF16, FP16, FP32, Run
 from lfref.errors import InputError, chosen
-from lfref.export.parity import FP16
 from lfref.io.safetensors import SUFFIX
 from lfref.nets import checkpoint
 from lfref.refocuser import refined

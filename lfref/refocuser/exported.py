@@ -10,7 +10,7 @@ from torch import Tensor
 from lfref.engines.engine import Run
 from lfref.engines.files import formats
 from lfref.engines.files.manifest import GUIDES, VIEWS, Manifest
-from lfref.errors import CheckpointError, InputError
+from lfref.errors import CheckpointError, InputError, first_line
 from lfref.geometry import planes_from
 from lfref.lightfield import check_views
 from lfref.nets.network import Network
@@ -122,6 +122,7 @@ def _called(run: Run, *inputs: Tensor) -> Tensor:
         with torch.autocast("cpu", enabled=False):
             return run(*inputs)
     except Exception as error:
-        got = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
         shapes = ", ".join("x".join(map(str, each.shape)) for each in inputs)
-        raise InputError(f"this file must be able to refocus {shapes}", got=got, remedy="give larger views") from error
+        raise InputError(
+            f"this file must be able to refocus {shapes}", got=first_line(error), remedy="give larger views"
+        ) from error

@@ -11,15 +11,14 @@ from typing import Any
 
 from lfref.engines import by_onnxruntime
 from lfref.engines import by_openvino as runtime
-from lfref.engines.engine import FP32, INT8, Job, Run
+from lfref.engines.engine import FP16, FP32, INT8, Job, Run
 from lfref.engines.files.centred import centred
 from lfref.engines.files.graph import Graph
 from lfref.engines.files.lowered import lowered
 from lfref.engines.files.manifest import KEY, Axes, Manifest, parsed
-from lfref.errors import CheckpointError
+from lfref.errors import CheckpointError, first_line
 from lfref.io import atomic
 
-FP16 = "fp16"
 DOMAINS = ("", "ai.onnx", "com.microsoft")
 """Whose operators runtimes have themselves."""
 LARGEST = 2**31
@@ -72,7 +71,7 @@ def opened(path: Path) -> tuple[Run, Manifest]:
     # Over a foreign file the libraries raise whatever they stumble on.
     except Exception as error:
         raise CheckpointError(
-            f"{path} must be a model that ONNX Runtime can run", got=_first_line(error), remedy="export it anew"
+            f"{path} must be a model that ONNX Runtime can run", got=first_line(error), remedy="export it anew"
         ) from error
     if run.names != list(manifest.inputs):
         raise CheckpointError(f"{path} must read {list(manifest.inputs)}", got=run.names, remedy="export it anew")
@@ -141,7 +140,3 @@ def _tensors(graph: Any) -> Iterator[Any]:
             for inner in (attribute.g, *attribute.graphs):
                 if inner.node or inner.initializer or inner.sparse_initializer:
                     yield from _tensors(inner)
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]

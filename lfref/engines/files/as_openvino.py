@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from lfref.engines import by_openvino
-from lfref.engines.engine import BF16, FP32, INT8, Run
+from lfref.engines.engine import BF16, FP16, FP32, INT8, Run
 from lfref.engines.files import as_onnx
 from lfref.engines.files.graph import Graph
 from lfref.engines.files.manifest import KEY, Manifest, parsed
 from lfref.errors import CheckpointError
 from lfref.io import atomic
 
-FP16 = "fp16"
 WEIGHTS = "lfref_weights"
 """Under which the SHA-256 of the other file stands."""
 

@@ -16,14 +16,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import BF16, FP32, Run
+from lfref.engines.engine import BF16, FP16, FP32, Run
 from lfref.engines.files.graph import Graph
 from lfref.engines.files.lowered import lowered
 from lfref.engines.files.manifest import KEY, Manifest, parsed
-from lfref.errors import CheckpointError
+from lfref.errors import CheckpointError, first_line
 from lfref.io import atomic
 
-FP16 = "fp16"
 PRECISIONS = (FP32, FP16, BF16)
 PACKAGES: tuple[str, ...] = ()
 LARGEST = 2**33
@@ -46,7 +45,6 @@ EXPRESSION = re.compile(
 """Of sizes; whatever else could be Python."""
 LONGEST = 10000
 """Characters of an expression."""
-EXPRESSIONS, CODE = ("expr_str",), ("guards_code",)
 
 
 def write(path: Path, graph: Graph, manifest: Manifest) -> None:
@@ -84,8 +82,9 @@ def opened(path: Path) -> tuple[Run, Manifest]:
         raise
     # Over a foreign file PyTorch raises whatever it stumbles on.
     except Exception as error:
-        got = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
-        raise CheckpointError(f"{path} must be an archive of torch.export", got=got, remedy="export it anew") from error
+        raise CheckpointError(
+            f"{path} must be an archive of torch.export", got=first_line(error), remedy="export it anew"
+        ) from error
 
     def run(*inputs: Tensor) -> Tensor:
         made: Tensor = module(*inputs)
@@ -132,9 +131,9 @@ def _check(path: Path) -> None:
 
 def _check_text(path: Path, told: Any) -> None:
     for key, value in _pairs(told):
-        if key in ("use_pickle", *CODE) and value:
+        if key in ("use_pickle", "guards_code") and value:
             raise _refused(path, f"{key} {str(value)[:80]}")
-        if key in EXPRESSIONS and not (_is_expression(value)):
+        if key == "expr_str" and not (_is_expression(value)):
             raise _refused(path, f"{key} {str(value)[:80]!r}")
         if key == "target" and isinstance(value, str) and "." in value and not TARGETS.fullmatch(value):
             raise _refused(path, f"{key} {value[:80]!r}")

@@ -5,7 +5,9 @@ import copy
 import torch
 from torch import Tensor, nn
 
-DTYPES = {"fp16": torch.float16, "bf16": torch.bfloat16}
+from lfref.engines.engine import BF16, FP16
+
+DTYPES = {FP16: torch.float16, BF16: torch.bfloat16}
 """Precision -> type of the convolutions."""
 
 
