@@ -54,7 +54,7 @@ def view(config: DictConfig, folder: Path) -> None:
         page.write(place, config.title or field.name, _facts(shown), content.content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 
-    several.each(captures, one, "viewing")
+    several.each(captures, [one], "viewing")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:
