@@ -51,7 +51,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     def compute(_: str, field: LightField) -> Made:
         field, corrections = corrected.prepared(field, config, white, refocuser)
         planes = planes_of(asked, field)
-        stack = refocusing.stack(refocuser, field, planes, device)
+        stack = refocusing.stack(refocuser, field, planes.slopes, device)
         return Refocused(field, stack, planes, refocusing.gain(field, exposure), files), corrections
 
     def write(name: str, made: Made) -> None:

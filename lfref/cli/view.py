@@ -45,7 +45,7 @@ def view(config: DictConfig, folder: Path) -> None:
         planes = (planes_of(asked, field) if truth is None else truth[1]) if planes is None else planes
         gain = refocusing.gain(field, exposure)
         shown = {
-            each.name: Refocused(field, refocusing.stack(each, field, planes, device), planes, gain)
+            each.name: Refocused(field, refocusing.stack(each, field, planes.slopes, device), planes, gain)
             for each in progress(refocusers, f"{field.name}: refocusing")
         }
         if truth is not None:
