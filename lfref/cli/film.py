@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from omegaconf import DictConfig
 from torch import Tensor
@@ -49,9 +48,16 @@ def film(config: DictConfig, folder: Path) -> None:
             field = refocusing.read(path, config, [refocuser])
             yield field if found is None else found.apply(field)
 
+    def made() -> Iterator[Tensor]:
+        if not others:
+            for some in slopes.split(AT_ONCE):
+                yield from refocusing.stack(refocuser, opening, some, device)
+            return
+        for field, slope in zip(ahead(fields()), slopes, strict=True):
+            yield from refocusing.stack(refocuser, field, slope[None], device)
+
     def frames() -> Iterator[NDArray[np.uint8]]:
-        making = _of_each(fields(), slopes) if others else _of_one(opening, slopes)
-        for picture in making:
+        for picture in made():
             shown = pictures.for_display(picture, gain, opening.picture_encoding)
             yield np.rint(255 * shown).astype(np.uint8)
 
@@ -74,20 +80,6 @@ def _slopes(config: DictConfig, opening: LightField, n_fields: int, rate: float)
         raise InputError("focus must be auto or key frames", got=repr(keys), remedy="for example focus={0:-1,48:0.5}")
     pull = FocusPull(keys, str(config.motion))
     return pull.slopes(n_fields if n_fields > 1 else pull.length)
-
-
-def _of_each(
-    fields: Iterator[LightField], slopes: Tensor, refocuser: Refocuser, device: torch.device
-) -> Iterator[Tensor]:
-    """One picture of each light field, read while the one before is refocused, [C, H, W] each."""
-    for field, slope in zip(ahead(fields), slopes, strict=True):
-        yield from refocusing.stack(refocuser, field, slope[None], device)
-
-
-def _of_one(field: LightField, slopes: Tensor, refocuser: Refocuser, device: torch.device) -> Iterator[Tensor]:
-    """All pictures of one light field, [C, H, W] each."""
-    for some in slopes.split(AT_ONCE):
-        yield from refocusing.stack(refocuser, field, some, device)
 
 
 main = command(film)
