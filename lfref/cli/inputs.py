@@ -23,19 +23,22 @@ def find(config: DictConfig) -> list[Path]:
     return [path for entry in paths(configs.plain(config.input)) for path in reader.find(entry)]
 
 
-def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = ()) -> LightField:
+def read(
+    path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = (), scratch: Path | None = None
+) -> LightField:
     """Read a light field.
 
     Args:
         path: Where it lies.
         config: Holds `reader`; where it asks for no number of views, networks do.
         refocusers: Who will refocus it.
+        scratch: A folder on a disk where its views may lie; None: in memory.
 
     Raises:
         FileError: It cannot be read.
         InputError: It has not the views that are wanted.
     """
-    field = _read(path, configs.plain(config.reader), refocusers)
+    field = _read(path, configs.plain(config.reader) | {"scratch": scratch}, refocusers)
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and count for nothing", field.name, missing)
     return field

@@ -16,11 +16,13 @@ from lfref.cli import corrected, refocusing, resume, run_folder, several
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.leaving import fail
 from lfref.cli.planes import Planes, planes_of
-from lfref.errors import LfrefError
+from lfref.errors import InputError, LfrefError
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.io.run import Run
+from lfref.io.scratch import room
 from lfref.lightfield import LightField
+from lfref.refocuser.bands import in_bands
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import results
@@ -44,14 +46,18 @@ def refocus(config: DictConfig, folder: Path) -> None:
     captures = several.found(given, config.reader.pattern)
     places = {name: several.place(folder, name, path, given) for name, path in captures.items()}
     white = corrected.white_of(config, refocuser)
+    n_rows, scratch = _bands(config, also), None if config.rows is None else folder
 
     def read(_: str, path: Path) -> LightField:
-        return refocusing.read(path, config, [refocuser])
+        return refocusing.read(path, config, [refocuser], scratch)
 
     def compute(_: str, field: LightField) -> Made:
         field, corrections = corrected.prepared(field, config, white, refocuser)
         planes = planes_of(asked, field)
-        stack = refocusing.stack(refocuser, field, planes.slopes, device)
+        if n_rows is None:
+            stack = refocusing.stack(refocuser, field, planes.slopes, device)
+        else:
+            stack = in_bands(refocuser, field, planes.slopes, n_rows, room(scratch), device)
         return Refocused(field, stack, planes, refocusing.gain(field, exposure), files), corrections
 
     def write(name: str, made: Made) -> None:
@@ -85,6 +91,17 @@ def _filled(folder: Path, place: Path) -> Iterator[Path]:
     with atomic.replacing_folder(place) as partial:
         yield partial
     run_folder.list_also(folder, place)
+
+
+def _bands(config: DictConfig, also: list[str]) -> int | None:
+    """Rows that are refocused at a time, once it is known that nothing asked for needs more than these."""
+    if config.rows is None:
+        return None
+    whole = [f"{name}=true" for name in also] + (["correct=" + str(config.correct)] * (config.correct != "none"))
+    if whole:
+        expected = "rows=N refocuses light fields that do not fit into memory, and does nothing else with them"
+        raise InputError(expected, got=", ".join(whole), remedy="give correct=none and leave the others out")
+    return int(configs.number(config, "rows", 1))
 
 
 def _files(config: DictConfig) -> PictureFiles:

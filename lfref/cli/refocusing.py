@@ -29,19 +29,20 @@ def exposure(config: DictConfig) -> float | None:
     return None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
 
 
-def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser]) -> LightField:
+def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser], scratch: Path | None = None) -> LightField:
     """The light field as it lies on the disk; whether its axes seem to run the other way is told.
 
     Args:
         path: Where it lies.
         config: Holds `reader`.
         refocusers: Who will refocus it.
+        scratch: A folder on a disk where its views may lie; None: in memory.
 
     Raises:
         FileError: It cannot be read.
         InputError: It has not the views that are wanted.
     """
-    field = inputs.read(path, config, refocusers)
+    field = inputs.read(path, config, refocusers, scratch)
     if view_axes.seems_reversed(reduced_views.reduced(field.views, field.weight, field.positions)):
         log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
     return field

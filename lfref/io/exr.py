@@ -94,7 +94,11 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
         grid.check_holes(stored, _view_name, path, selection.holes)
         window = selection.window(stored.shape, path)
         return grid.gather(
-            stored, window, lambda part: decode.decode(source, path, part), lambda part: f"{path}:{part}"
+            stored,
+            window,
+            lambda part: decode.decode(source, path, part),
+            lambda part: f"{path}:{part}",
+            selection.room,
         )
 
 

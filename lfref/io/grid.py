@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
 from lfref.io.lenslets.options import ALIGNED, Lenslets
+from lfref.io.scratch import Room
 
 Source = TypeVar("Source")
 Cell = tuple[int, int]
@@ -49,6 +50,8 @@ class Selection:
     """What is said about the lenslets of an image that is not aligned with them."""
     encoding: str = "file"
     """How samples stand for light, for readers that must know it: as `encoding.parsed`, or `file`."""
+    room: Room = np.zeros
+    """Where views that are gathered lie."""
 
     def given(self) -> list[str]:
         """Names of the options that are not as they are by default, those of lenslets among them."""
@@ -144,6 +147,7 @@ def gather(
     window: tuple[slice, slice],
     load: Callable[[Source], NDArray],
     name_of: Callable[[Source], str],
+    room: Room = np.zeros,
 ) -> NDArray:
     """The views of a window in one array.
 
@@ -152,6 +156,7 @@ def gather(
         window: Rows and columns to keep.
         load: Reads one view, [H, W, C].
         name_of: Name of a view, for messages.
+        room: Where they shall lie.
 
     Returns:
         Samples in the type of the files, [V, U, C, H, W]. Where views of the window are missing, they hold the mean of
@@ -167,7 +172,7 @@ def gather(
     (_, first_source), first = chosen[0], load(chosen[0][1])
     has_holes = len(chosen) < shape[0] * shape[1]
     views = _with_weight(first, has_holes)
-    gathered = np.zeros((*shape, *views.shape[2:], *views.shape[:2]), first.dtype)
+    gathered = room((*shape, *views.shape[2:], *views.shape[:2]), first.dtype)
     for (row, column), source in chosen:
         view = first if source is first_source else load(source)
         if _kind(view) != _kind(first):

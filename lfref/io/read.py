@@ -4,7 +4,7 @@ A folder is read as sub-aperture views, a picture as a lenslet image, an EXR fil
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,9 @@ from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import cameras, exr, formats, headers, images, metadata, options
 from lfref.io import grid as grids
+from lfref.io import scratch as scratches
 from lfref.io.lenslets import options as described
+from lfref.io.scratch import Room
 from lfref.lightfield import LightField
 
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
@@ -48,6 +50,7 @@ def read(
     positions: str | Path | None = None,
     spacing: tuple[float, float] | None = None,
     encoding: str = "file",
+    scratch: str | Path | None = None,
 ) -> LightField:
     """Read a light field: an ESLF image, a folder of views, or a multi-part EXR file.
 
@@ -78,6 +81,8 @@ def read(
         spacing: View steps from row to row and from column to column, both above 0, if they are not alike.
         encoding: How samples stand for light: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB
             for integers and linear for floating point; `none` leaves them as they are, as the paper does.
+        scratch: A folder for views that are larger than memory: they lie in a file there, which has no name and is gone
+            with them. Folders of views and EXR files are never in memory as a whole; other forms are, as samples.
 
     Returns:
         The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
@@ -101,8 +106,9 @@ def read(
     path = Path(path)
     kept = (views, views) if isinstance(views, int) else views
     lenslets = described.parsed(pitch, offset, rotation, lattice, white)
+    room = scratches.room(None if scratch is None else Path(scratch))
     selection = grids.Selection(
-        kept, start, pattern, lenslet, grid, holes, axes, variable, lenslets=lenslets, encoding=encoding
+        kept, start, pattern, lenslet, grid, holes, axes, variable, lenslets=lenslets, encoding=encoding, room=room
     )
     form = formats.of(path)
     formats.check_options(path, form, selection)
@@ -111,7 +117,7 @@ def read(
     present = _present(samples)
     coded, turned = _encoding(encoding, path, whole), _Turned(reverse_v, reverse_u)
     said = metadata.of(path) | {"path": str(path), "format": form.name} | _told(whole, samples, present, coded)
-    field = _light_field(turned.samples(samples), path, said, coded)
+    field = _light_field(turned.samples(samples), path, said, coded, room)
     places = cameras.of(path, selection, present, positions, spacing)
     return field if places is None else replace(field, positions=torch.from_numpy(turned.places(places)))
 
@@ -165,13 +171,23 @@ def _encoding(asked: str, path: Path, samples: NDArray) -> Encoding:
     return headers.encoding_of(path) or usual
 
 
-def _light_field(samples: NDArray, path: Path, metadata: dict[str, str], coded: Encoding) -> LightField:
+def _light_field(samples: NDArray, path: Path, metadata: dict[str, str], coded: Encoding, room: Room) -> LightField:
     """The light field whose second or fourth channel, if there is one, is the weight."""
     name = path.absolute().name if path.is_dir() else path.stem
     n_colours = samples.shape[2] - 1 + samples.shape[2] % 2
-    weight = torch.from_numpy(images.to_float(samples[:, :, n_colours:])) if n_colours < samples.shape[2] else None
-    views = torch.from_numpy(images.decoded(samples[:, :, :n_colours], coded))
+    weight = _made(samples[:, :, n_colours:], images.to_float, room) if n_colours < samples.shape[2] else None
+    views = _made(samples[:, :, :n_colours], lambda view: images.decoded(view, coded), room)
     return LightField(views, name, weight, metadata, is_linear=coded.is_known)
+
+
+def _made(samples: NDArray, make: Callable[[NDArray], NDArray], room: Room) -> Tensor:
+    """What is made of each view, float32."""
+    if room is np.zeros:
+        return torch.from_numpy(make(samples))
+    made = room(samples.shape, np.float32)
+    for cell in np.ndindex(samples.shape[:2]):
+        made[cell] = make(samples[cell])
+    return torch.from_numpy(made)
 
 
 def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:

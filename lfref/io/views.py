@@ -61,7 +61,7 @@ def read_views(folder: Path, selection: grid.Selection) -> NDArray:
     stored = stored_grid(folder, selection)
     if selection.pattern is None and selection.grid is None:
         _check_square(folder, stored)
-    return grid.gather(stored, selection.window(stored.shape, folder), images.read_image, str)
+    return grid.gather(stored, selection.window(stored.shape, folder), images.read_image, str, selection.room)
 
 
 def stored_grid(folder: Path, selection: grid.Selection) -> grid.Grid[Path]:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.lightfield import LightField
 from lfref.refocus import batches
 from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.focus.all_in_focus import all_in_focus
@@ -16,6 +17,7 @@ from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.shift.shift_and_sum import reach as sum_reach
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
 from lfref.refocuser import filling
@@ -90,6 +92,14 @@ class OperatorRefocuser(Refocuser):
         options = getattr(self.operator, "keywords", {})
         disparity = torch.as_tensor(options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
         return float(options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
+
+    def reach(self, slopes: Tensor, field: LightField) -> int | None:
+        """As in `Refocuser`; that of weighted samples is unknown, since weights are compared across the picture."""
+        if self._function not in LOCAL or field.weight is not None:
+            return None
+        local, options = LOCAL[self._function], getattr(self.operator, "keywords", {})
+        known = {name: value for name, value in options.items() if name in inspect.signature(local).parameters}
+        return local(slopes, field.grid, positions=field.positions, **known)
 
     def _mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """The weighted mean, sample by sample; black where the sum of the weights is next to nothing.
@@ -187,6 +197,8 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
     return all_in_focus(shift_and_sum(views, slopes)).image.unsqueeze(-4)
 
 
+LOCAL: dict[Operator, Callable[..., int | None]] = {shift_and_sum: sum_reach}
+"""How far their pixels see; the others look at the whole picture."""
 FORETELLING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
 """Estimate what the whole aperture would have seen: missing views are made up for."""
 LOOKING: frozenset[Operator] = FORETELLING | {shift_and_sum_through_cells, super_resolve, focus}

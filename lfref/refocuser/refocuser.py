@@ -101,6 +101,15 @@ class Refocuser(abc.ABC):
         """
         return 0.0
 
+    def reach(self, slopes: Tensor, field: LightField) -> int | None:
+        """How many pixels away a sample may count for a pixel; None: all of the picture may.
+
+        Args:
+            slopes: Of the planes, in pixels per view step, [N].
+            field: What is to be refocused.
+        """
+        return None
+
     def slopes(self, asked: Slopes | None) -> Tensor:
         """The slopes asked for, once they are known to be among those that it makes, float64, [N].
 

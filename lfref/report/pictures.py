@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.encoding import SRGB, Encoding
 from lfref.errors import InputError
@@ -20,6 +21,8 @@ from lfref.report import drawing, wording
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
 FIGURE_WIDTH = 9.0  # inches
+SHEET_SIDE = 700
+"""Pixels along the longer side of a picture on a sheet, of which more would not be seen."""
 
 
 def common_exposure(mean_image: Tensor) -> float:
@@ -107,8 +110,14 @@ def contact_sheet(
     n_rows = math.ceil(len(stack) / n_columns)
     figure, grid = _grid(n_rows, n_columns, stack, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}")
     for axes, label, image in zip(grid.flat, labels, stack, strict=False):
-        _show(axes, wording.drawable(label), for_display(image, exposure, encoding))
+        _show(axes, wording.drawable(label), for_display(_smaller(image), exposure, encoding))
     return figure
+
+
+def _smaller(image: Tensor) -> Tensor:
+    """Means of squares of pixels, as large as a sheet needs them at most."""
+    factor = max(1, max(image.shape[-2:]) // SHEET_SIDE)
+    return image if factor == 1 else F.avg_pool2d(image[None], factor)[0]
 
 
 def ends_and_middle(planes: FocalPlanes) -> list[int]:

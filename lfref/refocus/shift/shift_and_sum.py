@@ -7,15 +7,22 @@ The plane may then be seen through cells instead of points of the aperture: see 
 Source: Ng et al., "Light Field Photography with a Hand-held Plenoptic Camera", 2005, section 4.
 """
 
+import math
+
 import torch
 from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import backend, batches, lines
+from lfref.refocus.borders import BORDERS
 from lfref.refocus.footprint import blurring, footprint
+from lfref.refocus.interpolations import INTERPOLATIONS
 from lfref.refocus.shift import by_torch, task
 from lfref.refocus.shift.task import Task
+
+BEYOND = 3
+"""Samples that interpolations and the ends of boxes reach beyond a shift, at most."""
 
 
 def shift_and_sum(
@@ -99,6 +106,41 @@ def coverage(
     """
     planned = task.plan(slopes, grid, size, interpolation, weights=weights, positions=positions)
     return planned.coverages
+
+
+def reach(
+    slopes: Slopes,
+    grid: tuple[int, int],
+    interpolation: str = "linear",
+    border: str = "renormalize",
+    fill: float = 0.0,
+    disparity: float | Tensor = 0.0,
+    positions: Tensor | None = None,
+) -> int | None:
+    """How many rows or columns away a sample may count for a pixel: bands of a picture that overlap by as many are as
+    good as the whole.
+
+    Args:
+        slopes: Focus in pixels per view step, [N].
+        grid: Number of view rows and columns (V, U).
+        interpolation: As in `shift_and_sum`.
+        border: As in `shift_and_sum`.
+        fill: As in `shift_and_sum`.
+        disparity: As in `shift_and_sum`.
+        positions: As in `shift_and_sum`.
+
+    Returns:
+        Pixels; None where all samples may count: an exact interpolation, a border that wraps around, a map of
+        disparities.
+    """
+    is_map = isinstance(disparity, Tensor) and disparity.ndim > 0
+    if INTERPOLATIONS[interpolation].weights is None or BORDERS[border].is_periodic or is_map:
+        return None
+    planes = torch.as_tensor(slopes, dtype=torch.float64)
+    farthest = max(float(offsets.abs().max()) for offsets in lines.lines(grid, positions))
+    shift = float(planes.abs().max()) * farthest
+    blur = fill * float((planes - float(disparity)).abs().max()) / 2
+    return math.ceil(shift) + math.ceil(blur) + BEYOND
 
 
 def _room(out: Tensor, views: Tensor, n_planes: int) -> Tensor:
