@@ -12,12 +12,15 @@ FIELD = $(or $(INPUT),$(DEMO)/scenes/simulated_s2026_e0_000)
 PIP_ARGS ?=
 
 export PYTHONWARNINGS ?= ignore::FutureWarning
+# Material for MkDocs advertises its successor otherwise.
+export NO_MKDOCS_2_WARNING ?= 1
 
-.PHONY: help install demo test figures paper ablations weights lint quick clean
+.PHONY: help install demo test figures paper ablations weights lint site quick clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in two pages"
-	@echo "make test                       linters, types, floors and all tests"
+	@echo "make test                       linters, types, floors, the site and all tests"
+	@echo "make site                       the pages and the reference as a site, in runs/site"
 	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make paper                      the paper's experiments, judged by truth; goes on where it was stopped"
 	@echo "make ablations                  which of the paper's choices matter, likewise"
@@ -75,13 +78,16 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+site: install
+	$(BIN)/mkdocs build --strict
+
 # Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by;
 # the engines of `export` run what PyTorch runs; `serve` is the server of a page.
 $(VENV)/checks: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export,serve]'
 	touch $@
 
-test: lint $(VENV)/checks
+test: lint site $(VENV)/checks
 	$(BIN)/python -m pytest -n 2
 
 quick: install

@@ -1,43 +1,96 @@
-"""What is installed from a wheel works from anywhere, without the checkout."""
+"""What is installed from a wheel or a source distribution works from anywhere, without the checkout."""
 
 import os
 import subprocess
 import sys
+import sysconfig
 import zipfile
+from pathlib import Path
 
 import pytest
 
+import lfref
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
+# Nothing of this process's settings leads to the checkout.
+PLAIN = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+
+
+def run(*words: object, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(word) for word in words], cwd=folder, env=PLAIN, capture_output=True, text=True)
+
+
+def done(*words: object, folder: Path) -> str:
+    """Standard output of a command that must succeed."""
+    ended = run(*words, folder=folder)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """Folder that the wheel was unpacked into."""
-    folder = tmp_path_factory.mktemp("wheel")
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), str(ROOT)]
-    subprocess.run(build, check=True, capture_output=True)
-    (wheel,) = folder.glob("*.whl")
-    zipfile.ZipFile(wheel).extractall(folder / "site")
-    return folder / "site"
+def built(tmp_path_factory) -> dict[str, Path]:
+    """The wheel of the checkout, its source distribution, and the wheel of that one."""
+    folder = tmp_path_factory.mktemp("built")
+    build = [sys.executable, "-m", "build", "--no-isolation", ROOT, "--outdir"]
+    done(*build, "wheel", "--wheel", folder=folder)
+    done(*build, "source", folder=folder)
+    found = {"wheel": "wheel/*.whl", "source": "source/*.tar.gz", "wheel of the source": "source/*.whl"}
+    return {name: next(folder.glob(pattern)) for name, pattern in found.items()}
 
 
-def test_the_wheel_holds_configuration_sweeps_and_page(installed):
-    for name in ("conf/train.yaml", "conf/hydra/help/train.yaml", "sweeps/blocks.yaml", "report/page.css", "py.typed"):
-        assert (installed / "lfref" / name).is_file()
-    assert not (installed / "tests").exists()
+@pytest.fixture(scope="module", params=["wheel", "source"])
+def command(request, built, tmp_path_factory) -> Path:
+    """The console script of lfref, installed into an environment of its own.
+
+    Only what lfref depends on is lent to it: in a folder that a `.pth` file names, the `.pth` files of editable
+    installations count for nothing.
+    """
+    environment = tmp_path_factory.mktemp("environment")
+    done(sys.executable, "-m", "venv", "--without-pip", environment, folder=environment)
+    paths = sysconfig.get_paths("venv", {"base": str(environment), "platbase": str(environment)})
+    lent = sorted({sysconfig.get_path("purelib"), sysconfig.get_path("platlib")})
+    Path(paths["purelib"], "lent.pth").write_text("\n".join(lent), encoding="utf-8")
+    pip = [sys.executable, "-m", "pip", "--python", environment, "--disable-pip-version-check", "install", "--quiet"]
+    offline = ["--no-index", "--no-deps", "--no-build-isolation", "--ignore-installed"]
+    done(*pip, *offline, built[request.param], folder=environment)
+    home = done(Path(paths["scripts"], "python"), "-c", "import lfref; print(lfref.__file__)", folder=environment)
+    assert home.startswith(paths["purelib"])
+    return Path(paths["scripts"], "lfref")
 
 
-def run(installed, folder, *words) -> subprocess.CompletedProcess:
-    environment = os.environ | {"PYTHONPATH": str(installed)}
-    return subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True)
+def test_the_wheel_holds_the_package_its_configuration_and_sweeps(built):
+    folders = {"lfref": ROOT / "lfref", "lfref/conf": ROOT / "conf", "lfref/sweeps": ROOT / "sweeps"}
+    files = {
+        f"{name}/{path.relative_to(folder).as_posix()}"
+        for name, folder in folders.items()
+        for path in folder.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    held = zipfile.ZipFile(built["wheel"]).namelist()
+    assert {name for name in held if ".dist-info/" not in name} == files
 
 
-def test_commands_find_configuration_and_sweeps_from_any_folder(installed, tmp_path):
-    assert run(installed, tmp_path, "-c", "import lfref; print(lfref.__file__)").stdout.startswith(str(installed))
-    shown = run(installed, tmp_path, "-m", "lfref.cli.main", "train", "--cfg", "job").stdout
-    assert "_target_: lfref.nets.refnet.RefNet" in shown
-    refused = run(installed, tmp_path, "-m", "lfref.cli.main", "train", "-m", "+sweep=magic")
+def test_the_wheel_of_the_source_distribution_is_that_of_the_checkout(built):
+    ours, theirs = (
+        {entry.filename: entry.CRC for entry in zipfile.ZipFile(built[name]).infolist()}
+        for name in ("wheel", "wheel of the source")
+    )
+    assert theirs == ours
+
+
+def test_what_is_installed_finds_its_version_configuration_and_sweeps(command, tmp_path):
+    assert done(command, "--version", folder=tmp_path).split()[-1] == lfref.__version__
+    assert "_target_: lfref.refocus." in done(command, "refocus", "--cfg", "job", folder=tmp_path)
+    refused = run(command, "train", "-m", "+sweep=magic", folder=tmp_path)
     assert refused.returncode == 2
     assert "activation, beta_gamma, blocks, normalization" in refused.stderr
+
+
+def test_what_is_installed_simulates_refocuses_and_reports(command, tmp_path):
+    scene = ["n_fields=1", "scene.camera.size=[48,64]", "outputs=[views]"]
+    done(command, "simulate", *scene, "output=scenes", folder=tmp_path)
+    done(command, "refocus", "scenes/simulated_s0_e0_000", "slopes=[0]", "output=stack", folder=tmp_path)
+    done(command, "report", "stack", "output=report", folder=tmp_path)
+    assert (tmp_path / "stack" / "stack.exr").is_file()
+    assert (tmp_path / "report" / "index.html").is_file()

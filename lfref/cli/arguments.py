@@ -14,7 +14,7 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from lfref.cli import config, leaving, sweeps
 from lfref.errors import InputError
 
-INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "eval", "bench"), "input")
+INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "film", "eval", "bench"), "input")
 """What a path is to a command."""
 RUN = {
     "train": "resume",

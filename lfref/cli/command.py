@@ -89,9 +89,9 @@ def _note(config: DictConfig, folder: Path) -> None:
     runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
 
 
-def progress(items: Iterable[Item], what: str) -> Iterable[Item]:
-    """Pass items on under a progress bar."""
-    return track(items, description=what, console=console)
+def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
+    """Pass items on under a progress bar; how many there are must be said where that cannot be counted."""
+    return track(items, description=what, total=total, console=console)
 
 
 def device_of(name: str) -> torch.device:

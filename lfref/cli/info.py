@@ -30,7 +30,7 @@ def info(config: DictConfig, folder: Path) -> None:
         log.info("%s", "\n".join(seen.told()))
         _write(several.place(folder, name, path, given), seen)
 
-    several.each(captures, one, "inspecting")
+    several.each(captures, [one], "inspecting")
     log.info("inspected: %s", folder)
 
 

@@ -16,6 +16,7 @@ COMMANDS = {
     "eval": "judge checkpoints and operators plane by plane against the label sources",
     "refocus": "refocus light fields into stacks, pictures, films, disparity and point clouds",
     "view": "make a page on which people refocus a light field themselves",
+    "film": "make a film of light fields whose focus may move",
     "export": "write a network or an operator as a file that other runtimes load",
     "bench": "measure accuracy against time of every operator and checkpoint",
     "prepare": "make a set of planes to learn from",

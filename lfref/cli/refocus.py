@@ -1,20 +1,33 @@
 """`lfref refocus`: refocus light fields into stacks, pictures, films, maps of disparity and point clouds."""
 
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
-from lfref.cli import corrected, refocusing, several
+from lfref.cli import corrected, refocusing, resume, run_folder, several
 from lfref.cli.command import command, device_of, log, paths
+from lfref.cli.leaving import fail
 from lfref.cli.planes import Planes, planes_of
+from lfref.errors import LfrefError
 from lfref.geometry import FocalPlanes
+from lfref.io import atomic
+from lfref.io.run import Run
+from lfref.lightfield import LightField
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import results
 from lfref.report.refocused import PictureFiles, Refocused
+
+Made = tuple[Refocused, Corrections | None]
+"""A light field that was refocused, and what was corrected before."""
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
@@ -29,18 +42,49 @@ def refocus(config: DictConfig, folder: Path) -> None:
     also = [name for name in results.ASKED if config[name]]
     given = paths(configs.plain(config.input))
     captures = several.found(given, config.reader.pattern)
+    places = {name: several.place(folder, name, path, given) for name, path in captures.items()}
     white = corrected.white_of(config, refocuser)
 
-    def one(name: str, path: Path) -> None:
-        field, corrections = corrected.prepared(refocusing.read(path, config, [refocuser]), config, white, refocuser)
-        planes = planes_of(asked, field)
-        stack = refocusing.stack(refocuser, field, planes, device)
-        place = several.place(folder, name, path, given)
-        results.write_results(place, Refocused(field, stack, planes, refocusing.gain(field, exposure), files), also)
-        corrected.write(place, corrections)
-        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), place)
+    def read(_: str, path: Path) -> LightField:
+        return refocusing.read(path, config, [refocuser])
 
-    several.each(captures, one, "refocusing")
+    def compute(_: str, field: LightField) -> Made:
+        field, corrections = corrected.prepared(field, config, white, refocuser)
+        planes = planes_of(asked, field)
+        stack = refocusing.stack(refocuser, field, planes.slopes, device)
+        return Refocused(field, stack, planes, refocusing.gain(field, exposure), files), corrections
+
+    def write(name: str, made: Made) -> None:
+        refocused, corrections = made
+        with _filled(folder, places[name]) as place:
+            results.write_results(place, refocused, also)
+            corrected.write(place, corrections)
+        field, planes = refocused.field, refocused.planes
+        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), places[name])
+
+    several.each(_to_do(captures, places, folder, config.resume is not None), [read, compute, write], "refocusing")
+
+
+def _to_do(captures: dict[str, Path], places: dict[str, Path], folder: Path, resumes: bool) -> dict[str, Path]:
+    """Those whose results are not there yet; what was half written when a run was killed goes away."""
+    if not resumes:
+        return captures
+    for half in (each for place in {folder, *places.values()} for each in atomic.remains(place)):
+        shutil.rmtree(half) if half.is_dir() else half.unlink()
+    to_do = {name: path for name, path in captures.items() if places[name] == folder or not places[name].exists()}
+    log.info("%d of %d light fields are done", len(captures) - len(to_do), len(captures))
+    return to_do
+
+
+@contextmanager
+def _filled(folder: Path, place: Path) -> Iterator[Path]:
+    """Where results are written to: the run folder itself, or a folder in it, which is there only when it is whole."""
+    if place == folder:
+        yield place
+        return
+    with atomic.replacing_folder(place) as partial:
+        yield partial
+    run_folder.list_also(folder, place)
 
 
 def _files(config: DictConfig) -> PictureFiles:
@@ -62,7 +106,34 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     return network, planes
 
 
-main = command(refocus)
+def claim(config: DictConfig, folder: Path) -> bool:
+    """Whether the folder may be written into: a run that goes on must be set as it was.
+
+    Args:
+        config: `conf/refocus.yaml`.
+        folder: The run folder.
+
+    Raises:
+        InputError: A run would go on otherwise than it began.
+    """
+    if config.resume is not None:
+        plain = configs.plain(config)
+        decisive = [key for key in plain if key not in (*resume.FOLDERS, "overwrite", "device")]
+        resume.refuse_other(Run(folder), plain, decisive, "leave it as it was", "the settings that it began with")
+    return True
+
+
+_started = command(refocus, claim)
+
+
+def main() -> None:
+    """Write `resume=RUN` out, and start."""
+    try:
+        sys.argv[1:] = resume.expanded(sys.argv[1:], last=lambda run: run.folder)
+    except LfrefError as error:
+        fail("refocus", error)
+    _started()
+
 
 if __name__ == "__main__":
     main()

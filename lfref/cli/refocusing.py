@@ -10,7 +10,6 @@ from torch import Tensor
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.cli.command import log
-from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import reduced_views, view_axes
 from lfref.refocuser.refocuser import Refocuser
@@ -48,17 +47,17 @@ def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser]) -> Lig
     return field
 
 
-def stack(refocuser: Refocuser, field: LightField, planes: FocalPlanes, device: torch.device) -> Tensor:
+def stack(refocuser: Refocuser, field: LightField, slopes: Tensor, device: torch.device) -> Tensor:
     """The planes, on the CPU, [N, C, H, W].
 
     Args:
         refocuser: Makes them.
         field: Of this light field.
-        planes: What they are.
+        slopes: Of the planes, in pixels per view step, [N].
         device: Where.
     """
     with torch.no_grad():
-        return refocuser(field.to(device), planes.slopes).cpu()
+        return refocuser(field.to(device), slopes).cpu()
 
 
 def gain(field: LightField, asked: float | None) -> float:

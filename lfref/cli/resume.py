@@ -1,4 +1,4 @@
-"""`lfref train resume=RUN`: a run goes on as it was set up, but for what is said anew.
+"""`lfref train resume=RUN`, `lfref refocus resume=RUN`: a run goes on as it was set up, but for what is said anew.
 
 Before Hydra sees the line, `resume=RUN` becomes the run's own overrides and its folder; the overrides that follow take
 the place of those with the same key. What comes out is then compared with what the run was trained on.
@@ -6,7 +6,7 @@ the place of those with the same key. What comes out is then compared with what 
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,12 @@ FREE = "_target_", "cache_folder", "workers", "timeout", "optimizer", "scheduler
 SHOWN = 4
 
 
-def expanded(arguments: list[str]) -> list[str]:
+def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run.chosen or run.last) -> list[str]:
     """The command line with `resume=RUN` written out; every other line as it is.
 
     Args:
         arguments: Command line after the command's name.
+        last: Where a run stood: the checkpoint that was asked for, or its last one.
 
     Raises:
         CheckpointError: The run has no checkpoint.
@@ -49,7 +50,7 @@ def expanded(arguments: list[str]) -> list[str]:
     said = {key_of(argument) for argument in new} | set(FOLDERS)
     old = [override for override in run.overrides if key_of(override) not in said]
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
-    return [*old, *own, *new, f"{KEY}{quoted(run.chosen or run.last)}"]
+    return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
 
 
 def key_of(override: str) -> str:
@@ -117,8 +118,24 @@ def refuse_changes(run: Run, config: dict[str, Any]) -> None:
     Raises:
         InputError: They differ; they are named.
     """
+    refuse_other(run, config, PROTECTED, "leave it as it was, or give allow_changes=true", "what it was trained on")
+
+
+def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: str, what: str) -> None:
+    """Refuse to go on with other values than the run's.
+
+    Args:
+        run: The run.
+        config: The configuration to go on with.
+        keys: Entries that must be the same.
+        remedy: What may be done.
+        what: What they are.
+
+    Raises:
+        InputError: They differ; they are named.
+    """
     kept = run.config
-    known = [key for key in PROTECTED if key in kept]  # an older version of lfref may not have had all
+    known = [key for key in keys if key in kept]  # an older version of lfref may not have had all
     found = [change for key in known for change in _changes(key, kept[key], config.get(key))]
     # Interpolated values stand in several places: the first one names them all.
     named = {(name.rpartition(".")[2], values): f"{name} ({values})" for name, values in reversed(found)}
@@ -126,9 +143,9 @@ def refuse_changes(run: Run, config: dict[str, Any]) -> None:
         told = list(reversed(named.values()))
         more = f" and {len(told) - SHOWN} more" if len(told) > SHOWN else ""
         raise InputError(
-            f"run {run.name} must go on with what it was trained on",
+            f"run {run.name} must go on with {what}",
             got=", ".join(told[:SHOWN]) + more,
-            remedy="leave it as it was, or give allow_changes=true",
+            remedy=remedy,
         )
 
 

@@ -5,7 +5,7 @@ The mark lists what the run has written. `overwrite=true` deletes what a mark li
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -66,12 +66,24 @@ def marked(folder: Path) -> Iterator[None]:
     Args:
         folder: The run folder.
     """
-    before = {MARK, *_files(folder)} - {*_listed(folder)}
-    _mark(folder, [])
+    listed = {*_listed(folder)} & {*_files(folder)}
+    before = {MARK, *_files(folder)} - listed
+    _mark(folder, listed)
     try:
         yield
     finally:
-        _mark(folder, sorted({*_files(folder)} - before))
+        _mark(folder, {*_files(folder)} - before)
+
+
+def list_also(folder: Path, part: Path) -> None:
+    """List already now what a run has written: a killed one cannot do it in the end.
+
+    Args:
+        folder: The run folder.
+        part: A folder in it that holds nothing else.
+    """
+    written = (f"{part.relative_to(folder).as_posix()}/{name}" for name in _files(part))
+    _mark(folder, {*_listed(folder), *written})
 
 
 def is_first_process() -> bool:
@@ -80,8 +92,8 @@ def is_first_process() -> bool:
     return all(rank == "0" for rank in ranks)
 
 
-def _mark(folder: Path, names: list[str]) -> None:
-    atomic.write_text(folder / MARK, json.dumps({"written_by": "lfref", "files": names}, indent=1) + "\n")
+def _mark(folder: Path, names: Iterable[str]) -> None:
+    atomic.write_text(folder / MARK, json.dumps({"written_by": "lfref", "files": sorted(names)}, indent=1) + "\n")
 
 
 def _listed(folder: Path) -> list[str]:
@@ -129,9 +141,11 @@ class OutputFolder(Callback):
         # The folder may be named after the command, which Hydra itself makes known only later.
         HydraConfig.instance().set_config(config)
         try:
-            if config.overwrite and (mode == "sweep" or "resume" in config):
+            is_resumed, trains = config.get("resume") is not None, config.hydra.job.name == "train"
+            if config.overwrite and (mode == "sweep" or is_resumed or trains):
                 remedy = "go on by resume=RUN, or choose another output"
-                raise InputError("overwrite must be false for training and for sweeps", got="true", remedy=remedy)
+                expected = "overwrite must be false for training, for sweeps, and where a run goes on"
+                raise InputError(expected, got="true", remedy=remedy)
             prepare(Path(config.hydra[mode].dir), config.overwrite)
         except LfrefError as error:
             fail(config.hydra.job.name, error)

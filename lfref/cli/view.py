@@ -45,7 +45,7 @@ def view(config: DictConfig, folder: Path) -> None:
         planes = (planes_of(asked, field) if truth is None else truth[1]) if planes is None else planes
         gain = refocusing.gain(field, exposure)
         shown = {
-            each.name: Refocused(field, refocusing.stack(each, field, planes, device), planes, gain)
+            each.name: Refocused(field, refocusing.stack(each, field, planes.slopes, device), planes, gain)
             for each in progress(refocusers, f"{field.name}: refocusing")
         }
         if truth is not None:
@@ -54,7 +54,7 @@ def view(config: DictConfig, folder: Path) -> None:
         page.write(place, config.title or field.name, _facts(shown), content.content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 
-    several.each(captures, one, "viewing")
+    several.each(captures, [one], "viewing")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:

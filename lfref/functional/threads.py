@@ -1,11 +1,14 @@
-"""Plain threads that share work which lets go of the interpreter's lock: as many as asked for, gone when it is done."""
+"""Plain threads for work which lets go of the interpreter's lock: as many as asked for, gone when it is done."""
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
+
+Item = TypeVar("Item")
+_END: Any = object()
 
 
 def worthwhile(size: int, worth_a_thread: int) -> int:
@@ -46,3 +49,25 @@ def share(work: Callable[..., None], jobs: Iterable[tuple[Any, ...]], n_threads:
         work_on()
         for other in others:
             other.result()
+
+
+def ahead(items: Iterable[Item]) -> Iterator[Item]:
+    """The same items in the same order, the next one made by a thread of its own while one is used.
+
+    Steps that are wrapped so one around the other, reading, computing, writing, work at once on items that follow each
+    other, and no more than one item waits between two of them.
+
+    Args:
+        items: What making one raises is raised where it would be used.
+
+    Example:
+        >>> list(threads.ahead(n * n for n in range(4)))
+        [0, 1, 4, 9]
+    """
+    source = iter(items)
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, source, _END)
+        while (item := coming.result()) is not _END:
+            coming = pool.submit(next, source, _END)
+            yield item
+            del item

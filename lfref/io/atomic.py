@@ -19,6 +19,15 @@ def _hidden(path: Path) -> Path:
     return path.with_name(f".{path.stem[:200]}.partial-{secrets.token_hex(6)}{path.suffix}")
 
 
+def remains(folder: Path) -> list[Path]:
+    """What killed processes have left half written in a folder.
+
+    Args:
+        folder: Where; not below it.
+    """
+    return sorted(folder.glob(".*.partial-*"))
+
+
 def _flush(path: Path) -> None:
     """Make the operating system put a file or folder on the disk."""
     descriptor = os.open(path, os.O_RDONLY)

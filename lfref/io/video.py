@@ -1,10 +1,12 @@
-"""Writing films of a few frames, all of it or nothing: MP4 that every browser plays, and GIF with a palette of its own.
+"""Writing films, all of them or nothing: MP4 that every browser plays, and GIF with a palette of its own.
 
-MP4 is H.264 in 4:2:0 with even sides, its colours converted and labelled by BT.709. A GIF has 256 colours, chosen from
-all of its frames, and never ends. A film takes the place of nothing: its name must be free.
+MP4 is H.264 in 4:2:0 with even sides, its colours converted and labelled by BT.709; its frames may be made as it is
+written, and one of them is held at a time. A GIF has 256 colours, chosen from all of its frames, and never ends. A film
+takes the place of nothing: its name must be free.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +20,8 @@ from lfref.io import atomic, explain, marks
 if TYPE_CHECKING:
     import av
 
-Frames = Sequence[NDArray[np.uint8]]
+Frame = NDArray[np.uint8]
+Frames = Sequence[Frame]
 
 GIF_SIDE = 640
 """Pixels along the longer side of a GIF, at most: it hardly compresses."""
@@ -27,7 +30,7 @@ BT709 = {"color_primaries": 1, "color_trc": 1, "colorspace": 1, "color_range": 1
 """Numbers of H.273; the range is that of television."""
 
 
-def write_video(path: str | Path, frames: Frames, rate: float = 8.0) -> None:
+def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) -> None:
     """Write a film.
 
     Args:
@@ -47,10 +50,11 @@ def write_video(path: str | Path, frames: Frames, rate: float = 8.0) -> None:
     path = Path(path)
     if path.suffix.lower() not in WRITERS:
         raise InputError(f"{path} must end in {' or '.join(WRITERS)}", remedy="choose another suffix")
-    _check(frames, rate)
+    if not 0.01 <= rate <= 100:
+        raise InputError("rate must be from 0.01 to 100 frames a second", got=rate)
     marks.check_new(path)
     with atomic.replacing(path) as partial:
-        _write(partial, path, frames, Fraction(rate).limit_denominator(1000))
+        _write(partial, path, _checked(frames), Fraction(rate).limit_denominator(1000))
 
 
 def there_and_back(frames: Frames) -> Frames:
@@ -58,18 +62,25 @@ def there_and_back(frames: Frames) -> Frames:
     return [*frames, *frames[-2:0:-1]]
 
 
-def _check(frames: Frames, rate: float) -> None:
-    shapes = {frame.shape for frame in frames}
-    if len(shapes) != 1 or any(frame.dtype != np.uint8 for frame in frames):
-        raise InputError("frames must be uint8 and of one shape", got=", ".join(map(str, sorted(shapes))) or "none")
-    (shape,) = shapes
-    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
-        raise InputError("frames must be [H, W, 3]", got=f"shape {shape}")
-    if not 0.01 <= rate <= 100:
-        raise InputError("rate must be from 0.01 to 100 frames a second", got=rate)
+def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """The frames, one by one, once each is known to be like the first.
+
+    Raises:
+        InputError: None, or one of another shape or type.
+    """
+    first: tuple[int, ...] | None = None
+    for frame in frames:
+        first = first or frame.shape
+        if frame.dtype != np.uint8 or frame.shape != first:
+            raise InputError("frames must be uint8 and of one shape", got=f"{first}, then {frame.dtype} {frame.shape}")
+        if len(first) != 3 or first[2] != 3 or 0 in first:
+            raise InputError("frames must be [H, W, 3]", got=f"shape {first}")
+        yield frame
+    if first is None:
+        raise InputError("frames must be uint8 and of one shape", got="none")
 
 
-def _write(partial: Path, path: Path, frames: Frames, rate: Fraction) -> None:
+def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -> None:
     import av  # its libraries take a third of a second, which only films cost
 
     try:
@@ -82,20 +93,21 @@ def _write(partial: Path, path: Path, frames: Frames, rate: Fraction) -> None:
         raise FileError(f"{path} cannot be written", got=reason, remedy="check the folder and the disk") from error
 
 
-def _write_mp4(container: "av.container.OutputContainer", frames: Frames, rate: Fraction) -> None:
-    padded = [np.pad(frame, [(0, side % 2) for side in frame.shape[:2]] + [(0, 0)], "edge") for frame in frames]
+def _write_mp4(container: "av.container.OutputContainer", frames: Iterator[Frame], rate: Fraction) -> None:
+    padded = (np.pad(frame, [(0, side % 2) for side in frame.shape[:2]] + [(0, 0)], "edge") for frame in frames)
+    first = next(padded)
     stream: Any = container.add_stream("libx264", rate=rate, options=X264)
-    _shape(stream, padded[0], "yuv420p")
+    _shape(stream, first, "yuv420p")
     for name, value in BT709.items():
         setattr(stream.codec_context, name, value)
-    for frame in _frames(padded):
+    for frame in _frames(itertools.chain([first], padded)):
         converted = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
         container.mux(stream.encode(converted))
     container.mux(stream.encode())
 
 
-def _write_gif(container: "av.container.OutputContainer", frames: Frames, rate: Fraction) -> None:
-    paletted = list(_paletted(frames))
+def _write_gif(container: "av.container.OutputContainer", frames: Iterator[Frame], rate: Fraction) -> None:
+    paletted = list(_paletted(list(frames)))
     stream: Any = container.add_stream("gif", rate=rate)
     stream.width, stream.height, stream.pix_fmt = paletted[0].width, paletted[0].height, "pal8"
     for index, frame in enumerate(paletted):
@@ -133,17 +145,19 @@ def _paletted(frames: Frames) -> Iterator["av.VideoFrame"]:
         yield sink.pull()  # type: ignore[misc]
 
 
-def _frames(frames: Frames) -> Iterator["av.VideoFrame"]:
+def _frames(frames: Iterable[Frame]) -> Iterator["av.VideoFrame"]:
     import av
 
     return (av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24") for frame in frames)
 
 
-def _shape(stream: Any, frame: NDArray[np.uint8], pix_fmt: str) -> None:
+def _shape(stream: Any, frame: Frame, pix_fmt: str) -> None:
     (stream.height, stream.width), stream.pix_fmt = frame.shape[:2], pix_fmt
 
 
-WRITERS: dict[str, tuple[Callable[["av.container.OutputContainer", Frames, Fraction], None], dict[str, str]]] = {
+WRITERS: dict[
+    str, tuple[Callable[["av.container.OutputContainer", Iterator[Frame], Fraction], None], dict[str, str]]
+] = {
     ".mp4": (_write_mp4, {"movflags": "faststart"}),
     ".gif": (_write_gif, {}),
 }

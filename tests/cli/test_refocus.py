@@ -1,5 +1,10 @@
 """`lfref refocus`: a folder of results for each light field, with what was asked for in it."""
 
+import shutil
+import subprocess
+import sys
+import time
+
 import numpy as np
 import OpenImageIO
 import pytest
@@ -58,6 +63,69 @@ def test_pictures_of_16_bits_and_jpegs(lfref, captures, tmp_path):
     assert lfref(*words, "format=jpg", "quality=70", f"output={tmp_path}/small")[0] == 0
     assert (tmp_path / "small" / "planes" / "plane_01_slope_0.5_alpha_2.jpg").exists()
     assert (tmp_path / "small" / "all_views_mean.jpg").exists()
+
+
+def contents(folder):
+    """Results of all light fields by name; an EXR file, which says when it was written, by its stack."""
+    files = (path for path in folder.glob("*/**/*") if path.is_file())
+    return {
+        path.relative_to(folder).as_posix(): read_stack(path)[0].numpy().tobytes()
+        if path.suffix == ".exr"
+        else path.read_bytes()
+        for path in files
+    }
+
+
+def test_a_run_that_was_killed_goes_on_and_leaves_the_same_files(lfref, tmp_path):
+    for n in range(6):
+        write(tmp_path / "captures" / f"c_{n}", LightField(torch.rand(3, 3, 3, 32, 40)))
+    assert lfref("refocus", tmp_path / "captures", f"output={tmp_path}/whole", *QUICK)[0] == 0
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "lfref.cli.main", "refocus", tmp_path / "captures", f"output={out}", *QUICK]
+    killed = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while killed.poll() is None and not (out / "c_1").exists():
+        time.sleep(0.01)
+    killed.kill()
+    killed.wait()
+    done = [path for path in out.glob("c_*") if path.is_dir()]
+    stamps = {path: path.stat().st_mtime_ns for path in done}
+    assert 2 <= len(done) < 6
+    (out / ".c_5.partial-123456789abc").mkdir()
+    (out / ".c_5.partial-123456789abc" / "stack.exr").write_bytes(b"half of it")
+    status, error = lfref("refocus", f"resume={out}")
+    assert status == 0, error
+    assert contents(out) == contents(tmp_path / "whole")
+    assert stamps == {path: path.stat().st_mtime_ns for path in done}
+    assert f"{len(done)} of 6 light fields are done" in (out / "refocus.log").read_text()
+    # All of it, what was written before the end came too, is the run's own.
+    assert lfref("refocus", tmp_path / "captures", f"output={out}", "overwrite=true", *QUICK)[0] == 0
+
+
+def test_a_run_goes_on_with_those_that_failed_and_with_new_ones(lfref, captures, tmp_path):
+    assert lfref("refocus", captures, f"output={tmp_path}/out", *QUICK)[0] == 1
+    for name in ("second", "fourth"):
+        shutil.rmtree(captures / name, ignore_errors=True)
+        write(captures / name, LightField(torch.rand(3, 3, 3, 32, 40)))
+    status, error = lfref("refocus", f"resume={tmp_path}/out")
+    assert status == 0, error
+    assert {path.parent.name for path in (tmp_path / "out").glob("*/stack.exr")} == {
+        "first one", "second", "third", "fourth",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("slopes=[-1,1]",), "must go on with the settings that it began with; got planes"),
+        (("method=exact_fourier",), "must go on with the settings that it began with; got method"),
+        (("overwrite=true",), "overwrite must be false"),
+    ],
+)
+def test_a_run_goes_on_as_it_began_or_not_at_all(lfref, captures, tmp_path, words, said):
+    assert lfref("refocus", captures, f"output={tmp_path}/out", *QUICK)[0] == 1
+    before = contents(tmp_path / "out")
+    assert said in assert_one_line(*lfref("refocus", f"resume={tmp_path}/out", *words))
+    assert contents(tmp_path / "out") == before
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,20 @@ def test_a_run_that_ends_early_still_lists_what_it_wrote(tmp_path):
     assert names(tmp_path) == [run_folder.MARK]
 
 
+def test_what_a_killed_run_listed_is_its_own_and_nothing_else(tmp_path):
+    run_folder.claim(tmp_path)
+    marked = run_folder.marked(tmp_path)
+    marked.__enter__()
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "stack.exr").write_text("x")
+    run_folder.list_also(tmp_path, tmp_path / "one")  # and here it is killed
+    with run_folder.marked(tmp_path):
+        (tmp_path / "three.png").write_text("x")
+    run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == [run_folder.MARK, "two/stack.exr"]
+
+
 @pytest.mark.parametrize("content", ["{", "[]", '{"files": 3}', "{}"])
 def test_a_damaged_mark_deletes_nothing(tmp_path, content):
     (tmp_path / run_folder.MARK).write_text(content)
@@ -120,4 +134,4 @@ def test_a_commands_output_is_refused_and_replaced_when_asked(lfref, tmp_path):
 def test_training_and_sweeps_are_never_overwritten(lfref, tmp_path, words):
     status, error = lfref(*words, "overwrite=true", f"output={tmp_path}/out")
     assert status == 1
-    assert "overwrite must be false for training and for sweeps" in error
+    assert "overwrite must be false for training, for sweeps" in error

@@ -1,5 +1,7 @@
 """Light fields are found in folders and named apart; one that fails does not stop the others."""
 
+import threading
+
 import numpy as np
 import pytest
 import torch
@@ -83,6 +85,22 @@ def test_results_get_a_folder_of_their_own_unless_one_light_field_was_given_itse
     assert several.place(run, "a", one / "a", [one / "a", one / "b c.exr"]) == run / "a"
 
 
+def test_a_pattern_stands_for_what_fits_it_in_the_order_of_its_numbers(captures):
+    for number in (10, 9, 1):
+        write.write(captures / "film" / f"frame_{number}.exr", LightField(torch.rand(2, 2, 3, 8, 8)))
+    wanted = [f"frame_{number}" for number in (1, 9, 10)]
+    assert list(several.found([captures / "film" / "frame_*.exr"])) == wanted
+    assert list(several.found([captures / "film"])) == wanted
+    assert list(several.found([captures / "f*" / "*_1*"])) == [wanted[0], wanted[2]]
+    with pytest.raises(FileError, match=r"must fit some file or folder; got none"):
+        several.found([captures / "film" / "*.png"])
+
+
+def test_a_name_with_a_bracket_is_a_name(captures):
+    odd = write.write(captures / "a [1]", LightField(torch.rand(2, 2, 3, 8, 8)))
+    assert several.found([odd]) == {"a [1]": odd}
+
+
 def test_a_pattern_makes_every_folder_one_light_field(captures):
     assert several.found([captures / "one"], r"(?P<index>\d+)") == {"one": captures / "one"}
 
@@ -100,8 +118,35 @@ def test_the_others_are_done_and_the_failed_named_at_the_end(tmp_path):
         done.append((name, path))
 
     with pytest.raises(LfrefError, match="all 4 light fields must be usable; got 2 that failed: b, d; the others"):
-        several.each({name: tmp_path / name for name in "abcd"}, task, "trying")
+        several.each({name: tmp_path / name for name in "abcd"}, [task], "trying")
     assert done == [("a", tmp_path / "a"), ("c", tmp_path / "c")]
+
+
+def test_steps_work_at_once_on_light_fields_that_follow_each_other(tmp_path):
+    seen, together = [], threading.Barrier(3, timeout=20)
+
+    def step(number):
+        def work(name, made):
+            if int(name) + number == 2:
+                together.wait()  # breaks unless the first is written while the third is read
+            seen.append((number, name))
+            return name
+
+        return work
+
+    several.each(dict.fromkeys("01234"), [step(0), step(1), step(2)], "trying")
+    for number in range(3):
+        assert [name for each, name in seen if each == number] == list("01234")
+
+
+def test_no_more_than_one_waits_between_two_steps(tmp_path):
+    read, most = [], []
+
+    def written(name, made):
+        most.append(len(read) - len(most))
+
+    several.each(dict.fromkeys("abcdefghij"), [lambda name, path: read.append(name), written], "trying")
+    assert max(most) <= 2
 
 
 def test_the_error_of_a_single_one_is_raised_as_it_is(tmp_path):
@@ -111,7 +156,7 @@ def test_the_error_of_a_single_one_is_raised_as_it_is(tmp_path):
         raise error
 
     with pytest.raises(FileError) as caught:
-        several.each({"a": tmp_path}, task, "trying")
+        several.each({"a": tmp_path}, [task], "trying")
     assert caught.value is error
 
 
@@ -120,4 +165,4 @@ def test_mistakes_of_ours_stop_everything(tmp_path):
         raise RuntimeError("a bug")
 
     with pytest.raises(RuntimeError):
-        several.each({"a": tmp_path, "b": tmp_path}, task, "trying")
+        several.each({"a": tmp_path, "b": tmp_path}, [task], "trying")

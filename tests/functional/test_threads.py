@@ -1,6 +1,8 @@
 """threads.py: every job once, by as many threads as asked for, and what goes wrong is heard of."""
 
+import gc
 import threading
+import time
 
 import pytest
 import torch
@@ -53,3 +55,38 @@ def test_bands_are_the_whole_in_parts_as_long_as_each_other(length, n_bands):
     found = threads.bands(length, n_bands)
     assert [place for start, end in found for place in range(start, end)] == list(range(length))
     assert {end - start for start, end in found} <= {length // n_bands, -(-length // n_bands)}
+
+
+def test_items_come_in_their_order_and_one_is_made_ahead():
+    made = []
+
+    def items():
+        for n in range(5):
+            made.append(n)
+            yield n
+
+    coming = threads.ahead(items())
+    assert next(coming) == 0
+    time.sleep(0.05)
+    assert len(made) <= 2
+    assert list(coming) == [1, 2, 3, 4]
+    assert list(threads.ahead([])) == []
+
+
+def test_what_making_an_item_raises_is_raised_where_it_is_used():
+    def items():
+        yield 1
+        raise ValueError("the second")
+
+    coming = threads.ahead(items())
+    assert next(coming) == 1
+    with pytest.raises(ValueError, match="the second"):
+        next(coming)
+
+
+def test_leaving_early_leaves_no_thread():
+    before = threading.active_count()
+    for _ in threads.ahead(range(100)):
+        break
+    gc.collect()
+    assert threading.active_count() == before
