@@ -82,9 +82,9 @@ site: install
 	$(BIN)/mkdocs build --strict
 
 # Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by;
-# the engines of `export` run what PyTorch runs.
+# the engines of `export` run what PyTorch runs; `serve` is the server of a page.
 $(VENV)/checks: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export,serve]'
 	touch $@
 
 test: lint site $(VENV)/checks

@@ -235,6 +235,7 @@ NETWORK_VIEWS: tuple[Case, ...] = (
     Case("one pixel of 1000", _spoilt_batch(1000)),
     Case("one NaN", _spoilt_batch(torch.nan), Demand.VISIBLE),
     Case("batch of 1", _batch(0.5, 0.4, batch=1)),
+    Case("odd sizes", _batch(0.5, 0.4, size=(13, 11))),
     Case("two pixels", _batch(0.5, 0.4, size=(1, 2))),
 )
 """Views of a small network, [B, V, U, C, H, W]."""

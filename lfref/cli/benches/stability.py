@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from lfref.bench import machine
 from lfref.bench.accuracy import Row
-from lfref.bench.stability import behaviours, goals, images, networks, operators, scenes, trials
+from lfref.bench.stability import behaviours, exported, goals, images, networks, operators, scenes, trials
 from lfref.bench.stability.trials import Component
 from lfref.cli import config as configs
 from lfref.cli.command import log, progress
@@ -23,6 +23,7 @@ PARTS: dict[str, Callable[[], list[Component]]] = {
     "losses": images.components,
     "operators": operators.components,
     "networks": networks.components,
+    "exported": exported.components,
     "simulator": list,
 }
 """What can be tried; scenes are the simulator's cases, and it is no formulation of tensors."""
@@ -57,8 +58,9 @@ def stability(config: DictConfig, folder: Path) -> None:
 
 def _rows(components: list[Component], parts: list[str]) -> list[Row]:
     rows = list(trials.trials(progress(components, "trying hard cases")))
+    rows += exported.missing() if "exported" in parts else []
     rows += scenes.rows() if "simulator" in parts else []
-    return rows + ([trials.missing("exported network", "there is no export yet")] if "networks" in parts else [])
+    return rows
 
 
 def _show(folder: Path, rows: list[Row]) -> None:

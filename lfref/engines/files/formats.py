@@ -28,6 +28,11 @@ class Format(NamedTuple):
     others: Mapping[str, Callable[[Path], Run]] = {}
     """Further engines that read it, by name; each is the package that it needs."""
 
+    @property
+    def lacking(self) -> list[str]:
+        """What must be installed and is not."""
+        return [name for name in self.packages if importlib.util.find_spec(name) is None]
+
 
 FORMATS: dict[str, Format] = {
     "onnx": Format(
@@ -69,7 +74,7 @@ def opened(path: Path) -> tuple[Run, Manifest]:
     assert found is not None, path
     if not path.is_file():
         raise CheckpointError(f"no file at {path}", remedy="give what lfref export wrote")
-    _need(found.packages)
+    _need(found)
     return found.opened(path)
 
 
@@ -88,7 +93,7 @@ def write(path: Path, name: str, graph: Graph, manifest: Manifest) -> None:
     """
     found = chosen("format", name, FORMATS)
     chosen(f"precision of {name}", manifest.precision, dict.fromkeys(found.precisions))
-    _need(found.packages)
+    _need(found)
     found.write(path, graph, manifest)
 
 
@@ -107,7 +112,7 @@ def engines(path: Path) -> dict[str, Run]:
     return {found.engine: opened(path)[0]} | {name: run(path) for name, run in others.items()}
 
 
-def _need(packages: tuple[str, ...]) -> None:
-    if missing := [name for name in packages if importlib.util.find_spec(name) is None]:
+def _need(found: Format) -> None:
+    if found.lacking:
         remedy = "pip install 'lfref[export]'"
-        raise InputError("this format needs a package", got=f"no {' and no '.join(missing)}", remedy=remedy)
+        raise InputError("this format needs a package", got=f"no {' and no '.join(found.lacking)}", remedy=remedy)
