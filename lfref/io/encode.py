@@ -1,7 +1,8 @@
-"""Encoding PNG, JPEG and EXR files with OpenImageIO: rounded to the file's sample type, complete or not at all.
+"""Encoding image files with OpenImageIO: rounded to the file's sample type, complete or not at all.
 
-A fourth channel is a weight: it is never multiplied into the colours, and JPEG has no room for it. EXR is compressed
-without loss (zip); JPEG keeps the colour of every pixel (4:4:4).
+A fourth channel is a weight: it is never multiplied into the colours, and JPEG and AVIF have no room for it. EXR and
+TIFF are compressed without loss (zip), TIFF in tiles, of which readers of large pictures need only some; JPEG keeps the
+colour of every pixel (4:4:4). AVIF is there where OpenImageIO was built with it, which its packages of PyPI are not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,8 @@ DEPTHS: dict[str, dict[int, str]] = {
     ".png": {8: "uint8", 16: "uint16"},
     ".jpg": {8: "uint8"},
     ".exr": {32: "float", 16: "half"},
+    ".tif": {8: "uint8", 16: "uint16", 32: "float"},
+    ".avif": {8: "uint8"},
 }
 """Suffix -> bits a sample -> sample type; the first is the default."""
 
@@ -30,9 +33,12 @@ ARRAY_TYPES: dict[str, type[np.generic]] = {
 }
 # `weight` instead of `A`: EXR takes for granted that A is multiplied into the colours.
 CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
-COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip"}
+COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip", ".tif": "zip", ".avif": "avif:{quality}"}
+WITHOUT_WEIGHT = (".jpg", ".avif")
 QUALITY = 95
-"""Of a JPEG, from 1 to 100."""
+"""Of a JPEG or AVIF, from 1 to 100."""
+TILE = 256
+"""Pixels along each side of a TIFF's tiles."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +61,14 @@ def sample_type(path: Path, bits: int | None) -> str:
         bits: Bits a sample; None takes the default of the format.
 
     Raises:
-        InputError: The suffix is none of `DEPTHS`, or the format has no such depth.
+        InputError: The suffix is none of `DEPTHS`, the format has no such depth, or this OpenImageIO cannot write it.
     """
     if path.suffix.lower() not in DEPTHS:
         raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
+    if OpenImageIO.ImageOutput.create(f"x{path.suffix.lower()}") is None:
+        OpenImageIO.geterror()
+        got, remedy = f"OpenImageIO {OpenImageIO.VERSION_STRING} without it", "choose another format"
+        raise InputError(f"{path.suffix[1:].upper()} must be among what OpenImageIO writes", got=got, remedy=remedy)
     depths = DEPTHS[path.suffix.lower()]
     if bits is None:
         return next(iter(depths.values()))
@@ -96,10 +106,11 @@ def encode(path: Path, parts: Sequence[Part], bits: int | None = None, quality: 
     """Write a file of one or, for EXR, several parts.
 
     Args:
-        path: The file to write, `.png`, `.jpg` or `.exr`; folders above it are made.
+        path: The file to write, with a suffix of `DEPTHS`; folders above it are made.
         parts: What it shall hold.
-        bits: 8 (default) or 16 for PNG; 8 for JPEG; 32 (default) or 16 for EXR.
-        quality: Of a JPEG, from 1 to 100; other formats lose nothing.
+        bits: As in `DEPTHS`: 8 (default) or 16 for PNG and TIFF, which also has 32; 8 for JPEG and AVIF; 32 (default)
+            or 16 for EXR.
+        quality: Of a JPEG or AVIF, from 1 to 100; other formats lose nothing.
 
     Raises:
         InputError: A suffix, depth, channel count or sample that the format does not have.
@@ -118,8 +129,9 @@ def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageS
     if part.samples.ndim != 3 or part.samples.shape[2] not in CHANNELS or 0 in part.samples.shape:
         raise InputError(f"an image for {path} must be [H, W, C] with C 1 to 4", got=f"shape {part.samples.shape}")
     suffix = path.suffix.lower()
-    if suffix == ".jpg" and part.samples.shape[2] not in (1, 3):
-        raise InputError(f"a JPEG for {path} has no weight", got=f"shape {part.samples.shape}", remedy="write PNG")
+    if suffix in WITHOUT_WEIGHT and part.samples.shape[2] not in (1, 3):
+        expected = f"{suffix[1:].upper()} for {path} has no weight"
+        raise InputError(expected, got=f"shape {part.samples.shape}", remedy="write PNG")
     height, width, n_channels = part.samples.shape
     spec = OpenImageIO.ImageSpec(width, height, n_channels, kind)
     spec.channelnames = CHANNELS[n_channels]
@@ -128,6 +140,8 @@ def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageS
     spec.attribute("oiio:UnassociatedAlpha", 1)
     spec.attribute("compression", COMPRESSIONS[suffix].format(quality=quality))
     spec.attribute("jpeg:subsampling", "4:4:4")
+    if suffix == ".tif":
+        spec.tile_width = spec.tile_height = TILE
     for name, value in {"oiio:subimagename": part.name, "Software": marks.SOFTWARE, **part.attributes}.items():
         spec.attribute(name, value)
     return spec

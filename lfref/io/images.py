@@ -30,21 +30,21 @@ def read_image(path: str | Path) -> NDArray:
 
 
 def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, quality: int = encode.QUALITY) -> None:
-    """Write a PNG, JPEG or EXR file, all of it or nothing.
+    """Write an image file, all of it or nothing.
 
     Args:
-        path: The file to write, `.png`, `.jpg` or `.exr`; folders above it are made.
-        array: [H, W, C] with C 1 to 4 (2 and 4: the last is a weight, which JPEG has not); floats in [0, 1], which
-            PNG and JPEG clip and round and EXR keeps as they are; or uint8 or uint16.
-        bits: 8 or 16 for PNG (default: 16 for a uint16 array, else 8); 8 for JPEG; 32 (default) or 16 (half) for EXR.
-        quality: Of a JPEG, from 1 to 100.
+        path: The file to write, with a suffix of `encode.DEPTHS`; folders above it are made.
+        array: [H, W, C] with C 1 to 4 (2 and 4: the last is a weight, which JPEG and AVIF have not); floats in [0, 1],
+            which whole numbers clip and round and floating point keeps as they are; or uint8 or uint16.
+        bits: 8, 16 or 32, as `encode.DEPTHS` has them (default: the first, but 16 for a uint16 array as PNG or TIFF).
+        quality: Of a JPEG or AVIF, from 1 to 100.
 
     Raises:
         InputError: NaN or infinity, or a suffix, depth, shape or type that the format does not have.
         FileError: The folder or the disk refuses.
     """
     path = Path(path)
-    if bits is None and array.dtype == np.uint16 and path.suffix.lower() == ".png":
+    if bits is None and array.dtype == np.uint16 and path.suffix.lower() in (".png", ".tif"):
         bits = 16
     encode.encode(path, [encode.Part(to_float(array))], bits, quality)
 

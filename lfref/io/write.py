@@ -104,9 +104,9 @@ def write_pictures(
         path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, or without alpha where none reaches.
         pictures: What is shown, floating point, clipped to [0, 1], N times [C, H, W] with C 1 or 3.
         planes: The N planes.
-        suffix: `.png` or `.jpg`.
-        bits: 8 (default) or, of PNG, 16.
-        quality: Of JPEG, from 1 to 100.
+        suffix: One of `encode.DEPTHS`.
+        bits: As the format has them.
+        quality: Of JPEG and AVIF, from 1 to 100.
 
     Returns:
         The path.

@@ -24,7 +24,7 @@ from lfref.report import pictures
 
 log = logging.getLogger(__name__)
 
-SUFFIXES = {"png": ".png", "jpg": ".jpg"}
+SUFFIXES = {"png": ".png", "jpg": ".jpg", "tif": ".tif", "avif": ".avif"}
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,16 @@ class PictureFiles:
     """
 
     format: str = "png"
-    """`png` or `jpg`."""
+    """`png`, `jpg`, `tif` (in tiles) or, where OpenImageIO has it, `avif`."""
     bits: int = 8
-    """8 or, of PNG, 16."""
+    """8 or, of PNG and TIFF, 16; of TIFF also 32, in floating point."""
     quality: int = encode.QUALITY
-    """Of JPEG, from 1 to 100."""
+    """Of JPEG and AVIF, from 1 to 100."""
 
     def __post_init__(self) -> None:
-        depths = encode.DEPTHS[chosen("format", self.format, SUFFIXES)]
+        suffix = chosen("format", self.format, SUFFIXES)
+        encode.sample_type(Path(f"x{suffix}"), None)
+        depths = encode.DEPTHS[suffix]
         if self.bits not in depths:
             raise InputError(f"bits of {self.format} must be {' or '.join(map(str, depths))}", got=repr(self.bits))
         if not 1 <= self.quality <= 100:

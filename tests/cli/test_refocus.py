@@ -153,6 +153,14 @@ def test_a_run_goes_on_as_it_began_or_not_at_all(lfref, captures, tmp_path, word
     assert contents(tmp_path / "out") == before
 
 
+def test_pictures_as_tiles(lfref, captures, tmp_path):
+    words = ("refocus", captures / "third", *QUICK, "format=tif", "bits=16")
+    status, error = lfref(*words, f"output={tmp_path}/out")
+    assert status == 0, error
+    spec = OpenImageIO.ImageInput.open(str(tmp_path / "out" / "planes" / "plane_01_slope_0.5_alpha_2.tif")).spec()
+    assert (spec.tile_width, str(spec.format)) == (256, "uint16")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -4,8 +4,8 @@ import numpy as np
 import OpenImageIO
 import pytest
 
-from lfref.errors import FileError
-from lfref.io import encode
+from lfref.errors import FileError, InputError
+from lfref.io import encode, images
 
 
 def test_the_first_depth_of_a_format_is_its_default(tmp_path):
@@ -50,3 +50,29 @@ def test_a_writer_that_fails_leaves_the_old_file(tmp_path, monkeypatch, one_line
     one_line(caught.value, path, "cannot be written")
     assert list(tmp_path.iterdir()) == [path]
     assert path.read_bytes() == old
+
+
+@pytest.mark.parametrize(("bits", "kind"), [(None, "uint8"), (16, "uint16"), (32, "float")])
+@pytest.mark.parametrize("n_channels", [1, 3, 4])
+def test_a_tiff_has_tiles_and_gives_back_what_was_written(tmp_path, bits, kind, n_channels):
+    values = np.random.default_rng(1).random((300, 270, n_channels), np.float32)
+    images.write_image(tmp_path / "a.tif", values, bits=bits)
+    spec = OpenImageIO.ImageInput.open(str(tmp_path / "a.tif")).spec()
+    assert (spec.tile_width, spec.tile_height, str(spec.format)) == (encode.TILE, encode.TILE, kind)
+    back = images.to_float(images.read_image(tmp_path / "a.tif"))
+    steps = {"uint8": 255, "uint16": 65535, "float": np.inf}[kind]
+    assert np.abs(back - values).max() <= 0.5 / steps + 1e-7
+    images.write_image(tmp_path / "a.tif", values)  # one of ours is replaced
+
+
+def test_avif_is_written_where_openimageio_can(tmp_path):
+    formats = OpenImageIO.get_string_attribute("format_list").split(",")
+    values = np.full((64, 64, 3), 0.5, np.float32)
+    if "heif" not in formats:
+        with pytest.raises(InputError, match="AVIF must be among what OpenImageIO writes; got OpenImageIO"):
+            images.write_image(tmp_path / "a.avif", values)
+        assert not list(tmp_path.iterdir())
+        return
+    images.write_image(tmp_path / "a.avif", values)
+    back = OpenImageIO.ImageBuf(str(tmp_path / "a.avif")).get_pixels("float")
+    assert np.abs(back[..., :3] - 0.5).max() < 0.02

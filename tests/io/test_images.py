@@ -111,7 +111,9 @@ def test_values_beyond_half_are_refused(tmp_path):
         images.write_image(tmp_path / "a.exr", np.full((1, 1, 1), 1e5), bits=16)
 
 
-@pytest.mark.parametrize(("name", "bits"), [("a.png", 32), ("a.exr", 8), ("a.jpg", 16), ("a.tif", 8), ("a", None)])
+@pytest.mark.parametrize(
+    ("name", "bits"), [("a.png", 32), ("a.exr", 8), ("a.jpg", 16), ("a.tif", 64), ("a.bmp", 8), ("a", None)]
+)
 def test_formats_and_depths_that_do_not_exist_are_refused(tmp_path, name, bits, one_line):
     with pytest.raises(InputError) as caught:
         images.write_image(tmp_path / name, np.zeros((1, 1, 3)), bits=bits)
