@@ -56,6 +56,8 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2
 	$(BIN)/lfref bench group=engines overwrite=true output=runs/figures/engines
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
+	$(BIN)/python docs/scale.py
+	$(BIN)/python docs/browsing.py
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py
 

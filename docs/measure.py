@@ -11,12 +11,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import against_mitsuba
+import browsing
 import hard_cases
 import learned
 import maps
 import marked
 import pandas as pd
 import runtimes
+import scale
 import scene_costs
 import torch
 import truths
@@ -134,10 +136,12 @@ FIGURES = {
     "patch_labels": patch_labels,
     "explanation": truths.explanation,
     **against_mitsuba.TABLES,
+    **browsing.TABLES,
     **hard_cases.TABLES,
     **learned.TABLES,
     **maps.TABLES,
     **runtimes.TABLES,
+    **scale.TABLES,
     **scene_costs.TABLES,
 }
 

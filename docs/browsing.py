@@ -1,0 +1,92 @@
+"""How soon the page of `lfref view` shows its first picture, and how soon another plane: `python docs/browsing.py`.
+
+Leaves `runs/figures/browsing/browsing.json`, of which `docs/measure.py browsing` makes a paragraph.
+"""
+
+import json
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
+SIZE, N_PLANES, LOADS, ROUNDS = (375, 540), 16, 7, 3
+FIRST_PAINT = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
+SWITCH = """async (plane) => {
+  const slider = document.getElementById("plane"), start = performance.now();
+  slider.value = plane;
+  state.plane = plane;
+  await show();
+  document.getElementById("flat").getContext("2d").getImageData(0, 0, 1, 1);
+  return performance.now() - start;
+}"""
+"""Until the plane is drawn: a pixel is read, which waits for that."""
+
+
+def measured(page: Path) -> dict[str, float]:
+    """Milliseconds to the first picture, and to another plane, in the Chromium that is installed.
+
+    Args:
+        page: What `lfref view` wrote.
+    """
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        paints, switches, first = [], [], []
+        for _ in range(LOADS):
+            tab = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+            tab.goto(page.as_uri())
+            tab.wait_for_selector("#stage[data-drawn=planes]")
+            paints.append(tab.evaluate(FIRST_PAINT))
+            taken = [tab.evaluate(SWITCH, plane) for _ in range(ROUNDS) for plane in range(N_PLANES)]
+            first.append(max(taken[:N_PLANES]))
+            switches += taken[N_PLANES:]
+            tab.context.close()
+        version = browser.version
+        browser.close()
+    return {
+        "version": version,
+        "megabytes": page.stat().st_size / 1e6,
+        "paint_ms": statistics.median(paints),
+        "longest_paint_ms": max(paints),
+        "switch_ms": statistics.median(switches),
+        "longest_switch_ms": max(switches),
+        "longest_first_switch_ms": max(first),
+    }
+
+
+def browsing() -> Iterator[str]:
+    """How quick the page is."""
+    found = json.loads((RUN / "browsing.json").read_text())
+    told = {name: f"{value:.0f} ms" for name, value in found.items() if name.endswith("_ms")}
+    yield f"A page of {found['megabytes']:.1f} MB (7x7 views of {SIZE[0]}x{SIZE[1]} pixels, {N_PLANES} planes, two methods)"
+    yield f"shows its first picture {told['paint_ms']} after it is opened from disk (median of {LOADS}; the longest"
+    yield f"{told['longest_paint_ms']}), and another plane in {found['switch_ms']:.1f} ms (the longest"
+    yield f"{told['longest_switch_ms']}; {told['longest_first_switch_ms']} when planes are shown for the first time)."
+    yield f"Chromium {found['version']}, without a graphics processor."
+
+
+IS_MEASURED = (RUN / "browsing.json").is_file()
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"browsing": browsing} if IS_MEASURED else {}
+
+
+def main() -> None:
+    """Write a page, open it, and leave what was found."""
+    lfref = [sys.executable, "-m", "lfref.cli.main"]
+    with tempfile.TemporaryDirectory() as name:
+        size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
+        subprocess.run([*lfref, "simulate", f"output={name}/scene", "n_fields=1", size, "outputs=[views]"], check=True)
+        (scene,) = (path for path in Path(name, "scene").iterdir() if path.is_dir())
+        subprocess.run([*lfref, "view", str(scene), f"output={name}/view", f"planes.n={N_PLANES}"], check=True)
+        found = measured(Path(name, "view", "index.html"))
+    RUN.mkdir(parents=True, exist_ok=True)
+    (RUN / "browsing.json").write_text(json.dumps(found, indent=1))
+    print(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,192 @@
+"""Many light fields, and large ones: what `lfref refocus` takes for them in time and memory.
+
+`python docs/scale.py` measures on simulated captures and leaves `runs/figures/scale/scale.json`, of which
+`docs/measure.py streams large` makes the tables of the page on deployment.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from lfref.bench import machine
+from lfref.cli import main as commands
+from lfref.cli import several
+from lfref.geometry import planes_at_alphas
+from lfref.io import images
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+
+RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "scale"
+SCENES, FEW, MANY, TIMED = 5, 5, 50, 10
+"""Light fields that are painted; captures, copies of these, of a short and of a long run, and of one step by step."""
+SIZE, LARGE, LARGE_GRID = (375, 540), (2160, 3840), 9
+PLANES = planes_at_alphas(step / 8 for step in range(1, 17))
+FIELDS, ROUNDS = 40, 5
+BAND = 128
+WORDS = ["correct=auto", "planes=auto"]
+ALONE = "step-by-step"
+
+
+def captures(folder: Path) -> dict[int, Path]:
+    """Folders of so many simulated captures, as 8-bit views."""
+    size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
+    _lfref("simulate", f"output={folder}/scenes", f"n_fields={SCENES}", size, "outputs=[views]")
+    scenes = sorted(path for path in (folder / "scenes").iterdir() if path.is_dir())
+    made = {}
+    for count in (FEW, TIMED, MANY):
+        made[count] = folder / f"captures_{count}"
+        for n in range(count):
+            shutil.copytree(scenes[n % SCENES], made[count] / f"capture_{n}")
+    return made
+
+
+def streamed(given: dict[int, Path], folder: Path) -> dict[str, float]:
+    """Runs of few and of many captures, each a process of its own, and of every step alone."""
+    few, many = (_measured("refocus", given[n], f"output={folder}/out_{n}", *WORDS) for n in (FEW, MANY))
+    alone = subprocess.run(
+        [sys.executable, __file__, ALONE, str(given[TIMED]), str(folder / "out_alone")],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    steps = json.loads(alone.stdout.splitlines()[-1])
+    return {
+        "few_mb": few[1],
+        "many_mb": many[1],
+        "seconds_each": (many[0] - few[0]) / (MANY - FEW),
+        **{f"{name}_s": value for name, value in steps.items()},
+    }
+
+
+def alone(given: Path, output: Path) -> None:
+    """Print the median time of each step of `lfref refocus`, one capture and one step after the other."""
+    times: dict[str, list[float]] = {"read": [], "compute": [], "write": []}
+
+    def each(paths: dict[str, Path], steps: list[Callable[[str, Any], Any]], what: str) -> None:
+        for name, made in paths.items():
+            for step, taken in zip(steps, times.values(), strict=True):
+                start = time.perf_counter()
+                made = step(name, made)
+                taken.append(time.perf_counter() - start)
+
+    several.each = each
+    sys.argv = ["lfref", "refocus", str(given), f"output={output}", *WORDS]
+    commands.main()
+    # The first one compiles.
+    print(json.dumps({name: statistics.median(taken[1:]) for name, taken in times.items()}))
+
+
+def in_memory() -> float:
+    """Light fields a second that shift-and-sum refocuses to 16 planes where they lie in memory, the best of rounds."""
+    views = [torch.rand(7, 7, 3, *SIZE) for _ in range(SCENES)]
+    stack = shift_and_sum(views[0], PLANES.slopes)
+    best = 0.0
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        for n in range(FIELDS):
+            shift_and_sum(views[n % SCENES], PLANES.slopes, out=stack)
+        best = max(best, FIELDS / (time.perf_counter() - start))
+    return best
+
+
+def large(folder: Path) -> dict[str, float]:
+    """A light field of 9x9 views of 4K, by bands."""
+    rng = np.random.default_rng(0)
+    coarse = rng.integers(0, 255, (LARGE[0] // 8 + 8, LARGE[1] // 8 + 8, 3), np.uint8)
+    wall = np.kron(coarse, np.ones((8, 8, 1), np.uint8))
+    for v, u in np.ndindex(LARGE_GRID, LARGE_GRID):
+        view = wall[2 * v : 2 * v + LARGE[0], 2 * u : 2 * u + LARGE[1]]
+        images.write_image(folder / "large" / f"large_{v:02d}_{u:02d}.png", view)
+    words = ("method=shift_and_sum_cubic", "planes=even", "planes.first=-3", "planes.last=1", "planes.n=16")
+    seconds, peak = _measured(
+        "refocus", folder / "large", f"output={folder}/out_large", "correct=none", f"rows={BAND}", *words
+    )
+    return {"large_s": seconds, "large_mb": peak}
+
+
+def _lfref(*words: object) -> None:
+    subprocess.run([sys.executable, "-m", "lfref.cli.main", *map(str, words)], check=True)
+
+
+def _measured(*words: object) -> tuple[float, float]:
+    """Seconds, and the most memory of its own that a command held, in MB: files that it looks into are not its own."""
+    start, most = time.perf_counter(), 0.0
+    process = subprocess.Popen([sys.executable, "-m", "lfref.cli.main", *map(str, words)], stderr=subprocess.DEVNULL)
+    while process.poll() is None:
+        most = max(most, _anonymous_mb(process.pid))
+        time.sleep(0.02)
+    if process.returncode:
+        raise SystemExit(f"failed: {' '.join(map(str, words))}")
+    return time.perf_counter() - start, most
+
+
+def _anonymous_mb(pid: int) -> float:
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return sum(float(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1000
+
+
+def streams() -> Iterator[str]:
+    """Memory and throughput of many captures."""
+    found = json.loads((RUN / "scale.json").read_text())
+    slowest = max(("read", "compute", "write"), key=lambda name: found[f"{name}_s"])
+    yield "| what | measured |"
+    yield "|---|---|"
+    yield f"| memory, {FEW} captures | {found['few_mb']:.0f} MB |"
+    yield f"| memory, {MANY} captures | {found['many_mb']:.0f} MB, {found['many_mb'] / found['few_mb']:.2f} times |"
+    steps = ", ".join(f"{found[f'{name}_s']:.2f}" for name in ("read", "compute", "write"))
+    yield f"| reading, computing, writing alone | {steps} s |"
+    yield f"| all three at once | {found['seconds_each']:.2f} s a capture |"
+    share = 100 * found[f"{slowest}_s"] / found["seconds_each"]
+    yield f"| of the speed of the slowest step alone ({slowest}) | {share:.0f} % |"
+    yield f"| light fields in memory, 16 planes each | {found['fields_per_second']:.1f} a second |"
+    yield ""
+    yield f"Simulated captures of 7x7 views of {SIZE[0]}x{SIZE[1]} pixels ({SCENES} scenes, copied), as PNG;"
+    yield f"`lfref refocus FOLDER {' '.join(WORDS)}`. In memory: `shift_and_sum` with `out=`, the paper's planes,"
+    yield f"float32. {found['processor']}, {found['threads']} threads."
+
+
+def of_large() -> Iterator[str]:
+    """Memory and time of a large one."""
+    found = json.loads((RUN / "scale.json").read_text())
+    size = LARGE_GRID**2 * 3 * LARGE[0] * LARGE[1] * 4 / 1e9
+    yield f"A light field of {LARGE_GRID}x{LARGE_GRID} views of {LARGE[0]}x{LARGE[1]} pixels, {size:.1f} GB in floating"
+    yield f"point, `rows={BAND}`, 16 planes, cubic: {found['large_s']:.0f} s with reading and writing,"
+    yield f"{found['large_mb'] / 1000:.1f} GB of memory."
+
+
+IS_MEASURED = (RUN / "scale.json").is_file()
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"streams": streams, "large": of_large} if IS_MEASURED else {}
+
+
+def main() -> None:
+    """Measure, and leave what was found."""
+    if sys.argv[1:2] == [ALONE]:
+        alone(Path(sys.argv[2]), Path(sys.argv[3]))
+        return
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--on", type=Path, default=None, help="a disk with 20 GB")
+    with tempfile.TemporaryDirectory(dir=parser.parse_args().on) as name:
+        folder = Path(name)
+        found: dict[str, Any] = {"fields_per_second": in_memory()}
+        found |= streamed(captures(folder), folder) | large(folder)
+    facts = machine.facts(torch.device("cpu"))
+    RUN.mkdir(parents=True, exist_ok=True)
+    found |= {"processor": facts["processor"], "threads": facts["threads"], "cores": os.cpu_count()}
+    (RUN / "scale.json").write_text(json.dumps(found, indent=1))
+    print(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()
