@@ -12,8 +12,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from playwright.sync_api import sync_playwright
-
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
 SIZE, N_PLANES, LOADS, ROUNDS = (375, 540), 16, 7, 3
 FIRST_PAINT = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
@@ -34,6 +32,8 @@ def measured(page: Path) -> dict[str, float]:
     Args:
         page: What `lfref view` wrote.
     """
+    from playwright.sync_api import sync_playwright  # only who measures needs it
+
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         paints, switches, first = [], [], []
@@ -63,8 +63,8 @@ def browsing() -> Iterator[str]:
     """How quick the page is."""
     found = json.loads((RUN / "browsing.json").read_text())
     told = {name: f"{value:.0f} ms" for name, value in found.items() if name.endswith("_ms")}
-    yield f"A page of {found['megabytes']:.1f} MB (7x7 views of {SIZE[0]}x{SIZE[1]} pixels, {N_PLANES} planes, two methods)"
-    yield f"shows its first picture {told['paint_ms']} after it is opened from disk (median of {LOADS}; the longest"
+    yield f"A page of {found['megabytes']:.1f} MB (7x7 views of {SIZE[0]}x{SIZE[1]} pixels, {N_PLANES} planes, two"
+    yield f"methods) shows its first picture {told['paint_ms']} after it is opened from disk (median of {LOADS}; the longest"
     yield f"{told['longest_paint_ms']}), and another plane in {found['switch_ms']:.1f} ms (the longest"
     yield f"{told['longest_switch_ms']}; {told['longest_first_switch_ms']} when planes are shown for the first time)."
     yield f"Chromium {found['version']}, without a graphics processor."
