@@ -54,11 +54,13 @@ class Recipe:
     """Of all items."""
     grids: tuple[tuple[int, int], ...] = ((7, 7),)
     """View rows and columns, each as often as it stands here."""
+    samples: tuple[int, ...] = (1, 2)
+    """Of cameras along each axis of a pixel, each as often: views alias where they are more than one."""
     depths: tuple[float, ...] = (0.5, 1.0, 2.0)
     """What disparities of scenes are multiplied by, each as often."""
-    plain: float = 0.3
+    plain: float = 0.35
     """Share of scenes without a sensor whose surfaces are matte and still: what methods do best."""
-    flat: float = 0.4
+    flat: float = 0.5
     """Share of those whose one or two surfaces face the camera: what some methods do without an error."""
     ideal: float = 0.2
     """Share of further scenes without a sensor."""
@@ -74,19 +76,21 @@ class Recipe:
     def __post_init__(self) -> None:
         object.__setattr__(self, "grids", tuple(map(tuple, self.grids)))
         object.__setattr__(self, "ranges", tuple(map(tuple, self.ranges)))
-        for name in ("guides", "depths"):
+        for name in ("guides", "samples", "depths"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for guide in self.guides:
             chosen("guide", guide, GUIDES)
         if not (
             self.grids
+            and self.samples
             and self.depths
             and self.n_near + len(self.ranges)
             and min(self.plain, self.ideal, 1 - self.plain - self.ideal, self.flat, 1 - self.flat) >= 0
         ):
-            got = (self.grids, self.depths, self.n_near, self.ranges, self.plain, self.flat, self.ideal, self.whole)
+            shares = (self.plain, self.flat, self.ideal, self.whole)
+            got = (self.grids, self.samples, self.depths, self.n_near, self.ranges, *shares)
             raise InputError(
-                "a set needs grids, depths, planes, and shares from 0 to 1, of plain and ideal scenes together too",
+                "a set needs grids, samples, depths, planes, and shares from 0 to 1, plain plus ideal too",
                 got=got,
             )
 
@@ -151,7 +155,8 @@ def make(recipe: Recipe, index: int) -> Item:
 def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
     depth, grid = float(random.choice(recipe.depths)), recipe.grids[random.integers(len(recipe.grids))]
     low, high = recipe.scenes.disparities
-    drawn = replace(recipe.scenes, camera=replace(recipe.scenes.camera, grid=grid))
+    samples = recipe.samples[random.integers(len(recipe.samples))]
+    drawn = replace(recipe.scenes, camera=replace(recipe.scenes.camera, grid=grid, samples=samples))
     kind = random.random()
     if kind < recipe.plain:
         drawn = drawn.plain()

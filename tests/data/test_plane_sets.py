@@ -55,6 +55,21 @@ def test_what_is_missing_makes_the_picture_of_a_lens():
         assert float((item.pictures + item.missing).min()) >= -1e-6
 
 
+def test_cameras_of_more_samples_leave_detail_that_aliases():
+    sharp, smooth = (
+        plane_sets.make(dataclasses.replace(RECIPE, ideal=1.0, samples=samples), 1).pictures[0]
+        for samples in ((2,), (1,))
+    )
+    steps = [float((picture[..., 1:] - picture[..., :-1]).abs().mean()) for picture in (sharp, smooth)]
+    assert steps[0] > 1.05 * steps[1]
+
+
+def test_samples_are_drawn_as_often():
+    finer = plane_sets.make(dataclasses.replace(RECIPE, samples=(2, 2)), 4)
+    drawn = [plane_sets.make(dataclasses.replace(RECIPE, samples=samples), 4) for samples in ((1, 2), (2, 1))]
+    assert sum(equal(item, finer) for item in drawn) == 1
+
+
 def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
     noisy = dataclasses.replace(
         RECIPE, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(noise=1.0, shot=(0.01, 0.01)))
