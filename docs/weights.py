@@ -16,6 +16,8 @@ from lfref.io.run import Run
 from lfref.nets import checkpoint
 from lfref.refocuser import networks
 
+PLACES = ("output=", "data.folder=", "data.cache_folder=")
+
 
 def notes(run: Run) -> dict[str, object]:
     """How the network of a run was made, and what it came to on fields that it was not trained on."""
@@ -24,8 +26,8 @@ def notes(run: Run) -> dict[str, object]:
     folder = Path(run.config["data"]["folder"] or _folder(run))
     return {
         "lfref": lfref.__version__,
-        # Where it was written to is nobody's concern.
-        "command": " ".join(["lfref train", *(word for word in run.overrides if not word.startswith("output="))]),
+        # Where it lies on a disk is nobody's concern.
+        "command": " ".join(["lfref train", *(word for word in run.overrides if not word.startswith(PLACES))]),
         "set": json.loads((folder / "set.json").read_text("utf-8")),
         "fields": len(list(folder.glob(f"*{plane_sets.SUFFIX}"))),
         "steps": int(best["step"] or 0) + 1,
