@@ -38,7 +38,8 @@ def read(
         FileError: It cannot be read.
         InputError: It has not the views that are wanted.
     """
-    field = _read(path, configs.plain(config.reader) | {"scratch": scratch}, refocusers)
+    options = configs.plain(config.reader)
+    field = _read(path, options if scratch is None else options | {"scratch": scratch}, refocusers)
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and count for nothing", field.name, missing)
     return field

@@ -50,6 +50,7 @@ KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "pattern": ("text", _is_text),
     "lenslet": ("a whole number", _is_whole),
     "rotation": ("a number of degrees", _is_number),
+    "scratch": ("a folder", lambda value: isinstance(value, str | Path)),
     "white": ("an image file", lambda value: isinstance(value, str | Path)),
     "size": ("[height,width] in whole pixels", _two(_is_whole)),
     "grid": ("[rows,columns]", _two(_is_whole)),

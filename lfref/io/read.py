@@ -102,7 +102,7 @@ def read(
     """
     options.check(views=views, start=start, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern, lenslet=lenslet)
     options.check(size=size, grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing)
-    options.check(rotation=rotation, white=white, encoding=encoding)
+    options.check(rotation=rotation, white=white, encoding=encoding, scratch=scratch)
     path = Path(path)
     kept = (views, views) if isinstance(views, int) else views
     lenslets = described.parsed(pitch, offset, rotation, lattice, white)

@@ -44,7 +44,7 @@ def test_operators_read_all_views_and_networks_as_many_as_theirs(field, network)
 
 def test_an_option_that_concerns_other_forms_is_refused_and_their_defaults_are_not(lfref, field):
     words = ("info", field)
-    assert lfref(*words)[0] == 0  # with all of conf/reader
+    assert lfref(*words, "output=run")[0] == 0  # with all of conf/reader
     said = assert_one_line(*lfref(*words, "reader.pitch=14.3"))
     assert "pitch (reader.pitch) concerns an ESLF image (PNG, TIFF, BMP ...); got a folder of views" in said
     said = assert_one_line(*lfref(*words, "reader.axes=vuhwc"))

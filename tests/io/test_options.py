@@ -23,6 +23,7 @@ WRONG = {
     "variable": [5],
     "positions": [3, [1, 2]],
     "spacing": [1.1, [1, "a"], [1, 2, 3], [True, 1]],
+    "scratch": [3, [1]],
     "encoding": [2.2, None, ["srgb"]],
 }
 
