@@ -42,7 +42,8 @@ def captures(folder: Path) -> dict[int, Path]:
     """Folders of so many simulated captures, as 8-bit views."""
     size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
     _lfref("simulate", f"output={folder}/scenes", f"n_fields={SCENES}", size, "outputs=[views]")
-    scenes = sorted(path for path in (folder / "scenes").iterdir() if path.is_dir())
+    scenes = sorted((folder / "scenes").glob("simulated_*"))
+    assert len(scenes) == SCENES
     made = {}
     for count in (FEW, TIMED, MANY):
         made[count] = folder / f"captures_{count}"

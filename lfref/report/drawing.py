@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from lfref.io import atomic
+from lfref.io import atomic, encode
 from lfref.report.wording import CAP_DB
 
 BLUE, RED, TEAL, ORANGE, MAGENTA, CYAN = "#0077BB", "#CC3311", "#009988", "#EE7733", "#EE3377", "#33BBEE"
@@ -23,7 +23,13 @@ COLOURS = (BLUE, RED, TEAL, ORANGE, BLACK, CYAN, MAGENTA, GREY)
 MARKERS = ("o", "^", "s", "D", "v", "P", "X", "<", ">", "p", "h", "*")
 MAP = "viridis"
 """Colours of a map of slopes or disparities."""
-PNG: dict[str, Any] = {"format": "png", "dpi": 150, "bbox_inches": "tight", "pad_inches": 0.12}
+PNG: dict[str, Any] = {
+    "format": "png",
+    "dpi": 150,
+    "bbox_inches": "tight",
+    "pad_inches": 0.12,
+    "pil_kwargs": {"compress_level": encode.PNG_LEVEL},
+}
 
 
 def new_figure(width: float, height: float) -> Figure:
