@@ -28,7 +28,7 @@ from lfref.io import images
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "scale"
-SCENES, FEW, MANY, TIMED = 5, 5, 50, 10
+SCENES, FEW, MANY, TIMED = 5, 5, 50, 30
 """Light fields that are painted; captures, copies of these, of a short and of a long run, and of one step by step."""
 SIZE, LARGE, LARGE_GRID = (375, 540), (2160, 3840), 9
 PLANES = planes_at_alphas(step / 8 for step in range(1, 17))
