@@ -77,7 +77,7 @@ def _slopes(config: DictConfig, opening: LightField, n_fields: int, rate: float)
     else:
         keys = configs.plain(config.focus)
     if not isinstance(keys, dict):
-        raise InputError("focus must be auto or key frames", got=repr(keys), remedy="for example focus={0:-1,48:0.5}")
+        raise InputError("focus must be auto or key frames", got=repr(keys), remedy="for example 'focus={0:-1,48:0.5}'")
     pull = FocusPull(keys, str(config.motion))
     return pull.slopes(n_fields if n_fields > 1 else pull.length)
 

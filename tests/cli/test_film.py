@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from lfref.captures.correct import Corrections
 from lfref.functional.psnr import psnr
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -87,14 +88,18 @@ def test_without_keys_it_goes_once_through_what_there_is(lfref, sequence, tmp_pa
     assert "slopes 0." in (tmp_path / "out" / "film.log").read_text()
 
 
-def test_what_the_first_light_field_shows_is_corrected_in_all(lfref, tmp_path):
-    """A hot pixel of the camera is gone in frames whose own light field is too dark to show it, too."""
-    for n in range(2):
-        views = smooth(n).views
-        views[0, 0, :, 20, 30] = 1.0
-        views[1, 1, :, 11, 40] = 1.0
-        write(tmp_path / "shots" / f"frame_{n}.exr", LightField(views))
-    assert lfref("film", tmp_path / "shots", "focus={0:0}", f"output={tmp_path}/out", "method=shift_and_sum")[0] == 0
+def test_what_is_found_in_the_first_light_field_is_corrected_in_all(lfref, sequence, tmp_path, monkeypatch):
+    corrected, apply = [], Corrections.apply
+
+    def noted(found, field):
+        corrected.append(field.name)
+        return apply(found, field)
+
+    monkeypatch.setattr(Corrections, "apply", noted)
+    given = [sequence[0] / f"frame_{n}.exr" for n in (4, 2, 7)]
+    status, error = lfref("film", *given, "focus={0:0}", f"output={tmp_path}/out", "method=shift_and_sum")
+    assert status == 0, error
+    assert corrected[-2:] == ["frame_2", "frame_7"]
     assert (tmp_path / "out" / "corrections.txt").exists()
 
 

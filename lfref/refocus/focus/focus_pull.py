@@ -49,7 +49,7 @@ class FocusPull:
         are_slopes = all(isinstance(slope, (int, float)) and np.isfinite(slope) for slope in self.keys.values())
         if not (self.keys and are_frames and are_slopes):
             expected = "focus must be key frames from 0 and a finite slope for each"
-            raise InputError(expected, got=dict(self.keys), remedy="for example focus={0:-1,48:0.5}")
+            raise InputError(expected, got=dict(self.keys), remedy="for example 'focus={0:-1,48:0.5}'")
 
     @property
     def length(self) -> int:
