@@ -7,6 +7,7 @@
 import argparse
 import json
 import os
+import resource
 import shutil
 import statistics
 import subprocess
@@ -64,6 +65,7 @@ def streamed(given: dict[int, Path], folder: Path) -> dict[str, float]:
         "few_mb": few[1],
         "many_mb": many[1],
         "seconds_each": (many[0] - few[0]) / (MANY - FEW),
+        "processor_seconds_each": (many[2] - few[2]) / (MANY - FEW),
         **{f"{name}_s": value for name, value in steps.items()},
     }
 
@@ -108,7 +110,7 @@ def large(folder: Path) -> dict[str, float]:
         view = wall[2 * v : 2 * v + LARGE[0], 2 * u : 2 * u + LARGE[1]]
         images.write_image(folder / "large" / f"large_{v:02d}_{u:02d}.png", view)
     words = ("method=shift_and_sum_cubic", "planes=even", "planes.first=-3", "planes.last=1", "planes.n=16")
-    seconds, peak = _measured(
+    seconds, peak, _ = _measured(
         "refocus", folder / "large", f"output={folder}/out_large", "correct=none", f"rows={BAND}", *words
     )
     return {"large_s": seconds, "large_mb": peak}
@@ -118,16 +120,25 @@ def _lfref(*words: object) -> None:
     subprocess.run([sys.executable, "-m", "lfref.cli.main", *map(str, words)], check=True)
 
 
-def _measured(*words: object) -> tuple[float, float]:
-    """Seconds, and the most memory of its own that a command held, in MB: files that it looks into are not its own."""
-    start, most = time.perf_counter(), 0.0
+def _measured(*words: object) -> tuple[float, float, float]:
+    """Seconds, the most memory of its own that a command held, in MB, and seconds of all cores together.
+
+    Files that it looks into are not its own.
+    """
+    start, spent, most = time.perf_counter(), _spent(), 0.0
     process = subprocess.Popen([sys.executable, "-m", "lfref.cli.main", *map(str, words)], stderr=subprocess.DEVNULL)
     while process.poll() is None:
         most = max(most, _anonymous_mb(process.pid))
         time.sleep(0.02)
     if process.returncode:
         raise SystemExit(f"failed: {' '.join(map(str, words))}")
-    return time.perf_counter() - start, most
+    return time.perf_counter() - start, most, _spent() - spent
+
+
+def _spent() -> float:
+    """Seconds that cores have worked for commands that are over."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def _anonymous_mb(pid: int) -> float:
@@ -149,7 +160,9 @@ def streams() -> Iterator[str]:
     steps = ", ".join(f"{found[f'{name}_s']:.2f}" for name in ("read", "compute", "write"))
     yield f"| reading, computing, writing alone | {steps} s |"
     yield f"| all three at once | {found['seconds_each']:.2f} s a capture |"
-    share = 100 * found[f"{slowest}_s"] / found["seconds_each"]
+    share, spent = 100 * found[f"{slowest}_s"] / found["seconds_each"], found["processor_seconds_each"]
+    busy = 100 * spent / found["cores"] / found["seconds_each"]
+    yield f"| work of all {found['cores']} cores for it | {spent:.2f} s, which keeps them busy for {busy:.0f} % |"
     yield f"| of the speed of the slowest step alone ({slowest}) | {share:.0f} % |"
     yield f"| light fields in memory, 16 planes each | {found['fields_per_second']:.1f} a second |"
     yield ""

@@ -39,10 +39,20 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def new_sheet(pixels: np.ndarray) -> Figure:
+    """A figure whose file is an image, pixel for pixel, and what is written on it; [H, W, 3] of uint8."""
+    height, width = pixels.shape[:2]
+    figure = Figure(figsize=(width / PNG["dpi"], height / PNG["dpi"]), dpi=PNG["dpi"], facecolor="white")
+    FigureCanvasAgg(figure)
+    figure.figimage(pixels)
+    return figure
+
+
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write the figure as a PNG file, all or nothing, cut to what is drawn."""
+    """Write the figure as a PNG file, all or nothing, cut to what is drawn; a sheet as it is."""
+    is_sheet = figure.get_layout_engine() is None
     with atomic.replacing(path) as temporary:
-        figure.savefig(temporary, **PNG)
+        figure.savefig(temporary, **PNG | ({"bbox_inches": None} if is_sheet else {}))
 
 
 def look(index: int, colours: Sequence[str] = COLOURS) -> dict[str, Any]:

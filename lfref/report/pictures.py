@@ -21,8 +21,10 @@ from lfref.report import drawing, wording
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
 FIGURE_WIDTH = 9.0  # inches
-SHEET_SIDE = 700
-"""Pixels along the longer side of a picture on a sheet, of which more would not be seen."""
+SHEET_WIDTH, SHEET_COLUMNS = 1350, 4
+"""Pixels along a contact sheet, about, and pictures beside each other."""
+SHEET_GAP, SHEET_LINE = 14, 24
+"""Pixels between two pictures of a contact sheet, and down a line of text."""
 
 
 def common_exposure(mean_image: Tensor) -> float:
@@ -106,18 +108,42 @@ def contact_sheet(
     if len(labels) != len(stack):
         raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(stack)} planes")
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
-    n_columns = min(4, len(stack))
-    n_rows = math.ceil(len(stack) / n_columns)
-    figure, grid = _grid(n_rows, n_columns, stack, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}")
-    for axes, label, image in zip(grid.flat, labels, stack, strict=False):
-        _show(axes, wording.drawable(label), for_display(_smaller(image), exposure, encoding))
+    shown = [for_display(_sized(image, len(stack)), exposure, encoding) for image in stack]
+    labels = [wording.drawable(label) for label in labels]
+    return _sheet(shown, labels, f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}")
+
+
+def _sized(image: Tensor, n_pictures: int) -> Tensor:
+    """An image with as many pixels as a sheet of so many has for it."""
+    width = SHEET_WIDTH // min(SHEET_COLUMNS, n_pictures) - SHEET_GAP
+    size = max(1, round(width * image.shape[-2] / image.shape[-1])), width
+    if width < image.shape[-1]:
+        return F.interpolate(image[None], size, mode="bilinear", antialias=True)[0]
+    return F.interpolate(image[None], size, mode="nearest-exact")[0]
+
+
+def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Figure:
+    """Pictures [H, W, 3] in reading order, their labels above them and a note below.
+
+    They are put together before they are drawn, pixel for pixel: axes of their own would take three times as long.
+    """
+    n_columns, (height, width) = min(SHEET_COLUMNS, len(shown)), shown[0].shape[:2]
+    above = SHEET_LINE * (max(label.count("\n") for label in labels) + 1) + SHEET_GAP
+    n_rows = math.ceil(len(shown) / n_columns)
+    size = n_rows * (above + height) + 2 * SHEET_LINE, n_columns * (width + SHEET_GAP) + SHEET_GAP
+    sheet = np.full((*size, 3), 255, np.uint8)
+    corners = [
+        (above + n // n_columns * (above + height), SHEET_GAP + n % n_columns * (width + SHEET_GAP))
+        for n in range(len(shown))
+    ]
+    for (y, x), picture in zip(corners, shown, strict=True):
+        sheet[y : y + height, x : x + width] = np.rint(255 * picture)
+    figure = drawing.new_sheet(sheet)
+    for (y, x), label in zip(corners, labels, strict=True):
+        place = (x + width / 2) / size[1], 1 - (y - SHEET_GAP / 2) / size[0]
+        figure.text(*place, label, ha="center", va="bottom", fontsize=9)
+    figure.text(0.5, SHEET_GAP / 2 / size[0], note, ha="center", va="bottom", fontsize=8, color=drawing.GREY)
     return figure
-
-
-def _smaller(image: Tensor) -> Tensor:
-    """Means of squares of pixels, as large as a sheet needs them at most."""
-    factor = max(1, max(image.shape[-2:]) // SHEET_SIDE)
-    return image if factor == 1 else F.avg_pool2d(image[None], factor)[0]
 
 
 def ends_and_middle(planes: FocalPlanes) -> list[int]:

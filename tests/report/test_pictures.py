@@ -7,6 +7,7 @@ import torch
 from lfref import encoding, geometry
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
+from lfref.io import images as lfref_images
 from lfref.report import drawing, pictures
 
 PAPER = geometry.planes_at_alphas(index / 8 for index in range(1, 17))
@@ -107,18 +108,53 @@ def test_a_stack_that_does_not_fit_the_planes_is_named():
         pictures.comparison({}, PAPER, torch.zeros(3, H, W))
 
 
-def test_the_contact_sheet_shows_every_plane_with_its_label(tmp_path):
+def on_sheet(figure):
+    """Text and grey value of each cell of a contact sheet, whose pictures are even, and its note."""
+    (sheet,) = (image.get_array() for image in figure.images)
+    *labels, note = figure.texts
+    below = sheet.shape[0] - np.rint([label.get_position()[1] * sheet.shape[0] for label in labels]).astype(int)
+    across = np.rint([label.get_position()[0] * sheet.shape[1] for label in labels]).astype(int)
+    values = [int(sheet[y + pictures.SHEET_GAP, x, 0]) for y, x in zip(below, across, strict=True)]
+    return [label.get_text() for label in labels], values, note.get_text()
+
+
+def test_the_contact_sheet_shows_every_plane_below_its_label(tmp_path):
     figure = pictures.contact_sheet(stack(6, channels=1), ["near $x$", *PAPER.labels[1:6]], exposure=2.0)
-    titles, arrays = zip(*images(figure), strict=True)
-    assert titles == (r"near \$x\$", "alpha 0.25", "alpha 0.375", "alpha 0.5", "alpha 0.625", "alpha 0.75")
-    assert [float(array.max()) for array in arrays] == pytest.approx([screen(index / 50) for index in range(6)])
-    assert len(figure.axes) == 8
+    labels, values, note = on_sheet(figure)
+    assert labels == [r"near \$x\$", "alpha 0.25", "alpha 0.375", "alpha 0.5", "alpha 0.625", "alpha 0.75"]
+    assert values == [round(255 * screen(index / 50)) for index in range(6)]
+    assert note == "every picture: exposure \N{MULTIPLICATION SIGN} 2, srgb"
     drawing.save_figure(figure, tmp_path / "sheet.png")
+    written = lfref_images.read_image(tmp_path / "sheet.png")[..., :3]
+    assert written.shape == figure.images[0].get_array().shape
+    is_picture = figure.images[0].get_array() < 255
+    assert np.array_equal(written[is_picture], figure.images[0].get_array()[is_picture])
+
+
+@pytest.mark.parametrize("size", [(375, 540), (3, 2), (37, 400), (900, 400)])
+@pytest.mark.parametrize("n", [1, 3, 5])
+def test_pictures_of_any_size_fill_their_cells_and_leave_the_labels_free(n, size):
+    figure = pictures.contact_sheet(torch.zeros(n, 3, *size), ["a label that is so long that it takes two lines"] * n)
+    (sheet,) = (image.get_array() for image in figure.images)
+    n_black = (sheet == 0).all(-1).sum() / n
+    width = pictures.SHEET_WIDTH // min(pictures.SHEET_COLUMNS, n) - pictures.SHEET_GAP
+    assert n_black == width * round(width * size[0] / size[1])
+    assert (sheet[: 2 * pictures.SHEET_LINE] == 255).all()
+    assert (sheet[-pictures.SHEET_LINE :] == 255).all()
+
+
+def test_a_large_picture_is_averaged_in_light_and_not_thinned():
+    stripes = torch.zeros(1, 1, 64, 4 * pictures.SHEET_WIDTH)
+    stripes[..., ::2] = 1
+    figure = pictures.contact_sheet(stripes, ["stripes"], exposure=1.0)
+    sheet = figure.images[0].get_array()
+    row = sheet[pictures.SHEET_LINE + pictures.SHEET_GAP + 5, 100:-100, 0]
+    assert np.abs(row - 255 * screen(0.5)).max() <= 3
 
 
 def test_the_contact_sheet_takes_one_exposure_from_the_mean_of_its_planes():
-    arrays = [array for _, array in images(pictures.contact_sheet(stack(3), ["a", "b", "c"]))]
-    assert [float(array.max()) for array in arrays] == pytest.approx([screen(light) for light in (0.0, 0.9, 1.0)])
+    _, values, _ = on_sheet(pictures.contact_sheet(stack(3), ["a", "b", "c"]))
+    assert values == [round(255 * screen(light)) for light in (0.0, 0.9, 1.0)]
 
 
 def test_the_contact_sheet_wants_a_label_for_each_plane():
