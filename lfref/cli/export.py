@@ -19,7 +19,7 @@ from lfref.data.sources import SimulatedSource
 from lfref.engines.engine import FP32, INT8, Inputs
 from lfref.engines.files import formats
 from lfref.errors import InputError, LfrefError
-from lfref.export import checked, graphs
+from lfref.export import checked, graphs, parity
 from lfref.export.checked import Wanted
 from lfref.export.graphs import Exportable
 from lfref.lightfield import LightField
@@ -57,6 +57,9 @@ def export(config: DictConfig, folder: Path) -> None:
     for engine, found in pd.DataFrame(rows).groupby("engine", sort=False):
         most, least = found["max_error"].max(), found["psnr_db"].min()
         log.info("%s: off by %.2g at most, %.1f dB at least, in %d cases", engine, most, least, len(found))
+    if own := parity.own_noise(rows):
+        shown = ", ".join(f"{case} by {error:.2g}" for case, error in own.items())
+        log.warning("%s makes noise of flat frames: float32 is off from float64 in %s", refocuser.name, shown)
     log.info("%s as %s in %s", refocuser.name, config.precision, wanted.file)
 
 

@@ -80,7 +80,7 @@ def write_checked(
     with tempfile.TemporaryDirectory() as folder:
         draft = drafted(Path(folder), wanted, refocuser, subject)
         runs = _engines(draft)
-        found = list(parity.rows(subject.wanted, runs, parity.cases(subject, fields)))
+        found = list(parity.rows(subject, runs, parity.cases(subject, fields)))
         tolerance = wanted.tolerance(subject)
         beyond = parity.worst(found, tolerance)
         told = {"file": wanted.file.name, "precision": wanted.precision, "tolerance": tolerance._asdict()}

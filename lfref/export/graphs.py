@@ -5,6 +5,7 @@ reads is made by lfref, by methods that no other runtime has.
 Letters: those of `lfref.engines.files.manifest`.
 """
 
+import copy
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,6 +45,8 @@ class Exportable:
     """What the graph is given of light fields of one size."""
     wanted: Callable[..., Tensor]
     """What lfref makes of such inputs."""
+    exact: Callable[..., Tensor]
+    """The same in float64."""
     rounding: float = 1e-6
     """How far the graph itself may be from that, in light: additions of another order."""
 
@@ -89,7 +92,7 @@ def _of_network(refocuser: NetworkRefocuser, planes: FocalPlanes, grid: tuple[in
     config = {"network": {"name": network.name, **network.config}}
     told = {"planes": _planes(refocuser.planes), "is_linear": refocuser.is_linear, "config": config}
     graph = Graph(_Stack(network).eval(), {VIEWS: views}, stack, (example,))
-    return Exportable(graph, {"name": refocuser.name, **told}, _views, network)
+    return Exportable(graph, {"name": refocuser.name, **told}, _views, network, _doubled(network))
 
 
 def _of_refiner(refocuser: RefinedRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
@@ -107,7 +110,7 @@ def _of_refiner(refocuser: RefinedRefocuser, planes: FocalPlanes, grid: tuple[in
 
     config = refined.payload(refiner, refocuser.base, refocuser.names)
     graph = Graph(refiner, axes, ("N", n_channels, "H", "W"), example)
-    return Exportable(graph, {"name": refocuser.name, "config": config}, inputs, refiner)
+    return Exportable(graph, {"name": refocuser.name, "config": config}, inputs, refiner, _doubled(refiner))
 
 
 def _of_operator(refocuser: OperatorRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
@@ -126,7 +129,21 @@ def _of_operator(refocuser: OperatorRefocuser, planes: FocalPlanes, grid: tuple[
     graph = Graph(module, {VIEWS: ("B", *grid, "C", "H", "W")}, ("B", len(planes), "C", "H", "W"), (views,))
     told = {"planes": _planes(planes), "config": {"operator": shift_and_sum.__name__, "options": options}}
     wanted = functools.partial(refocuser, slopes=planes.slopes)
-    return Exportable(graph, {"name": refocuser.name, **told}, _views, wanted, rounding=1e-5)
+
+    def exact(views: Tensor) -> Tensor:
+        return wanted(views.double())
+
+    return Exportable(graph, {"name": refocuser.name, **told}, _views, wanted, exact, rounding=1e-5)
+
+
+def _doubled(module: nn.Module) -> Callable[..., Tensor]:
+    """What a module makes in float64."""
+
+    def made(*inputs: Tensor) -> Tensor:
+        stack: Tensor = copy.deepcopy(module).double()(*(each.double() for each in inputs))
+        return stack
+
+    return made
 
 
 def _views(fields: Sequence[LightField]) -> Inputs:

@@ -58,6 +58,17 @@ def test_a_checkpoint_becomes_a_file_that_loads(lfref, net, tmp_path):
     assert {(case["height"], case["width"]) for case in report["cases"]} == {(48, 64), (37, 41)}
 
 
+def test_a_network_without_training_becomes_a_file_with_a_warning(lfref, tmp_path):
+    checkpoint.save(tmp_path / "new.ckpt", cases.untrained().network, cases.PLANES)
+    status, errors = lfref(*SMALL, f"checkpoint={tmp_path / 'new.ckpt'}", f"output={tmp_path}/run")
+    assert status == 0, errors
+    assert (
+        "makes noise of flat frames: float32 is off from float64 in black by"
+        in (tmp_path / "run" / "export.log").read_text()
+    )
+    assert (tmp_path / "run" / "new.onnx").is_file()
+
+
 def test_an_operator_is_fixed_to_its_planes_grid_and_aperture(lfref, tmp_path):
     words = ("method=shift_and_sum_cubic", "slopes=[-1,0.5]", "grid=[3,5]", "aperture=gaussian", "aperture.sigma=1")
     status, errors = lfref(*SMALL, *words, "format=pt2", f"output={tmp_path}/run")

@@ -35,6 +35,12 @@ def network(shuffle=1):
     return NetworkRefocuser(made, PLANES, "net", is_linear=True)
 
 
+def untrained():
+    """A RefNet that makes noise of a black frame: it normalises its own roundings."""
+    torch.manual_seed(0)
+    return NetworkRefocuser(RefNet(3, GRID, widths=(16,) * 6, stem_width=16).requires_grad_(False), PLANES, "new")
+
+
 def refiner():
     torch.manual_seed(4)
     made = Refiner(5, 1, width=8, n_blocks=1).requires_grad_(False)

@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 import torch
 
 from lfref.export import graphs, parity
@@ -28,7 +29,7 @@ def test_cases_are_every_size_four_at_once_and_flat_frames():
 def test_how_far_an_engine_is_off_is_told_case_by_case():
     exact = subject()
     runs = {"same": exact.wanted, "off": lambda views: exact.wanted(views) + 0.01}
-    rows = list(parity.rows(exact.wanted, runs, parity.cases(exact, cases.FIELDS[:1])))
+    rows = list(parity.rows(exact, runs, parity.cases(exact, cases.FIELDS[:1])))
     assert [row["engine"] for row in rows[:2]] == ["same", "off"]
     assert all(row["max_error"] == 0 and row["psnr_db"] == 100 for row in rows[::2])
     assert all(abs(row["max_error"] - 0.01) < 1e-6 and abs(row["psnr_db"] - 40) < 0.01 for row in rows[1::2])
@@ -40,9 +41,27 @@ def test_how_far_an_engine_is_off_is_told_case_by_case():
     assert parity.worst(flat, Tolerance(error=1e-4)) is not None
 
 
+def test_noise_that_a_network_makes_itself_is_no_fault_of_a_file():
+    subject = graphs.exportable(cases.untrained(), cases.PLANES, cases.GRID)
+
+    def doubled(views):
+        return subject.wanted(views) + 2 * (subject.exact(views).float() - subject.wanted(views))
+
+    runs = {"doubled": doubled, "far": lambda views: subject.wanted(views) + 1e3, "nan": lambda views: views.mean() / 0}
+    rows = list(parity.rows(subject, runs, parity.cases(subject, cases.FIELDS[:1])))
+    assert parity.own_noise(rows).keys() == {"black"}
+    assert all(row["own_error"] == 0 for row in rows if row["case"] not in parity.FLAT)
+    black = {row["engine"]: row for row in rows if row["case"] == "black"}
+    assert black["doubled"]["max_error"] == pytest.approx(2 * black["doubled"]["own_error"], rel=1e-3)
+    for tolerance, engines in (Tolerance(error=1e-4), ("far", "nan")), (Tolerance(psnr_db=40), ("nan",)):
+        assert [name for name, row in black.items() if parity.worst([row], tolerance)] == [*engines]
+    scene = [row for row in rows if row["engine"] == "far" and row["case"] == "drawn_0"]
+    assert parity.worst(scene, Tolerance(error=1e-4)), "of scenes nothing is excused"
+
+
 def test_stacks_that_are_not_finite_or_of_another_shape_are_off_by_more_than_anything():
     exact = subject()
     runs = {"nan": lambda views: exact.wanted(views) * math.nan, "less": lambda views: exact.wanted(views)[:, :1]}
-    rows = list(parity.rows(exact.wanted, runs, parity.cases(exact, cases.FIELDS[:1])))
+    rows = list(parity.rows(exact, runs, parity.cases(exact, cases.FIELDS[:1])))
     assert all(row["max_error"] == math.inf for row in rows)
     assert parity.worst(rows, Tolerance(psnr_db=1)) is not None
