@@ -1,6 +1,7 @@
-"""How soon the page of `lfref view` shows its first picture, and how soon another plane: `python docs/browsing.py`.
+"""The page of `lfref view`: how soon it shows its first picture and another plane, and what it looks like.
 
-Leaves `runs/figures/browsing/browsing.json`, of which `docs/measure.py browsing` makes a paragraph.
+`python docs/browsing.py` leaves `runs/figures/browsing/browsing.json`, of which `docs/measure.py browsing` makes a
+paragraph, and `page.png`, of which `docs/pictures.py page.jpg` makes a picture.
 """
 
 import json
@@ -12,7 +13,16 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
+from lfref.io import images
+from lfref.report import drawing
+
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
+SCENE, CLICK = "thicket", (0.535, 0.57)
+"""What the page is seen with, and where someone has clicked: on a twig; shares of the picture's width and height."""
+WINDOW, PIXELS_WIDE = (1100, 755), 900
+"""Of the browser, and of its picture."""
 SIZE, N_PLANES, LOADS, ROUNDS = (375, 540), 16, 7, 3
 FIRST_PAINT = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
 SWITCH = """async (plane) => {
@@ -59,6 +69,32 @@ def measured(page: Path) -> dict[str, float]:
     }
 
 
+def seen(page: Path) -> None:
+    """Leave a picture of the page, as it is after a click.
+
+    Args:
+        page: What `lfref view` wrote.
+    """
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        size = dict(zip(("width", "height"), WINDOW, strict=True))
+        tab = browser.new_context(viewport=size, device_scale_factor=PIXELS_WIDE / WINDOW[0]).new_page()
+        tab.goto(page.as_uri())
+        stage = tab.wait_for_selector("#stage[data-drawn=planes]")
+        box = stage.bounding_box()
+        tab.mouse.click(box["x"] + CLICK[0] * box["width"], box["y"] + CLICK[1] * box["height"])
+        tab.wait_for_timeout(500)  # until it is drawn
+        tab.screenshot(path=RUN / "page.png")
+        browser.close()
+
+
+def picture() -> Figure:
+    """The page as it was seen."""
+    return drawing.new_sheet(images.read_image(RUN / "page.png")[..., :3])
+
+
 def browsing() -> Iterator[str]:
     """How quick the page is."""
     found = json.loads((RUN / "browsing.json").read_text())
@@ -70,12 +106,13 @@ def browsing() -> Iterator[str]:
     yield f"Chromium {found['version']}, without a graphics processor."
 
 
+PICTURES: dict[str, Callable[[], Figure]] = {"page.jpg": picture} if (RUN / "page.png").is_file() else {}
 IS_MEASURED = (RUN / "browsing.json").is_file()
 TABLES: dict[str, Callable[[], Iterator[str]]] = {"browsing": browsing} if IS_MEASURED else {}
 
 
 def main() -> None:
-    """Write a page, open it, and leave what was found."""
+    """Write pages, open them, and leave what was found."""
     lfref = [sys.executable, "-m", "lfref.cli.main"]
     with tempfile.TemporaryDirectory() as name:
         size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
@@ -83,7 +120,11 @@ def main() -> None:
         (scene,) = Path(name, "scene").glob("simulated_*")
         subprocess.run([*lfref, "view", str(scene), f"output={name}/view", f"planes.n={N_PLANES}"], check=True)
         found = measured(Path(name, "view", "index.html"))
-    RUN.mkdir(parents=True, exist_ok=True)
+        RUN.mkdir(parents=True, exist_ok=True)
+        scene = ("scene=sim30", f"scene.name={SCENE}", "outputs=[views]", f"output={name}/seen")
+        subprocess.run([*lfref, "simulate", *scene], check=True)
+        subprocess.run([*lfref, "view", f"{name}/seen/{SCENE}", f"output={name}/page"], check=True)
+        seen(Path(name, "page", "index.html"))
     (RUN / "browsing.json").write_text(json.dumps(found, indent=1))
     print(json.dumps(found, indent=1))
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import against_mitsuba
 import against_truth
+import browsing
 import effects
 import hard_cases
 import numpy as np
@@ -220,6 +221,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     **hard_cases.PICTURES,
     **paper_pictures.PICTURES,
     **runtimes.PICTURES,
+    **browsing.PICTURES,
 }
 
 

@@ -23,7 +23,7 @@ BAR_WIDTH = 0.75
 TITLE: dict[str, Any] = {"fontsize": 8, "color": drawing.BLACK, "pad": 3}
 ERROR: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(1e-6, 1)}
 SHARE: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1}
-JPEG = {**drawing.PNG, "format": "jpg", "pil_kwargs": {"quality": 83, "subsampling": 0, "optimize": True}}
+JPEG = {"format": "jpg", "pil_kwargs": {"quality": 83, "subsampling": 0, "optimize": True}}
 
 
 def sheet(cells: Iterable[tuple[str, Tensor]], n_columns: int = 3, bar: str = "", **style: Any) -> Figure:
@@ -86,7 +86,8 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure, all or nothing, as its suffix says: `.jpg` or `.png`."""
     with atomic.replacing(path) as temporary:
-        figure.savefig(temporary, **(JPEG if path.suffix == ".jpg" else drawing.PNG))
+        options = drawing.save_options(figure)
+        figure.savefig(temporary, **(options | JPEG if path.suffix == ".jpg" else options))
         if path.suffix == ".png" and not any(axes.images for axes in figure.axes):
             # Lines and letters have few colours: a palette takes a third of the bytes.
             with Image.open(temporary) as drawn:

@@ -19,6 +19,7 @@ PLOTS = {  # drawn from what runs have left
     "accuracy_time.png": "figures/bench",
     "causes.png": "figures/causes",
     "engines.png": "figures/engines",
+    "page.jpg": "figures/browsing/page.png",
     **dict.fromkeys(("paper_scatter.png", "paper_by_alpha.png", "paper_comparison.jpg"), "paper/truth.csv"),
 }
 

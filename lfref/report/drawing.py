@@ -48,11 +48,15 @@ def new_sheet(pixels: np.ndarray) -> Figure:
     return figure
 
 
+def save_options(figure: Figure) -> dict[str, Any]:
+    """How a figure is saved: cut to what is drawn, but a sheet as it is."""
+    return PNG if figure.get_layout_engine() else {**PNG, "bbox_inches": None}
+
+
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write the figure as a PNG file, all or nothing, cut to what is drawn; a sheet as it is."""
-    is_sheet = figure.get_layout_engine() is None
+    """Write the figure as a PNG file, all or nothing."""
     with atomic.replacing(path) as temporary:
-        figure.savefig(temporary, **PNG | ({"bbox_inches": None} if is_sheet else {}))
+        figure.savefig(temporary, **save_options(figure))
 
 
 def look(index: int, colours: Sequence[str] = COLOURS) -> dict[str, Any]:
