@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from lfref.captures.inspect import Inspection, inspect
 from lfref.cli import config as configs
-from lfref.cli import inputs, several
+from lfref.cli import inputs, places, several
 from lfref.cli.command import command, log, paths
 from lfref.io import atomic
 from lfref.report import drawing
@@ -28,7 +28,7 @@ def info(config: DictConfig, folder: Path) -> None:
     def one(name: str, path: Path) -> None:
         seen = inspect(inputs.read(path, config), white)
         log.info("%s", "\n".join(seen.told()))
-        _write(several.place(folder, name, path, given), seen)
+        _write(places.of(folder, name, path, given), seen)
 
     several.each(captures, [one], "inspecting")
     log.info("inspected: %s", folder)

@@ -1,9 +1,6 @@
 """`lfref refocus`: refocus light fields into stacks, pictures, films, maps of disparity and point clouds."""
 
-import shutil
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import torch
@@ -12,13 +9,12 @@ from omegaconf import DictConfig
 
 from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
-from lfref.cli import corrected, refocusing, resume, run_folder, several
+from lfref.cli import corrected, places, refocusing, resume, several
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.leaving import fail
 from lfref.cli.planes import Planes, planes_of
 from lfref.errors import InputError, LfrefError
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic
 from lfref.io.run import Run
 from lfref.io.scratch import room
 from lfref.lightfield import LightField
@@ -44,7 +40,8 @@ def refocus(config: DictConfig, folder: Path) -> None:
     also = [name for name in results.ASKED if config[name]]
     given = paths(configs.plain(config.input))
     captures = several.found(given, config.reader.pattern)
-    places = {name: several.place(folder, name, path, given) for name, path in captures.items()}
+    placed = {name: places.of(folder, name, path, given) for name, path in captures.items()}
+    waiting = captures if config.resume is None else places.unfilled(captures, placed, folder)
     white = corrected.white_of(config, refocuser)
     n_rows, scratch = _bands(config, also), None if config.rows is None else folder
 
@@ -62,35 +59,13 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
     def write(name: str, made: Made) -> None:
         refocused, corrections = made
-        with _filled(folder, places[name]) as place:
+        with places.filled(folder, placed[name]) as place:
             results.write_results(place, refocused, also)
             corrected.write(place, corrections)
         field, planes = refocused.field, refocused.planes
-        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), places[name])
+        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), placed[name])
 
-    several.each(_to_do(captures, places, folder, config.resume is not None), [read, compute, write], "refocusing")
-
-
-def _to_do(captures: dict[str, Path], places: dict[str, Path], folder: Path, resumes: bool) -> dict[str, Path]:
-    """Those whose results are not there yet; what was half written when a run was killed goes away."""
-    if not resumes:
-        return captures
-    for half in (each for place in {folder, *places.values()} for each in atomic.remains(place)):
-        shutil.rmtree(half) if half.is_dir() else half.unlink()
-    to_do = {name: path for name, path in captures.items() if places[name] == folder or not places[name].exists()}
-    log.info("%d of %d light fields are done", len(captures) - len(to_do), len(captures))
-    return to_do
-
-
-@contextmanager
-def _filled(folder: Path, place: Path) -> Iterator[Path]:
-    """Where results are written to: the run folder itself, or a folder in it, which is there only when it is whole."""
-    if place == folder:
-        yield place
-        return
-    with atomic.replacing_folder(place) as partial:
-        yield partial
-    run_folder.list_also(folder, place)
+    several.each(waiting, [read, compute, write], "refocusing")
 
 
 def _bands(config: DictConfig, also: list[str]) -> int | None:

@@ -92,19 +92,6 @@ def _is_whole(path: Path) -> bool:
     return True
 
 
-def place(folder: Path, name: str, path: Path, given: Sequence[Path]) -> Path:
-    """Where the results of a light field go: of one that is all that was given, itself and not as a part of a folder,
-    into the run folder; of others each into one of its own.
-
-    Args:
-        folder: The run folder.
-        name: Of the light field.
-        path: Where it was found.
-        given: As of `found`.
-    """
-    return folder if {path.resolve()} == {each.resolve() for each in given} else folder / name
-
-
 def each(paths: Mapping[str, Path], steps: Sequence[Step], what: str) -> None:
     """Do something with each light field, under a progress bar; what fails is told at the end.
 

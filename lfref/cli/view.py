@@ -6,7 +6,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli import corrected, refocusing, several
+from lfref.cli import corrected, places, refocusing, several
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.planes import Planes, planes_of
 from lfref.errors import InputError
@@ -50,7 +50,7 @@ def view(config: DictConfig, folder: Path) -> None:
         }
         if truth is not None:
             shown["truth"] = Refocused(field, _fitting(truth, field, planes), planes, gain)
-        place = several.place(folder, name, path, given) / PAGE
+        place = places.of(folder, name, path, given) / PAGE
         page.write(place, config.title or field.name, _facts(shown), content.content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 

@@ -78,13 +78,6 @@ def test_a_damaged_picture_does_not_hide_the_others(tmp_path):
     assert list(several.found([tmp_path / "images"])) == ["one", "two"]
 
 
-def test_results_get_a_folder_of_their_own_unless_one_light_field_was_given_itself(captures):
-    one, run = captures / "one", captures / "run"
-    assert several.place(run, "a", one / "a", [one / "a", one / ".." / "one" / "a"]) == run
-    assert several.place(run, "a", one / "a", [one]) == run / "a"
-    assert several.place(run, "a", one / "a", [one / "a", one / "b c.exr"]) == run / "a"
-
-
 def test_a_pattern_stands_for_what_fits_it_in_the_order_of_its_numbers(captures):
     for number in (10, 9, 1):
         write.write(captures / "film" / f"frame_{number}.exr", LightField(torch.rand(2, 2, 3, 8, 8)))
