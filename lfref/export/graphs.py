@@ -49,6 +49,8 @@ class Exportable:
     """The same in float64."""
     rounding: float = 1e-6
     """How far the graph itself may be from that, in light: additions of another order."""
+    before: Callable[..., Tensor] | None = None
+    """Of such inputs the pictures that a refiner corrects."""
 
 
 def exportable(refocuser: Refocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
@@ -110,7 +112,13 @@ def _of_refiner(refocuser: RefinedRefocuser, planes: FocalPlanes, grid: tuple[in
 
     config = refined.payload(refiner, refocuser.base, refocuser.names)
     graph = Graph(refiner, axes, ("N", n_channels, "H", "W"), example)
-    return Exportable(graph, {"name": refocuser.name, "config": config}, inputs, refiner, _doubled(refiner))
+    return Exportable(
+        graph, {"name": refocuser.name, "config": config}, inputs, refiner, _doubled(refiner), before=_pictures
+    )
+
+
+def _pictures(guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
+    return pictures
 
 
 def _of_operator(refocuser: OperatorRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:

@@ -21,6 +21,9 @@ NOISE = 1e-4
 """How far float32 is from float64 where pictures of a flat frame are but a network's roundings, made large."""
 OWN = 4.0
 """How many times farther from float32 a file in float32 may be then: no other engine rounds in the same way."""
+CLOSER_DB, CORRECTED_DB = 6.0, 90.0
+"""How much nearer to what a refiner makes a file of it must be than the pictures that it corrects, unless these are as
+near as the latter: corrections are small, and a file without any would be near enough to many scenes."""
 Row = dict[str, Any]
 
 
@@ -84,17 +87,19 @@ def rows(subject: Exportable, runs: Mapping[str, Run], tried: Iterable[Case]) ->
         tried: Of `cases`.
 
     Yields:
-        `engine, case, n_fields, height, width, max_error, psnr_db, own_error`; a stack that is not finite has an
-        infinite error. The last is how far, of flat frames, the subject in float32 is from itself in float64; else 0.
+        `engine, case, n_fields, height, width, max_error, psnr_db, own_error, before_db`; a stack that is not finite
+        has an infinite error. `own_error` is how far, of flat frames, the subject in float32 is from itself in float64,
+        else 0; `before_db` the PSNR of the pictures that a refiner corrects against what it makes of them, else 0.
     """
     for case in tried:
         stack = subject.wanted(*case.inputs)
         own = float((subject.exact(*case.inputs) - stack).abs().max()) if case.name in FLAT else 0.0
+        before = 0.0 if subject.before is None else float(psnr(subject.before(*case.inputs), stack).min())
         for engine, run in runs.items():
             made = run(*case.inputs)
             place = {"engine": engine, "case": case.name, "n_fields": case.n_fields}
             size = dict(zip(("height", "width"), case.size, strict=True))
-            yield place | size | _apart(made, stack) | {"own_error": own}
+            yield place | size | _apart(made, stack) | {"own_error": own, "before_db": before}
 
 
 def worst(found: Iterable[Row], tolerance: Tolerance) -> Row | None:
@@ -121,6 +126,8 @@ def _holds(row: Row, tolerance: Tolerance) -> bool:
     if row["own_error"] > NOISE:
         return bool(row["max_error"] < (math.inf if tolerance.psnr_db else OWN * row["own_error"]))
     least = min(tolerance.psnr_db, FLAT_DB) if row["case"] in FLAT else tolerance.psnr_db
+    if 0 < row["before_db"] < CORRECTED_DB:
+        least = max(least, row["before_db"] + CLOSER_DB)
     return bool(row["max_error"] <= tolerance.error and row["psnr_db"] >= least)
 
 

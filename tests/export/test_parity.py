@@ -59,6 +59,21 @@ def test_noise_that_a_network_makes_itself_is_no_fault_of_a_file():
     assert parity.worst(scene, Tolerance(error=1e-4)), "of scenes nothing is excused"
 
 
+def test_a_file_that_corrects_nothing_is_told_however_small_corrections_are():
+    subject = graphs.exportable(cases.refiner(), cases.PLANES, cases.GRID)
+
+    def towards(share):
+        return lambda *inputs: inputs[1] + share * (subject.wanted(*inputs) - inputs[1])
+
+    tried = list(parity.cases(subject, cases.FIELDS[:1]))
+    runs = {"nothing": towards(0.0), "too little": towards(0.4), "about": towards(0.9), "same": towards(1.0)}
+    rows = [row for row in parity.rows(subject, runs, tried) if row["case"] == "drawn_0"]
+    assert all(0 < row["before_db"] < parity.CORRECTED_DB for row in rows)
+    assert rows[0]["psnr_db"] == rows[0]["before_db"]
+    told = [row["engine"] for row in rows if parity.worst([row], Tolerance(psnr_db=0.1))]
+    assert told == ["nothing", "too little"]
+
+
 def test_stacks_that_are_not_finite_or_of_another_shape_are_off_by_more_than_anything():
     exact = subject()
     runs = {"nan": lambda views: exact.wanted(views) * math.nan, "less": lambda views: exact.wanted(views)[:, :1]}
