@@ -105,6 +105,8 @@ def each(paths: Mapping[str, Path], steps: Sequence[Step], what: str) -> None:
     Raises:
         LfrefError: Of those that failed, once all others are done.
     """
+    if not paths:
+        return
     if len(paths) == 1:
         ((name, made),) = paths.items()
         for step in steps:

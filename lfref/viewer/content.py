@@ -27,6 +27,10 @@ MOST_VIEW_PIXELS = 12_000_000
 """Of all views together; larger ones are made smaller, so that the page can be sent."""
 QUALITY = 88
 """Of its pictures, as JPEG."""
+BAR_SIZE = 8, 256
+"""Height and width of the bar of a map's colours, in pixels."""
+SURE, GREY = 0.1, 0.5
+"""Confidence from which a click is believed and the map shows colour alone; below, it fades to this grey."""
 STEPS = 65535
 """Of disparities between the least and the largest."""
 
@@ -39,9 +43,10 @@ def content(shown: Mapping[str, Refocused]) -> dict[str, Any]:
 
     Returns:
         `size` [H, W]; `slopes` and `titles` of the planes, from the least slope to the largest; `start`, the plane that
-        is shown first; `methods`, each with `name` and `planes` (pictures); `depth` with `low`, `high`, `disparity` and
-        `confidence`; `sharp` and `map` (pictures); `views` with `size`, `pictures` and `cameras` (x, y from the middle,
-        in view steps).
+        is shown first; `methods`, each with `name` and `planes` (pictures); `depth` with `low`, `high`, `disparity`,
+        `confidence`, and `sure`, the least confidence that is believed; `sharp` and `map` (pictures); `scale` of the
+        map's colours with `low`, `high` and `bar` (a picture of them); `views` with `size`, `pictures` and
+        `cameras` (x, y from the middle, in view steps).
 
     Raises:
         InputError: There is no method, or they have other planes.
@@ -52,6 +57,7 @@ def content(shown: Mapping[str, Refocused]) -> dict[str, Any]:
     if any(each.planes != first.planes for each in shown.values()):
         raise InputError("all methods must be refocused to the same planes", got="others")
     slopes, confidence = (each.detach().double().cpu().numpy() for each in first.focused)
+    ends = _ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
         "slopes": [first.planes.values[plane] for plane in first.rising],
@@ -63,7 +69,8 @@ def content(shown: Mapping[str, Refocused]) -> dict[str, Any]:
         "start": _start([first.planes.values[plane] for plane in first.rising], slopes, confidence),
         "depth": _depth(slopes, confidence),
         "sharp": picture(first.shown(first.sharp)),
-        "map": picture(_coloured(slopes, first.planes.values)),
+        "map": picture(_greyed(_coloured(slopes, *ends), confidence)),
+        "scale": {"low": ends[0], "high": ends[1], "bar": picture(_coloured(_bar(*ends), *ends))},
         "views": _views(first),
     }
 
@@ -92,15 +99,37 @@ def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> di
     low, high = float(slopes.min()), float(slopes.max())
     steps = np.rint((slopes - low) / max(high - low, 1e-9) * STEPS).astype("<u2")
     sure = np.rint(255 * confidence.clip(0, 1)).astype(np.uint8)
-    return {"low": low, "high": high, "disparity": _text(steps.tobytes()), "confidence": _text(sure.tobytes())}
+    least = round(255 * SURE)
+    return {
+        "low": low,
+        "high": high,
+        "disparity": _text(steps.tobytes()),
+        "confidence": _text(sure.tobytes()),
+        "sure": least,
+    }
 
 
-def _coloured(slopes: NDArray[np.floating], planes: Sequence[float]) -> NDArray[np.float64]:
-    """Slopes in colour, over the range of the planes where they lie in it."""
-    low, high = max(min(planes), float(slopes.min())), min(max(planes), float(slopes.max()))
+def _ends(slopes: NDArray[np.floating], planes: Sequence[float]) -> tuple[float, float]:
+    """The slopes that a map shows: the range of the planes, where slopes lie in it."""
+    return max(min(planes), float(slopes.min())), min(max(planes), float(slopes.max()))
+
+
+def _coloured(slopes: NDArray[np.floating], low: float, high: float) -> NDArray[np.float64]:
+    """Slopes in colour."""
     places = (slopes - low) / max(high - low, 1e-9)
     colours: NDArray[np.float64] = colormaps[drawing.MAP](places.clip(0, 1))[..., :3]
     return colours
+
+
+def _greyed(colours: NDArray[np.float64], confidence: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Colours that fade to grey where nobody can tell."""
+    share = (confidence / SURE).clip(0, 1)[..., None]
+    greyed: NDArray[np.float64] = share * colours + (1 - share) * GREY
+    return greyed
+
+
+def _bar(low: float, high: float) -> NDArray[np.float64]:
+    return np.tile(np.linspace(low, high, BAR_SIZE[1]), (BAR_SIZE[0], 1))
 
 
 def _views(refocused: Refocused) -> dict[str, Any]:

@@ -24,7 +24,7 @@ const depth = {
   steps: new Uint16Array(bytes(held.depth.disparity).buffer),
   sure: bytes(held.depth.confidence),
 };
-const SURE = 26; // of 255
+const SURE = held.depth.sure; // of 255
 const AROUND = 6; // pixels
 
 function slopeOf(pixel) {

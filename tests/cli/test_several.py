@@ -159,3 +159,8 @@ def test_mistakes_of_ours_stop_everything(tmp_path):
 
     with pytest.raises(RuntimeError):
         several.each({"a": tmp_path, "b": tmp_path}, [task], "trying")
+
+
+def test_where_nothing_is_to_do_nothing_is_shown(capsys):
+    several.each({}, [pytest.fail], "trying")
+    assert capsys.readouterr() == ("", "")

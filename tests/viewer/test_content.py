@@ -48,6 +48,26 @@ def test_depth_is_kept_to_a_thousandth(held):
     assert np.abs(sure / 255 - confidence.numpy()).max() < 0.003
 
 
+def test_the_colours_of_the_map_are_told_by_its_bar(held):
+    scale, (slopes, confidence) = held["scale"], cases.shown()["linear"].focused
+    assert -1 <= scale["low"] < scale["high"] <= 1
+    bar, shown = pixels(scale["bar"])[4], pixels(held["map"])
+    places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
+    told = bar[np.rint(places * (len(bar) - 1)).astype(int)]
+    is_sure, is_unknown = confidence.numpy() >= content.SURE, confidence.numpy() < content.SURE / 50
+    assert np.median(np.abs(told - shown)[is_sure]) < 0.02
+    assert is_sure.any()
+    assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - content.GREY)) < 0.05
+
+
+def test_where_nobody_can_tell_the_map_is_grey():
+    colours, confidence = np.ones((2, 3, 3)) * [1.0, 0.0, 0.2], np.array([[0, 0.05, 0.1], [1, 1, 0]])
+    greyed = content._greyed(colours, confidence)
+    assert np.allclose(greyed[[0, 1], [0, 2]], 0.5)
+    assert np.allclose(greyed[0, 1], [0.75, 0.25, 0.35])
+    assert np.allclose(greyed[0, 2], [1, 0, 0.2])
+
+
 def test_views_come_with_where_their_cameras_are(held):
     views = held["views"]
     assert views["size"] == [96, 128]

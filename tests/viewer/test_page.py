@@ -1,5 +1,6 @@
 """The page in a browser: from disk, by mouse, keyboard and finger, wide and narrow, with nothing asked of anybody."""
 
+import re
 import shutil
 
 import numpy as np
@@ -212,6 +213,10 @@ def test_other_pictures_are_shown_and_saved(opened):
     for mode in ("sharp", "map"):
         tab.check(f"input[value={mode}]")
         tab.wait_for_selector(f"#stage[data-drawn={mode}]")
+        assert tab.locator(".bar").is_visible() == (mode == "map")
+    assert re.fullmatch(
+        r"-?\d\.\d\d slope, px per view step \d\.\d\d", tab.locator(".ends").first.inner_text().replace("\n", " ")
+    )
     with tab.expect_download() as waiting:
         tab.click("#save")
     assert waiting.value.suggested_filename.startswith("map_")
