@@ -1,4 +1,4 @@
-"""Where the results of each light field go, and whose are there already: a run of many is killed and goes on."""
+"""Where the results of each light field go, and whose are there already: a run of many may be killed and go on."""
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence

@@ -117,9 +117,10 @@ def _sized(image: Tensor, n_pictures: int) -> Tensor:
     """An image with as many pixels as a sheet of so many has for it."""
     width = SHEET_WIDTH // min(SHEET_COLUMNS, n_pictures) - SHEET_GAP
     size = max(1, round(width * image.shape[-2] / image.shape[-1])), width
+    light = image[None].detach().float()
     if width < image.shape[-1]:
-        return F.interpolate(image[None], size, mode="bilinear", antialias=True)[0]
-    return F.interpolate(image[None], size, mode="nearest-exact")[0]
+        return F.interpolate(light, size, mode="bilinear", antialias=True)[0]
+    return F.interpolate(light, size, mode="nearest-exact")[0]
 
 
 def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Figure:

@@ -111,7 +111,9 @@ def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> di
 
 def _ends(slopes: NDArray[np.floating], planes: Sequence[float]) -> tuple[float, float]:
     """The slopes that a map shows: the range of the planes, where slopes lie in it."""
-    return max(min(planes), float(slopes.min())), min(max(planes), float(slopes.max()))
+    least, largest = float(slopes.min()), float(slopes.max())
+    low, high = max(min(planes), least), min(max(planes), largest)
+    return (low, high) if low < high else (least, largest)
 
 
 def _coloured(slopes: NDArray[np.floating], low: float, high: float) -> NDArray[np.float64]:

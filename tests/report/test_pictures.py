@@ -143,6 +143,13 @@ def test_pictures_of_any_size_fill_their_cells_and_leave_the_labels_free(n, size
     assert (sheet[-pictures.SHEET_LINE :] == 255).all()
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+@pytest.mark.parametrize("width", [8, 2 * pictures.SHEET_WIDTH])
+def test_sheets_take_any_floating_point(dtype, width):
+    figure = pictures.contact_sheet(torch.full((1, 3, 8, width), 0.5, dtype=dtype).requires_grad_(), ["a"], 1.0)
+    assert figure.images[0].get_array()[-2 * pictures.SHEET_LINE - 2, 100, 0] == round(255 * screen(0.5))
+
+
 def test_a_large_picture_is_averaged_in_light_and_not_thinned():
     stripes = torch.zeros(1, 1, 64, 4 * pictures.SHEET_WIDTH)
     stripes[..., ::2] = 1

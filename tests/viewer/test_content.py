@@ -60,6 +60,13 @@ def test_the_colours_of_the_map_are_told_by_its_bar(held):
     assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - content.GREY)) < 0.05
 
 
+@pytest.mark.parametrize(
+    ("planes", "ends"), [([-1, 1], (-0.5, 1)), ([-2, 5], (-0.5, 2)), ([0], (-0.5, 2)), ([5, 6], (-0.5, 2))]
+)
+def test_the_map_spans_the_planes_where_slopes_lie_among_them(planes, ends):
+    assert content._ends(np.array([[-0.5, 2.0]]), planes) == ends
+
+
 def test_where_nobody_can_tell_the_map_is_grey():
     colours, confidence = np.ones((2, 3, 3)) * [1.0, 0.0, 0.2], np.array([[0, 0.05, 0.1], [1, 1, 0]])
     greyed = content._greyed(colours, confidence)
