@@ -11,7 +11,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -36,16 +38,24 @@ SWITCH = """async (plane) => {
 """Until the plane is drawn: its pixels are read, which waits for that and takes time itself."""
 
 
-def measured(page: Path) -> dict[str, float]:
-    """Milliseconds to the first picture, and to another plane, in the Chromium that is installed.
-
-    Args:
-        page: What `lfref view` wrote.
-    """
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """The Chromium that is installed."""
     from playwright.sync_api import sync_playwright  # only who measures needs it
 
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def measured(page: Path) -> dict[str, float]:
+    """Milliseconds to the first picture, and to another plane.
+
+    Args:
+        page: What `lfref view` wrote.
+    """
+    with chromium() as browser:
         paints, switches, first = [], [], []
         for _ in range(LOADS):
             tab = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
@@ -57,7 +67,6 @@ def measured(page: Path) -> dict[str, float]:
             switches += taken[N_PLANES:]
             tab.context.close()
         version = browser.version
-        browser.close()
     return {
         "version": version,
         "megabytes": page.stat().st_size / 1e6,
@@ -75,10 +84,7 @@ def seen(page: Path) -> None:
     Args:
         page: What `lfref view` wrote.
     """
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+    with chromium() as browser:
         size = dict(zip(("width", "height"), WINDOW, strict=True))
         tab = browser.new_context(viewport=size, device_scale_factor=PIXELS_WIDE / WINDOW[0]).new_page()
         tab.goto(page.as_uri())
@@ -87,7 +93,6 @@ def seen(page: Path) -> None:
         tab.mouse.click(box["x"] + CLICK[0] * box["width"], box["y"] + CLICK[1] * box["height"])
         tab.wait_for_timeout(500)  # until it is drawn
         tab.screenshot(path=RUN / "page.png")
-        browser.close()
 
 
 def picture() -> Figure:
@@ -121,8 +126,8 @@ def main() -> None:
         subprocess.run([*lfref, "view", str(scene), f"output={name}/view", f"planes.n={N_PLANES}"], check=True)
         found = measured(Path(name, "view", "index.html"))
         RUN.mkdir(parents=True, exist_ok=True)
-        scene = ("scene=sim30", f"scene.name={SCENE}", "outputs=[views]", f"output={name}/seen")
-        subprocess.run([*lfref, "simulate", *scene], check=True)
+        words = ("scene=sim30", f"scene.name={SCENE}", "outputs=[views]", f"output={name}/seen")
+        subprocess.run([*lfref, "simulate", *words], check=True)
         subprocess.run([*lfref, "view", f"{name}/seen/{SCENE}", f"output={name}/page"], check=True)
         seen(Path(name, "page", "index.html"))
     (RUN / "browsing.json").write_text(json.dumps(found, indent=1))

@@ -133,6 +133,5 @@ def _engines(path: Path) -> dict[str, Run]:
 
 
 def _told(wanted: Wanted, tolerance: Tolerance) -> str:
-    error, psnr_db = tolerance
-    limit = f"at least {psnr_db:g} dB" if psnr_db else f"within {error:g}"
+    limit = f"at least {tolerance.psnr_db:g} dB" if tolerance.psnr_db else f"within {tolerance.error:g}"
     return f"{wanted.file.name} must make the pictures of what it was made of, {limit}"

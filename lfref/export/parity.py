@@ -19,8 +19,6 @@ FLAT_DB = 25.0
 """Least PSNR of these in low precision: what a network that normalises makes of them it makes of its own roundings."""
 NOISE = 1e-4
 """How far float32 is from float64 where pictures of a flat frame are but a network's roundings, made large."""
-OWN = 4.0
-"""How many times farther from float32 a file in float32 may be then: no other engine rounds in the same way."""
 CLOSER_DB, CORRECTED_DB = 6.0, 90.0
 """How much nearer to what a refiner makes a file of it must be than the pictures that it corrects, unless these are as
 near as the latter: corrections are small, and a file without any would be near enough to many scenes."""
@@ -34,10 +32,12 @@ class Tolerance(NamedTuple):
     """Largest distance, in light."""
     psnr_db: float = 0.0
     """Least PSNR."""
+    own: float = 0.0
+    """How many times as far it may be of a flat frame as float32 is from float64, where that is noise."""
 
 
 TOLERANCES = {
-    FP32: Tolerance(error=1e-4),
+    FP32: Tolerance(error=1e-4, own=4.0),
     FP16: Tolerance(psnr_db=50),
     BF16: Tolerance(psnr_db=50),
     INT8: Tolerance(psnr_db=40),
@@ -123,12 +123,15 @@ def own_noise(found: Iterable[Row]) -> dict[str, float]:
 
 
 def _holds(row: Row, tolerance: Tolerance) -> bool:
+    error, least = tolerance.error, tolerance.psnr_db
     if row["own_error"] > NOISE:
-        return bool(row["max_error"] < (math.inf if tolerance.psnr_db else OWN * row["own_error"]))
-    least = min(tolerance.psnr_db, FLAT_DB) if row["case"] in FLAT else tolerance.psnr_db
+        error = max(error, tolerance.own * row["own_error"])
+    if row["case"] in FLAT:
+        # Where float32 is already as far from float64 as that, no precision can be held to it.
+        least = min(least, FLAT_DB) if row["own_error"] < 10 ** (-FLAT_DB / 20) else -math.inf
     if 0 < row["before_db"] < CORRECTED_DB:
         least = max(least, row["before_db"] + CLOSER_DB)
-    return bool(row["max_error"] <= tolerance.error and row["psnr_db"] >= least)
+    return bool(math.isfinite(row["max_error"]) and row["max_error"] <= error and row["psnr_db"] >= least)
 
 
 def _apart(made: Tensor, wanted: Tensor) -> Row:

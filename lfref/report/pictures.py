@@ -21,7 +21,7 @@ from lfref.report import drawing, wording
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
 FIGURE_WIDTH = 9.0  # inches
-SHEET_WIDTH, SHEET_COLUMNS = 1350, 4
+SHEET_WIDTH, SHEET_COLUMNS = int(FIGURE_WIDTH * drawing.PNG["dpi"]), 4
 """Pixels along a contact sheet, about, and pictures beside each other."""
 SHEET_GAP, SHEET_LINE = 14, 30
 """Pixels between two pictures of a contact sheet, and down a line of text."""

@@ -58,15 +58,15 @@ def test_a_checkpoint_becomes_a_file_that_loads(lfref, net, tmp_path):
     assert {(case["height"], case["width"]) for case in report["cases"]} == {(48, 64), (37, 41)}
 
 
-def test_a_network_without_training_becomes_a_file_with_a_warning(lfref, tmp_path):
+@pytest.mark.parametrize(("format", "suffix"), [("onnx", ".onnx"), ("pt2", ".pt2")])
+def test_a_network_without_training_becomes_a_file_with_a_warning(format, suffix, lfref, tmp_path):
     checkpoint.save(tmp_path / "new.ckpt", cases.untrained().network, cases.PLANES)
-    status, errors = lfref(*SMALL, f"checkpoint={tmp_path / 'new.ckpt'}", f"output={tmp_path}/run")
+    words = (f"checkpoint={tmp_path / 'new.ckpt'}", f"format={format}", f"output={tmp_path}/run")
+    status, errors = lfref(*SMALL, *words)
     assert status == 0, errors
-    assert (
-        "makes noise of flat frames: float32 is off from float64 in black by"
-        in (tmp_path / "run" / "export.log").read_text()
-    )
-    assert (tmp_path / "run" / "new.onnx").is_file()
+    told = (tmp_path / "run" / "export.log").read_text()
+    assert "makes noise of flat frames: float32 is off from float64 in black by" in told
+    assert (tmp_path / "run" / f"new{suffix}").is_file()
 
 
 def test_an_operator_is_fixed_to_its_planes_grid_and_aperture(lfref, tmp_path):

@@ -53,10 +53,23 @@ def test_noise_that_a_network_makes_itself_is_no_fault_of_a_file():
     assert all(row["own_error"] == 0 for row in rows if row["case"] not in parity.FLAT)
     black = {row["engine"]: row for row in rows if row["case"] == "black"}
     assert black["doubled"]["max_error"] == pytest.approx(2 * black["doubled"]["own_error"], rel=1e-3)
-    for tolerance, engines in (Tolerance(error=1e-4), ("far", "nan")), (Tolerance(psnr_db=40), ("nan",)):
-        assert [name for name, row in black.items() if parity.worst([row], tolerance)] == [*engines]
+    for tolerance, engines in (
+        (parity.TOLERANCES["fp32"], ["far", "nan"]),
+        (Tolerance(error=1e-4), ["doubled", "far", "nan"]),  # by PyTorch, which rounds as PyTorch does
+        (Tolerance(psnr_db=40), ["nan"]),
+    ):
+        assert [name for name, row in black.items() if parity.worst([row], tolerance)] == engines
     scene = [row for row in rows if row["engine"] == "far" and row["case"] == "drawn_0"]
     assert parity.worst(scene, Tolerance(error=1e-4)), "of scenes nothing is excused"
+
+
+@pytest.mark.parametrize(
+    ("own_error", "is_held"), [(0.0, True), (2e-4, True), (0.05, True), (0.06, False), (2.5, False)]
+)
+def test_low_precision_is_held_to_flat_frames_unless_float32_itself_is_as_far_off(own_error, is_held):
+    row = {"case": "grey", "max_error": 0.2, "psnr_db": 20.0, "own_error": own_error, "before_db": 0.0}
+    assert (parity.worst([row], parity.TOLERANCES["bf16"]) is not None) == is_held
+    assert parity.worst([row | {"case": "drawn"}], parity.TOLERANCES["bf16"]) is not None
 
 
 def test_a_file_that_corrects_nothing_is_told_however_small_corrections_are():
