@@ -18,7 +18,7 @@ from paper_methods import PLANES, SEEDS
 
 from lfref.bench import judging, timing
 from lfref.bench.accuracy import Row
-from lfref.data.sources import SimulatedSource
+from lfref.data.field_sources import SimulatedSource
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.scene import Camera

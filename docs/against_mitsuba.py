@@ -15,13 +15,13 @@ from torch import Tensor
 
 import lfref
 from lfref.functional.psnr import psnr
-from lfref.simulator.mitsuba import scenes
-from lfref.simulator.mitsuba.scenes import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
+from lfref.simulator import path_traced
+from lfref.simulator.path_traced import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
 from lfref.simulator.scene import Scene
 
 IS_INSTALLED = importlib.util.find_spec("mitsuba") is not None
 if IS_INSTALLED:
-    from lfref.simulator.mitsuba.world import World
+    from lfref.simulator.path_traced import World
 TWO_NOISES = 10 * math.log10(2)
 """Decibels by which two noisy pictures differ more from each other than each from what it should be."""
 
@@ -39,7 +39,7 @@ def table() -> Iterator[str]:
     """The least PSNR of views and truth of each scene, and of Mitsuba's pictures against others of its own."""
     yield "| scene | views, dB | apart from edges, dB | truth, disc, dB | truth, square, dB | Mitsuba's noise, dB |"
     yield "|---|---|---|---|---|---|"
-    for scene in (*SCENES, scenes.matte):
+    for scene in (*SCENES, path_traced.matte):
         views = _views(scene())
         values = [_least(psnr, *views), _least(apart_from_edges, *views)]
         values += _truth_decibels(scene) if scene in SCENES else ()

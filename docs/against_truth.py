@@ -17,7 +17,7 @@ from torch import Tensor
 import lfref
 from lfref.bench.subjects import IDEAL
 from lfref.bench.timing import FFT
-from lfref.report import causes as report_of_causes
+from lfref.report import bench_sections as report_of_causes
 from lfref.report import drawing, front, tables
 from lfref.simulator import sim30
 

@@ -12,18 +12,13 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 import lfref
-from lfref.simulator.effects.chromatic import Chromatic
-from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.exposure import Exposure
-from lfref.simulator.effects.misalignment import Misalignment
+from lfref.simulator.effects.displacement import Chromatic, Misalignment
 from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.noise import Noise as SensorNoise
-from lfref.simulator.effects.quantisation import Quantisation
+from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
-from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface

@@ -8,11 +8,11 @@ import pandas as pd
 import torch
 from matplotlib.figure import Figure
 
-from lfref.bench.stability import images
+from lfref.bench.stability import picture_trials
 from lfref.bench.stability import trials as trials_of
 from lfref.bench.stability.catalogue import Case, Demand
 from lfref.functional.psnr import inverse_psnr_of_mse
-from lfref.report import stability, tables, wording
+from lfref.report import stability_table, tables
 
 ROOT = Path(__file__).resolve().parents[1]
 RUN = ROOT / "runs" / "figures" / "stability"
@@ -45,7 +45,7 @@ def trials() -> Iterator[str]:
     yield ""
     yield "Of ours these do not hold:"
     yield ""
-    lost = rows[(rows["formulation"] == stability.OURS) & (rows["holds"] != "yes")]
+    lost = rows[(rows["formulation"] == stability_table.OURS) & (rows["holds"] != "yes")]
     said = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
     for (component, outcome), cases in said.groupby([lost["component"], lost["outcome"]], sort=False):
         yield f"- {component}: {outcome} ({', '.join(cases)})"
@@ -58,16 +58,18 @@ def departures() -> Iterator[str]:
     for decibel in DECIBELS:
         ours = float(inverse_psnr_of_mse(torch.tensor(10 ** (-decibel / 10), dtype=torch.float64)))
         paper = f"{1 / decibel:.5f}" if decibel else "infinite"
-        yield f"| {decibel:.4g} | {paper} | {ours:.5f} |".replace("-", wording.MINUS)
+        yield f"| {decibel:.4g} | {paper} | {ours:.5f} |".replace("-", tables.MINUS)
     ours = float(inverse_psnr_of_mse(torch.zeros((), dtype=torch.float64)))
     yield f"| infinite | 0, gradient not a number | {ours:.5f} |"
 
 
 def picture() -> Figure:
     """Trials of 1 - SSIM and of the loss in three precisions, on the cases that take no seconds and are not benign."""
-    components = [component for component in images.components() if component.name in SHOWN]
+    components = [component for component in picture_trials.components() if component.name in SHOWN]
     quick = [each._replace(cases=tuple(case for case in each.cases if _is_shown(case))) for each in components]
-    return stability.heat_map(pd.DataFrame(row for row in trials_of.trials(quick) if row["precision"] in PRECISIONS))
+    return stability_table.heat_map(
+        pd.DataFrame(row for row in trials_of.trials(quick) if row["precision"] in PRECISIONS)
+    )
 
 
 def _is_shown(case: Case) -> bool:
@@ -79,4 +81,4 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {"goals": goals, "trials": tria
 
 
 def _number(cell: str) -> str:
-    return cell and ("not finite" if cell == "nan" else wording.cell_for_people("measured", float(cell)))
+    return cell and ("not finite" if cell == "nan" else tables.cell_for_people("measured", float(cell)))

@@ -130,8 +130,7 @@ def _judged(scene: sim30.Scene, slopes: Tensor) -> Tensor:
 
 def paths() -> Iterator[str]:
     """Gain on views and pictures that Mitsuba traced, by scene and slope."""
-    from lfref.simulator.mitsuba.scenes import SCENES, SLOPES
-    from lfref.simulator.mitsuba.world import World
+    from lfref.simulator.path_traced import SCENES, SLOPES, World
 
     yield f"| scene | {' | '.join(f'slope {slope:g}' for slope in SLOPES)} |"
     yield f"|---|{'---|' * len(SLOPES)}"

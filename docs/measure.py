@@ -23,9 +23,9 @@ import scene_costs
 import torch
 import truths
 
-from lfref.data.labels import OperatorLabels
-from lfref.data.patches import cut
-from lfref.data.sources import SimulatedSource
+from lfref.data.field_sources import SimulatedSource
+from lfref.data.label_sources import OperatorLabels
+from lfref.data.patch_data import cut
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.fourier.slice import fourier_slice

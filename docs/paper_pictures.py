@@ -20,7 +20,7 @@ from paper_methods import BEST, CLASSICAL, NETWORKS, PLANES
 from torch import Tensor
 
 from lfref.bench.subjects import IDEAL
-from lfref.report import drawing, tables, wording
+from lfref.report import drawing, tables
 from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, ORANGE, RED, TEAL
 
 RUNS = ROOT / "runs" / "paper"
@@ -51,7 +51,7 @@ def scatter(runs: Path) -> Figure:
             of_it = points[(points["method"] == method) & (points["reference"] == reference)]
             look = {"color": COLOURS[method], "marker": "^" if method in NETWORKS else "o"}
             axes.plot(of_it["ssim"], of_it["psnr_db"], linestyle="", markersize=3.5, alpha=0.75, label=method, **look)
-        sheets.label(axes, wording.heading("mssim"), wording.heading("mpsnr_db"), title)
+        sheets.label(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), title)
     _legend(figure)
     return figure
 
@@ -65,7 +65,7 @@ def by_alpha(runs: Path) -> Figure:
     for axes, (column, title) in zip(figure.subplots(1, 2), columns.items(), strict=True):
         for method, colour in COLOURS.items():
             _draw_band(axes, rows[rows["method"] == method], column, colour)
-        sheets.label(axes, wording.heading("alpha"), "", title)
+        sheets.label(axes, tables.heading("alpha"), "", title)
     _legend(figure)
     return figure
 

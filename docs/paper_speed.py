@@ -18,9 +18,9 @@ from paper_methods import CLASSICAL, PLANES
 from torch import Tensor
 
 import lfref
-from lfref.bench import machine, numpy_baselines, timing
+from lfref.bench import numpy_baselines, timing
 from lfref.cli import config as configs
-from lfref.data.sources import SimulatedSource
+from lfref.data.field_sources import SimulatedSource
 from lfref.io import atomic, write
 from lfref.lightfield import LightField
 from lfref.refocuser.networks import NetworkRefocuser
@@ -53,7 +53,7 @@ def kept(path: Path, size: tuple[int, int]) -> Speed:
     """
     if not path.exists():
         tables.write_table(path, measured(size))
-        facts = machine.facts(torch.device("cpu")) | {"size": "x".join(map(str, size))}
+        facts = timing.facts(torch.device("cpu")) | {"size": "x".join(map(str, size))}
         atomic.write_text(path.with_suffix(".json"), json.dumps(facts, indent=2) + "\n")
     return Speed(tables.read_table(path), json.loads(path.with_suffix(".json").read_text()))
 

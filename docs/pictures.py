@@ -30,16 +30,16 @@ import lfref
 from lfref import geometry
 from lfref.io import images
 from lfref.refocus import apertures
-from lfref.refocus.anywhere.homography import plane_homographies
 from lfref.refocus.focus.all_in_focus import index_to_slope
+from lfref.refocus.homography import plane_homographies
 from lfref.refocus.shift.shift_and_sum import coverage
-from lfref.report import drawing, focus, pictures, wording
+from lfref.report import drawing, pictures, results, tables
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 CAPTURE = ROOT / "runs" / "figures" / "capture"
 DEPTH: dict[str, Any] = {"cmap": "viridis", "vmin": scenes.FAR, "vmax": scenes.NEAR}
-ALPHA = wording.heading("alpha")
+ALPHA = tables.heading("alpha")
 SLOPE_LABEL = "slope, px per view step"
 
 
@@ -240,7 +240,7 @@ def capture(path: Path, folder: Path) -> None:
     image, index, confidence = lfref.all_in_focus(stack)
     drawing.save_figure(sweep, folder / "focal_sweep.png")
     images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
-    figure = focus.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
+    figure = results.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
     drawing.save_figure(figure, folder / "focus_index.png")
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from lfref.bench import engines as measurements
-from lfref.report import engines as picture
-from lfref.report import tables, wording
+from lfref.bench import engine_timing as measurements
+from lfref.report import bench_sections as picture
+from lfref.report import tables
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "engines"
 SHOWN = ["engine", "precision", "ratio_to_eager", "min_s", "start_s", "extra_bytes", "loss_db", "agreement_db"]
@@ -21,10 +21,10 @@ def engines() -> Iterator[str]:
     yield "![Speed of every engine, and what it costs in accuracy](pictures/engines.png)"
     for subject, group in rows[rows["min_s"].notna()].groupby("subject", sort=False):
         yield ""
-        yield f"| {subject} | " + " | ".join(wording.heading(column) for column in SHOWN[1:]) + " |"
+        yield f"| {subject} | " + " | ".join(tables.heading(column) for column in SHOWN[1:]) + " |"
         yield "|---" * len(SHOWN) + "|"
         for row in group.sort_values("ratio_to_eager", ascending=False, kind="stable").to_dict("records"):
-            yield f"| {' | '.join(wording.cell_for_people(column, row[column]) for column in SHOWN)} |"
+            yield f"| {' | '.join(tables.cell_for_people(column, row[column]) for column in SHOWN)} |"
     yield ""
     for row in measurements.fastest(rows).itertuples():
         yield f"**{row.subject}** runs best on {row.engine} in {row.precision}: {row.ratio_to_eager:.1f} times faster"

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from lfref.bench import machine
+from lfref.bench import timing
+from lfref.cli import inputs
 from lfref.cli import main as commands
-from lfref.cli import several
 from lfref.geometry import planes_at_alphas
 from lfref.io import images
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -81,7 +81,7 @@ def alone(given: Path, output: Path) -> None:
                 made = step(name, made)
                 taken.append(time.perf_counter() - start)
 
-    several.each = each
+    inputs.each = each
     sys.argv = ["lfref", "refocus", str(given), f"output={output}", *WORDS]
     commands.main()
     # The first one compiles.
@@ -195,7 +195,7 @@ def main() -> None:
         folder = Path(name)
         found: dict[str, Any] = {"fields_per_second": in_memory()}
         found |= streamed(captures(folder), folder) | large(folder)
-    facts = machine.facts(torch.device("cpu"))
+    facts = timing.facts(torch.device("cpu"))
     RUN.mkdir(parents=True, exist_ok=True)
     found |= {"processor": facts["processor"], "threads": facts["threads"], "cores": os.cpu_count()}
     (RUN / "scale.json").write_text(json.dumps(found, indent=1))

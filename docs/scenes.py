@@ -13,8 +13,8 @@ from torch import Tensor
 
 import lfref
 from lfref import geometry
-from lfref.refocus.anywhere.homography import Cameras
-from lfref.simulator import finer
+from lfref.refocus.homography import Cameras
+from lfref.simulator import simulate
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc, Polygon
 from lfref.simulator.scene import Camera, Scene, Surface
@@ -121,7 +121,7 @@ def page_plane() -> Tensor:
 def small_print(disparity: float) -> tuple[Tensor, Tensor]:
     """Print too small for a view: views [7, 7, 3, H, W], and the middle one with pixels half as large."""
     scene = Scene(Camera(GRID, (56, 88), samples=2), (Surface(Plane(disparity), _page(SMALL, (96, 64), 5.5)),))
-    fine = lfref.simulate(finer.finer(scene, 2), outputs=("all_in_focus",)).all_in_focus
+    fine = lfref.simulate(simulate.finer(scene, 2), outputs=("all_in_focus",)).all_in_focus
     return lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views, fine
 
 

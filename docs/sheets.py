@@ -16,7 +16,7 @@ from torch import Tensor
 
 from lfref.functional.psnr import psnr
 from lfref.io import atomic
-from lfref.report import drawing, pictures, wording
+from lfref.report import drawing, pictures, tables
 
 WIDTH = 6.0  # inches
 BAR_WIDTH = 0.75
@@ -66,12 +66,12 @@ def error(title: str, image: Tensor, truth: Tensor) -> tuple[str, Tensor]:
 def decibels(image: Tensor, truth: Tensor) -> str:
     """PSNR as it is written."""
     value = float(psnr(image, truth))
-    return f"{value:.0f} dB" if value < wording.CAP_DB else f"≥ {wording.CAP_DB:.0f} dB"
+    return f"{value:.0f} dB" if value < tables.CAP_DB else f"≥ {tables.CAP_DB:.0f} dB"
 
 
 def at(slope: float) -> str:
     """A slope as it is written."""
-    return f"s = {slope:+.3g}".replace("-", wording.MINUS) if slope else "s = 0"
+    return f"s = {slope:+.3g}".replace("-", tables.MINUS) if slope else "s = 0"
 
 
 def label(axes: Axes, x: str, y: str, title: str = "") -> None:

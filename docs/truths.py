@@ -12,12 +12,10 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 import lfref
-from lfref.simulator import planner, sim30
+from lfref.simulator import bitmaps, planner, sim30, truth
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.lens import truth
 from lfref.simulator.mattes import Leaf, Twigs
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Noise

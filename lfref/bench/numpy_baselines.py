@@ -1,7 +1,7 @@
 """Refocusing in plain NumPy, as one would write it without this package: what the operators' speed is compared with.
 
 Letters: `u v` view column and row, `k` frequency in cycles per pixel, `M` padded angular size, `W` kernel width.
-Sources: Ng, "Fourier Slice Photography", 2005; Beatty et al., 2005, for the kernel (`lfref.refocus.fourier.gridding`).
+Sources: Ng, "Fourier Slice Photography", 2005; Beatty et al., 2005, for the kernel (`lfref.refocus.fourier.slice`).
 """
 
 import math

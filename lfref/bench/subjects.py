@@ -15,18 +15,17 @@ import torch
 from torch import Tensor
 
 from lfref.bench.quality import Shown
-from lfref.captures.asked import AUTO, as_asked
+from lfref.captures.correct import AUTO, as_asked
 from lfref.encoding import LINEAR, Encoding
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Aperture, Refocuser
-from lfref.simulator.developed import developed
+from lfref.simulator.developed import developed, white_picture
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import simulate
-from lfref.simulator.white_picture import white_picture
 
 IDEAL, SENSOR, CORRECTED, GIVEN = "ideal", "sensor", "corrected", "given"
 """Classes: scenes without and with a sensor's effects, the latter put right, light fields without a truth."""

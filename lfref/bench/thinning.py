@@ -29,7 +29,7 @@ from lfref.bench.subjects import EXACT, Subject
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
-from lfref.refocus.focus.disparity_range import disparity_range
+from lfref.refocus.disparity.disparity_range import disparity_range
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift import through_cells
 from lfref.refocuser.operators import OperatorRefocuser

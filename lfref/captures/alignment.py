@@ -11,9 +11,8 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from lfref.captures import explained, resampled
-from lfref.captures.correction import Correction
-from lfref.captures.evidence import Evidence
+from lfref.captures import registration, resampling
+from lfref.captures.defect import Correction, Evidence
 from lfref.captures.registration import Registration, registered
 from lfref.lightfield import LightField
 
@@ -56,9 +55,9 @@ class Alignment:
 
     def corrected(self, field: LightField) -> LightField:
         """Views where they belong."""
-        rows, columns = resampled.centred(field.size)
+        rows, columns = resampling.centred(field.size)
         down, right = self.shifts[:, :, None, None].unbind(-1)
-        return resampled.moved(field, rows + down, columns + right)
+        return resampling.moved(field, rows + down, columns + right)
 
 
 def find(evidence: Evidence) -> Alignment:
@@ -80,8 +79,8 @@ def find(evidence: Evidence) -> Alignment:
 def _with_linear(found: Registration) -> Tensor:
     """Shifts with their parts linear in the place, across rows and columns, where these are like the others in size."""
     without = found.solved.shifts
-    free = found.again(explained.proportional(found.places)).shifts
-    modes = explained.linear(found.places)
+    free = found.again(registration.proportional(found.places)).shifts
+    modes = registration.linear(found.places)
     linear = modes.mT @ free.flatten()
     usual = float(without.square().mean().sqrt())
     return free if float(linear.abs().max()) < USUAL * usual else without
@@ -89,7 +88,7 @@ def _with_linear(found: Registration) -> Tensor:
 
 def _error(found: Registration) -> float:
     """Standard error of shifts, from how far quarters of the picture disagree."""
-    modes = explained.linear(found.places)
+    modes = registration.linear(found.places)
     each = torch.stack([found.again(modes, quarter).shifts for quarter in found.quarters()])
     return float(each.var(0).mean().sqrt() / len(each) ** 0.5)
 

@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.captures.correction import Correction
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Correction, Evidence
 from lfref.lightfield import LightField
 
 NO_LIGHT = 0.05  # of the light of most views: a view below is black

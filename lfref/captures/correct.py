@@ -8,12 +8,34 @@ from typing import Any
 
 import torch
 
-from lfref.captures.correction import Finding
-from lfref.captures.corrections import CORRECTIONS
-from lfref.captures.evidence import Evidence, shape_told
+from lfref.captures.alignment import ALIGNMENT
+from lfref.captures.black_views import BLACK_VIEWS
+from lfref.captures.chromatic import CHROMATIC
+from lfref.captures.defect import Correction, Evidence, Finding, shape_told
+from lfref.captures.exposure import EXPOSURE
+from lfref.captures.hot_pixels import HOT_PIXELS
+from lfref.captures.noise import NOISE
+from lfref.captures.spacing import SPACING, Spacing
+from lfref.captures.vignetting import VIGNETTING
 from lfref.errors import FileError, InputError
-from lfref.io import tensors
+from lfref.io import tensor_files
 from lfref.lightfield import LightField
+
+# PART corrections
+# The defects that are looked for, in the order in which they are taken off: the reverse of the light's way.
+
+CORRECTIONS: tuple[Correction, ...] = (
+    HOT_PIXELS,
+    BLACK_VIEWS,
+    VIGNETTING,
+    EXPOSURE,
+    CHROMATIC,
+    ALIGNMENT,
+    SPACING,
+    NOISE,
+)
+"""Each is looked for in the field that those before it have put right; noise is told and never taken off."""
+
 
 SMALLEST = 32
 """Pixels along the shorter side of views in which defects are looked for."""
@@ -82,7 +104,7 @@ class Corrections:
             FileError: It cannot be written.
         """
         found = {finding.name: _plain(finding) for finding in self.findings if finding.inert() is None}
-        tensors.write(path, {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": found})
+        tensor_files.write(path, {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": found})
 
     def _made(self) -> list[Finding]:
         return [finding for finding in self.findings if finding.inert() is None and finding.name not in self.left]
@@ -198,3 +220,34 @@ def _plain(finding: Finding) -> dict[str, Any]:
 def _told(finding: Finding) -> str:
     reason = finding.inert()
     return f"corrected: {finding.told()}" if reason is None else f"left: {reason}"
+
+
+# PART asked
+# Light fields as somebody wants them: put right, left as they are, or corrected by what another capture showed.
+
+AUTO, NONE = "auto", "none"
+
+
+def as_asked(
+    field: LightField, wanted: str, white: LightField | None = None, even: str | None = None
+) -> tuple[LightField, Corrections | None]:
+    """A light field as it is to be used, and what was corrected; None where nothing was looked for.
+
+    Args:
+        field: As it was read.
+        wanted: `auto`, `none`, or a file that `Corrections.save` wrote.
+        white: A picture of a white scene by the same camera.
+        even: Why cameras must stay on an even grid, so that their spacing is told and not corrected; None: they need
+            not.
+
+    Raises:
+        InputError: A white picture or corrections of another grid or size.
+        FileError: The file of corrections cannot be read.
+    """
+    if wanted == NONE:
+        return field, None
+    made, found = correct(field, white, None if wanted == AUTO else wanted)
+    if even is None or made.positions is field.positions:
+        return made, found
+    found = found.leaving({Spacing.name: f"{found[Spacing.name].told()}, but {even}"})
+    return dataclasses.replace(made, positions=field.positions), found

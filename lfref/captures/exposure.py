@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 
 from lfref.captures.brightness import Ratios
-from lfref.captures.correction import Correction
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Correction, Evidence
 from lfref.lightfield import LightField
 
 SURE = 6.0  # standard errors

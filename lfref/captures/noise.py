@@ -7,8 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lfref.captures.correction import Correction
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Correction, Evidence
 from lfref.functional import noise_line
 from lfref.lightfield import LightField
 

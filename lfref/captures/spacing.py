@@ -12,11 +12,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from lfref.captures import fitted
-from lfref.captures.correction import Correction
-from lfref.captures.displacements import FAINT
-from lfref.captures.evidence import Evidence
-from lfref.captures.fitted import Fitted
+from lfref.captures import displacements
+from lfref.captures.defect import Correction, Evidence
+from lfref.captures.displacements import FAINT, Fitted
 from lfref.captures.registration import Registration, places_of, registered
 from lfref.lightfield import LightField
 
@@ -86,7 +84,7 @@ def _fit(found: Registration, chosen: Tensor) -> tuple[Fitted, float]:
     model = torch.stack([torch.ones_like(mean), mean], -1)[:, None]
     prior = torch.tensor([1 / _chance(found) ** 2, 1 / LIKELY**2], dtype=mean.dtype)
     difference = disparities[:, 0] - disparities[:, 1]
-    fit = fitted.fitted(model, difference[:, None], 1 / variance[:, None, None], prior)
+    fit = displacements.fitted(model, difference[:, None], 1 / variance[:, None, None], prior)
     excess = float(fit.values[1])
     return fit, 1 + excess / (1 - float(share[:, 0].mean()) * excess)
 

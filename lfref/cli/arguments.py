@@ -10,9 +10,38 @@ from typing import Any
 
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.types import Quote, QuotedString
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
-from lfref.cli import config, leaving, sweeps
+from lfref.cli import config, exit_codes
 from lfref.errors import InputError
+
+# PART sweeps
+# Ablations as one file for two runners: `sweeps/NAME.yaml` is a wandb sweep, and Hydra's multirun reads it too.
+#
+# `lfref train --multirun +sweep=NAME` becomes one override a parameter, `key=a,b,c`, before Hydra sees the line.
+
+
+def overrides(name: str, folder: Path) -> list[str]:
+    """Hydra overrides `key=a,b,c` of a sweep.
+
+    Args:
+        name: Stem of its file.
+        folder: Where the sweeps lie.
+
+    Raises:
+        InputError: No such sweep, or a file that is none.
+    """
+    known = sorted(path.stem for path in folder.glob("*.yaml"))
+    if name not in known:
+        raise InputError(f"sweep must be one of {', '.join(known)}", got=repr(name))
+    try:
+        parameters: Any = OmegaConf.to_container(OmegaConf.load(folder / f"{name}.yaml"))
+        return [f"{key}={','.join(map(str, entry['values']))}" for key, entry in parameters["parameters"].items()]
+    except (KeyError, TypeError, AttributeError, YAMLError, OmegaConfBaseException) as error:
+        raise InputError(f"sweep {name} must hold parameters with a list of values each", got=error) from error
+
 
 INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "film", "eval", "bench"), "input")
 """What a path is to a command."""
@@ -63,7 +92,7 @@ def options(command: str, words: list[str]) -> dict[str, Any]:
         InputError: An option that lfref does not have.
     """
     parser = get_args_parser()
-    setattr(parser, "error", partial(leaving.fail, command, status=2))  # noqa: B010
+    setattr(parser, "error", partial(exit_codes.fail, command, status=2))  # noqa: B010
     given = vars(parser.parse_intermixed_args(words))
     for name in REFUSED:
         if given[name] is not None:
@@ -100,5 +129,5 @@ def _expanded(command: str, word: str, before: list[str], is_multirun: bool) -> 
     if key.removeprefix("+") == "sweep":
         if not is_multirun:
             raise InputError("a sweep needs --multirun", got=word, remedy="lfref train --multirun +sweep=NAME")
-        return sweeps.overrides(value, config.directory("sweeps"))
+        return overrides(value, config.directory("sweeps"))
     return [full for form in SHORTHANDS.get(key, [word]) if (full := form.replace("{}", value)) not in before]

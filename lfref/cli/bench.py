@@ -1,23 +1,493 @@
 """`lfref bench`: measurements in groups, such as accuracy against time; `group=NAME` chooses one."""
 
-from collections.abc import Callable
+import functools
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+import pandas as pd
+import torch
 from omegaconf import DictConfig
 
-from lfref.cli.benches.causes import causes
-from lfref.cli.benches.engines import engines
-from lfref.cli.benches.front import front
-from lfref.cli.benches.operators import operators
-from lfref.cli.benches.simulate import simulate
-from lfref.cli.benches.stability import stability
-from lfref.cli.command import command
-from lfref.errors import chosen
+from lfref.bench import cost, engine_timing, judging, scaling, simulation_cost, subjects, thinning, timing
+from lfref.bench import engine_timing as measurements_of_engines
+from lfref.bench import error_causes as measurements
+from lfref.bench.accuracy import Row
+from lfref.bench.cost import Case, shift_and_sum_limits
+from lfref.bench.engine_timing import Fields, Subject
+from lfref.bench.error_causes import Plan
+from lfref.bench.scaling import Scales, Size
+from lfref.bench.stability import behaviours, model_trials, picture_trials, trials
+from lfref.bench.stability.trials import Component
+from lfref.bench.subjects import CORRECTIONS
+from lfref.bench.subjects import Subject as FrontSubject
+from lfref.captures.correct import as_asked
+from lfref.cli import config as configs
+from lfref.cli import inputs
+from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.refocusing import fixed
+from lfref.data.field_sources import SimulatedSource
+from lfref.engines.engine import Run
+from lfref.errors import InputError, chosen
+from lfref.geometry import FocalPlanes
+from lfref.io import atomic
+from lfref.lightfield import LightField
+from lfref.nets import checkpoint
+from lfref.refocuser.load import load
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.refocuser import Refocuser, name_apart
+from lfref.report import bench_sections, drawing, page, plots, sections, tables
+from lfref.report import bench_sections as picture
+from lfref.report import bench_sections as pictures
+from lfref.report import front as picture_of_front
+from lfref.report import stability_table as pictures_of_stability
+from lfref.simulator import sim30
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import RandomScenes, Scenes
+
+# PART shared
+# What the groups of `lfref bench` share: their light fields, and a note of what they were measured on.
+
+
+class Rounds(NamedTuple):
+    """How often everything is run."""
+
+    counted: int
+    warmup: int
+
+    @property
+    def all(self) -> range:
+        """One number a round, the warm-up first."""
+        return range(self.warmup + self.counted)
+
+
+def rounds_of_shared(config: DictConfig, counted: str = "repeats") -> Rounds:
+    """The rounds that a configuration asks for.
+
+    Args:
+        config: Where they stand.
+        counted: Under which name.
+
+    Raises:
+        InputError: They are no numbers, or too small.
+    """
+    return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
+
+
+def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> list[LightField]:
+    """The light fields given, or simulated ones of the paper's size, for these to refocus."""
+    if config.input is not None:
+        return [inputs.read(path, config, refocusers) for path in inputs.find(config)]
+    source: SimulatedSource = configs.build(config.source)
+    return [source.field(index) for index in range(len(source))]
+
+
+def scenes_of_shared(names: DictConfig | None) -> dict[str, Scene]:
+    """Test scenes of sim30 by name; null takes all thirty.
+
+    Args:
+        names: A list of them, or null.
+
+    Raises:
+        InputError: There is no such scene.
+    """
+    wanted = list(sim30.SCENES) if names is None else list(configs.plain(names))
+    return {name: chosen("sim30 scene", name, sim30.SCENES) for name in wanted}
+
+
+def write_facts(
+    folder: Path,
+    device: torch.device,
+    fields: Sequence[LightField],
+    planes: FocalPlanes,
+    counted: int,
+    **more: object,
+) -> None:
+    """Write `machine.json`: machine, libraries, threads, and what was measured how often.
+
+    Args:
+        folder: The run folder.
+        device: Where the work was done.
+        fields: What was refocused.
+        planes: To which planes.
+        counted: Runs that counted.
+        **more: Further facts, by name.
+    """
+    facts = timing.facts(device) | {
+        "light_fields": ", ".join(field.name for field in fields),
+        "views": ", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
+        "planes": len(planes),
+        "repeats": counted,
+        **more,
+    }
+    atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
+
+
+# PART causes
+# Group `causes`: where the decibels are, what each cause of error costs alone, and what each remedy wins back.
+
+
+def causes(config: DictConfig, folder: Path) -> None:
+    """Write `causes.csv`, `causes_by_plane.csv`, `causes_by_scene.csv`, `machine.json` and `causes.png`; see the docs.
+
+    Args:
+        config: `conf/bench.yaml` with `group=causes`.
+        folder: The run folder.
+    """
+    device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
+    grids = tuple(int(n) for n in configs.plain(config.grids))
+    plan = Plan(fixed(config), margin, configs.build(config.sensor), grids, device)
+    remedies = list(configs.build(config.remedies).values())
+    name_apart(remedies)
+    scenes = scenes_of_shared(config.judged)
+    measured = pd.DataFrame(measurements.rows(progress(list(scenes.values()), "telling causes apart"), remedies, plan))
+    by_plane = measurements.summary(measured, "alpha", "slope")
+    written = {"causes": measurements.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
+    for name, table in written.items():
+        tables.write_table(folder / f"{name}.csv", table)
+    drawing.save_figure(picture.causes(by_plane), folder / "causes.png")
+    write_facts(folder, device, [], plan.planes, 1, sim30=sim30.VERSION, scenes=len(scenes), margin=margin)
+    log.info("%d causes in %d scenes: %s", measured["cause"].nunique(), len(scenes), folder / "causes.csv")
+
+
+# PART engines
+# Group `engines`: which runtime runs a network fastest on this machine, and what accuracy and memory that costs.
+
+PACKAGES = ("onnxruntime", "openvino", "nncf")
+Make = Callable[..., Subject]
+"""(fields=..., device=...) -> a network and what it is measured on."""
+
+
+def engines(config: DictConfig, folder: Path) -> None:
+    """Write `engines.csv`, `passes.csv`, `machine.json` and `engines.png`; see the docs.
+
+    Args:
+        config: `conf/bench.yaml` with `group=engines`.
+        folder: The run folder.
+    """
+    device = device_of(config.device)
+    choices = measurements_of_engines.choices(configs.plain(config.engines), configs.plain(config.precisions))
+    # Whatever is wrong with the words is told before scenes are drawn.
+    kinds = {name: chosen("subjects", name, SUBJECTS) for name in configs.plain(config.subjects)}
+    if not kinds:
+        raise InputError(f"subjects must be some of {', '.join(SUBJECTS)}", got="none")
+    repeats = {name: int(configs.number(config.passes, name, 1)) for name in kinds}
+    makers = {name: kind(config) for name, kind in kinds.items()}
+    fields = _fields(config)
+    found = [
+        _measured(make(fields=fields, device=device), choices, repeats[name])
+        for name, of_kind in makers.items()
+        for make in of_kind
+    ]
+    starts, passed = (pd.concat(parts) for parts in zip(*found, strict=True))
+    table = measurements_of_engines.summary(passed, starts)
+    for name, rows in {"engines": table, "passes": passed}.items():
+        tables.write_table(folder / f"{name}.csv", rows)
+    drawing.save_figure(picture.engines(table), folder / "engines.png")
+    packages = {package: timing.version(package) for package in PACKAGES}
+    write_facts(folder, device, fields.whole, fixed(config), max(repeats.values()), passes=repeats, **packages)
+    for row in measurements_of_engines.fastest(table).itertuples():
+        log.info("%s: %s in %s is %.1f times faster", row.subject, row.engine, row.precision, row.ratio_to_eager)
+    log.info("%d engines and precisions: %s", len(choices), folder / "engines.csv")
+
+
+def _fields(config: DictConfig) -> Fields:
+    """Light fields of the size that times are told of, and small ones of other scenes."""
+    source: SimulatedSource = configs.build(config.source)
+    small: SimulatedSource = configs.build(config.calibration)
+    numbers = range(int(configs.number(config, "n_scenes", 1)))
+    whole = [source.field(index) for index in progress(numbers, "drawing scenes")]
+    return Fields(whole, [small.field(index) for index in range(len(small))])
+
+
+def _networks(config: DictConfig) -> Sequence[Make]:
+    """The checkpoints, or the network of the configuration without training."""
+    trained, planes = [load(path) for path in paths(configs.plain(config.checkpoint))], fixed(config)
+    if not trained:
+        torch.manual_seed(0)
+        network = configs.build(config.net)
+        checkpoint.check_number(network, planes)
+        return [functools.partial(engine_timing.of_network, network.name, network, planes=planes, is_trained=False)]
+    name_apart(trained)
+    return [_trained(each, planes) for each in trained]
+
+
+def _trained(trained: Refocuser, planes: FocalPlanes) -> Make:
+    if not isinstance(trained, NetworkRefocuser):
+        remedy = "give refiner_checkpoint=RUN"
+        raise InputError("checkpoint must be of a network that reads views", got=trained.name, remedy=remedy)
+    its_own, network = trained.planes or planes, trained.network
+    return functools.partial(engine_timing.of_network, trained.name, network, planes=its_own, is_trained=True)
+
+
+def _refiners(config: DictConfig) -> Sequence[Make]:
+    """The refiner that ships, or another one."""
+    trained = load(config.refiner_checkpoint)
+    if not isinstance(trained, RefinedRefocuser):
+        remedy = "give checkpoint=RUN"
+        raise InputError("refiner_checkpoint must be of a refiner", got=trained.name, remedy=remedy)
+    return [functools.partial(engine_timing.of_refiner, trained, planes=fixed(config))]
+
+
+SUBJECTS: dict[str, Callable[[DictConfig], Sequence[Make]]] = {"network": _networks, "refiner": _refiners}
+"""What engines can be measured on."""
+
+
+def _measured(subject: Subject, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """How engines start, and how they pass; what they hold is gone afterwards."""
+    runs: dict[tuple[str, str], Run] = {}
+    starts: list[Row] = []
+    for engine, precision in progress(choices, f"{subject.name}: getting ready"):
+        row: Row = {"subject": subject.name, "engine": engine, "precision": precision}
+        try:
+            made = measurements_of_engines.ready(subject, engine, precision)
+            runs[engine, precision] = made.run
+            row |= {"start_s": made.start_s, "extra_bytes": made.extra_bytes}
+        except InputError as error:
+            log.info("%s %s is left out: %s", engine, precision, error)
+            row |= {"skipped": str(error)}
+        starts.append(row)
+    rounds = progress(range(repeats), f"{subject.name}: passes of {len(runs)} engines")
+    return pd.DataFrame(starts), pd.DataFrame(measurements_of_engines.passes(subject, runs, rounds))
+
+
+# PART front
+# Group `front`: accuracy against time of every operator setting and every checkpoint, judged by truth.
+
+HELD_OUT = 2_000_003
+"""Seed of the scenes drawn at random."""
+TIMES = ["median_s", "p10_s", "p90_s", "ratio_to_numpy_fft"]
+
+
+def front(config: DictConfig, folder: Path) -> None:
+    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `judged.csv`, `machine.json` and two pictures; see the docs.
+
+    Args:
+        config: `conf/bench.yaml` with `group=front`.
+        folder: The run folder.
+    """
+    device, rounds = device_of(config.device), rounds_of_shared(config)
+    margin = int(configs.number(config, "margin", 0))
+    planes = fixed(config)
+    methods = _methods(config, device)
+    judges, fields = _judges(config, methods, planes, device)
+    judged = pd.DataFrame(judging.rows(judges, methods, planes, margin))
+    cases = [Case(method, field) for field in fields for method in methods]
+    times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
+    bench = times[TIMES].reset_index().drop(columns="input").merge(judging.by_class(judged), "left", "method")
+    by_plane = judging.by_plane(judged)
+    written = {"bench": bench, "scenes": judging.by_scene(judged), "planes": by_plane, "judged": judged}
+    for name, table in written.items():
+        tables.write_table(folder / f"{name}.csv", table)
+    drawing.save_figure(picture_of_front.accuracy_time(bench), folder / "accuracy_time.png")
+    drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
+    write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
+    log.info("%d methods on %d scenes: %s", len(methods), judged["scene"].nunique(), folder / "bench.csv")
+
+
+def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
+    networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
+    methods = [*(method.to(device) for method in configs.build(config.methods).values()), *networks]
+    name_apart(methods)
+    return methods
+
+
+def _judges(
+    config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
+) -> tuple[Iterable[FrontSubject], list[LightField]]:
+    """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
+    if config.input is None:
+        scenes = [*scenes_of_shared(config.judged).values(), *_varied(config)]
+        if not scenes:
+            raise InputError("there must be scenes to judge by", got="none", remedy="name some by judged or varied")
+        fields = [field.to(device) for field in light_fields(config, methods)]
+        chosen("correct", config.correct, CORRECTIONS)
+        return subjects.simulated(progress(scenes, "judging by truth"), planes.slopes, device, config.correct), fields
+    judges = list(_of_captures(config, methods, planes, device))
+    return progress(judges, f"judging by {judges[0].reference}"), [judge.light for judge in judges]
+
+
+def _varied(config: DictConfig) -> list[Scene]:
+    """Scenes drawn at random; sets of planes are drawn from other seeds, so that no network has seen them."""
+    held_out: RandomScenes = configs.build(config.held_out)
+    return [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
+
+
+def _of_captures(
+    config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
+) -> Iterator[FrontSubject]:
+    """Light fields that are given, every second or third view of them if that is asked for."""
+    read = light_fields(config, methods if config.thin is None else ())
+    even = "methods are compared on an even grid"
+    fields = (as_asked(field, str(config.correct), even=even)[0].to(device) for field in read)
+    if config.thin is None:
+        log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
+        return subjects.given(fields, planes.slopes)
+    return thinning.thinned(fields, int(configs.number(config, "thin", 2)), planes.slopes)
+
+
+# PART operators
+# Group `operators`: what every operator costs on one light field, in time and memory, and how time grows.
+
+
+def time_operators(config: DictConfig, folder: Path) -> None:
+    """Write `operators.csv`, `scaling.csv`, `exponents.csv`, `machine.json`, `operators.png` and `scaling.png`.
+
+    Args:
+        config: `conf/bench.yaml` with `group=operators`.
+        folder: The run folder.
+    """
+    device, rounds = device_of(config.device), rounds_of_shared(config)
+    scale_rounds = rounds_of_shared(config, "scale_repeats")
+    planes = fixed(config)
+    scales: Scales = configs.build(config.scales)
+    in_numpy: dict[str, str] = configs.plain(config.in_numpy)
+    field = _only_field(config).to(device)
+    sizes = scales.sizes(Size(field.grid, field.size, len(planes)))
+    cases = list(_cases(config, field, set(in_numpy.values())))
+    rows = _costs(cases, planes, rounds, in_numpy)
+    methods = {case.method.name: case.method for case in cases if case.method.name not in in_numpy.values()}
+    views = functools.partial(scaling.random_views, channels=field.views.shape[2], device=device)
+    growth = scaling.times(progress(list(methods.values()), "measuring growth"), sizes, views, *scale_rounds)
+    _write(folder, rows, growth)
+    limits = shift_and_sum_limits(field.views, len(planes))
+    write_facts(folder, device, [field], planes, rounds.counted, shift_and_sum_limits=limits._asdict())
+    log.info("%d operators on %s: %s", len(cases), field.name, folder / "operators.csv")
+
+
+def _only_field(config: DictConfig) -> LightField:
+    fields = light_fields(config)
+    if len(fields) != 1:
+        raise InputError("this group measures one light field", got=len(fields), remedy="give input=LIGHT_FIELD")
+    return fields[0]
+
+
+def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[Case]:
+    """Every method on the field, as it is and, where asked for, as integers; sample weights are left out."""
+    for method in configs.build(config.methods).values():
+        views = field.views.cpu() if method.name in on_cpu else field.views
+        has_planes_asked_for = method.name not in config.other_planes
+        yield Case(method, views, has_planes_asked_for)
+        if method.name in config.integer_input:
+            yield Case(method, cost.as_integers(views), has_planes_asked_for)
+
+
+def _costs(cases: list[Case], planes: FocalPlanes, rounds: Rounds, in_numpy: dict[str, str]) -> pd.DataFrame:
+    first = cost.first_calls(progress(cases, "first calls"), planes.slopes, ("psnr_db", "max_error"))
+    times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup, in_numpy)
+    peaks = cost.peaks(progress(cases, "measuring memory"), planes.slopes)
+    return cost.table(cost.OPERATORS, cost.facts(cases, len(planes)), first, times, peaks)
+
+
+def _write(folder: Path, operators: pd.DataFrame, growth: pd.DataFrame) -> None:
+    exponents = scaling.exponents(growth)
+    for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
+        tables.write_table(folder / f"{name}.csv", table)
+    drawing.save_figure(bench_sections.operator_costs(operators), folder / "operators.png")
+    drawing.save_figure(bench_sections.growth(growth, exponents), folder / "scaling.png")
+
+
+# PART simulate
+# Group `simulate`: what simulating costs by scene and by pass, and how far refocused views are from the truth.
+
+
+def simulate(config: DictConfig, folder: Path) -> None:
+    """Write `simulate.csv`, `passes.csv`, `rates.csv`, `truth.csv`, `alphas.csv` and their picture; see the docs.
+
+    Args:
+        config: `conf/bench.yaml` with `group=simulate`.
+        folder: The run folder.
+    """
+    device, rounds = device_of(config.device), rounds_of_shared(config)
+    planes = fixed(config)
+    classes, judged = scenes_of_shared(config.classes), scenes_of_shared(config.judged)
+    patches: Scenes = configs.build(config.patches)
+    n_patches = int(configs.number(config, "n_patches", 1))
+    n_workers = torch.get_num_threads() if device.type == "cpu" else 0
+    methods = list(configs.build(config.methods).values())
+    costs = simulation_cost.costs(
+        classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup
+    )
+    distances = simulation_cost.distances(progress(list(judged.items()), "photographing"), methods, planes, device)
+    by_plane = simulation_cost.by_plane(distances)
+    written = {
+        "simulate": costs,
+        "passes": simulation_cost.passes(classes, planes.slopes, device),
+        "rates": simulation_cost.rates(patches, n_patches, planes.slopes, device, n_workers),
+        "truth": distances,
+        "alphas": by_plane,
+    }
+    if config.n_points is not None:
+        n_points, scenes = int(configs.number(config, "n_points", 1)), progress(list(judged.items()), "brute force")
+        written["aperture"] = simulation_cost.aperture_errors(scenes, planes, n_points, device)
+    for name, rows in written.items():
+        tables.write_table(folder / f"{name}.csv", rows)
+    drawing.save_figure(pictures.costs_and_distances(pd.DataFrame(costs), by_plane), folder / "simulate.png")
+    write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
+    log.info("%d classes of scenes, %d scenes judged: %s", len(classes), len(judged), folder / "simulate.csv")
+
+
+# PART stability
+# Group `stability`: the catalogue of hard cases over every component and precision, ours beside the usual forms.
+
+PARTS: dict[str, Callable[[], list[Component]]] = {
+    "losses": picture_trials.components,
+    "operators": model_trials.operator_components,
+    "networks": model_trials.components,
+    "exported": model_trials.exported_components,
+    "simulator": list,
+}
+"""What can be tried; scenes are the simulator's cases, and it is no formulation of tensors."""
+SHOWN = ("1 - SSIM", "1 / PSNR", "loss", "PSNR")
+"""Components in `stability.png`."""
+
+
+def stability(config: DictConfig, folder: Path) -> None:
+    """Write `stability.csv`, `goals.csv` (all parts only), `stability.png`, `machine.json` and `index.html`.
+
+    Args:
+        config: `conf/bench.yaml` with `group=stability`.
+        folder: The run folder.
+    """
+    parts = list(configs.plain(config.parts))
+    if not parts:
+        raise InputError(f"parts must be some of {', '.join(PARTS)}", got="none")
+    components = [component for part in parts for component in chosen("parts", part, PARTS)()]
+    # Inputs are small: threads would cost more than they give.
+    with behaviours.threads(1):
+        rows = _rows(components, parts)
+        tables.write_table(folder / "stability.csv", rows)
+        if set(parts) == set(PARTS):
+            figures = progress(behaviours.goals(components, rows), "measuring goals")
+            # A figure that is not a number is written as such: an empty cell says that there is none.
+            measured = pd.DataFrame([goal.row() for goal in figures], dtype=object)
+            tables.write_table(folder / "goals.csv", measured.map(lambda cell: "nan" if cell != cell else cell))
+        _show(folder, rows)
+    held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
+    log.info("%d trials, %d of ours hold: %s", len(rows), held, folder / "stability.csv")
+
+
+def _rows(components: list[Component], parts: list[str]) -> list[Row]:
+    rows = list(trials.trials(progress(components, "trying hard cases")))
+    rows += model_trials.missing() if "exported" in parts else []
+    rows += model_trials.rows() if "simulator" in parts else []
+    return rows
+
+
+def _show(folder: Path, rows: list[Row]) -> None:
+    facts = timing.facts(torch.device("cpu"))
+    atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
+    shown = [row for row in rows if row["component"] in SHOWN] or rows
+    drawing.save_figure(pictures_of_stability.heat_map(pd.DataFrame(shown)), folder / "stability.png")
+    page.write_page(folder / "index.html", "Hard cases", sections.sections([folder]), facts)
+
 
 GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "front": front,
     "causes": causes,
-    "operators": operators,
+    "operators": time_operators,
     "engines": engines,
     "simulate": simulate,
     "stability": stability,

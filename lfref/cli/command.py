@@ -16,9 +16,9 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from rich.progress import track
 
-from lfref.cli import arguments, loader, members, targets
+from lfref.cli import arguments, composition, parts, resume
 from lfref.cli import config as configs
-from lfref.cli.leaving import fail, patient_pipes, said_on_signals
+from lfref.cli.exit_codes import fail, patient_pipes, said_on_signals
 from lfref.cli.run_folder import is_first_process, marked
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
@@ -52,8 +52,8 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
                     _note(config, folder)
                     task(config, folder)
         except Exception as error:
-            if members.is_followed():
-                members.failed(error)
+            if resume.is_followed():
+                resume.failed(error)
             elif isinstance(error, LfrefError):
                 fail(name, error)
             elif isinstance(error, OSError):
@@ -66,10 +66,10 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
     @functools.wraps(task)
     def main() -> None:
         try:
-            with patient_pipes(), said_on_signals(name), loader.checking():
+            with patient_pipes(), said_on_signals(name), composition.checking():
                 arguments.options(name, sys.argv[1:])
                 composed()
-                members.finish(name)
+                resume.finish(name)
         except LfrefError as error:
             fail(name, error, status=2)
 
@@ -78,7 +78,7 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
 
 def _check(config: DictConfig, folder: Path) -> None:
     """Refuse what may not be run."""
-    targets.check(configs.plain(config), folder)
+    parts.check(configs.plain(config), folder)
     if "seed" in config:
         configs.number(config, "seed", 0, 2**32 - 1)
 

@@ -11,7 +11,7 @@ from typing import Any
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from lfref.cli import targets
+from lfref.cli import parts
 from lfref.errors import InputError
 from lfref.io import atomic
 
@@ -35,8 +35,8 @@ def build(config: Any, **arguments: Any) -> Any:
         LfrefError: As the object raises it.
     """
     node = plain(config)
-    targets.check(node)
-    return targets.made(node, **arguments)
+    parts.check(node)
+    return parts.made(node, **arguments)
 
 
 def plain(config: Any) -> Any:

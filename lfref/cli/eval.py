@@ -10,8 +10,8 @@ from lfref.bench import accuracy
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.cli.planes import fixed
-from lfref.data.labels import Labels
+from lfref.cli.refocusing import fixed
+from lfref.data.label_sources import Labels
 from lfref.errors import InputError
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart

@@ -14,10 +14,10 @@ import lfref
 from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.cli.command import command, log, progress
-from lfref.cli.planes import fixed
-from lfref.data.sources import SimulatedSource
+from lfref.cli.refocusing import fixed
+from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import FP32, INT8, Inputs
-from lfref.engines.files import formats
+from lfref.engines.files import file_formats
 from lfref.errors import InputError, LfrefError
 from lfref.export import checked, graphs, parity
 from lfref.export.checked import Wanted
@@ -101,7 +101,7 @@ def _need_faster(draft: Path, full: Wanted, subject: Exportable, inputs: Inputs,
     """
     with tempfile.TemporaryDirectory() as folder:
         paths = {INT8: draft, FP32: checked.drafted(Path(folder), full, refocuser, subject)}
-        runs = {precision: formats.opened(path)[0] for precision, path in paths.items()}
+        runs = {precision: file_formats.opened(path)[0] for precision, path in paths.items()}
         watches = {
             precision: functools.partial(timing.seconds, functools.partial(run, *inputs), CPU)
             for precision, run in runs.items()

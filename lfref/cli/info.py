@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from lfref.captures.inspect import Inspection, inspect
 from lfref.cli import config as configs
-from lfref.cli import inputs, places, several
+from lfref.cli import inputs, result_folders
 from lfref.cli.command import command, log, paths
 from lfref.io import atomic
 from lfref.report import drawing
@@ -22,15 +22,15 @@ def info(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     given = paths(configs.plain(config.input))
-    captures = several.found(given, config.reader.pattern)
+    captures = inputs.found(given, config.reader.pattern)
     white = None if config.white is None else inputs.read(Path(config.white), config)
 
     def one(name: str, path: Path) -> None:
         seen = inspect(inputs.read(path, config), white)
         log.info("%s", "\n".join(seen.told()))
-        _write(places.of(folder, name, path, given), seen)
+        _write(result_folders.of(folder, name, path, given), seen)
 
-    several.each(captures, [one], "inspecting")
+    inputs.each(captures, [one], "inspecting")
     log.info("inspected: %s", folder)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import lfref
 from lfref.cli import arguments
-from lfref.cli.leaving import fail, patient_pipes, said_on_signals
+from lfref.cli.exit_codes import fail, patient_pipes, said_on_signals
 from lfref.errors import InputError
 
 COMMANDS = {

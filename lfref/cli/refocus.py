@@ -9,18 +9,17 @@ from omegaconf import DictConfig
 
 from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
-from lfref.cli import corrected, places, refocusing, resume, several
+from lfref.cli import inputs, refocusing, result_folders, resume
 from lfref.cli.command import command, device_of, log, paths
-from lfref.cli.leaving import fail
-from lfref.cli.planes import Planes, planes_of
+from lfref.cli.exit_codes import fail
+from lfref.cli.refocusing import Planes, planes_of
 from lfref.errors import InputError, LfrefError
 from lfref.geometry import FocalPlanes
 from lfref.io.run import Run
 from lfref.io.scratch import room
 from lfref.lightfield import LightField
-from lfref.refocuser.bands import in_bands
 from lfref.refocuser.load import load
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import Refocuser, in_bands
 from lfref.report import results
 from lfref.report.refocused import PictureFiles, Refocused
 
@@ -39,17 +38,17 @@ def refocus(config: DictConfig, folder: Path) -> None:
     refocuser, asked = _refocuser(config, device)
     also = [name for name in results.ASKED if config[name]]
     given = paths(configs.plain(config.input))
-    captures = several.found(given, config.reader.pattern)
-    placed = {name: places.of(folder, name, path, given) for name, path in captures.items()}
-    waiting = captures if config.resume is None else places.unfilled(captures, placed, folder)
-    white = corrected.white_of(config, refocuser)
+    captures = inputs.found(given, config.reader.pattern)
+    placed = {name: result_folders.of(folder, name, path, given) for name, path in captures.items()}
+    waiting = captures if config.resume is None else result_folders.unfilled(captures, placed, folder)
+    white = refocusing.white_of(config, refocuser)
     n_rows, scratch = _bands(config, also), None if config.rows is None else folder
 
     def read(_: str, path: Path) -> LightField:
         return refocusing.read(path, config, [refocuser], scratch)
 
     def compute(_: str, field: LightField) -> Made:
-        field, corrections = corrected.prepared(field, config, white, refocuser)
+        field, corrections = refocusing.prepared(field, config, white, refocuser)
         planes = planes_of(asked, field)
         if n_rows is None:
             stack = refocusing.stack(refocuser, field, planes.slopes, device)
@@ -59,13 +58,13 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
     def write(name: str, made: Made) -> None:
         refocused, corrections = made
-        with places.filled(folder, placed[name]) as place:
+        with result_folders.filled(folder, placed[name]) as place:
             results.write_results(place, refocused, also)
-            corrected.write(place, corrections)
+            refocusing.write(place, corrections)
         field, planes = refocused.field, refocused.planes
         log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), placed[name])
 
-    several.each(waiting, [read, compute, write], "refocusing")
+    inputs.each(waiting, [read, compute, write], "refocusing")
 
 
 def _bands(config: DictConfig, also: list[str]) -> int | None:

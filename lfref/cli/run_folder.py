@@ -14,7 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from lfref.cli.leaving import fail
+from lfref.cli.exit_codes import fail
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import atomic
 from lfref.io import run as runs

@@ -8,13 +8,13 @@ from torch import Tensor
 
 from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, progress
-from lfref.cli.planes import fixed
+from lfref.cli.refocusing import fixed
 from lfref.encoding import LINEAR, SRGB, Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import encode, images, write
 from lfref.lightfield import LightField
-from lfref.report import contact, drawing
+from lfref.report import drawing, pictures
 from lfref.simulator import planner
 from lfref.simulator.developed import developed
 from lfref.simulator.scene import Scene
@@ -80,7 +80,7 @@ def _write(folder: Path, scene: Scene, made: Simulated, planes: FocalPlanes, suf
         light = LightField(made.views, scene.name, is_linear=scene.sensor.encoding == LINEAR)
         write.write(folder / f"{scene.name}{suffix}", light)
         _say_encoding(scene, SRGB if suffix == "" else LINEAR)
-        cells |= contact.view_cells(made.views)
+        cells |= pictures.view_cells(made.views)
     if made.disparity is not None:
         images.write_image(folder / "disparity" / f"{scene.name}.exr", made.disparity[..., None].cpu().numpy())
         cells["disparity, px per view step"] = made.disparity
@@ -94,8 +94,8 @@ def _write(folder: Path, scene: Scene, made: Simulated, planes: FocalPlanes, suf
         cells |= shares
     if made.truth is not None:
         write.write_stack(folder / "truth" / f"{scene.name}.exr", made.truth, planes)
-        cells |= contact.plane_cells(developed(made.truth, scene.sensor), planes)
-    drawing.save_figure(contact.contact_sheet(cells), folder / "contact_sheets" / f"{scene.name}.png")
+        cells |= pictures.plane_cells(developed(made.truth, scene.sensor), planes)
+    drawing.save_figure(pictures.views_sheet(cells), folder / "contact_sheets" / f"{scene.name}.png")
 
 
 def _warn_of_clipping(name: str, views: Tensor, suffix: str) -> None:

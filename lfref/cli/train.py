@@ -11,19 +11,17 @@ from lightning.pytorch import LightningDataModule, Trainer, seed_everything
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
-from lfref.cli import members, resume
+from lfref.cli import resume
 from lfref.cli.command import command, log, quiet_libraries
-from lfref.cli.leaving import fail
-from lfref.cli.planes import fixed
+from lfref.cli.exit_codes import fail
+from lfref.cli.refocusing import fixed
 from lfref.cli.run_folder import is_first_process
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.train import failures
-from lfref.train.callbacks import RankAgreement
-from lfref.train.fitting import Fitting
-from lfref.train.resume import cut_log
-from lfref.train.storage import AtomicCheckpointIO
+from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement
+from lfref.train.modules import Fitting, cut_log
 
 
 def claim(config: DictConfig, folder: Path) -> bool:
@@ -37,8 +35,8 @@ def claim(config: DictConfig, folder: Path) -> bool:
         InputError: It holds another run, or one that was trained on something else.
         CheckpointError: There is nothing to go on from.
     """
-    if config.resume is None and members.is_member():
-        last = members.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
+    if config.resume is None and resume.is_member():
+        last = resume.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
         config.resume = None if last is None else str(last)
     # The first process has looked already; in a sweep, the others learn from the folder that it goes on.
     if not is_first_process():
@@ -88,7 +86,7 @@ def train(config: DictConfig, folder: Path) -> None:
 def _how_to_go_on(folder: Path) -> str:
     """What is said when a signal ends a fit."""
     at = f"the last checkpoint is {Run(folder).last}" if Run(folder).has_checkpoints else "no epoch was finished"
-    if members.is_member():
+    if resume.is_member():
         return f"{at}; to go on with the sweep, say its line again with output={HydraConfig.get().sweep.dir}"
     return f"{at}; go on by lfref train resume={folder}" if Run(folder).has_checkpoints else at
 

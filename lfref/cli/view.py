@@ -6,9 +6,9 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli import corrected, places, refocusing, several
+from lfref.cli import inputs, refocusing, result_folders
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.cli.planes import Planes, planes_of
+from lfref.cli.refocusing import Planes, planes_of
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import read as reader
@@ -16,7 +16,7 @@ from lfref.lightfield import LightField
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import Refocused
-from lfref.viewer import content, page
+from lfref.viewer import view_page
 
 PAGE = "index.html"
 
@@ -32,15 +32,15 @@ def view(config: DictConfig, folder: Path) -> None:
     refocusers = [each.to(device) for each in _refocusers(config)]
     asked: Planes = configs.build(config.planes)
     given = paths(configs.plain(config.input))
-    captures = several.found(given, config.reader.pattern)
-    white = corrected.white_of(config, refocusers[0])
+    captures = inputs.found(given, config.reader.pattern)
+    white = refocusing.white_of(config, refocusers[0])
     truth = None if config.truth is None else reader.read_stack(config.truth)
     if truth is not None and len(captures) > 1:
         raise InputError("truth is of one light field", got=f"{len(captures)} of them", remedy="view them one by one")
 
     def one(name: str, path: Path) -> None:
         read = refocusing.read(path, config, refocusers)
-        field, _ = corrected.prepared(read, config, white, refocusers[0])
+        field, _ = refocusing.prepared(read, config, white, refocusers[0])
         planes = next((each.planes for each in refocusers if each.planes is not None), None)
         planes = (planes_of(asked, field) if truth is None else truth[1]) if planes is None else planes
         gain = refocusing.gain(field, exposure)
@@ -50,11 +50,11 @@ def view(config: DictConfig, folder: Path) -> None:
         }
         if truth is not None:
             shown["truth"] = Refocused(field, _fitting(truth, field, planes), planes, gain)
-        place = places.of(folder, name, path, given) / PAGE
-        page.write(place, config.title or field.name, _facts(shown), content.content(shown))
+        place = result_folders.of(folder, name, path, given) / PAGE
+        view_page.write(place, config.title or field.name, _facts(shown), view_page.content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 
-    several.each(captures, [one], "viewing")
+    inputs.each(captures, [one], "viewing")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:

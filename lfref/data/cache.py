@@ -14,6 +14,7 @@ import logging
 import mmap
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,14 +23,72 @@ import numpy as np
 import torch
 
 from lfref.captures import correct as corrections
-from lfref.captures.asked import AUTO, NONE, as_asked
-from lfref.data import hashes
+from lfref.captures.correct import AUTO, NONE, as_asked
 from lfref.encoding import LINEAR, Encoding, parsed
-from lfref.errors import InputError
-from lfref.functional import sources
-from lfref.io import atomic, explain, images
+from lfref.errors import FileError, InputError
+from lfref.functional import jit
+from lfref.io import atomic, images, ownership, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
+
+# PART hashes
+# Content hashes of light fields, kept on disk: a data set is read for them once, however often training starts.
+#
+# A hash is believed as long as the names, sizes and times of all files stay as they were.
+
+KEPT = "hashes.json"
+"""File of the cache folder that keeps them."""
+
+
+def content_hash(path: Path, folder: Path | None = None) -> str:
+    """SHA-256 of a light field's images, file names left out, so that copies under other names are recognised.
+
+    Args:
+        path: A file, or a folder of views.
+        folder: The cache folder, whose hashes of earlier runs are believed; None believes those of this process.
+
+    Raises:
+        FileError: There is no such light field.
+    """
+    files = view_folders.image_files(path) if path.is_dir() else [path]
+    if not files or not all(file.is_file() for file in files):
+        raise FileError(f"{path} must be an image file or a folder of images", got="none")
+    known, facts = _known(folder), _facts(files)
+    if facts not in known:
+        known[facts] = hashlib.sha256("".join(map(ownership.digest, files)).encode()).hexdigest()
+    return known[facts]
+
+
+def keep(folder: Path) -> None:
+    """Write what this process hashed into the cache folder, for later runs and other processes.
+
+    Args:
+        folder: The cache folder. If it cannot be written, the next run hashes again.
+    """
+    kept = _read(folder)
+    if not _known(folder).items() <= kept.items():
+        with suppress(FileError):
+            atomic.write_text(folder / KEPT, json.dumps(kept | _known(folder), indent=0))
+
+
+@functools.cache
+def _known(folder: Path | None) -> dict[str, str]:
+    """Facts of the files of a light field -> its content hash; one dictionary for the whole process."""
+    return {} if folder is None else _read(folder)
+
+
+def _read(folder: Path) -> dict[str, str]:
+    """What earlier runs kept: nothing if the file is missing or damaged."""
+    with suppress(OSError, ValueError, TypeError):
+        return dict(json.loads((folder / KEPT).read_text(encoding="utf-8")))
+    return {}
+
+
+def _facts(files: list[Path]) -> str:
+    """Where files lie, how long they are and when they changed; the second time sees copies that keep the first."""
+    known = [(str(file.absolute()), (at := file.stat()).st_size, at.st_mtime_ns, at.st_ctime_ns) for file in files]
+    return hashlib.sha256(repr(known).encode()).hexdigest()
+
 
 log = logging.getLogger(__name__)
 
@@ -96,11 +155,11 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
         remedy = "leave out reader.positions and reader.spacing"
         raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
     version = [_reader_version(Path(reader.__file__)), *_correction_version(correct)]
-    identity = json.dumps([hashes.content_hash(path, folder), dict(options), *version], sort_keys=True, default=str)
+    identity = json.dumps([content_hash(path, folder), dict(options), *version], sort_keys=True, default=str)
     key = hashlib.sha256(identity.encode()).hexdigest()
     entry = next(iter(sorted(folder.glob(f"{key}.*npy"))), None)
     if entry is None or not _is_intact(entry, path):
-        entry = _store(_read(path, options, correct), folder / key)
+        entry = _store(_read_of_cache(path, options, correct), folder / key)
     name = path.absolute().name if path.is_dir() else path.stem
     told = entry.name.removeprefix(f"{key}.").removesuffix(".npy")
     coded = parsed(told.removesuffix(WEIGHTED).replace("_", ":"))
@@ -111,7 +170,7 @@ def _is_intact(entry: Path, path: Path) -> bool:
     """Whether there is an entry that holds what was written into it."""
     if not entry.is_file():
         return False
-    with explain.explained(entry, "read"):
+    with atomic.explained(entry, "read"):
         facts = entry.stat()
         intact = _checks(entry, facts.st_size, facts.st_mtime_ns)
     if not intact:
@@ -132,7 +191,7 @@ def _checksum(content: bytes | memoryview) -> bytes:
     return zlib.crc32(content).to_bytes(CHECKSUM, "little")
 
 
-def _read(path: Path, options: Mapping[str, Any], correct: str) -> LightField:
+def _read_of_cache(path: Path, options: Mapping[str, Any], correct: str) -> LightField:
     """A light field as it is to be kept, what was corrected as float: it is no longer what the file holds."""
     read = reader.read(path, **options)
     mended, _ = as_asked(read, correct, even=EVEN)
@@ -162,7 +221,7 @@ def _correction_version(correct: str) -> list[str]:
     if correct == NONE:
         return []
     file = Path(corrections.__file__)
-    return [sources.digest(file, file.parents[1]), correct if correct == AUTO else hashes.content_hash(Path(correct))]
+    return [jit.digest(file, file.parents[1]), correct if correct == AUTO else content_hash(Path(correct))]
 
 
 @functools.cache

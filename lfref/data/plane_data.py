@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from lfref.data import plane_sets
-from lfref.data.patches import EpochSampler
+from lfref.data.patch_data import EpochSampler
 from lfref.data.plane_sets import Recipe
 from lfref.errors import InputError
 

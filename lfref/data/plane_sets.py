@@ -19,22 +19,20 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from lfref.captures.asked import AUTO, as_asked
+from lfref.captures.correct import AUTO, as_asked
 from lfref.data.cache import EVEN
 from lfref.errors import FileError, InputError, chosen
-from lfref.functional import sources
+from lfref.functional import jit
 from lfref.io import atomic
-from lfref.io.safetensors import SUFFIX
+from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
-from lfref.refocuser.guides import GUIDES, guides
+from lfref.refocuser.features import GUIDES, Seen, guides
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.seen import Seen
-from lfref.simulator.developed import developed
+from lfref.simulator.developed import developed, white_picture
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation
-from lfref.simulator.white_picture import white_picture
 
 NEAR = 0.15
 """How far planes near focus lie from what is there, at most, in pixels per view step."""
@@ -104,7 +102,7 @@ class Recipe:
     def key(self) -> str:
         """SHA-256 of the description and of the code that items are made by: another set has another one."""
         file = Path(__file__)
-        told = json.dumps([self.description(), sources.digest(file, file.parents[1])], sort_keys=True, default=str)
+        told = json.dumps([self.description(), jit.digest(file, file.parents[1])], sort_keys=True, default=str)
         return hashlib.sha256(told.encode()).hexdigest()
 
 

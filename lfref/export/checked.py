@@ -6,20 +6,86 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfref.engines.engine import FP32, Run
-from lfref.engines.files import formats, graph
-from lfref.engines.files.formats import FORMATS
+import torch
+from torch import Tensor, nn
+
+from lfref.engines.engine import BF16, FP16, FP32, Run
+from lfref.engines.files import file_formats
+from lfref.engines.files import manifest as graph
+from lfref.engines.files.file_formats import FORMATS
 from lfref.engines.files.manifest import Manifest
-from lfref.errors import LfrefError, chosen
-from lfref.export import parity, weights
+from lfref.errors import InputError, LfrefError, chosen
+from lfref.export import parity
 from lfref.export.graphs import Exportable
 from lfref.export.parity import TOLERANCES, Row, Tolerance
 from lfref.io import atomic
+from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
+from lfref.nets import checkpoint
+from lfref.refocuser import refined
+from lfref.refocuser.load import load
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser
 
+# PART weights
+# Weights alone, as safetensors: no graph, but what lfref builds the same network of, on any device.
+
+__all__ = ["DTYPES", "SUFFIX", "opened", "write"]
+
+DTYPES = {FP32: torch.float32, FP16: torch.float16, BF16: torch.bfloat16}
+"""That weights are kept in, by precision; they are computed with in float32."""
+
+
+def write(path: Path, refocuser: Refocuser, precision: str, version: str) -> None:
+    """Write the weights of a network.
+
+    Args:
+        path: The file, `NAME.safetensors`.
+        refocuser: A network or a refiner.
+        precision: A key of `DTYPES`.
+        version: Of lfref.
+
+    Raises:
+        InputError: It has no weights, or they can't be kept in that precision.
+        FileError: The disk refuses.
+    """
+    dtype = chosen("precision of safetensors", precision, DTYPES)
+    module: nn.Module
+    if isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
+        module, is_linear = refocuser.network, refocuser.is_linear is not False
+        told = checkpoint.payload(refocuser.network, refocuser.planes, is_linear)
+    elif isinstance(refocuser, RefinedRefocuser):
+        module, told = refocuser.refiner, refined.payload(refocuser.refiner, refocuser.base, refocuser.names)
+    else:
+        raise InputError("safetensors must be of a network", got=refocuser.name, remedy="take onnx, pt2 or openvino")
+
+    def kept(weight: Tensor) -> Tensor:
+        return weight.to(dtype) if weight.is_floating_point() else weight
+
+    state = {checkpoint.PREFIX + name: kept(weight) for name, weight in module.state_dict().items()}
+    notes = {"version": version, "precision": precision}
+    checkpoint.write_weights(path, {"lfref": told, "state_dict": state}, notes)
+
+
+def opened(path: Path) -> Run:
+    """The network of a file that `write` wrote.
+
+    Args:
+        path: The file.
+
+    Raises:
+        CheckpointError: Another file.
+    """
+    refocuser = load(path)
+    if isinstance(refocuser, RefinedRefocuser):
+        return refocuser.refiner
+    assert isinstance(refocuser, NetworkRefocuser)
+    return refocuser.network
+
+
 SAFETENSORS = "safetensors"
-PRECISIONS = {SAFETENSORS: tuple(weights.DTYPES)} | {name: each.precisions for name, each in FORMATS.items()}
+PRECISIONS = {SAFETENSORS: tuple(DTYPES)} | {name: each.precisions for name, each in FORMATS.items()}
 """Format -> what it can be of."""
 REPORT = ".parity.json"
 Further = Callable[[Path], None]
@@ -44,7 +110,7 @@ class Wanted:
     @property
     def file(self) -> Path:
         """The file itself."""
-        suffix = weights.SUFFIX if self.format == SAFETENSORS else FORMATS[self.format].suffix
+        suffix = SUFFIX if self.format == SAFETENSORS else FORMATS[self.format].suffix
         return self.path.with_name(self.path.name + suffix)
 
     def tolerance(self, subject: Exportable) -> Tolerance:
@@ -113,7 +179,7 @@ def drafted(folder: Path, wanted: Wanted, refocuser: Refocuser, subject: Exporta
     """
     path = folder / wanted.file.name
     if wanted.format == SAFETENSORS:
-        weights.write(path, refocuser, wanted.precision, wanted.version)
+        write(path, refocuser, wanted.precision, wanted.version)
         return path
     whole = subject.graph
     manifest = Manifest(
@@ -124,12 +190,12 @@ def drafted(folder: Path, wanted: Wanted, refocuser: Refocuser, subject: Exporta
         version=wanted.version,
         **subject.told,
     )
-    formats.write(path, wanted.format, whole, manifest)
+    file_formats.write(path, wanted.format, whole, manifest)
     return path
 
 
 def _engines(path: Path) -> dict[str, Run]:
-    return {"lfref": weights.opened(path)} if path.suffix == weights.SUFFIX else formats.engines(path)
+    return {"lfref": opened(path)} if path.suffix == SUFFIX else file_formats.engines(path)
 
 
 def _told(wanted: Wanted, tolerance: Tolerance) -> str:

@@ -15,20 +15,19 @@ import torch
 from torch import Tensor, nn
 
 from lfref.engines.engine import Inputs
-from lfref.engines.files.graph import Graph
-from lfref.engines.files.manifest import GUIDES, VIEWS
+from lfref.engines.files.manifest import GUIDES, VIEWS, Graph
 from lfref.errors import InputError
-from lfref.export.sums import Sum, SumOfViews
+from lfref.export.convolutions import Sum, SumOfViews
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets.network import Network
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import guides, refined
+from lfref.refocuser import features, refined
+from lfref.refocuser.features import Seen
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser
-from lfref.refocuser.seen import Seen
 
 EXAMPLE = (2, 36, 44)
 """Light fields or planes, height and width that a module is followed with: no special case of any of them."""
@@ -107,7 +106,7 @@ def _of_refiner(refocuser: RefinedRefocuser, planes: FocalPlanes, grid: tuple[in
     @torch.no_grad()
     def inputs(fields: Sequence[LightField]) -> Inputs:
         seen = [Seen(field, slopes, refocuser.base) for field in fields]
-        made = [(guides.guides(each, refocuser.names), each.pictures, each.doubt) for each in seen]
+        made = [(features.guides(each, refocuser.names), each.pictures, each.doubt) for each in seen]
         return tuple(torch.cat(parts).float().contiguous() for parts in zip(*made, strict=True))
 
     config = refined.payload(refiner, refocuser.base, refocuser.names)

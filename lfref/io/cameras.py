@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import explain, grid, views
+from lfref.io import atomic, grid, view_folders
 
 EVEN = 1e-6
 """Positions nearer to the even grid, in view steps, are the even grid."""
@@ -60,7 +60,7 @@ def of(
     if positions is None:
         return None
     if str(positions) == NAMES:
-        return normalised(views.positions(path, selection), present, f"the names in {path}")
+        return normalised(view_folders.positions(path, selection), present, f"the names in {path}")
     said, kept = read(positions), replace(selection, views=present.shape)
     rows, columns = kept.window(said.shape[:2], Path(positions))
     return normalised(said[rows, columns], present, str(positions))
@@ -92,7 +92,7 @@ def read(path: str | Path) -> NDArray[np.float64]:
         [0.0, 31.0, 60.0]
     """
     path = Path(path)
-    with explain.explained(path, "read"):
+    with atomic.explained(path, "read"):
         contents = path.read_bytes()
     try:
         text = contents.decode("utf-8-sig")
@@ -100,7 +100,7 @@ def read(path: str | Path) -> NDArray[np.float64]:
         return _grid(plain)
     # Over a foreign file it is any of these, and what they say is told.
     except (ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
-        got = f"no {error}" if isinstance(error, KeyError) else explain.one_line(str(error))
+        got = f"no {error}" if isinstance(error, KeyError) else atomic.one_line(str(error))
         raise FileError(f"{path} must hold positions of cameras", got=got, remedy=f"write {EXAMPLE}") from error
 
 

@@ -14,7 +14,7 @@ import OpenImageIO
 from numpy.typing import NDArray
 
 from lfref.errors import FileError
-from lfref.io import explain
+from lfref.io import atomic
 
 LIMIT_MB = 1024
 """Largest image that is decoded, in MiB of the file's own sample type; a 16-bit RGBA ESLF has 305."""
@@ -59,7 +59,7 @@ def head(path: Path) -> bytes:
     Raises:
         FileError: The file is missing or cannot be read.
     """
-    with explain.explained(path, "read"), path.open("rb") as file:
+    with atomic.explained(path, "read"), path.open("rb") as file:
         return file.read(16)
 
 
@@ -106,12 +106,12 @@ def _damaged(path: Path, reason: str) -> FileError:
     remedy = "the file may be damaged: copy it again"
     if "exceeds the" in reason:
         remedy = "cut it into smaller images, or raise lfref.io.decode.LIMIT_MB"
-    return FileError(f"{path} cannot be decoded", got=explain.one_line(reason), remedy=remedy)
+    return FileError(f"{path} cannot be decoded", got=atomic.one_line(reason), remedy=remedy)
 
 
 def _check_png_end(path: Path) -> None:
     """Refuse a PNG without its end mark, which the decoder does not miss."""
-    with explain.explained(path, "read"), path.open("rb") as file:
+    with atomic.explained(path, "read"), path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - PNG_END_SEARCH))
         if PNG_END not in file.read():
             raise _damaged(path, "a truncated PNG")
@@ -199,3 +199,41 @@ def _unassociated(samples: NDArray, spec: OpenImageIO.ImageSpec) -> NDArray:
         colours = np.rint(np.minimum(colours, full))
     colours[..., spec.alpha_channel] = samples[..., spec.alpha_channel]
     return colours.astype(samples.dtype)
+
+
+# PART foreign
+# Files that hold light fields but are not read here: what they are, and how to get from them to something that is.
+
+
+class Foreign(NamedTuple):
+    """A form of files that other tools unpack."""
+
+    magics: tuple[bytes, ...]
+    """First bytes of its files, one of them."""
+    title: str
+    """What it is, for messages."""
+    remedy: str
+    """What to do about it."""
+
+
+LYTRO = Foreign(
+    (b"\x89LFP\r\n\x1a\n",),
+    "a raw container of a Lytro camera (.lfp, .lfr)",
+    "unpack it with plenopticam and read its folder viewpoints_*, or with LFToolbox and read its *__Decoded.mat",
+)
+ARCHIVE = Foreign(
+    (b"\x1f\x8b", b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07", b"BZh", b"\xfd7zXZ\0"),
+    "a compressed archive",
+    "unpack it and read what is in it",
+)
+FOREIGN = (LYTRO, ARCHIVE)
+
+
+def explained(head: bytes) -> tuple[str, str]:
+    """What a file of no known form is, and the remedy.
+
+    Args:
+        head: Its first bytes, as `decode.head` gave them.
+    """
+    known = next((form for form in FOREIGN if head.startswith(form.magics)), None)
+    return (kind(head), "convert it") if known is None else (known.title, known.remedy)

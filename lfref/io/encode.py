@@ -14,7 +14,7 @@ import OpenImageIO
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, explain, marks
+from lfref.io import atomic, ownership
 
 DEPTHS: dict[str, dict[int, str]] = {
     ".png": {8: "uint8", 16: "uint16"},
@@ -121,7 +121,7 @@ def encode(path: Path, parts: Sequence[Part], bits: int | None = None, quality: 
     kind = sample_type(path, bits)
     if not (isinstance(quality, int) and 1 <= quality <= 100):
         raise InputError("quality must be a whole number from 1 to 100", got=repr(quality))
-    marks.check_file(path)
+    ownership.check_file(path)
     specs = [_spec(part, kind, path, quality) for part in parts]
     with atomic.replacing(path) as partial:
         _write(partial, path, parts, specs)
@@ -145,7 +145,7 @@ def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageS
     spec.attribute("jpeg:subsampling", "4:4:4")
     if suffix == ".tif":
         spec.tile_width = spec.tile_height = TILE
-    for name, value in {"oiio:subimagename": part.name, "Software": marks.SOFTWARE, **part.attributes}.items():
+    for name, value in {"oiio:subimagename": part.name, "Software": ownership.SOFTWARE, **part.attributes}.items():
         spec.attribute(name, value)
     return spec
 
@@ -168,5 +168,5 @@ def _write(partial: Path, path: Path, parts: Sequence[Part], specs: list[OpenIma
 
 
 def _refused(path: Path, output: OpenImageIO.ImageOutput) -> FileError:
-    reason = explain.one_line(output.geterror())
+    reason = atomic.one_line(output.geterror())
     return FileError(f"{path} cannot be written", got=reason, remedy="check the folder, its permissions and the disk")

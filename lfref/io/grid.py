@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io.lenslets.options import ALIGNED, Lenslets
+from lfref.io.options import ALIGNED, Lenslets
 from lfref.io.scratch import Room
 
 Source = TypeVar("Source")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, encode, explain
+from lfref.io import atomic, encode
 
 HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)\s", re.ASCII)
 """The last white space is one byte: what follows is data."""
@@ -40,7 +40,7 @@ def read(path: str | Path) -> NDArray[np.float32]:
         (24, 32, 1)
     """
     path = Path(path)
-    with explain.explained(path, "read"):
+    with atomic.explained(path, "read"):
         contents = path.read_bytes()
     header = HEADER.match(contents)
     if header is None:
@@ -84,7 +84,7 @@ def _check_ours(path: Path) -> None:
     """Refuse to replace a file that we did not write."""
     if not path.is_file():
         return
-    with explain.explained(path, "read"), path.open("rb") as file:
+    with atomic.explained(path, "read"), path.open("rb") as file:
         header = HEADER.match(file.read(64))
     if header is None or header[4] != SCALE:
         expected = f"{path} must be a PFM file that lfref wrote to be replaced"

@@ -18,10 +18,10 @@ from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import cameras, exr, formats, headers, images, metadata, options
+from lfref.io import cameras, exr, field_formats, images, metadata, options, view_folders
 from lfref.io import grid as grids
+from lfref.io import options as described
 from lfref.io import scratch as scratches
-from lfref.io.lenslets import options as described
 from lfref.io.scratch import Room
 from lfref.lightfield import LightField
 
@@ -110,8 +110,8 @@ def read(
     selection = grids.Selection(
         kept, start, pattern, lenslet, grid, holes, axes, variable, lenslets=lenslets, encoding=encoding, room=room
     )
-    form = formats.of(path)
-    formats.check_options(path, form, selection)
+    form = field_formats.of(path)
+    field_formats.check_options(path, form, selection)
     whole = form.read_views(path, selection)
     samples = _cut(whole, size, path)
     present = _present(samples)
@@ -168,7 +168,7 @@ def _encoding(asked: str, path: Path, samples: NDArray) -> Encoding:
     if asked != "file":
         return encodings.parsed(asked)
     usual = encodings.LINEAR if samples.dtype.kind == "f" else encodings.SRGB
-    return headers.encoding_of(path) or usual
+    return view_folders.encoding_of(path) or usual
 
 
 def _light_field(samples: NDArray, path: Path, metadata: dict[str, str], coded: Encoding, room: Room) -> LightField:
@@ -219,10 +219,10 @@ def find(path: str | Path) -> list[Path]:
         FileError: There is none.
     """
     path = Path(path)
-    if formats.is_field(path):
+    if field_formats.is_field(path):
         return [path]
-    found = sorted(child for child in path.iterdir() if formats.is_field(child)) if path.is_dir() else []
+    found = sorted(child for child in path.iterdir() if field_formats.is_field(child)) if path.is_dir() else []
     if not found:
         got, remedy = "none" if path.exists() else "no such file or folder", "check the path"
-        raise FileError(f"{path} must hold light fields: {formats.TITLES}", got=got, remedy=remedy)
+        raise FileError(f"{path} must hold light fields: {field_formats.TITLES}", got=got, remedy=remedy)
     return found

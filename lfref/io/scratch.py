@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from lfref.io import explain
+from lfref.io import atomic
 
 Room = Callable[[tuple[int, ...], DTypeLike], NDArray]
 """(shape, type) -> an array of zeros."""
@@ -26,7 +26,7 @@ def room(folder: Path | None) -> Room:
     """
 
     def on_disk(shape: tuple[int, ...], kind: DTypeLike) -> NDArray:
-        with explain.explained(folder or Path(), "written"), tempfile.TemporaryFile(dir=folder) as file:
+        with atomic.explained(folder or Path(), "written"), tempfile.TemporaryFile(dir=folder) as file:
             # All of it now: a disk that is full later would end the process without a word.
             _reserve(file.fileno(), max(1, math.prod(shape) * np.dtype(kind).itemsize))
             return np.memmap(file, kind, "r+", shape=shape)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, explain, marks
+from lfref.io import atomic, ownership
 
 if TYPE_CHECKING:
     import av
@@ -52,7 +52,7 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
         raise InputError(f"{path} must end in {' or '.join(WRITERS)}", remedy="choose another suffix")
     if not 0.01 <= rate <= 100:
         raise InputError("rate must be from 0.01 to 100 frames a second", got=rate)
-    marks.check_new(path)
+    ownership.check_new(path)
     with atomic.replacing(path) as partial:
         _write(partial, path, _checked(frames), Fraction(rate).limit_denominator(1000))
 
@@ -86,10 +86,10 @@ def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -
     try:
         write, options = WRITERS[path.suffix.lower()]
         with av.open(str(partial), "w", options=options) as container:
-            container.metadata["comment"] = marks.SOFTWARE
+            container.metadata["comment"] = ownership.SOFTWARE
             write(container, frames, rate)
     except av.FFmpegError as error:
-        reason = explain.one_line(str(error))
+        reason = atomic.one_line(str(error))
         raise FileError(f"{path} cannot be written", got=reason, remedy="check the folder and the disk") from error
 
 

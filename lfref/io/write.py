@@ -16,7 +16,7 @@ from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import encode, exr, folders, formats
+from lfref.io import encode, exr, field_formats, view_folders
 from lfref.lightfield import LightField
 
 Writer = TypeVar("Writer")
@@ -118,7 +118,7 @@ def write_pictures(
     encode.sample_type(Path(path) / f"x{suffix}", bits)
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
     files = (f"plane_{n:02d}_{name}{suffix}" for n, name in enumerate(names))
-    folders.write_images(Path(path), zip(files, pictures, strict=True), "planes", bits, quality)
+    view_folders.write_images(Path(path), zip(files, pictures, strict=True), "planes", bits, quality)
     return Path(path)
 
 
@@ -143,7 +143,7 @@ def _write_stack_folder(path: Path, stack: NDArray, planes: FocalPlanes, bits: i
 
 VIEW_WRITERS = {
     suffix: form.write_views
-    for form in (formats.FOLDER, *formats.FORMATS)
+    for form in (field_formats.FOLDER, *field_formats.FORMATS)
     if form.write_views is not None
     for suffix in form.suffixes
 }

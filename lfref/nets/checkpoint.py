@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes, planes_from
-from lfref.io import safetensors, tensors
+from lfref.io import tensor_files
 from lfref.nets.kinds import KINDS
 from lfref.nets.network import Network
 
@@ -69,7 +69,7 @@ def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
         FileError: The file cannot be written.
     """
     state = {PREFIX + name: value for name, value in network.state_dict().items()}
-    tensors.write(Path(path), {"lfref": payload(network, planes), "state_dict": state})
+    tensor_files.write(Path(path), {"lfref": payload(network, planes), "state_dict": state})
 
 
 def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
@@ -110,7 +110,7 @@ def read(path: str | Path) -> dict[str, Any]:
     if not Path(path).is_file():
         raise CheckpointError(f"no checkpoint at {path}", remedy="give the .ckpt file of a run (RUN/checkpoints)")
     try:
-        contents = _weights(path) if Path(path).suffix == safetensors.SUFFIX else _pickled(path)
+        contents = _weights(path) if Path(path).suffix == tensor_files.SUFFIX else _pickled(path)
     except CheckpointError:
         raise
     # Over a foreign file the unpickler raises whatever it stumbles on; torch's advice to load it unsafely is not ours.
@@ -129,7 +129,7 @@ def _pickled(path: str | Path) -> Any:
 
 def _weights(path: str | Path) -> dict[str, Any]:
     """A file of weights alone, as `write_weights` wrote it."""
-    state, told = safetensors.read(path)
+    state, told = tensor_files.read(path)
     return told | {"state_dict": state}
 
 
@@ -145,7 +145,7 @@ def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[
         FileError: The file cannot be written.
     """
     state = {name: each for name, each in contents["state_dict"].items() if name.startswith(PREFIX)}
-    safetensors.write(path, state, {"lfref": contents["lfref"], "notes": notes})
+    tensor_files.write_safetensors(path, state, {"lfref": contents["lfref"], "notes": notes})
 
 
 def _build(path: str | Path, entry: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:

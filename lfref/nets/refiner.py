@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
-from lfref.nets import coarse
+from lfref.nets import blocks
 from lfref.nets.blocks import ACTIVATIONS
 
 STEP = 0.2
@@ -136,7 +136,7 @@ class Refiner(Correction):
             )
         height, width = guides.shape[-2:]
         planes = guides.flatten(0, -4) if guides.ndim > 3 else guides[None]
-        features = self.blocks(self.stem(coarse.whole(planes, self.shuffle)))
+        features = self.blocks(self.stem(blocks.whole(planes, self.shuffle)))
         made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
         *shares, gate = made.split(1, 1)
         offers = planes.split(pictures.shape[-3], 1)[: self.n_offers]

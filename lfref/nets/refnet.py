@@ -19,7 +19,7 @@ from torch.nn import functional as F
 
 from lfref.errors import InputError
 from lfref.lightfield import check_views
-from lfref.nets import coarse, head
+from lfref.nets import blocks, network
 from lfref.nets.blocks import ResBlock
 from lfref.nets.network import Network, Total, alone
 
@@ -153,11 +153,11 @@ class RefNet(Network):
     def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = alone) -> None:
         """Scale the last convolution on a first batch: see `nets.head`."""
         with torch.no_grad():
-            head.prime(self.head, self.features(views), self._coarse(labels.flatten(1, 2)), total=total)
+            network.prime(self.head, self.features(views), self._coarse(labels.flatten(1, 2)), total=total)
 
     def _coarse(self, images: Tensor) -> Tensor:
         """Images [B, K, H, W] on the coarser grid, [B, K * r^2, H / r, W / r]; beyond an edge is what lies at it."""
-        return F.pixel_unshuffle(coarse.whole(images, self.shuffle), self.shuffle)
+        return F.pixel_unshuffle(blocks.whole(images, self.shuffle), self.shuffle)
 
 
 def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:

@@ -1,11 +1,44 @@
 """What all operators do to their arguments: any batch dimensions, checked weights, a type that can be computed in."""
 
+import importlib.util
+
 import torch
 from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.lightfield import check_axes
-from lfref.refocus import backend
+
+# PART backend
+# Which code computes: loops compiled by Numba on the CPU, by Triton on a GPU, else PyTorch, which differentiates.
+
+COMPILERS = {"cpu": "numba"} | ({"cuda": "triton"} if importlib.util.find_spec("triton") else {})
+"""The compiler that serves each type of device."""
+
+
+def compiler_for(*tensors: Tensor) -> str | None:
+    """`numba` or `triton` where compiled loops can serve, None where PyTorch's operations have to.
+
+    Args:
+        *tensors: What is to be computed with, all on one device.
+    """
+    return COMPILERS.get(tensors[0].device.type) if all(map(is_plain, tensors)) else None
+
+
+def is_plain(tensor: Tensor) -> bool:
+    """Whether code outside PyTorch may read these numbers: not while traced, nor where derivatives are asked for.
+
+    Args:
+        tensor: Any.
+    """
+    is_asked_for = tensor.requires_grad and torch.is_grad_enabled()
+    if torch.compiler.is_compiling() or type(tensor) is not Tensor or is_asked_for:
+        return False
+    try:
+        tensor.data_ptr()
+    except RuntimeError:  # what `torch.func` transforms wrap has no memory of its own
+        return False
+    return torch.autograd.forward_ad.unpack_dual(tensor).tangent is None
+
 
 FULL_SCALE = {torch.uint8: 255, torch.uint16: 65535}
 """Integer types that views may have, and the integer that is radiance 1."""
@@ -46,7 +79,7 @@ def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
     unread = (aperture == 0).nonzero().tolist()
     if not unread or not views.is_floating_point():
         return views
-    sums = [views[:, v, u].sum(dtype=working_dtype(views.dtype)) for v, u in unread] if backend.is_plain(views) else []
+    sums = [views[:, v, u].sum(dtype=working_dtype(views.dtype)) for v, u in unread] if is_plain(views) else []
     if sums and bool(torch.stack(sums).isfinite().all()):
         return views
     return views.masked_fill((aperture == 0).to(views.device)[:, :, None, None, None], 0)

@@ -14,12 +14,11 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional.neighbours import box_max, box_mean
 from lfref.geometry import Slopes
-from lfref.refocus import batches
-from lfref.refocus.focus.coarse_disparity import coarse_disparity
+from lfref.refocus import batches, wiener_filters
+from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import layer_energies
-from lfref.refocus.fourier.layered_refocusing import by_energies
-from lfref.refocus.wiener import prior
-from lfref.refocus.wiener.wiener import checked_aperture, wiener
+from lfref.refocus.fourier.disparity_layers import by_energies
+from lfref.refocus.wiener import checked_aperture, wiener
 
 N_LAYERS = 12
 EDGE = 0.12  # change of disparity from pixel to pixel that is a gap, not a slant
@@ -70,7 +69,7 @@ def _refocused(field: Tensor, planes: Tensor, aperture: Tensor, known: Tensor | 
     stack, shares = by_energies(field, planes, energies, aperture), near_edges(disparity, planes)
     needed = shares.amax((1, 2)).cpu() > 0
     if bool(needed.any()):
-        estimate = wiener(field, planes[needed], prior.found_in(disparity), aperture)
+        estimate = wiener(field, planes[needed], wiener_filters.found_in(disparity), aperture)
         chosen = needed.nonzero()[:, 0].to(stack.device)
         stack = stack.index_add(0, chosen, shares[chosen, None] * (estimate - stack[chosen]))
     return stack

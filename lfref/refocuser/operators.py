@@ -11,11 +11,11 @@ from torch.nn import functional as F
 
 from lfref.lightfield import LightField
 from lfref.refocus import batches
-from lfref.refocus.anywhere.homography import homography, slope_homographies
 from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
-from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.super_resolution import super_resolve
+from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import reach as sum_reach
 from lfref.refocus.shift.shift_and_sum import shift_and_sum

@@ -19,14 +19,13 @@ from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refiner import Correction, Refiner
 from lfref.refocus import batches
-from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
-from lfref.refocuser.guides import GUIDES, check, guides
+from lfref.refocuser.features import GUIDES, Seen, check, guides
 from lfref.refocuser.operators import Operator, OperatorRefocuser
 from lfref.refocuser.refocuser import Aperture, Refocuser, uneven
-from lfref.refocuser.seen import Seen
 
 KIND = "refiner"
 """What checkpoints call it."""

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from lfref.io import atomic, encode
-from lfref.report.wording import CAP_DB
+from lfref.report.tables import CAP_DB
 
 BLUE, RED, TEAL, ORANGE, MAGENTA, CYAN = "#0077BB", "#CC3311", "#009988", "#EE7733", "#EE3377", "#33BBEE"
 BLACK, GREY, PALE = "#222222", "#767676", "#DDDDDD"

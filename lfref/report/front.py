@@ -16,7 +16,7 @@ from matplotlib.transforms import Bbox, BboxBase
 
 from lfref.bench.timing import FFT
 from lfref.errors import InputError
-from lfref.report import tables, wording
+from lfref.report import tables
 from lfref.report.drawing import BLUE, CYAN, GREY, RED, calm, fold_below_cap, new_figure
 
 SPANS = ["median_s", "p10_s", "p90_s"]
@@ -113,7 +113,7 @@ def _label_points(axes: Axes, methods: pd.DataFrame) -> None:
     taken = [Bbox.from_bounds(x - 6, y - 6, 12, 12) for x, y in points]
     paths = [line.get_transform().transform_path(line.get_path()) for line in axes.get_lines()]
     for name, where, point in zip(methods["method"], places, points, strict=True):
-        text = axes.annotate(wording.drawable(name), where, (0, 0), "data", "offset points", **CENTRED)
+        text = axes.annotate(tables.drawable(name), where, (0, 0), "data", "offset points", **CENTRED)
         place = _free_place(axes.bbox, point, text.get_window_extent(), taken, paths)
         text.xyann = (np.array(place.p0 + place.p1) / 2 - point) * 72 / axes.figure.dpi
         text.set_in_layout(False)

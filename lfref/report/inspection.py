@@ -9,7 +9,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from lfref.captures.inspect import Inspection
 from lfref.lightfield import LightField
-from lfref.report import drawing, pictures, wording
+from lfref.report import drawing, pictures, tables
 
 WIDTH = 11.0  # inches
 BINS = 80
@@ -30,7 +30,7 @@ def inspection_sheet(seen: Inspection) -> Figure:
     # Beside each other two pictures of one shape; below them a row of a fixed height.
     top = min(max((WIDTH / 2 - 0.6) * height / width, 1.2), 7.0)
     figure = drawing.new_figure(WIDTH, top + 3.2)
-    figure.suptitle(wording.drawable(_title(seen), 120), fontsize=11, x=0.01, ha="left")
+    figure.suptitle(tables.drawable(_title(seen), 120), fontsize=11, x=0.01, ha="left")
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(top + 0.3, 2.9))[:, 0]
     centre, disparity = above.subplots(1, 2)
     _draw_view(centre, seen, seen.evidence.reference, "view {}, {}")

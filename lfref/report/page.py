@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from lfref.errors import FileError
 from lfref.io import atomic
-from lfref.report import drawing, tables, wording
+from lfref.report import drawing, tables
 
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
@@ -66,19 +66,19 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    page.filters |= {"heading": wording.heading, "people": _for_people, "png": _png}
+    page.filters |= {"heading": tables.heading, "people": _for_people, "png": _png}
     page.tests["numeric"] = _is_numeric
     text = page.get_template("page.html").render(title=title, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
 
 
 def _for_people(value: Any, column: str = "") -> str:
-    return wording.cell_for_people(column, value)
+    return tables.cell_for_people(column, value)
 
 
 def _is_numeric(column: pd.Series) -> bool:
     is_number = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
-    return is_number and not wording.is_text(column.name)
+    return is_number and not tables.is_text(column.name)
 
 
 def _png(picture: Figure | str | Path) -> _Png:

@@ -17,7 +17,7 @@ from lfref.encoding import SRGB, Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images
-from lfref.report import drawing, wording
+from lfref.report import drawing, tables
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
 FIGURE_WIDTH = 9.0  # inches
@@ -85,7 +85,7 @@ def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Te
         if stack.ndim != 4 or len(stack) != len(planes):
             expected = f"the stack of {name!r} must be [N, C, H, W] with N = {len(planes)}"
             raise InputError(expected, got=tuple(stack.shape))
-        line[0].set_ylabel(wording.drawable(name, width=22), fontsize=10)
+        line[0].set_ylabel(tables.drawable(name, width=22), fontsize=10)
         for axes, plane in zip(line, shown, strict=True):
             _show(axes, planes.labels[plane], for_display(stack[plane], exposure))
     return figure
@@ -109,7 +109,7 @@ def contact_sheet(
         raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(stack)} planes")
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
     shown = [for_display(_sized(image, len(stack)), exposure, encoding) for image in stack]
-    labels = [wording.drawable(label) for label in labels]
+    labels = [tables.drawable(label) for label in labels]
     return _sheet(shown, labels, f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}")
 
 
@@ -176,3 +176,65 @@ def _array(image: Tensor, ndim: int) -> np.ndarray:
     if image.ndim != ndim or not image.numel():
         raise InputError(f"pictures must be tensors with {ndim} axes, [..., C, H, W]", got=tuple(image.shape))
     return image.detach().float().cpu().numpy()
+
+
+# PART contact
+# What was simulated of a scene on one sheet: some views, a map of disparity with its colours, planes of the truth.
+
+COLUMNS = 6
+COLUMN_WIDTH = 2.4  # inches
+
+
+def view_cells(views: Tensor) -> dict[str, Tensor]:
+    """The central view and those in the corners.
+
+    Args:
+        views: [V, U, C, H, W].
+
+    Returns:
+        Title -> picture, [C, H, W].
+    """
+    last_v, last_u = views.shape[0] - 1, views.shape[1] - 1
+    corners = [(last_v // 2, last_u // 2), (0, 0), (0, last_u), (last_v, 0), (last_v, last_u)]
+    return {f"view {v}, {u}": views[v, u] for v, u in dict.fromkeys(corners)}
+
+
+def plane_cells(stack: Tensor, planes: FocalPlanes) -> dict[str, Tensor]:
+    """Planes of a stack from the first to the last.
+
+    Args:
+        stack: [N, C, H, W].
+        planes: The N planes.
+
+    Returns:
+        Title -> picture, [C, H, W].
+    """
+    shown = np.unique(np.linspace(0, len(planes) - 1, COLUMNS).round().astype(int)).tolist()
+    return {planes.labels[n]: stack[n] for n in shown}
+
+
+def views_sheet(cells: Mapping[str, Tensor]) -> Figure:
+    """Pictures and maps in reading order.
+
+    Args:
+        cells: Title -> picture, [C, H, W], clipped to [0, 1]; or a map, [H, W], shown in colours. All of one size.
+
+    Raises:
+        InputError: There is nothing to show.
+    """
+    if not cells:
+        raise InputError("a contact sheet needs at least one picture", got="none")
+    height, width = next(iter(cells.values())).shape[-2:]
+    n_columns, n_rows = min(COLUMNS, len(cells)), math.ceil(len(cells) / COLUMNS)
+    figure = drawing.new_figure(COLUMN_WIDTH * n_columns, (COLUMN_WIDTH * height / width + 0.3) * n_rows)
+    grid = figure.subplots(n_rows, n_columns, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for axes, (title, image) in zip(grid.flat, cells.items(), strict=False):
+        axes.set_title(title, fontsize=9)
+        if image.ndim == 3:
+            axes.imshow(for_display(image))
+        else:
+            shown = axes.imshow(image.cpu(), cmap=drawing.MAP)
+            figure.colorbar(shown, ax=axes, pad=0.02).ax.tick_params(labelsize=8)
+    return figure

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lfref.errors import InputError
-from lfref.report import drawing, tables, wording
+from lfref.report import drawing, tables
 from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, RED, TEAL, calm, fold_below_cap, new_figure
 
 METHOD_COLOURS = drawing.COLOURS[2:]  # blue and red are for references
@@ -98,7 +98,7 @@ def quality_by_plane(planes: pd.DataFrame) -> Figure:
         fold_below_cap(axes)
         if place == "alpha":
             _label_slopes(axes, kept)
-        calm(axes, wording.heading(place), wording.heading(column), "")
+        calm(axes, tables.heading(place), tables.heading(column), "")
     handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
@@ -122,12 +122,12 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
     panels = figure.subplots(len(classes), squeeze=False)[:, 0]
     for axes, ((name, reference), group) in zip(panels, classes, strict=True):
         for method, line in group.sort_values(place, kind="stable").groupby("method", sort=False):
-            style = drawing.look(methods.index(method)) | {"label": wording.drawable(method, 40)}
+            style = drawing.look(methods.index(method)) | {"label": tables.drawable(method, 40)}
             axes.plot(line[place], line["psnr_db"], markersize=4, linewidth=1.2, **style)
         fold_below_cap(axes)
         if place == "alpha":
             _label_slopes(axes, group)
-        calm(axes, wording.heading(place), wording.heading("psnr_db"), f"{name}, against {reference}")
+        calm(axes, tables.heading(place), tables.heading("psnr_db"), f"{name}, against {reference}")
     handles = {line.get_label(): line for axes in panels for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
@@ -135,7 +135,7 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
 
 def _named(table: pd.DataFrame) -> pd.DataFrame:
     """The table with a dash for a name that is missing."""
-    return table.fillna(dict.fromkeys(SERIES, wording.DASH))
+    return table.fillna(dict.fromkeys(SERIES, tables.DASH))
 
 
 def _styles(table: pd.DataFrame) -> dict[Any, dict[str, Any]]:
@@ -145,7 +145,7 @@ def _styles(table: pd.DataFrame) -> dict[Any, dict[str, Any]]:
         (method, reference): {
             **drawing.look(methods.index(method), METHOD_COLOURS),
             "linestyle": DASHES[references.index(reference) % len(DASHES)],
-            "label": f"{wording.drawable(method, 40)}\nagainst {wording.drawable(reference, 40)}",
+            "label": f"{tables.drawable(method, 40)}\nagainst {tables.drawable(reference, 40)}",
         }
         for method, reference in table.groupby(SERIES, sort=False).groups
     }
@@ -156,9 +156,9 @@ def _label_slopes(axes: Axes, planes: pd.DataFrame) -> None:
     slopes = planes.groupby("alpha")["slope"].first()
     shown = slopes.iloc[:: max(1, math.ceil(len(slopes) / 8))]
     upper = axes.secondary_xaxis("top")
-    labels = [f"{slope:.2f}".replace("-", wording.MINUS) for slope in shown]
+    labels = [f"{slope:.2f}".replace("-", tables.MINUS) for slope in shown]
     upper.set_xticks(shown.index, labels, fontsize=8, color=GREY)
-    upper.set_xlabel(wording.heading("slope"), fontsize=9, color=GREY)
+    upper.set_xlabel(tables.heading("slope"), fontsize=9, color=GREY)
     upper.spines["top"].set_visible(False)
 
 
@@ -180,6 +180,6 @@ def scatter(summary: pd.DataFrame) -> Figure:
         shape = {**styles[series], "color": REFERENCE_COLOURS.get(series[1], ORANGE), "linestyle": ""}
         axes.plot(group["mssim"], group["mpsnr_db"], markersize=6.5, alpha=0.75, **shape)
     fold_below_cap(axes)
-    calm(axes, wording.heading("mssim"), wording.heading("mpsnr_db"), "One point per light field")
+    calm(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), "One point per light field")
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure

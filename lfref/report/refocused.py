@@ -15,9 +15,9 @@ from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.io import encode, images
 from lfref.lightfield import LightField
-from lfref.refocus.focus import nearer
+from lfref.refocus.disparity.disparity_map import DisparityMap, disparity_map
+from lfref.refocus.focus import extended_focus as nearer
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
-from lfref.refocus.focus.disparity import DisparityMap, disparity_map
 from lfref.refocus.focus.extended_focus import extended_focus
 from lfref.refocuser import filling
 from lfref.report import pictures

@@ -10,7 +10,7 @@ import pandas as pd
 
 from lfref.errors import FileError, LfrefError
 from lfref.io.run import Run
-from lfref.report import causes, costs, engines, front, plots, stability, tables
+from lfref.report import bench_sections, front, plots, stability_table, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
@@ -152,7 +152,9 @@ def where_decibels_are(folder: Path) -> Section:
         "stays as it was, means over scenes; a mark is what another method wins on the same views. Below 0, the change "
         "is for the better or the method for the worse."
     )
-    return Section("Where the decibels are", text, {"Causes": causes.causes(planes)}, {"Means over planes": rows})
+    return Section(
+        "Where the decibels are", text, {"Causes": bench_sections.causes(planes)}, {"Means over planes": rows}
+    )
 
 
 def operators(folder: Path) -> Section:
@@ -171,12 +173,12 @@ def operators(folder: Path) -> Section:
         "twice the field in float32 and the stack. Errors are against exact Fourier refocusing, where every view "
         "covers every plane."
     )
-    growth = costs.growth(times, exponents)
+    growth = bench_sections.growth(times, exponents)
     by_axis = exponents.pivot_table("exponent", "method", "axis", sort=False).add_prefix("exponent_").reset_index()
     return Section(
         "What operators cost",
         text,
-        {"Speed and memory": costs.operator_costs(rows), "Growth of time, and its exponents": growth},
+        {"Speed and memory": bench_sections.operator_costs(rows), "Growth of time, and its exponents": growth},
         {"All figures": rows[OPERATOR_COLUMNS], "Exponents of time along each axis": by_axis},
     )
 
@@ -193,7 +195,7 @@ def runtimes(folder: Path) -> Section:
         "lost is PSNR against what a lens would have recorded; of a network without training, whose pictures show "
         "nothing, how near they are to those of float32. The start is all that comes before a second pass."
     )
-    return Section("Engines", text, {"Engines": engines.engines(rows)}, {"All figures": rows})
+    return Section("Engines", text, {"Engines": bench_sections.engines(rows)}, {"All figures": rows})
 
 
 def sweep(folder: Path) -> Section:
@@ -229,8 +231,8 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "causes.csv": where_decibels_are,
     "operators.csv": operators,
     "engines.csv": runtimes,
-    "goals.csv": stability.goals,
-    "stability.csv": stability.hard_cases,
+    "goals.csv": stability_table.goals,
+    "stability.csv": stability_table.hard_cases,
     "contact_sheet.png": refocusing,
     f"*/{METRICS}": sweep,
 }

@@ -3,14 +3,137 @@
 An empty cell is NaN (or None); a column of names stays text even where they look like numbers.
 """
 
-from collections.abc import Iterable, Mapping
+import math
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
+from numbers import Integral, Real
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from lfref.errors import FileError, InputError
 from lfref.io import atomic
-from lfref.report import wording
+
+# PART wording
+# How tables and plots put columns and cells into words: headings, and digits that mean something.
+
+CAP_DB = 100.0
+MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
+
+
+def heading(column: str) -> str:
+    """What people read above a column or along an axis."""
+    return COLUMNS.get(column, (column, _plain))[0]
+
+
+def is_text(column: object) -> bool:
+    """Whether a column holds names, even where they look like numbers: light field "0012" is not 12."""
+    return COLUMNS.get(str(column), ("", _plain))[1] is str
+
+
+def drawable(name: object, width: int = 28) -> str:
+    """A user's name as matplotlib should draw it: wrapped after words and underscores, `$` being no formula."""
+    wrapped = textwrap.fill(str(name).replace("_", "_ "), width).replace("_ ", "_").replace("$", r"\$")
+    return f" {wrapped}" if wrapped.startswith("_") else wrapped  # matplotlib hides labels that begin with _
+
+
+def cell_for_people(column: str, value: Any) -> str:
+    """A cell as people read it: digits that mean something, a dash for nothing, a true minus sign."""
+    is_real = isinstance(value, Real) and not isinstance(value, bool)
+    if value is None or value == "" or (is_real and math.isnan(value)):
+        return DASH
+    if not is_real or is_text(column):
+        return str(value)
+    return COLUMNS.get(column, ("", _plain))[1](value).replace("-", MINUS).replace("inf", "∞")
+
+
+def _plain(value: float) -> str:
+    whole = isinstance(value, Integral) or 1e4 <= abs(value) < 1e15
+    return f"{value:,.0f}" if whole else f"{value:.4g}"
+
+
+def _decibel(value: float) -> str:
+    return f"≥ {CAP_DB:.0f}" if value >= CAP_DB else f"{value:.2f}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if 1000 <= abs(value) < 1e15 else f"{value:#.3g}".rstrip(".")
+
+
+def _times(value: float) -> str:
+    return f"{_short(value)}\N{MULTIPLICATION SIGN}"
+
+
+def _megabytes(value: float) -> str:
+    return _short(value / 1e6)
+
+
+COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "light_field": ("Light field", str),
+    "method": ("Method", str),
+    "reference": ("Reference", str),
+    "alpha": ("\N{GREEK SMALL LETTER ALPHA}", "{:.3f}".format),
+    "slope": ("Slope (px/view)", "{:.3f}".format),
+    "psnr_db": ("PSNR (dB)", _decibel),
+    "ssim": ("SSIM", "{:.4f}".format),
+    "class": ("Class", str),
+    "delta_e": ("\N{GREEK CAPITAL LETTER DELTA}E 2000", "{:.2f}".format),
+    "brightness": ("Brightness", "{:.4f}".format),
+    "brightness_error": ("Brightness off by", "{:.4f}".format),
+    "exact_psnr_db": ("PSNR against exact (dB)", _decibel),
+    "whole_psnr_db": ("PSNR of the whole frame (dB)", _decibel),
+    "whole_ssim": ("SSIM of the whole frame", "{:.4f}".format),
+    "whole_delta_e": ("\N{GREEK CAPITAL LETTER DELTA}E of the whole frame", "{:.2f}".format),
+    "whole_brightness": ("Brightness of the whole frame", "{:.4f}".format),
+    "worst_psnr_db": ("Worst scene (dB)", _decibel),
+    "worst_scene": ("Worst scene", str),
+    "mpsnr_db": ("MPSNR (dB)", _decibel),
+    "mssim": ("MSSIM", "{:.4f}".format),
+    "light_fields": ("Light fields", _plain),
+    "job": ("Job", str),
+    "first_mpsnr_db": ("First MPSNR (dB)", _decibel),
+    "best_mpsnr_db": ("Best MPSNR (dB)", _decibel),
+    "median_s": ("Median (s)", _short),
+    "p10_s": ("P10 (s)", _short),
+    "p90_s": ("P90 (s)", _short),
+    "ratio_to_numpy_fft": ("Speed-up over NumPy FFT", _times),
+    "ratio_to_same_in_numpy": ("Speed-up over the same in NumPy", _times),
+    "first_call_s": ("First call (s)", _short),
+    "input": ("Input", str),
+    "max_error": ("Largest error", "{:.1e}".format),
+    "extra_bytes": ("Extra memory (MB)", _megabytes),
+    "memory_ratio": ("Peak / allowed memory", "{:.2f}".format),
+    "scene": ("Scene", str),
+    "cause": ("Cause", str),
+    "cost_db": ("Costs (dB)", "{:.2f}".format),
+    "alone_db": ("PSNR with this error alone (dB)", _decibel),
+    "won_db": ("Won back (dB)", "{:.2f}".format),
+    "subject": ("Network", str),
+    "engine": ("Engine", str),
+    "start_s": ("Start (s)", _short),
+    "min_s": ("Fastest (s)", _short),
+    "ratio_to_eager": ("Speed-up over eager fp32", _times),
+    "loss_db": ("Lost (dB)", "{:.3f}".format),
+    "agreement_db": ("PSNR against eager fp32 (dB)", _decibel),
+    "skipped": ("Left out", str),
+    "component": ("Component", str),
+    "case": ("Case", str),
+    "precision": ("Precision", str),
+    "formulation": ("Formulation", str),
+    "outcome": ("Outcome", str),
+    "error": ("Error", _plain),
+    "times_allowed": ("Times what is allowed", _plain),
+    "figure": ("Figure", str),
+    "goal": ("Goal", str),
+    "measured": ("Measured", "{:.3g}".format),
+    "usual": ("Usual form", "{:.3g}".format),
+    "holds": ("Holds", _plain),
+    "exponent_pixels": ("Exponent in pixels", "{:.2f}".format),
+    "exponent_views": ("Exponent in views", "{:.2f}".format),
+    "exponent_planes": ("Exponent in planes", "{:.2f}".format),
+}
+"""What people read above a column, and how they read its numbers; `str`: it holds names."""
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
@@ -63,7 +186,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
 
 def _numbers_or_text(column: pd.Series) -> pd.Series:
     try:
-        return column.mask(column == "") if wording.is_text(column.name) else pd.to_numeric(column.replace("nan", ""))
+        return column.mask(column == "") if is_text(column.name) else pd.to_numeric(column.replace("nan", ""))
     except ValueError:
         return column.mask(column == "")
 
@@ -131,4 +254,4 @@ def front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
 
 def capped(table: pd.DataFrame, column: str) -> pd.DataFrame:
     """The table with PSNR in that column cut at 100 dB; other columns are left as they are."""
-    return table.assign(**{column: table[column].clip(upper=wording.CAP_DB)}) if column.endswith("psnr_db") else table
+    return table.assign(**{column: table[column].clip(upper=CAP_DB)}) if column.endswith("psnr_db") else table

@@ -5,10 +5,13 @@ its software do to every sample alike. Defects of the views (noise, mosaic, quan
 aberrations, misalignment) stay with the views.
 """
 
+import torch
 from torch import Generator, Tensor
 
+from lfref.lightfield import LightField
 from lfref.simulator.effects import chain
 from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.scene import Scene
 
 SHARED = ("exposure", "clipping", "white_balance", "tone_curve")
 """Fields of `Sensor` that are the same for every sample of a colour."""
@@ -29,3 +32,21 @@ def developed(pictures: Tensor, sensor: Sensor) -> Tensor:
             # None of these draws anything.
             pictures = effect.apply(pictures, Generator())
     return pictures
+
+
+# PART white_picture
+# The picture of a white scene by which a camera is calibrated: it shows the vignetting of every view.
+
+WHITE = 0.8
+"""Radiance of the white scene."""
+
+
+def white_picture(scene: Scene, light: LightField) -> LightField:
+    """What the camera of a scene records of a white one, with noise of its own, in linear light.
+
+    Args:
+        scene: Whose sensor it is.
+        light: Its views; the picture is of their shape.
+    """
+    recorded = chain.recorded(torch.full_like(light.views, WHITE), scene.sensor, scene.seed + 1)
+    return LightField(scene.sensor.encoding.decode(recorded))

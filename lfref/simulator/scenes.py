@@ -11,11 +11,8 @@ import numpy as np
 from torch import Generator
 
 from lfref.errors import InputError
-from lfref.simulator import checks
-from lfref.simulator.chance import random_surfaces
-from lfref.simulator.chance.dice import Dice, Range, Tone
-from lfref.simulator.chance.random_sensor import RandomSensor
-from lfref.simulator.chance.random_surfaces import MATERIALS
+from lfref.simulator import chance, checks
+from lfref.simulator.chance import MATERIALS, Dice, RandomSensor, Range, Tone
 from lfref.simulator.materials import Glass, Material, Matte
 from lfref.simulator.mattes import Full
 from lfref.simulator.scene import Camera, Scene, Surface
@@ -138,8 +135,8 @@ class RandomScenes(Scenes):
 
     def _surface(self, dice: Dice, tone: Tone, disparity: float, is_island: bool) -> Surface:
         geometry = self._geometry(dice, disparity)
-        matte = random_surfaces.outline(dice, self.camera) if is_island else Full()
-        texture = random_surfaces.texture(dice, tone, self.camera, self.pictures)
+        matte = chance.outline(dice, self.camera) if is_island else Full()
+        texture = chance.texture(dice, tone, self.camera, self.pictures)
         material = self._material(dice, tone)
         opacity = self._opacity(dice, material) if is_island else 1.0
         motion = (dice.uniform(*self.motion), dice.uniform(*self.motion)) if dice.happens(self.moving) else (0.0, 0.0)
@@ -147,7 +144,7 @@ class RandomScenes(Scenes):
 
     def _geometry(self, dice: Dice, disparity: float) -> Geometry:
         plane = Plane(disparity, (dice.uniform(-self.slant, self.slant), dice.uniform(-self.slant, self.slant)))
-        return random_surfaces.dome(dice, self.camera, disparity, self.bulge) if dice.happens(self.domes) else plane
+        return chance.dome(dice, self.camera, disparity, self.bulge) if dice.happens(self.domes) else plane
 
     def _material(self, dice: Dice, tone: Tone) -> Material:
         place = dice.chosen([getattr(self, name) for name in MATERIALS])

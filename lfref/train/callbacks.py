@@ -1,18 +1,210 @@
 """What happens around the training steps: a living start for the head, pictures, and ranks that agree."""
 
+import csv
 import functools
-from collections.abc import Sequence
+import logging
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
-from lightning.pytorch import Callback, Trainer
-from torch import Tensor
+from lightning.fabric.loggers.csv_logs import _ExperimentWriter
+from lightning.pytorch import Callback, Trainer, loggers
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.loggers.csv_logs import ExperimentWriter
+from lightning.pytorch.loggers.logger import rank_zero_experiment
+from lightning.pytorch.plugins import TorchCheckpointIO
+from torch import Tensor, nn
 
-from lfref.data.patches import Batch
-from lfref.errors import InputError
-from lfref.io import images
-from lfref.train.guard import finite_patches
+from lfref.data.patch_data import Batch
+from lfref.errors import InputError, LfrefError
+from lfref.io import images, tensor_files
+
+# PART guard
+# Training that survives numbers that are not finite: such steps are not taken, and never reach a checkpoint.
+#
+# A step whose loss or gradient is not finite leaves weights, moments of the optimiser and running statistics as they
+# were, is counted, and is logged with the patches it came from. All processes of a distributed run decide alike.
+
+log = logging.getLogger(__name__)
+
+COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
+"""What is logged, as `train/NAME`, and kept across a resume; processes decide alike, but each draws its own patches."""
+LEAST_SCALE = 1.0
+"""Scale of float16's loss below which overflow is no explanation any more."""
+
+
+class Seen(NamedTuple):
+    """What is kept of a batch until the step that it leads to."""
+
+    where: list[str]
+    is_finite: dict[str, Tensor]
+    """Of each kind of images, for each patch, [P]."""
+
+
+class StepGuard(Callback):
+    """Skips steps whose loss or gradient is not finite, and stops after too many in a row.
+
+    A gradient counts as finite if float32 holds its norm: Adam squares its entries. Under float16, gradients that
+    overflow are the loss scaler's business, which then tries a smaller scale; they are counted apart.
+
+    Args:
+        patience: Steps skipped in a row after which training stops, at least 1.
+
+    Raises:
+        InputError: The patience is below 1.
+    """
+
+    def __init__(self, patience: int = 10) -> None:
+        if patience < 1:
+            raise InputError("patience must be at least 1", got=patience)
+        self.patience = patience
+        self.skipped = 0
+        """Steps that were not taken."""
+        self.overflowed = 0
+        """Steps that the loss scaler of float16 gave up."""
+        self.in_a_row = 0
+        """Steps skipped since the last one that was taken."""
+        self.resampled = 0
+        """Patches that were drawn again because they were flat."""
+        self._window: list[Seen] = []
+        self._losses: list[Tensor] = []
+        self._statistics: list[Tensor] = []
+
+    def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Mapping[str, Any], batch_index: int) -> None:
+        """Remember the batch, and before the first of a step the running statistics."""
+        if not self._window:
+            self._statistics = [buffer.clone() for buffer in module.buffers()]
+        self._window.append(Seen(batch["where"], finite_patches(batch)))
+        self.resampled += batch["resampled"]
+
+    def on_before_backward(self, trainer: Trainer, module: Any, loss: Tensor) -> None:
+        """Remember the loss."""
+        self._losses.append(loss.detach())
+
+    def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: torch.optim.Optimizer) -> None:
+        """Take the gradients away if one of them or the loss is not finite: an optimiser passes over what has none.
+
+        Raises:
+            LfrefError: The weights are not finite, or too many steps in a row were skipped.
+        """
+        is_loss_finite, norm = torch.stack(self._losses).isfinite().all(), gradient_norm(module)
+        window, self._window, self._losses = self._window, [], []
+        if trainer.strategy.reduce_boolean_decision(bool(is_loss_finite & norm.isfinite())):
+            self.in_a_row = 0
+            return
+        what = "gradient" if is_loss_finite else "loss"
+        blame = "; ".join(blamed(window)) or f"{what} of {_places(window)}"
+        optimizer.zero_grad(set_to_none=True)
+        for buffer, value in zip(module.buffers(), self._statistics, strict=True):
+            buffer.copy_(value)
+        refuse_corrupted(module.state_dict(), "train from the last checkpoint with a lower learning rate")
+        could_overflow = bool(is_loss_finite) and _loss_scale(trainer) >= LEAST_SCALE
+        self._count(trainer, blame, is_overflow=trainer.strategy.reduce_boolean_decision(could_overflow))
+
+    def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
+        """Log the counts."""
+        for name, over_processes in COUNTS.items():
+            module.log(f"train/{name}", float(getattr(self, name)), sync_dist=True, reduce_fx=over_processes)
+
+    def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
+        """Refuse to write weights that are not finite.
+
+        Raises:
+            LfrefError: One of them is not.
+        """
+        refuse_corrupted(checkpoint["state_dict"], "no checkpoint was written; go on from the last one")
+
+    def state_dict(self) -> dict[str, int]:
+        """The counts, as a checkpoint keeps them."""
+        return {name: getattr(self, name) for name in (*COUNTS, "in_a_row")}
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        """Go on counting."""
+        vars(self).update(state)
+
+    def _count(self, trainer: Trainer, blame: str, is_overflow: bool) -> None:
+        if is_overflow:
+            self.overflowed += 1
+            log.debug("step %d overflowed float16; the loss scaler tries a smaller scale", trainer.global_step)
+            return
+        self.skipped += 1
+        self.in_a_row += 1
+        place = trainer.current_epoch, trainer.global_step
+        log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, blame)
+        if self.in_a_row >= self.patience:
+            raise LfrefError(
+                f"training needs steps with a finite loss and gradient; got none in {self.in_a_row} steps",
+                remedy=f"at last for the {blame}; lower optimizer.lr or set trainer.gradient_clip_val=1",
+            )
+
+
+class BestCheckpoint(ModelCheckpoint):
+    """Keeps the checkpoint with the best value of what it monitors; a value that is not finite is never the best."""
+
+    def check_monitor_top_k(self, trainer: Trainer, current: Tensor | None = None) -> bool:
+        """Whether to save: as Lightning's own, which takes the first value whatever it is."""
+        if current is not None and not current.isfinite():
+            log.warning("epoch %d: %s is not finite; no best checkpoint", trainer.current_epoch, self.monitor)
+            return False
+        return super().check_monitor_top_k(trainer, current)
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up the best score; Lightning's own forgets it where the run folder has moved since."""
+        own = {name: self._here(state_dict[name]) for name in ("best_model_path", "kth_best_model_path")}
+        best = {self._here(path): score for path, score in state_dict["best_k_models"].items()}
+        super().load_state_dict(state_dict | own | {"best_k_models": best, "dirpath": self.dirpath})
+
+    def _here(self, path: str) -> str:
+        return str(Path(self.dirpath or "") / Path(path).name) if path else ""
+
+
+def finite_patches(batch: Mapping[str, Any]) -> dict[str, Tensor]:
+    """Whether the images of each patch are finite, [P] each, by their name: views and labels, or guides and pictures.
+
+    Args:
+        batch: Of patches; what has more than one axis are images, [P, ...].
+    """
+    images = {name: each for name, each in batch.items() if isinstance(each, Tensor) and each.ndim > 1}
+    return {name: each.isfinite().flatten(1).all(1) for name, each in images.items()}
+
+
+def gradient_norm(module: nn.Module) -> Tensor:
+    """Norm of all gradients, in their type, a scalar."""
+    gradients = [parameter.grad for parameter in module.parameters() if parameter.grad is not None]
+    return nn.utils.get_total_norm(gradients) if gradients else torch.zeros(())
+
+
+def blamed(window: list[Seen]) -> list[str]:
+    """The patches whose images are not finite, by name."""
+    return [
+        f"{name} of {place}"
+        for seen in window
+        for name, is_finite in seen.is_finite.items()
+        for place, is_good in zip(seen.where, is_finite.tolist(), strict=True)
+        if not is_good
+    ]
+
+
+def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
+    """Refuse tensors that are not finite.
+
+    Raises:
+        LfrefError: One of them is not; it is named.
+    """
+    for name, value in state.items():
+        if isinstance(value, Tensor) and not bool(value.isfinite().all()):
+            raise LfrefError(f"weights must be finite; {name} is not", remedy=remedy)
+
+
+def _places(window: list[Seen]) -> str:
+    return ", ".join(place for seen in window for place in seen.where)
+
+
+def _loss_scale(trainer: Trainer) -> float:
+    """Scale of the loss under float16, 0 where it has none."""
+    scaler = getattr(trainer.precision_plugin, "scaler", None)
+    return 0.0 if scaler is None else scaler.get_scale()
 
 
 class HeadInitialization(Callback):
@@ -118,3 +310,50 @@ def log_picture(logger: Any, picture: Tensor, step: int) -> None:
         logger.log_image("val/stack", [picture], step=step)
     elif hasattr(logger.experiment, "add_image"):
         logger.experiment.add_image("val/stack", picture, step)
+
+
+# PART log
+# The log of a run as a CSV file, which a resumed run goes on with.
+
+
+class _Continued(ExperimentWriter):
+    """Lightning's writer deletes the log that it finds; this one goes on below it."""
+
+    def _check_log_dir_exists(self) -> None:
+        path = Path(self.metrics_file_path)
+        if path.is_file():
+            with path.open(newline="", encoding="utf-8") as file:
+                self.metrics_keys = next(csv.reader(file), [])
+
+
+class CSVLogger(loggers.CSVLogger):
+    """Lightning's logger of that name, but for what is in the file already: that stays."""
+
+    @property
+    @rank_zero_experiment
+    def experiment(self) -> _ExperimentWriter:
+        """The writer of the file, made when it is first needed."""
+        if self._experiment is None:
+            self._experiment = _Continued(log_dir=self.log_dir)
+        return self._experiment
+
+
+# PART storage
+# Checkpoints on disk that are either whole or absent, and hold nothing that could run code.
+
+
+class AtomicCheckpointIO(TorchCheckpointIO):
+    """Writes to a temporary name and renames: a run that is killed leaves the last whole checkpoint."""
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
+        """Write a checkpoint.
+
+        Args:
+            checkpoint: Plain containers and tensors.
+            path: File to replace.
+            storage_options: Not used; Lightning's signature.
+
+        Raises:
+            FileError: The file cannot be written.
+        """
+        tensor_files.write(path, checkpoint)

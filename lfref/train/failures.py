@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from lfref.errors import CheckpointError, LfrefError
-from lfref.io import explain
+from lfref.io import atomic
 
 KNOWN = {
     "DataLoader worker": (
@@ -41,7 +41,7 @@ def explained(folder: Path) -> Iterator[None]:
         CheckpointError: A checkpoint does not fit the network.
     """
     try:
-        with explain.explained(folder, "written"):
+        with atomic.explained(folder, "written"):
             yield
     except RuntimeError as error:
         known = next((told for start, told in KNOWN.items() if str(error).startswith(start)), None)
@@ -51,4 +51,4 @@ def explained(folder: Path) -> Iterator[None]:
         for process in multiprocessing.active_children():
             process.kill()
         kind, expected, remedy = known
-        raise kind(expected, got=explain.one_line(str(error)), remedy=remedy) from error
+        raise kind(expected, got=atomic.one_line(str(error)), remedy=remedy) from error

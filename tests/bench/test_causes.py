@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 import torch
 
-from lfref.bench import causes
-from lfref.bench.causes import EXACT, LINEAR, Plan
+from lfref.bench import error_causes
+from lfref.bench.error_causes import EXACT, LINEAR, Plan
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
@@ -16,8 +16,8 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.crosstalk import Crosstalk
+from lfref.simulator.effects.response import ToneCurve
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
@@ -38,7 +38,7 @@ EFFECTS, GEOMETRY = ["crosstalk", "tone_curve"], ["5x5 views", "range"]
 
 @pytest.fixture(scope="module")
 def measured():
-    return pd.DataFrame(causes.rows([SCENE, BULGE], [CUBIC], PLAN))
+    return pd.DataFrame(error_causes.rows([SCENE, BULGE], [CUBIC], PLAN))
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_an_effect_of_the_sensor_is_judged_by_the_truth_developed_like_its_views
 
 
 def test_more_views_of_the_same_aperture_show_the_same_scene():
-    finer = simulate(causes.scaled(SCENE, 3 / 5, (5, 5)), slopes=PLANES.slopes * 3 / 5)
+    finer = simulate(error_causes.scaled(SCENE, 3 / 5, (5, 5)), slopes=PLANES.slopes * 3 / 5)
     coarse = simulate(SCENE, slopes=PLANES.slopes)
     card = (..., slice(14, 22), slice(16, 24))  # of a texture that does not depend on the size of the canvas
     assert float(psnr(finer.truth[1:][card], coarse.truth[1:][card])) > 40
@@ -118,7 +118,7 @@ def test_more_views_cost_less_than_nothing(measured):
 
 
 def test_means_leave_planes_or_join_them(measured):
-    by_plane, both = causes.summary(measured, "alpha", "slope"), causes.summary(measured)
+    by_plane, both = error_causes.summary(measured, "alpha", "slope"), error_causes.summary(measured)
     assert both.columns.tolist() == ["cause", "method", "is_base", "psnr_db", "cost_db", "alone_db", "won_db", "scenes"]
     assert both["scenes"].tolist() == [2] * 12 + [1] * 4
     assert len(by_plane) == 2 * len(both)
@@ -130,4 +130,4 @@ def test_means_leave_planes_or_join_them(measured):
 def test_round_apertures_are_refused():
     disc = dataclasses.replace(SCENE, camera=dataclasses.replace(SCENE.camera, aperture="disc"))
     with pytest.raises(InputError, match="a disc in card"):
-        list(causes.rows([disc], [], PLAN))
+        list(error_causes.rows([disc], [], PLAN))

@@ -4,9 +4,9 @@ import pytest
 import torch
 
 from lfref import geometry
-from lfref.bench import engine_subjects
-from lfref.bench.engine_subjects import Fields
-from lfref.data.sources import SimulatedSource
+from lfref.bench import engine_timing
+from lfref.bench.engine_timing import Fields
+from lfref.data.field_sources import SimulatedSource
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -35,7 +35,7 @@ def network():
 
 
 def test_a_network_reads_views_and_is_judged_by_photographs(fields):
-    subject = engine_subjects.of_network("net", network(), fields, PLANES, True, CPU)
+    subject = engine_timing.of_network("net", network(), fields, PLANES, True, CPU)
     assert [shot.scene for shot in subject.shots] == [field.name for field in fields.whole]
     for shot, field in zip(subject.shots, fields.whole, strict=True):
         assert torch.equal(shot.parts[0][0], field.views)
@@ -48,9 +48,9 @@ def test_a_network_reads_views_and_is_judged_by_photographs(fields):
 def test_a_network_without_training_makes_pictures_as_bright_as_the_scenes_and_a_trained_one_is_left_alone(fields):
     raw, kept = network(), network()
     before = kept.head.weight.clone()
-    engine_subjects.of_network("net", kept, fields, PLANES, True, CPU)
+    engine_timing.of_network("net", kept, fields, PLANES, True, CPU)
     assert torch.equal(kept.head.weight, before)
-    subject = engine_subjects.of_network("net", raw, fields, PLANES, False, CPU)
+    subject = engine_timing.of_network("net", raw, fields, PLANES, False, CPU)
     with torch.no_grad():
         made = subject.network(*subject.patches[0])
     assert made.mean() == pytest.approx(float(fields.patches[0].photograph(PLANES.values).mean()), abs=0.02)
@@ -66,7 +66,7 @@ def test_a_refiner_reads_guides_and_pictures_in_the_parts_that_its_refocuser_mak
     # Digits are compared here, which half of them would hide.
     monkeypatch.setattr(refined, "_is_half_faster", lambda device: False)
     planes = geometry.even_planes(4)
-    subject = engine_subjects.of_refiner(refiner, fields, planes, CPU)
+    subject = engine_timing.of_refiner(refiner, fields, planes, CPU)
     for shot, field in zip(subject.shots, fields.whole, strict=True):
         # Three planes would fit, and the fourth would be a part of another shape.
         assert [tuple(guides.shape) for guides, *_ in shot.parts] == [(2, 6, 32, 40)] * 2

@@ -4,9 +4,8 @@ import pytest
 import torch
 
 from lfref.bench import quality
-from lfref.bench.quality import Shown
+from lfref.bench.quality import Shown, colour_difference
 from lfref.errors import InputError
-from lfref.functional.colour import colour_difference
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 

@@ -5,19 +5,19 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lfref.bench import simulation
+from lfref.bench import simulation_cost
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator import bitmaps
+from lfref.simulator import views as central
+from lfref.simulator.effects.response import Exposure
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat, Noise
-from lfref.simulator.views import central
 
 CAMERA = Camera((3, 3), (24, 30))
 CPU = torch.device("cpu")
@@ -30,7 +30,7 @@ SCENES = {
 
 
 def test_costs_are_medians_of_planned_and_forced_runs():
-    rows = simulation.costs(SCENES, PLANES.slopes, CPU, range(3))
+    rows = simulation_cost.costs(SCENES, PLANES.slopes, CPU, range(3))
     assert [(row["scene"], row["asked"]) for row in rows] == [
         ("wall", "views"), ("wall", "truth"), ("card", "views"), ("card", "truth"),
     ]  # fmt: skip
@@ -41,7 +41,7 @@ def test_costs_are_medians_of_planned_and_forced_runs():
 
 def test_forced_work_runs_more_passes():
     planned, forced = (
-        simulation.Work(SCENES["wall"], "views", is_forced).run(PLANES.slopes, CPU) for is_forced in (False, True)
+        simulation_cost.Work(SCENES["wall"], "views", is_forced).run(PLANES.slopes, CPU) for is_forced in (False, True)
     )
     ran = [sum(row.state == "run" for row in made.rows) for made in (planned, forced)]
     assert ran[0] < ran[1]
@@ -49,7 +49,7 @@ def test_forced_work_runs_more_passes():
 
 
 def test_shares_of_passes_add_up():
-    rows = simulation.passes(SCENES, PLANES.slopes, CPU)
+    rows = simulation_cost.passes(SCENES, PLANES.slopes, CPU)
     for name in SCENES:
         mine = [row for row in rows if row["scene"] == name]
         assert {"view", "photograph"} <= {row["pass"] for row in mine}
@@ -58,15 +58,17 @@ def test_shares_of_passes_add_up():
 
 @pytest.mark.parametrize("n_workers", [0, 2])
 def test_rates_count_scenes_by_what_was_asked(n_workers):
-    rows = simulation.rates(RandomScenes(CAMERA), 3, PLANES.slopes, CPU, n_workers)
+    rows = simulation_cost.rates(RandomScenes(CAMERA), 3, PLANES.slopes, CPU, n_workers)
     assert [row["asked"] for row in rows] == ["views", "views and truth"]
     assert all(row["n_scenes"] == 3 and row["n_workers"] == n_workers and row["per_second"] > 0 for row in rows)
 
 
 def test_patches_are_simulated_as_asked(monkeypatch):
     made = []
-    monkeypatch.setattr(simulation, "simulate", lambda scene, seed, outputs, *_: made.append((scene.name, outputs)))
-    patches = simulation.Patches(RandomScenes(CAMERA), 2, "views and truth", PLANES.slopes, CPU)
+    monkeypatch.setattr(
+        simulation_cost, "simulate", lambda scene, seed, outputs, *_: made.append((scene.name, outputs))
+    )
+    patches = simulation_cost.Patches(RandomScenes(CAMERA), 2, "views and truth", PLANES.slopes, CPU)
     assert [patches[index] for index in range(len(patches))] == [0, 1]
     assert made == [(f"simulated_s0_e0_00{index}", ("views", "truth")) for index in range(2)]
 
@@ -77,7 +79,7 @@ def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
         OperatorRefocuser("dark", lambda views, slopes: shift_and_sum(views, slopes) * 0.5),
     ]
     dim = replace(SCENES["wall"], sensor=Sensor(exposure=Exposure(0.1)))  # the sensor is left out
-    rows = simulation.distances([("wall", dim)], methods, PLANES, CPU)
+    rows = simulation_cost.distances([("wall", dim)], methods, PLANES, CPU)
     found = {(row["method"], row["alpha"]): row["psnr_db"] for row in rows}
     assert found["sum", 1.0] > 50
     assert found["sum", 0.5] < found["sum", 1.0]
@@ -90,7 +92,7 @@ def test_planes_have_the_mean_and_the_worst_scene(alphas):
         {"scene": scene, "method": "sum", "alpha": alphas[plane], "slope": plane / 2, "psnr_db": value}
         for scene, plane, value in (("a", 0, 30.0), ("b", 0, 40.0), ("a", 1, 50.0), ("b", 1, 20.0))
     ]
-    found = simulation.by_plane(rows)
+    found = simulation_cost.by_plane(rows)
     assert found.columns.tolist() == ["method", "alpha", "slope", "mean_db", "worst_db", "worst_scene"]
     assert found["alpha"].isna().all() or tuple(found["alpha"]) == alphas
     assert found.drop(columns="alpha").to_numpy().tolist() == [
@@ -102,13 +104,13 @@ def test_planes_have_the_mean_and_the_worst_scene(alphas):
 @pytest.mark.parametrize("aperture", ["square", "disc"])
 def test_as_many_cells_as_needed_agree_with_many_points(aperture):
     card = replace(SCENES["card"], camera=replace(CAMERA, aperture=aperture))
-    (good,) = simulation.aperture_errors([("card", card)], PLANES, 32, CPU)
+    (good,) = simulation_cost.aperture_errors([("card", card)], PLANES, 32, CPU)
     assert good["psnr_db"] > 45
     assert good["worst_plane"] in PLANES.labels
 
 
 def test_few_points_are_not_the_whole_aperture_and_one_is_its_middle():
     layers = bitmaps.paint(SCENES["card"], reach=1.0)
-    one, few, many = (simulation.through_points(layers, CAMERA, -1.0, n_points) for n_points in (1, 2, 32))
+    one, few, many = (simulation_cost.through_points(layers, CAMERA, -1.0, n_points) for n_points in (1, 2, 32))
     assert torch.equal(one, central.all_in_focus(layers, CAMERA))
     assert float((few - many).abs().max()) > 0.05

@@ -19,10 +19,9 @@ from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.developed import developed
-from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.response import Exposure, ToneCurve
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate

@@ -6,10 +6,10 @@ import functools
 import torch
 
 from lfref import geometry
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Evidence
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
-from lfref.simulator.effects import chromatic, misalignment, resampling
+from lfref.simulator.effects import displacement
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.simulate import simulate
 
@@ -37,19 +37,19 @@ def shifts(size=0.25, seed=1):
 
 def misaligned(name, moved):
     field = scene(name)
-    return dataclasses.replace(field, views=misalignment.shift(field.views, moved.flip(-1)))
+    return dataclasses.replace(field, views=displacement.shift(field.views, moved.flip(-1)))
 
 
 def dispersed(name, magnification, disparity):
     field = scene(name)
-    return dataclasses.replace(field, views=chromatic.disperse(field.views, magnification, disparity))
+    return dataclasses.replace(field, views=displacement.disperse(field.views, magnification, disparity))
 
 
 def stretched(name, ratio):
     """A picture that is taller has larger disparities along rows: as of rows of views farther apart."""
     field = scene(name)
     rows, columns = (geometry.angular_offsets(n) for n in field.size)
-    return dataclasses.replace(field, views=resampling.resample(field.views, rows / ratio, columns))
+    return dataclasses.replace(field, views=displacement.resample(field.views, rows / ratio, columns))
 
 
 def noisy(field, size=0.02):

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Evidence
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor

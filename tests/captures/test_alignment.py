@@ -7,7 +7,7 @@ import torch
 
 import lfref
 from lfref.captures import alignment, registration
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Evidence
 from lfref.lightfield import LightField
 
 from . import displaced

@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from lfref.captures.asked import as_asked
-from lfref.captures.correct import Corrections
+from lfref.captures.correct import Corrections, as_asked
 from lfref.captures.spacing import Spacing
 from lfref.lightfield import LightField
 

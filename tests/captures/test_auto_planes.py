@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lfref.captures.auto_planes import AutoPlanes
+from lfref.captures.inspect import AutoPlanes
 from lfref.errors import InputError
 from lfref.geometry import checked_slopes
 from lfref.lightfield import LightField

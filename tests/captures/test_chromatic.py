@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lfref.captures import chromatic
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Evidence
 from lfref.lightfield import LightField
 
 from . import displaced

@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from lfref import encoding
-from lfref.captures.correct import correct, load
-from lfref.captures.corrections import CORRECTIONS
+from lfref.captures.correct import CORRECTIONS, correct, load
 from lfref.errors import FileError, InputError
 from lfref.lightfield import LightField
 from lfref.simulator import sim30

@@ -2,7 +2,7 @@
 
 import torch
 
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Evidence
 from lfref.io.read import read
 from lfref.lightfield import LightField
 from lfref.simulator import sim30

@@ -7,8 +7,7 @@ import torch
 
 from lfref.captures import hot_pixels
 from lfref.lightfield import LightField
-from lfref.simulator.effects.demosaic import demosaicked
-from lfref.simulator.effects.mosaic import mosaicked
+from lfref.simulator.effects.mosaic import demosaicked, mosaicked
 
 from .scenes import ODD, clean, evidence
 

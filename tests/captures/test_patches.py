@@ -3,9 +3,9 @@
 import torch
 
 from lfref import geometry
-from lfref.captures import patches
-from lfref.captures.patches import RING, SIDE, Patches
-from lfref.simulator.effects import resampling
+from lfref.captures import displacements as patches
+from lfref.captures.displacements import RING, SIDE, Patches
+from lfref.simulator.effects import displacement
 
 PLACES = torch.cartesian_prod(*[geometry.angular_offsets(5)] * 2)
 
@@ -31,10 +31,10 @@ def test_patches_are_read_as_the_simulator_reads():
     views = torch.rand(4, 2, 70, 80)
     found = Patches(torch.tensor([20, 25]), torch.tensor([18, 40]), torch.zeros(2).double())
     displacements = 3 * torch.rand(2, 4, 2, dtype=torch.float64) - 1.5
-    made = patches.read(views, found, displacements)
+    made = patches.read_patches(views, found, displacements)
     steps = torch.arange(SIDE + 2 * RING) - RING
     for k, i in ((0, 0), (1, 3)):
         rows = found.rows[k] + displacements[k, i, 0] + steps - (70 - 1) / 2
         columns = found.columns[k] + displacements[k, i, 1] + steps - (80 - 1) / 2
-        down, across = (resampling.matrix(*axis).float() for axis in ((rows, 70), (columns, 80)))
+        down, across = (displacement.matrix(*axis).float() for axis in ((rows, 70), (columns, 80)))
         torch.testing.assert_close(made[k, i], down @ views[i] @ across.mT, atol=2e-6, rtol=0)

@@ -5,7 +5,7 @@ import dataclasses
 import torch
 
 from lfref.captures import registration
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Evidence
 from lfref.lightfield import LightField
 
 from . import displaced

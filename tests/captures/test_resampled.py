@@ -5,32 +5,32 @@ import dataclasses
 import torch
 
 from lfref import geometry
-from lfref.captures import resampled
+from lfref.captures import resampling
 from lfref.lightfield import LightField
-from lfref.simulator.effects import resampling
+from lfref.simulator.effects import displacement
 
 
 def test_it_reads_what_the_simulator_reads():
     views = torch.rand(2, 3, 3, 20, 33, dtype=torch.float64)
     rows = geometry.angular_offsets(20) * 1.02 + torch.rand(2, 3, 1, 1, dtype=torch.float64)
     columns = geometry.angular_offsets(33) - 3 * torch.rand(2, 3, 3, 1, dtype=torch.float64)
-    expected = resampling.resample(views, rows.expand(2, 3, 3, 20), columns)
-    torch.testing.assert_close(resampled.resampled(views, rows, columns), expected, atol=1e-12, rtol=0)
+    expected = displacement.resample(views, rows.expand(2, 3, 3, 20), columns)
+    torch.testing.assert_close(resampling.resampled(views, rows, columns), expected, atol=1e-12, rtol=0)
 
 
 def test_whole_positions_keep_samples():
     views = torch.rand(1, 1, 1, 9, 12)
-    rows, columns = resampled.centred((9, 12))
-    assert torch.equal(resampled.resampled(views, rows, columns), views)
-    assert torch.equal(resampled.resampled(views, rows, columns + 2)[..., :-2], views[..., 2:])
+    rows, columns = resampling.centred((9, 12))
+    assert torch.equal(resampling.resampled(views, rows, columns), views)
+    assert torch.equal(resampling.resampled(views, rows, columns + 2)[..., :-2], views[..., 2:])
 
 
 def test_weights_move_along_and_stay_between_0_and_1():
     weight = (torch.rand(2, 2, 1, 24, 24) > 0.5).float()
     field = LightField(torch.rand(2, 2, 3, 24, 24), weight=weight)
-    rows, columns = resampled.centred((24, 24))
-    moved = resampled.moved(field, rows + 0.4, columns)
+    rows, columns = resampling.centred((24, 24))
+    moved = resampling.moved(field, rows + 0.4, columns)
     assert float(moved.weight.min()) >= 0
     assert float(moved.weight.max()) <= 1
     even = dataclasses.replace(field, weight=torch.ones_like(weight))
-    torch.testing.assert_close(resampled.moved(even, rows + 0.4, columns).weight, even.weight)
+    torch.testing.assert_close(resampling.moved(even, rows + 0.4, columns).weight, even.weight)

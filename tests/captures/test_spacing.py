@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lfref.captures import spacing
-from lfref.captures.evidence import Evidence
+from lfref.captures.defect import Evidence
 from lfref.lightfield import LightField
 
 from . import displaced

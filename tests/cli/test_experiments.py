@@ -6,8 +6,7 @@ import yaml
 
 from lfref.cli import config as configs
 from lfref.cli import train as command
-from lfref.train.refining import Refining
-from lfref.train.refocusing import Refocusing
+from lfref.train.modules import Refining, Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 
 FAST = (

@@ -8,12 +8,12 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf, open_dict
 
+from lfref.cli import composition
 from lfref.cli import config as configs
-from lfref.cli import hydra_node
 from lfref.errors import InputError
 
-JOBLIB, LOCAL, SLURM, RAY = list(hydra_node.LAUNCHERS)[1:]
-BASIC, OPTUNA = hydra_node.SWEEPERS
+JOBLIB, LOCAL, SLURM, RAY = list(composition.LAUNCHERS)[1:]
+BASIC, OPTUNA = composition.SWEEPERS
 TOUCH = {"_target_": "os.system", "command": "touch sentinel"}
 FACTORY = {"()": "os.system", "command": "touch sentinel"}
 
@@ -69,7 +69,7 @@ REFUSED = [
     ("job_logging", "${evil}"),
     ("hydra_logging.handlers.console.stream", "ext://os.system"),
     ("hydra_logging.handlers.file", {"class": "logging.FileHandler", "filename": "sentinel"}),
-    ("hydra_logging.handlers.file", {"class": "logging.FileHandler", "filename": hydra_node.LOG_FILE}),
+    ("hydra_logging.handlers.file", {"class": "logging.FileHandler", "filename": composition.LOG_FILE}),
     ("searchpath", ["pkg://antigravity"]),
     ("output_subdir", "../sentinel"),
     ("output_subdir", ".."),
@@ -146,18 +146,18 @@ def hydra_with(whole):
 @pytest.mark.parametrize(("key", "value"), REFUSED, ids=str)
 def test_what_could_run_or_open_what_it_names_is_refused(hydra_with, key, value):
     with pytest.raises(InputError, match=rf"hydra\.{key.partition('.')[0]}"):
-        hydra_node.check(hydra_with(key, value))
+        composition.check(hydra_with(key, value))
 
 
 @pytest.mark.parametrize(("key", "value"), ALLOWED, ids=str)
 def test_what_people_need_is_allowed(hydra_with, key, value):
-    hydra_node.check(hydra_with(key, value))
+    composition.check(hydra_with(key, value))
 
 
 @pytest.mark.parametrize("choice", ["job_logging=none", "job_logging=disabled", "job_logging=stdout"])
 def test_hydras_own_choices_are_allowed(choice):
     with initialize_config_dir(str(configs.directory()), version_base="1.3"):
-        hydra_node.check(compose("train", [f"hydra/{choice}"], return_hydra_config=True).hydra)
+        composition.check(compose("train", [f"hydra/{choice}"], return_hydra_config=True).hydra)
 
 
 FILES = {

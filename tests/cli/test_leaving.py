@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from lfref.cli import leaving
+from lfref.cli import exit_codes
 from lfref.io import atomic
 
 SMALL = ("scene=plane", "scene.camera.size=[24,24]", "scene.camera.grid=[3,3]", "outputs=[disparity]")
@@ -19,10 +19,10 @@ def test_a_signal_is_one_line_and_its_status(capsys, number, status):
     before = signal.getsignal(number)
 
     def train():
-        with leaving.said_on_signals("train"):
+        with exit_codes.said_on_signals("train"):
             try:
                 os.kill(os.getpid(), number)
-            except leaving.Stopped as stopped:
+            except exit_codes.Stopped as stopped:
                 stopped.add_note("last checkpoint a.ckpt")
                 raise
 
@@ -34,7 +34,7 @@ def test_a_signal_is_one_line_and_its_status(capsys, number, status):
 
 
 def test_a_forked_worker_dies_of_the_signal_and_says_nothing(capfd):
-    with leaving.said_on_signals("train"):
+    with exit_codes.said_on_signals("train"):
         child = os.fork()
         if child == 0:
             os.kill(os.getpid(), signal.SIGTERM)

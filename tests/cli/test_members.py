@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lfref.io.run import Run
-from lfref.train.refocusing import Refocusing
+from lfref.train.modules import Refocusing
 from tests.cli.conftest import TINY
 
 SWEEP = ("train", "--multirun", *TINY, "trainer.max_epochs=1", "callbacks.progress=null", "callbacks.summary=null")

@@ -4,7 +4,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
-from lfref.cli import options
+from lfref.cli import composition
 from lfref.errors import InputError
 
 BASE = OmegaConf.create(
@@ -26,7 +26,7 @@ BASE = OmegaConf.create(
 
 
 def check(*words):
-    options.check(BASE, OverridesParser.create().parse_overrides(list(words)), ["alphas"])
+    composition.check_overrides(BASE, OverridesParser.create().parse_overrides(list(words)), ["alphas"])
 
 
 @pytest.mark.parametrize(
@@ -77,10 +77,10 @@ def test_what_does_not_fit_is_refused_with_the_nearest(word, said):
 
 def test_a_missing_argument_of_a_component_may_be_added():
     base = OmegaConf.create({"net": {"_target_": "lfref.geometry.even_planes", "n": 3}})
-    options.check(base, OverridesParser.create().parse_overrides(["+net.last=2"]), [])
+    composition.check_overrides(base, OverridesParser.create().parse_overrides(["+net.last=2"]), [])
 
 
 def test_files_may_be_added_where_a_command_looks():
-    options.check_groups(BASE, {"method@methods.s": "methods.s", "mine": ""}, [])
+    composition.check_groups(BASE, {"method@methods.s": "methods.s", "mine": ""}, [])
     with pytest.raises(InputError, match=r"got 'method@metods\.s'; perhaps methods"):
-        options.check_groups(BASE, {"method@metods.s": "metods.s"}, [])
+        composition.check_groups(BASE, {"method@metods.s": "metods.s"}, [])

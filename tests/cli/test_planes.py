@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from lfref.captures.auto_planes import AutoPlanes
+from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
-from lfref.cli import planes
+from lfref.cli import refocusing
 from lfref.errors import InputError
 from lfref.geometry import even_planes
 from lfref.io import write
@@ -25,15 +25,15 @@ def test_refocus_spreads_planes_over_the_scene_unless_told_otherwise(composed):
 
 def test_fixed_planes_are_the_same_for_all_light_fields():
     asked = even_planes(3)
-    assert planes.planes_of(asked, GREY) is asked
-    assert len(planes.planes_of(AutoPlanes(4), GREY)) == 4
+    assert refocusing.planes_of(asked, GREY) is asked
+    assert len(refocusing.planes_of(AutoPlanes(4), GREY)) == 4
 
 
 @pytest.mark.parametrize("command", ["eval", "simulate", "train", "bench"])
 def test_commands_with_planes_for_all_refuse_planes_for_each(composed, command):
     needs = {"eval": ["input=x"], "bench": ["input=x"]}.get(command, [])
     with pytest.raises(InputError, match=r"got planes=auto; .*planes=paper"):
-        planes.fixed(composed(command, "planes=auto", *needs))
+        refocusing.fixed(composed(command, "planes=auto", *needs))
 
 
 def test_every_input_gets_planes_of_its_own(lfref, tmp_path):

@@ -2,7 +2,7 @@ import pytest
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from lfref.cli import arguments, sweeps
+from lfref.cli import arguments
 from lfref.cli import config as configs
 from lfref.errors import InputError
 
@@ -36,7 +36,7 @@ def test_a_sweep_is_also_a_wandb_sweep(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_hydra_understands_every_override_as_a_choice_sweep(name):
     parser = OverridesParser.create()
-    for override in parser.parse_overrides(sweeps.overrides(name, FOLDER)):
+    for override in parser.parse_overrides(arguments.overrides(name, FOLDER)):
         assert override.is_choice_sweep()
 
 
@@ -51,4 +51,4 @@ def test_a_sweep_without_multirun_or_by_an_unknown_name_is_refused():
 def test_a_broken_sweep_file_is_one_clear_error(tmp_path, text):
     (tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(InputError, match="must hold parameters"):
-        sweeps.overrides("bad", tmp_path)
+        arguments.overrides("bad", tmp_path)

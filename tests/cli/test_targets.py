@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from lfref.cli import config as configs
-from lfref.cli import targets
+from lfref.cli import parts
 from lfref.errors import InputError
 
 NAMED = {
@@ -36,13 +36,13 @@ DANGEROUS: dict[str, list[str]] = {
     "lfref.cli.command.sys.exit": [],
     "lfref.cli.main.importlib.import_module": ["antigravity"],
     "lfref.cli.main.main": [],
-    "lfref.cli.targets.found": ["os.system"],
-    "lfref.cli.targets.importlib.import_module": ["antigravity"],
+    "lfref.cli.parts.found": ["os.system"],
+    "lfref.cli.parts.importlib.import_module": ["antigravity"],
     "lfref.data.cache.cached": ["{victim}", "{{}}", "{sentinel}"],
     "lfref.nets.checkpoint.save": WRITE,
     "lfref.nets.checkpoint.restore": REMOVE,
     "lfref.bench.memory.subprocess.run": [["touch", "{sentinel}"]],
-    "lfref.train.storage.AtomicCheckpointIO": [],
+    "lfref.train.callbacks.AtomicCheckpointIO": [],
     "lfrefx.evil": [],
     "lfref": [],
     "lfref.": [],
@@ -133,7 +133,7 @@ def untouched(tmp_path, monkeypatch):
     """The paths that arguments name; afterwards one must still be there, and the other not."""
     names = {"sentinel": tmp_path / "sentinel", "victim": tmp_path / "victim"}
     names["victim"].write_text("still here")
-    monkeypatch.setattr(targets.importlib, "import_module", lambda name: pytest.fail(f"{name} was imported"))
+    monkeypatch.setattr(parts.importlib, "import_module", lambda name: pytest.fail(f"{name} was imported"))
     yield names
     assert not names["sentinel"].exists()
     assert names["victim"].read_text() == "still here"
@@ -150,7 +150,7 @@ def test_nothing_dangerous_is_reached_however_it_is_wrapped(target, untouched):
 
 def test_many_are_tried():
     assert len(DANGEROUS) >= 60
-    assert not {*DANGEROUS} & {*targets.GROUPS}
+    assert not {*DANGEROUS} & {*parts.GROUPS}
 
 
 @pytest.mark.parametrize(
@@ -187,12 +187,12 @@ def test_a_misspelt_target_gets_the_nearest():
 
 @pytest.mark.parametrize("name", sorted(NAMED))
 def test_every_target_of_our_configuration_stands_in_the_table(name):
-    assert name in targets.GROUPS
+    assert name in parts.GROUPS
 
 
-@pytest.mark.parametrize("name", sorted(targets.GROUPS))
+@pytest.mark.parametrize("name", sorted(parts.GROUPS))
 def test_every_entry_of_the_table_is_what_it_says(name):
-    entry = targets.found(name)
+    entry = parts.found(name)
     assert inspect.isclass(entry) or inspect.isfunction(entry)
     assert entry.__name__ == name.rpartition(".")[2]
     # Lightning and torch offer theirs one floor above where they are defined.
@@ -200,16 +200,16 @@ def test_every_entry_of_the_table_is_what_it_says(name):
     assert entry.__module__.partition(".")[0] == name.partition(".")[0]
 
 
-@pytest.mark.parametrize("group", targets.WRITERS)
+@pytest.mark.parametrize("group", parts.WRITERS)
 def test_what_writes_must_write_into_the_run_folder(group, tmp_path):
     run = tmp_path / "run"
-    for name in targets.NOW[group]:
+    for name in parts.NOW[group]:
         for place in (str(run), str(run / "a" / "b")):
-            targets.check({"_target_": name, "save_dir": place}, run)
-        for key in (*targets.PLACES, "version", "filename"):
+            parts.check({"_target_": name, "save_dir": place}, run)
+        for key in (*parts.PLACES, "version", "filename"):
             for place in (tmp_path, "/", run / "..", run / ".." / "run2", "../x", "s3://bucket/x", f"{run}/../x"):
                 with pytest.raises(InputError, match=r"run folder|must have some of"):
-                    targets.check({"_target_": name, key: str(place)}, run)
+                    parts.check({"_target_": name, key: str(place)}, run)
 
 
 def test_a_link_out_of_the_run_folder_is_followed_and_refused(tmp_path):
@@ -217,7 +217,7 @@ def test_a_link_out_of_the_run_folder_is_followed_and_refused(tmp_path):
     (tmp_path / "run" / "link").symlink_to(tmp_path)
     node = {"_target_": "lightning.pytorch.callbacks.ModelCheckpoint", "dirpath": str(tmp_path / "run" / "link")}
     with pytest.raises(InputError, match="dirpath must lie in the run folder"):
-        targets.check(node, tmp_path / "run")
+        parts.check(node, tmp_path / "run")
 
 
 @pytest.mark.parametrize("argument", ["settings", "dir", "experiment", "checkpoint_name", "x_executable"])

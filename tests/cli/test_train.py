@@ -5,9 +5,8 @@ from hydra.core.hydra_config import HydraConfig
 
 from lfref.cli import train as command
 from lfref.cli.train import _trainer
-from lfref.train.callbacks import StackPictures
-from lfref.train.guard import BestCheckpoint, StepGuard
-from lfref.train.refocusing import Refocusing
+from lfref.train.callbacks import BestCheckpoint, StackPictures, StepGuard
+from lfref.train.modules import Refocusing
 from tests.cli.conftest import TINY
 
 

@@ -11,7 +11,7 @@ import torch
 from lfref.captures.correct import correct
 from lfref.data import cache
 from lfref.errors import FileError, InputError
-from lfref.functional import sources
+from lfref.functional import jit
 from lfref.io import read as reader
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -238,11 +238,11 @@ def copied_reader(tmp_path):
 
 def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
     names = {file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent)}
-    assert names >= {"read", "formats", "decode", "images", "eslf", "exr", "grid", "views", "explain"}
-    assert names.isdisjoint({"write", "encode", "folders", "atomic", "marks"})
+    assert names >= {"read", "field_formats", "decode", "images", "lenslets", "exr", "grid", "view_folders"}
+    assert names.isdisjoint({"write"})
 
 
-@pytest.mark.parametrize("name", ["decode", "eslf", "grid", "views", "read"])
+@pytest.mark.parametrize("name", ["decode", "lenslets", "grid", "view_folders", "read"])
 def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
     start = copied_reader(tmp_path)
     before = cache._reader_version.__wrapped__(start)
@@ -251,7 +251,7 @@ def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
     assert cache._reader_version.__wrapped__(start) != before
 
 
-@pytest.mark.parametrize("name", ["encode", "write", "folders", "atomic", "marks"])
+@pytest.mark.parametrize("name", ["write"])
 def test_an_edit_of_what_writes_leaves_the_cache_alone(tmp_path, name):
     start = copied_reader(tmp_path)
     before = cache._reader_version.__wrapped__(start)
@@ -263,7 +263,7 @@ def test_an_edit_of_what_writes_leaves_the_cache_alone(tmp_path, name):
 def test_a_new_module_counts_as_soon_as_a_reader_imports_it(tmp_path):
     start = copied_reader(tmp_path)
     start.with_name("new.py").write_text("X = 1")
-    with start.with_name("eslf.py").open("a") as file:
+    with start.with_name("lenslets.py").open("a") as file:
         file.write("\nfrom lfref.io import new")
     assert start.with_name("new.py") in cache._sources(start, set(), start.parent)
 
@@ -348,6 +348,6 @@ def test_other_corrections_are_another_entry(dark_corners, tmp_path):
     assert cache._correction_version("none") == []
     code, how = cache._correction_version("auto")
     assert how == "auto"
-    assert code == sources.digest(Path(cache.corrections.__file__), Path(cache.__file__).parents[1])
+    assert code == jit.digest(Path(cache.corrections.__file__), Path(cache.__file__).parents[1])
     correct(reader.read(dark_corners))[1].save(tmp_path / "correction.pt")
     assert cache._correction_version(str(tmp_path / "correction.pt"))[1] not in ("auto", how)

@@ -7,13 +7,13 @@ import shutil
 import pytest
 import torch
 
-from lfref.data import hashes
+from lfref.data import cache
 from lfref.data.datamodules import FolderData, PatchData, SimulatedData
-from lfref.data.labels import OperatorLabels, RenderedLabels
-from lfref.data.sources import SimulatedSource
+from lfref.data.field_sources import SimulatedSource
+from lfref.data.label_sources import OperatorLabels, RenderedLabels
 from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
-from lfref.io import marks
+from lfref.io import ownership
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
@@ -212,8 +212,8 @@ def test_what_one_process_prepares_no_other_reads_again(store, folder_data, monk
     for seed in range(3):
         store(f"field_{seed}", seed=seed)
     folder_data().prepare_data()
-    hashes._known.cache_clear()  # as in another process
-    monkeypatch.setattr(marks, "digest", lambda file: pytest.fail(f"{file} was read again"))
+    cache._known.cache_clear()  # as in another process
+    monkeypatch.setattr(ownership, "digest", lambda file: pytest.fail(f"{file} was read again"))
     assert len(folder_data().sources()[0]) == 2
 
 

@@ -6,16 +6,16 @@ import shutil
 
 import pytest
 
-from lfref.data import hashes
+from lfref.data import cache as hashes
 from lfref.errors import FileError
-from lfref.io import marks
+from lfref.io import ownership
 
 
 @pytest.fixture
 def read(monkeypatch):
     """Files whose content was really read, in order."""
-    files, digest = [], marks.digest
-    monkeypatch.setattr(marks, "digest", lambda file: files.append(file) or digest(file))
+    files, digest = [], ownership.digest
+    monkeypatch.setattr(ownership, "digest", lambda file: files.append(file) or digest(file))
     return files
 
 
@@ -121,5 +121,5 @@ def test_a_folder_that_cannot_be_written_only_costs_time(store, tmp_path):
 def test_the_mark_that_lfref_leaves_in_a_folder_is_no_content(store, tmp_path):
     path = store()
     before = hashes.content_hash(path)
-    (path / marks.MARK).unlink()
+    (path / ownership.MARK).unlink()
     assert hashes.content_hash(path) == before

@@ -8,17 +8,16 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.data import patches
-from lfref.data.labels import OperatorLabels, RenderedLabels
-from lfref.data.sources import SimulatedSource
+from lfref.data import patch_data
+from lfref.data.field_sources import SimulatedSource
+from lfref.data.label_sources import OperatorLabels, RenderedLabels
 from lfref.errors import InputError
 from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator.lens import truth
-from lfref.simulator.painting import bitmaps
+from lfref.simulator import bitmaps, truth
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
@@ -74,7 +73,7 @@ def test_a_patch_has_the_label_that_the_whole_field_has_there(options, interpola
     field = LightField(torch.rand(3, 3, 1, 40, 44))
     whole = source(field)
     for top, left in ((0, 0), (14, 15), (28, 31)):
-        _, label = patches.cut(field, source, top, left, 12)
+        _, label = patch_data.cut(field, source, top, left, 12)
         torch.testing.assert_close(label, whole[..., top : top + 12, left : left + 12], atol=1e-6, rtol=0)
 
 
@@ -103,7 +102,7 @@ def test_a_rendered_label_is_the_photograph_of_the_same_crop():
     scenes = RandomScenes(Camera((3, 3), (24, 28)))
     source = RenderedLabels("rendered", PLANES)
     field = SimulatedSource(1, 3, scenes).field(0)
-    views, label = patches.cut(field, source, 5, 9, 12)
+    views, label = patch_data.cut(field, source, 5, 9, 12)
     layers = bitmaps.paint(scenes.scene(3, 0, 0), reach=float(PLANES.slopes.abs().max()))
     expected = truth.stack(layers, scenes.camera, PLANES.slopes).clamp(0, 1)[..., 5:17, 9:21]
     assert torch.equal(views, field.views[..., 5:17, 9:21])

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.utils.data import DataLoader
 
-from lfref.data import patches
-from lfref.data.labels import OperatorLabels
-from lfref.data.patches import EpochSampler, FieldPatches
-from lfref.data.sources import SimulatedSource
+from lfref.data import patch_data
+from lfref.data.field_sources import SimulatedSource
+from lfref.data.label_sources import OperatorLabels
+from lfref.data.patch_data import EpochSampler, FieldPatches
 from lfref.errors import InputError, LfrefError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
@@ -43,7 +43,7 @@ def label_of(operator, planes=PLANES, **options):
 
 def both_labels(field, source, top, left):
     """The patch's own label, and the same window of the whole field's."""
-    views, label = patches.cut(field, source, top, left, PATCH)
+    views, label = patch_data.cut(field, source, top, left, PATCH)
     assert torch.equal(views, field.crop(top, left, PATCH, PATCH).views)
     return label, source(field)[..., top : top + PATCH, left : left + PATCH]
 
@@ -83,7 +83,7 @@ def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_b
     """On a field of 128 and a patch of 80 pixels; the docs give the figures for 256 and 192."""
     scene = SimulatedSource(1, 0, RandomScenes(Camera(size=(128, 128)))).field(0)
     source = label_of(operator, planes=planes_at_alphas((0.75, 1.5, 2.0)))
-    _, label = patches.cut(scene, source, 24, 24, 80)
+    _, label = patch_data.cut(scene, source, 24, 24, 80)
     whole = source(scene)[..., 24:104, 24:104]
     quality, inner = psnr(label, whole), psnr(label[..., 24:-24, 24:-24], whole[..., 24:-24, 24:-24])
     assert 55 < float(quality.min()) <= float(quality.max()) < 90
@@ -93,14 +93,14 @@ def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_b
 def test_whole_slopes_do_not_ring():
     scene = SimulatedSource(1, 0, RandomScenes(Camera(size=(128, 128)))).field(0)
     source = label_of(exact_fourier, planes=planes_at_alphas((0.25, 0.5, 1.0)))
-    _, label = patches.cut(scene, source, 24, 24, 80)
+    _, label = patch_data.cut(scene, source, 24, 24, 80)
     torch.testing.assert_close(label, source(scene)[..., 24:104, 24:104], atol=1e-5, rtol=0)
 
 
 def test_a_small_patch_in_a_corner_of_a_large_field_has_a_label():
     large = LightField(torch.rand(7, 7, 1, 80, 80))
     source = label_of(shift_and_sum, planes=planes_at_alphas((0.125,)))
-    _, label = patches.cut(large, source, 0, 0, 16)
+    _, label = patch_data.cut(large, source, 0, 0, 16)
     torch.testing.assert_close(label, source(large)[..., :16, :16], atol=1e-6, rtol=0)
 
 
@@ -189,7 +189,7 @@ def test_flat_patches_are_drawn_again_and_counted():
     assert sum(len(item["where"]) for item in found) > 36
     assert sum(item["resampled"] for item in found) > 8
     assert same(found[2], items[(2, 3)])
-    assert patches.concatenate(found)["resampled"] == sum(item["resampled"] for item in found)
+    assert patch_data.concatenate(found)["resampled"] == sum(item["resampled"] for item in found)
 
 
 def test_each_corner_is_cropped_once_with_all_that_its_label_needs(monkeypatch):
@@ -235,7 +235,7 @@ def loader():
     def make(workers, sampler, items=None):
         options = {"num_workers": workers, "persistent_workers": workers > 0}
         items = dataset(5) if items is None else items
-        made.append(DataLoader(items, 2, sampler=sampler, collate_fn=patches.concatenate, **options))
+        made.append(DataLoader(items, 2, sampler=sampler, collate_fn=patch_data.concatenate, **options))
         return made[-1]
 
     yield make
@@ -266,7 +266,7 @@ def test_an_error_in_a_worker_keeps_its_one_line(loader):
 
 def test_concatenated_items_keep_their_order():
     items = [dataset()[(0, index)] for index in range(3)]
-    batch = patches.concatenate(items)
+    batch = patch_data.concatenate(items)
     assert batch["views"].shape[0] == batch["labels"].shape[0] == len(batch["where"]) == 6
     assert torch.equal(batch["views"][2:4], items[1]["views"])
     assert torch.equal(batch["labels"][4:], items[2]["labels"])

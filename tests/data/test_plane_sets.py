@@ -11,9 +11,9 @@ from lfref.data.plane_sets import Item, Recipe
 from lfref.errors import FileError, InputError
 from lfref.functional.psnr import psnr
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.guides import GUIDES
+from lfref.refocuser.features import GUIDES
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator.chance.random_sensor import RandomSensor
+from lfref.simulator.chance import RandomSensor
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 

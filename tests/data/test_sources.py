@@ -6,22 +6,19 @@ import pytest
 import torch
 
 from lfref.captures.correct import correct
-from lfref.data.sources import FolderSource, SimulatedField, SimulatedSource
+from lfref.data.field_sources import FolderSource, SimulatedField, SimulatedSource
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
-from lfref.refocus.focus import view_axes
-from lfref.refocus.focus.reduced_views import reduced
-from lfref.simulator import sim30
+from lfref.refocus.focus import slope_range
+from lfref.refocus.focus.slope_range import reduced
+from lfref.simulator import bitmaps, sim30
 from lfref.simulator.developed import developed
-from lfref.simulator.effects.clipping import Clipping
-from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.response import Clipping, Exposure, ToneCurve
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation, simulate
@@ -74,8 +71,8 @@ def test_any_seed_that_lightning_takes_works(seed):
 
 def test_simulated_parallax_runs_in_our_order():
     views = SimulatedSource(1, 0, RandomScenes(Camera((5, 5), (64, 64)))).field(0).views
-    assert not view_axes.seems_reversed(reduced(views))
-    assert view_axes.seems_reversed(reduced(views.flip(0)))
+    assert not slope_range.seems_reversed(reduced(views))
+    assert slope_range.seems_reversed(reduced(views.flip(0)))
 
 
 def test_scenes_without_parallax_have_views_that_are_all_alike():

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from lfref.engines import engine as engines
-from lfref.engines import table
+from lfref.engines import runtimes
 from lfref.engines.engine import Job, Way
-from lfref.engines.table import ENGINES
+from lfref.engines.runtimes import ENGINES
 from lfref.errors import InputError
 from tests.engines import cases
 
@@ -20,10 +20,10 @@ ALLOWED = {"fp32": 1e-5, "bf16": 0.1, "int8": 0.3}
 
 def prepared(engine, precision, job):
     """The engine, or a skip that says why it can't be had."""
-    lacking = table.way(engine, precision).lacking(job.device)
+    lacking = runtimes.way(engine, precision).lacking(job.device)
     if lacking is not None:
         pytest.skip(str(lacking))
-    return table.prepared(engine, precision, job)
+    return runtimes.prepared(engine, precision, job)
 
 
 def error(job, stack):
@@ -69,7 +69,7 @@ def test_an_engine_that_cannot_run_here_says_in_a_line_what_it_lacks():
 def test_what_is_missing_is_an_error_where_it_is_asked_for(monkeypatch):
     monkeypatch.setattr(engines.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="got no openvino and no nncf; pip install"):
-        table.prepared("openvino", "int8", cases.refnet())
+        runtimes.prepared("openvino", "int8", cases.refnet())
 
 
 @pytest.mark.parametrize(
@@ -81,20 +81,20 @@ def test_what_is_missing_is_an_error_where_it_is_asked_for(monkeypatch):
 )
 def test_an_engine_or_precision_that_is_not_there_is_told(engine, precision, said):
     with pytest.raises(InputError, match=said):
-        table.prepared(engine, precision, cases.refnet())
+        runtimes.prepared(engine, precision, cases.refnet())
 
 
 def test_a_network_in_training_and_whole_numbers_without_patches_are_refused():
     job = cases.refnet()
     with pytest.raises(InputError, match="got training mode"):
-        table.prepared("eager", "fp32", Job(copy.deepcopy(job.network).train(), job.example))
+        runtimes.prepared("eager", "fp32", Job(copy.deepcopy(job.network).train(), job.example))
     pytest.importorskip("onnxruntime")
     with pytest.raises(InputError, match="got no patches"):
-        table.prepared("onnxruntime", "int8", Job(job.network, job.example))
+        runtimes.prepared("onnxruntime", "int8", Job(job.network, job.example))
 
 
 def test_inputs_of_another_shape_or_type_are_refused_by_every_engine_alike():
-    run = table.prepared("eager", "fp32", cases.refiner())
+    run = runtimes.prepared("eager", "fp32", cases.refiner())
     rest = torch.rand(4, 3, 31, 45), torch.rand(4, 1, 31, 45)
     with pytest.raises(InputError, match=r"prepared for 4x5x31x45 float32, .*, 4x1x31x45 float32; got 4x5x31x44"):
         run(torch.rand(4, 5, 31, 44), *rest)
@@ -105,7 +105,7 @@ def test_inputs_of_another_shape_or_type_are_refused_by_every_engine_alike():
 def test_an_engine_takes_no_gradients():
     job = cases.refnet()
     job.network.requires_grad_(True)
-    assert not table.prepared("channels_last", "bf16", job)(*job.example).requires_grad
+    assert not runtimes.prepared("channels_last", "bf16", job)(*job.example).requires_grad
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from lfref.encoding import SRGB
-from lfref.engines.files import formats
+from lfref.engines.files import file_formats
 from lfref.engines.files.manifest import Manifest
 from lfref.export import graphs
 from tests.export import cases
@@ -41,7 +41,7 @@ def test_views_are_refocused_without_pytorch(packages, tmp_path):
     subject = graphs.exportable(cases.operator(interpolation="cubic"), cases.SLOPES, cases.GRID)
     axes = {"inputs": subject.graph.inputs, "output": subject.graph.output}
     manifest = Manifest(**axes, precision="fp32", sha256="", version="1", **subject.told)
-    formats.write(tmp_path / "net.onnx", "onnx", subject.graph, manifest)
+    file_formats.write(tmp_path / "net.onnx", "onnx", subject.graph, manifest)
     views = (255 * cases.field((40, 52)).views).round().to(torch.uint8)
     (folder := tmp_path / "views").mkdir()
     for place, view in enumerate(views.flatten(0, 1)):

@@ -15,7 +15,7 @@ import pytest
 import torch
 
 import lfref
-from lfref.engines.files import formats
+from lfref.engines.files import file_formats
 from lfref.engines.files.manifest import Manifest
 from lfref.export import graphs
 from tests.export import cases
@@ -58,7 +58,7 @@ def model(tmp_path_factory):
     subject = graphs.exportable(cases.network(), cases.PLANES, cases.GRID)
     axes = {"inputs": subject.graph.inputs, "output": subject.graph.output}
     manifest = Manifest(**axes, precision="fp32", sha256="", version="1", **subject.told)
-    formats.write(path := tmp_path_factory.mktemp("model") / "net.onnx", "onnx", subject.graph, manifest)
+    file_formats.write(path := tmp_path_factory.mktemp("model") / "net.onnx", "onnx", subject.graph, manifest)
     return path
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.export.sums import Sum, SumOfViews
+from lfref.export.convolutions import Sum, SumOfViews
 from lfref.refocus import apertures
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 

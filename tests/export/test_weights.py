@@ -5,18 +5,18 @@ import torch
 
 import lfref
 from lfref.errors import InputError
-from lfref.export import graphs, weights
+from lfref.export import checked, graphs
 from tests.export import cases
 
 
 @pytest.mark.parametrize("make", [cases.network, lambda: cases.network(shuffle=2), cases.refiner])
-@pytest.mark.parametrize("precision", weights.DTYPES)
+@pytest.mark.parametrize("precision", checked.DTYPES)
 def test_weights_make_the_refocuser_again(make, precision, tmp_path):
     refocuser = make()
     subject = graphs.exportable(refocuser, cases.PLANES, cases.GRID)
-    weights.write(path := tmp_path / "net.safetensors", refocuser, precision, "1.2.3")
+    checked.write(path := tmp_path / "net.safetensors", refocuser, precision, "1.2.3")
     inputs = subject.inputs(cases.FIELDS[:1])
-    made, wanted = weights.opened(path)(*inputs), subject.wanted(*inputs)
+    made, wanted = checked.opened(path)(*inputs), subject.wanted(*inputs)
     if precision == "fp32":
         assert torch.equal(made, wanted)
         stacks = [each(cases.FIELDS[0], cases.PLANES.slopes) for each in (lfref.load(path), refocuser)]
@@ -28,13 +28,13 @@ def test_weights_make_the_refocuser_again(make, precision, tmp_path):
 def test_half_precision_halves_the_file(tmp_path):
     sizes = []
     for precision in ("fp32", "bf16"):
-        weights.write(tmp_path / "net.safetensors", cases.network(), precision, "1.2.3")
+        checked.write(tmp_path / "net.safetensors", cases.network(), precision, "1.2.3")
         sizes.append((tmp_path / "net.safetensors").stat().st_size)
     assert sizes[1] < 0.65 * sizes[0]
 
 
 def test_an_operator_has_no_weights(tmp_path):
     with pytest.raises(InputError, match="must be of a network"):
-        weights.write(tmp_path / "net.safetensors", cases.operator(), "fp32", "1.2.3")
+        checked.write(tmp_path / "net.safetensors", cases.operator(), "fp32", "1.2.3")
     with pytest.raises(InputError, match="precision of safetensors"):
-        weights.write(tmp_path / "net.safetensors", cases.network(), "int8", "1.2.3")
+        checked.write(tmp_path / "net.safetensors", cases.network(), "int8", "1.2.3")

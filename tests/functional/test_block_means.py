@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.functional.block_means import block_means
+from lfref.captures.brightness import block_means
 
 NOTHING = torch.full((3,), torch.inf)
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skimage import color
 
+from lfref.bench.quality import colour_difference, delta_e_2000, lab
 from lfref.errors import InputError
-from lfref.functional.colour import colour_difference, delta_e_2000, lab
 
 # Table 1 of Sharma, Wu and Dalal, 2005: two colours in CIELAB, and their difference.
 PAIRS = (

@@ -5,7 +5,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfref.functional import cubic
+from lfref.functional import splines
 
 
 def keys(distance: float) -> float:
@@ -18,5 +18,5 @@ def keys(distance: float) -> float:
 @given(t=st.floats(0, 1))
 def test_weights_are_keys_kernel_at_the_distances_of_four_samples(t):
     expected = pytest.approx([keys(t + 1), keys(t), keys(1 - t), keys(2 - t)], abs=1e-14)
-    assert list(cubic.weights(t)) == expected
-    assert torch.stack(cubic.weights(torch.tensor(t, dtype=torch.float64))).tolist() == expected
+    assert list(splines.weights(t)) == expected
+    assert torch.stack(splines.weights(torch.tensor(t, dtype=torch.float64))).tolist() == expected

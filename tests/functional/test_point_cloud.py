@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.functional import point_cloud
-from lfref.functional.point_cloud import Cameras
+from lfref.io import point_cloud
+from lfref.io.point_cloud import Cameras
 
 HCI = {"focal length": "100.0 mm", "sensor size": "35 mm", "baseline": "90.0 mm", "focus distance": "8.0 m"}
 

@@ -1,6 +1,6 @@
 """What a module is made of: found through every way of importing, and nothing of other packages."""
 
-from lfref.functional import sources
+from lfref.functional import jit
 
 
 def package(folder, **texts):
@@ -17,14 +17,14 @@ def test_every_kind_of_import_is_found(tmp_path):
         "def f():\n    from house import e\nimport os\nfrom elsewhere import g\ntext = 'from house import g'\n",
         **dict.fromkeys("bcdeg", ""),
     )
-    names = [file.stem for file in sources.imported(house / "a.py", house)]
+    names = [file.stem for file in jit.imported(house / "a.py", house)]
     assert sorted(names) == ["__init__", "b", "c", "d", "e"]
 
 
 def test_the_digest_follows_imports_of_imports_and_circles(tmp_path):
     house = package(tmp_path, a="from house import b", b="from house import c", c="from house import a", d="")
-    before = sources.digest(house / "a.py", house)
+    before = jit.digest(house / "a.py", house)
     for name, changes in (("d", False), ("c", True)):
         (house / f"{name}.py").write_text("from house import a  # changed")
-        sources.digest.cache_clear()
-        assert (sources.digest(house / "a.py", house) != before) is changes
+        jit.digest.cache_clear()
+        assert (jit.digest(house / "a.py", house) != before) is changes

@@ -12,7 +12,7 @@ from torch.autograd import gradcheck, gradgradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from lfref.errors import InputError
-from lfref.functional import ssim_planes
+from lfref.functional import ssim as ssim_planes
 from lfref.functional.ssim import one_minus_ssim, ssim
 
 

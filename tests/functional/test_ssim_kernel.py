@@ -5,7 +5,8 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from lfref.functional.ssim_kernel import RADIUS, TAPS, bands, window
+from lfref.functional.ssim import RADIUS, TAPS, bands
+from lfref.functional.ssim import window_of_ssim_kernel as window
 
 
 def filtered(values: np.ndarray, band: np.ndarray) -> np.ndarray:

@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch.autograd import gradcheck, gradgradcheck
 
-from lfref.functional import ssim_planes
-from lfref.functional.ssim_planes import formula, plane_values
+from lfref.functional import ssim
+from lfref.functional.ssim import formula, plane_values
 
 C1, C2 = 1e-4, 9e-4
 
@@ -44,7 +44,7 @@ def test_functional_gradients_are_the_same() -> None:
 def test_the_compiled_operation_keeps_pytorchs_rules(asked) -> None:
     x, y = planes(2, 7, 6), planes(2, 6, 7, seed=1).mT
     tests = ("test_schema", "test_faketensor")
-    results = torch.library.opcheck(ssim_planes._compiled, (x, y, C1, C2, *asked), test_utils=tests)
+    results = torch.library.opcheck(ssim._compiled, (x, y, C1, C2, *asked), test_utils=tests)
     assert set(results.values()) == {"SUCCESS"}
 
 
@@ -68,7 +68,7 @@ def test_a_graph_may_be_walked_twice() -> None:
 
 
 def test_threads_change_no_digit(monkeypatch) -> None:
-    monkeypatch.setattr(ssim_planes, "WORTH_A_THREAD", 1)
+    monkeypatch.setattr(ssim, "WORTH_A_THREAD", 1)
     x, y = planes(5, 9, 8, dtype=torch.float32).requires_grad_(), planes(5, 9, 8, dtype=torch.float32, seed=1)
     results = []
     for n_threads in (1, 2, 4, 9):

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lfref.errors import FileError, InputError
-from lfref.io import eslf, images, read
+from lfref.io import images, lenslets, read
 
 
 def coded(rows: int, columns: int, channels: int, dtype: type) -> np.ndarray:
@@ -17,7 +17,7 @@ def coded(rows: int, columns: int, channels: int, dtype: type) -> np.ndarray:
 @pytest.mark.parametrize("lenslet", [1, 3, 14])
 def test_each_view_takes_its_pixel_of_each_lenslet(lenslet):
     image = coded(lenslet * 4 + lenslet - 1, lenslet * 5, 2, np.int64)
-    views = eslf.unpack(image, lenslet)
+    views = lenslets.unpack(image, lenslet)
     assert views.shape == (lenslet, lenslet, 2, 4, 5)
     for v, u, channel, y, x in np.ndindex(views.shape):
         assert views[v, u, channel, y, x] == image[lenslet * y + v, lenslet * x + u, channel]
@@ -25,13 +25,13 @@ def test_each_view_takes_its_pixel_of_each_lenslet(lenslet):
 
 def test_unpacking_does_not_copy():
     image = np.zeros((28, 28, 3), np.uint8)
-    assert np.shares_memory(eslf.unpack(image), image)
+    assert np.shares_memory(lenslets.unpack(image), image)
 
 
 @pytest.mark.parametrize("lenslet", [0, 15])
 def test_an_image_smaller_than_a_lenslet_cannot_be_unpacked(lenslet):
     with pytest.raises(InputError, match="at least one lenslet"):
-        eslf.unpack(np.zeros((14, 20, 3)), lenslet)
+        lenslets.unpack(np.zeros((14, 20, 3)), lenslet)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -57,7 +57,7 @@ def test_alpha_is_the_weight_and_not_multiplied_in(tmp_path, dtype):
     image[:, :14, 3] = 0
     images.write_image(tmp_path / "a.png", image)
     field = read.read(tmp_path / "a.png", views=14, encoding="none")
-    views = images.to_float(eslf.unpack(image))
+    views = images.to_float(lenslets.unpack(image))
     torch.testing.assert_close(field.views, torch.from_numpy(views[:, :, :3]), rtol=0, atol=0)
     torch.testing.assert_close(field.weight, torch.from_numpy(views[:, :, 3:]), rtol=0, atol=0)
 
@@ -76,7 +76,7 @@ def test_a_tiff_file_is_an_eslf_too(tmp_path):
     assert output.open(path, OpenImageIO.ImageSpec(28, 28, 3, "uint16"))
     assert output.write_image(image)
     assert output.close()
-    expected = images.to_float(eslf.unpack(image)[4:11, 4:11])
+    expected = images.to_float(lenslets.unpack(image)[4:11, 4:11])
     np.testing.assert_array_equal(read.read(path, encoding="none").views.numpy(), expected)
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from lfref.errors import FileError
-from lfref.io import foreign, read
+from lfref.io import decode, read
 
 
 @pytest.mark.parametrize("suffix", [".lfp", ".lfr", ".png"])
@@ -24,5 +24,5 @@ def test_an_archive_is_to_be_unpacked(tmp_path, head, one_line):
 
 
 def test_other_files_are_what_they_were():
-    assert foreign.explained(b"hello") == ("another kind of file", "convert it")
-    assert foreign.explained(b"") == ("an empty file", "convert it")
+    assert decode.explained(b"hello") == ("another kind of file", "convert it")
+    assert decode.explained(b"") == ("an empty file", "convert it")

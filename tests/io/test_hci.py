@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lfref.errors import FileError
-from lfref.io import hci, pfm, read
+from lfref.io import metadata, pfm, read
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 PARAMETERS = """[intrinsics]
@@ -55,7 +55,7 @@ def test_their_disparity_with_our_sign_is_the_slope_that_is_sharp(tmp_path, dept
     views, disparity = photographed(depth, focus)
     assert (disparity > 0) == (depth < focus)
     pfm.write(tmp_path / "gt_disp_lowres.pfm", np.full((24, 32), disparity))
-    slope = float(hci.read_disparity(tmp_path / "gt_disp_lowres.pfm")[0, 0])
+    slope = float(metadata.read_disparity(tmp_path / "gt_disp_lowres.pfm")[0, 0])
     sharp, mirrored = shift_and_sum(views, [slope, -slope], interpolation="exact")[:, 0, 8:-8, 8:-8]
     truth = views[2, 2, 0, 8:-8, 8:-8]
     assert (sharp - truth).abs().max() < 0.02  # what wraps around at the borders
@@ -65,7 +65,7 @@ def test_their_disparity_with_our_sign_is_the_slope_that_is_sharp(tmp_path, dept
 def test_colours_are_no_disparity(tmp_path, one_line):
     pfm.write(tmp_path / "a.pfm", np.zeros((2, 3, 3)))
     with pytest.raises(FileError) as caught:
-        hci.read_disparity(tmp_path / "a.pfm")
+        metadata.read_disparity(tmp_path / "a.pfm")
     one_line(caught.value, tmp_path / "a.pfm", "grey")
 
 
@@ -87,11 +87,11 @@ def test_foreign_parameters_are_one_line_and_do_not_keep_views_from_being_read(v
     folder: Path = view_folder({(0, column): f"a_0_{column}.png" for column in range(3)})
     (folder / "parameters.cfg").write_text(contents)
     with pytest.raises(FileError) as caught:
-        hci.metadata(folder)
+        metadata.metadata(folder)
     one_line(caught.value, folder / "parameters.cfg")
     assert read.read(folder).grid == (1, 3)
 
 
 def test_other_folders_say_nothing(tmp_path):
-    assert hci.metadata(tmp_path) == {}
-    assert hci.metadata(tmp_path / "a.png") == {}
+    assert metadata.metadata(tmp_path) == {}
+    assert metadata.metadata(tmp_path / "a.png") == {}

@@ -4,7 +4,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 
-from lfref.io import headers, read
+from lfref.io import read, view_folders
 
 
 def picture(path, space=None, kind="uint8"):
@@ -26,7 +26,7 @@ def test_chunks_of_a_png_are_believed(tmp_path, space, said):
     folder.mkdir()
     for column in range(2):
         picture(folder / f"a_00_{column:02d}.png", space)
-    assert str(headers.encoding_of(folder / "a_00_00.png")) == said
+    assert str(view_folders.encoding_of(folder / "a_00_00.png")) == said
     field = read.read(folder)
     assert field.metadata["encoding"] == said
     assert field.is_linear
@@ -38,7 +38,7 @@ def test_a_tiff_says_nothing_and_its_floating_point_numbers_are_light(tmp_path):
     folder.mkdir()
     for column in range(2):
         picture(folder / f"a_00_{column:02d}.tif", kind="float")
-    assert headers.encoding_of(folder / "a_00_00.tif") is None
+    assert view_folders.encoding_of(folder / "a_00_00.tif") is None
     field = read.read(folder)
     assert field.metadata["encoding"] == "linear"
     assert field.views.unique().tolist() == [0.5]

@@ -9,7 +9,7 @@ import torch
 
 from lfref.errors import FileError
 from lfref.geometry import planes_at_alphas
-from lfref.io import encode, images, marks, write
+from lfref.io import encode, images, ownership, write
 
 STACK, PLANES = torch.zeros(1, 3, 2, 2), planes_at_alphas((0.5,))
 
@@ -65,7 +65,7 @@ def test_a_view_that_was_removed_does_not_hinder(tmp_path, make_field):
     path = write.write(tmp_path / "a", make_field((2, 2)))
     (path / "a_01_00.png").unlink()
     write.write(path, make_field((1, 1)))
-    assert {child.name for child in path.iterdir()} == {marks.MARK, "a_00_00.png"}
+    assert {child.name for child in path.iterdir()} == {ownership.MARK, "a_00_00.png"}
 
 
 def test_a_folder_in_the_folder_is_not_replaced(tmp_path, make_field, kept):
@@ -84,14 +84,14 @@ def test_an_empty_folder_is_replaced(tmp_path, make_field):
 )
 def test_a_damaged_mark_is_none(tmp_path, make_field, kept, damage):
     path = write.write(tmp_path / "a", make_field((1, 1)))
-    (path / marks.MARK).write_text(damage, "latin-1")
+    (path / ownership.MARK).write_text(damage, "latin-1")
     kept(lambda: write.write(path, make_field()), "a_00_00.png")
 
 
 def test_the_mark_lists_every_file_with_its_digest(tmp_path, make_field):
     path = write.write(tmp_path / "a", make_field((1, 2)))
-    said = json.loads((path / marks.MARK).read_text())
-    assert said["files"] == {name: marks.digest(path / name) for name in ("a_00_00.png", "a_00_01.png")}
+    said = json.loads((path / ownership.MARK).read_text())
+    assert said["files"] == {name: ownership.digest(path / name) for name in ("a_00_00.png", "a_00_01.png")}
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])
@@ -119,4 +119,4 @@ def test_an_image_file_of_ours_is_replaced(tmp_path, name):
 def test_every_part_says_whose_it_is(tmp_path, make_field):
     path = write.write(tmp_path / "a.exr", make_field((1, 2)))
     source = OpenImageIO.ImageInput.open(str(path))
-    assert [source.spec(part).getattribute("Software") for part in range(2)] == [marks.SOFTWARE] * 2
+    assert [source.spec(part).getattribute("Software") for part in range(2)] == [ownership.SOFTWARE] * 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfref.errors import FileError, LfrefError
-from lfref.io import arrays, formats, grid, members, read
+from lfref.io import arrays, field_formats, grid, read
 from tests.io.saving import SAVED, save_mat, save_npz
 
 
@@ -19,7 +19,7 @@ def stored() -> np.ndarray:
 
 @pytest.mark.parametrize("save", SAVED)
 def test_arrays_are_listed_as_they_are_indexed_and_loaded_when_asked_for(tmp_path, stored, save):
-    with members.opened(save(tmp_path / "a", stored)) as found:
+    with arrays.opened(save(tmp_path / "a", stored)) as found:
         (field,) = [member for member in found if len(member.shape) == 5]
         assert field.shape == stored.shape
         np.testing.assert_array_equal(field.load(), stored)
@@ -120,4 +120,4 @@ def test_a_zip_file_of_something_else_is_refused(tmp_path, one_line):
     with pytest.raises(FileError) as caught:
         read.read(tmp_path / "a.npz")
     one_line(caught.value, tmp_path / "a.npz")
-    assert formats.is_field(tmp_path / "a.npz")  # what is wrong with it is told when it is read
+    assert field_formats.is_field(tmp_path / "a.npz")  # what is wrong with it is told when it is read

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfref.errors import FileError, InputError
-from lfref.io import ply
+from lfref.io import point_cloud
 
 PLACES = np.array([[0, 0.5, -1], [3, 4, 5.25]])
 COLOURS = np.array([[255, 0, 7], [1, 2, 3]], np.uint8)
@@ -25,7 +25,7 @@ def parsed(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def test_points_come_back_with_colours_and_whatever_else_is_known(tmp_path):
-    ply.write_points(
+    point_cloud.write_points(
         tmp_path / "a.ply", PLACES, COLOURS, {"confidence": np.array([0.25, 1])}, ["unit: metre", "two\nlines"]
     )
     comments, table = parsed(tmp_path / "a.ply")
@@ -36,14 +36,14 @@ def test_points_come_back_with_colours_and_whatever_else_is_known(tmp_path):
 
 
 def test_a_cloud_without_points_is_a_file_without_points(tmp_path):
-    ply.write_points(tmp_path / "a.ply", np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+    point_cloud.write_points(tmp_path / "a.ply", np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     assert len(parsed(tmp_path / "a.ply")[1]) == 0
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a"])
 def test_other_suffixes_are_refused(tmp_path, name, one_line):
     with pytest.raises(InputError) as caught:
-        ply.write_points(tmp_path / name, PLACES, COLOURS)
+        point_cloud.write_points(tmp_path / name, PLACES, COLOURS)
     one_line(caught.value, tmp_path / name, ".ply")
 
 
@@ -58,13 +58,13 @@ def test_other_suffixes_are_refused(tmp_path, name, one_line):
 )
 def test_points_that_fit_nothing_are_refused(tmp_path, places, colours, others):
     with pytest.raises(InputError):
-        ply.write_points(tmp_path / "a.ply", places, colours, others)
+        point_cloud.write_points(tmp_path / "a.ply", places, colours, others)
     assert not list(tmp_path.iterdir())
 
 
 def test_no_file_is_replaced(tmp_path, one_line):
     (tmp_path / "a.ply").write_text("mine")
     with pytest.raises(FileError) as caught:
-        ply.write_points(tmp_path / "a.ply", PLACES, COLOURS)
+        point_cloud.write_points(tmp_path / "a.ply", PLACES, COLOURS)
     one_line(caught.value, tmp_path / "a.ply", "choose another name")
     assert (tmp_path / "a.ply").read_text() == "mine"

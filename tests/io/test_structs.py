@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from lfref.io import structs
+from lfref.io import metadata
 
 PLAIN = {"camera": {"model": "ILLUM"}, "iso": 80.0}
 
@@ -31,20 +31,20 @@ def path(request, tmp_path):
 
 
 def test_a_structure_is_a_dictionary(path):
-    assert structs.read(path, "Said") == PLAIN
+    assert metadata.read(path, "Said") == PLAIN
 
 
 @pytest.mark.parametrize("name", ["LF", "Other", "Linked"])
 def test_what_is_no_structure_in_the_file_is_nothing(path, name):
-    assert structs.read(path, name) == {}
+    assert metadata.read(path, name) == {}
 
 
 def test_long_arrays_are_left_out(tmp_path):
     with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
-        file.create_dataset("Said/long", data=np.zeros(structs.LARGEST + 1))
+        file.create_dataset("Said/long", data=np.zeros(metadata.LARGEST + 1))
         file.create_dataset("Said/short", data=np.arange(3.0))
     with (tmp_path / "a.mat").open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
-    said = structs.read(tmp_path / "a.mat", "Said")
+    said = metadata.read(tmp_path / "a.mat", "Said")
     assert said["long"] is None
     assert said["short"].tolist() == [0, 1, 2]

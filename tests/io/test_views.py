@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import grid, images, read, views
+from lfref.io import grid, images, read, view_folders
 
 PIXEL = b"BM" + struct.pack("<IIIIiiHHIIiiIIB3x", 58, 0, 54, 40, 1, 1, 1, 24, 0, 4, 0, 0, 0, 0, 9)
 """A BMP of one pixel, which is written in no time."""
@@ -204,7 +204,7 @@ def test_alpha_of_views_is_the_weight(tmp_path):
 
 def test_one_view_given_alone_is_not_taken_for_an_eslf(view_folder, one_line):
     folder = view_folder(names(NAMINGS["from 0"]))
-    assert views.is_view(folder / "scene_00_00.png")
+    assert view_folders.is_view(folder / "scene_00_00.png")
     with pytest.raises(FileError) as caught:
         read.read(folder / "scene_00_00.png")
     one_line(caught.value, folder / "scene_00_00.png", f"read {folder}")
@@ -242,8 +242,8 @@ def test_a_grid_that_is_no_square_is_numbered_through_where_that_is_said(view_fo
 def test_numbered_pictures_that_may_be_anything_are_no_light_field(view_folder, count, one_line, monkeypatch):
     folder = view_folder({(0, index): f"photo{index}.png" for index in range(count)})
     # A hundred scenes make a square too, but not of small pictures.
-    monkeypatch.setattr(views, "LARGEST_NUMBERED", 2)
-    assert not views.is_field(folder)
+    monkeypatch.setattr(view_folders, "LARGEST_NUMBERED", 2)
+    assert not view_folders.is_field(folder)
     with pytest.raises(FileError) as caught:
         read.read(folder)
     one_line(caught.value, folder, f"got {count} images named like photo0.png", "reader.pattern: index")
@@ -335,15 +335,16 @@ def test_a_gantry_says_where_its_cameras_stood(view_folder):
         {cell: f"out_{cell[0]:02d}_{cell[1]:02d}_{v:.6f}_{u:.6f}_.png" for cell, (v, u) in said.items()}
     )
     np.testing.assert_array_equal(
-        views.positions(folder, grid.Selection()), [[said[row, column] for column in range(3)] for row in range(3)]
+        view_folders.positions(folder, grid.Selection()),
+        [[said[row, column] for column in range(3)] for row in range(3)],
     )
-    window = views.positions(folder, grid.Selection((2, 2), start=1))
+    window = view_folders.positions(folder, grid.Selection((2, 2), start=1))
     np.testing.assert_array_equal(window[0, 0], said[1, 1])
 
 
 def test_names_without_positions_are_refused_where_positions_are_asked_for(view_folder, one_line):
     with pytest.raises(FileError) as caught:
-        views.positions(view_folder(names(NAMINGS["HCI"])), grid.Selection())
+        view_folders.positions(view_folder(names(NAMINGS["HCI"])), grid.Selection())
     one_line(caught.value, "input_Cam000.png", "out_RR_CC_Y_X", "reader.positions")
 
 
@@ -360,7 +361,7 @@ def test_no_names_end_in_a_traceback_or_a_grid_larger_than_its_views(tmp_path_fa
     for name in found:
         (folder / name).write_bytes(PIXEL)
     try:
-        stored = views.stored_grid(folder, grid.Selection(holes=holes))
+        stored = view_folders.stored_grid(folder, grid.Selection(holes=holes))
     except LfrefError as error:
         assert "\n" not in str(error)  # noqa: PT017
     else:

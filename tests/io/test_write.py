@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lfref import encoding
 from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
-from lfref.io import atomic, images, marks, read, write
+from lfref.io import atomic, images, ownership, read, write
 from lfref.lightfield import LightField
 
 
@@ -81,7 +81,7 @@ def test_a_folder_that_holds_anything_else_is_not_replaced(tmp_path, make_field,
     with pytest.raises(FileError) as caught:
         write.write(path, make_field((2, 2)))
     one_line(caught.value, path, foreign, "choose another folder")
-    assert sorted(child.name for child in path.iterdir()) == sorted([marks.MARK, "a_00_00.png", foreign])
+    assert sorted(child.name for child in path.iterdir()) == sorted([ownership.MARK, "a_00_00.png", foreign])
 
 
 @pytest.mark.parametrize("suffix", ["", ".exr"])
@@ -151,7 +151,7 @@ def test_a_stack_folder_has_one_image_a_plane_named_after_its_slope_and_alpha(tm
     stack_of_two(tmp_path / "s")
     path = stack_of_two(tmp_path / "s")
     assert sorted(child.name for child in path.iterdir()) == [
-        marks.MARK,
+        ownership.MARK,
         "plane_00_slope_-7_alpha_0.125.png",
         "plane_01_slope_-2.333_alpha_0.3.png",
     ]

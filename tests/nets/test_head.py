@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import nn
 
-from lfref.nets import head
+from lfref.nets import network as head
 from lfref.nets.blocks import NORMALIZATIONS
-from lfref.nets.head import SPREAD
+from lfref.nets.network import SPREAD
 from lfref.nets.refnet import RefNet
 
 SEEDS = range(16)

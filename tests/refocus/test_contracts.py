@@ -9,18 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.refocus import apertures, batches, lines
-from lfref.refocus.anywhere.homography import homography, slope_homographies
-from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
-from lfref.refocus.borders import BORDERS
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.fourier.finer_grid import in_focus
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
-from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.slice import fourier_slice
-from lfref.refocus.interpolations import INTERPOLATIONS
+from lfref.refocus.fourier.super_resolution import in_focus
+from lfref.refocus.homography import homography, slope_homographies
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.wiener.prior import between
-from lfref.refocus.wiener.wiener import wiener
+from lfref.refocus.surface import per_pixel, tilt_shift
+from lfref.refocus.wiener import wiener
+from lfref.refocus.wiener_filters import between
 
 from . import contracts
 

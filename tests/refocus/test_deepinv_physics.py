@@ -8,7 +8,7 @@ import torch
 from lfref.errors import InputError
 from lfref.refocus.adjoint import adjoint
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.fourier.finer_grid import in_focus
+from lfref.refocus.fourier.super_resolution import in_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 pytest.importorskip("deepinv", reason="the extra `deepinv` is not installed")

@@ -5,11 +5,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfref.refocus import borders
-from lfref.refocus.anywhere.surface import per_pixel
-from lfref.refocus.borders import BORDERS, Border
-from lfref.refocus.interpolations import INTERPOLATIONS, Interpolation
+from lfref.refocus import sampling
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, Border, Interpolation
 from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
+from lfref.refocus.surface import per_pixel
 
 LOCAL = [name for name, way in INTERPOLATIONS.items() if way.weights is not None]
 SLOPES = [-1.4, 0.0, 0.37, 1.0]
@@ -61,7 +60,7 @@ def test_an_entry_is_all_that_a_new_border_needs(monkeypatch):
 
     monkeypatch.setitem(BORDERS, "mirror", Border("reflect", mirrored))
     views = torch.rand(3, 4, 2, 11, 12, dtype=torch.float64)
-    far = borders.BORDERS["mirror"].extend(views, 5, -1)
+    far = sampling.BORDERS["mirror"].extend(views, 5, -1)
     assert torch.equal(far[..., 4], views[..., 1])
     for interpolation in LOCAL:
         expected = shift_and_sum(views, SLOPES, interpolation, "mirror")

@@ -12,13 +12,13 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import cubic
+from lfref.functional import splines
 from lfref.refocus import lines
-from lfref.refocus.anywhere.homography import homography, slope_homographies
-from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocus.surface import per_pixel, tilt_shift
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import dirichlet, texture
@@ -49,7 +49,7 @@ def tapped(position: float, interpolation: str) -> list[tuple[int, float]]:
         return [(math.floor(position + 0.5), 1.0)]
     if interpolation == "linear":
         return [(whole, 1 - t), (whole + 1, t)]
-    return [(whole + i - 1, weight) for i, weight in enumerate(cubic.weights(t))]
+    return [(whole + i - 1, weight) for i, weight in enumerate(splines.weights(t))]
 
 
 def slow(views: Tensor, slope: float, positions: Tensor, interpolation: str, border: str, weights: Tensor) -> Tensor:

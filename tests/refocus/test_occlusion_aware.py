@@ -9,9 +9,9 @@ import torch
 from lfref.errors import InputError
 from lfref.refocus import apertures
 from lfref.refocus import occlusion_aware as module
-from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus.disparity.disparity_map import disparity_map
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.occlusion_aware import near_edges, occlusion_aware
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate

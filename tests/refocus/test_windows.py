@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from lfref.refocus import windows
+from lfref.functional import neighbours
 
 
 def by_loops(image, sigma):
@@ -24,21 +24,21 @@ def by_loops(image, sigma):
 @pytest.mark.parametrize("size", [(6, 5), (1, 4), (1, 1)])
 def test_equals_the_plain_sum(sigma, size):
     images = torch.randn(2, *size, dtype=torch.float64)
-    for made, image in zip(windows.smoothed(images, sigma), images, strict=True):
+    for made, image in zip(neighbours.smoothed(images, sigma), images, strict=True):
         torch.testing.assert_close(made, by_loops(image, sigma), atol=1e-12, rtol=0)
 
 
 def test_no_width_leaves_images_as_they_are():
     images = torch.randn(2, 4, 5)
-    assert torch.equal(windows.smoothed(images, 0), images)
+    assert torch.equal(neighbours.smoothed(images, 0), images)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_level_images_stay_level_to_the_border(dtype):
     level = torch.full((3, 9, 8), 0.7, dtype=dtype)
-    torch.testing.assert_close(windows.smoothed(level, 2.0), level)
+    torch.testing.assert_close(neighbours.smoothed(level, 2.0), level)
 
 
 def test_gradients_are_right():
     images = torch.randn(2, 5, 6, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda x: windows.smoothed(x, 0.8), images)
+    assert torch.autograd.gradcheck(lambda x: neighbours.smoothed(x, 0.8), images)

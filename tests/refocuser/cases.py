@@ -4,8 +4,8 @@ import torch
 
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.features import Seen
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.seen import Seen
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Plane

@@ -14,8 +14,8 @@ from lfref.refocus.apertures import disc
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
-from lfref.refocuser.bands import in_bands
 from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import in_bands
 
 CPU = torch.device("cpu")
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 import lfref
-from lfref.engines.files import formats
+from lfref.engines.files import file_formats
 from lfref.engines.files.manifest import Manifest
 from lfref.errors import CheckpointError, InputError
 from lfref.export import graphs
@@ -17,7 +17,7 @@ def written(folder, kind="network", **told):
     subject = graphs.exportable(cases.SUBJECTS[kind](), cases.PLANES, cases.GRID)
     given = {"precision": "fp32", "sha256": "0", "version": "1.2.3"} | dict(subject.told) | told
     path = folder / "net.onnx"
-    formats.write(
+    file_formats.write(
         path, "onnx", subject.graph, Manifest(inputs=subject.graph.inputs, output=subject.graph.output, **given)
     )
     return path

@@ -5,8 +5,7 @@ import torch
 
 from lfref.errors import InputError
 from lfref.lightfield import LightField
-from lfref.refocuser.guides import GUIDES, OFFERS, check, guides
-from lfref.refocuser.seen import Seen
+from lfref.refocuser.features import GUIDES, OFFERS, Seen, check, guides
 
 from .cases import BASE, SLOPES, seen
 

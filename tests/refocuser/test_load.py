@@ -3,7 +3,7 @@
 import pytest
 
 import lfref
-from lfref.engines.files import formats
+from lfref.engines.files import file_formats
 from lfref.errors import CheckpointError
 from lfref.nets import checkpoint
 from lfref.refocuser.networks import NetworkRefocuser
@@ -21,7 +21,7 @@ def test_a_checkpoint_is_a_network(tmp_path):
     assert isinstance(lfref.load(tmp_path / "net.ckpt"), NetworkRefocuser)
 
 
-@pytest.mark.parametrize("suffix", [".ckpt", ".safetensors", *(each.suffix for each in formats.FORMATS.values())])
+@pytest.mark.parametrize("suffix", [".ckpt", ".safetensors", *(each.suffix for each in file_formats.FORMATS.values())])
 def test_files_that_are_not_there_or_foreign_are_told(suffix, tmp_path):
     if suffix in (".onnx", ".xml"):
         pytest.importorskip("onnxruntime")

@@ -9,8 +9,8 @@ import torch
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus import apertures, lines
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware

@@ -6,20 +6,19 @@ import pytest
 import torch
 
 from lfref.errors import CheckpointError, InputError
-from lfref.io import tensors
+from lfref.io import tensor_files
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refiner import Refiner
 from lfref.refocus import apertures
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import refined
-from lfref.refocuser.guides import guides
+from lfref.refocuser.features import Seen, guides
 from lfref.refocuser.load import load
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
-from lfref.refocuser.seen import Seen
 
 BASE = OperatorRefocuser("linear", shift_and_sum)
 GUIDES = ("central", "spread", "picture")
@@ -136,7 +135,7 @@ def test_other_channels_positions_devices_and_no_planes_are_refused(refocuser):
 
 def written(path, net, method=BASE, changes=()):
     entry = refined.payload(net, method, GUIDES) | dict(changes)
-    tensors.write(path, {"lfref": entry, "state_dict": {f"net.{k}": v for k, v in net.state_dict().items()}})
+    tensor_files.write(path, {"lfref": entry, "state_dict": {f"net.{k}": v for k, v in net.state_dict().items()}})
     return path
 
 

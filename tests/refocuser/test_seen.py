@@ -8,9 +8,8 @@ import torch
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocuser.guides import GUIDES, guides
+from lfref.refocuser.features import CELLS, GUIDES, LEAST, Seen, guides
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.seen import CELLS, LEAST, Seen
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import noisy
 from lfref.simulator.scene import Camera
@@ -165,7 +164,7 @@ def test_the_classical_pictures_are_as_good_as_the_method_makes_them_alone():
 
 
 def test_disparities_are_not_looked_for_where_they_are_of_no_use(monkeypatch):
-    monkeypatch.setattr("lfref.refocuser.seen.coarse_disparity", None)
+    monkeypatch.setattr("lfref.refocuser.features.coarse_disparity", None)
     light = Seen(LightField(torch.rand(3, 3, 3, 24, 26)), SLOPES, CELLS)
     for part in light.parts(2):
         assert bool(guides(part, ["sum", "spread", "doubt", "chance"]).isfinite().all())

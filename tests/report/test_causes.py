@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from lfref.errors import InputError
-from lfref.report import causes
+from lfref.report import bench_sections
 
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
@@ -16,11 +16,11 @@ def rows():
         ("noise", "exact", True, 0.5, -1.0, 3.0, 0.0), ("noise", "filled", False, 0.5, -1.0, 3.0, 1.0),
         ("noise", "exact", True, 2.0, 0.5, 5.0, 0.0), ("noise", "filled", False, 2.0, 0.5, 5.0, 0.5),
     ]  # fmt: skip
-    return pd.DataFrame(table, columns=causes.COLUMNS)
+    return pd.DataFrame(table, columns=bench_sections.COLUMNS)
 
 
 def test_there_is_a_panel_for_the_mean_and_each_plane():
-    figure = causes.causes(rows())
+    figure = bench_sections.causes(rows())
     assert [axes.get_title("left") for axes in figure.axes] == ["mean over planes", f"{ALPHA} 0.5", f"{ALPHA} 2"]
     bars = [[bar.get_width() for bar in axes.patches] for axes in figure.axes]
     assert bars == [[4.0, 12.0], [3.0, 20.0], [5.0, 4.0]]  # the first cause is the uppermost
@@ -30,27 +30,27 @@ def test_there_is_a_panel_for_the_mean_and_each_plane():
 
 
 def test_some_planes_may_have_panels_and_the_mean_is_over_all():
-    figure = causes.causes(rows(), panels_at=[2.0])
+    figure = bench_sections.causes(rows(), panels_at=[2.0])
     assert [axes.get_title("left") for axes in figure.axes] == ["mean over planes", f"{ALPHA} 2"]
     assert [bar.get_width() for bar in figure.axes[0].patches] == [4.0, 12.0]
 
 
 def test_the_legend_names_bars_and_remedies_once():
-    (legend,) = causes.causes(rows()).legends
+    (legend,) = bench_sections.causes(rows()).legends
     assert sorted(text.get_text() for text in legend.get_texts()) == ["costs", "won by filled"]
 
 
 def test_planes_without_alphas_are_called_by_their_slopes():
-    figure = causes.causes(rows().assign(alpha=None))
+    figure = bench_sections.causes(rows().assign(alpha=None))
     assert figure.axes[1].get_title("left").endswith("-1")
 
 
 def test_no_remedy_leaves_bars_alone():
-    figure = causes.causes(rows().query("is_base"))
+    figure = bench_sections.causes(rows().query("is_base"))
     assert [len(axes.patches) for axes in figure.axes] == [2, 2, 2]
 
 
-@pytest.mark.parametrize("column", causes.COLUMNS)
+@pytest.mark.parametrize("column", bench_sections.COLUMNS)
 def test_a_missing_column_is_named(column):
     with pytest.raises(InputError, match=f"'{column}'"):
-        causes.causes(rows().drop(columns=column))
+        bench_sections.causes(rows().drop(columns=column))

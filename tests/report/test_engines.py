@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 
 from lfref.errors import InputError
-from lfref.report import engines
-from lfref.report.engines import COLOURS
+from lfref.report import bench_sections
+from lfref.report.bench_sections import COLOURS
 
 COLUMNS = ["subject", "engine", "precision", "ratio_to_eager", "loss_db", "agreement_db"]
 
@@ -22,7 +22,7 @@ def rows():
 
 
 def test_every_network_has_a_panel_of_speeds_ranked_and_coloured_by_precision():
-    figure = engines.engines(rows())
+    figure = bench_sections.engines(rows())
     speeds = figure.axes[::2]
     assert [axes.get_title("left") for axes in speeds] == ["net", "raw"]
     assert [bar.get_width() for bar in speeds[0].patches] == [1, 3, 6]
@@ -33,7 +33,7 @@ def test_every_network_has_a_panel_of_speeds_ranked_and_coloured_by_precision():
 
 
 def test_beside_speeds_stands_the_loss_or_without_training_the_agreement():
-    _, loss, _, agreement = engines.engines(rows()).axes
+    _, loss, _, agreement = bench_sections.engines(rows()).axes
     assert [bar.get_width() for bar in loss.patches] == [0, -0.02, 0.4]
     assert [text.get_text() for text in loss.texts] == ["0.00", "-0.02", "0.40"]
     assert [bar.get_x() + bar.get_width() for bar in agreement.patches] == [100, 20]  # none ends before bars begin
@@ -42,4 +42,4 @@ def test_beside_speeds_stands_the_loss_or_without_training_the_agreement():
 
 def test_a_table_in_which_nothing_was_timed_is_refused():
     with pytest.raises(InputError, match="ratio_to_eager"):
-        engines.engines(rows().assign(ratio_to_eager=None))
+        bench_sections.engines(rows().assign(ratio_to_eager=None))

@@ -3,11 +3,11 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.report import focus
+from lfref.report import results
 
 
 def drawn(slopes: torch.Tensor, confidence: torch.Tensor):
-    figure = focus.focus_map(slopes, confidence)
+    figure = results.focus_map(slopes, confidence)
     _, shown = figure.axes[0].images
     return figure, shown
 
@@ -43,7 +43,7 @@ def test_one_slope_everywhere_can_be_drawn():
 @pytest.mark.parametrize("shape", [(4,), (1, 4, 5), (5, 4)])
 def test_maps_that_do_not_fit_are_refused(shape):
     with pytest.raises(InputError, match=r"must be \[H, W\]"):
-        focus.focus_map(torch.zeros(shape), torch.zeros(4, 5))
+        results.focus_map(torch.zeros(shape), torch.zeros(4, 5))
 
 
 def test_a_few_outliers_do_not_stretch_the_scale_however_sure_they_are():

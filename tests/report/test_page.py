@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from lfref.errors import FileError, InputError
-from lfref.report import drawing, page, wording
+from lfref.report import drawing, page, tables
 from lfref.report.page import Section
 
 EMPTY_TAGS = {"meta", "img"}
@@ -102,7 +102,7 @@ def test_tables_have_readable_headings_and_numbers_to_the_right(tmp_path):
     outline = Outline(written(tmp_path, [Section("Part", tables={"": rows})]))
     assert outline.texts["th"] == ["Method", "PSNR (dB)", "flag"]
     assert outline.all("th") == [{"scope": "col"}, {"scope": "col", "class": "number"}, {"scope": "col"}]
-    dash = wording.DASH
+    dash = tables.DASH
     assert outline.texts["td"] == ["<b>&'", "31.26", "True", "0012", "≥ 100", "False", dash, dash, "True"]
     assert outline.all("td") == [{}, {"class": "number"}, {}] * 3
     assert not outline.all("figcaption")

@@ -81,7 +81,7 @@ def test_the_name_of_the_scaled_disparity_says_its_scale(scene, written):
 def test_points_are_the_sure_pixels_in_the_colours_seen_and_nearer_ones_in_front(scene, written):
     comments, table = parsed(written / "points.ply")
     disparity, confidence = (values.numpy() for values in scene.disparity)
-    sure = confidence > results.SURE
+    sure = confidence > results.SURE_OF_RESULTS
     assert 0.3 * sure.size < len(table) == sure.sum() < sure.size
     rows, columns = np.nonzero(sure)
     np.testing.assert_allclose(table["x"], columns - 95.5)

@@ -6,7 +6,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from lfref.errors import InputError
-from lfref.report import stability, tables
+from lfref.report import stability_table, tables
 from lfref.report.drawing import BLACK, RED, TEAL
 
 
@@ -34,7 +34,7 @@ def cells(axes):
 
 
 def test_each_trial_is_a_cell_of_its_outcomes_colour():
-    (axes,) = stability.heat_map(ROWS).axes
+    (axes,) = stability_table.heat_map(ROWS).axes
     picture = cells(axes)
     assert picture.shape == (2, 4, 3)
     # Both precisions of ours, then both of the other; what was not tried is white.
@@ -47,28 +47,28 @@ def test_each_trial_is_a_cell_of_its_outcomes_colour():
 def test_cells_turn_redder_the_farther_they_miss():
     rows = (row(case=str(power), outcome="inexact", times=10.0**power) for power in range(1, 8))
     unknown = row(case="no number", outcome="inexact", times=None)
-    green = cells(stability.heat_map(table(*rows, unknown)).axes[0])[:, 0, 1]
+    green = cells(stability_table.heat_map(table(*rows, unknown)).axes[0])[:, 0, 1]
     assert bool((np.diff(green[:6]) < 0).all())
     assert green[5] == green[6] == green[7]
 
 
 def test_components_with_the_same_cases_share_a_picture_up_to_its_width():
     many = [row(component=f"operator {i}", precision=str(p)) for i in range(5) for p in range(10)]
-    maps = stability.heat_maps(pd.concat([ROWS, table(*many, row("net", "views"))]))
+    maps = stability_table.heat_maps(pd.concat([ROWS, table(*many, row("net", "views"))]))
     assert list(maps) == ["SSIM", "operator 0 to operator 3", "operator 4", "net"]
     assert [len(figure.axes) for figure in maps.values()] == [1, 4, 1, 1]
 
 
 def test_what_is_missing_is_listed_and_not_drawn():
     rows = pd.concat([ROWS, table(row("export", "all", outcome="missing"))])
-    assert list(stability.heat_maps(rows)) == ["SSIM"]
-    assert stability.failures(rows)["component"].tolist() == ["export"]
-    assert stability.failures(ROWS).to_dict("records") == [{"component": "none"}]
+    assert list(stability_table.heat_maps(rows)) == ["SSIM"]
+    assert stability_table.failures(rows)["component"].tolist() == ["export"]
+    assert stability_table.failures(ROWS).to_dict("records") == [{"component": "none"}]
 
 
 def test_trials_are_counted_by_outcome():
-    counts = stability.counts(ROWS)
-    assert counts.columns.tolist() == ["component", "formulation", "trials", *stability.OUTCOMES]
+    counts = stability_table.counts(ROWS)
+    assert counts.columns.tolist() == ["component", "formulation", "trials", *stability_table.OUTCOMES]
     assert counts[["formulation", "trials", "holds", "inexact", "not finite", "error"]].to_numpy().tolist() == [
         ["lfref", 3, 3, 0, 0, 0],
         ["other", 2, 0, 1, 1, 0],
@@ -79,12 +79,12 @@ def test_sections_are_made_of_a_run_folder(tmp_path):
     tables.write_table(tmp_path / "stability.csv", ROWS)
     goal = {"figure": "error", "goal": "at most 1", "measured": 0.5, "usual": None}
     tables.write_table(tmp_path / "goals.csv", [goal | {"holds": "yes"}, goal | {"holds": "no"}])
-    assert "1 of 2 goals" in stability.goals(tmp_path).text
-    section = stability.hard_cases(tmp_path)
+    assert "1 of 2 goals" in stability_table.goals(tmp_path).text
+    section = stability_table.hard_cases(tmp_path)
     assert list(section.figures) == ["SSIM"]
     assert set(section.tables) == {"Trials", "Where ours fails"}
 
 
 def test_a_table_of_something_else_is_refused():
     with pytest.raises(InputError, match="must have a column"):
-        stability.heat_map(table({"component": "SSIM"}))
+        stability_table.heat_map(table({"component": "SSIM"}))

@@ -4,26 +4,21 @@ import torch
 from hypothesis import strategies as st
 
 from lfref.encoding import CURVES
-from lfref.simulator.effects.chromatic import Chromatic
-from lfref.simulator.effects.clipping import Clipping
+from lfref.simulator import bitmaps
+from lfref.simulator import views as render
 from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.exposure import Exposure
-from lfref.simulator.effects.misalignment import Misalignment
+from lfref.simulator.effects.displacement import Chromatic, Misalignment
 from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
 from lfref.simulator.effects.noise import Noise as SensorNoise
-from lfref.simulator.effects.quantisation import Quantisation
+from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
-from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
-from lfref.simulator.views import render
 
 CAMERA = Camera((3, 4), (26, 33))
 SHARE = st.floats(0, 1)

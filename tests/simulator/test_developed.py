@@ -5,15 +5,11 @@ import dataclasses
 import torch
 
 from lfref.simulator.developed import developed
-from lfref.simulator.effects.clipping import Clipping
-from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.quantisation import Quantisation
+from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
-from lfref.simulator.effects.white_balance import WhiteBalance
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Plane

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.simulator import finer, materials, mattes, sim30, surfaces, textures
+from lfref.simulator import materials, mattes, sim30, surfaces, textures
+from lfref.simulator import simulate as finer
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import OUTPUTS, simulate
 

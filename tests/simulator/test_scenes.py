@@ -7,17 +7,17 @@ import torch
 
 from lfref.errors import InputError
 from lfref.io import images
-from lfref.simulator.chance.random_sensor import DRAWN, RandomSensor
+from lfref.simulator import bitmaps
+from lfref.simulator import views as render
+from lfref.simulator.chance import DRAWN, RandomSensor
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.materials import Glass, Matte
 from lfref.simulator.mattes import Full
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.scenes import Fixed, RandomScenes
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat, Noise, Picture
-from lfref.simulator.views import render
 from tests.simulator import drawing
 
 CAMERA = Camera((3, 4), (36, 44))

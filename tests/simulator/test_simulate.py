@@ -6,17 +6,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator import bitmaps, truth
+from lfref.simulator import views as render
 from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.response import Exposure
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.lens import truth
 from lfref.simulator.mattes import Disc
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import OUTPUTS, Simulation, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
-from lfref.simulator.views import render
 from tests.simulator import drawing
 
 CAMERA = Camera(grid=(3, 3), size=(24, 30))

@@ -8,7 +8,7 @@ import torch
 from lightning.pytorch import Trainer
 
 from lfref.data.datamodules import SimulatedData
-from lfref.data.labels import OperatorLabels
+from lfref.data.label_sources import OperatorLabels
 from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
@@ -16,8 +16,8 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
-from lfref.train.refocusing import Refocusing
-from lfref.train.storage import AtomicCheckpointIO
+from lfref.train.callbacks import AtomicCheckpointIO
+from lfref.train.modules import Refocusing
 
 PLANES = planes_at_alphas((0.5, 1.0, 2.0))
 SCENES = RandomScenes(Camera((3, 3), (32, 32)))

@@ -9,7 +9,7 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
-from lfref.train.guard import StepGuard
+from lfref.train.callbacks import StepGuard
 from tests.cli.conftest import TINY
 
 pytestmark = pytest.mark.slow

@@ -10,11 +10,10 @@ import pytest
 import torch
 from lightning.pytorch.loggers.csv_logs import ExperimentWriter
 
-from lfref.data.patches import FieldPatches
+from lfref.data.patch_data import FieldPatches
 from lfref.errors import CheckpointError, FileError, LfrefError
+from lfref.train.callbacks import AtomicCheckpointIO, CSVLogger
 from lfref.train.failures import explained
-from lfref.train.log import CSVLogger
-from lfref.train.storage import AtomicCheckpointIO
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*"

@@ -11,9 +11,8 @@ from lightning.pytorch.plugins import MixedPrecision
 from lfref.errors import InputError, LfrefError
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
-from lfref.train.callbacks import HeadInitialization
-from lfref.train.guard import BestCheckpoint, StepGuard, gradient_norm
-from lfref.train.refocusing import Refocusing
+from lfref.train.callbacks import BestCheckpoint, HeadInitialization, StepGuard, gradient_norm
+from lfref.train.modules import Refocusing
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*",

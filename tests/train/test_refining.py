@@ -14,8 +14,8 @@ from lfref.losses.relative import RelativeError
 from lfref.nets.refiner import Refiner
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.train.guard import BestCheckpoint, StepGuard
-from lfref.train.refining import Refining
+from lfref.train.callbacks import BestCheckpoint, StepGuard
+from lfref.train.modules import Refining
 from tests.data.test_plane_sets import SCENES
 from tests.train.test_resume import quiet
 

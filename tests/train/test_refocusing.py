@@ -10,7 +10,7 @@ from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
 from lfref.refocuser.load import load
 from lfref.train.callbacks import HeadInitialization
-from lfref.train.refocusing import Refocusing
+from lfref.train.modules import Refocusing
 
 
 @pytest.mark.filterwarnings("ignore:.*does not have many workers.*")

@@ -7,10 +7,8 @@ import torch
 from lightning.pytorch import Callback
 from lightning.pytorch.callbacks import ModelCheckpoint
 
-from lfref.train.callbacks import HeadInitialization
-from lfref.train.guard import BestCheckpoint
-from lfref.train.log import CSVLogger
-from lfref.train.resume import cut_log, refit
+from lfref.train.callbacks import BestCheckpoint, CSVLogger, HeadInitialization
+from lfref.train.modules import cut_log, refit
 
 quiet = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*", "ignore:.*Checkpoint directory.*"

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from lfref.errors import FileError
-from lfref.train.storage import AtomicCheckpointIO
+from lfref.train.callbacks import AtomicCheckpointIO
 
 
 def test_a_checkpoint_is_loadable_with_weights_only(tmp_path):

@@ -10,7 +10,7 @@ import torch
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.viewer import content
+from lfref.viewer import view_page
 from tests.viewer import cases
 
 Image = pytest.importorskip("PIL.Image")
@@ -18,7 +18,7 @@ Image = pytest.importorskip("PIL.Image")
 
 @pytest.fixture(scope="module")
 def held():
-    return content.content(cases.shown())
+    return view_page.content(cases.shown())
 
 
 def pixels(uri):
@@ -54,22 +54,22 @@ def test_the_colours_of_the_map_are_told_by_its_bar(held):
     bar, shown = pixels(scale["bar"])[4], pixels(held["map"])
     places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
     told = bar[np.rint(places * (len(bar) - 1)).astype(int)]
-    is_sure, is_unknown = confidence.numpy() >= content.SURE, confidence.numpy() < content.SURE / 50
+    is_sure, is_unknown = confidence.numpy() >= view_page.SURE, confidence.numpy() < view_page.SURE / 50
     assert np.median(np.abs(told - shown)[is_sure]) < 0.02
     assert is_sure.any()
-    assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - content.GREY)) < 0.05
+    assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - view_page.GREY)) < 0.05
 
 
 @pytest.mark.parametrize(
     ("planes", "ends"), [([-1, 1], (-0.5, 1)), ([-2, 5], (-0.5, 2)), ([0], (-0.5, 2)), ([5, 6], (-0.5, 2))]
 )
 def test_the_map_spans_the_planes_where_slopes_lie_among_them(planes, ends):
-    assert content._ends(np.array([[-0.5, 2.0]]), planes) == ends
+    assert view_page._ends(np.array([[-0.5, 2.0]]), planes) == ends
 
 
 def test_where_nobody_can_tell_the_map_is_grey():
     colours, confidence = np.ones((2, 3, 3)) * [1.0, 0.0, 0.2], np.array([[0, 0.05, 0.1], [1, 1, 0]])
-    greyed = content._greyed(colours, confidence)
+    greyed = view_page._greyed(colours, confidence)
     assert np.allclose(greyed[[0, 1], [0, 2]], 0.5)
     assert np.allclose(greyed[0, 1], [0.75, 0.25, 0.35])
     assert np.allclose(greyed[0, 2], [1, 0, 0.2])
@@ -93,14 +93,14 @@ def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
     made = dataclasses.replace(
         cases.shown()["linear"], field=dataclasses.replace(field, weight=weight, positions=positions)
     )
-    views = content._views(made)
+    views = view_page._views(made)
     assert len(views["pictures"]) == 24
     assert views["cameras"][-1] == [-0.5, 1.25]
 
 
 def test_many_large_views_are_made_smaller(monkeypatch):
-    monkeypatch.setattr(content, "MOST_VIEW_PIXELS", 25 * 96 * 128 // 4)
-    assert content.content(cases.shown())["views"]["size"] == [48, 64]
+    monkeypatch.setattr(view_page, "MOST_VIEW_PIXELS", 25 * 96 * 128 // 4)
+    assert view_page.content(cases.shown())["views"]["size"] == [48, 64]
 
 
 def test_the_first_plane_is_where_most_of_the_scene_is(held):
@@ -111,6 +111,6 @@ def test_methods_of_other_planes_are_refused():
     shown = cases.shown()
     shown["dim"] = dataclasses.replace(shown["dim"], planes=FocalPlanes([0.0, 1.0, 2.0, 3.0, 4.0]))
     with pytest.raises(InputError, match="the same planes"):
-        content.content(shown)
+        view_page.content(shown)
     with pytest.raises(InputError, match="at least one method"):
-        content.content({})
+        view_page.content({})

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from lfref.viewer import content, page
+from lfref.viewer import view_page
 from tests.viewer import cases
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -27,7 +27,7 @@ def browser():
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     made = tmp_path_factory.mktemp("view") / "index.html"
-    page.write(made, "A disc <script>alert(1)</script>", {"views": "5 x 5"}, content.content(cases.shown()))
+    view_page.write(made, "A disc <script>alert(1)</script>", {"views": "5 x 5"}, view_page.content(cases.shown()))
     return made
 
 

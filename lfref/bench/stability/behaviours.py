@@ -4,17 +4,21 @@ Letters: `s` slope; alphas are the paper's.
 """
 
 import contextlib
+import functools
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from lfref import geometry
-from lfref.bench.stability import catalogue, trials
+from lfref.bench.accuracy import Row
+from lfref.bench.stability import catalogue, picture_trials, trials, usual
 from lfref.bench.stability.catalogue import noise
-from lfref.bench.stability.operators import PERIODIC
+from lfref.bench.stability.model_trials import PERIODIC
 from lfref.bench.stability.trials import OURS, PRECISIONS, Component
 from lfref.functional.psnr import psnr
+from lfref.functional.ssim import one_minus_ssim
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
 
@@ -171,3 +175,109 @@ def _fit(loss: Loss, seed: int, steps: int) -> float:
         optimizer.step()
         schedule.step()
     return float(psnr(pixels.detach(), labels).nan_to_num(-torch.inf).mean())
+
+
+# PART goals
+# What the project has set itself for hard cases, beside what is measured, the usual formulation where it has one.
+
+
+class Goal(NamedTuple):
+    """A figure and what it has to be."""
+
+    figure: str
+    limit: float
+    measure: Callable[[], float]
+    usual: Callable[[], float] | None = None
+    """The same of the usual formulation."""
+    at_least: bool = False
+    """The limit is the least, not the most."""
+
+    def row(self) -> Row:
+        """Measure it."""
+        value = float(self.measure())
+        holds = value >= self.limit if self.at_least else value <= self.limit
+        return {
+            "figure": self.figure,
+            "goal": f"{'at least' if self.at_least else 'at most'} {self.limit:g}",
+            "measured": value,
+            "usual": None if self.usual is None else float(self.usual()),
+            "holds": "yes" if holds else "no",
+        }
+
+
+def goals(components: Sequence[Component], rows: Sequence[Row]) -> list[Goal]:
+    """All goals that need no training run.
+
+    Args:
+        components: What was tried.
+        rows: What became of it, as from `trials.trials`.
+    """
+    loss = CompositeLoss()
+    between = functools.cache(lambda: differences_between_threads(components))
+    return [
+        Goal(
+            "1 / PSNR against the paper, float64, relative",
+            1e-12,
+            lambda: picture_trials.error_of_paper_term(torch.float64),
+        ),
+        Goal(
+            "1 / PSNR against the paper, float32, relative",
+            1e-6,
+            lambda: picture_trials.error_of_paper_term(torch.float32),
+        ),
+        Goal(
+            "finite losses, metrics and gradients, catalogue", 1, lambda: finite_share(components, rows), at_least=True
+        ),
+        Goal(
+            "finite loss and gradient, 2,000 drawn images",
+            1,
+            lambda: picture_trials.share_that_survives(loss),
+            lambda: picture_trials.share_that_survives(usual.composite),
+            at_least=True,
+        ),
+        *(_of_ssim(name) for name in ("float32", "autocast float16", "autocast bfloat16")),
+        Goal("SSIM against torchmetrics, benign", 1e-5, picture_trials.difference_from_torchmetrics),
+        Goal("time of 1 - SSIM over torchmetrics', 1 x 48 x 192 x 192", 0.4, picture_trials.time_of_ssim),
+        Goal("falls of the loss while the error grows, 1e-30 to 1e6", 0, picture_trials.falls_of_loss),
+        Goal(
+            "dead output channels, 16 seeds, two initialisations",
+            0,
+            lambda: births(is_prepared=True),
+            lambda: births(is_prepared=False),
+        ),
+        Goal("gradients not finite, 11 blocks, black and constant crops", 0, gradients_not_finite),
+        Goal(
+            "worst fit from an error of 4, 16 seeds, dB",
+            30,
+            lambda: worst_fit(loss),
+            lambda: worst_fit(usual.composite),
+            at_least=True,
+        ),
+        Goal("brightness of a plane over the views', every operator and alpha", 1e-4, error_of_brightness),
+        Goal("components whose runs differ", 0, lambda: runs_that_differ(components)),
+        Goal("values on 1 and 4 threads, relative", 1e-5, lambda: between()[0]),
+        Goal("gradients on 1 and 4 threads, relative", 1e-5, lambda: between()[1]),
+    ]
+
+
+def finite_share(components: Sequence[Component], rows: Sequence[Row]) -> float:
+    """Share of our trials on images that ended in finite numbers where there is an answer, and in none elsewhere.
+
+    Args:
+        components: What was tried.
+        rows: What became of it, as from `trials.trials`.
+    """
+    names = {component.name for component in components if component.cases is catalogue.IMAGES}
+    outcomes = [row["outcome"] for row in rows if row["component"] in names and row["formulation"] == OURS]
+    return sum(outcome in ("holds", "inexact", "refused") for outcome in outcomes) / len(outcomes)
+
+
+def _of_ssim(name: str) -> Goal:
+    precision = PRECISIONS[name]
+    limit = 1e-7 if precision.autocast is None else 1e-6
+    return Goal(
+        f"1 - SSIM, all means up to 1000, {name}",
+        limit,
+        lambda: picture_trials.error_of_ssim(one_minus_ssim, precision),
+        lambda: picture_trials.error_of_ssim(usual.one_minus_ssim, precision),
+    )

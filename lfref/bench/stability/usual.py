@@ -16,7 +16,7 @@ from torchmetrics.functional.image import peak_signal_noise_ratio, structural_si
 from lfref import geometry
 from lfref.functional.psnr import CEILING_DB
 from lfref.losses.composite import paper_weights
-from lfref.refocus.fourier.gridding import kaiser_bessel
+from lfref.refocus.fourier.slice import kaiser_bessel
 
 _DIMENSIONS = (-3, -2, -1)
 RADIUS = 5  # pixels that the window of SSIM reaches to each side

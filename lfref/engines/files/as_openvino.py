@@ -12,8 +12,7 @@ from typing import Any
 from lfref.engines import by_openvino
 from lfref.engines.engine import BF16, FP16, FP32, INT8, Run
 from lfref.engines.files import as_onnx
-from lfref.engines.files.graph import Graph
-from lfref.engines.files.manifest import KEY, Manifest, parsed
+from lfref.engines.files.manifest import KEY, Graph, Manifest, parsed
 from lfref.errors import CheckpointError
 from lfref.io import atomic
 

@@ -17,9 +17,7 @@ import torch
 from torch import Tensor
 
 from lfref.engines.engine import BF16, FP16, FP32, Run
-from lfref.engines.files.graph import Graph
-from lfref.engines.files.lowered import lowered
-from lfref.engines.files.manifest import KEY, Manifest, parsed
+from lfref.engines.files.manifest import KEY, Graph, Manifest, lowered, parsed
 from lfref.errors import CheckpointError, first_line
 from lfref.io import atomic
 

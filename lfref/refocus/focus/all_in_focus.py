@@ -20,8 +20,9 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional import neighbours
 from lfref.geometry import Slopes
-from lfref.refocus import batches, windows
+from lfref.refocus import batches
 
 SKIRT_SHARE = 0.05  # of the window's weight: less lets copies of edges through, more blurs depth edges
 SKIRT_WIDTH = 6  # radii
@@ -128,7 +129,9 @@ def _sharpness(plane: Tensor, radius: float) -> Tensor:
     if radius == 0:
         return energy
     energy = _inner(energy)
-    return torch.lerp(windows.smoothed(energy, radius), windows.smoothed(energy, SKIRT_WIDTH * radius), SKIRT_SHARE)
+    return torch.lerp(
+        neighbours.smoothed(energy, radius), neighbours.smoothed(energy, SKIRT_WIDTH * radius), SKIRT_SHARE
+    )
 
 
 def _inner(energy: Tensor) -> Tensor:

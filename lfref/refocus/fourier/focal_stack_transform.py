@@ -16,9 +16,8 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import fourier
 from lfref.geometry import Slopes
-from lfref.refocus import batches
-from lfref.refocus.footprint import blurring, footprint
-from lfref.refocus.footprint.footprint import Footprint
+from lfref.refocus import batches, footprint, footprint_blur
+from lfref.refocus.footprint import Footprint
 
 BAND = 8  # rows of the spectra that become planes at a time, so that the padded sums stay small beside the stack
 
@@ -128,7 +127,7 @@ def _stack(views: Tensor, slopes: Tensor, weights: Tensor | None, cell: Footprin
     chirps = _Chirps(*(each.to(device, dtype) for each in chirps._replace(after=chirps.after * seen)))
     spectra = _sum_of_rows(batches.without_unread(views, aperture), rows.to(device, dtype), chirps, aperture)
     stack = torch.stack([_image(plane, size[1]) for plane in spectra.unbind(1)], dim=1)
-    return blurring.periodic(stack, cell, slopes)
+    return footprint_blur.periodic(stack, cell, slopes)
 
 
 def _sum_of_rows(views: Tensor, rows: Tensor, chirps: _Chirps, weights: Tensor) -> Tensor:

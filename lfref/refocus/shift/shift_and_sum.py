@@ -14,12 +14,10 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import backend, batches, lines
-from lfref.refocus.borders import BORDERS
-from lfref.refocus.footprint import blurring, footprint
-from lfref.refocus.interpolations import INTERPOLATIONS
-from lfref.refocus.shift import by_torch, task
-from lfref.refocus.shift.task import Task
+from lfref.refocus import batches, footprint, footprint_blur, lines
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.shift import shift_torch
+from lfref.refocus.shift.shift_torch import Task
 
 BEYOND = 3
 """Samples that interpolations and the ends of boxes reach beyond a shift, at most."""
@@ -69,12 +67,12 @@ def shift_and_sum(
     grid, size = batches.grid_and_size(batch)
     planes, cell = lines.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
     widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
-    planned = task.plan(planes, grid, size, interpolation, border, weights, widths, positions)
+    planned = shift_torch.plan(planes, grid, size, interpolation, border, weights, widths, positions)
     room = None if out is None else _room(out, views, len(planes))
     stack = planned_stack(batch, planned, room)
     if widths is None and cell.fill > 0:
         covered = planned.coverages if planned.border.counts_only_samples else None
-        stack = blurring.blurred(stack, cell.widths(planes), planned.border, covered)
+        stack = footprint_blur.blurred(stack, cell.widths(planes), planned.border, covered)
     if out is None:
         return batches.restored(stack, views)
     return out if stack is room else out.copy_(batches.restored(stack, views))
@@ -104,7 +102,7 @@ def coverage(
     Raises:
         InputError: Slopes, weights, positions or names that cannot be used.
     """
-    planned = task.plan(slopes, grid, size, interpolation, weights=weights, positions=positions)
+    planned = shift_torch.plan(slopes, grid, size, interpolation, weights=weights, positions=positions)
     return planned.coverages
 
 
@@ -150,7 +148,7 @@ def _room(out: Tensor, views: Tensor, n_planes: int) -> Tensor:
     if out.shape != shape or out.dtype != dtype or out.device != views.device or not out.is_contiguous():
         got = f"{list(out.shape)}, {out.dtype}{'' if out.is_contiguous() else ', not contiguous'}"
         raise InputError(f"out must be {wanted}, on {views.device}", got=f"{got}, on {out.device}")
-    if not (backend.is_plain(views) and backend.is_plain(out)):
+    if not (batches.is_plain(views) and batches.is_plain(out)):
         raise InputError(
             "out must not be asked for where derivatives are", remedy="leave it out, or use torch.no_grad()"
         )
@@ -169,14 +167,14 @@ def planned_stack(views: Tensor, planned: Task, room: Tensor | None = None) -> T
     """
     aperture = torch.tensor(planned.aperture)
     views = batches.without_unread(views.reshape(len(views), *aperture.shape, *views.shape[3:]), aperture)
-    compiler = backend.compiler_for(views) if planned.interpolation.weights is not None else None
+    compiler = batches.compiler_for(views) if planned.interpolation.weights is not None else None
     # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
     if compiler == "numba":
-        from lfref.refocus.shift import by_numba
+        from lfref.refocus.shift import shift_numba
 
-        return by_numba.shift_and_sum(views, planned, room)
+        return shift_numba.shift_and_sum(views, planned, room)
     if compiler == "triton" and planned.is_separable:
-        from lfref.refocus.shift import by_triton
+        from lfref.refocus.shift import shift_triton
 
-        return by_triton.shift_and_sum(views, planned)
-    return by_torch.shift_and_sum(views, planned)
+        return shift_triton.shift_and_sum(views, planned)
+    return shift_torch.shift_and_sum(views, planned)

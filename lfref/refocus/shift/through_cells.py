@@ -10,8 +10,8 @@ from torch import Tensor
 
 from lfref.geometry import Slopes
 from lfref.refocus import batches, lines
-from lfref.refocus.focus.disparity_range import DisparityRange, disparity_range
-from lfref.refocus.shift import shift_and_sum, task
+from lfref.refocus.disparity.disparity_range import DisparityRange, disparity_range
+from lfref.refocus.shift import shift_and_sum, shift_torch
 
 FADE = 0.3
 """Pixels per view step over which a sum of points gives way to one of cells."""
@@ -66,5 +66,5 @@ def _stack(field: Tensor, planes: Tensor, weights: Tensor | None, positions: Ten
     """One light field, [V, U, C, H, W], as [1, N, C, H, W]."""
     grid, size = batches.grid_and_size(field)
     boxes = widths(planes, disparity_range(field.detach(), weights, positions)).clamp(max=min(size)).tolist()
-    planned = task.plan(planes, grid, size, "cubic", weights=weights, widths=boxes, positions=positions)
+    planned = shift_torch.plan(planes, grid, size, "cubic", weights=weights, widths=boxes, positions=positions)
     return shift_and_sum.planned_stack(field[None], planned)

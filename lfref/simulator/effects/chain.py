@@ -6,10 +6,9 @@ import math
 from torch import Tensor
 
 from lfref.simulator.effects import effect
-from lfref.simulator.effects.clipping import Clipping
-from lfref.simulator.effects.demosaic import Demosaic
 from lfref.simulator.effects.effect import Effect
-from lfref.simulator.effects.mosaic import Mosaic
+from lfref.simulator.effects.mosaic import Demosaic, Mosaic
+from lfref.simulator.effects.response import Clipping
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.planner import Pass
 

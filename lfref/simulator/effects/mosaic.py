@@ -7,7 +7,9 @@ from view to view.
 from dataclasses import dataclass
 from typing import ClassVar
 
+import torch
 from torch import Generator, Tensor
+from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
 
@@ -65,3 +67,69 @@ def mosaicked(views: Tensor, pattern: str) -> Tensor:
         for column, channel in enumerate(channels):
             raw[..., 0, row::2, column::2] = views[..., channel, row::2, column::2]
     return raw
+
+
+# PART demosaic
+# Demosaicing by linear filters: bilinear, corrected by the Laplacian of the colour that the pixel itself has.
+#
+# Source: Malvar, He and Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images",
+# 2004, Fig. 2. Beyond the edge the picture is mirrored about its outermost sample, which keeps the mosaic's phase.
+
+# In eighths: green at red or blue; red or blue at a green pixel with this colour to its left and right; red at blue.
+CROSS = ((0, 0, -1, 0, 0), (0, 0, 2, 0, 0), (-1, 2, 4, 2, -1), (0, 0, 2, 0, 0), (0, 0, -1, 0, 0))
+ACROSS = ((0, 0, 0.5, 0, 0), (0, -1, 0, -1, 0), (-1, 4, 5, 4, -1), (0, -1, 0, -1, 0), (0, 0, 0.5, 0, 0))
+CORNERS = ((0, 0, -1.5, 0, 0), (0, 2, 0, 2, 0), (-1.5, 0, 6, 0, -1.5), (0, 2, 0, 2, 0), (0, 0, -1.5, 0, 0))
+
+
+@dataclass(frozen=True)
+class Demosaic:
+    """Three colours a pixel again."""
+
+    name: ClassVar[str] = "demosaic"
+    needs: ClassVar[tuple[str, ...]] = ("quantised",)
+    makes: ClassVar[str] = "demosaicked"
+
+    pattern: str | None = "RGGB"
+    """The mosaic's."""
+
+    def __post_init__(self) -> None:
+        if self.pattern is not None:
+            chosen("mosaic pattern", self.pattern, PATTERNS)
+
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """Nothing changes where there was no mosaic."""
+        return None if self.pattern else "there is no mosaic"
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """See `demosaicked`; nothing is drawn."""
+        return demosaicked(views, self.pattern) if self.pattern else views
+
+
+def demosaicked(raw: Tensor, pattern: str) -> Tensor:
+    """Interpolate the colours that a mosaic left out.
+
+    Args:
+        raw: Samples, [..., 1, H, W], at least 3 x 3 pixels.
+        pattern: Of the mosaic, a key of `PATTERNS`.
+
+    Returns:
+        Radiance, [..., 3, H, W].
+    """
+    pictures = F.pad(raw.reshape(-1, 1, *raw.shape[-2:]), (2, 2, 2, 2), mode="reflect")
+    # A GPU's convolution keeps but ten bits of float32.
+    pictures = pictures.double() if pictures.is_cuda else pictures
+    views = raw.new_empty(len(pictures), 3, *raw.shape[-2:])
+    for row, channels in enumerate(PATTERNS[pattern]):
+        for column, channel in enumerate(channels):
+            # Only the pixels of this phase: the filters step by two.
+            weight = _filters(channel, PATTERNS[pattern][row][1 - column]).to(pictures)
+            views[..., row::2, column::2] = F.conv2d(pictures[..., row:, column:], weight[:, None], stride=2)
+    return views.reshape(*raw.shape[:-3], 3, *raw.shape[-2:])
+
+
+def _filters(own: int, beside: int) -> Tensor:
+    """Filters for red, green and blue at a pixel of colour `own` with `beside` to its left and right, [3, 5, 5]."""
+    cross, across, corners = (torch.tensor(eighths) / 8 for eighths in (CROSS, ACROSS, CORNERS))
+    itself = F.pad(torch.ones(1, 1), (2, 2, 2, 2))
+    others = {beside: across, 2 - beside: across.T} if own == 1 else {1: cross, 2 - own: corners}
+    return torch.stack([others.get(channel, itself) for channel in range(3)])

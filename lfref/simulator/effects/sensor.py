@@ -5,17 +5,12 @@ from typing import get_args, get_type_hints
 
 from lfref.encoding import LINEAR, Encoding
 from lfref.simulator import checks
-from lfref.simulator.effects.chromatic import Chromatic
-from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.exposure import Exposure
-from lfref.simulator.effects.misalignment import Misalignment
+from lfref.simulator.effects.displacement import Chromatic, Misalignment
 from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.quantisation import Quantisation
-from lfref.simulator.effects.tone_curve import ToneCurve
+from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.vignetting import Vignetting
-from lfref.simulator.effects.white_balance import WhiteBalance
 
 
 @dataclass(frozen=True)

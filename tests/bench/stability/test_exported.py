@@ -2,14 +2,14 @@
 
 import pytest
 
-from lfref.bench.stability import exported, trials
+from lfref.bench.stability import model_trials, trials
 from lfref.bench.stability.trials import OURS
-from lfref.engines.files.formats import FORMATS, Format
+from lfref.engines.files.file_formats import FORMATS, Format
 
 
 def of_format(name, monkeypatch):
-    monkeypatch.setattr(exported, "FORMATS", {name: FORMATS[name]})
-    return exported.components()
+    monkeypatch.setattr(model_trials, "FORMATS", {name: FORMATS[name]})
+    return model_trials.exported_components()
 
 
 @pytest.mark.slow
@@ -36,9 +36,9 @@ def test_a_file_that_makes_other_pictures_is_noticed(monkeypatch):
 
 def test_what_is_not_installed_is_told_and_not_tried(monkeypatch):
     absent = Format(".absent", ("fp32",), ("json", "no_such_runtime"), None, None, "absent")
-    monkeypatch.setattr(exported, "FORMATS", {"absent": absent})
-    assert exported.components() == []
-    (row,) = exported.missing()
+    monkeypatch.setattr(model_trials, "FORMATS", {"absent": absent})
+    assert model_trials.exported_components() == []
+    (row,) = model_trials.missing()
     assert (row["component"], row["outcome"], row["note"]) == (
         "exported network, absent", "missing", "no no_such_runtime installed",
     )  # fmt: skip

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lfref.bench.stability import goals, images, operators
-from lfref.bench.stability.goals import Goal
+from lfref.bench.stability import behaviours, model_trials, picture_trials
+from lfref.bench.stability.behaviours import Goal
 
 
 @pytest.mark.parametrize(
@@ -31,9 +31,9 @@ def test_the_share_counts_our_trials_on_images_only():
         for outcome in found
         for formulation in ("lfref", "textbook")
     ]
-    assert goals.finite_share([*images.components(), *operators.components()], rows) == 0.75
+    assert behaviours.finite_share([*picture_trials.components(), *model_trials.operator_components()], rows) == 0.75
 
 
 def test_all_goals_have_names_of_their_own():
-    names = [goal.figure for goal in goals.goals(images.components(), [])]
+    names = [goal.figure for goal in behaviours.goals(picture_trials.components(), [])]
     assert len(set(names)) == len(names)

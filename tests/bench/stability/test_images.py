@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from lfref.bench.stability import images, trials
+from lfref.bench.stability import picture_trials, trials
 from lfref.bench.stability.trials import OURS
 
-COMPONENTS = {component.name: component for component in images.components()}
+COMPONENTS = {component.name: component for component in picture_trials.components()}
 
 
 @pytest.mark.parametrize("name", COMPONENTS)

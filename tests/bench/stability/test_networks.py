@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from lfref.bench.stability import networks, trials
+from lfref.bench.stability import model_trials, trials
 from lfref.bench.stability.trials import OURS
 from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS
 
-COMPONENTS = {component.name: component for component in networks.components()}
+COMPONENTS = {component.name: component for component in model_trials.components()}
 
 
 def test_all_of_the_ablations_are_tried():
@@ -30,7 +30,7 @@ def test_ours_stays_finite_and_is_right_on_benign_views(name, monkeypatch):
 
 def test_weights_are_drawn_from_a_seed_and_leave_the_global_one_alone():
     before = torch.random.get_rng_state()
-    first, again, other = (networks.network(seed=seed).head.weight for seed in (0, 0, 1))
+    first, again, other = (model_trials.network(seed=seed).head.weight for seed in (0, 0, 1))
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
     assert torch.equal(before, torch.random.get_rng_state())
@@ -39,5 +39,7 @@ def test_weights_are_drawn_from_a_seed_and_leave_the_global_one_alone():
 def test_the_network_without_a_constant_fails_on_black_views():
     component = COMPONENTS["RefNet, softplus, instance norm"]
     black = tuple(case for case in component.cases if case.name == "black")
-    usual = component._replace(cases=black, formulations={networks.USUAL: component.formulations[networks.USUAL]})
+    usual = component._replace(
+        cases=black, formulations={model_trials.USUAL: component.formulations[model_trials.USUAL]}
+    )
     assert next(iter(trials.trials([usual])))["outcome"] == "not finite"

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from lfref.bench.stability import operators, trials
+from lfref.bench.stability import model_trials, trials
 from lfref.bench.stability.trials import OURS, PRECISIONS
 
-COMPONENTS = {component.name: component for component in operators.components()}
+COMPONENTS = {component.name: component for component in model_trials.operator_components()}
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def test_the_usual_form_fails_where_weights_vanish(name):
 
 
 def test_half_types_may_round_the_result_once():
-    allowed, right = operators.within(1e-6), torch.tensor([0.5, 3.0], dtype=torch.float64)
+    allowed, right = model_trials.within(1e-6), torch.tensor([0.5, 3.0], dtype=torch.float64)
     views = torch.tensor([2.0, 0.1])
     torch.testing.assert_close(allowed(right, PRECISIONS["float32"], views), torch.full_like(right, 2e-6))
     half = allowed(right, PRECISIONS["float16"], views)

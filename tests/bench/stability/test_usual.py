@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from lfref.bench.stability import catalogue, networks, oracles, usual
+from lfref.bench.stability import catalogue, model_trials, oracles, usual
 from lfref.nets.blocks import NORMALIZATIONS
 
 PAIR = catalogue.IMAGES[0].make(torch.float32)
@@ -62,7 +62,7 @@ def test_standardising_is_pytorchs_norm_but_for_the_constant(name):
 
 def test_a_rewritten_network_is_nearly_the_same_on_benign_views():
     views = catalogue.NETWORK_VIEWS[0].make(torch.float32)[0]
-    first, second = networks.network(), usual.rewritten(networks.network())
+    first, second = model_trials.network(), usual.rewritten(model_trials.network())
     assert any(isinstance(module, usual.Softplus) for module in second.modules())
     with torch.no_grad():
         assert float((first(views) - second(views)).abs().mean()) < 0.05 * float(first(views).max())

@@ -8,7 +8,7 @@ import torch
 from matplotlib.image import imread
 
 from lfref.geometry import even_planes
-from lfref.io import tensors
+from lfref.io import tensor_files
 from lfref.nets import checkpoint
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
@@ -35,7 +35,7 @@ def refiner(tmp_path):
         torch.nn.init.normal_(parameter, std=0.1)
     entry = refined.payload(network, OperatorRefocuser("sum", shift_and_sum), ("central",))
     state = {checkpoint.PREFIX + name: value for name, value in network.state_dict().items()}
-    tensors.write(tmp_path / "refiner.ckpt", {"lfref": entry, "state_dict": state})
+    tensor_files.write(tmp_path / "refiner.ckpt", {"lfref": entry, "state_dict": state})
     return tmp_path / "refiner.ckpt"
 
 

@@ -3,8 +3,7 @@
 import torch
 from torch import nn
 
-from lfref.engines.files.graph import Graph
-from lfref.engines.files.manifest import Manifest
+from lfref.engines.files.manifest import Graph, Manifest
 from tests.engines import cases
 
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from lfref.engines.files.centred import centred
+from lfref.engines.files.as_onnx import centred
 from lfref.nets.blocks import NORMALIZATIONS
 
 

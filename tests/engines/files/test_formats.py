@@ -8,8 +8,8 @@ import zipfile
 import pytest
 import torch
 
-from lfref.engines.files import as_onnx, as_pt2, formats
-from lfref.engines.files.formats import FORMATS
+from lfref.engines.files import as_onnx, as_pt2, file_formats
+from lfref.engines.files.file_formats import FORMATS
 from lfref.errors import CheckpointError, InputError, LfrefError
 from lfref.functional.psnr import psnr
 from tests.engines.files import cases
@@ -25,7 +25,7 @@ pytest.importorskip("openvino")
 def written(folder, name, precision="fp32", kind="views"):
     graph = cases.GRAPHS[kind]()
     path = folder / f"net{FORMATS[name].suffix}"
-    formats.write(path, name, graph, cases.manifest(graph, precision))
+    file_formats.write(path, name, graph, cases.manifest(graph, precision))
     return path, graph
 
 
@@ -34,7 +34,7 @@ def written(folder, name, precision="fp32", kind="views"):
 @pytest.mark.parametrize(("name", "precision"), EVERY)
 def test_a_file_computes_what_it_was_made_of_at_any_size(name, precision, kind, tmp_path):
     path, graph = written(tmp_path, name, precision, kind)
-    for engine, run in formats.engines(path).items():
+    for engine, run in file_formats.engines(path).items():
         for n, size in SIZES:
             inputs = cases.inputs(graph, n, size)
             with torch.no_grad():
@@ -50,7 +50,7 @@ def test_a_file_computes_what_it_was_made_of_at_any_size(name, precision, kind, 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_file_says_what_it_holds(name, tmp_path):
     path, graph = written(tmp_path, name)
-    _, manifest = formats.opened(path)
+    _, manifest = file_formats.opened(path)
     assert manifest == cases.manifest(graph)
     assert manifest.reads_views
 
@@ -62,7 +62,7 @@ def test_a_foreign_file_is_a_line(name, content, tmp_path):
     path.write_bytes(content)
     path.with_suffix(".bin").write_bytes(content)
     with pytest.raises(CheckpointError) as told:
-        formats.opened(path)
+        file_formats.opened(path)
     assert "\n" not in str(told.value)
 
 
@@ -74,12 +74,12 @@ def test_a_truncated_file_is_a_line(name, tmp_path):
             content = place.read_bytes()
             place.write_bytes(content[: len(content) * 3 // 4])
     with pytest.raises(CheckpointError):
-        formats.opened(path)
+        file_formats.opened(path)
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(CheckpointError, match="no file at"):
-        formats.opened(tmp_path / "net.onnx")
+        file_formats.opened(tmp_path / "net.onnx")
 
 
 def test_weights_of_another_model_are_refused(tmp_path):
@@ -87,10 +87,10 @@ def test_weights_of_another_model_are_refused(tmp_path):
     weights = path.with_suffix(".bin")
     weights.write_bytes(weights.read_bytes()[:-4] + b"\1\2\3\4")
     with pytest.raises(CheckpointError, match=r"net\.bin must be the weights of net\.xml"):
-        formats.opened(path)
+        file_formats.opened(path)
     weights.unlink()
     with pytest.raises(CheckpointError, match="beside it"):
-        formats.opened(path)
+        file_formats.opened(path)
 
 
 def altered(path, change):
@@ -129,7 +129,7 @@ def test_what_an_archive_pickles_is_never_unpickled(archive, tmp_path, member):
 
     altered(archive, told)
     with pytest.raises(CheckpointError):
-        formats.opened(archive)
+        file_formats.opened(archive)
     assert not (tmp_path / "made").exists()
 
 
@@ -139,7 +139,7 @@ def test_members_of_one_name_are_refused(archive):
     with zipfile.ZipFile(archive, "a") as changed, pytest.warns(UserWarning, match="Duplicate"):
         changed.writestr(name, b"other")
     with pytest.raises(CheckpointError, match="members of one name"):
-        formats.opened(archive)
+        file_formats.opened(archive)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_what_an_archive_would_call_is_looked_at_before(archive, key, value, tmp
     altered(archive, changed)
     assert found
     with pytest.raises(CheckpointError, match="must hold plain weights"):
-        formats.opened(archive)
+        file_formats.opened(archive)
     assert not (tmp_path / "made").exists()
 
 
@@ -181,14 +181,14 @@ def test_an_archive_that_grows_when_it_is_unpacked_is_refused(archive):
     with zipfile.ZipFile(archive, "a", zipfile.ZIP_DEFLATED) as changed:
         changed.writestr("net/data/weights/bomb", bytes(2**20))
     with pytest.raises(CheckpointError, match="compressed members"):
-        formats.opened(archive)
+        file_formats.opened(archive)
 
 
 def test_an_archive_with_code_for_the_processor_is_refused(archive):
     with zipfile.ZipFile(archive, "a") as changed:
         changed.writestr("net/data/aotinductor/model/code.so", b"\x7fELF")
     with pytest.raises(CheckpointError, match="aotinductor"):
-        formats.opened(archive)
+        file_formats.opened(archive)
 
 
 def test_an_archive_of_torch_that_is_not_ours_says_so(tmp_path):
@@ -233,13 +233,13 @@ def test_a_model_that_is_changed_is_refused(change, said, tmp_path):
 def test_precisions_that_a_format_has_not_are_told(tmp_path):
     graph = cases.views()
     with pytest.raises(InputError, match="precision of onnx must be one of fp32, fp16, int8"):
-        formats.write(tmp_path / "net.onnx", "onnx", graph, cases.manifest(graph, "bf16"))
+        file_formats.write(tmp_path / "net.onnx", "onnx", graph, cases.manifest(graph, "bf16"))
     with pytest.raises(InputError, match="format must be one of onnx, pt2, openvino"):
-        formats.write(tmp_path / "net.tf", "tensorflow", graph, cases.manifest(graph))
+        file_formats.write(tmp_path / "net.tf", "tensorflow", graph, cases.manifest(graph))
 
 
 def test_a_package_that_is_missing_is_told(tmp_path, monkeypatch):
     path, _ = written(tmp_path, "onnx")
-    monkeypatch.setattr(formats.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(file_formats.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(LfrefError, match="no onnx and no onnxscript and no onnxruntime; pip install"):
-        formats.opened(path)
+        file_formats.opened(path)

@@ -5,7 +5,7 @@ import copy
 import torch
 from torch import nn
 
-from lfref.engines.files import graph
+from lfref.engines.files import manifest
 from tests.engines.files import cases
 
 
@@ -16,11 +16,11 @@ def test_free_axes_are_those_that_are_letters():
 
 def test_a_digest_is_of_names_shapes_and_values():
     module = nn.Sequential(nn.Conv2d(2, 3, 1), nn.ReLU())
-    known = graph.digest(module)
-    assert graph.digest(copy.deepcopy(module)) == known
+    known = manifest.digest(module)
+    assert manifest.digest(copy.deepcopy(module)) == known
     other = copy.deepcopy(module)
     with torch.no_grad():
         other[0].bias[0] += 1e-3
-    assert graph.digest(other) != known
-    assert graph.digest(nn.Sequential(nn.Identity(), module[0])) != known
-    assert graph.digest(copy.deepcopy(module).to(memory_format=torch.channels_last)) == known
+    assert manifest.digest(other) != known
+    assert manifest.digest(nn.Sequential(nn.Identity(), module[0])) != known
+    assert manifest.digest(copy.deepcopy(module).to(memory_format=torch.channels_last)) == known

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from lfref.engines.files.lowered import DTYPES, lowered
+from lfref.engines.files.manifest import DTYPES, lowered
 
 
 @pytest.mark.parametrize("precision", DTYPES)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.io.lenslets.lattice import HEXAGONAL_ROWS, Lattice, upright
+from lfref.io.lenslet_lattice import HEXAGONAL_ROWS, Lattice, upright
 
 PITCH = 14.29
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lfref.errors import FileError
-from lfref.io.lenslets import finding
-from lfref.io.lenslets.lattice import Lattice, upright
+from lfref.io import lenslet_search
+from lfref.io.lenslet_lattice import Lattice, upright
 from tests.io.lenslets.drawing import made, under, white_image
 
 PATH = Path("white.png")
@@ -34,7 +34,7 @@ def beside(lattice: Lattice, at: tuple[float, float]) -> float:
 def test_pitch_rotation_and_offset_are_found(name, noise):
     truth = LATTICES[name]
     white = white_image(truth, (440, 500)) + noise * np.random.default_rng(0).normal(size=(440, 500))
-    found = finding.lattice_of(white, PATH)
+    found = lenslet_search.lattice_of(white, PATH)
     assert found.is_hexagonal == truth.is_hexagonal
     assert found.pitch == pytest.approx(truth.pitch, abs=1e-3)
     assert found.rotation == pytest.approx(truth.rotation, abs=0.01)
@@ -45,7 +45,7 @@ def test_pitch_rotation_and_offset_are_found(name, noise):
 def test_the_centres_found_are_the_centroids_of_the_lenslets():
     truth = made()
     white = white_image(truth, (300, 320))
-    found = finding.lattice_of(white, PATH)
+    found = lenslet_search.lattice_of(white, PATH)
     rows, columns = found.within(white.shape, (7.0, 7.0))
     y, x = np.mgrid[:300, :320]
     errors = []
@@ -63,7 +63,7 @@ def test_dust_and_dead_lenslets_do_not_move_the_lattice():
     white = white_image(truth, (440, 500))
     white[100:160, 200:290] = 0
     white[300:340, 20:70] *= 0.3
-    found = finding.lattice_of(white, PATH)
+    found = lenslet_search.lattice_of(white, PATH)
     assert found.pitch == pytest.approx(truth.pitch, abs=2e-3)
     assert beside(truth, found.origin) < 0.05
 
@@ -73,7 +73,7 @@ def test_a_skewed_lattice_is_found_as_it_is():
     y, x = np.mgrid[:440, :500]
     numbers = np.linalg.solve(np.array([truth.rows, truth.columns]).T, np.stack([y - 6.0, x - 7.0]).reshape(2, -1))
     white = (2 + np.cos(2 * math.pi * numbers).sum(axis=0)).reshape(440, 500)
-    found = finding.lattice_of(white, PATH)
+    found = lenslet_search.lattice_of(white, PATH)
     np.testing.assert_allclose((found.rows, found.columns), (truth.rows, truth.columns), atol=1e-3)
 
 
@@ -90,14 +90,14 @@ def picture(size):
 @pytest.mark.parametrize("size", [(300, 400), (9, 9), (1, 40)])
 def test_what_shows_no_lattice_is_refused_in_one_line(make, size, one_line):
     with pytest.raises(FileError) as caught:
-        finding.lattice_of(make(size), PATH)
+        lenslet_search.lattice_of(make(size), PATH)
     one_line(caught.value, PATH, "regular lattice", "reader.pitch")
 
 
 def test_a_hexagonal_lattice_that_stands_upright_says_so(one_line):
     truth = made(10.0, 0.2, is_hexagonal=True)
     with pytest.raises(FileError) as caught:
-        finding.lattice_of(white_image(truth, (300, 300)).T, PATH)
+        lenslet_search.lattice_of(white_image(truth, (300, 300)).T, PATH)
     one_line(caught.value, PATH, "turn both images by 90 degrees")
 
 

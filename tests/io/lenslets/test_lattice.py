@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfref.io.lenslets.lattice import HEXAGONAL_ROWS, upright
+from lfref.io.lenslet_lattice import HEXAGONAL_ROWS, upright
 from tests.io.lenslets.drawing import made
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lfref.errors import InputError
-from lfref.io.lenslets import options
+from lfref.io import options
 from tests.io.lenslets.drawing import made
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lfref.errors import FileError
-from lfref.io import eslf, images, read
-from lfref.io.lenslets import period
-from lfref.io.lenslets.lattice import upright
+from lfref.io import images, lenslet_search, lenslets, read
+from lfref.io.lenslet_lattice import upright
 from tests.io.lenslets.drawing import lenslet_image, made, white_image
 
 PATH = Path("a_eslf.png")
@@ -26,13 +25,13 @@ def aligned(pitch: int, rows=30, columns=36, extra=0) -> np.ndarray:
 @pytest.mark.parametrize("pitch", [5, 7, 9, 14, 15])
 @pytest.mark.parametrize("extra", [0, 4])
 def test_the_right_pitch_is_read_whether_or_not_it_divides_the_size(pitch, extra):
-    period.check(aligned(pitch, extra=extra), pitch, PATH)
+    lenslet_search.check(aligned(pitch, extra=extra), pitch, PATH)
 
 
 @pytest.mark.parametrize(("pitch", "asked"), [(9, 14), (9, 8), (9, 10), (14, 7), (15, 5), (7, 14), (5, 15), (15, 14)])
 def test_another_pitch_is_refused_with_the_one_that_is_seen(pitch, asked, one_line):
     with pytest.raises(FileError) as caught:
-        period.check(aligned(pitch), asked, PATH)
+        lenslet_search.check(aligned(pitch), asked, PATH)
     one_line(caught.value, PATH, f"lenslets of {asked} pixels", f"about {pitch}.0", f"set reader.lenslet={pitch}")
 
 
@@ -40,17 +39,17 @@ def test_another_pitch_is_refused_with_the_one_that_is_seen(pitch, asked, one_li
 def test_a_fraction_of_a_pixel_is_seen(pitch, one_line):
     image = (lenslet_image(made(pitch), (436, 436)) * white_image(made(pitch), (436, 436)))[..., None]
     with pytest.raises(FileError) as caught:
-        period.check(image, 14, PATH)
+        lenslet_search.check(image, 14, PATH)
     one_line(caught.value, "a pitch of about", "reader.pitch=", "reader.white")
-    assert period.spectrum(image, 1).pitch() == pytest.approx(pitch, abs=0.05)
+    assert lenslet_search.spectrum(image, 1).pitch() == pytest.approx(pitch, abs=0.05)
 
 
 def test_hexagonal_lenslets_are_seen(one_line):
     image = lenslet_image(made(is_hexagonal=True), (500, 500)) * white_image(made(is_hexagonal=True), (500, 500))
     with pytest.raises(FileError) as caught:
-        period.check(image[..., None], 14, PATH)
+        lenslet_search.check(image[..., None], 14, PATH)
     one_line(caught.value, "hexagonal", "reader.lattice=hexagonal reader.pitch=14.")
-    assert period.spectrum(image[..., None], 1).pitch() == pytest.approx(14.29, abs=0.1)
+    assert lenslet_search.spectrum(image[..., None], 1).pitch() == pytest.approx(14.29, abs=0.1)
 
 
 def photograph(size):
@@ -71,7 +70,7 @@ def side_by_side(size):
 @pytest.mark.parametrize("make", [photograph, side_by_side])
 def test_a_picture_without_lenslets_is_no_light_field(make, one_line):
     with pytest.raises(FileError) as caught:
-        period.check(make((480, 600)), 14, PATH)
+        lenslet_search.check(make((480, 600)), 14, PATH)
     one_line(caught.value, PATH, "shows none", "folder of views", "reader.pitch=14")
 
 
@@ -79,21 +78,21 @@ def test_a_picture_without_lenslets_is_no_light_field(make, one_line):
     "image", [np.zeros((500, 600, 3)), np.full((500, 600, 3), 7, np.uint8), photograph((200, 800))]
 )
 def test_what_is_flat_or_small_is_not_judged(image):
-    period.check(image, 14, PATH)
+    lenslet_search.check(image, 14, PATH)
 
 
 @pytest.mark.parametrize("pitch", [1, 2])
 def test_lenslets_of_a_pixel_or_two_are_not_judged(pitch):
-    period.check(photograph((300, 400)), pitch, PATH)
+    lenslet_search.check(photograph((300, 400)), pitch, PATH)
 
 
 def test_the_real_capture_as_a_lenslet_image(lytro, one_line):
     views = read.read(lytro, encoding="linear").views.numpy()[:, :, :, :200, :250]
     image = views.transpose(3, 0, 4, 1, 2).reshape(200 * 9, 250 * 9, 3)
-    period.check(image, 9, PATH)
+    lenslet_search.check(image, 9, PATH)
     for wrong in (3, 7, 10, 14, 18):
         with pytest.raises(FileError, match=r"set reader\.lenslet=9"):
-            period.check(image, wrong, PATH)
+            lenslet_search.check(image, wrong, PATH)
 
 
 def test_a_file_of_another_pitch_is_refused_and_told_how_to_be_read(tmp_path):
@@ -103,4 +102,4 @@ def test_a_file_of_another_pitch_is_refused_and_told_how_to_be_read(tmp_path):
         read.read(tmp_path / "a.png")
     assert read.read(tmp_path / "a.png", lenslet=9).size == (30, 36)
     asked = read.read(tmp_path / "a.png", pitch=9, views=9, encoding="linear")
-    np.testing.assert_allclose(asked.views, images.to_float(eslf.unpack(image, 9)), atol=1e-6)
+    np.testing.assert_allclose(asked.views, images.to_float(lenslets.unpack(image, 9)), atol=1e-6)

@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from lfref.errors import FileError, InputError
-from lfref.io import images, read
-from lfref.io.lenslets import finding, reading
+from lfref.io import images, lenslet_search, lenslets, read
 from tests.io.lenslets.drawing import lenslet_image, made, scene, white_image
 
 SIZE = 300, 330
@@ -53,7 +52,7 @@ def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
     assert field.grid == (7, 7)
     assert field.weight is None
     white = white_image(lattice, SIZE, width=0.5)
-    expected = true_views(field.views.shape, first_place(lattice, finding.lattice_of(white, tmp_path)), 3, 3)
+    expected = true_views(field.views.shape, first_place(lattice, lenslet_search.lattice_of(white, tmp_path)), 3, 3)
     level = np.percentile(white, 99)
     error = field.views[:, :, 0].numpy() / level - expected
     assert abs(error).max() < (8e-3 if is_hexagonal else 2e-3)
@@ -88,9 +87,9 @@ def test_encoded_samples_are_decoded_before_anything_is_mixed_or_divided(camera,
 
 def test_dark_samples_are_trusted_less():
     views, white = np.full((1, 1, 1, 2, 3), 0.2, np.float32), np.ones((1, 1, 1, 2, 3), np.float32)
-    np.testing.assert_array_equal(reading.evened(views, white), views)
+    np.testing.assert_array_equal(lenslets.evened(views, white), views)
     white[..., 0, :] = 0.5, 0.1, 0
-    even = reading.evened(views, white)
+    even = lenslets.evened(views, white)
     np.testing.assert_allclose(even[0, 0, 0, 0], [0.4, 2, 8])
     np.testing.assert_allclose(even[0, 0, 1, 0], [1, 0.4, 0])
     np.testing.assert_allclose(even[0, 0, :, 1], [[0.2] * 3, [1] * 3])
@@ -98,7 +97,7 @@ def test_dark_samples_are_trusted_less():
 
 def test_a_weight_of_the_file_is_kept_and_not_divided():
     views = np.stack([np.full((1, 1, 2, 2), 0.25), np.full((1, 1, 2, 2), 0.5)], axis=2).astype(np.float32)
-    even = reading.evened(views, np.full((1, 1, 1, 2, 2), 0.5, np.float32))
+    even = lenslets.evened(views, np.full((1, 1, 1, 2, 2), 0.5, np.float32))
     np.testing.assert_allclose(even[:, :, 0], 0.5)
     np.testing.assert_allclose(even[:, :, 1], 0.5)
 

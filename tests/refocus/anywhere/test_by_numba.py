@@ -5,15 +5,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus import backend
-from lfref.refocus.anywhere import by_numba
-from lfref.refocus.anywhere.homography import homography
-from lfref.refocus.anywhere.mean_of_views import mean_of_views
-from lfref.refocus.anywhere.places import Places
-from lfref.refocus.anywhere.sampling import sample
-from lfref.refocus.anywhere.surface import per_pixel
-from lfref.refocus.borders import BORDERS
-from lfref.refocus.interpolations import INTERPOLATIONS
+from lfref.refocus import batches, gather
+from lfref.refocus.gather import Places, mean_of_views, sample
+from lfref.refocus.homography import homography
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.surface import per_pixel
 
 LOCAL = ["nearest", "linear", "cubic"]
 CHOICES = [(interpolation, border) for interpolation in LOCAL for border in BORDERS]
@@ -43,7 +39,7 @@ def by_both(monkeypatch, refocus, *arguments):
     """Stacks by the compiled loop, and by PyTorch's operations."""
     fast = refocus(*arguments)
     with monkeypatch.context() as patched:
-        patched.setattr(backend, "COMPILERS", {})
+        patched.setattr(batches, "COMPILERS", {})
         return fast, refocus(*arguments)
 
 
@@ -95,7 +91,7 @@ def test_positions_that_are_far_or_no_numbers_read_nothing_beyond_memory(interpo
 
 
 def test_threads_change_no_digit(monkeypatch):
-    monkeypatch.setattr(by_numba, "WORTH_A_THREAD", 1)
+    monkeypatch.setattr(gather, "WORTH_A_THREAD", 1)
     found = []
     for n_threads in (1, 2, 5):
         monkeypatch.setattr(torch, "get_num_threads", lambda n_threads=n_threads: n_threads)

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.autograd import gradcheck
 
 from lfref.errors import InputError
-from lfref.refocus.anywhere.homography import Cameras, homography, plane_homographies, slope_homographies
+from lfref.refocus.homography import Cameras, homography, plane_homographies, slope_homographies
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from tests.refocus.anywhere.test_sampling import slow_sample
 from tests.refocus.anywhere.test_surface import BORDERS, LOCAL, decibels, smooth_texture

@@ -4,9 +4,8 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus.anywhere import by_numba, by_torch
-from lfref.refocus.anywhere.mean_of_views import mean_of_views
-from lfref.refocus.anywhere.places import Places
+from lfref.refocus import gather
+from lfref.refocus.gather import Places, mean_of_views
 
 VIEWS = torch.tensor([1.0, 2.0, 4.0]).reshape(1, 1, 3, 1, 1, 1).expand(1, 1, 3, 1, 2, 2)
 APERTURE = torch.tensor([[0.5, 0.25, 0.25]], dtype=torch.float64)
@@ -40,9 +39,9 @@ def test_compiled_loops_serve_plain_tensors_and_pytorch_all_others(monkeypatch):
     slopes = torch.zeros(2, 2, dtype=torch.float64)
     asked = {"numba": (VIEWS, slopes), "torch": (VIEWS, slopes.clone().requires_grad_())}
     expected = mean_of_views(VIEWS, APERTURE, [Places(slopes=slopes)], "linear", "edge")
-    for module, other in ((by_numba, "torch"), (by_torch, "numba")):
+    for unused, other in (("means_numba", "torch"), ("means_torch", "numba")):
         with monkeypatch.context() as patched:
-            patched.setattr(module, "means", pytest.fail)
+            patched.setattr(gather, unused, pytest.fail)
             views, places = asked[other]
             found = mean_of_views(views, APERTURE, [Places(slopes=places)], "linear", "edge")
         torch.testing.assert_close([each.detach() for each in found], list(expected))

@@ -9,15 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.autograd import gradcheck, gradgradcheck
 
-from lfref.refocus.anywhere import sampling
-from lfref.refocus.borders import BORDERS
-from lfref.refocus.interpolations import INTERPOLATIONS
+from lfref.refocus import gather
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 
 LOCAL = ["nearest", "linear", "cubic"]
 
 
 def sample(images, x, y, interpolation="linear", border="renormalize"):
-    return sampling.sample(images, x, y, INTERPOLATIONS[interpolation], BORDERS[border])
+    return gather.sample(images, x, y, INTERPOLATIONS[interpolation], BORDERS[border])
 
 
 def keys(distance: float) -> float:

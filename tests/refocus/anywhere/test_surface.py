@@ -11,8 +11,8 @@ from torch import Tensor
 from torch.autograd import gradcheck, gradgradcheck
 
 from lfref.errors import InputError
-from lfref.refocus.anywhere.surface import per_pixel, tilt_shift
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.surface import per_pixel, tilt_shift
 from tests.refocus.anywhere.test_sampling import slow_sample
 
 BORDERS = ["renormalize", "edge", "zero", "wrap"]

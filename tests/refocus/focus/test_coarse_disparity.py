@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from lfref.refocus.focus.coarse_disparity import coarse_disparity
-from lfref.refocus.focus.disparity import disparity_map
+from lfref.refocus.disparity.disparity_map import coarse_disparity, disparity_map
 from tests.refocus.conftest import shifted_views, texture
 
 

@@ -7,8 +7,9 @@ import torch
 
 import lfref
 from lfref.errors import InputError
-from lfref.refocus import lines, windows
-from lfref.refocus.focus.disparity import disparity_map
+from lfref.functional import neighbours
+from lfref.refocus import lines
+from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.focus.extended_focus import extended_focus
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
@@ -31,7 +32,7 @@ def border_off(image, width=BORDER):
 def local_plane(disparity, grid=(5, 5), size=(48, 52)):
     """Views of a plane that goes on beyond their borders, its detail as soft as optics leave it."""
     sharp = texture(3, size[0] + 2 * BORDER, size[1] + 2 * BORDER)
-    return border_off(shifted_views(windows.smoothed(sharp, 1.0), disparity, grid))
+    return border_off(shifted_views(neighbours.smoothed(sharp, 1.0), disparity, grid))
 
 
 @pytest.mark.parametrize("disparity", [-0.83, -0.25, 0.0, 0.04, 0.61])
@@ -186,7 +187,7 @@ def test_the_real_capture_has_its_animal_before_its_wall_and_its_even_ground_bet
 def test_cameras_anywhere_tell_the_same_disparities():
     spread = torch.tensor([1.6, 0.7], dtype=torch.float64)
     stand = lines.even((5, 5)) * spread + 0.2 * torch.rand(5, 5, 2, dtype=torch.float64)
-    sharp = windows.smoothed(texture(3, 68, 72), 1.0)
+    sharp = neighbours.smoothed(texture(3, 68, 72), 1.0)
     views = torch.stack([torch.stack([shifted(sharp, 0.6 * place) for place in row]) for row in stand])[
         ..., BORDER:-BORDER, BORDER:-BORDER
     ]

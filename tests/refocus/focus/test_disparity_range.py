@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lfref.refocus import lines
-from lfref.refocus.focus.disparity_range import disparity_range
+from lfref.refocus.disparity.disparity_range import disparity_range
 from tests.refocus.conftest import shifted_views, texture
 
 

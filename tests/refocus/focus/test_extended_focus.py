@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from lfref.errors import InputError
+from lfref.functional import neighbours
 from lfref.functional.psnr import psnr
-from lfref.refocus import windows
 from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.focus.extended_focus import extended_focus
 from lfref.refocus.fourier.exact import exact_fourier
@@ -28,7 +28,7 @@ def test_noise_goes_and_what_it_hid_stays_borders_included(name):
 
 @pytest.mark.parametrize(("disparity", "grid"), [(0.5, (5, 5)), (-0.7, (4, 3)), (1.0, (1, 5))])
 def test_a_plane_at_a_known_disparity_is_the_view_in_the_middle(disparity, grid):
-    picture = windows.smoothed(texture(3, 40, 44), 1.0)
+    picture = neighbours.smoothed(texture(3, 40, 44), 1.0)
     sharp = extended_focus(shifted_views(picture, disparity, grid), torch.full((40, 44), disparity))
     torch.testing.assert_close(sharp[:, 6:-6, 6:-6], picture[:, 6:-6, 6:-6], atol=0.01, rtol=0)
 

@@ -7,8 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lfref.cli.film import MOTIONS, FocusPull
 from lfref.errors import InputError
-from lfref.refocus.focus.focus_pull import MOTIONS, FocusPull
 
 KEYS = st.dictionaries(st.integers(0, 60), st.floats(-3, 3), min_size=1, max_size=6)
 

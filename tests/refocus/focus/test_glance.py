@@ -3,13 +3,13 @@
 import pytest
 import torch
 
-from lfref.refocus.focus import reduced_views
-from lfref.refocus.focus.glance import Glance, glance
+from lfref.refocus.focus import slope_range
+from lfref.refocus.focus.slope_range import Glance, glance
 from tests.refocus.conftest import shifted_views, texture
 
 
 def seen(views: torch.Tensor, weight: torch.Tensor | None = None, positions: torch.Tensor | None = None) -> Glance:
-    return glance(reduced_views.reduced(views, weight, positions))
+    return glance(slope_range.reduced(views, weight, positions))
 
 
 def plane(disparity: float, grid: tuple[int, int] = (5, 5), channels: int = 1) -> torch.Tensor:

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from lfref.refocus.focus.disparity import disparity_map
-from lfref.refocus.focus.nearer import nearer_sign
+from lfref.refocus.disparity.disparity_map import disparity_map
+from lfref.refocus.focus.extended_focus import nearer_sign
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 

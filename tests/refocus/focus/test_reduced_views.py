@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lfref.refocus.focus.reduced_views import reduced
+from lfref.refocus.focus.slope_range import reduced
 from tests.refocus.conftest import shifted_views, texture
 
 

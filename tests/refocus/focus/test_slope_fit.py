@@ -4,21 +4,21 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.refocus.focus import slope_fit
+from lfref.refocus.focus import slope_range
 
 STEPS = torch.tensor([[0.0, 0.0], [0.0, -1.0], [0.0, 1.0], [-1.0, 0.0], [2.0, 1.0]], dtype=torch.float64)
 PAD = 4
 
 
-def of_slope(pictures: torch.Tensor, slope: float) -> slope_fit.Fit:
+def of_slope(pictures: torch.Tensor, slope: float) -> slope_range.Fit:
     light, weights = (F.pad(each, (PAD,) * 4) for each in (pictures, torch.ones_like(pictures)))
-    (fit,) = slope_fit.fits(light, weights, STEPS, torch.tensor([slope], dtype=torch.float64), 10.0, PAD)
+    (fit,) = slope_range.fits_of_slope_fit(light, weights, STEPS, torch.tensor([slope], dtype=torch.float64), 10.0, PAD)
     return fit
 
 
 @pytest.mark.parametrize("slope", [0.0, 1.0, 0.6])
 def test_the_fit_is_that_of_a_library(slope, monkeypatch):
-    monkeypatch.setattr(slope_fit, "SKIRT", 0.0)
+    monkeypatch.setattr(slope_range, "SKIRT", 0.0)
     ramp = torch.arange(24.0)
     smooth = torch.sin(ramp[:, None] / 3) + torch.cos(ramp / 2.5) + 0.02 * torch.randn(5, 24, 24)
     found = of_slope(smooth, slope)
@@ -43,5 +43,5 @@ def test_the_fit_is_that_of_a_library(slope, monkeypatch):
 
 def test_beyond_the_border_there_is_nothing_to_fit():
     fit = of_slope(torch.rand(5, 24, 24), 2.0)
-    assert float(fit.freedom[12, 12]) == pytest.approx(4 * (1 + slope_fit.SKIRT))
+    assert float(fit.freedom[12, 12]) == pytest.approx(4 * (1 + slope_range.SKIRT))
     assert fit.freedom[12, -1] < fit.freedom[12, 12]

@@ -5,9 +5,7 @@ import dataclasses
 import pytest
 import torch
 
-from lfref.refocus.focus.glance import Glance, glance
-from lfref.refocus.focus.reduced_views import reduced
-from lfref.refocus.focus.slope_range import slope_range, well_seen
+from lfref.refocus.focus.slope_range import Glance, glance, reduced, slope_range, well_seen
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.simulate import simulate

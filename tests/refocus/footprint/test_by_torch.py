@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from lfref.refocus.borders import BORDERS
-from lfref.refocus.footprint import box, by_torch, levels
+from lfref.refocus import footprint, footprint_blur
+from lfref.refocus.sampling import BORDERS
 
 
 def slow_box(image, widths, border):
@@ -13,7 +13,7 @@ def slow_box(image, widths, border):
     blurred = torch.zeros_like(image)
     for y in range(height):
         for x in range(width):
-            weights = box.taps(float(widths[y, x]))
+            weights = footprint.taps(float(widths[y, x]))
             radius = len(weights) // 2
             for k, down in enumerate(weights):
                 for m, across in enumerate(weights):
@@ -35,7 +35,7 @@ def read(image, y, x, border):
 @pytest.mark.parametrize("width", [0.0, 0.3, 1.0, 2.7, 13.0])
 def test_equals_the_slow_reference(border, width):
     images = torch.rand(2, 7, 9, dtype=torch.float64)
-    blurred = by_torch.boxed(images, width, BORDERS[border])
+    blurred = footprint_blur.boxed(images, width, BORDERS[border])
     for image, result in zip(images, blurred, strict=True):
         slow = slow_box(image, torch.full((7, 9), width, dtype=torch.float64), border)
         torch.testing.assert_close(result, slow, atol=1e-12, rtol=0)
@@ -44,16 +44,16 @@ def test_equals_the_slow_reference(border, width):
 @pytest.mark.parametrize("border", list(BORDERS))
 def test_at_a_level_a_map_is_its_box(border):
     planes, level = torch.rand(2, 3, 7, 9, dtype=torch.float64), 3
-    blended = by_torch.blended(planes, torch.full((1, 7, 9), float(level)), BORDERS[border])
-    expected = by_torch.boxed(planes, levels.width(level), BORDERS[border])
+    blended = footprint_blur.blended(planes, torch.full((1, 7, 9), float(level)), BORDERS[border])
+    expected = footprint_blur.boxed(planes, footprint.width(level), BORDERS[border])
     torch.testing.assert_close(blended, expected, atol=1e-12, rtol=0)
 
 
 def test_a_map_is_near_the_box_of_every_pixel_itself(plane):
     texture = plane(0.0, 24, 30, (1, 1))[1][0]
     widths = 5 * torch.rand(24, 30, dtype=torch.float64)
-    places = levels.place(widths.square())[None]
-    blended = by_torch.blended(texture[None, None], places, BORDERS["edge"])[0, 0]
+    places = footprint.place(widths.square())[None]
+    blended = footprint_blur.blended(texture[None, None], places, BORDERS["edge"])[0, 0]
     error = blended - slow_box(texture, widths, "edge")
     assert float(error.square().mean().sqrt()) < 0.004 * float(texture.std())
     assert float(error.abs().max()) < 0.03 * float(texture.std())
@@ -62,7 +62,7 @@ def test_a_map_is_near_the_box_of_every_pixel_itself(plane):
 def test_the_width_of_a_pixel_does_not_change_others():
     image, widths = torch.rand(1, 1, 9, 9, dtype=torch.float64), torch.zeros(1, 9, 9)
     widths[0, 4, 4] = 3
-    blended = by_torch.blended(image, levels.place(widths.square()), BORDERS["edge"])
+    blended = footprint_blur.blended(image, footprint.place(widths.square()), BORDERS["edge"])
     changed = (blended - image).abs() > 1e-12
     assert changed.nonzero()[:, 2:].tolist() == [[4, 4]]
 
@@ -70,7 +70,7 @@ def test_the_width_of_a_pixel_does_not_change_others():
 def test_uncovered_pixels_and_those_alone_have_no_inverse():
     coverage = torch.tensor([0.0, 0.5, 0.5, 1e-9], dtype=torch.float64)
     blurred = torch.tensor([0.2, 0.25, 0.01, -0.1], dtype=torch.float64)
-    assert by_torch.inverse(coverage, blurred).tolist() == [0, 4, 0, 0]
+    assert footprint_blur.inverse(coverage, blurred).tolist() == [0, 4, 0, 0]
 
 
 def test_derivatives_in_both_modes():
@@ -78,5 +78,5 @@ def test_derivatives_in_both_modes():
     places = (2.8 * torch.rand(1, 4, 5, dtype=torch.float64) + 0.1).requires_grad_()
     for border in BORDERS.values():
         assert torch.autograd.gradcheck(
-            lambda x, p, border=border: by_torch.blended(x, p, border), (images, places), check_forward_ad=True
+            lambda x, p, border=border: footprint_blur.blended(x, p, border), (images, places), check_forward_ad=True
         )

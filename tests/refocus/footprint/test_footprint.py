@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus.footprint import footprint
+from lfref.refocus import footprint
 
 VIEWS = torch.zeros(2, 5, 5, 3, 8, 9)
 SLOPES = torch.tensor([-1.0, 0.5], dtype=torch.float64)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.refocus.fourier import finer_grid
+from lfref.refocus.fourier import super_resolution
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.fourier.finer_grid import in_focus
+from lfref.refocus.fourier.super_resolution import in_focus
 
 SIDE = 12
 
@@ -33,16 +33,16 @@ def slow_axis(length, factor, slope, n_views):
 @pytest.mark.parametrize("slope", [0.37, -1.2])
 def test_views_of_a_fine_picture_are_those_of_the_definition(factor, slope):
     fine = np.random.default_rng(0).random((7 * factor, 5 * factor))
-    seen = finer_grid.seen(torch.from_numpy(fine), slope, factor, (3, 4))
+    seen = super_resolution.seen(torch.from_numpy(fine), slope, factor, (3, 4))
     np.testing.assert_allclose(seen.numpy(), slow_views(fine, slope, (3, 4), factor), atol=1e-12)
 
 
 @pytest.mark.parametrize(("slope", "factor"), [(0.37, 2), (-0.3, 2), (0.5, 2), (1 / 3, 3), (0.21, 3)])
 def test_a_picture_comes_back_from_its_views(slope, factor, monkeypatch):
-    monkeypatch.setattr(finer_grid, "RIDGE", 1e-9)
+    monkeypatch.setattr(super_resolution, "RIDGE", 1e-9)
     fine = torch.rand(SIDE * factor - factor, SIDE * factor + factor, dtype=torch.float64)
     fine = without_highest(fine, factor)
-    views = finer_grid.seen(fine, slope, factor, (7, 7))[:, :, None]
+    views = super_resolution.seen(fine, slope, factor, (7, 7))[:, :, None]
     torch.testing.assert_close(in_focus(views, [slope], factor)[0, 0], fine, atol=1e-3, rtol=0)
 
 
@@ -64,7 +64,7 @@ def test_minimises_the_squared_errors_and_the_penalty():
     weights /= weights.sum()
     views = torch.rand(3, 4, 1, 7, 9, dtype=torch.float64)
     found = in_focus(views, [slope], factor, weights)[0, 0].requires_grad_()
-    errors = (finer_grid.seen(found, slope, factor, (3, 4)) - views[:, :, 0]).square().sum((-2, -1))
+    errors = (super_resolution.seen(found, slope, factor, (3, 4)) - views[:, :, 0]).square().sum((-2, -1))
     objective = (weights * errors).sum() + penalty(found, factor)
     (gradient,) = torch.autograd.grad(objective, found)
     assert float(gradient.abs().max()) < 1e-9
@@ -72,18 +72,23 @@ def test_minimises_the_squared_errors_and_the_penalty():
 
 def penalty(fine, factor):
     rows, columns = (factor * torch.fft.fftfreq(length, dtype=torch.float64) for length in fine.shape)
-    squares = rows[:, None] ** 2 + columns**2 + finer_grid.OUTER**2
+    squares = rows[:, None] ** 2 + columns**2 + super_resolution.OUTER**2
     lowest = [((q + 0.5) % 1 - 0.5) ** 2 for q in (rows, columns)]
-    ratio = squares / (lowest[0][:, None] + lowest[1] + finer_grid.OUTER**2)
+    ratio = squares / (lowest[0][:, None] + lowest[1] + super_resolution.OUTER**2)
     power = torch.fft.fft2(fine).abs().square() / fine.numel()
-    return (finer_grid.RIDGE * (ratio ** (finer_grid.DECAY / 2) - 1) * power).sum() / factor**2
+    return (super_resolution.RIDGE * (ratio ** (super_resolution.DECAY / 2) - 1) * power).sum() / factor**2
 
 
 @pytest.mark.parametrize("factor", [2, 3])
 @pytest.mark.parametrize("size", [(8, 10), (7, 9)])
 def test_band_limited_planes_keep_their_means(factor, size):
     plane = torch.rand(2, *size, dtype=torch.float64)
-    means = finer_grid.band_limited(plane, factor).unfold(-2, factor, factor).unfold(-2, factor, factor).mean((-2, -1))
+    means = (
+        super_resolution.band_limited(plane, factor)
+        .unfold(-2, factor, factor)
+        .unfold(-2, factor, factor)
+        .mean((-2, -1))
+    )
     torch.testing.assert_close(means, plane, atol=1e-12, rtol=0)
 
 
@@ -91,11 +96,13 @@ def test_a_wave_stays_a_wave_on_the_finer_grid():
     x = (torch.arange(40, dtype=torch.float64) + 0.5) / 2 - 0.5
     wave = (2 * math.pi * 0.15 * x).cos().expand(20, -1)
     means = wave.unfold(-1, 2, 2).mean(-1)
-    torch.testing.assert_close(finer_grid.band_limited(means, 2), wave.repeat_interleave(2, 0), atol=1e-12, rtol=0)
+    torch.testing.assert_close(
+        super_resolution.band_limited(means, 2), wave.repeat_interleave(2, 0), atol=1e-12, rtol=0
+    )
 
 
 def test_one_view_or_whole_slopes_tell_no_more_than_the_exact_plane_where_it_is_strong():
     views = torch.rand(3, 3, 1, 9, 9, dtype=torch.float64)
-    found = finer_grid.in_focus(views, [0.0], 2)
+    found = super_resolution.in_focus(views, [0.0], 2)
     means = found.unfold(-2, 2, 2).unfold(-2, 2, 2).mean((-2, -1))
     torch.testing.assert_close(means, exact_fourier(views, [0.0]), atol=0.02, rtol=0)

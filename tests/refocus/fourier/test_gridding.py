@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from lfref.refocus.fourier.gridding import kaiser_bessel
+from lfref.refocus.fourier.slice import kaiser_bessel
 
 
 @pytest.mark.parametrize(("width", "sigma"), [(3, 2.0), (4, 2.0), (6, 2.0), (4, 1.5)])

@@ -5,9 +5,8 @@ import torch
 
 from lfref.errors import InputError
 from lfref.refocus import apertures
-from lfref.refocus.fourier.disparity_layers import disparity_layers
+from lfref.refocus.fourier.disparity_layers import disparity_layers, refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.fourier.layered_refocusing import refocus_by_layers
 from tests.refocus.conftest import shifted_views, texture
 
 SLOPES = [-2.0, -0.5, 0.0, 0.8]

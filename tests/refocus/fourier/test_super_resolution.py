@@ -7,10 +7,11 @@ import torch
 import torch.nn.functional as F
 
 from lfref.errors import InputError
-from lfref.refocus.fourier import finer_grid
+from lfref.refocus.fourier import super_resolution
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.super_resolution import super_resolve
-from lfref.simulator import finer, sim30
+from lfref.simulator import sim30
+from lfref.simulator import simulate as finer
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Camera
 from lfref.simulator.simulate import simulate
@@ -55,7 +56,7 @@ def test_averaged_back_it_is_nowhere_worse_than_exact_refocusing(name):
 @pytest.mark.parametrize("factor", [1, 2, 3])
 def test_out_of_focus_it_is_the_exact_plane_and_no_more(factor):
     views, _, _ = photographed("stripes", [0.0], (48, 60))
-    plane = finer_grid.band_limited(exact_fourier(views, [0.7]), factor)
+    plane = super_resolution.band_limited(exact_fourier(views, [0.7]), factor)
     torch.testing.assert_close(super_resolve(views, [0.7], factor), plane, atol=1e-5, rtol=0)
 
 
@@ -69,7 +70,7 @@ def test_no_errors_of_noise_are_taken_for_detail():
     generator = torch.Generator().manual_seed(3)
     views, _, _ = photographed("edge", [0.0], (48, 60))
     noisy = views + 0.05 * torch.randn(views.shape, generator=generator)
-    plane = finer_grid.band_limited(exact_fourier(noisy, [0.2]), 2)
+    plane = super_resolution.band_limited(exact_fourier(noisy, [0.2]), 2)
     torch.testing.assert_close(super_resolve(noisy, [0.2]), plane, atol=1e-5, rtol=0)
 
 

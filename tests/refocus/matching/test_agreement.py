@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.functional import cubic
-from lfref.refocus import windows
-from lfref.refocus.matching import agreement
-from lfref.refocus.matching.grey import grey_views
+from lfref.functional import neighbours, splines
+from lfref.refocus.disparity import agreement
+from lfref.refocus.disparity.agreement import grey_views
 from tests.refocus.conftest import shifted_views, texture
 
 
@@ -25,8 +24,8 @@ def read(view, p, q):
     rows, columns = math.floor(p), math.floor(q)
     return sum(
         a * b * view[min(max(rows + i - 1, 0), height - 1), min(max(columns + j - 1, 0), width - 1)]
-        for i, a in enumerate(cubic.weights(p - rows))
-        for j, b in enumerate(cubic.weights(q - columns))
+        for i, a in enumerate(splines.weights(p - rows))
+        for j, b in enumerate(splines.weights(q - columns))
     )
 
 
@@ -68,7 +67,7 @@ def test_views_that_show_something_else_are_counted_not_weighed(contrast):
 
 @pytest.mark.parametrize("deviation", [0.003, 0.02])
 def test_noise_is_found_but_for_what_interpolation_averages_out(deviation):
-    views = shifted_views(windows.smoothed(texture(1, 64, 72), 1.5), 0.3, (5, 5)).float()
+    views = shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.5), 0.3, (5, 5)).float()
     noisy = views + deviation * torch.randn(views.shape, generator=torch.Generator().manual_seed(2))
     found = agreement.noise(of(noisy), torch.linspace(-0.5, 0.5, 21))
     assert 0.6 * deviation < found < 1.1 * deviation

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus.matching.grey import grey_views
+from lfref.refocus.disparity.agreement import grey_views
 
 
 @pytest.mark.parametrize(("grid", "n_middle"), [((3, 5), 1), ((2, 3), 2), ((4, 4), 4), ((1, 6), 2)])

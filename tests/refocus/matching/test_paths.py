@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.refocus.matching import paths, paths_loop
+from lfref.refocus.disparity import matching
 
 CHANGE = 0.3
 
@@ -15,13 +15,13 @@ def price(before, after, jump):
     return 0.0 if before == after else CHANGE if abs(before - after) == 1 else jump
 
 
-@pytest.mark.parametrize("direction", [step for part in paths.DIRECTIONS for step in part])
+@pytest.mark.parametrize("direction", [step for part in matching.DIRECTIONS for step in part])
 def test_a_way_costs_what_the_cheapest_of_all_ways_costs(direction):
     down, right = direction
     random = np.random.default_rng(5)
     costs, jumps = random.random((4, 4, 4)).astype(np.float32), (1 + random.random((4, 4))).astype(np.float32)
     total = np.zeros_like(costs)
-    paths_loop.add_paths(costs, jumps, CHANGE, down, right, total)
+    matching.add_paths(costs, jumps, CHANGE, down, right, total)
     # The line that ends at one of the pixels which a whole diagonal, row or column leads to.
     line = [(3 * (down < 0) + down * i, 3 * (right < 0) + right * i) for i in range(4)]
     cheapest = np.full(4, np.inf)
@@ -37,7 +37,7 @@ def test_pixels_that_cannot_tell_take_the_label_around_them():
     costs = torch.full((5, 20, 24), 0.5)
     costs[2] = 0.1
     costs[:, 8:12, 9:15] = 0.3  # nothing is to be told here
-    assert bool((paths.along_paths(costs, torch.full((20, 24), 0.4)).argmin(0) == 2).all())
+    assert bool((matching.along_paths(costs, torch.full((20, 24), 0.4)).argmin(0) == 2).all())
 
 
 def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
@@ -45,7 +45,7 @@ def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
     costs[1, :, :12], costs[5, :, 12:] = 0.1, 0.1
     costs[4, 6, 5] = 0.0
     picture = torch.cat([torch.full((24, 12), 0.2), torch.full((24, 12), 0.8)], 1)
-    best = paths.along_paths(costs, picture).argmin(0)
+    best = matching.along_paths(costs, picture).argmin(0)
     assert bool((best[:, :12] == 1).all())
     assert bool((best[:, 12:] == 5).all())
 
@@ -53,4 +53,4 @@ def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
 @pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1)])
 def test_pictures_of_a_row_or_a_pixel_are_no_error(size):
     costs = torch.rand(3, *size)
-    assert paths.along_paths(costs, torch.rand(size)).shape == (3, *size)
+    assert matching.along_paths(costs, torch.rand(size)).shape == (3, *size)

@@ -3,20 +3,19 @@
 import pytest
 import torch
 
-from lfref.functional import splines
-from lfref.refocus import windows
-from lfref.refocus.matching import agreement, refining
-from lfref.refocus.matching.grey import grey_views
+from lfref.functional import neighbours, splines
+from lfref.refocus.disparity import agreement, matching
+from lfref.refocus.disparity.agreement import grey_views
 from tests.refocus.conftest import shifted_views, texture
 
 
 def plane(disparity, grid=(5, 5)):
-    return shifted_views(windows.smoothed(texture(1, 64, 72), 1.0), disparity, grid).float()[..., 8:-8, 8:-8]
+    return shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.0), disparity, grid).float()[..., 8:-8, 8:-8]
 
 
 def refined(views, disparity):
     light = grey_views(views, torch.ones(views.shape[:2]))
-    return refining.refined(light, disparity, 1e-3, -1.5, 1.5)
+    return matching.refined(light, disparity, 1e-3, -1.5, 1.5)
 
 
 @pytest.mark.parametrize("disparity", [-0.83, 0.04, 0.5, 1.0])
@@ -41,7 +40,7 @@ def test_flat_views_keep_what_was_known():
 
 def test_nothing_leaves_the_range():
     light = grey_views(plane(0.5), torch.ones(5, 5))
-    assert float(refining.refined(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
+    assert float(matching.refined(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.03, 0.06])
@@ -51,7 +50,7 @@ def test_noise_of_each_view_is_not_taken_for_information(noise):
     light = grey_views(views, torch.ones(7, 7))
     spread = agreement.spread(light, noise).numpy()
     tried = torch.full((48, 56), 0.34)
-    information, steps = refining._steps(light, splines.coefficients(light.samples), tried.numpy(), spread)
+    information, steps = matching._steps(light, splines.coefficients(light.samples), tried.numpy(), spread)
     inner = (slice(8, -8), slice(8, -8))
     step = float((information * steps)[inner].sum() / information[inner].sum())
     # Views that differ by chance weigh less, which halves steps; gradients of each view alone left .27 of them.

@@ -5,7 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus.shift import by_numba, by_torch, task
+from lfref.refocus.shift import shift_numba, shift_torch
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SLOPES = [-2.3, -1.0, 0.0, 0.3, 0.5, 1.7]
@@ -17,8 +17,8 @@ def in_type(views: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", weights=None):
-    planned = task.plan(slopes, views.shape[1:3], views.shape[-2:], interpolation, border, weights)
-    return by_numba.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
+    planned = shift_torch.plan(slopes, views.shape[1:3], views.shape[-2:], interpolation, border, weights)
+    return shift_numba.shift_and_sum(views, planned), shift_torch.shift_and_sum(views, planned)
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
@@ -59,8 +59,8 @@ def test_equals_eager_through_cells(border, dtype):
     views = in_type(torch.rand(2, 3, 4, 2, 23, 30, dtype=torch.float64), dtype)
     weights = torch.tensor([[0.0, 1, 0.5, 1]]).expand(3, 4)
     widths = [2.3, 0.0, 0.4, 0.3, 0.5, 17.0]
-    planned = task.plan(SLOPES, (3, 4), (23, 30), "linear", border, weights, widths)
-    fast, slow = by_numba.shift_and_sum(views, planned), by_torch.shift_and_sum(views, planned)
+    planned = shift_torch.plan(SLOPES, (3, 4), (23, 30), "linear", border, weights, widths)
+    fast, slow = shift_numba.shift_and_sum(views, planned), shift_torch.shift_and_sum(views, planned)
     torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 2e-6, rtol=0)
 
 
@@ -87,7 +87,7 @@ def test_views_in_any_memory_layout_are_read_where_they_lie():
 
 @pytest.mark.parametrize("n_threads", [1, 2, 5])
 def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
-    monkeypatch.setattr(by_numba, "WORTH_A_THREAD", 1)
+    monkeypatch.setattr(shift_numba, "WORTH_A_THREAD", 1)
     monkeypatch.setattr(torch, "get_num_threads", lambda: n_threads)
     views = torch.rand(2, 3, 3, 1, 17, 20)
     fast, slow = both(views)
@@ -97,7 +97,7 @@ def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
 
 
 def test_more_threads_than_rows_leave_some_idle(monkeypatch):
-    monkeypatch.setattr(by_numba, "WORTH_A_THREAD", 1)
+    monkeypatch.setattr(shift_numba, "WORTH_A_THREAD", 1)
     monkeypatch.setattr(torch, "get_num_threads", lambda: 8)
     torch.testing.assert_close(*both(torch.rand(1, 1, 3, 1, 3, 20), [0.5]), atol=1e-6, rtol=0)
 
@@ -119,7 +119,7 @@ def test_views_are_left_as_they_were():
 
 
 def test_derivatives_are_taken_by_eager_operations(monkeypatch):
-    monkeypatch.setattr(by_numba, "shift_and_sum", pytest.fail)
+    monkeypatch.setattr(shift_numba, "shift_and_sum", pytest.fail)
     views = torch.rand(2, 2, 1, 6, 7, dtype=torch.float64)
     shift_and_sum(views.requires_grad_(), [0.3]).sum().backward()
     # Each pixel is a mean, so that moving all samples moves it as far.
@@ -135,9 +135,9 @@ def test_derivatives_are_taken_by_eager_operations(monkeypatch):
 def test_plain_views_are_refocused_by_the_kernel(monkeypatch):
     served = []
     monkeypatch.setattr(
-        by_numba,
+        shift_numba,
         "shift_and_sum",
-        lambda views, planned, room: served.append(views) or by_torch.shift_and_sum(views, planned),
+        lambda views, planned, room: served.append(views) or shift_torch.shift_and_sum(views, planned),
     )
     shift_and_sum(torch.rand(2, 2, 1, 6, 7), [0.3])
     with torch.no_grad():

@@ -6,7 +6,7 @@ import sys
 import pytest
 import torch
 
-from lfref.refocus.shift import by_torch, task
+from lfref.refocus.shift import shift_torch
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 pytest.importorskip("triton", reason="Triton is not installed")
@@ -76,6 +76,6 @@ def test_equals_pytorch_on_a_gpu(interpolation, border, dtype):
     views = (views * 255).to(dtype) if dtype == torch.uint8 else views.to(dtype)
     slopes = [-7.0, -0.37, 0.0, 0.5]
     stack = shift_and_sum(views.cuda(), slopes, interpolation, border)
-    slow = by_torch.shift_and_sum(views[None], task.plan(slopes, (7, 7), (60, 90), interpolation, border))[0]
+    slow = shift_torch.shift_and_sum(views[None], shift_torch.plan(slopes, (7, 7), (60, 90), interpolation, border))[0]
     assert stack.device.type == "cuda"
     torch.testing.assert_close(stack.cpu().to(slow), slow, atol=1e-3 if dtype == torch.float16 else 1e-6, rtol=0)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.refocus.footprint import box
+from lfref.refocus import footprint
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
 
@@ -158,7 +158,7 @@ def test_samples_around_a_pixel_count_by_the_views_that_have_one():
     views = torch.rand(1, 3, 1, 1, 9, dtype=torch.float64)
     share = coverage([1.5], (1, 3), (1, 9), weights=weights)[0]
     total = shift_and_sum(views, [1.5], weights=weights)[0, 0] * share
-    taps = torch.tensor(box.taps(1.5), dtype=torch.float64)[None, None, None]
+    taps = torch.tensor(footprint.taps(1.5), dtype=torch.float64)[None, None, None]
     blurred, counted = (
         torch.nn.functional.conv2d(row[None, None], taps, padding="same")[0, 0] for row in (total, share)
     )

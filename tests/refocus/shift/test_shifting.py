@@ -6,11 +6,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus.borders import BORDERS
-from lfref.refocus.interpolations import INTERPOLATIONS
-from lfref.refocus.shift import shifting
-from lfref.refocus.shift.shifting import SEAM
-from lfref.refocus.shift.task import Shifts, Task
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.shift import shift_torch
+from lfref.refocus.shift.shift_torch import SEAM, Shifts, Task
 from tests.refocus.conftest import dirichlet
 
 
@@ -23,8 +21,8 @@ def planned(view, name, border, shift):
 def read(view, name, border, shift, axis=-1, start=0.0):
     """The view read at x + shift, onto a sum that is something already."""
     task, total = planned(view, name, border, shift), torch.full_like(view, start)
-    extended, pad = shifting.extended(view, task, axis)
-    shifting.add(total, extended, pad, task.planes[0].rows[0], task, axis)
+    extended, pad = shift_torch.extended(view, task, axis)
+    shift_torch.add(total, extended, pad, task.planes[0].rows[0], task, axis)
     return total
 
 
@@ -92,7 +90,7 @@ def test_rows_are_read_as_columns_are(name, border):
 @pytest.mark.parametrize("border", ["edge", "zero"])
 def test_exact_meets_no_jump_where_the_extended_view_starts_over(border):
     view = torch.rand(1, 24, dtype=torch.float64) + 1
-    extended, pad = shifting.extended(view, planned(view, "exact", border, 2.0), -1)
+    extended, pad = shift_torch.extended(view, planned(view, "exact", border, 2.0), -1)
     assert pad == 3 + SEAM
     assert torch.equal(extended[0, pad:-pad], view[0])
     # What a shift by the reach can read is the border's own continuation, untouched by the fade.

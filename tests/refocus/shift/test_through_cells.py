@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 import torch
 
-from lfref.refocus.focus.disparity_range import DisparityRange
+from lfref.refocus.disparity.disparity_range import DisparityRange
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells, widths
 from lfref.simulator import sim30

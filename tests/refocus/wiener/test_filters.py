@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from lfref.refocus import apertures, batches
-from lfref.refocus.wiener.filters import filters, opposites
-from lfref.refocus.wiener.prior import Prior, between
+from lfref.refocus.wiener_filters import Prior, between, filters, opposites
 
 KNOWN = Prior((-0.7, 0.1, 0.35), (0.3, 0.5, 0.2), aliased=0.15, unexplained=0.02)
 SLOPES = (-1.2, 0.0, 0.3)

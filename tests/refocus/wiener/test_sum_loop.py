@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lfref.refocus.wiener.sum_loop import LANES, add_rows
+from lfref.refocus.wiener import LANES, add_rows
 
 
 @pytest.mark.parametrize("compiled", [True, False])

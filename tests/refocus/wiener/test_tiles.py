@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.refocus.wiener import tiles
-from lfref.refocus.wiener.filters import opposites
+from lfref.refocus import wiener
+from lfref.refocus.wiener_filters import opposites
 
 MARGIN = 3
 
@@ -38,7 +38,7 @@ def convolved(views, filters):
 def test_squares_of_any_side_make_the_convolution(side, grid, size):
     views = torch.randn(2, grid[0] * grid[1], 3, *size, dtype=torch.float64)
     filters = kernels(2, grid[0] * grid[1])
-    made = tiles.filtered(views, opposites(grid), factors(filters, grid, side), MARGIN)
+    made = wiener.filtered(views, opposites(grid), factors(filters, grid, side), MARGIN)
     assert made.shape == (2, 2, 3, *size)
     torch.testing.assert_close(made, convolved(views, filters), atol=1e-11, rtol=0)
 
@@ -46,7 +46,7 @@ def test_squares_of_any_side_make_the_convolution(side, grid, size):
 def test_gradients_pass_the_seams():
     views = torch.randn(1, 4, 1, 5, 6, dtype=torch.float64, requires_grad=True)
     spectra = factors(kernels(1, 4), (2, 2), 8)
-    assert torch.autograd.gradcheck(lambda x: tiles.filtered(x, opposites((2, 2)), spectra, MARGIN), views)
+    assert torch.autograd.gradcheck(lambda x: wiener.filtered(x, opposites((2, 2)), spectra, MARGIN), views)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -54,12 +54,12 @@ def test_gradients_pass_the_seams():
 def test_the_loop_adds_up_what_pytorch_does(side, dtype):
     spectra = torch.randn(9, 4, side, side // 2 + 1, dtype=dtype) * (1 + 2j)
     weights = torch.randn(2, 9, side, side // 2 + 1, dtype=dtype)
-    by_loop, by_torch = (add(spectra, weights, 5) for add in (tiles._by_loop, tiles._by_torch))
+    by_loop, by_torch = (add(spectra, weights, 5) for add in (wiener._by_loop, wiener._by_torch))
     assert by_loop.dtype == by_torch.dtype == spectra.dtype
     torch.testing.assert_close(by_loop, by_torch)
 
 
-@pytest.mark.parametrize("add", [tiles._by_loop, tiles._by_torch])
+@pytest.mark.parametrize("add", [wiener._by_loop, wiener._by_torch])
 def test_factors_of_differences_are_times_i(add):
     spectra, weights = torch.randn(5, 3, 8, 5) * (1 + 1j), torch.randn(2, 5, 8, 5)
     turns = torch.tensor([1, 1, 1, 1j, 1j])

@@ -7,10 +7,10 @@ import torch
 
 from lfref.errors import InputError
 from lfref.refocus import apertures
+from lfref.refocus import wiener as module
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.wiener import wiener as module
-from lfref.refocus.wiener.prior import Prior, between
-from lfref.refocus.wiener.wiener import wiener
+from lfref.refocus.wiener import wiener
+from lfref.refocus.wiener_filters import Prior, between
 
 SLOPES = [-2.0, -0.4, 0.3]
 KNOWN = between(-1.0, 0.5)

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from lfref.simulator.chance.dice import Dice, Tone
+from lfref.simulator.chance import Dice, Tone
 
 
 def dice(seed=0):

@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.simulator.chance.dice import Dice
-from lfref.simulator.chance.random_sensor import DRAWN, RandomSensor
+from lfref.simulator.chance import DRAWN, Dice, RandomSensor
 from lfref.simulator.effects.sensor import Sensor
 
 ALL = dict.fromkeys(DRAWN, 1.0)

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from lfref.simulator.chance import random_surfaces
-from lfref.simulator.chance.dice import Dice, Tone
+from lfref.simulator import chance
+from lfref.simulator.chance import Dice, Tone
 from lfref.simulator.mattes import Outline
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.textures import Flat
@@ -17,7 +17,7 @@ def dice(seed):
 
 
 def test_outlines_are_of_every_kind():
-    kinds = {type(random_surfaces.outline(dice(seed), CAMERA)) for seed in range(60)}
+    kinds = {type(chance.outline(dice(seed), CAMERA)) for seed in range(60)}
     assert kinds == {kind for kind in Outline.__subclasses__() if kind.__name__ != "Full"}
 
 
@@ -25,19 +25,19 @@ def test_outlines_are_of_every_kind():
 def test_domes_are_never_too_steep_for_their_camera(camera):
     heights = []
     for seed in range(20):
-        dome = random_surfaces.dome(dice(seed), camera, 0.2, (-50.0, 50.0))
+        dome = chance.dome(dice(seed), camera, 0.2, (-50.0, 50.0))
         Scene(camera, (Surface(dome, Flat()),))
         heights.append(dome.bulge)
     assert min(heights) < 0 < max(heights)
 
 
 def test_domes_that_fit_have_the_height_that_was_drawn():
-    assert all(0.1 <= random_surfaces.dome(dice(seed), CAMERA, 0.2, (0.1, 0.2)).bulge <= 0.2 for seed in range(20))
+    assert all(0.1 <= chance.dome(dice(seed), CAMERA, 0.2, (0.1, 0.2)).bulge <= 0.2 for seed in range(20))
 
 
-@pytest.mark.parametrize("name", random_surfaces.MATERIALS)
+@pytest.mark.parametrize("name", chance.MATERIALS)
 def test_materials_do_what_their_names_say(name):
-    material = random_surfaces.MATERIALS[name](dice(1), Tone(1, 1), CAMERA, (-0.5, 0.5))
+    material = chance.MATERIALS[name](dice(1), Tone(1, 1), CAMERA, (-0.5, 0.5))
     assert type(material).__name__.lower() == name
     if name in ("mirror", "glass"):
         assert -0.5 <= material.disparity <= 0.5

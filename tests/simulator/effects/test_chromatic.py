@@ -4,7 +4,7 @@ import torch
 
 from lfref import geometry
 from lfref.functional import fourier
-from lfref.simulator.effects.chromatic import Chromatic, disperse
+from lfref.simulator.effects.displacement import Chromatic, disperse
 
 from .conftest import GRID
 

@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from lfref.simulator.effects.clipping import Clipping
+from lfref.simulator.effects.response import Clipping
 
 from .conftest import GRID, applied
 

@@ -7,19 +7,13 @@ import torch
 
 from lfref.errors import InputError
 from lfref.simulator.effects import chain
-from lfref.simulator.effects.chromatic import Chromatic
-from lfref.simulator.effects.clipping import Clipping
 from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.demosaic import Demosaic
-from lfref.simulator.effects.exposure import Exposure
-from lfref.simulator.effects.misalignment import Misalignment
-from lfref.simulator.effects.mosaic import Mosaic
+from lfref.simulator.effects.displacement import Chromatic, Misalignment
+from lfref.simulator.effects.mosaic import Demosaic, Mosaic
 from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.quantisation import Quantisation
+from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.tone_curve import ToneCurve
 from lfref.simulator.effects.vignetting import Vignetting
-from lfref.simulator.effects.white_balance import WhiteBalance
 
 from . import contracts
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.simulator.effects.demosaic import demosaicked
-from lfref.simulator.effects.mosaic import PATTERNS, mosaicked
+from lfref.simulator.effects.mosaic import PATTERNS, demosaicked, mosaicked
 
 SIZES = [(8, 10), (7, 9), (3, 3)]
 

@@ -2,7 +2,7 @@
 
 import torch
 
-from lfref.simulator.effects.exposure import Exposure
+from lfref.simulator.effects.response import Exposure
 
 from .conftest import GRID, applied
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from lfref.functional import fourier
-from lfref.simulator.effects import misalignment
-from lfref.simulator.effects.misalignment import Misalignment
+from lfref.simulator.effects import displacement
+from lfref.simulator.effects.displacement import Misalignment
 
 from .conftest import applied
 
@@ -21,7 +21,7 @@ def band_limited(height, width, share):
 @pytest.mark.parametrize(("share", "tolerance"), [(0.1, 1e-4), (0.15, 2e-3)])
 def test_a_band_limited_picture_moves_as_by_fouriers_shift(share, tolerance):
     picture, (dx, dy) = band_limited(48, 50, share), (0.37, -1.2)
-    made = misalignment.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
+    made = displacement.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
     down = fourier.shift_phases(fourier.frequencies(48), torch.tensor(-dy, dtype=torch.float64))[:, None]
     across = fourier.shift_phases(fourier.half_frequencies(50), torch.tensor(-dx, dtype=torch.float64))
     expected = torch.fft.irfft2(torch.fft.rfft2(picture) * down * across, s=(48, 50))
@@ -31,7 +31,7 @@ def test_a_band_limited_picture_moves_as_by_fouriers_shift(share, tolerance):
 def test_whole_shifts_move_to_the_right_and_down():
     views = torch.rand(2, 2, 3, 9, 9)
     shifts = torch.tensor([[[0, 0], [1, 0]], [[0, 1], [-2, 3]]])
-    made = misalignment.shift(views, shifts)
+    made = displacement.shift(views, shifts)
     assert torch.equal(made[0, 0], views[0, 0])
     assert torch.equal(made[0, 1, ..., 1:], views[0, 1, ..., :-1])
     assert torch.equal(made[1, 0, :, 1:], views[1, 0, :, :-1])

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lfref.simulator.effects.quantisation import Quantisation, quantised
+from lfref.simulator.effects.response import Quantisation, quantised
 
 from .conftest import GRID
 

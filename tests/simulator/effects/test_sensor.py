@@ -5,8 +5,8 @@ from dataclasses import fields
 import pytest
 
 from lfref.errors import InputError
-from lfref.simulator.effects.exposure import Exposure
 from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.response import Exposure
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lfref.simulator.effects.tone_curve import ToneCurve
+from lfref.simulator.effects.response import ToneCurve
 
 from .conftest import GRID, applied
 

@@ -2,7 +2,7 @@
 
 import torch
 
-from lfref.simulator.effects.white_balance import WhiteBalance
+from lfref.simulator.effects.response import WhiteBalance
 
 from .conftest import GRID, applied
 

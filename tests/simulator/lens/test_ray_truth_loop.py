@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from lfref.simulator.lens import ray_truth_loop
-from lfref.simulator.lens.ray_truth_loop import Levels
-from lfref.simulator.painting.layers import Highlight, Layer, Reflection
-from lfref.simulator.rays import ray_tables
-from lfref.simulator.rays.ray_loop import Row
-from lfref.simulator.rays.ray_tables import Page
+from lfref.simulator import rays, truth_loops
+from lfref.simulator.layers import Highlight, Layer, Reflection
+from lfref.simulator.rays import Page, Row
 from lfref.simulator.scene import Surface
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
+from lfref.simulator.truth_loops import Levels
 
 WIDTH = 20
 EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
@@ -24,11 +22,11 @@ def constant(value, opacity=1.0):
 
 
 def seen(layer, pictures, places, box=EVERYWHERE, slope=1.0, mirrored=-1):
-    sights = ray_tables.sights([layer], [(-9.0, 9.0)], [box], [(0, mirrored)])
+    sights = rays.sights([layer], [(-9.0, 9.0)], [box], [(0, mirrored)])
     at, rgba = np.zeros((5, WIDTH)), np.full((4, WIDTH), np.nan, np.float32)
     levels = Levels(np.array([places], float), np.array([1.0]))
     row = Row(0.0, 0.0, -9.5, 0.0, slope, 0.5)
-    return ray_truth_loop.see(sights, levels, ray_tables.atlas(pictures), 0, row, at, rgba), rgba
+    return truth_loops.see(sights, levels, rays.atlas(pictures), 0, row, at, rgba), rgba
 
 
 def test_pixels_read_between_the_copies_that_suit_how_far_they_are_out_of_focus():

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.simulator.lens import aperture_cells, cell_blur, scenery
-from lfref.simulator.lens.aperture_cells import cut
-from lfref.simulator.lens.scenery import FocalPlane, Scenery
+from lfref.simulator import bitmaps, blurs, scenery
 from lfref.simulator.materials import Glossy
 from lfref.simulator.mattes import Disc, Full
-from lfref.simulator.painting import bitmaps
-from lfref.simulator.reading import blurs
 from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.scenery import FocalPlane, Scenery, cut
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat, Noise
 
@@ -21,7 +18,7 @@ FAR, NEAR = Surface(Plane(-1.0), Noise()), Surface(Plane(0.5), Noise())
 def seen(*surfaces, size=(40, 50), slopes=(0.5,)):
     camera = Camera(size=size)
     layers = bitmaps.paint(Scene(camera, surfaces), reach=max(map(abs, slopes)))
-    return Scenery(tuple(layers), camera, aperture_cells.aperture(camera)).for_planes(slopes)
+    return Scenery(tuple(layers), camera, scenery.aperture(camera)).for_planes(slopes)
 
 
 def test_what_is_behind_an_opaque_surface_is_left_out():
@@ -62,7 +59,7 @@ def test_surfaces_at_a_slant_are_blurred_by_how_far_each_point_is_out_of_focus()
     plane = FocalPlane(0.5, whole, cut(whole.whole, 5))
     places, steps = plane.blurs(plane.seen.layers[1])
     e = 100 / steps
-    one = cell_blur.cell_filter(e, plane.cells, margin=0)
+    one = scenery.cell_filter(e, plane.cells, margin=0)
     n = np.arange(len(one.across)) - len(one.across) // 2
     assert places[0] == 1
     assert np.interp(places[100], range(9), blurs.variances()[:9]) == pytest.approx((one.across * n**2).sum())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lfref.simulator.lens import smooth_loop
+from lfref.simulator import truth_loops
 
 ROWS, COLUMNS, PHASES = 14, 16, 2
 
@@ -20,7 +20,7 @@ def rgba(random: np.random.Generator, *, empty: slice = slice(0)) -> np.ndarray:
 def smoothed(samples: np.ndarray, down: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     result = np.empty((4, ROWS, PHASES, COLUMNS // PHASES))
     first, last = np.empty((2, ROWS), np.int64)
-    smooth_loop.smooth(samples, down, across, result, first, last)
+    truth_loops.smooth(samples, down, across, result, first, last)
     return result, first, last
 
 
@@ -44,6 +44,6 @@ def test_pixels_pick_what_a_filter_makes_there(taps):
     random = np.random.default_rng(0)
     samples, down, across = random.random((3, ROWS, COLUMNS)), random.random(taps), random.random(5)
     result = np.ones((3, 5, 5))
-    smooth_loop.pick(samples, down, across, 1, 2, PHASES, result)
+    truth_loops.pick(samples, down, across, 1, 2, PHASES, result)
     windows = np.lib.stride_tricks.sliding_window_view(samples, (taps, 5), (1, 2))[:, 1:11:2, 2:12:2]
     np.testing.assert_allclose(result, 1 + np.einsum("cyxab,a,b->cyx", windows, down, across))

@@ -5,12 +5,11 @@ import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from lfref.simulator.lens import aperture_cells, together, together_eager, truth
-from lfref.simulator.lens.scenery import FocalPlane, Scenery, visible
+from lfref.simulator import bitmaps, scenery, truth, truth_together
 from lfref.simulator.materials import Glossy, Mirror
 from lfref.simulator.mattes import Disc
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.scenery import FocalPlane, Scenery, visible
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Noise
 from tests.simulator import drawing
@@ -28,8 +27,8 @@ KINDS = {
 
 def planes(scene, slopes, n_cells=4):
     layers = tuple(bitmaps.paint(scene, reach=max(map(abs, slopes))))
-    whole = Scenery(layers, scene.camera, aperture_cells.aperture(scene.camera)).for_planes(slopes)
-    cells = aperture_cells.cut(whole.whole, n_cells)
+    whole = Scenery(layers, scene.camera, scenery.aperture(scene.camera)).for_planes(slopes)
+    cells = scenery.cut(whole.whole, n_cells)
     return [FocalPlane(slope, whole.only(visible(whole, slope)), cells) for slope in slopes]
 
 
@@ -37,9 +36,9 @@ def planes(scene, slopes, n_cells=4):
 def test_loops_make_what_pytorch_makes(name):
     scene = Scene(Camera((5, 7), (26, 30), "disc"), KINDS[name])
     found = planes(scene, [-2.0, 0.1])
-    photograph = together.camera(found)
+    photograph = truth_together.camera(found)
     for plane in found:
-        torch.testing.assert_close(photograph(plane), together_eager.photograph(plane), atol=1e-6, rtol=0)
+        torch.testing.assert_close(photograph(plane), truth_together.photograph(plane), atol=1e-6, rtol=0)
 
 
 @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
@@ -47,18 +46,18 @@ def test_loops_make_what_pytorch_makes(name):
 def test_any_legal_scene_is_photographed_alike(scene, slope):
     (plane,) = planes(scene, [slope], n_cells=3)
     assume(plane.seen.layers)
-    picture = together.camera([plane])(plane)
+    picture = truth_together.camera([plane])(plane)
     assert bool(picture.isfinite().all())
-    torch.testing.assert_close(picture, together_eager.photograph(plane), atol=2e-6, rtol=1e-5)
+    torch.testing.assert_close(picture, truth_together.photograph(plane), atol=2e-6, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["islands", "crossing"])
 def test_threads_change_nothing(name, monkeypatch):
     (plane,) = planes(Scene(Camera(size=(40, 50)), KINDS[name]), [-1.0])
-    alone = together.camera([plane])(plane)
-    monkeypatch.setattr(together, "WORTH_A_THREAD", 1)
+    alone = truth_together.camera([plane])(plane)
+    monkeypatch.setattr(truth_together, "WORTH_A_THREAD", 1)
     monkeypatch.setattr(torch, "get_num_threads", lambda: 3)
-    assert torch.equal(together.camera([plane])(plane), alone)
+    assert torch.equal(truth_together.camera([plane])(plane), alone)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

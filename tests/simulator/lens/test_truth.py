@@ -7,19 +7,14 @@ import torch
 
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
-from lfref.simulator import canvases
-from lfref.simulator.lens import aperture_cells, truth
-from lfref.simulator.lens.aperture_cells import Aperture, aperture
-from lfref.simulator.lens.scenery import Scenery
+from lfref.simulator import bitmaps, blurs, canvases, scenery, truth, views
+from lfref.simulator.layers import Layer
 from lfref.simulator.materials import Glass, Glossy, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
-from lfref.simulator.painting import bitmaps
-from lfref.simulator.painting.layers import Layer
-from lfref.simulator.reading import blurs
 from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.scenery import Aperture, Scenery, aperture
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Noise
-from lfref.simulator.views import render
 from tests.simulator import drawing
 
 SLOPES = [-3.0, -1.0, 0.0, 0.5]
@@ -80,7 +75,7 @@ def brute_force(layers: list[Layer], camera: Camera, slope: float, n: int = 64) 
     total = torch.zeros(3, *camera.size, dtype=torch.float64)
     for part in zip(p.split(128), q.split(128), strict=True):
         places = x + slope * part[0][:, None, None], y + slope * part[1][:, None, None]
-        total += render.radiance(layers, *part, *places).double().sum(0)
+        total += views.radiance(layers, *part, *places).double().sum(0)
     return total / len(p)
 
 
@@ -171,11 +166,11 @@ def test_adaptive_is_brute_force_at_the_strongest_blur(name):
 
 @pytest.mark.parametrize("name", list(SCENES))
 def test_through_a_pinhole_every_plane_is_the_central_view(name, monkeypatch):
-    monkeypatch.setattr(aperture_cells, "aperture", lambda camera: Aperture(camera.aperture, 0.0, 0.0))
+    monkeypatch.setattr(scenery, "aperture", lambda camera: Aperture(camera.aperture, 0.0, 0.0))
     camera = Camera(grid=(3, 3), size=(24, 25))
     layers = painted(name, camera)
     stack = truth.stack(layers, camera, SLOPES)
-    central = render.views(layers, camera)[1, 1]
+    central = views.views(layers, camera)[1, 1]
     torch.testing.assert_close(stack, central.expand_as(stack), atol=2e-6, rtol=0)
 
 
@@ -204,7 +199,7 @@ def test_a_surface_in_focus_is_as_sharp_as_the_view():
     camera = Camera(size=(32, 32))
     layers = bitmaps.paint(Scene(camera, (FAR, Surface(Plane(0.5), Checker(6.0)))), reach=1.0)
     torch.testing.assert_close(
-        truth.stack(layers, camera, [0.5])[0], render.views(layers, camera)[3, 3], atol=1e-6, rtol=0
+        truth.stack(layers, camera, [0.5])[0], views.views(layers, camera)[3, 3], atol=1e-6, rtol=0
     )
 
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from lfref.simulator.lens import truth_loop
-from lfref.simulator.lens.smooth_loop import Smoothed
-from lfref.simulator.lens.truth_loop import Places, Through
+from lfref.simulator import truth_loops
+from lfref.simulator.truth_loops import Places, Smoothed, Through
 from tests.simulator.lens.test_smooth_loop import rgba, smoothed
 
 
@@ -16,8 +15,8 @@ def test_cells_are_looked_up_between_samples_and_composited():
     positions = Places(random.uniform(0, 3, (2, 2)), random.uniform(0, 3, (2, 3)))
     weights = np.array([[0.1, 0.3, 0.0], [0.2, 0.1, 0.3]])
     picture, through = np.empty((3, 5, 6)), Through(np.zeros(3), np.zeros(2), weights, 0.0, 0.0)
-    truth_loop.add_shifted(layers, positions, through, picture, 0, 2)
-    truth_loop.add_shifted(layers, positions, through, picture, 2, 5)
+    truth_loops.add_shifted(layers, positions, through, picture, 0, 2)
+    truth_loops.add_shifted(layers, positions, through, picture, 2, 5)
     expected = sum(
         weights[j, i] * composite([look_up(pictures[k], positions.rows[k, j], positions.columns[k, i]) for k in (0, 1)])
         for j in range(2)

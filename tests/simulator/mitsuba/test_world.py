@@ -5,13 +5,13 @@ import functools
 import pytest
 
 import lfref
-from lfref.simulator.mitsuba import scenes
-from lfref.simulator.mitsuba.scenes import SCENES, SLOPES, VIEWS, apart_from_edges
+from lfref.simulator import path_traced
+from lfref.simulator.path_traced import SCENES, SLOPES, VIEWS, apart_from_edges
 from tests.simulator.drawing import psnr
 
 pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed, or has no wheel for this machine")
 
-from lfref.simulator.mitsuba.world import World
+from lfref.simulator.path_traced import World
 
 # Measured: 50 dB at least, where edges cut through pixels and where Mitsuba's pictures are noisy; else 69.8.
 AT_LEAST = 47.0
@@ -50,13 +50,13 @@ def test_truth_is_what_a_square_lens_records(scene):
 @pytest.mark.parametrize("view", [(3, 3), (0, 6)])
 def test_a_matte_surface_reflects_an_even_light(view):
     v, u = view
-    scene = scenes.matte()
+    scene = path_traced.matte()
     views = lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
     assert psnr(views[v, u], World(scene).view(u - 3, v - 3, samples=256)) > 55
 
 
 def test_noise_of_path_tracing_hides_nothing():
-    first, second = (world(scenes.cards).through_disc(SLOPES[0], seed=seed) for seed in (1, 2))
+    first, second = (world(path_traced.cards).through_disc(SLOPES[0], seed=seed) for seed in (1, 2))
     # Two noisy pictures differ by 3 dB more than each from what it should be.
     assert psnr(first, second) + 3 > AT_LEAST + 3
 

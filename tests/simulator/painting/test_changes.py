@@ -2,11 +2,11 @@
 
 import torch
 
+from lfref.simulator.bitmaps import Change, Order
+from lfref.simulator.blurs import Bitmap
 from lfref.simulator.canvases import Canvas
+from lfref.simulator.layers import Layer
 from lfref.simulator.mattes import Disc
-from lfref.simulator.painting.changes import Change, Order
-from lfref.simulator.painting.layers import Layer
-from lfref.simulator.reading.blurs import Bitmap
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat

@@ -4,7 +4,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 
-from lfref.simulator.painting import extents
+from lfref.simulator import layers
 from lfref.simulator.scene import Camera
 from lfref.simulator.surfaces import Dome, Plane
 from tests.simulator import drawing
@@ -26,11 +26,11 @@ def random_rays(slope, n=2000):
 def test_no_ray_goes_farther(geometry):
     x, y, p, q = random_rays(2.0)
     met = geometry.met_at(x, y, p, q)
-    low, high = extents.span(CAMERA, geometry, 2.0)
+    low, high = layers.span(CAMERA, geometry, 2.0)
     assert low - 1e-9 <= float(met.min()) <= float(met.max()) <= high + 1e-9
-    right, bottom = extents.ends(CAMERA, geometry, 2.0)
-    assert float((x - met * p).abs().max()) <= right - extents.SLACK + 1e-9
-    assert float((y - met * q).abs().max()) <= bottom - extents.SLACK + 1e-9
+    right, bottom = layers.ends(CAMERA, geometry, 2.0)
+    assert float((x - met * p).abs().max()) <= right - layers.SLACK + 1e-9
+    assert float((y - met * q).abs().max()) <= bottom - layers.SLACK + 1e-9
 
 
 @settings(deadline=None, max_examples=100)
@@ -38,9 +38,9 @@ def test_no_ray_goes_farther(geometry):
 def test_surfaces_that_do_not_cross_keep_their_order_along_every_ray(one, other):
     rays = random_rays(2.0)
     leads = other.met_at(*rays) - one.met_at(*rays)
-    if not extents.crossing([one, other], CAMERA, 2.0):
-        ahead = extents.is_before(other, one, CAMERA, 2.0)
-        assert ahead or extents.is_before(one, other, CAMERA, 2.0)
+    if not layers.crossing([one, other], CAMERA, 2.0):
+        ahead = layers.is_before(other, one, CAMERA, 2.0)
+        assert ahead or layers.is_before(one, other, CAMERA, 2.0)
         assert bool((leads >= -1e-7).all() if ahead else (leads <= 1e-7).all())
 
 
@@ -59,10 +59,10 @@ def test_surfaces_that_do_not_cross_keep_their_order_along_every_ray(one, other)
     ],
 )
 def test_only_surfaces_that_change_places_cross(one, other, crosses):
-    assert bool(extents.crossing([one, other], CAMERA, 0.0)) is crosses
-    assert bool(extents.crossing([other, one], CAMERA, 0.0)) is crosses
+    assert bool(layers.crossing([one, other], CAMERA, 0.0)) is crosses
+    assert bool(layers.crossing([other, one], CAMERA, 0.0)) is crosses
 
 
 def test_pairs_are_named_by_their_places():
     surfaces = [Plane(-1.0), Plane(0.0, (0.02, 0.0)), Plane(0.9), Plane(0.0, (-0.02, 0.0))]
-    assert extents.crossing(surfaces, CAMERA, 0.0) == [(1, 3)]
+    assert layers.crossing(surfaces, CAMERA, 0.0) == [(1, 3)]

@@ -5,10 +5,10 @@ import math
 import pytest
 import torch
 
+from lfref.simulator import layers
+from lfref.simulator.layers import Highlight
 from lfref.simulator.materials import Glossy, Mirror
 from lfref.simulator.mattes import Disc
-from lfref.simulator.painting import layers
-from lfref.simulator.painting.layers import Highlight
 from lfref.simulator.scene import Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat

@@ -6,9 +6,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.simulator.painting.layers import Highlight, Layer
-from lfref.simulator.rays import ray_loop, ray_tables
-from lfref.simulator.rays.ray_loop import Row
+from lfref.simulator import rays as ray_loop
+from lfref.simulator import rays as ray_tables
+from lfref.simulator.layers import Highlight, Layer
+from lfref.simulator.rays import Row
 from lfref.simulator.scene import Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat

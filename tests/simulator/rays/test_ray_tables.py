@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from lfref.simulator.rays import ray_tables
-from lfref.simulator.rays.ray_tables import Page
+from lfref.simulator import rays
+from lfref.simulator.rays import Page
 
 
 def picture(shape=(6, 8), seen=(slice(None), slice(None)), top=-4, left=10):
@@ -18,10 +18,10 @@ def picture(shape=(6, 8), seen=(slice(None), slice(None)), top=-4, left=10):
 def test_pictures_follow_each_other():
     pictures = [picture(), picture((3, 4))]
     pictures[1].samples[1, 2, 3] = 7
-    atlas = ray_tables.atlas(pictures)
+    atlas = rays.atlas(pictures)
     assert atlas.frames.tolist() == [[0, 6, 8, -4, 10], [192, 3, 4, -4, 10]]
     assert atlas.samples[192 + 4 * (1 * 4 + 2) + 3] == 7
-    assert ray_tables.atlas([]).frames.shape == (0, 5)
+    assert rays.atlas([]).frames.shape == (0, 5)
 
 
 @pytest.mark.parametrize(
@@ -33,4 +33,4 @@ def test_pictures_follow_each_other():
     ],
 )
 def test_a_box_holds_what_is_seen_and_has_no_end_where_that_touches_the_rim(seen, expected):
-    assert ray_tables.box(picture(seen=seen), margin=1.0) == expected
+    assert rays.box(picture(seen=seen), margin=1.0) == expected

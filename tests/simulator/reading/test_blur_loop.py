@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lfref.simulator.reading import blur_loop
+from lfref.simulator import blurs
 
 
 @pytest.mark.parametrize("size", [3, 5, 11])
@@ -11,7 +11,7 @@ from lfref.simulator.reading import blur_loop
 def test_each_sample_is_the_mean_of_a_box(size, kind):
     samples = np.random.default_rng(0).random((6, 8, 4)).astype(kind)
     result = np.empty((6 + size - 1, 8 + size - 1, 4), kind)
-    blur_loop.box_mean(samples, size, result)
+    blurs.box_mean(samples, size, result)
     padded = np.pad(samples, ((size - 1,) * 2, (size - 1,) * 2, (0, 0)), mode="edge")
     for row in range(result.shape[0]):
         for column in range(result.shape[1]):

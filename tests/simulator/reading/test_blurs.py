@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from lfref.functional import fourier
+from lfref.simulator import blurs, lookups
+from lfref.simulator.blurs import Bitmap
 from lfref.simulator.canvases import Canvas
-from lfref.simulator.reading import blurs, lookups
-from lfref.simulator.reading.blurs import Bitmap
 from lfref.simulator.textures import Noise
 
 CANVAS = Canvas(-80, -80, 160, 160, (80, 80))

@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from lfref.functional.jit import compiled
-from lfref.simulator.reading import look_loop, lookups
+from lfref.simulator import lookups
 
 
 @compiled
 def read_linearly(samples, start, rows, columns, i, j, result):
     for point in range(i.size):
-        found = look_loop.linear(samples, start, rows, columns, i[point], j[point])
+        found = lookups.linear_of_look_loop(samples, start, rows, columns, i[point], j[point])
         result[0, point], result[1, point], result[2, point], result[3, point] = found
 
 

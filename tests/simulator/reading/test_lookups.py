@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfref.simulator.reading import lookups
+from lfref.simulator import lookups
 
 
 def quadratic(i, j):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from lfref.simulator.reading import shift_loop, shift_tables
-from lfref.simulator.reading.shift_loop import Shifts
+from lfref.simulator import shifts as shift_loop
+from lfref.simulator import shifts as shift_tables
+from lfref.simulator.shifts import Shifts
 
 
 def shifts(starts):

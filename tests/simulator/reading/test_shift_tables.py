@@ -2,7 +2,8 @@
 
 import torch
 
-from lfref.simulator.reading import lookups, shift_tables
+from lfref.simulator import lookups
+from lfref.simulator import shifts as shift_tables
 
 
 def test_shifts_are_the_taps_and_weights_of_look_ups():

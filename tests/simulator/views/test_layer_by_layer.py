@@ -3,13 +3,14 @@
 import pytest
 import torch
 
+from lfref.simulator import bitmaps
+from lfref.simulator import views as layer_by_layer
+from lfref.simulator import views as render
 from lfref.simulator.materials import Glossy
 from lfref.simulator.mattes import Disc, Twigs
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat, Noise
-from lfref.simulator.views import layer_by_layer, render
 
 CAMERA = Camera((3, 4), (37, 45))
 SURFACES = (

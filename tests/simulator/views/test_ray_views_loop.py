@@ -3,14 +3,12 @@
 import pytest
 import torch
 
-from lfref.simulator import planner
+from lfref.simulator import bitmaps, planner, views
 from lfref.simulator.materials import Glossy, Mirror
 from lfref.simulator.mattes import Disc, Perforated
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Noise
-from lfref.simulator.views import render
 from tests.simulator import drawing
 
 CAMERA = Camera((3, 4), (27, 35))
@@ -33,7 +31,7 @@ def layers(surfaces, force=False):
 
 @pytest.mark.parametrize("surfaces", [SHIFTED[:1], SHIFTED, (SHIFTED[0], *FOLLOWED.values())])
 def test_following_all_rays_changes_no_bit(surfaces):
-    plain, forced = (render.views(layers(surfaces, force), CAMERA) for force in (False, True))
+    plain, forced = (views.views(layers(surfaces, force), CAMERA) for force in (False, True))
     assert torch.equal(plain, forced)
 
 
@@ -42,5 +40,5 @@ def test_what_rays_see_is_what_is_seen_of_the_layer(name):
     painted = layers([SHIFTED[0], FOLLOWED[name]])
     assert painted[1].is_traced
     (p, q), (x, y) = drawing.view_points(CAMERA), CAMERA.pixels()
-    expected = render.radiance(painted, p, q, x, y).unflatten(0, CAMERA.grid)
-    torch.testing.assert_close(render.views(painted, CAMERA), expected, atol=1e-6, rtol=0)
+    expected = views.radiance(painted, p, q, x, y).unflatten(0, CAMERA.grid)
+    torch.testing.assert_close(views.views(painted, CAMERA), expected, atol=1e-6, rtol=0)

@@ -5,13 +5,13 @@ import torch
 from hypothesis import HealthCheck, given, settings
 
 from lfref.functional import fourier
+from lfref.simulator import bitmaps
+from lfref.simulator import views as render
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc, Polygon
-from lfref.simulator.painting import bitmaps
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
-from lfref.simulator.views import render
 from tests.simulator import drawing
 
 CAMERA = Camera((5, 5), (40, 48))

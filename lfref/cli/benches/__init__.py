@@ -1,1 +1,0 @@
-"""Groups of `lfref bench`, one module each."""

@@ -1,0 +1,146 @@
+"""Where light fields come from: a folder of captures, or simulated scenes without end.
+
+A source maps (index, epoch) to a field that can be cropped; a folder ignores the epoch, a simulator draws new
+scenes each epoch.
+"""
+
+import abc
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from lfref.captures.correct import NONE, as_asked
+from lfref.data import cache
+from lfref.data.cache import CachedField
+from lfref.errors import InputError
+from lfref.lightfield import LightField
+from lfref.simulator.developed import developed
+from lfref.simulator.scene import Scene
+from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
+from lfref.simulator.simulate import Simulation
+
+Field = LightField | CachedField
+"""What patches are cut from: has `name`, `grid`, `size` and `crop`."""
+
+
+class Source(abc.ABC):
+    """A number of light fields, repeatable by (index, epoch)."""
+
+    @abc.abstractmethod
+    def __len__(self) -> int:
+        """Light fields in an epoch."""
+
+    @abc.abstractmethod
+    def field(self, index: int, epoch: int = 0) -> Field:
+        """One light field.
+
+        Args:
+            index: Its place in the epoch.
+            epoch: From 0.
+        """
+
+
+class FolderSource(Source):
+    """Light fields on disk, read through the cache.
+
+    Args:
+        paths: The light fields: files or folders of views.
+        cache_folder: Where decoded fields are kept.
+        reader: Arguments of `lfref.read`.
+        correct: `none`, `auto` for what each shows, or a file of corrections.
+    """
+
+    def __init__(
+        self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any], correct: str = NONE
+    ) -> None:
+        self.paths = list(paths)
+        self.cache_folder = cache_folder
+        self.reader = dict(reader)
+        self.correct = correct
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def field(self, index: int, epoch: int = 0) -> Field:
+        """The light field at that place, the same every epoch.
+
+        Raises:
+            FileError: It cannot be read.
+        """
+        return cache.cached(self.paths[index], self.reader, self.cache_folder, self.correct)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedField(LightField):
+    """A light field whose scene is known, so that it can be photographed through the whole lens."""
+
+    photograph: Callable[[tuple[float, ...]], Tensor] = field(kw_only=True)
+    """(slopes) -> what the lens records of the field's rectangle at each of them, in [0, 1], [N, C, H, W]."""
+
+    def crop(self, top: int, left: int, height: int, width: int) -> "SimulatedField":
+        """As `LightField.crop`; photographs are cut alike."""
+        window = (..., slice(top, top + height), slice(left, left + width))
+        cut = super().crop(top, left, height, width)
+        return replace(
+            self, views=cut.views, weight=cut.weight, photograph=lambda slopes: self.photograph(slopes)[window]
+        )
+
+
+class SimulatedSource(Source):
+    """Simulated scenes, each fixed by (seed, epoch, index).
+
+    Args:
+        n_fields: Fields in an epoch.
+        seed: Of all scenes.
+        scenes: Where they come from; a single scene is seen again and again with other textures and noise.
+        reach: Greatest |slope| that fields will be photographed at, in pixels per view step: views and photographs up
+            to there share one painting.
+        correct: `none`, `auto` for what each field shows, or a file of corrections.
+
+    Raises:
+        InputError: No field, or a seed below 0.
+    """
+
+    def __init__(
+        self,
+        n_fields: int,
+        seed: int,
+        scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
+        reach: float = 0.0,
+        correct: str = NONE,
+    ) -> None:
+        if n_fields < 1 or seed < 0:
+            raise InputError(
+                "a simulated source needs at least one field, and a seed >= 0", got=f"n_fields={n_fields}, seed={seed}"
+            )
+        self.n_fields = n_fields
+        self.seed = seed
+        self.reach = reach
+        self.correct = correct
+        self.scenes = Fixed((scenes,)) if isinstance(scenes, Scene) else scenes
+
+    def __len__(self) -> int:
+        return self.n_fields
+
+    def field(self, index: int, epoch: int = 0) -> SimulatedField:
+        """Render the field at that place of that epoch, in linear light; what leaves [0, 1] is clipped."""
+        scene = self.scenes.scene(self.seed, epoch, index)
+        simulation = Simulation(scene, self.reach)
+        views = simulation.run(["views"], [0.0]).views
+        assert views is not None
+        once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, simulation))
+        light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
+        mended, _ = as_asked(light, self.correct, even=cache.EVEN)
+        return SimulatedField(mended.views, scene.name, mended.weight, photograph=once)
+
+
+def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:
+    """The truth in the brightness and colours of the views, clipped and decoded like them."""
+    truth = simulation.run(["truth"], slopes).truth
+    assert truth is not None
+    sensor = simulation.scene.sensor
+    return sensor.encoding.decode(developed(truth, sensor).clamp(0, 1))

@@ -1,0 +1,99 @@
+"""Label sources: a refocusing operator, or a photograph of the scene, with the focal planes that labels are made for.
+
+Patches are cut with a margin around them, so that a local operator (shift-and-sum) labels a patch exactly as it
+labels the whole field. A Fourier slice depends on every pixel of what it is given, so its patch labels differ from
+those of the whole field by the ringing of the crop's own border; `docs/refocusing.md` states by how much.
+"""
+
+import abc
+import math
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from lfref import geometry
+from lfref.data.field_sources import SimulatedField
+from lfref.errors import InputError
+from lfref.geometry import FocalPlanes
+from lfref.lightfield import LightField
+from lfref.refocus import footprint
+from lfref.refocuser.refocuser import Refocuser
+
+
+class Labels(abc.ABC):
+    """Makes the refocused stack that a network should learn."""
+
+    name: str
+    """As tables and legends call it."""
+    planes: FocalPlanes
+    """The planes of a label."""
+
+    @abc.abstractmethod
+    def margin(self, grid: tuple[int, int]) -> int:
+        """Pixels around a patch that its label is made with.
+
+        Args:
+            grid: Number of view rows and columns (V, U).
+        """
+
+    @abc.abstractmethod
+    def __call__(self, field: LightField) -> Tensor:
+        """Label a light field.
+
+        Args:
+            field: The light field, [V, U, C, H, W].
+
+        Returns:
+            Stack, [N, C, H, W].
+
+        Raises:
+            InputError: The field cannot be labelled, or is too small for these planes.
+        """
+
+
+@dataclass(frozen=True)
+class OperatorLabels(Labels):
+    """Labels made by a refocuser that depends on a patch and a margin around it only."""
+
+    refocuser: Refocuser
+    """Makes them; also gives them their name."""
+    planes: FocalPlanes
+    """The planes of a label."""
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """As tables and legends call it."""
+        return self.refocuser.name
+
+    def margin(self, grid: tuple[int, int]) -> int:
+        """As far as the outermost view shifts, a sample for reading between two, and the blur of a view's cell."""
+        slopes = self.planes.slopes
+        return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + footprint.radius(self.refocuser.cell_width(slopes))
+
+    def __call__(self, field: LightField) -> Tensor:
+        """The refocuser's stack; samples count by their weight."""
+        return self.refocuser(field, self.planes.slopes)
+
+
+@dataclass(frozen=True)
+class RenderedLabels(Labels):
+    """Labels that are photographs: what a lens with the whole aperture records."""
+
+    name: str
+    """As tables and legends call it."""
+    planes: FocalPlanes
+    """The planes of a label."""
+
+    def margin(self, grid: tuple[int, int]) -> int:
+        """None is needed: a label is cut from the photograph of the whole field."""
+        return 0
+
+    def __call__(self, field: LightField) -> Tensor:
+        """Photograph a simulated field's scene, in the brightness and colours of its views, in [0, 1]."""
+        if not isinstance(field, SimulatedField):
+            raise InputError(
+                "rendered labels need light fields of simulated scenes",
+                got=field.name,
+                remedy="use data=simulated, or label=shift_and_sum",
+            )
+        return field.photograph(self.planes.values)

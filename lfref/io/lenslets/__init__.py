@@ -1,1 +1,0 @@
-"""Images of a sensor behind a lattice of lenslets, turned into views."""

@@ -1,1 +1,0 @@
-"""Views read wherever a pixel of the picture asks for it: surfaces, cameras that stand anywhere."""

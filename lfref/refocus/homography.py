@@ -1,0 +1,204 @@
+"""Refocusing by homographies: every view read through a 3x3 matrix of its own, so that cameras may stand anywhere.
+
+A plane of the scene maps the pixels of one pinhole camera onto those of another by a homography; the mean of the views
+read through theirs is sharp on that plane. Views are points here: a plane's homographies do not tell how light from
+elsewhere moves within the cell of a camera, which need not stand on a grid.
+Letters: `u v` view column and row, `x y w` homogeneous pixel, `K R t` camera, `n d` the plane n.X = d, `s` slope.
+Sources: Isaksen et al., "Dynamically reparameterized light fields", 2000; Vaish et al., "Using plane + parallax for
+calibrating dense camera arrays", 2004.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.errors import InputError
+from lfref.geometry import Slopes
+from lfref.refocus import batches, lines
+from lfref.refocus.gather import Places, mean_of_views
+
+FLATTEST = 1e-12  # smallest to largest singular value of a matrix that still counts as invertible
+NOT_A_ROTATION = 1e-4  # error of R'R that rounding to float32 in a calibration file explains
+
+
+def homography(
+    views: Tensor,
+    matrices: Tensor,
+    interpolation: str = "linear",
+    border: str = "renormalize",
+    weights: Tensor | None = None,
+) -> Tensor:
+    """Refocus light fields through a homography for every plane and view.
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        matrices: From the output pixel (x, y, 1) to the view's pixel (x w, y w, w), with w > 0 in front of the
+            camera, [N, V, U, 3, 3], or [V, U, 3, 3] for one plane. Those of views of weight 0 are not looked at.
+        interpolation: `nearest`, `linear` or `cubic`.
+        border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`. Points behind a camera
+            (w <= 0) have no sample under any of them.
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+
+    Returns:
+        Stacks in the order of the planes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+        A pixel that no weighted view covers is 0.
+
+    Raises:
+        InputError: Views, matrices, weights or names that cannot be used, or a plane that no view sees.
+
+    Example:
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> still = torch.eye(3).expand(5, 5, 3, 3)
+        >>> torch.allclose(lfref.homography(views, still)[0], views.mean((0, 1)), atol=1e-6)
+        True
+    """
+    batch = batches.flattened(views)
+    aperture = batches.checked_weights(weights, (batch.shape[1], batch.shape[2]))
+    planes = [Places(matrices=each) for each in _checked_matrices(matrices, aperture, batch.device)]
+    stack, coverage = mean_of_views(batch, aperture, planes, interpolation, border)
+    if not bool(coverage.flatten(1).any(1).all()):
+        raise InputError(
+            "at least one view must have a sample of each plane",
+            got="none",
+            remedy="matrices go from output to view pixels; a plane that is behind all cameras may need the sign -1",
+        )
+    return batches.restored(stack, views)
+
+
+def slope_homographies(slopes: Slopes, grid: tuple[int, int], positions: Tensor | None = None) -> Tensor:
+    """Homographies of coplanar cameras that all face planes parallel to theirs: shifts by s (u - u0), s (v - v0).
+
+    Args:
+        slopes: Focus in pixels per view step, [N].
+        grid: Number of view rows and columns (V, U).
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+
+    Returns:
+        Matrices, float64, CPU, [N, V, U, 3, 3].
+
+    Raises:
+        InputError: No slope, one that is not finite, or positions that cannot be used.
+    """
+    # A grid of one view never shifts: how far these reach depends on a size that is not known here.
+    planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))[:, None, None]
+    rows, columns = (lines.even(grid) if positions is None else lines.checked_positions(positions, grid)).unbind(-1)
+    matrices = torch.eye(3, dtype=torch.float64).repeat(len(planes), *grid, 1, 1)
+    matrices[..., 0, 2], matrices[..., 1, 2] = planes * columns, planes * rows
+    return matrices
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """Calibrated pinhole cameras: a world point X is at pixel K (R X + t), homogeneous."""
+
+    intrinsics: Tensor
+    """K in pixels, (0, 0) the centre of the top left pixel, last row (0, 0, 1), float64, [..., 3, 3]."""
+    rotation: Tensor
+    """R from world to camera axes (x to the right, y downwards, z forwards), float64, [..., 3, 3]."""
+    translation: Tensor
+    """t in world units, float64, [..., 3]."""
+
+    def __post_init__(self) -> None:
+        for name, shape in (("intrinsics", (3, 3)), ("rotation", (3, 3)), ("translation", (3,))):
+            value = torch.as_tensor(getattr(self, name), dtype=torch.float64)
+            object.__setattr__(self, name, value)
+            expected = (*self.grid, *shape)
+            if value.shape != expected or not bool(value.isfinite().all()):
+                raise InputError(f"{name} must be finite, {list(expected)}", got=f"shape {list(value.shape)}")
+        _check_intrinsics(self.intrinsics)
+        _check_rotation(self.rotation)
+
+    @property
+    def grid(self) -> tuple[int, ...]:
+        """Leading dimensions: (V, U) for the cameras of a light field, () for a single one."""
+        return tuple(self.intrinsics.shape[:-2])
+
+
+def plane_homographies(cameras: Cameras, reference: Cameras, planes: Tensor, size: tuple[int, int]) -> Tensor:
+    """Homographies that planes of the scene induce between a reference picture and each view.
+
+    Args:
+        cameras: The views' cameras, [V, U].
+        reference: The camera of the refocused picture, real or not, a single one.
+        planes: Planes n.X = d in world coordinates as (n_x, n_y, n_z, d), [N, 4].
+        size: Height and width (H, W) of the picture in pixels.
+
+    Returns:
+        Matrices for `homography`, float64, [N, V, U, 3, 3].
+
+    Raises:
+        InputError: Shapes that do not fit, or a plane that is not in front of the reference over the whole picture.
+    """
+    if reference.grid != ():
+        raise InputError("the reference must be a single camera", got=f"cameras {list(reference.grid)}")
+    to_ray = reference.rotation.mT @ torch.linalg.inv(reference.intrinsics)
+    centre = -reference.rotation.mT @ reference.translation
+    # A pixel p at depth z is X = centre + z to_ray p. On the plane 1/z is linear in p, which makes the homography.
+    inverse_depth = _inverse_depths(planes, to_ray, centre, size)
+    inverse_depth = inverse_depth.reshape(-1, *(1 for _ in cameras.grid), 1, 3)
+    turned, offset = cameras.rotation @ to_ray, cameras.rotation @ centre + cameras.translation
+    return cameras.intrinsics @ (turned + offset[..., None] * inverse_depth)
+
+
+def _check_intrinsics(intrinsics: Tensor) -> None:
+    last_row = intrinsics.detach()[..., 2, :]
+    if not bool((last_row == last_row.new_tensor([0, 0, 1])).all()):
+        raise InputError(
+            "the last row of the intrinsics must be (0, 0, 1)", remedy="divide the matrix by its last entry"
+        )
+    if not bool(_is_invertible(intrinsics.detach()).all()):
+        raise InputError("intrinsics must be invertible", got="a singular matrix", remedy="check the focal lengths")
+
+
+def _check_rotation(rotation: Tensor) -> None:
+    rotation = rotation.detach()
+    error = (rotation.mT @ rotation - torch.eye(3).to(rotation)).abs().max()
+    if float(error) > NOT_A_ROTATION or bool((torch.linalg.det(rotation) < 0).any()):
+        raise InputError(
+            "rotation must be orthonormal, without scale or mirror",
+            got=f"R'R - 1 of up to {float(error):g}, determinants from {float(torch.linalg.det(rotation).min()):g}",
+        )
+
+
+def _is_invertible(matrices: Tensor) -> Tensor:
+    values = torch.linalg.svdvals(matrices)
+    return values[..., -1] > FLATTEST * values[..., 0]
+
+
+def _inverse_depths(planes: Tensor, to_ray: Tensor, centre: Tensor, size: tuple[int, int]) -> Tensor:
+    """Row vectors q with 1/z = q.(x, y, 1) on each plane, [N, 3]."""
+    values = torch.as_tensor(planes, dtype=torch.float64, device=to_ray.device)
+    if values.ndim != 2 or values.shape[-1] != 4 or len(values) == 0 or not bool(values.isfinite().all()):
+        raise InputError("planes must be finite, [N, 4]: a normal and a distance", got=f"shape {list(values.shape)}")
+    normals, distances = values[:, :3], values[:, 3]
+    inverse_depths = normals @ to_ray / (distances - normals @ centre)[:, None]
+    height, width = size
+    corners = [[x, y, 1.0] for x in (0, width - 1) for y in (0, height - 1)]
+    nearness = inverse_depths.detach() @ inverse_depths.new_tensor(corners).mT
+    # Beyond its horizon a plane lies behind reference and view alike: w is above 0 there and would show a ghost.
+    if not bool(((nearness > 0) & nearness.isfinite()).all()):
+        raise InputError(
+            "planes must lie in front of the reference camera over the whole picture",
+            got=f"an inverse depth of {float(nearness.min()):g} in a corner",
+            remedy="check the sign of the distance, or point the reference away from the plane's horizon",
+        )
+    return inverse_depths
+
+
+def _checked_matrices(matrices: Tensor, aperture: Tensor, device: torch.device) -> Tensor:
+    """The matrices as float64 where the views are, [N, V, U, 3, 3], once they are known to be usable."""
+    values = torch.as_tensor(matrices, dtype=torch.float64, device=device)
+    expected = (*aperture.shape, 3, 3)
+    if values.ndim not in (4, 5) or values.shape[-4:] != expected or len(values) == 0:
+        raise InputError(
+            f"matrices must be {list(expected)} or [N, {', '.join(map(str, expected))}]",
+            got=f"shape {list(values.shape)}",
+        )
+    used = values.detach().reshape(-1, *expected)[:, (aperture > 0).to(device)]
+    if not bool(used.isfinite().all()):
+        raise InputError("matrices must be finite", remedy="give views without a calibration the weight 0")
+    if not bool(_is_invertible(used).all()):
+        raise InputError("matrices must be invertible", got="a singular one", remedy="a plane may not meet a camera")
+    return values.reshape(-1, *expected)

@@ -1,0 +1,116 @@
+"""Shift-and-sum on a GPU as one Triton kernel: each tile of the result is summed over all views for every plane.
+
+A tile's planes read nearly the same samples of the views, so the field comes from memory about once, and from the
+caches after that. The tables of taps are those of the task, as on the CPU; boxes are left to PyTorch.
+Letters: `n` plane, `v u` view row and column, `m` tap, `y x` pixel row and column.
+"""
+
+from typing import NamedTuple
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+from lfref.refocus import batches
+from lfref.refocus.shift import shift_torch
+from lfref.refocus.shift.shift_torch import Task
+
+TILE = (8, 64)  # rows and columns of the result that one program sums
+
+
+class _Axis(NamedTuple):
+    """Taps along one axis of the views."""
+
+    offsets: Tensor
+    """Samples that each view is read at, relative to the output sample, int32, [N, views, M]."""
+    weights: Tensor
+    """[N, views, M]."""
+    spans: Tensor
+    """First and one-past-last output sample that each view counts for, int32, [N, views, 2]."""
+    beyond: Tensor
+    """Sample that stands at each place from -reach to length + reach; -1: black, int32, [length + 2 reach]."""
+
+
+def shift_and_sum(views: Tensor, task: Task) -> Tensor:
+    """The sums of the shifted views, over the weight of those that count.
+
+    Args:
+        views: Light fields on a GPU, floating point, uint8 or uint16, any strides, [B, V, U, C, H, W].
+        task: What is to be summed, by an interpolation of few taps, all rows of views at the same columns.
+
+    Returns:
+        Stacks, float32 (float64 for such views), [B, N, C, H, W].
+    """
+    n_batch, n_rows, n_columns, n_channels, height, width = views.shape
+    working = batches.working_dtype(views.dtype)
+    stack = views.new_empty((n_batch, len(task.planes), n_channels, height, width), dtype=working)
+    rows, columns = (_axis(task, axis, stack) for axis in (0, 1))
+    aperture = torch.tensor(task.aperture, dtype=working, device=views.device)
+    grid = (triton.cdiv(width, TILE[1]), triton.cdiv(height, TILE[0]), n_batch * n_channels)
+    _sum_tile[grid](
+        views, *views.stride(), stack, aperture, *rows, *columns, 1 / batches.FULL_SCALE.get(views.dtype, 1),
+        height, width, task.reach, n_channels, len(task.planes), n_rows, n_columns,
+        n_taps=rows.offsets.shape[-1], counts_only_samples=task.border.counts_only_samples and not task.blurs,
+        n_tile_rows=TILE[0], n_tile_columns=TILE[1],
+    )  # fmt: skip
+    if not task.blurs:
+        return stack
+    planes = zip(stack.unbind(1), task.planes, strict=True)
+    return torch.stack([shift_torch.finished(*plane, task) for plane in planes], dim=1)
+
+
+def _axis(task: Task, axis: int, like: Tensor) -> _Axis:
+    taps_of = task.interpolation.taps
+    planes = [shifts.columns[0] if axis else shifts.rows for shifts in task.planes]
+    taps = torch.tensor([[taps_of(shift) for shift in shifts] for shifts in planes], dtype=torch.float64)
+    spans = [[task.span(shift, axis) for shift in shifts] for shifts in planes]
+    return _Axis(
+        taps[..., 0].to(like.device, torch.int32).contiguous(),
+        taps[..., 1].to(like).contiguous(),
+        torch.tensor(spans, dtype=torch.int32, device=like.device),
+        task.beyond(axis).to(like.device, torch.int32),
+    )
+
+
+@triton.jit
+def _sum_tile(  # type: ignore[no-untyped-def]
+    views, stride_b, stride_v, stride_u, stride_c, stride_y, stride_x, stack, aperture,
+    row_offsets, row_weights, row_spans, row_beyond, column_offsets, column_weights, column_spans, column_beyond,
+    unit, height, width, reach, n_channels, n_planes, n_rows, n_columns,
+    n_taps: tl.constexpr, counts_only_samples: tl.constexpr, n_tile_rows: tl.constexpr, n_tile_columns: tl.constexpr,
+):  # fmt: skip
+    """One tile of one channel, every plane."""
+    b, c = tl.program_id(2) // n_channels, tl.program_id(2) % n_channels
+    y = (tl.program_id(1) * n_tile_rows + tl.arange(0, n_tile_rows))[:, None]
+    x = (tl.program_id(0) * n_tile_columns + tl.arange(0, n_tile_columns))[None, :]
+    inside = (y < height) & (x < width)
+    image = views + b.to(tl.int64) * stride_b + c.to(tl.int64) * stride_c
+    for n in range(n_planes):
+        total = tl.zeros((n_tile_rows, n_tile_columns), stack.dtype.element_ty)
+        covered = tl.zeros((n_tile_rows, n_tile_columns), stack.dtype.element_ty)
+        for v in range(n_rows):
+            nv = n * n_rows + v
+            row_counts = inside & (y >= tl.load(row_spans + 2 * nv)) & (y < tl.load(row_spans + 2 * nv + 1))
+            for u in range(n_columns):
+                nu = n * n_columns + u
+                weight = tl.load(aperture + v * n_columns + u)
+                counts = row_counts & (x >= tl.load(column_spans + 2 * nu)) & (x < tl.load(column_spans + 2 * nu + 1))
+                covered += tl.where(counts, weight, 0.0)
+                view = image + tl.cast(v, tl.int64) * stride_v + tl.cast(u, tl.int64) * stride_u
+                for m in tl.static_range(n_taps * n_taps):
+                    row_tap, column_tap = nv * n_taps + m // n_taps, nu * n_taps + m % n_taps
+                    share = tl.load(row_weights + row_tap) * tl.load(column_weights + column_tap) * weight
+                    if share != 0:  # a tap of weight 0 must not touch its sample: 0 * inf is NaN
+                        y_place = y + reach + tl.load(row_offsets + row_tap)
+                        x_place = x + reach + tl.load(column_offsets + column_tap)
+                        y_source = tl.load(row_beyond + y_place, mask=counts, other=-1)
+                        x_source = tl.load(column_beyond + x_place, mask=counts, other=-1)
+                        exists = (y_source >= 0) & (x_source >= 0)
+                        place = y_source.to(tl.int64) * stride_y + x_source.to(tl.int64) * stride_x
+                        sample = tl.load(view + place, mask=exists, other=0)
+                        total += share * sample.to(stack.dtype.element_ty)
+        if counts_only_samples:
+            total = tl.where(covered > 0, total / tl.where(covered > 0, covered, 1.0), 0.0)
+        plane = (b.to(tl.int64) * n_planes + n) * n_channels + c
+        tl.store(stack + (plane * height + y) * width + x, total * unit, mask=inside)

@@ -1,1 +1,0 @@
-"""Wiener refocusing: the linear estimate of least mean square error, given which disparities a scene has."""

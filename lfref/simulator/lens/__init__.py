@@ -1,1 +1,0 @@
-"""Pictures through the whole aperture: the truth."""

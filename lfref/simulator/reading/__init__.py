@@ -1,1 +1,0 @@
-"""Bitmaps on surfaces: their blurred copies, and what lies between their samples."""

@@ -1,0 +1,265 @@
+"""The training of networks that make whole stacks of views: the network, its loss, its metrics."""
+
+import abc
+import csv
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import torch
+from lightning.pytorch import LightningModule
+from torch import Tensor, nn
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LRScheduler
+
+from lfref.data.patch_data import Batch
+from lfref.data.plane_data import PlaneBatch
+from lfref.data.plane_sets import Recipe
+from lfref.errors import InputError
+from lfref.functional.psnr import psnr
+from lfref.geometry import FocalPlanes
+from lfref.io import atomic
+from lfref.losses.composite import CompositeLoss
+from lfref.losses.relative import RelativeError
+from lfref.metrics.stack import MPSNR, MSSIM
+from lfref.nets import checkpoint as checkpoints
+from lfref.nets.network import Network
+from lfref.nets.refiner import Refiner
+from lfref.refocuser import refined
+from lfref.refocuser.features import check
+
+# PART resume
+# Going on with a run: its schedule fitted to what is set now, and its log cut where the checkpoint stands.
+
+
+def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
+    """Replace the settings of optimiser and schedule in a checkpoint; the moments stay.
+
+    The new schedule is run to where the old one stood, so that the rate is what it would be had it been set so from
+    the start. Nothing changes where the settings are the same.
+
+    Args:
+        checkpoint: As Lightning wrote it; changed in place.
+        optimizer: A new one with the settings of now; its parameters count for nothing.
+        schedule: Of that optimiser.
+        n_steps: Times that the schedule was stepped so far.
+    """
+    if schedule is not None:
+        for _ in range(n_steps):
+            optimizer.step()  # the schedule warns where it comes first
+            schedule.step()
+    checkpoint["lr_schedulers"] = [] if schedule is None else [schedule.state_dict()]
+    (settings,) = optimizer.param_groups
+    for group in (group for saved in checkpoint["optimizer_states"] for group in saved["param_groups"]):
+        group.update({name: value for name, value in settings.items() if name != "params"})
+
+
+def cut_log(path: Path, step: int) -> None:
+    """Forget what was logged at a step and after it, and a line that was cut off.
+
+    Args:
+        path: `metrics.csv`; may be missing.
+        step: Steps behind the checkpoint that training goes on from; 0 forgets everything.
+
+    Raises:
+        FileError: The file cannot be read or written.
+    """
+    if step == 0 or not path.exists():
+        path.unlink(missing_ok=True)
+        return
+    with atomic.explained(path, "read"), path.open(newline="", encoding="utf-8") as file:
+        header, *lines = list(csv.reader(file)) or [[]]
+    at = header.index("step") if "step" in header else None
+    kept = [line for line in lines if at is not None and len(line) == len(header) and int(line[at]) < step]
+    with atomic.replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([header, *kept])
+
+
+# PART fitting
+# What every training module has in common: its optimiser and schedule, also across a resume.
+
+OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
+SchedulerFactory = Callable[[torch.optim.Optimizer], LRScheduler]
+
+
+class Fitting(LightningModule, abc.ABC):
+    """Fits a network.
+
+    Args:
+        net: The network.
+        optimizer: Makes the optimiser from the parameters.
+        scheduler: Makes the schedule of its learning rate; None keeps the rate.
+    """
+
+    interval: ClassVar[str] = "epoch"
+    """What the schedule is stepped by: each epoch, or each step."""
+
+    def __init__(self, net: nn.Module, optimizer: OptimizerFactory, scheduler: SchedulerFactory | None = None) -> None:
+        super().__init__()
+        self.net: Any = net
+        self.optimizer = optimizer
+        self.scheduler = scheduler
+
+    @abc.abstractmethod
+    def payload(self) -> dict[str, Any]:
+        """What a checkpoint must hold besides the weights, so that `lfref.load` can use them."""
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        """The network's."""
+        made: Tensor = self.net(*inputs)
+        return made
+
+    def configure_optimizers(self) -> dict[str, Any]:  # type: ignore[override]
+        """The optimiser over all parameters of the network, and its schedule.
+
+        Raises:
+            InputError: Their settings do not fit them.
+        """
+        optimizer, schedule = self._optimization(self.net.parameters())
+        stepped = {"scheduler": schedule, "interval": self.interval}
+        return {"optimizer": optimizer} | ({"lr_scheduler": stepped} if schedule else {})
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Add what `lfref.load` needs."""
+        checkpoint["lfref"] = self.payload()
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on with the rate and the schedule that are set now; a checkpoint brings those of its own run."""
+        done = {
+            "epoch": checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"],
+            "step": checkpoint["global_step"],
+        }
+        made = self._optimization(iter([nn.Parameter(torch.zeros(()))]))
+        refit(checkpoint, *made, done[self.interval])
+
+    def log_stage(self, stage: str, values: Mapping[str, Tensor], batch_size: int) -> None:
+        """Log values as `STAGE/NAME`: of training each step, of validation their mean over the epoch.
+
+        Args:
+            stage: `train` or `val`.
+            values: By name.
+            batch_size: What they are means over.
+        """
+        named = {f"{stage}/{name}": value for name, value in values.items()}
+        self.log_dict(named, on_step=stage == "train", on_epoch=stage == "val", batch_size=batch_size, sync_dist=True)
+
+    def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[torch.optim.Optimizer, LRScheduler | None]:
+        try:
+            optimizer = self.optimizer(parameters)
+            return optimizer, self.scheduler(optimizer) if self.scheduler else None
+        except (TypeError, ValueError, ZeroDivisionError) as error:
+            raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
+
+
+# PART refining
+# The training of refiners: planes that a method has made, and what is missing to them.
+
+
+class Refining(Fitting):
+    """Trains a refiner.
+
+    Args:
+        net: Guides, pictures and doubts -> better pictures.
+        loss: Of refined pictures, truth, pictures and doubts.
+        recipe: Of the planes that it learns from; its method and guides go into every checkpoint.
+        optimizer: Makes the optimiser from the parameters.
+        scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
+
+    Raises:
+        InputError: Corrections cannot be mixed of the guides of the recipe.
+    """
+
+    interval = "step"
+
+    def __init__(
+        self,
+        net: Refiner,
+        loss: RelativeError,
+        recipe: Recipe,
+        optimizer: OptimizerFactory,
+        scheduler: SchedulerFactory | None = None,
+    ) -> None:
+        super().__init__(net, optimizer, scheduler)
+        check(recipe.guides, net.n_offers)
+        self.loss = loss
+        self.recipe = recipe
+
+    def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
+        """The loss of one batch."""
+        return self._loss(batch, self(batch["guides"], batch["pictures"], batch["doubts"]), "train")
+
+    def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
+        """The loss, PSNR and what it gained, of one held-out light field, logged."""
+        made = self(batch["guides"], batch["pictures"], batch["doubts"])
+        self._loss(batch, made, "val")
+        truth = batch["pictures"] + batch["missing"]
+        # Where nothing may be corrected there is nothing to judge.
+        shown = (torch.where(batch["doubts"] > 0, each, truth) for each in (made, batch["pictures"]))
+        after, before = (psnr(each, truth).mean() for each in shown)
+        values = {"val/mpsnr": after, "val/gain": after - before}
+        self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
+
+    def payload(self) -> dict[str, Any]:
+        """What builds the refiner again, its method and its guides."""
+        return refined.payload(self.net, self.recipe.base, self.recipe.guides)
+
+    def _loss(self, batch: PlaneBatch, made: Tensor, stage: str) -> Tensor:
+        loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"], batch["doubts"])
+        self.log_stage(stage, {"loss": loss}, len(made))
+        return loss
+
+
+class Refocusing(Fitting):
+    """Trains a network to make refocused stacks.
+
+    Args:
+        net: Views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
+        loss: Named weighted terms.
+        planes: What the planes of the labels are; goes into every checkpoint.
+        optimizer: Makes the optimiser from the parameters.
+        scheduler: Makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
+        is_linear: Whether the data is linear light, or samples as files hold them; goes into every checkpoint.
+
+    Raises:
+        InputError: The network makes another number of planes.
+    """
+
+    def __init__(
+        self,
+        net: Network,
+        loss: CompositeLoss,
+        planes: FocalPlanes,
+        optimizer: OptimizerFactory,
+        scheduler: SchedulerFactory | None = None,
+        is_linear: bool = True,
+    ) -> None:
+        super().__init__(net, optimizer, scheduler)
+        checkpoints.check_number(net, planes)
+        self.loss = loss
+        self.planes = planes
+        self.is_linear = is_linear
+        self.mpsnr = MPSNR(n_planes=len(planes))
+        self.mssim = MSSIM(n_planes=len(planes))
+
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The loss of one batch; every term is logged by its name."""
+        return self._loss(batch["labels"], self.net(batch["views"], batch["slopes"]), "train")
+
+    def validation_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The stack of one held-out batch, its loss and metrics logged."""
+        stack = self.net(batch["views"], batch["slopes"])
+        self._loss(batch["labels"], stack, "val")
+        for name, metric in (("val/mpsnr", self.mpsnr), ("val/mssim", self.mssim)):
+            metric.update(stack, batch["labels"])
+            self.log(name, metric, prog_bar=True)
+        return stack
+
+    def payload(self) -> dict[str, Any]:
+        """What builds the network again, and what its planes are."""
+        return checkpoints.payload(self.net, self.planes, self.is_linear)
+
+    def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
+        terms = self.loss.terms(stack, labels)
+        total = self.loss.total(terms)
+        self.log_stage(stage, {"loss": total, **terms}, len(labels))
+        return total
