@@ -11,6 +11,7 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
+from torchmetrics import Metric
 
 from lfref.data.patch_data import Batch
 from lfref.data.plane_data import PlaneBatch
@@ -19,13 +20,13 @@ from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
-from lfref.losses.composite import CompositeLoss
+from lfref.losses.composite import TERMS, CompositeLoss
 from lfref.losses.relative import RelativeError
 from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
 from lfref.nets.refiner import Refiner
-from lfref.refocuser import refined
+from lfref.refocuser import refined as refined_refocuser
 from lfref.refocuser.features import check
 
 # PART resume
@@ -80,6 +81,8 @@ def cut_log(path: Path, step: int) -> None:
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
 SchedulerFactory = Callable[[torch.optim.Optimizer], LRScheduler]
+RESERVED = frozenset({"loss", "mpsnr", "mssim", "gain", *TERMS})
+"""Values that validation logs anyway."""
 
 
 class Fitting(LightningModule, abc.ABC):
@@ -89,16 +92,43 @@ class Fitting(LightningModule, abc.ABC):
         net: The network.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate; None keeps the rate.
+        metrics: Further metrics by name, logged as `val/NAME`; see `update_metrics`.
+
+    Raises:
+        InputError: A metric has the name of a value that is logged anyway.
     """
 
     interval: ClassVar[str] = "epoch"
     """What the schedule is stepped by: each epoch, or each step."""
 
-    def __init__(self, net: nn.Module, optimizer: OptimizerFactory, scheduler: SchedulerFactory | None = None) -> None:
+    def __init__(
+        self,
+        net: nn.Module,
+        optimizer: OptimizerFactory,
+        scheduler: SchedulerFactory | None = None,
+        metrics: Mapping[str, Metric] | None = None,
+    ) -> None:
         super().__init__()
         self.net: Any = net
         self.optimizer = optimizer
         self.scheduler = scheduler
+        if reserved := RESERVED & {*(metrics or {})}:
+            got = ", ".join(sorted(reserved))
+            raise InputError("metrics must have names of their own", got=got, remedy="rename them")
+        self.metric_names = list(metrics or {})
+        self.metrics = nn.ModuleList((metrics or {}).values())
+
+    def update_metrics(self, images: Tensor, truth: Tensor) -> None:
+        """Update the further metrics with validation images and log them.
+
+        Args:
+            images: What the network made, [..., C, H, W]; metrics get [images, C, H, W], float32, clamped to [0, 1].
+            truth: Images of the same shape.
+        """
+        pair = [each.flatten(0, -4).float().clamp(0, 1) for each in (images, truth)]
+        for name, metric in zip(self.metric_names, self.metrics, strict=True):
+            metric.update(*pair)
+            self.log(f"val/{name}", metric)
 
     @abc.abstractmethod
     def payload(self) -> dict[str, Any]:
@@ -120,11 +150,15 @@ class Fitting(LightningModule, abc.ABC):
         return {"optimizer": optimizer} | ({"lr_scheduler": stepped} if schedule else {})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Add what `lfref.load` needs."""
+        """Add what `lfref.load` needs; leave out weights of metrics (LPIPS), which are no part of the model."""
         checkpoint["lfref"] = self.payload()
+        for name in [name for name in checkpoint["state_dict"] if name.startswith("metrics.")]:
+            del checkpoint["state_dict"][name]
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Go on with the rate and the schedule that are set now; a checkpoint brings those of its own run."""
+        own = {name: value for name, value in self.state_dict().items() if name.startswith("metrics.")}
+        checkpoint["state_dict"] |= own
         done = {
             "epoch": checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"],
             "step": checkpoint["global_step"],
@@ -164,6 +198,7 @@ class Refining(Fitting):
         recipe: Of the planes that it learns from; its method and guides go into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
+        metrics: Further metrics of refined planes by name, logged as `val/NAME`.
 
     Raises:
         InputError: Corrections cannot be mixed of the guides of the recipe.
@@ -178,8 +213,9 @@ class Refining(Fitting):
         recipe: Recipe,
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
+        metrics: Mapping[str, Metric] | None = None,
     ) -> None:
-        super().__init__(net, optimizer, scheduler)
+        super().__init__(net, optimizer, scheduler, metrics)
         check(recipe.guides, net.n_offers)
         self.loss = loss
         self.recipe = recipe
@@ -193,15 +229,16 @@ class Refining(Fitting):
         made = self(batch["guides"], batch["pictures"], batch["doubts"])
         self._loss(batch, made, "val")
         truth = batch["pictures"] + batch["missing"]
-        # Where nothing may be corrected there is nothing to judge.
-        shown = (torch.where(batch["doubts"] > 0, each, truth) for each in (made, batch["pictures"]))
-        after, before = (psnr(each, truth).mean() for each in shown)
+        # Pixels that may not be corrected count as right.
+        refined, given = (torch.where(batch["doubts"] > 0, each, truth) for each in (made, batch["pictures"]))
+        after, before = (psnr(each, truth).mean() for each in (refined, given))
+        self.update_metrics(refined, truth)
         values = {"val/mpsnr": after, "val/gain": after - before}
         self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
 
     def payload(self) -> dict[str, Any]:
         """What builds the refiner again, its method and its guides."""
-        return refined.payload(self.net, self.recipe.base, self.recipe.guides)
+        return refined_refocuser.payload(self.net, self.recipe.base, self.recipe.guides)
 
     def _loss(self, batch: PlaneBatch, made: Tensor, stage: str) -> Tensor:
         loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"], batch["doubts"])
@@ -219,6 +256,7 @@ class Refocusing(Fitting):
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
         is_linear: Whether the data is linear light, or samples as files hold them; goes into every checkpoint.
+        metrics: Further metrics of refocused images by name, logged as `val/NAME`.
 
     Raises:
         InputError: The network makes another number of planes.
@@ -232,8 +270,9 @@ class Refocusing(Fitting):
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
         is_linear: bool = True,
+        metrics: Mapping[str, Metric] | None = None,
     ) -> None:
-        super().__init__(net, optimizer, scheduler)
+        super().__init__(net, optimizer, scheduler, metrics)
         checkpoints.check_number(net, planes)
         self.loss = loss
         self.planes = planes
@@ -252,6 +291,7 @@ class Refocusing(Fitting):
         for name, metric in (("val/mpsnr", self.mpsnr), ("val/mssim", self.mssim)):
             metric.update(stack, batch["labels"])
             self.log(name, metric, prog_bar=True)
+        self.update_metrics(stack, batch["labels"])
         return stack
 
     def payload(self) -> dict[str, Any]:

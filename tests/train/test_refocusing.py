@@ -2,6 +2,7 @@ import copy
 
 import pytest
 import torch
+from torchmetrics.image import PeakSignalNoiseRatio
 
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
@@ -42,6 +43,30 @@ class TestFit:
             expected = torch.cat([quality(stack, labels) for stack, labels in pairs]).double().mean()
             assert fit.callback_metrics[f"val/{name}"].item() == pytest.approx(expected.item(), abs=1e-4)
 
+    def test_further_metrics_are_logged_and_stay_out_of_checkpoints(self, module, data, trainer, tmp_path):
+        class WithWeights(PeakSignalNoiseRatio):
+            def __init__(self):
+                super().__init__(data_range=1.0)
+                self.scale = torch.nn.Parameter(torch.ones(1))
+
+        def make():
+            metrics = {"other_psnr": WithWeights()}
+            return Refocusing(
+                copy.deepcopy(module.net), CompositeLoss(), module.planes, module.optimizer, metrics=metrics
+            )
+
+        fit = trainer(max_epochs=1)
+        fit.fit(first := make(), datamodule=data)
+        with torch.no_grad():
+            pairs = [(first(batch["views"], batch["slopes"]), batch["labels"]) for batch in data.val_dataloader()]
+        squares = torch.cat([(stack.clamp(0, 1) - labels).square().flatten() for stack, labels in pairs])
+        expected = -10 * squares.mean().log10().item()
+        assert fit.callback_metrics["val/other_psnr"].item() == pytest.approx(expected, abs=1e-3)
+        fit.save_checkpoint(tmp_path / "run.ckpt")
+        names = torch.load(tmp_path / "run.ckpt", weights_only=True)["state_dict"]
+        assert all(name.startswith("net.") for name in names)
+        trainer(max_epochs=2).fit(make(), datamodule=data, ckpt_path=tmp_path / "run.ckpt", weights_only=True)
+
     def test_a_checkpoint_of_a_run_loads_as_a_refocuser(self, module, data, trainer, tmp_path):
         fit = trainer(max_epochs=1)
         fit.fit(module, datamodule=data)
@@ -62,3 +87,9 @@ class TestFit:
 def test_another_number_of_planes_than_the_labels_is_refused(module):
     with pytest.raises(InputError, match=r"net\.n_planes=2"):
         Refocusing(module.net, CompositeLoss(), planes_at_alphas((1.0, 2.0)), torch.optim.Adam)
+
+
+def test_a_metric_with_the_name_of_a_logged_value_is_refused(module):
+    metrics = {"mssim": PeakSignalNoiseRatio(data_range=1.0)}
+    with pytest.raises(InputError, match="mssim"):
+        Refocusing(module.net, CompositeLoss(), module.planes, module.optimizer, metrics=metrics)
