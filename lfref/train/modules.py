@@ -116,7 +116,7 @@ class Fitting(LightningModule, abc.ABC):
             got = ", ".join(sorted(reserved))
             raise InputError("metrics must have names of their own", got=got, remedy="rename them")
         self.metric_names = list(metrics or {})
-        self.metrics = nn.ModuleList((metrics or {}).values())
+        self.metrics: Any = nn.ModuleList((metrics or {}).values())
 
     def update_metrics(self, images: Tensor, truth: Tensor) -> None:
         """Update the further metrics with validation images and log them.
