@@ -16,7 +16,7 @@ import torch
 import training
 from paper_methods import PLANES, SEEDS
 
-from lfref.bench import judging, timing
+from lfref.bench import evaluation, timing
 from lfref.bench.accuracy import Row
 from lfref.data.field_sources import SimulatedSource
 from lfref.refocuser.networks import NetworkRefocuser
@@ -68,7 +68,7 @@ def trained(runs: Path, overrides: Iterable[str] = ()) -> dict[Path, list[str]]:
 
 def by_truth(names: Sequence[str], networks: Sequence[NetworkRefocuser]) -> Iterator[Row]:
     """Every plane of every scene by every network."""
-    return judging.rows(judged.judges(names, PLANES), networks, PLANES, judged.MARGIN)
+    return evaluation.evaluate(judged.judges(names, PLANES), networks, PLANES, judged.MARGIN)
 
 
 def times(networks: Sequence[NetworkRefocuser], size: tuple[int, int]) -> Iterator[Row]:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 import lfref
-from lfref.bench.subjects import IDEAL
+from lfref.bench.evaluation import IDEAL
 from lfref.bench.timing import FFT
 from lfref.report import bench_sections as report_of_causes
 from lfref.report import drawing, front, tables

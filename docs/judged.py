@@ -12,8 +12,8 @@ import pandas as pd
 import torch
 from rich.progress import track
 
-from lfref.bench import subjects
-from lfref.bench.subjects import Subject
+from lfref.bench import evaluation
+from lfref.bench.evaluation import EvaluationCase
 from lfref.geometry import FocalPlanes
 from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
@@ -27,11 +27,11 @@ SEED = ", seed "
 """In the name of a network, between its method and its seed."""
 
 
-def judges(names: Iterable[str], planes: FocalPlanes, with_sensor: bool = False) -> Iterator[Subject]:
+def judges(names: Iterable[str], planes: FocalPlanes, with_sensor: bool = False) -> Iterator[EvaluationCase]:
     """What methods are judged on: scenes of sim30 as a perfect sensor records them, and as their own does if asked."""
     chosen = (sim30.SCENES[name] for name in track(list(names), description="judging"))
     scenes = chosen if with_sensor else (dataclasses.replace(scene, sensor=Sensor()) for scene in chosen)
-    return subjects.simulated(scenes, planes.slopes, torch.device("cpu"))
+    return evaluation.scene_cases(scenes, planes.slopes, torch.device("cpu"))
 
 
 def loaded(folders: Mapping[str, Sequence[Path]]) -> list[NetworkRefocuser]:

@@ -50,7 +50,7 @@ def gains() -> Iterator[str]:
         ("varied", "ideal", "drawn at random, without a sensor"),
         ("varied", "corrected", "drawn at random, with a sensor, put right"),
     ):
-        judged = tables.read_table(RUNS / run / "judged.csv")
+        judged = tables.read_table(RUNS / run / "evaluation.csv")
         judged = judged[(judged["class"] == kind) & ~((kind == "corrected") & (judged["scene"] == CLIPPED))]
         yield _gain(title, judged, rivals)
 

@@ -19,7 +19,7 @@ import sheets
 import training
 from paper_methods import CLASSICAL, LABELS, NETWORKS, PARALLEL, PARALLEL_NETWORK, PLANES, SEEDS, sharpness
 
-from lfref.bench import accuracy, judging
+from lfref.bench import accuracy, evaluation
 from lfref.bench.accuracy import Row
 from lfref.geometry import FocalPlanes
 from lfref.refocuser.refocuser import Refocuser
@@ -72,7 +72,7 @@ def measured(experiment: Experiment) -> dict[str, pd.DataFrame]:
 
     def by_truth() -> Iterator[Row]:
         subjects = judged.judges(names, PLANES, with_sensor=True)
-        return judging.rows(subjects, methods, PLANES, judged.MARGIN)
+        return evaluation.evaluate(subjects, methods, PLANES, judged.MARGIN)
 
     return {
         "truth": judged.kept(folder / "truth.csv", runs, by_truth),

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from paper_methods import BEST, CLASSICAL, NETWORKS, PLANES
 from torch import Tensor
 
-from lfref.bench.subjects import IDEAL
+from lfref.bench.evaluation import IDEAL
 from lfref.report import drawing, tables
 from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, ORANGE, RED, TEAL
 

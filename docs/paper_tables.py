@@ -10,7 +10,7 @@ import pandas as pd
 from paper_methods import CLASSICAL, LABELS, NETWORKS, PARALLEL, PARALLEL_NETWORK, PLANES, SEEDS
 
 from lfref import geometry
-from lfref.bench.subjects import IDEAL, SENSOR
+from lfref.bench.evaluation import IDEAL, SENSOR
 from lfref.simulator import sim30
 
 Tables = dict[str, pd.DataFrame]

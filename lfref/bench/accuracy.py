@@ -1,33 +1,37 @@
-"""How near one stack is to another, plane by plane: against label sources, against exact Fourier refocusing."""
+"""Distance of refocused stacks from a reference, plane by plane: PSNR, SSIM, colour difference, brightness.
+
+Letters: `N` planes, `C H W` channel, pixel row and column; of colours `L a b` lightness and the two opponent axes, `C`
+chroma, `h` hue in degrees. Sources of the colour difference: IEC 61966-2-1, 1999; Sharma, Wu, Dalal, "The CIEDE2000
+color-difference formula: implementation notes, supplementary test data, and mathematical observations", 2005.
+"""
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import pandas as pd
+import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional.psnr import psnr
+from lfref.errors import InputError
+from lfref.functional.psnr import image_pair, psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
 
 Row = dict[str, Any]
-"""One line of what becomes a table."""
-
-MEASURES: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
-    "psnr_db": lambda stack, reference: psnr(stack, reference).mean(),
-    "ssim": lambda stack, reference: ssim(stack, reference).mean(),
-    "max_error": lambda stack, reference: (stack - reference).abs().max(),
-}
-"""What a stack is judged by, by the name of the column; means over the planes."""
+"""One row of a table: column -> cell."""
+WHOLE = "whole_"
+"""Prefix of columns measured over the whole frame; the others leave out the border."""
+LEAST_SIDE = 8
+"""Pixels along the interior of a picture: with fewer, the SSIM window of 11 pixels is mostly reflected border."""
 
 
-def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
-    """The part of a stack [N, C, H, W] that every view covers at every plane, whatever the border rule."""
-    margin = math.ceil(geometry.corner_shift(slopes, grid))
-    return stack[..., margin : stack.shape[-2] - margin, margin : stack.shape[-1] - margin]
+def plane_names(planes: FocalPlanes) -> list[Row]:
+    """Columns `alpha` and `slope` of each plane; alpha is None where planes were not given as alphas."""
+    alphas = planes.alphas or [None] * len(planes)
+    return [{"alpha": alpha, "slope": slope} for alpha, slope in zip(alphas, planes.values, strict=True)]
 
 
 def plane_rows(
@@ -37,31 +41,25 @@ def plane_rows(
 
     Args:
         light_field: Name of the light field.
-        stacks: What to judge, a stack [N, C, H, W] for each method.
-        labels: What to judge by, a stack for each label source.
-        planes: What the planes are.
+        stacks: Method -> stack [N, C, H, W].
+        labels: Label source -> stack [N, C, H, W].
+        planes: The N planes.
 
     Yields:
-        Rows `light_field, method, reference, alpha, slope, psnr_db, ssim`, one a plane.
+        Rows `light_field, method, reference, alpha, slope, psnr_db, ssim`, one per plane.
     """
     for (method, stack), (reference, label) in itertools.product(stacks.items(), labels.items()):
         names = {"light_field": light_field, "method": method, "reference": reference}
         qualities = zip(psnr(stack, label).tolist(), ssim(stack, label).tolist(), strict=True)
-        for place, (decibels, similarity) in zip(plane_names(planes), qualities, strict=True):
-            yield names | place | {"psnr_db": decibels, "ssim": similarity}
-
-
-def plane_names(planes: FocalPlanes) -> list[Row]:
-    """What tables call each plane: its `alpha`, None where it was not written as one, and its `slope`."""
-    alphas = planes.alphas or [None] * len(planes)
-    return [{"alpha": alpha, "slope": slope} for alpha, slope in zip(alphas, planes.values, strict=True)]
+        for plane, (decibels, similarity) in zip(plane_names(planes), qualities, strict=True):
+            yield names | plane | {"psnr_db": decibels, "ssim": similarity}
 
 
 def summaries(planes: pd.DataFrame) -> pd.DataFrame:
-    """MPSNR and MSSIM of every light field, method and reference: the means over the planes (the paper's Eq. 4-5).
+    """MPSNR and MSSIM: means over the planes of each light field, method and reference (the paper's Eq. 4-5).
 
     Args:
-        planes: Rows as from `plane_rows`.
+        planes: Rows of `plane_rows`.
 
     Returns:
         Columns `light_field, method, reference, mpsnr_db, mssim`.
@@ -70,17 +68,157 @@ def summaries(planes: pd.DataFrame) -> pd.DataFrame:
     return groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean")).reset_index()
 
 
-def interior_quality(
-    stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int], measures: Sequence[str]
-) -> dict[str, float]:
-    """How near a stack is where every view covers every plane.
+def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
+    """The part of a stack [..., H, W] that every view covers at every plane, whatever the border rule."""
+    margin = math.ceil(geometry.corner_shift(slopes, grid))
+    return stack[..., margin : stack.shape[-2] - margin, margin : stack.shape[-1] - margin]
+
+
+def interior_errors(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> dict[str, float]:
+    """PSNR in dB, mean over planes, and the largest absolute error, where every view covers every plane.
 
     Args:
         stack: [N, C, H, W].
         reference: [N, C, H, W].
         slopes: In pixels per view step, [N].
         grid: Number of view rows and columns (V, U).
-        measures: Keys of `MEASURES`.
+
+    Returns:
+        `psnr_db` and `max_error`.
     """
-    inner, wanted = interior(stack, slopes, grid), interior(reference, slopes, grid)
-    return {name: float(MEASURES[name](inner, wanted)) for name in measures}
+    inner, right = interior(stack, slopes, grid), interior(reference, slopes, grid)
+    return {"psnr_db": float(psnr(inner, right).mean()), "max_error": float((inner - right).abs().max())}
+
+
+class DisplayedStack(NamedTuple):
+    """A stack as a screen gets it, and the same in linear light, which colours are compared in."""
+
+    encoded: Tensor
+    """[N, C, H, W]."""
+    linear: Tensor
+    """[N, C, H, W]."""
+
+    def inside(self, margin: int) -> "DisplayedStack":
+        """The same without a border of `margin` pixels."""
+        height, width = self.encoded.shape[-2:]
+        window = (..., slice(margin, height - margin), slice(margin, width - margin))
+        return DisplayedStack(self.encoded[window], self.linear[window])
+
+
+MEASURES: dict[str, Callable[[DisplayedStack, DisplayedStack], Tensor]] = {
+    "psnr_db": lambda stack, reference: psnr(stack.encoded, reference.encoded),
+    "ssim": lambda stack, reference: ssim(stack.encoded, reference.encoded),
+    "delta_e": lambda stack, reference: colour_difference(stack.linear, reference.linear).mean((-2, -1)),
+    "brightness": lambda stack, reference: stack.encoded.mean((-3, -2, -1)) / reference.encoded.mean((-3, -2, -1)),
+}
+"""Column -> measure (stack, reference) -> [N]; `brightness` is the ratio of the means."""
+
+
+def check_margin(margin: int, size: tuple[int, int]) -> None:
+    """Refuse a border that leaves too small an interior.
+
+    Args:
+        margin: Width of the border in pixels.
+        size: Height and width of the picture.
+
+    Raises:
+        InputError: Fewer than `LEAST_SIDE` pixels are left.
+    """
+    if min(size) - 2 * margin < LEAST_SIDE:
+        expected = f"pictures without a border of {margin} pixels must be {LEAST_SIDE} or more high and wide"
+        raise InputError(expected, got=f"pictures of {size[0]}x{size[1]}", remedy="set margin=0, or use larger ones")
+
+
+def plane_measures(stack: DisplayedStack, reference: DisplayedStack, margin: int) -> dict[str, list[float]]:
+    """All `MEASURES` of all planes.
+
+    Args:
+        stack: Of any method.
+        reference: Of the same shape.
+        margin: Width in pixels of the border that the interior lacks.
+
+    Returns:
+        Lists of N numbers: under the names of `MEASURES` of the interior, under `WHOLE` + name of the whole frame.
+    """
+    areas = {"": (stack.inside(margin), reference.inside(margin)), WHOLE: (stack, reference)}
+    return {
+        f"{area}{name}": measure(*pair).tolist() for area, pair in areas.items() for name, measure in MEASURES.items()
+    }
+
+
+SRGB_TO_XYZ = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
+"""IEC 61966-2-1."""
+
+
+def colour_difference(prediction: Tensor, target: Tensor) -> Tensor:
+    """Delta E 2000 of every pixel; 1 is about the smallest difference that people see side by side.
+
+    Args:
+        prediction: Linear sRGB, clipped to [0, 1], [..., 3, H, W].
+        target: Of the same shape.
+
+    Returns:
+        Differences, at least 0, [..., H, W].
+
+    Raises:
+        InputError: The images are not comparable, or do not have three channels.
+
+    Example:
+        >>> colour_difference(torch.ones(3, 1, 1), torch.zeros(3, 1, 1))
+        tensor([[100.]])
+    """
+    prediction, target = image_pair(prediction, target)
+    if prediction.shape[-3] != 3:
+        raise InputError("colour differences need three channels", got=f"{prediction.shape[-3]} channels")
+    return delta_e_2000(lab(prediction.clamp(0, 1)), lab(target.clamp(0, 1)))
+
+
+def lab(pictures: Tensor) -> Tensor:
+    """CIELAB of linear sRGB [..., 3, H, W] under the white of sRGB (D65): L in [0, 100], a, b."""
+    matrix = pictures.new_tensor(SRGB_TO_XYZ)
+    xyz = torch.einsum("ij,...jhw->...ihw", matrix / matrix.sum(1, keepdim=True), pictures)
+    knee = (6 / 29) ** 3  # below it CIELAB continues the cube root by a straight line
+    root = xyz.clamp(min=knee) ** (1 / 3)
+    x, y, z = torch.where(xyz > knee, root, xyz * (29 / 6) ** 2 / 3 + 4 / 29).unbind(-3)
+    return torch.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], -3)
+
+
+def delta_e_2000(first: Tensor, second: Tensor) -> Tensor:
+    """CIEDE2000 of two colours in CIELAB, [..., 3, H, W] each, all parametric factors 1: [..., H, W]."""
+    (L1, a1, b1), (L2, a2, b2) = first.unbind(-3), second.unbind(-3)
+
+    # Chroma and hue, after the a axis is stretched where both colours are near grey.
+    stretch = 1.5 - 0.5 * _saturation((torch.hypot(a1, b1) + torch.hypot(a2, b2)) / 2)
+    C1, C2 = torch.hypot(a1 * stretch, b1), torch.hypot(a2 * stretch, b2)
+    h1, h2 = (torch.rad2deg(torch.atan2(b, a * stretch)) % 360 for a, b in ((a1, b1), (a2, b2)))
+
+    # Mean hue on the shorter arc; a grey has no hue, so the other colour's counts (the grey's is 0).
+    total = h1 + h2
+    across = torch.where(total < 360, total + 360, total - 360)
+    h = torch.where((h1 - h2).abs() <= 180, total, across) / 2
+    L, C, h = (L1 + L2) / 2, (C1 + C2) / 2, torch.where(C1 * C2 == 0, total, h)
+
+    # Weighted differences of lightness, chroma and hue.
+    turn = (h2 - h1 + 180) % 360 - 180
+    weight = 1 - 0.17 * _cos(h - 30) + 0.24 * _cos(2 * h) + 0.32 * _cos(3 * h + 6) - 0.20 * _cos(4 * h - 63)
+    lightness = (L2 - L1) / (1 + 0.015 * (L - 50) ** 2 / (20 + (L - 50) ** 2).sqrt())
+    chroma = (C2 - C1) / (1 + 0.045 * C)
+    hue = 2 * (C1 * C2).sqrt() * _sin(turn / 2) / (1 + 0.015 * C * weight)
+
+    # Of blues, chroma and hue are not independent.
+    rotation = -2 * _saturation(C) * _sin(60 * torch.exp(-(((h - 275) / 25) ** 2)))
+    return (lightness**2 + chroma**2 + hue**2 + rotation * chroma * hue).clamp(min=0).sqrt()
+
+
+def _saturation(C: Tensor) -> Tensor:
+    """sqrt(C^7 / (C^7 + 25^7)), from 0 for greys to 1 for vivid colours."""
+    ratio = (C / 25) ** 7  # the seventh power of C alone overflows half types
+    return (ratio / (ratio + 1)).sqrt()
+
+
+def _sin(degrees: Tensor) -> Tensor:
+    return torch.sin(degrees * (math.pi / 180))
+
+
+def _cos(degrees: Tensor) -> Tensor:
+    return torch.cos(degrees * (math.pi / 180))

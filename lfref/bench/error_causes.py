@@ -32,9 +32,9 @@ import torch
 from torch import Tensor
 
 from lfref import encoding
-from lfref.bench import accuracy, quality, simulation_cost
+from lfref.bench import accuracy, simulation_cost
 from lfref.bench.accuracy import Row
-from lfref.bench.subjects import IDEAL, SENSOR, TRUTH, Subject
+from lfref.bench.evaluation import IDEAL, SENSOR, TRUTH, EvaluationCase
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
@@ -78,7 +78,7 @@ class Condition:
     """Views that suffer from a cause, with their truth."""
 
     cause: str
-    subject: Subject
+    subject: EvaluationCase
     base: Refocuser
     """What is taken of them; remedies are compared with it."""
     without_db: Tensor
@@ -117,7 +117,7 @@ def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], plan: Plan) -> 
         InputError: A round aperture, or pictures too small.
     """
     for scene in scenes:
-        quality.check_margin(plan.margin, scene.camera.size)
+        accuracy.check_margin(plan.margin, scene.camera.size)
         for condition in _conditions(dataclasses.replace(scene, sensor=Sensor()), plan):
             base = condition.psnr(condition.base)
             for method in (condition.base, *remedies):
@@ -148,7 +148,7 @@ def _conditions(scene: Scene, plan: Plan) -> Iterator[Condition]:
         yield from _of_geometry(scene, plan.quality(exact, ideal.truth), plan)
 
 
-def _of_sampling(scene: Scene, ideal: Subject, exact: Tensor, plan: Plan) -> Iterator[Condition]:
+def _of_sampling(scene: Scene, ideal: EvaluationCase, exact: Tensor, plan: Plan) -> Iterator[Condition]:
     """Points, pixels, interpolation and border."""
     slopes, truth = plan.planes.slopes, ideal.truth
     points = _through_points(scene, slopes, plan.device)
@@ -162,12 +162,12 @@ def _of_sampling(scene: Scene, ideal: Subject, exact: Tensor, plan: Plan) -> Ite
     yield Condition("border", ideal, EXACT, as_it_is, slopes, margin=0)
 
 
-def _of_effect(name: str, sensor: Sensor, ideal: Subject, exact: Tensor, plan: Plan, seed: int) -> Condition:
+def _of_effect(name: str, sensor: Sensor, ideal: EvaluationCase, exact: Tensor, plan: Plan, seed: int) -> Condition:
     """One effect of the sensor, on views that have no other."""
     views = chain.recorded(ideal.light.views, sensor, seed)
     truth = developed(ideal.truth, sensor)
     light = LightField(views, ideal.light.name, is_linear=sensor.encoding == encoding.LINEAR)
-    subject = Subject(SENSOR, light, truth, TRUTH, encoding=sensor.encoding)
+    subject = EvaluationCase(SENSOR, light, truth, TRUTH, encoding=sensor.encoding)
     slopes = plan.planes.slopes
     without = plan.quality(exact, ideal.truth)
     alone = plan.quality(subject.stack(EXACT, slopes), developed(exact, sensor))
@@ -185,11 +185,11 @@ def _of_geometry(scene: Scene, as_it_is: Tensor, plan: Plan) -> Iterator[Conditi
     yield Condition("range", deep, EXACT, as_it_is, slopes, plan.margin)
 
 
-def _seen(scene: Scene, slopes: Tensor, device: torch.device) -> Subject:
+def _seen(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
     made = simulate(scene, slopes=slopes, device=device)
     assert made.views is not None
     assert made.truth is not None
-    return Subject(IDEAL, LightField(made.views, scene.name), made.truth, TRUTH)
+    return EvaluationCase(IDEAL, LightField(made.views, scene.name), made.truth, TRUTH)
 
 
 def _through_points(scene: Scene, slopes: Tensor, device: torch.device) -> Tensor:

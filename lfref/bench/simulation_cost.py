@@ -189,7 +189,7 @@ def plane_errors(stack: Tensor, reference: Tensor, slopes: Tensor, views: Tensor
     """
     grid = (views.shape[0], views.shape[1])
     return [
-        accuracy.interior_quality(image[None], true[None], slope[None], grid, ["psnr_db"])["psnr_db"]
+        accuracy.interior_errors(image[None], true[None], slope[None], grid)["psnr_db"]
         for image, true, slope in zip(stack.cpu(), reference.cpu(), slopes, strict=True)
     ]
 

@@ -1,4 +1,4 @@
-"""Times that can be trusted: warmed up, taken in turns, and synchronised with the device.
+"""Reliable times: after a warm-up, in turns, synchronised with the device; and the facts of the machine beside them.
 
 The unit of comparison is the paper's: NumPy's 4-D FFT of the three colour channels, which Fourier-slice refocusing
 needs before its first plane.
@@ -20,37 +20,34 @@ Key = TypeVar("Key")
 Result = TypeVar("Result")
 
 FFT = "numpy_fft_4d"
-"""What tables call NumPy's 4-D FFT."""
-
-
-def synchronize(device: torch.device) -> None:
-    """Wait until a device has done what was asked of it."""
-    if device.type == "cuda":
-        torch.cuda.synchronize(device)
+"""Name of NumPy's 4-D FFT in tables."""
+PACKAGES = ("torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
+"""Whose versions `facts` lists."""
 
 
 def seconds(run: Callable[[], object], device: torch.device) -> float:
-    """Time one run, from an idle device to an idle device.
-
-    Args:
-        run: What to time; its result is thrown away.
-        device: Where the work is done.
-    """
+    """Time of one run, from an idle device to an idle device."""
     return result_and_seconds(run, device)[1]
 
 
 def result_and_seconds(run: Callable[[], Result], device: torch.device) -> tuple[Result, float]:
-    """What one run makes, and how long it takes, from an idle device to an idle device.
+    """Result and time of one run, from an idle device to an idle device.
 
     Args:
-        run: What to time.
+        run: The work.
         device: Where the work is done.
     """
-    synchronize(device)
+    _synchronize(device)
     start = time.perf_counter()
     result = run()
-    synchronize(device)
+    _synchronize(device)
     return result, time.perf_counter() - start
+
+
+def _synchronize(device: torch.device) -> None:
+    # Calls on a GPU return before their work is done.
+    if device.type == "cuda":
+        torch.cuda.synchronize(device)
 
 
 def in_turns(
@@ -59,9 +56,9 @@ def in_turns(
     """Times from several rounds in which all take turns, so that a slow spell of a shared machine falls on all alike.
 
     Args:
-        watches: Each makes one run and returns its seconds.
-        rounds: One item a round.
-        warmup: How many of the first rounds do not count.
+        watches: Functions that make one run and return its seconds.
+        rounds: One item per round.
+        warmup: Number of first rounds that do not count.
 
     Returns:
         Seconds of the counted runs, in their order, under the keys of the watches.
@@ -74,26 +71,13 @@ def in_turns(
 
 
 def numpy_fft_time(views: Tensor) -> float:
-    """Time NumPy's 4-D FFT, one channel after the other as the paper does.
-
-    Args:
-        views: Light field [V, U, C, H, W].
-
-    Returns:
-        Seconds for all channels.
-    """
+    """Seconds of NumPy's 4-D FFT of views [V, U, C, H, W], one channel after the other as the paper does."""
     channels = [np.ascontiguousarray(channel) for channel in views.cpu().numpy().transpose(2, 0, 1, 3, 4)]
     return seconds(lambda: [np.fft.fftn(channel) for channel in channels], torch.device("cpu"))
 
 
-# PART machine
-# What a measurement was made on, so that a table can be read a year later.
-
-PACKAGES = ("torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
-
-
 def facts(device: torch.device) -> dict[str, str | int | None]:
-    """Machine, libraries and thread count.
+    """Machine, libraries and thread count, so that a table can be read a year later.
 
     Args:
         device: Where the work is done.
@@ -111,11 +95,7 @@ def facts(device: torch.device) -> dict[str, str | int | None]:
 
 
 def version(package: str) -> str | None:
-    """Version of a package; None where it is not installed.
-
-    Args:
-        package: Its name.
-    """
+    """Version of a package; None where it is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

@@ -10,18 +10,16 @@ import pandas as pd
 import torch
 from omegaconf import DictConfig
 
-from lfref.bench import cost, engine_timing, judging, scaling, simulation_cost, subjects, thinning, timing
+from lfref.bench import engine_timing, evaluation, operator_costs, simulation_cost, timing
 from lfref.bench import engine_timing as measurements_of_engines
 from lfref.bench import error_causes as measurements
 from lfref.bench.accuracy import Row
-from lfref.bench.cost import Case, shift_and_sum_limits
 from lfref.bench.engine_timing import Fields, Subject
 from lfref.bench.error_causes import Plan
-from lfref.bench.scaling import Scales, Size
+from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
+from lfref.bench.operator_costs import MethodCase, Scales, Size
 from lfref.bench.stability import behaviours, model_trials, picture_trials, trials
 from lfref.bench.stability.trials import Component
-from lfref.bench.subjects import CORRECTIONS
-from lfref.bench.subjects import Subject as FrontSubject
 from lfref.captures.correct import as_asked
 from lfref.cli import config as configs
 from lfref.cli import inputs
@@ -262,7 +260,7 @@ TIMES = ["median_s", "p10_s", "p90_s", "ratio_to_numpy_fft"]
 
 
 def front(config: DictConfig, folder: Path) -> None:
-    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `judged.csv`, `machine.json` and two pictures; see the docs.
+    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `evaluation.csv`, `machine.json` and two pictures; see the docs.
 
     Args:
         config: `conf/bench.yaml` with `group=front`.
@@ -273,12 +271,12 @@ def front(config: DictConfig, folder: Path) -> None:
     planes = fixed(config)
     methods = _methods(config, device)
     judges, fields = _judges(config, methods, planes, device)
-    judged = pd.DataFrame(judging.rows(judges, methods, planes, margin))
-    cases = [Case(method, field) for field in fields for method in methods]
-    times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
-    bench = times[TIMES].reset_index().drop(columns="input").merge(judging.by_class(judged), "left", "method")
-    by_plane = judging.by_plane(judged)
-    written = {"bench": bench, "scenes": judging.by_scene(judged), "planes": by_plane, "judged": judged}
+    judged = pd.DataFrame(evaluation.evaluate(judges, methods, planes, margin))
+    cases = [MethodCase(method, field) for field in fields for method in methods]
+    times = operator_costs.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
+    bench = times[TIMES].reset_index().drop(columns="input").merge(evaluation.by_class(judged), "left", "method")
+    by_plane = evaluation.by_plane(judged)
+    written = {"bench": bench, "scenes": evaluation.by_scene(judged), "planes": by_plane, "evaluation": judged}
     for name, table in written.items():
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(picture_of_front.accuracy_time(bench), folder / "accuracy_time.png")
@@ -296,17 +294,19 @@ def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
 
 def _judges(
     config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
-) -> tuple[Iterable[FrontSubject], list[LightField]]:
+) -> tuple[Iterable[EvaluationCase], list[LightField]]:
     """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
     if config.input is None:
         scenes = [*scenes_of_shared(config.judged).values(), *_varied(config)]
         if not scenes:
-            raise InputError("there must be scenes to judge by", got="none", remedy="name some by judged or varied")
+            raise InputError("there must be scenes to evaluate", got="none", remedy="name some by judged or varied")
         fields = [field.to(device) for field in light_fields(config, methods)]
         chosen("correct", config.correct, CORRECTIONS)
-        return subjects.simulated(progress(scenes, "judging by truth"), planes.slopes, device, config.correct), fields
+        return evaluation.scene_cases(
+            progress(scenes, "judging by truth"), planes.slopes, device, config.correct
+        ), fields
     judges = list(_of_captures(config, methods, planes, device))
-    return progress(judges, f"judging by {judges[0].reference}"), [judge.light for judge in judges]
+    return progress(judges, f"evaluating against {judges[0].reference}"), [judge.light for judge in judges]
 
 
 def _varied(config: DictConfig) -> list[Scene]:
@@ -317,15 +317,14 @@ def _varied(config: DictConfig) -> list[Scene]:
 
 def _of_captures(
     config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
-) -> Iterator[FrontSubject]:
+) -> Iterator[EvaluationCase]:
     """Light fields that are given, every second or third view of them if that is asked for."""
     read = light_fields(config, methods if config.thin is None else ())
-    even = "methods are compared on an even grid"
-    fields = (as_asked(field, str(config.correct), even=even)[0].to(device) for field in read)
+    fields = (as_asked(field, str(config.correct), even=evaluation.EVEN_GRID)[0].to(device) for field in read)
     if config.thin is None:
         log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
-        return subjects.given(fields, planes.slopes)
-    return thinning.thinned(fields, int(configs.number(config, "thin", 2)), planes.slopes)
+        return evaluation.capture_cases(fields, planes.slopes)
+    return evaluation.hold_out_cases(fields, int(configs.number(config, "thin", 2)), planes.slopes)
 
 
 # PART operators
@@ -349,10 +348,10 @@ def time_operators(config: DictConfig, folder: Path) -> None:
     cases = list(_cases(config, field, set(in_numpy.values())))
     rows = _costs(cases, planes, rounds, in_numpy)
     methods = {case.method.name: case.method for case in cases if case.method.name not in in_numpy.values()}
-    views = functools.partial(scaling.random_views, channels=field.views.shape[2], device=device)
-    growth = scaling.times(progress(list(methods.values()), "measuring growth"), sizes, views, *scale_rounds)
+    timed = progress(list(methods.values()), "measuring growth")
+    growth = operator_costs.growth_times(timed, sizes, field.views.shape[2], device, *scale_rounds)
     _write(folder, rows, growth)
-    limits = shift_and_sum_limits(field.views, len(planes))
+    limits = operator_costs.shift_and_sum_limits(field.views, len(planes))
     write_facts(folder, device, [field], planes, rounds.counted, shift_and_sum_limits=limits._asdict())
     log.info("%d operators on %s: %s", len(cases), field.name, folder / "operators.csv")
 
@@ -364,25 +363,27 @@ def _only_field(config: DictConfig) -> LightField:
     return fields[0]
 
 
-def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[Case]:
+def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[MethodCase]:
     """Every method on the field, as it is and, where asked for, as integers; sample weights are left out."""
     for method in configs.build(config.methods).values():
         views = field.views.cpu() if method.name in on_cpu else field.views
-        has_planes_asked_for = method.name not in config.other_planes
-        yield Case(method, views, has_planes_asked_for)
+        has_reference = method.name not in config.other_planes
+        yield MethodCase(method, views, has_reference)
         if method.name in config.integer_input:
-            yield Case(method, cost.as_integers(views), has_planes_asked_for)
+            yield MethodCase(method, operator_costs.as_uint8(views), has_reference)
 
 
-def _costs(cases: list[Case], planes: FocalPlanes, rounds: Rounds, in_numpy: dict[str, str]) -> pd.DataFrame:
-    first = cost.first_calls(progress(cases, "first calls"), planes.slopes, ("psnr_db", "max_error"))
-    times = cost.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup, in_numpy)
-    peaks = cost.peaks(progress(cases, "measuring memory"), planes.slopes)
-    return cost.table(cost.OPERATORS, cost.facts(cases, len(planes)), first, times, peaks)
+def _costs(cases: list[MethodCase], planes: FocalPlanes, rounds: Rounds, in_numpy: dict[str, str]) -> pd.DataFrame:
+    first = operator_costs.first_calls(progress(cases, "first calls"), planes.slopes)
+    times = operator_costs.times(
+        cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup, in_numpy
+    )
+    peaks = operator_costs.peaks(progress(cases, "measuring memory"), planes.slopes)
+    return operator_costs.operators_table(cases, len(planes), first, times, peaks)
 
 
 def _write(folder: Path, operators: pd.DataFrame, growth: pd.DataFrame) -> None:
-    exponents = scaling.exponents(growth)
+    exponents = operator_costs.growth_exponents(growth)
     for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(bench_sections.operator_costs(operators), folder / "operators.png")

@@ -90,7 +90,7 @@ NOW: dict[str, tuple[str, ...]] = {
         *(f"lfref.simulator.effects.{module}.{name}" for module, names in EFFECTS.items() for name in names),
         "lfref.simulator.chance.RandomSensor",
     ),
-    "measurements": ("lfref.bench.scaling.Scales",),
+    "measurements": ("lfref.bench.operator_costs.Scales",),
     "trainers": ("lightning.pytorch.Trainer",),
     "callbacks": (
         *(f"lfref.train.callbacks.{name}" for name in ("HeadInitialization", "StackPictures")),

@@ -1,11 +1,16 @@
-"""Quality plane by plane: the interior by hand, means by hand, and rows for every pair."""
+"""Distance from a reference: the interior, means and measures by hand; colours against published pairs."""
 
 import pandas as pd
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from skimage import color
 
 from lfref.bench import accuracy
+from lfref.bench.accuracy import DisplayedStack, colour_difference, delta_e_2000, lab
 from lfref.errors import InputError
+from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import coverage
@@ -14,7 +19,7 @@ PLANES = planes_at_alphas((0.5, 2.0))  # slopes -1 and 0.5
 
 
 def stack_off_by(*differences):
-    """A stack whose planes differ from `grey` by these levels."""
+    """A stack whose planes differ from grey by these levels."""
     return torch.stack([torch.full((3, 12, 12), 0.5 + difference) for difference in differences])
 
 
@@ -22,56 +27,43 @@ GREY = stack_off_by(0, 0)
 
 
 @pytest.mark.parametrize(
-    ("slopes", "grid", "margin"), [([0.0], (7, 7), 0), ([-1.0, 0.5], (7, 7), 3), ([0.4], (7, 7), 2), ([0.5], (2, 5), 1)]
+    ("slopes", "grid", "margin"), [([0.0], (7, 7), 0), ([-1.0, 0.5], (7, 7), 3), ([0.5], (2, 5), 1)]
 )
-def test_the_interior_is_what_every_view_covers_at_every_plane(slopes, grid, margin):
+def test_every_view_covers_the_interior_at_every_plane(slopes, grid, margin):
     stack = torch.arange(20.0 * 22).reshape(1, 1, 20, 22)
     inner = accuracy.interior(stack, torch.tensor(slopes), grid)
     assert torch.equal(inner, stack[..., margin : 20 - margin, margin : 22 - margin])
-    covered = coverage(slopes, grid, (20, 22))[:, None]
-    torch.testing.assert_close(accuracy.interior(covered, torch.tensor(slopes), grid).min(), torch.tensor(1.0).double())
+    covered = accuracy.interior(coverage(slopes, grid, (20, 22))[:, None], torch.tensor(slopes), grid)
+    assert float(covered.min()) == pytest.approx(1)
 
 
 def test_there_is_a_row_for_every_plane_of_every_method_and_reference():
-    stacks = {"exact": GREY, "off": stack_off_by(0.1, 0.01)}
-    labels = {"one": GREY, "two": stack_off_by(0.1, 0.1)}
-    rows = list(accuracy.plane_rows("field", stacks, labels, PLANES))
-    keys = [(row["light_field"], row["method"], row["reference"], row["alpha"], row["slope"]) for row in rows]
-    assert keys == [
-        ("field", method, reference, alpha, slope)
-        for method in stacks
-        for reference in labels
-        for alpha, slope in ((0.5, -1.0), (2.0, 0.5))
+    stacks = {"same": GREY, "off": stack_off_by(0.1, 0.01)}
+    rows = pd.DataFrame(accuracy.plane_rows("field", stacks, {"one": GREY, "two": GREY}, PLANES))
+    assert rows[["method", "reference", "alpha"]].to_numpy().tolist() == [
+        [method, reference, alpha] for method in stacks for reference in ("one", "two") for alpha in (0.5, 2.0)
     ]
-
-
-def test_quality_of_planes_by_hand():
-    label = stack_off_by(0, 0)
-    rows = list(accuracy.plane_rows("field", {"off": stack_off_by(0.1, 0.01)}, {"label": label}, PLANES))
-    assert [row["psnr_db"] for row in rows] == pytest.approx([20, 40], abs=1e-4)
-    assert [row["ssim"] for row in rows] == pytest.approx(ssim(stack_off_by(0.1, 0.01), label).tolist())
-    (row, _) = accuracy.plane_rows("field", {"same": label}, {"label": label}, PLANES)
-    assert (row["psnr_db"], row["ssim"]) == (100, 1)
+    assert rows["psnr_db"].tolist() == pytest.approx([100] * 4 + [20, 40] * 2, abs=1e-4)
+    assert rows["ssim"].tolist() == pytest.approx([1] * 4 + ssim(stacks["off"], GREY).tolist() * 2)
 
 
 def test_stacks_of_another_number_of_planes_are_refused():
-    with pytest.raises(InputError, match="one shape"):
+    with pytest.raises(InputError):
         list(accuracy.plane_rows("field", {"short": GREY[:1]}, {"label": GREY}, PLANES))
 
 
-def test_planes_without_alphas_have_an_empty_one():
+def test_planes_given_as_slopes_have_no_alpha():
     rows = list(accuracy.plane_rows("field", {"a": GREY}, {"b": GREY}, FocalPlanes([-1, 0.5])))
     assert [(row["alpha"], row["slope"]) for row in rows] == [(None, -1.0), (None, 0.5)]
 
 
-def test_summaries_are_the_means_over_the_planes_of_each_group():
+def test_summaries_are_means_over_the_planes_of_each_group():
     columns = ["light_field", "method", "reference", "psnr_db", "ssim"]
     rows = [
         ("a", "net", "sum", 30.0, 0.5),
         ("b", "net", "sum", 10.0, 0.1),
         ("a", "net", "slice", 20.0, 0.25),
-        ("a", "net", "sum", 40.0, 0.75),
-        ("a", "net", "sum", 80.0, 1.0),
+        ("a", "net", "sum", 70.0, 1.0),
     ]
     summary = accuracy.summaries(pd.DataFrame(rows, columns=columns))
     assert summary.columns.tolist() == ["light_field", "method", "reference", "mpsnr_db", "mssim"]
@@ -82,19 +74,127 @@ def test_summaries_are_the_means_over_the_planes_of_each_group():
     ]
 
 
-def test_interior_quality_is_the_mean_over_the_planes_and_the_largest_difference():
+def test_interior_errors_are_the_mean_psnr_and_the_largest_difference():
     reference = torch.rand(2, 3, 16, 16)
-    spoiled = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
-    spoiled[..., 0, :] = spoiled[..., -1] = 9  # outside of the interior
-    found = accuracy.interior_quality(spoiled, reference, PLANES.slopes, (3, 3), list(accuracy.MEASURES))
-    inner = (..., slice(1, -1), slice(1, -1))
-    assert found == {
-        "psnr_db": pytest.approx(30, abs=1e-3),
-        "ssim": pytest.approx(float(ssim(spoiled[inner], reference[inner]).mean())),
-        "max_error": pytest.approx(0.1),
-    }
+    stack = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
+    stack[..., 0, :] = stack[..., -1] = 9  # outside of the interior
+    errors = accuracy.interior_errors(stack, reference, PLANES.slopes, (3, 3))
+    assert errors == {"psnr_db": pytest.approx(30, abs=1e-3), "max_error": pytest.approx(0.1)}
 
 
-def test_only_the_measures_asked_for_are_taken():
-    tiny = torch.zeros(2, 3, 4, 4)  # too small for SSIM
-    assert accuracy.interior_quality(tiny, tiny, PLANES.slopes, (1, 1), ["psnr_db"]) == {"psnr_db": 100.0}
+def test_measures_of_every_plane_in_the_interior_and_the_whole_frame():
+    reference = torch.rand(2, 3, 24, 30)
+    stack = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
+    stack[..., 0, :] = 0.7  # outside of the interior
+    measures = accuracy.plane_measures(DisplayedStack(stack, stack), DisplayedStack(reference, reference), margin=4)
+    inner = (..., slice(4, -4), slice(4, -4))
+    for area, (one, other) in {"": (stack[inner], reference[inner]), "whole_": (stack, reference)}.items():
+        assert measures[f"{area}psnr_db"] == pytest.approx(psnr(one, other).tolist())
+        assert measures[f"{area}ssim"] == pytest.approx(ssim(one, other).tolist())
+        assert measures[f"{area}delta_e"] == pytest.approx(colour_difference(one, other).mean((-2, -1)).tolist())
+        assert measures[f"{area}brightness"] == pytest.approx((one.mean((1, 2, 3)) / other.mean((1, 2, 3))).tolist())
+    assert measures["psnr_db"] == pytest.approx([20, 40], abs=1e-3)
+
+
+def test_colours_are_compared_in_linear_light_and_psnr_of_encoded_pictures():
+    encoded, linear = torch.rand(2, 3, 12, 12), torch.rand(2, 3, 12, 12)
+    measures = accuracy.plane_measures(DisplayedStack(encoded, linear), DisplayedStack(encoded, linear / 2), margin=0)
+    assert measures["psnr_db"] == measures["whole_psnr_db"] == [100, 100]
+    assert measures["delta_e"] == pytest.approx(colour_difference(linear, linear / 2).mean((-2, -1)).tolist())
+
+
+def test_a_border_that_leaves_less_than_8_pixels_is_refused():
+    accuracy.check_margin(8, (24, 30))
+    with pytest.raises(InputError, match="pictures of 23x30; set margin=0"):
+        accuracy.check_margin(8, (23, 30))
+
+
+# Table 1 of Sharma, Wu and Dalal, 2005: two colours in CIELAB, and their difference.
+PAIRS = (
+    ((50.0000, 2.6772, -79.7751), (50.0000, 0.0000, -82.7485), 2.0425),
+    ((50.0000, 3.1571, -77.2803), (50.0000, 0.0000, -82.7485), 2.8615),
+    ((50.0000, 2.8361, -74.0200), (50.0000, 0.0000, -82.7485), 3.4412),
+    ((50.0000, -1.3802, -84.2814), (50.0000, 0.0000, -82.7485), 1.0000),
+    ((50.0000, -1.1848, -84.8006), (50.0000, 0.0000, -82.7485), 1.0000),
+    ((50.0000, -0.9009, -85.5211), (50.0000, 0.0000, -82.7485), 1.0000),
+    ((50.0000, 0.0000, 0.0000), (50.0000, -1.0000, 2.0000), 2.3669),
+    ((50.0000, -1.0000, 2.0000), (50.0000, 0.0000, 0.0000), 2.3669),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0009), 7.1792),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0010), 7.1792),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0011), 7.2195),
+    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0012), 7.2195),
+    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0009, -2.4900), 4.8045),
+    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0010, -2.4900), 4.8045),
+    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0011, -2.4900), 4.7461),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 0.0000, -2.5000), 4.3065),
+    ((50.0000, 2.5000, 0.0000), (73.0000, 25.0000, -18.0000), 27.1492),
+    ((50.0000, 2.5000, 0.0000), (61.0000, -5.0000, 29.0000), 22.8977),
+    ((50.0000, 2.5000, 0.0000), (56.0000, -27.0000, -3.0000), 31.9030),
+    ((50.0000, 2.5000, 0.0000), (58.0000, 24.0000, 15.0000), 19.4535),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 3.1736, 0.5854), 1.0000),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2972, 0.0000), 1.0000),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 1.8634, 0.5757), 1.0000),
+    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2592, 0.3350), 1.0000),
+    ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
+    ((63.0109, -31.0961, -5.8663), (62.8187, -29.7946, -4.0864), 1.2630),
+    ((61.2901, 3.7196, -5.3901), (61.4292, 2.2480, -4.9620), 1.8731),
+    ((35.0831, -44.1164, 3.7933), (35.0232, -40.0716, 1.5901), 1.8645),
+    ((22.7233, 20.0904, -46.6940), (23.0331, 14.9730, -42.5619), 2.0373),
+    ((36.4612, 47.8580, 18.3852), (36.2715, 50.5065, 21.2231), 1.4146),
+    ((90.8027, -2.0831, 1.4410), (91.1528, -1.6435, 0.0447), 1.4441),
+    ((90.9257, -0.5406, -0.9208), (88.6381, -0.8985, -0.7239), 1.5381),
+    ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
+    ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
+)
+
+
+def colour(*values):
+    """One pixel, [3, 1, 1]."""
+    return torch.tensor(values, dtype=torch.float64)[:, None, None]
+
+
+def test_delta_e_of_the_published_pairs():
+    first, second, differences = (torch.tensor(column, dtype=torch.float64) for column in zip(*PAIRS, strict=True))
+    for one, other in ((first, second), (second, first)):
+        result = delta_e_2000(one.T[:, None], other.T[:, None])[0]
+        torch.testing.assert_close(result, differences, atol=5e-5, rtol=0)
+
+
+def test_delta_e_agrees_with_another_library():
+    one, other = torch.rand(2, 5, 3, 8, 9, dtype=torch.float64).unbind(0)
+    shown = [picture.movedim(-3, -1).numpy() for picture in (one, other)]
+    # The library's conversions begin with encoded values.
+    encoded = [(picture > 0.0031308) * (1.055 * picture ** (1 / 2.4) - 0.055) for picture in shown]
+    encoded = [e + (p <= 0.0031308) * 12.92 * p for e, p in zip(encoded, shown, strict=True)]
+    theirs = [color.rgb2lab(picture) for picture in encoded]
+    torch.testing.assert_close(lab(one), torch.from_numpy(theirs[0]).movedim(-1, -3), atol=0.05, rtol=0)
+    difference = torch.from_numpy(color.deltaE_ciede2000(*theirs))
+    torch.testing.assert_close(colour_difference(one, other), difference, atol=0.03, rtol=0)
+    torch.testing.assert_close(colour_difference(one.float(), other.float()).double(), difference, atol=0.03, rtol=0)
+
+
+@given(st.lists(st.floats(0, 1, width=32), min_size=6, max_size=6))
+def test_delta_e_is_symmetric_and_zero_for_equal_colours(values):
+    one, other = colour(*values[:3]), colour(*values[3:])
+    difference = colour_difference(one, other)
+    assert bool((difference >= 0).all())
+    torch.testing.assert_close(colour_difference(other, one), difference, atol=1e-9, rtol=0)
+    assert float(colour_difference(one, one)) == 0
+
+
+def test_greys_have_no_colour_and_their_lightness_is_the_cube_root():
+    levels = torch.tensor([1.0, 0.5, 0.01, 0.001], dtype=torch.float64)
+    values = lab(levels.expand(3, 1, 4))
+    torch.testing.assert_close(values[1:], torch.zeros(2, 1, 4, dtype=torch.float64), atol=1e-9, rtol=0)
+    expected = torch.tensor([100, 116 * 0.5 ** (1 / 3) - 16, 116 * 0.01 ** (1 / 3) - 16, 903.2963 * 0.001])
+    torch.testing.assert_close(values[0, 0].float(), expected)
+
+
+def test_colours_outside_of_the_screen_are_clipped():
+    assert float(colour_difference(colour(8.0, 7.0, 6.0), colour(1.0, 1.0, 1.0))) == 0
+    assert float(colour_difference(colour(-1.0, 0.0, 0.0), colour(0.0, 0.0, 0.0))) == 0
+
+
+def test_delta_e_needs_three_channels():
+    with pytest.raises(InputError):
+        colour_difference(torch.rand(1, 4, 4), torch.rand(1, 4, 4))

@@ -18,7 +18,7 @@ FEW = tuple(f"~methods.{name}" for name in NAMES if name not in KEPT)
 
 
 def tables(folder):
-    names = ("bench", "scenes", "planes", "judged")
+    names = ("bench", "scenes", "planes", "evaluation")
     return {name: list(csv.DictReader((folder / f"{name}.csv").read_text().splitlines())) for name in names}
 
 
@@ -49,7 +49,7 @@ def test_scenes_are_judged_by_truth_without_their_sensor_with_it_and_put_right(f
         for method in ("shift_and_sum", "exact_fourier")
     ]
     assert len(found["planes"]) == 3 * 2 * 2
-    assert len(found["judged"]) == 4 * 2 * 2
+    assert len(found["evaluation"]) == 4 * 2 * 2
     assert all(imread(folder / f"{name}.png").std() > 0.05 for name in ("accuracy_time", "by_plane"))
     assert json.loads((folder / "machine.json").read_text())["sim30"] == sim30.VERSION
 
@@ -57,7 +57,7 @@ def test_scenes_are_judged_by_truth_without_their_sensor_with_it_and_put_right(f
 def test_light_fields_without_a_truth_are_judged_by_exact_refocusing_and_the_log_says_so(lfref, front, tmp_path):
     assert lfref("simulate", f"output={tmp_path}/scenes", "n_fields=1", "scene.camera.size=[64,72]")[0] == 0
     found, folder = front(f"input={tmp_path}/scenes")
-    assert {(row["class"], row["reference"]) for row in found["judged"]} == {("given", "exact_fourier")}
+    assert {(row["class"], row["reference"]) for row in found["evaluation"]} == {("capture", "exact_fourier")}
     assert float(found["bench"][2]["psnr_db"]) == 100
     assert "no truth is known" in (folder / "bench.log").read_text()
 
@@ -66,8 +66,8 @@ def test_every_second_view_is_judged_by_the_integral_over_all(lfref, front, tmp_
     words = ("n_fields=1", "scene.camera.size=[64,72]", "scene.camera.grid=[5,5]", "outputs=[views]")
     assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
     found, folder = front(f"input={tmp_path}/scenes", "thin=2")
-    assert {(row["class"], row["reference"]) for row in found["judged"]} == {("thinned", "dense_integral")}
-    assert all(30 < float(row["psnr_db"]) < 100 for row in found["judged"])
+    assert {(row["class"], row["reference"]) for row in found["evaluation"]} == {("hold_out", "dense_integral")}
+    assert all(30 < float(row["psnr_db"]) < 100 for row in found["evaluation"])
     assert json.loads((folder / "machine.json").read_text())["views"] == "3x3x3x64x72"
 
 
@@ -87,4 +87,4 @@ def test_scenes_are_drawn_at_random_too(front):
 def test_no_scenes_at_all_are_refused_in_a_line(lfref, tmp_path):
     status, errors = lfref("bench", *QUICK, *FEW, "judged=[]", f"output={tmp_path}/run")
     assert status == 1
-    assert "there must be scenes to judge by; got none; name some by judged or varied" in errors
+    assert "there must be scenes to evaluate; got none; name some by judged or varied" in errors

@@ -1,0 +1,292 @@
+"""Methods evaluated against a reference stack: where the reference comes from, a row per plane, and means of the rows.
+
+A simulated scene has the truth, the picture of a lens. A capture of many views has its dense integral, which a method
+that gets only every second or third view should reproduce. Any other light field has exact Fourier refocusing of its
+own views: that measures how an operator forms the sum, not how good the picture is. Views are decoded to linear light,
+and pictures are compared as a screen gets them, encoded by the same curve.
+
+Hold-out views. Along one axis, in dense view steps from the centre, D dense views have cells of width 1 and span
+[-D/2, D/2]. Every `step`-th view, n of them, has a cell of width `step`. The cells at the ends, at `step` (n - 1)/2,
+reach beyond D/2; there they weigh only the share of the cell that lies within, so that both apertures are equal:
+
+    share = (D/2 - step (n - 1)/2 + step/2) / step
+
+Of 9 views every second makes 5, at -4 to 4: share = (4.5 - 4 + 1) / 2 = 3/4.
+
+Letters: `V U` view rows and columns, `N` planes, `D` dense views along an axis.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import pandas as pd
+import torch
+from torch import Tensor
+
+from lfref.bench import accuracy
+from lfref.bench.accuracy import MEASURES, WHOLE, DisplayedStack, Row
+from lfref.captures.correct import AUTO, as_asked
+from lfref.encoding import LINEAR, Encoding
+from lfref.errors import InputError
+from lfref.functional.psnr import psnr
+from lfref.geometry import FocalPlanes
+from lfref.lightfield import LightField
+from lfref.refocus import apertures
+from lfref.refocus.disparity.disparity_range import disparity_range
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift import through_cells
+from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import Aperture, Refocuser
+from lfref.simulator.developed import developed, white_picture
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.scene import Scene
+from lfref.simulator.simulate import simulate
+
+IDEAL, SENSOR, CORRECTED, CAPTURE, HOLD_OUT = "ideal", "sensor", "corrected", "capture", "hold_out"
+"""Classes in the tables: scenes without and with a sensor, the latter corrected; captures; captures with hold-out
+views."""
+TRUTH, EXACT, DENSE = "truth", "exact_fourier", "dense_integral"
+"""References in the tables."""
+APERTURES: dict[str, Aperture | None] = {"square": None, "disc": apertures.disc}
+"""Shape of a camera's aperture -> weights of the views; None: all alike."""
+EVEN_GRID = "methods are compared on an even grid"
+"""Why corrections leave the cameras on the even grid: some methods read no other positions."""
+EXACT_REFOCUSER = OperatorRefocuser(EXACT, exact_fourier)
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluationCase:
+    """A light field and the stack that methods should make of it."""
+
+    kind: str
+    """Its class in the tables, such as `ideal`."""
+    light: LightField
+    truth: Tensor
+    """[N, C, H, W], in linear light where the views are."""
+    reference: str
+    """What the truth is."""
+    aperture: Aperture | None = None
+    """Weights of the views through which the truth was taken; None: all alike."""
+    encoding: Encoding = LINEAR
+    """Of pictures on a screen; views that are not linear have it already."""
+
+    def stack(self, method: Refocuser, slopes: Tensor) -> Tensor:
+        """The stack of a method at these slopes [N]; operators use the truth's aperture, networks have none."""
+        return method.through(self.aperture)(self.light, slopes)
+
+    def displayed(self, stack: Tensor) -> DisplayedStack:
+        """A stack [N, C, H, W] of these views, or their truth, as a screen shows it."""
+        stack = stack.cpu()
+        if self.light.is_linear:
+            return DisplayedStack(self.encoding.encode(stack), stack)
+        return DisplayedStack(stack, self.encoding.decode(stack))
+
+
+def correct_by_views(scene: Scene, light: LightField) -> LightField:
+    """Views of a scene, corrected by what the views alone show."""
+    return as_asked(light, AUTO, even=EVEN_GRID)[0]
+
+
+def correct_by_white(scene: Scene, light: LightField) -> LightField:
+    """Views of a scene, corrected with a picture that the same sensor takes of a white scene."""
+    return as_asked(light, AUTO, white_picture(scene, light), EVEN_GRID)[0]
+
+
+CORRECTIONS: dict[str, Callable[[Scene, LightField], LightField] | None] = {
+    "none": None,
+    "auto": correct_by_views,
+    "white": correct_by_white,
+}
+"""What is done to the views of scenes with a sensor before they are refocused; `none`: no class `corrected`."""
+
+
+def scene_cases(
+    scenes: Iterable[Scene], slopes: Tensor, device: torch.device, correction: str = "none"
+) -> Iterator[EvaluationCase]:
+    """Scenes with their truth: each without its sensor; those that have one also with it, and then corrected.
+
+    With a sensor, the truth is developed as the views are: exposure, clipping, colours and tone curve are no fault of
+    refocusing.
+
+    Args:
+        scenes: Of any grid and size.
+        slopes: In pixels per view step, [N].
+        device: For rendering.
+        correction: A key of `CORRECTIONS`.
+    """
+    for scene in scenes:
+        aperture, correct = APERTURES[scene.camera.aperture], CORRECTIONS[correction]
+        clean = simulate(replace(scene, sensor=Sensor()), slopes=slopes, device=device)
+        assert clean.views is not None
+        assert clean.truth is not None
+        yield EvaluationCase(IDEAL, LightField(clean.views, scene.name), clean.truth, TRUTH, aperture)
+        if scene.sensor == Sensor():
+            continue
+        views, encoding = simulate(scene, outputs=("views",), slopes=[0.0], device=device).views, scene.sensor.encoding
+        assert views is not None
+        light = LightField(encoding.decode(views), scene.name)
+        truth = encoding.decode(developed(clean.truth, scene.sensor))
+        case = EvaluationCase(SENSOR, light, truth, TRUTH, aperture, encoding)
+        yield case
+        if correct is not None:
+            yield replace(case, kind=CORRECTED, light=correct(scene, light))
+
+
+def capture_cases(fields: Iterable[LightField], slopes: Tensor) -> Iterator[EvaluationCase]:
+    """Light fields without a known truth; the reference is exact refocusing of their own views at these slopes [N]."""
+    for field in fields:
+        yield EvaluationCase(CAPTURE, field, EXACT_REFOCUSER(field, slopes), EXACT)
+
+
+class AxisSplit(NamedTuple):
+    """Views along one angular axis: those of the reference and those that methods get."""
+
+    dense: slice
+    kept: slice
+    shares: Tensor
+    """Weight of each kept view, in (0, 1], float64, [n]."""
+
+
+def split_axis(n_views: int, step: int) -> AxisSplit:
+    """Keep every `step`-th view of an axis, as many as there can be, with the centre of the dense ones.
+
+    Raises:
+        InputError: Fewer than two views are left.
+    """
+    n_kept = (n_views - 1) // step + 1
+    if step < 2 or n_kept < 2:
+        expected = "every second view or fewer must be kept, and two at least"
+        raise InputError(expected, got=f"every {step} of {n_views}", remedy="set thin=2, and reader.views to read more")
+    reach = (n_kept - 1) * step
+    # An odd rest of views has no common centre with the kept ones: the last dense view is left out.
+    start, odd = divmod(n_views - 1 - reach, 2)
+    n_dense = n_views - odd
+    shares = torch.ones(n_kept, dtype=torch.float64)
+    shares[[0, -1]] = (n_dense - reach + step) / (2 * step)
+    return AxisSplit(slice(0, n_dense), slice(start, start + reach + 1, step), shares)
+
+
+def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> Iterator[EvaluationCase]:
+    """Every `step`-th view of captures along both axes; the reference is the dense integral of all views.
+
+    Args:
+        fields: With many views, linear, on the device of the computation.
+        step: At least 2.
+        slopes: In pixels per step of the kept views, [N].
+
+    Raises:
+        InputError: Too few views.
+    """
+    integral = OperatorRefocuser(EXACT, dense_integral)
+    for field in fields:
+        rows, columns = (split_axis(n_views, step) for n_views in field.grid)
+        weights = rows.shares[:, None] * columns.shares
+        truth = integral(_select_views(field, rows.dense, columns.dense), slopes / step)
+        light = _select_views(field, rows.kept, columns.kept)
+        yield EvaluationCase(HOLD_OUT, light, truth, DENSE, functools.partial(apertures.mask, rows=weights))
+
+
+def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
+    """Exact refocusing of views [V, U, C, H, W] at slopes [N]; planes far from all surfaces through whole cells.
+
+    The dense views are points too: far from focus, their sum would leave copies of edges in the reference. There each
+    view stands for its cell, blurred by its distance from the middle disparity (`shift_and_sum_through_cells`).
+    """
+    boxes = through_cells.widths(slopes, disparity_range(views))
+    planes = zip(slopes.tolist(), boxes.tolist(), strict=True)
+    return torch.cat([exact_fourier(views, [slope], fill=1.0, disparity=slope - box) for slope, box in planes], -4)
+
+
+def _select_views(field: LightField, rows: slice, columns: slice) -> LightField:
+    weight = None if field.weight is None else field.weight[rows, columns]
+    return replace(field, views=field.views[rows, columns], weight=weight)
+
+
+SERIES = ["class", "method", "reference"]
+"""Columns that tell one line of a plot from another."""
+COLUMNS = [*MEASURES, *(WHOLE + name for name in MEASURES), "exact_psnr_db"]
+"""Measures of a row; the last one is PSNR against exact Fourier refocusing of the same views."""
+
+
+@torch.no_grad()
+def evaluate(
+    cases: Iterable[EvaluationCase], methods: Sequence[Refocuser], planes: FocalPlanes, margin: int
+) -> Iterator[Row]:
+    """Compare every method with the reference of every case.
+
+    Args:
+        cases: Light fields with their references.
+        methods: Of different names.
+        planes: Of the references.
+        margin: Width in pixels of the border that the interior lacks.
+
+    Yields:
+        Rows `class, scene, method, reference, alpha, slope` and `COLUMNS`, one per plane.
+
+    Raises:
+        InputError: The border leaves no interior, or a method makes other planes.
+    """
+    for case in cases:
+        accuracy.check_margin(margin, case.light.size)
+        truth = case.displayed(case.truth)
+        exact = case.displayed(case.stack(EXACT_REFOCUSER, planes.slopes)).inside(margin).encoded
+        for method in methods:
+            stack = case.displayed(case.stack(method, planes.slopes))
+            measures = accuracy.plane_measures(stack, truth, margin)
+            measures["exact_psnr_db"] = psnr(stack.inside(margin).encoded, exact).tolist()
+            names = {"class": case.kind, "scene": case.light.name, "method": method.name, "reference": case.reference}
+            for plane, *values in zip(accuracy.plane_names(planes), *measures.values(), strict=True):
+                yield names | plane | dict(zip(measures, values, strict=True))
+
+
+def by_plane(rows: pd.DataFrame) -> pd.DataFrame:
+    """Every plane over all scenes of a class.
+
+    Args:
+        rows: Of `evaluate`.
+
+    Returns:
+        Columns `class, method, reference, alpha, slope`, means of `COLUMNS`, and `worst_psnr_db, worst_scene`.
+    """
+    return _means_and_worst(rows, [*SERIES, "alpha", "slope"], "worst_scene", "scene")
+
+
+def by_scene(rows: pd.DataFrame) -> pd.DataFrame:
+    """Every scene over all its planes.
+
+    Args:
+        rows: Of `evaluate`.
+
+    Returns:
+        Columns `class, method, reference, scene`, means of `COLUMNS`, and `worst_psnr_db, worst_slope`.
+    """
+    return _means_and_worst(rows, [*SERIES, "scene"], "worst_slope", "slope")
+
+
+def by_class(rows: pd.DataFrame) -> pd.DataFrame:
+    """Every class over all its scenes and planes.
+
+    Args:
+        rows: Of `evaluate`.
+
+    Returns:
+        Columns `class, method, reference, scenes`, means of `COLUMNS`; the mean PSNR of the worst scene,
+        `worst_psnr_db, worst_scene`; `brightness_error`, the largest distance of a plane's brightness from 1.
+    """
+    scenes = _means_and_worst(by_scene(rows), SERIES, "worst_scene", "scene")
+    groups = rows.assign(brightness_error=(rows["brightness"] - 1).abs()).groupby(SERIES, sort=False)
+    more = groups.agg(scenes=("scene", "nunique"), brightness_error=("brightness_error", "max"))
+    return scenes.join(more, on=SERIES)
+
+
+def _means_and_worst(table: pd.DataFrame, keys: list[str], name: str, source: str) -> pd.DataFrame:
+    """Means over groups of rows, the least PSNR of each group, and, as column `name`, the `source` of that row."""
+    # A PSNR that is not a number is worse than any number.
+    table = table.reset_index(drop=True).fillna({"psnr_db": -math.inf})
+    groups = table.groupby(keys, sort=False, dropna=False)
+    worst = table.loc[groups["psnr_db"].idxmin()]
+    columns = {"worst_psnr_db": worst["psnr_db"].to_numpy(), name: worst[source].to_numpy()}
+    return groups[COLUMNS].mean().assign(**columns).reset_index()
