@@ -1,11 +1,11 @@
 """One folder a run: made before anything runs, marked as ours, and never taken from another run unasked.
 
-The mark lists what the run has written. `overwrite=true` deletes what a mark lists, and nothing else.
+The mark (see `io.ownership`) lists what the run wrote. `overwrite=true` deletes what it lists, and nothing else; if a
+listed file was edited, or the folder is no run folder, it is refused and nothing is deleted.
 """
 
-import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,10 @@ from omegaconf import DictConfig
 
 from lfref.cli.exit_codes import fail
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import atomic
+from lfref.io import ownership
 from lfref.io import run as runs
 
-MARK = ".lfref.json"
-NOTES = (MARK, runs.CONFIG, runs.OVERRIDES)
+NOTES = (ownership.MARK, runs.CONFIG, runs.OVERRIDES)
 """What a run writes before its results: a folder with nothing else is free, so that a mistake costs no folder."""
 
 
@@ -44,16 +43,19 @@ def claim(folder: Path, overwrite: bool = False) -> None:
 
     Args:
         folder: Where.
-        overwrite: Delete what an earlier run has written there; what else lies there stays.
+        overwrite: Delete what an earlier run wrote there; other files stay.
 
     Raises:
-        FileError: It cannot be written, or holds what may not be replaced.
+        FileError: The folder cannot be written, holds results, or (`overwrite`) is no run folder, or one whose files
+            were edited.
     """
     make(folder)
+    mark = ownership.read_mark(folder)
     if overwrite:
-        _delete(folder)
+        ownership.delete_listed(folder, ownership.RUN)
     elif not _is_free(folder):
-        remedy = "choose another, or say overwrite=true" if (folder / MARK).exists() else "choose another"
+        is_run = mark is not None and mark.kind == ownership.RUN
+        remedy = "choose another, or say overwrite=true" if is_run else "choose another"
         if runs.Run(folder).has_checkpoints:
             remedy = f"choose another, or go on by resume={folder}"
         raise FileError("output must be a new or an empty folder", got=str(folder), remedy=remedy)
@@ -66,13 +68,15 @@ def marked(folder: Path) -> Iterator[None]:
     Args:
         folder: The run folder.
     """
-    listed = {*_listed(folder)} & {*_files(folder)}
-    before = {MARK, *_files(folder)} - listed
-    _mark(folder, listed)
+    # Files edited since an earlier run become the user's.
+    listed = ownership.unchanged(folder, ownership.RUN)
+    foreign = ownership.files_below(folder) - listed.keys()
+    ownership.write_mark(folder, ownership.RUN, listed)
     try:
         yield
     finally:
-        _mark(folder, {*_files(folder)} - before)
+        written = ownership.files_below(folder) - foreign
+        ownership.write_mark(folder, ownership.RUN, ownership.digests(folder, written))
 
 
 def list_also(folder: Path, part: Path) -> None:
@@ -82,8 +86,11 @@ def list_also(folder: Path, part: Path) -> None:
         folder: The run folder.
         part: A folder in it that holds nothing else.
     """
-    written = (f"{part.relative_to(folder).as_posix()}/{name}" for name in _files(part))
-    _mark(folder, {*_listed(folder), *written})
+    mark = ownership.read_mark(folder)
+    listed = mark.files if mark is not None and mark.kind == ownership.RUN else {}
+    prefix = part.relative_to(folder).as_posix()
+    written = (f"{prefix}/{name}" for name in (*ownership.files_below(part), ownership.MARK))
+    ownership.write_mark(folder, ownership.RUN, listed | ownership.digests(folder, written))
 
 
 def is_first_process() -> bool:
@@ -92,37 +99,9 @@ def is_first_process() -> bool:
     return all(rank == "0" for rank in ranks)
 
 
-def _mark(folder: Path, names: Iterable[str]) -> None:
-    atomic.write_text(folder / MARK, json.dumps({"written_by": "lfref", "files": sorted(names)}, indent=1) + "\n")
-
-
-def _listed(folder: Path) -> list[str]:
-    try:
-        return [str(name) for name in json.loads((folder / MARK).read_text("utf-8"))["files"]]
-    except (OSError, ValueError, KeyError, TypeError):
-        return []
-
-
-def _files(folder: Path) -> list[str]:
-    return [path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir()]
-
-
 def _is_free(folder: Path) -> bool:
     names = [path.name for path in folder.iterdir()]
-    return not names or (MARK in names and all(name in NOTES or name.endswith(".log") for name in names))
-
-
-def _delete(folder: Path) -> None:
-    """Delete the listed files, and the folders that are empty then; a list that leads elsewhere is not followed."""
-    if not (folder / MARK).is_file() and any(folder.iterdir()):
-        raise FileError("overwrite=true replaces runs of lfref only", got=str(folder), remedy="choose another output")
-    for name in _listed(folder):
-        path = folder / name
-        if path.is_file() and path.resolve().is_relative_to(folder.resolve()):
-            path.unlink()
-    for path in sorted(folder.rglob("*"), reverse=True):
-        if path.is_dir() and not path.is_symlink() and not any(path.iterdir()):
-            path.rmdir()
+    return not names or (ownership.MARK in names and all(name in NOTES or name.endswith(".log") for name in names))
 
 
 class OutputFolder(Callback):

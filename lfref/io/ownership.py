@@ -1,20 +1,34 @@
-"""What lfref wrote and may replace: a folder says so in a hidden `.lfref.json`, an image file in its `Software`.
+"""Ownership marks: what lfref wrote and may therefore replace or delete. Everything else belongs to the user.
 
-Whatever else stands at a path is the user's and stays, whatever it is called.
+A folder is marked by a hidden file `.lfref.json`: its kind and the SHA-256 of each file that lfref wrote. A listed file
+whose contents changed since counts as edited, and is neither replaced nor deleted. Single images are marked by the
+metadata entry `Software`.
 """
 
 import hashlib
 import json
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from lfref.errors import FileError
 from lfref.io import atomic, decode
 
 MARK = ".lfref.json"
-"""Name of the mark in a folder: kind of the folder, and SHA-256 of each of its files."""
+"""Name of the mark in a folder."""
+RUN = "run"
+"""Kind of the run folder of a command; the others are `views` and `planes`."""
 SOFTWARE = "lfref"
-"""What image files that we wrote say as their `Software`."""
+"""Metadata entry `Software` of image files that lfref wrote."""
+
+
+class Mark(NamedTuple):
+    """Contents of an ownership mark."""
+
+    kind: str
+    files: dict[str, str | None]
+    """Path below the folder -> SHA-256; None: any contents count as unchanged (log files, which grow)."""
 
 
 def digest(file: Path) -> str:
@@ -27,77 +41,147 @@ def digest(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def mark_folder(folder: Path, kind: str) -> None:
-    """Mark a folder, once all its files are written, as ours.
+def files_below(folder: Path) -> set[str]:
+    """Paths of all regular files in a folder and below, without the folder's own mark."""
+    files = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+    return {path.relative_to(folder).as_posix() for path in files} - {MARK}
+
+
+def read_mark(folder: Path) -> Mark | None:
+    """The mark of a folder; None if it is missing or damaged."""
+    with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+        contents = json.loads((folder / MARK).read_text(encoding="utf-8"))
+        if isinstance(contents["files"], list):
+            # Run folders of lfref 0.3 and before: names alone, no kind.
+            return Mark(RUN, dict.fromkeys(map(str, contents["files"])))
+        return Mark(str(contents["kind"]), {str(name): known for name, known in contents["files"].items()})
+    return None
+
+
+def write_mark(folder: Path, kind: str, files: Mapping[str, str | None]) -> None:
+    """Write the mark of a folder, in the place of an older one.
 
     Args:
-        folder: It holds nothing but files.
-        kind: What it is; another kind does not replace it.
+        folder: The folder.
+        kind: `views`, `planes` or `RUN`.
+        files: As `Mark.files`.
 
     Raises:
         FileError: The folder or the disk refuses.
     """
-    files = {file.name: digest(file) for file in sorted(folder.iterdir())}
-    atomic.write_text(folder / MARK, json.dumps({"kind": kind, "files": files}, indent=1))
+    contents = {"written_by": "lfref", "kind": kind, "files": dict(sorted(files.items()))}
+    atomic.write_text(folder / MARK, json.dumps(contents, indent=1) + "\n")
+
+
+def digests(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
+    """Digest of each file, as a mark lists it; files that cannot be read are left out.
+
+    Args:
+        folder: The folder.
+        names: Paths below it.
+    """
+    listed: dict[str, str | None] = {}
+    for name in names:
+        with suppress(FileError):
+            listed[name] = None if name.endswith(".log") else digest(folder / name)
+    return listed
+
+
+def unchanged(folder: Path, kind: str) -> dict[str, str | None]:
+    """The listed files of a folder that are there and were not edited: none if its mark is of another kind.
+
+    Args:
+        folder: The folder.
+        kind: `views`, `planes` or `RUN`.
+    """
+    mark = read_mark(folder)
+    if mark is None or mark.kind != kind:
+        return {}
+    # Whoever can write the mark could list files outside the folder, also through a link.
+    inside = files_below(folder) & mark.files.keys()
+    now = digests(folder, (name for name in inside if mark.files[name] is not None))
+    return {name: mark.files[name] for name in sorted(inside) if mark.files[name] in (None, now.get(name))}
+
+
+def delete_listed(folder: Path, kind: str) -> None:
+    """Delete the files that the mark of a folder lists, and the folders that are empty then. Other files stay.
+
+    Args:
+        folder: A marked folder, or an empty one.
+        kind: Kind that the mark must have.
+
+    Raises:
+        FileError: The folder holds files but no mark of this kind, or a listed file was edited; nothing is deleted.
+    """
+    mark = read_mark(folder)
+    if mark is None or mark.kind != kind:
+        if not any(folder.iterdir()):
+            return
+        expected, got = f"{folder} must be a {kind} folder of lfref to be replaced", "a folder without such a mark"
+        if mark is not None:
+            got = f"a folder of {mark.kind}"
+        raise FileError(expected, got=got, remedy="choose another output, or move that one away")
+    own = unchanged(folder, kind)
+    for name in sorted(files_below(folder) & mark.files.keys()):
+        if name not in own:
+            expected = f"{folder} must hold the files of the {kind} as lfref wrote them to be replaced"
+            raise FileError(expected, got=f"{name}, edited", remedy="choose another output, or move that file away")
+    for name in own:
+        (folder / name).unlink()
+    for path in sorted(folder.rglob("*"), reverse=True):
+        if path.is_dir() and not path.is_symlink() and not any(path.iterdir()):
+            path.rmdir()
 
 
 def check_folder(path: Path, kind: str) -> None:
-    """Refuse to replace a folder unless it is empty, or marked as ours and changed by nobody.
+    """Refuse to replace a whole folder unless it is empty, or holds only listed files that nobody edited.
 
     Args:
-        path: What shall be replaced, if it is there.
-        kind: What shall take its place.
+        path: Folder to replace, if it exists.
+        kind: Kind of the new folder.
 
     Raises:
-        FileError: The folder holds a file that we did not write, or not in this form; or cannot be read.
+        FileError: The folder holds a foreign or edited file, is of another kind, or cannot be read.
     """
     if not path.is_dir():
         return
     with atomic.explained(path, "read"):
-        children = sorted(child for child in path.iterdir() if child.name != MARK)
-    written = _written(path, kind)
-    for child in children:
-        if not child.is_file() or digest(child) != written.get(child.name):
+        children = sorted(child.name for child in path.iterdir() if child.name != MARK)
+    own = unchanged(path, kind)
+    for name in children:
+        if name not in own:
             expected = f"{path} must be empty or hold only {kind} as lfref wrote them to be replaced"
-            raise FileError(expected, got=f"also {child.name}", remedy="choose another folder, or move that one away")
-
-
-def _written(folder: Path, kind: str) -> dict[str, str]:
-    """Names and digests of what the mark says that we wrote: nothing if it is missing, damaged or of another kind."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        said = json.loads((folder / MARK).read_text(encoding="utf-8"))
-        return dict(said["files"]) if said["kind"] == kind else {}
-    return {}
+            raise FileError(expected, got=f"also {name}", remedy="choose another folder, or move that one away")
 
 
 def check_file(path: Path) -> None:
-    """Refuse to replace an image file that does not say that we wrote it.
+    """Refuse to replace an image file whose `Software` is not lfref. (The writer itself refuses folders.)
 
     Args:
-        path: What shall be replaced, if it is there; of folders the writer complains.
+        path: File to replace, if it exists.
 
     Raises:
-        FileError: The file is not ours.
+        FileError: Another program wrote the file.
     """
-    if path.is_file() and not _is_ours(path):
+    if path.is_file() and not _is_own_image(path):
         expected = f"{path} must be an image that lfref wrote to be replaced"
         raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
 
 
 def check_new(path: Path) -> None:
-    """Refuse to replace any file: of a format that cannot say that we wrote it.
+    """Refuse to replace any file, for formats that have no place for a mark.
 
     Args:
-        path: What shall be written; of folders the writer complains.
+        path: File to write.
 
     Raises:
-        FileError: There is such a file.
+        FileError: The file exists.
     """
     if path.is_file():
         raise FileError(f"{path} must be a new file", got="one that is there", remedy="choose another name")
 
 
-def _is_ours(path: Path) -> bool:
+def _is_own_image(path: Path) -> bool:
     with suppress(FileError), decode.opened(path) as source:
         return bool(source.spec().getattribute("Software") == SOFTWARE)
     return False

@@ -492,7 +492,7 @@ def write_images(
     ownership.check_folder(path, kind)
     with atomic.replacing_folder(path) as partial:
         _write_all(((partial / name, image.transpose(1, 2, 0)) for name, image in named), bits, quality)
-        ownership.mark_folder(partial, kind)
+        ownership.write_mark(partial, kind, ownership.digests(partial, ownership.files_below(partial)))
 
 
 def _write_all(named: Iterable[tuple[Path, NDArray]], bits: int | None, quality: int) -> None:

@@ -2,8 +2,9 @@
 
 import pytest
 
-from lfref.cli import result_folders, run_folder
+from lfref.cli import result_folders
 from lfref.errors import FileError
+from lfref.io import ownership
 
 MARKED = "a/stack.exr"
 
@@ -23,7 +24,7 @@ def test_a_folder_is_there_once_it_is_whole_and_then_listed_as_ours(tmp_path):
     with pytest.raises(FileError), result_folders.filled(tmp_path, tmp_path / "b") as place:
         (place / "stack.exr").with_name("missing").read_text()
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == ["a"]
-    assert MARKED in (tmp_path / run_folder.MARK).read_text()
+    assert MARKED in (tmp_path / ownership.MARK).read_text()
 
 
 def test_the_run_folder_itself_is_filled_as_it_is(tmp_path):

@@ -1,9 +1,12 @@
 """One folder a run, never taken from another unasked."""
 
 import pytest
+import torch
 
 from lfref.cli import run_folder
 from lfref.errors import FileError
+from lfref.io import ownership, write
+from lfref.lightfield import LightField
 
 
 def run(folder, **files):
@@ -49,12 +52,12 @@ def test_overwriting_deletes_what_the_run_wrote_and_nothing_else(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "kept" / "mine.txt").write_text("mine")
     run_folder.claim(tmp_path, overwrite=True)
-    assert names(tmp_path) == [run_folder.MARK, "kept/mine.txt", "notes.txt"]
+    assert names(tmp_path) == [ownership.MARK, "kept/mine.txt", "notes.txt"]
     assert not (tmp_path / "planes").exists()
     with run_folder.marked(tmp_path):
         (tmp_path / "new.png").write_text("x")
     run_folder.claim(tmp_path, overwrite=True)
-    assert names(tmp_path) == [run_folder.MARK, "kept/mine.txt", "notes.txt"]
+    assert names(tmp_path) == [ownership.MARK, "kept/mine.txt", "notes.txt"]
 
 
 def test_a_run_that_ends_early_still_lists_what_it_wrote(tmp_path):
@@ -66,7 +69,7 @@ def test_a_run_that_ends_early_still_lists_what_it_wrote(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         broken()
     run_folder.claim(tmp_path, overwrite=True)
-    assert names(tmp_path) == [run_folder.MARK]
+    assert names(tmp_path) == [ownership.MARK]
 
 
 def test_what_a_killed_run_listed_is_its_own_and_nothing_else(tmp_path):
@@ -80,14 +83,15 @@ def test_what_a_killed_run_listed_is_its_own_and_nothing_else(tmp_path):
     with run_folder.marked(tmp_path):
         (tmp_path / "three.png").write_text("x")
     run_folder.claim(tmp_path, overwrite=True)
-    assert names(tmp_path) == [run_folder.MARK, "two/stack.exr"]
+    assert names(tmp_path) == [ownership.MARK, "two/stack.exr"]
 
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"files": 3}', "{}"])
 def test_a_damaged_mark_deletes_nothing(tmp_path, content):
-    (tmp_path / run_folder.MARK).write_text(content)
+    (tmp_path / ownership.MARK).write_text(content)
     (tmp_path / "mine.txt").write_text("mine")
-    run_folder.claim(tmp_path, overwrite=True)
+    with pytest.raises(FileError, match="choose another output"):
+        run_folder.claim(tmp_path, overwrite=True)
     assert "mine.txt" in names(tmp_path)
 
 
@@ -99,9 +103,51 @@ def test_a_mark_that_leads_elsewhere_is_not_followed(tmp_path):
     (folder / "link").symlink_to(outside)
     (folder / "file").symlink_to(outside / "mine.txt")
     listed = '{"files": ["../outside/mine.txt", "link/mine.txt", "file", "%s"]}' % (outside / "mine.txt")
-    (folder / run_folder.MARK).write_text(listed)
+    (folder / ownership.MARK).write_text(listed)
     run_folder.claim(folder, overwrite=True)
     assert (outside / "mine.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("edit", [False, True])
+def test_a_light_field_that_lfref_wrote_is_no_run_and_stays(tmp_path, edit):
+    capture = write.write(tmp_path / "capture", LightField(torch.rand(5, 5, 3, 4, 4)))
+    if edit:
+        (capture / "capture_02_02.png").write_bytes(b"painted over")
+    before = names(tmp_path)
+    with pytest.raises(FileError, match=r"run folder of lfref.*got a folder of views; choose another output"):
+        run_folder.claim(capture, overwrite=True)
+    assert names(tmp_path) == before
+    assert len(before) == 26
+
+
+def test_a_run_with_an_edited_file_is_not_overwritten_but_its_log_may_have_grown(tmp_path):
+    run(tmp_path, **{"plane/view.png": "x", "refocus.log": "x"})
+    (tmp_path / "refocus.log").write_text("x and more")
+    (tmp_path / "plane" / "view.png").write_text("painted over")
+    before = names(tmp_path)
+    with pytest.raises(FileError, match=r"got plane/view.png, edited; choose another output"):
+        run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == before
+    (tmp_path / "plane" / "view.png").write_text("x")
+    run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == [ownership.MARK]
+
+
+def test_a_file_edited_between_two_runs_becomes_the_users(tmp_path):
+    run(tmp_path, **{"a.png": "x", "b.png": "x"})
+    (tmp_path / "a.png").write_text("painted over")
+    with run_folder.marked(tmp_path):
+        (tmp_path / "c.png").write_text("x")
+    run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == [ownership.MARK, "a.png"]
+
+
+def test_marks_of_older_runs_which_list_names_alone_still_count(tmp_path):
+    for name in ("a.png", "mine.txt"):
+        (tmp_path / name).write_text("x")
+    (tmp_path / ownership.MARK).write_text('{"written_by": "lfref", "files": ["a.png", "gone.png"]}')
+    run_folder.claim(tmp_path, overwrite=True)
+    assert names(tmp_path) == [ownership.MARK, "mine.txt"]
 
 
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
