@@ -17,7 +17,7 @@ from lfref.captures.brightness import Ratios
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
-from lfref.refocus.focus.slope_range import Glance, ReducedViews
+from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
 # PART evidence
 # What is known of a light field before anything is corrected: found once, when it is asked for, and shared.
@@ -51,17 +51,17 @@ class Evidence:
     @cached_property
     def reduced(self) -> ReducedViews:
         """Views on a cross through the centre, grey and small, smooth differences in brightness taken out."""
-        return slope_range.reduced(self.field.views, self.field.weight, self.field.positions)
+        return slope_range.reduce_views(self.field.views, self.field.weight, self.field.positions)
 
     @cached_property
-    def glance(self) -> Glance:
+    def glance(self) -> CoarseDisparity:
         """Disparity and confidence of the reduced reference view."""
-        return slope_range.glance(self.reduced)
+        return slope_range.disparity_of_reduced(self.reduced)
 
     @property
     def reference(self) -> tuple[int, int]:
         """Row and column of the view that the maps belong to: the central one, 7, 7 of 14x14."""
-        return self.reduced.places[0]
+        return self.reduced.indices[0]
 
     @cached_property
     def disparity(self) -> Tensor:

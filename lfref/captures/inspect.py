@@ -202,7 +202,7 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         (torch.Size([64, 80]), False)
     """
     evidence = Evidence(field, white)
-    well_seen = slope_range.well_seen(evidence.glance)
+    well_seen = slope_range.on_surfaces(evidence.glance)
     return Inspection(
         evidence,
         slope_range.slope_range(evidence.glance),

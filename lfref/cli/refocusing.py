@@ -48,7 +48,7 @@ def read(path: Path, config: DictConfig, refocusers: Iterable[Refocuser], scratc
         InputError: It has not the views that are wanted.
     """
     field = inputs.read(path, config, refocusers, scratch)
-    if slope_range.seems_reversed(slope_range.reduced(field.views, field.weight, field.positions)):
+    if slope_range.seems_reversed(slope_range.reduce_views(field.views, field.weight, field.positions)):
         log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
     return field
 

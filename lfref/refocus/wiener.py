@@ -1,8 +1,12 @@
 """Wiener refocusing: what a lens with the whole aperture would have photographed, estimated from its views.
 
-Of all sums of filtered views it is the one of least mean square error over scenes with the given disparities. It
-knows that a view stands for a cell of the aperture, so that wide blur has no copies; that pixels fold detail back,
-which views at different fractions of a pixel tell apart; and that unlike disparities lie behind one another.
+Of all sums of filtered views, `I_s = sum_i g_si * L_i`, it is the one of least mean square error over scenes with the
+given disparities (`wiener_filters` solves for the g). It knows that a view stands for a cell of the aperture, so that
+wide blur has no copies; that pixels fold detail back, which views at different fractions of a pixel tell apart; and
+that light of several disparities is mixed. Steps: filters of limited reach for one square; the views cut into
+overlapping squares; spectra of sums and differences of opposite views, for which the filters are real; their weighted
+sum; the inner part of each square back in its place.
+Letters: `B` light fields, `N` planes, `T` squares of a row, `K` columns of frequencies.
 Source: Levin, Durand, "Linear view synthesis using a dimensionality gap light field prior", 2010.
 """
 
@@ -21,86 +25,74 @@ from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites
 
-# PART sum_loop
-# The loop, compiled by Numba, that adds up spectra of views times their factors.
-#
-# `LANES` frequencies of a row go through every step together, so that each step is one machine instruction for many.
-# Letters: `n` plane, `p` sum or difference of opposite views, `j` picture (light field, channel and square), `y x`
-# row and column of frequencies.
-
 LANES = 16
+"""Frequencies of a row that pass every step of the loop together: one machine instruction serves them all."""
+TAIL = 12
+"""Pixels that filters reach beyond the shifts of the views."""
 
 
-@jit.compiled
-def add_rows(
-    spectra: NDArray, factors: NDArray, n_sums: int, first: int, last: int, made: NDArray
-) -> None:  # pragma: no cover - compiled
-    """Add up rows of frequencies from `first` to before `last`.
+def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None = None) -> Tensor:
+    """Refocus light fields by the linear estimate of least mean square error.
 
     Args:
-        spectra: Pairs of real and imaginary part, [p, j, y, x, 2].
-        factors: In whole lanes, [n, y, x lanes, p, LANES].
-        n_sums: The first p that are sums; the factors of the others are times i.
-        first: Row.
-        last: One past the last row.
-        made: Written to, [n, j, y, x, 2].
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        slopes: Focus in pixels per view step, [N].
+        prior: Which disparities the scene has.
+        weights: Synthetic aperture of the photograph, >= 0, symmetric about both axes, [V, U]; each view stands for its
+            cell of it. Views of weight 0 are read too. None: the whole square.
+
+    Returns:
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+
+    Raises:
+        InputError: Views, slopes or weights that cannot be used.
+
+    Example:
+        >>> from lfref.refocus.wiener_filters import prior_between
+        >>> views = torch.rand(5, 5, 3, 48, 64)
+        >>> lfref.wiener(views, [-0.5, 0.5], prior_between(-1, 0.5)).shape
+        torch.Size([2, 3, 48, 64])
     """
-    n_given, n_pictures, _, width, _ = spectra.shape
-    real = np.zeros((n_pictures, n_given, LANES), spectra.dtype)
-    imaginary = np.zeros((n_pictures, n_given, LANES), spectra.dtype)
-    both = np.zeros((2, LANES), spectra.dtype)
-    for y in range(first, last):
-        for x in range(0, width, LANES):
-            lanes = min(LANES, width - x)
-            for p in range(n_given):
-                for j in range(n_pictures):
-                    for lane in range(lanes):
-                        real[j, p, lane] = spectra[p, j, y, x + lane, 0]
-                        imaginary[j, p, lane] = spectra[p, j, y, x + lane, 1]
-            for n in range(factors.shape[0]):
-                weights = factors[n, y, x // LANES]
-                for j in range(n_pictures):
-                    both[:] = 0
-                    _add(real[j, :n_sums], weights[:n_sums], 1, both[0])
-                    _add(imaginary[j, :n_sums], weights[:n_sums], 1, both[1])
-                    _add(imaginary[j, n_sums:], weights[n_sums:], -1, both[0])
-                    _add(real[j, n_sums:], weights[n_sums:], 1, both[1])
-                    for lane in range(lanes):
-                        made[n, j, y, x + lane, 0] = both[0, lane]
-                        made[n, j, y, x + lane, 1] = both[1, lane]
+    batch = batches.radiance(batches.flattened(views))
+    grid, size = batches.grid_and_size(batch)
+    planes = geometry.checked_slopes(slopes, grid, size)
+    aperture = checked_aperture(weights, grid)
+    # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
+    margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
+    side = _side(margin, size)
+    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
+    return batches.restored(_filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin), views)
 
 
-@jit.compiled
-def _add(values: NDArray, weights: NDArray, sign: int, total: NDArray) -> None:  # pragma: no cover - compiled
-    """Add sign times the weighted sum of values [p, LANES] to a total [LANES], four at a time."""
-    last = len(values) - len(values) % 4
-    for p in range(0, last, 4):
-        for lane in range(LANES):
-            near = weights[p, lane] * values[p, lane] + weights[p + 1, lane] * values[p + 1, lane]
-            far = weights[p + 2, lane] * values[p + 2, lane] + weights[p + 3, lane] * values[p + 3, lane]
-            total[lane] += sign * (near + far)
-    for p in range(last, len(values)):
-        for lane in range(LANES):
-            total[lane] += sign * weights[p, lane] * values[p, lane]
+def checked_aperture(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
+    """Weights [V, U] that sum to 1, float64, CPU, once they are known to be symmetric about both axes."""
+    aperture = batches.checked_weights(weights, grid)
+    if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
+        raise InputError(
+            "weights must be symmetric about both axes", got="others", remedy="use method=shift_and_sum_through_cells"
+        )
+    return aperture
 
 
-# PART tiles
-# Filtering views in overlapping squares, so that filters of limited reach serve pictures of any size.
-#
-# Letters: `P` what is made of the views, `T` square.
+def _side(margin: int, size: tuple[int, int]) -> int:
+    """Side of the squares that take the least work: filters for one of them (about 3 FFTs), and FFTs for all."""
+    sides = (96, 128, 160, 192, 256, 320, 384, 512, fourier.next_fast_even(max(size) + 2 * margin))
 
-WORTH_A_THREAD = 1 << 18
-"""Values of a band's spectra from which one more thread saves more than it costs."""
+    def work(side: int) -> float:
+        n_squares = math.prod(math.ceil(length / (side - 2 * margin)) for length in size)
+        return (3 + n_squares) * side**2
+
+    return min((side for side in sides if side > 2 * margin + 8), key=work)
 
 
-def filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tensor:
+def _filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tensor:
     """Sums of filtered views.
 
     Args:
-        views: Light fields, float32 or float64, views row by row, [B, V U, C, H, W].
-        pairs: Of the views.
-        factors: Of what they make of the views, [N, V U, side, side // 2 + 1].
-        margin: Pixels around each square that it only reads.
+        views: Light fields, views row by row, [B, V U, C, H, W].
+        pairs: Opposite views.
+        factors: Of `Pairs.mixed` views, [N, V U, side, side // 2 + 1].
+        margin: Pixels around each square that are read but not written.
 
     Returns:
         Stacks, [B, N, C, H, W].
@@ -113,117 +105,88 @@ def filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tenso
         *views.shape[:3], size[0] + margin + down, -1
     )
     stack = views.new_empty(len(views), len(factors), views.shape[2], counts[0] * step, counts[1] * step)
+    add = _by_loop if batches.compiler_for(views, factors) == "numba" else _by_torch
     for row in range(counts[0]):
-        # One row of squares at a time: their spectra are all that is held.
+        # One row of squares at a time: the spectra of all would take many times the memory of the views.
         band = pairs.mixed(padded[..., row * step : row * step + side, :])
-        made = _combined(torch.fft.rfft2(band.unfold(-1, side, step).movedim(-2, -3)), factors, pairs)
-        inner = torch.fft.irfft2(made, s=(side, side))[..., margin : side - margin, margin : side - margin]
+        spectra = torch.fft.rfft2(band.unfold(-1, side, step).movedim(-2, -3)).transpose(0, 1)  # V U, B, C, T, side, K
+        total = add(spectra.flatten(1, 3), factors, len(pairs.first)).unflatten(1, spectra.shape[1:4]).transpose(0, 1)
+        inner = torch.fft.irfft2(total, s=(side, side))[..., margin : side - margin, margin : side - margin]
         stack[..., row * step : (row + 1) * step, :] = inner.movedim(-3, -2).flatten(-2)
     return stack[..., : size[0], : size[1]].contiguous()
 
 
-def _combined(spectra: Tensor, factors: Tensor, pairs: Pairs) -> Tensor:
-    """Spectra [B, V U, C, T, side, K] times their factors, added up, [B, N, C, T, side, K]."""
-    given = spectra.transpose(0, 1)
-    shape = (*given.shape[1:4], *given.shape[4:])
-    add = _by_loop if batches.compiler_for(spectra, factors) == "numba" else _by_torch
-    made = add(given.reshape(len(given), -1, *given.shape[4:]), factors, len(pairs.first))
-    return made.unflatten(1, shape[:3]).transpose(0, 1)
-
-
 def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
-    """Spectra [V U, J, side, K] added up, [N, J, side, K]."""
-    given = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
-    made = np.empty((len(factors), *given.shape[1:]), given.dtype)
+    """Spectra [V U, J, side, K] times factors, added up, [N, J, side, K]; from `n_sums` on factors are times i."""
+    pairs = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
+    total = np.empty((len(factors), *pairs.shape[1:]), pairs.dtype)
+    # Factors of one lane lie together: [n, y, x lanes, p, LANES].
     table = F.pad(factors, (0, -factors.shape[-1] % LANES)).unflatten(-1, (-1, LANES)).permute(0, 2, 3, 1, 4)
-    n_threads = threads.worthwhile(made.size, WORTH_A_THREAD)
-    jobs = (
-        (given, table.contiguous().numpy(), n_sums, *band, made) for band in threads.bands(given.shape[2], n_threads)
-    )
+    lanes = table.contiguous().numpy()
+    n_threads = threads.worthwhile(total.size, 1 << 18)  # numbers from which one more thread pays
+    jobs = ((pairs, lanes, n_sums, *band, total) for band in threads.bands(pairs.shape[2], n_threads))
     threads.share(add_rows, jobs, n_threads)
-    return torch.view_as_complex(torch.from_numpy(made))
+    return torch.view_as_complex(torch.from_numpy(total))
 
 
 def _by_torch(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
-    """The same for whatever needs derivatives, and on a GPU."""
+    """The same for derivatives, and on a GPU."""
     parts = []
-    for place, count in ((0, n_sums), (n_sums, len(spectra) - n_sums)):
-        data = torch.view_as_real(spectra[place : place + count]).permute(2, 3, 0, 1, 4)
-        weights = factors[:, place : place + count].permute(2, 3, 0, 1)
+    for first, count in ((0, n_sums), (n_sums, len(spectra) - n_sums)):
+        data = torch.view_as_real(spectra[first : first + count]).permute(2, 3, 0, 1, 4)
+        weights = factors[:, first : first + count].permute(2, 3, 0, 1)
         parts.append(torch.matmul(weights, data.flatten(3)).unflatten(3, (-1, 2)))
     sums, differences = parts
     real, imaginary = sums[..., 0] - differences[..., 1], sums[..., 1] + differences[..., 0]
     return torch.complex(real, imaginary).permute(2, 3, 0, 1)
 
 
-TAIL = 12
-"""Pixels that filters reach beyond the shifts of the views."""
-SIDES = (96, 128, 160, 192, 256, 320, 384, 512)
+@jit.compiled
+def add_rows(
+    spectra: NDArray, factors: NDArray, n_sums: int, first: int, last: int, total: NDArray
+) -> None:  # pragma: no cover - compiled
+    """Rows of frequencies from `first` to before `last`: spectra [p, j, y, x, 2] to a total [n, j, y, x, 2].
 
-
-def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None = None) -> Tensor:
-    """Refocus light fields by the linear estimate of least mean square error.
-
-    Args:
-        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
-        slopes: Focus in pixels per view step, [N].
-        prior: Which disparities the scene has.
-        weights: Synthetic aperture of the photograph, >= 0, alike on both sides of both axes, [V, U]; each view stands
-            for its cell of it. Views of weight 0 are read too. None: the whole square.
-
-    Returns:
-        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
-
-    Raises:
-        InputError: Views, slopes or weights that cannot be used.
-
-    Example:
-        >>> from lfref.refocus.wiener_filters import between
-        >>> views = torch.rand(5, 5, 3, 48, 64)
-        >>> lfref.wiener(views, [-0.5, 0.5], between(-1, 0.5)).shape
-        torch.Size([2, 3, 48, 64])
+    `n` plane, `p` sum or difference of opposite views, `j` picture (light field, channel and square), `y x` row and
+    column of frequencies; factors are [n, y, x lanes, p, LANES], real for the first `n_sums` p, then times i.
     """
-    batch = batches.radiance(batches.flattened(views))
-    grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)
-    aperture = checked_aperture(weights, grid)
-    # Filters are found in a square in which FFTs are fast, and no larger: what is beyond half of it would be cut off.
-    margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
-    side = _side(margin, size)
-    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
-    stack = filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin)
-    return batches.restored(stack, views)
+    n_mixed, n_pictures, _, width, _ = spectra.shape
+    # Zeros, not empty: the last lane of a row may be short, and what lies beyond it is added up as well.
+    real = np.zeros((n_pictures, n_mixed, LANES), spectra.dtype)
+    imaginary = np.zeros((n_pictures, n_mixed, LANES), spectra.dtype)
+    both = np.zeros((2, LANES), spectra.dtype)
+    for y in range(first, last):
+        for x in range(0, width, LANES):
+            lanes = min(LANES, width - x)
+            # Real and imaginary parts are gathered once, and serve all planes.
+            for p in range(n_mixed):
+                for j in range(n_pictures):
+                    for lane in range(lanes):
+                        real[j, p, lane] = spectra[p, j, y, x + lane, 0]
+                        imaginary[j, p, lane] = spectra[p, j, y, x + lane, 1]
+            for n in range(factors.shape[0]):
+                weights = factors[n, y, x // LANES]
+                for j in range(n_pictures):
+                    both[:] = 0
+                    # Factors of sums are real; those of differences are times i, which swaps the parts.
+                    _add(real[j, :n_sums], weights[:n_sums], 1, both[0])
+                    _add(imaginary[j, :n_sums], weights[:n_sums], 1, both[1])
+                    _add(imaginary[j, n_sums:], weights[n_sums:], -1, both[0])
+                    _add(real[j, n_sums:], weights[n_sums:], 1, both[1])
+                    for lane in range(lanes):
+                        total[n, j, y, x + lane, 0] = both[0, lane]
+                        total[n, j, y, x + lane, 1] = both[1, lane]
 
 
-def checked_aperture(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
-    """The aperture as weights that sum to 1, once it is known to be one that filters can be made for.
-
-    Args:
-        weights: As of `wiener`.
-        grid: Number of view rows and columns (V, U).
-
-    Returns:
-        Float64, CPU, [V, U].
-
-    Raises:
-        InputError: Weights that cannot be used.
-    """
-    aperture = batches.checked_weights(weights, grid)
-    if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
-        raise InputError(
-            "weights must be alike on both sides of both axes",
-            got="others",
-            remedy="take method=shift_and_sum_through_cells",
-        )
-    return aperture
-
-
-def _side(margin: int, size: tuple[int, int]) -> int:
-    """Side of the squares that take the least work: filters to be found for one, FFTs for all of them."""
-
-    def work(side: int) -> float:
-        n_squares = math.prod(math.ceil(length / (side - 2 * margin)) for length in size)
-        return (3 + n_squares) * side**2
-
-    sides = {*SIDES, fourier.next_fast_even(max(size) + 2 * margin)}
-    return min((side for side in sides if side > 2 * margin + 8), key=work)
+@jit.compiled
+def _add(values: NDArray, weights: NDArray, sign: int, total: NDArray) -> None:  # pragma: no cover - compiled
+    """Add sign times the weighted sum of values [p, LANES] to a total [LANES]: four p at a time spare loads of it."""
+    last = len(values) - len(values) % 4
+    for p in range(0, last, 4):
+        for lane in range(LANES):
+            near = weights[p, lane] * values[p, lane] + weights[p + 1, lane] * values[p + 1, lane]
+            far = weights[p + 2, lane] * values[p + 2, lane] + weights[p + 3, lane] * values[p + 3, lane]
+            total[lane] += sign * (near + far)
+    for p in range(last, len(values)):
+        for lane in range(LANES):
+            total[lane] += sign * weights[p, lane] * values[p, lane]

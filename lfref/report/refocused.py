@@ -15,8 +15,7 @@ from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.io import encode, images
 from lfref.lightfield import LightField
-from lfref.refocus.disparity.disparity_map import DisparityMap, disparity_map
-from lfref.refocus.focus import extended_focus as nearer
+from lfref.refocus.disparity.disparity_map import DisparityMap, depth_order, disparity_map
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
 from lfref.refocus.focus.extended_focus import extended_focus
 from lfref.refocuser import filling
@@ -99,7 +98,7 @@ class Refocused:
     @cached_property
     def nearness(self) -> Tensor:
         """Disparity with the sign by which larger is nearer, [H, W]."""
-        sign = nearer.nearer_sign(self.field.views, *self.disparity)
+        sign = depth_order(self.field.views, *self.disparity)
         if not sign:
             remedy = "if the points turn out inside out, give reader.reverse_v=true reader.reverse_u=true"
             log.warning("%s: smaller disparities are taken for nearer ones; %s", self.field.name, remedy)

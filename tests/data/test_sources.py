@@ -10,7 +10,7 @@ from lfref.data.field_sources import FolderSource, SimulatedField, SimulatedSour
 from lfref.errors import FileError, InputError
 from lfref.io import read as reader
 from lfref.refocus.focus import slope_range
-from lfref.refocus.focus.slope_range import reduced
+from lfref.refocus.focus.slope_range import reduce_views
 from lfref.simulator import bitmaps, sim30
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.noise import Noise
@@ -71,8 +71,8 @@ def test_any_seed_that_lightning_takes_works(seed):
 
 def test_simulated_parallax_runs_in_our_order():
     views = SimulatedSource(1, 0, RandomScenes(Camera((5, 5), (64, 64)))).field(0).views
-    assert not slope_range.seems_reversed(reduced(views))
-    assert slope_range.seems_reversed(reduced(views.flip(0)))
+    assert not slope_range.seems_reversed(reduce_views(views))
+    assert slope_range.seems_reversed(reduce_views(views.flip(0)))
 
 
 def test_scenes_without_parallax_have_views_that_are_all_alike():

@@ -19,7 +19,7 @@ from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.surface import per_pixel, tilt_shift
 from lfref.refocus.wiener import wiener
-from lfref.refocus.wiener_filters import between
+from lfref.refocus.wiener_filters import prior_between
 
 from . import contracts
 
@@ -113,11 +113,11 @@ OPERATORS = {
     ),
 }
 
-# They read every view, whatever it weighs in the photograph, and take apertures that are alike on both sides only.
+# They read every view, whatever it weighs in the photograph, and take apertures that are symmetric only.
 ESTIMATES = {
-    "wiener": functools.partial(wiener, slopes=SLOPES, prior=between(-0.9, 0.4)),
+    "wiener": functools.partial(wiener, slopes=SLOPES, prior=prior_between(-0.9, 0.4)),
     "wiener through a disc": lambda views: wiener(
-        views, SLOPES, between(-0.2, 0.2), weights=apertures.disc(views.shape[-5:-3])
+        views, SLOPES, prior_between(-0.2, 0.2), weights=apertures.disc(views.shape[-5:-3])
     ),
     **{f"{name} from anywhere": from_anywhere(operator) for name, operator in every(shifted, *INTERPOLATIONS).items()},
     "exact_fourier from anywhere": from_anywhere(functools.partial(exact_fourier, slopes=SLOPES, fill=0.4)),

@@ -12,7 +12,7 @@ from lfref.refocus import occlusion_aware as module
 from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.occlusion_aware import near_edges, occlusion_aware
+from lfref.refocus.occlusion_aware import edge_shares, occlusion_aware
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import shifted_views, texture
@@ -116,7 +116,7 @@ def test_gradients_reach_all_views():
 
 
 def test_pixels_near_an_edge_in_focus_and_no_others():
-    shares = near_edges(step(), torch.tensor([0.4, -0.6, 5.0]))
+    shares = edge_shares(step(), torch.tensor([0.4, -0.6, 5.0]))
     assert shares.shape == (3, 40, 60)
     assert bool((shares[:2, :, 28:32] == 1).all())
     assert not shares[:2, :, :15].any()
@@ -125,7 +125,7 @@ def test_pixels_near_an_edge_in_focus_and_no_others():
 
 
 def test_shares_fade_and_lie_between_0_and_1():
-    shares = near_edges(step(), torch.tensor([0.4]))[0]
+    shares = edge_shares(step(), torch.tensor([0.4]))[0]
     assert float(shares.min()) == 0
     assert float(shares.max()) == 1
     assert float(shares.diff(dim=1).abs().max()) <= 0.25
@@ -134,11 +134,11 @@ def test_shares_fade_and_lie_between_0_and_1():
 
 def test_a_slant_is_no_edge():
     slanted = torch.linspace(-1, 1, 60).expand(40, 60)
-    assert not near_edges(slanted, torch.tensor([0.3])).any()
+    assert not edge_shares(slanted, torch.tensor([0.3])).any()
 
 
 def test_whole_slopes_are_left_to_layers():
-    wide, near, far = near_edges(step(), torch.tensor([0.0, module.WHOLE / 2, module.WHOLE]))[:, 20, 30].tolist()
+    wide, near, far = edge_shares(step(), torch.tensor([0.0, 0.05, 0.1]))[:, 20, 30].tolist()
     assert (wide, far) == (0, 1)
     assert near == pytest.approx(0.5)
 
@@ -147,13 +147,13 @@ def test_whole_slopes_are_left_to_layers():
 def test_focus_counts_by_its_distance_from_the_surfaces_at_the_edge(slope):
     distance = max(slope - 0.4, -0.6 - slope)
     expected = min(max((module.FOCUS - distance) / (0.3 * module.FOCUS), 0), 1)
-    shares = near_edges(step(), torch.tensor([slope], dtype=torch.float64))
+    shares = edge_shares(step(), torch.tensor([slope], dtype=torch.float64))
     assert float(shares[0, 20, 30]) == pytest.approx(expected, abs=1e-5)
 
 
 def test_maps_of_simulated_scenes_have_their_edges_covered():
     views, _ = scene("discs")
-    shares = near_edges(disparity_map(views).disparity, torch.tensor([0.3, 9.4]))
+    shares = edge_shares(disparity_map(views).disparity, torch.tensor([0.3, 9.4]))
     assert 0.1 < float(shares[0].mean()) < 0.9
     assert not shares[1].any()
 
@@ -164,7 +164,7 @@ def test_maps_of_simulated_scenes_have_their_edges_covered():
         ({"views": torch.rand(1, 1, 1, 20, 20)}, "more than one view"),
         ({"slopes": []}, "at least one"),
         ({"slopes": [15.0]}, "less than half"),
-        ({"weights": torch.arange(9.0).reshape(3, 3)}, "alike on both sides of both axes"),
+        ({"weights": torch.arange(9.0).reshape(3, 3)}, "symmetric about both axes"),
     ],
 )
 def test_bad_arguments_are_refused(change, message):

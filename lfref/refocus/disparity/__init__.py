@@ -1,1 +1,1 @@
-"""."""
+"""Disparity: which slope each pixel is sharp at."""

@@ -1,6 +1,13 @@
-"""Disparity of large views by a look at half their size: a quarter of the time, enough to know where edges are.
+"""Disparity of what each pixel of the central view shows, and which sign of it is nearer.
 
-Letters: `d` disparity in pixels per view step.
+`disparity_map`: the range of disparities (`estimate_range`), the cost volume over slopes within it (`cost_volume`),
+semi-global matching and refinement between the slopes (`matching`). `coarse_disparity` does the same at half the size:
+a quarter of the time, enough to know where edges are.
+`depth_order`: what hides is in front of what is hidden. Cameras counted in our order see near points move against
+their own way, d falls with nearness; where both axes of the views are reversed it rises. Next to the edge of a surface
+in front, half of the views of a line see what the other half does not: that half agrees at the disparity of what is
+behind. Whether the disparities around are larger or smaller than that one is counted over the picture.
+Letters: `s` slope and `d` disparity in pixels per view step, `N` slopes tried, `n` views of a line.
 """
 
 import math
@@ -12,95 +19,31 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional import neighbours
 from lfref.refocus import batches, lines
-from lfref.refocus.disparity import agreement, matching
+from lfref.refocus.disparity import cost_volume, matching
 from lfref.refocus.fourier import layer_energies
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
-# PART extent
-# Between which disparities to look: what the spectra of the views say, and a look at them much reduced.
-#
-# Spectra see what is textured, however small; the reduced views see large smooth surfaces that have next to no texture.
-
-SMALLEST = 32
-"""Pixels along the shorter side of what is looked at."""
-REDUCTION = 4
-"""At most."""
-REACH = 4.0
-"""Pixels per view step: where disparities are looked for."""
 SURE = 0.3
-"""Confidence from which a reduced pixel has a say."""
+"""Confidence from which a reduced pixel counts for the range."""
 OUTLIERS = 0.005
-"""Share of them at either end that has none."""
+"""Share of these pixels beyond either end of the range."""
 MARGIN = 0.15
-"""Pixels per view step beyond what they say: a large part of a reduced pixel's error."""
+"""Pixels per view step added at either end: a large part of a reduced pixel's error."""
 BEYOND = 1.0
-"""Pixels per view step by which they may widen what spectra say: reflections move as if they were farther off."""
-
-
-def found(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> tuple[float, float]:
-    """Least and largest disparity that a light field may hold, in pixels per view step.
-
-    Args:
-        views: Radiance, floating point, uint8 or uint16, [V, U, C, H, W].
-        aperture: Weight of each view, their sum 1, [V, U].
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Raises:
-        InputError: Views that are not finite.
-    """
-    # Spectra look half a step farther than views may shift.
-    most = _possible(views, positions)
-    first, last = layer_energies.found(views, 2, aperture).disparities[[0, -1]].clamp(-most, most).tolist()
-    surfaces = _reduced(views, aperture, positions)
-    if not len(surfaces):
-        return first, last
-    low, high = (float(surfaces[round(share * (len(surfaces) - 1))]) for share in (OUTLIERS, 1 - OUTLIERS))
-    # Spectra take the grid for even: where it is not, they limit nothing.
-    beyond = BEYOND if positions is None else torch.inf
-    low, high = max(-most, low - MARGIN), min(most, high + MARGIN)
-    return min(first, max(low, first - beyond)), max(last, min(high, last + beyond))
-
-
-def _reduced(views: Tensor, aperture: Tensor, positions: Tensor | None) -> Tensor:
-    """Disparities of all sure pixels of the reduced views, rising, in full pixels, [P]."""
-    factor = max(1, min(REDUCTION, min(views.shape[-2:]) // SMALLEST))
-    light = F.avg_pool2d(batches.radiance(views).mean(2), factor)[:, :, None]
-    limit = _reach(views, positions) / factor
-    slopes = matching.slopes_between(-limit, limit)
-    small = agreement.grey_views(light, aperture, positions)
-    noise = agreement.noise(small, slopes)
-    disparity, confidence = matching.best_slopes(small, slopes, noise, 1.0)
-    refined = matching.refined(small, disparity, noise, -limit, limit)
-    return factor * refined[confidence > SURE].sort().values
-
-
-def _reach(views: Tensor, positions: Tensor | None) -> float:
-    """As far as the outermost views can shift, and no farther than `REACH`."""
-    return min(REACH, _possible(views, positions))
-
-
-def _possible(views: Tensor, positions: Tensor | None) -> float:
-    """As far as the outermost views can shift: little less than half of them, in pixels per view step."""
-    grid, size = batches.grid_and_size(views)
-    shifts = geometry.corner_shift(torch.ones(1), lines.lines(grid, positions).extent)
-    return 0.9 * min(size) / 2 / max(shifts, 0.5)
-
-
-# PART disparity
-# Disparity of what each pixel of the central view shows: the slope at which the views agree there.
-#
-# Views shifted by the right slope show the same point, except those from which a nearer surface hides it. Of the slopes
-# tried, each pixel takes the one at which the fewest views disagree, all pixels together those that change seldom; then
-# comes what lies between the slopes, and flat regions take what their edges know. The parts are in `matching`.
+"""Pixels per view step by which reduced views may widen the range of the spectra: reflections seem farther off."""
+LARGE = 256
+"""Pixels along the shorter side from which views of half the size still show where edges are."""
 
 
 class DisparityMap(NamedTuple):
-    """What `disparity_map` finds at each pixel of the central view."""
+    """Result of `disparity_map` at each pixel of the central view."""
 
     disparity: Tensor
     """In pixels per view step, float32 or float64, [..., H, W]."""
     confidence: Tensor
-    """How much better the views agree there than at other slopes on the whole, [0, 1), [..., H, W]."""
+    """How much better the views agree there than at other slopes on the mean, [0, 1), [..., H, W]."""
 
 
 @torch.no_grad()
@@ -116,10 +59,10 @@ def disparity_map(
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W], more than one view.
-        first: Least disparity to look for, in pixels per view step; None looks for it.
-        last: Largest disparity to look for, likewise.
+        first: Least disparity to look for, in pixels per view step; None estimates it.
+        last: Largest disparity to look for, in pixels per view step; None estimates it.
         radius: Standard deviation of the window in which views are compared, in pixels.
-        weights: Which views to look at: those of weight 0 are not, [V, U]; None looks at all.
+        weights: Weight of each view, those of 0 are not read, [V, U]; None reads all.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
@@ -140,54 +83,32 @@ def disparity_map(
     if not (math.isfinite(radius) and radius >= 0):
         raise InputError("radius must be finite and at least 0", got=radius, remedy="in pixels; 1 is the default")
     aperture = batches.checked_weights(weights, grid)
-    found = [_found(field, aperture, positions, first, last, radius) for field in batch]
+    maps = []
+    for field in batch:
+        if first is None or last is None:
+            estimated = estimate_range(field, aperture, positions)
+            low, high = (estimated[0] if first is None else first), (estimated[1] if last is None else last)
+        else:
+            low, high = first, last
+        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+            raise InputError("disparities must lie between a first and a larger last one", got=f"{low} and {high}")
+        slopes = lines.checked_slopes(matching.slopes_between(low, high), grid, size, positions)
+        light = cost_volume.grey_views(field, aperture, positions)
+        noise = cost_volume.noise(light, slopes)
+        labels, confidence = matching.best_slopes(light, slopes, noise, radius)
+        maps.append((matching.refine(light, labels, noise, low, high), confidence))
     shape, dtype = (*views.shape[:-5], *size), batches.working_dtype(views.dtype)
-    return DisparityMap(
-        *(torch.stack(maps).reshape(shape).to(views.device, dtype) for maps in zip(*found, strict=True))
-    )
-
-
-def _found(
-    views: Tensor,
-    aperture: Tensor,
-    positions: Tensor | None,
-    first: float | None,
-    last: float | None,
-    radius: float,
-) -> tuple[Tensor, Tensor]:
-    """Disparity and confidence of one light field, [H, W] each."""
-    low, high = _range(views, aperture, positions, first, last)
-    slopes = lines.checked_slopes(matching.slopes_between(low, high), *batches.grid_and_size(views), positions)
-    light = agreement.grey_views(views, aperture, positions)
-    noise = agreement.noise(light, slopes)
-    disparity, confidence = matching.best_slopes(light, slopes, noise, radius)
-    return matching.refined(light, disparity, noise, low, high), confidence
-
-
-def _range(
-    views: Tensor, aperture: Tensor, positions: Tensor | None, first: float | None, last: float | None
-) -> tuple[float, float]:
-    """The slopes between which to look, as asked for or as the field itself says."""
-    if first is None or last is None:
-        low, high = found(views, aperture, positions)
-        first, last = (low if first is None else first), (high if last is None else last)
-    if not (math.isfinite(first) and math.isfinite(last) and first <= last):
-        raise InputError("disparities must lie between a first and a larger last one", got=f"{first} and {last}")
-    return first, last
-
-
-LARGE = 256
-"""Pixels along the shorter side from which there is time to save, and halves of views still show where edges are."""
+    return DisparityMap(*(torch.stack(part).reshape(shape).to(views.device, dtype) for part in zip(*maps, strict=True)))
 
 
 @torch.no_grad()
 def coarse_disparity(field: Tensor, first: float | None = None, last: float | None = None) -> Tensor:
-    """Disparity of each pixel of the central view; of large views alike in squares of two by two.
+    """Disparity of each pixel of the central view; of large views the same in squares of two by two.
 
     Args:
         field: Radiance, [V, U, C, H, W], floating point.
-        first: Least disparity to look for, in pixels per view step; None looks for it.
-        last: Largest disparity to look for, likewise.
+        first: Least disparity to look for, in pixels per view step; None estimates it.
+        last: Largest disparity to look for, in pixels per view step; None estimates it.
 
     Returns:
         In pixels per view step, [H, W].
@@ -198,8 +119,116 @@ def coarse_disparity(field: Tensor, first: float | None = None, last: float | No
     height, width = field.shape[-2:]
     if min(height, width) < LARGE:
         return disparity_map(field, first, last).disparity
-    # Colours are averaged first: the map would do so, of four times as many pixels.
+    # Colours are averaged first: matching would do so later, of four times as many pixels.
     halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
     low, high = (None if end is None else end / 2 for end in (first, last))
-    found = 2 * disparity_map(halves[:, :, None], low, high).disparity
-    return found.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width]
+    disparity = 2 * disparity_map(halves[:, :, None], low, high).disparity
+    return disparity.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width]
+
+
+def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> tuple[float, float]:
+    """Least and largest disparity that a light field may hold, in pixels per view step.
+
+    Spectra know what is textured, however small; matching of reduced views knows large smooth surfaces that have next
+    to no texture. The range is that of the spectra, widened by that of the reduced views.
+
+    Args:
+        views: Radiance, floating point, uint8 or uint16, [V, U, C, H, W].
+        aperture: Weight of each view, their sum 1, [V, U].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+
+    Raises:
+        InputError: Views that are not finite.
+    """
+    # The outermost views can shift by a little less than half of their size.
+    grid, size = batches.grid_and_size(views)
+    shift = geometry.corner_shift(torch.ones(1), lines.lines(grid, positions).extent)
+    most = 0.9 * min(size) / 2 / max(shift, 0.5)
+    ends = layer_energies.estimate_energies(views, 2, aperture).disparities[[0, -1]]
+    first, last = ends.clamp(-most, most).tolist()
+    # Views of at least 32 pixels, at most 4 times smaller.
+    factor = max(1, min(4, min(size) // 32))
+    light = F.avg_pool2d(batches.radiance(views).mean(2), factor)[:, :, None]
+    limit = min(layer_energies.REACH, most) / factor
+    slopes = matching.slopes_between(-limit, limit)
+    small = cost_volume.grey_views(light, aperture, positions)
+    noise = cost_volume.noise(small, slopes)
+    labels, confidence = matching.best_slopes(small, slopes, noise, 1.0)
+    surfaces = factor * matching.refine(small, labels, noise, -limit, limit)[confidence > SURE].sort().values
+    if not len(surfaces):
+        return first, last
+    low, high = (float(surfaces[round(share * (len(surfaces) - 1))]) for share in (OUTLIERS, 1 - OUTLIERS))
+    # Spectra take the grid for even: where it is not, they limit nothing.
+    beyond = BEYOND if positions is None else torch.inf
+    low, high = max(-most, low - MARGIN), min(most, high + MARGIN)
+    return min(first, max(low, first - beyond)), max(last, min(high, last + beyond))
+
+
+RIM = 8
+"""Pixels at the borders that `depth_order` leaves out: views end there."""
+FEWEST = 30
+"""Pixels that must be sure, and that must be hidden from half of the views, for a statement about the order."""
+SIDES_STEP = 0.1
+"""Distance of the slopes at which both halves of a line are compared, in pixels per view step."""
+UNLIKE = 6.0
+"""Variance of the half that a surface hides the pixel from, in variances of the half that sees it, at least."""
+FAINTEST = 1e-4
+"""Variance over all slopes below which a pixel has no texture to compare."""
+NOTABLE, OWN = 0.35, 0.1
+"""Shares of the range of disparities: least step to the surface in front; largest step within one surface."""
+
+
+@torch.no_grad()
+def depth_order(views: Tensor, disparity: Tensor, confidence: Tensor) -> int:
+    """Whether larger or smaller disparities are nearer, from the middle row and column of views.
+
+    Args:
+        views: Floating point, uint8 or uint16, [V, U, C, H, W].
+        disparity: Of each pixel of the central view, in pixels per view step, [H, W].
+        confidence: Of the disparity, [0, 1], [H, W].
+
+    Returns:
+        1 if larger disparities are nearer, -1 if smaller ones are, 0 where nothing clearly hides anything.
+    """
+    sure = disparity[confidence > 0.4]
+    if sure.numel() < FEWEST:
+        return 0
+    ordered = sure.double().sort().values
+    first, last = (float(ordered[round(share * (len(ordered) - 1))]) for share in (0.01, 0.99))
+    light = batches.radiance(views).mean(2, keepdim=True)
+    middle_row, middle_column = light[None, light.shape[0] // 2], light[:, None, light.shape[1] // 2]
+    ends = first - SIDES_STEP, last + SIDES_STEP
+    steps = torch.cat([_steps_to_front(line, disparity, *ends) for line in (middle_row, middle_column)])
+    if len(steps) < FEWEST:
+        return 0
+    score = float(steps.sum() / steps.abs().sum())
+    return int(math.copysign(1, score)) if abs(score) > 0.5 else 0
+
+
+def _steps_to_front(line: Tensor, disparity: Tensor, first: float, last: float) -> Tensor:
+    """Disparity around minus that of each pixel that one half of a line [1, n, 1, H, W] does not see, [P]."""
+    n_views = max(line.shape[:2])
+    if n_views < 3 or min(line.shape[-2:]) <= 2 * RIM:
+        return line.new_zeros(0)
+    slopes = torch.linspace(first, last, 1 + math.ceil((last - first) / SIDES_STEP), dtype=torch.float64)
+    offsets, moments, costs = torch.arange(n_views) - (n_views - 1) / 2, torch.cat([line, line.square()], 2), []
+    for side in (1, -1):
+        # Variance of the views on one side of the centre at each slope: mean of squares less square of the mean.
+        weights = (side * offsets >= 0).double().reshape(line.shape[:2])
+        mean, square = shift_and_sum(moments, slopes, "cubic", weights=weights).unbind(1)
+        costs.append(neighbours.smoothed((square - mean.square()).clamp(min=0), 1.0) + 1e-6)  # 8 bits resolve no less
+    (least, best), (other_least, other_best) = (cost.min(0, keepdim=True) for cost in costs)
+    # The half that agrees better sees the pixel; the other one is tested at the same slope.
+    is_one = least < other_least
+    hidden = torch.where(is_one, costs[1].gather(0, best), costs[0].gather(0, other_best))[0]
+    visible = torch.where(is_one, least, other_least)[0]
+    mean = torch.where(is_one[0], costs[0].mean(0), costs[1].mean(0))
+    # How far disparities within 3 pixels reach above and below the one of the visible half.
+    around, here = disparity.to(line), slopes.to(line)[torch.where(is_one, best, other_best)[0]]
+    rise, fall = neighbours.box_max(around, 7) - here, here + neighbours.box_max(-around, 7)
+    step = rise.clamp(min=0) - fall.clamp(min=0)
+    is_hidden = (hidden > UNLIKE * visible) & (visible < 0.2 * mean) & (mean > FAINTEST)
+    is_hidden &= step.abs() > NOTABLE * (last - first)
+    is_hidden &= torch.minimum(rise.abs(), fall.abs()) < max(SIDES_STEP, OWN * (last - first))
+    inside = slice(RIM, -RIM)
+    return step[inside, inside][is_hidden[inside, inside]]

@@ -1,6 +1,20 @@
-"""The compiled loop of `relaxing`: all rows of a map solved at once, each with its neighbours where they were.
+"""From the cost volume to one disparity a pixel: semi-global matching, then a refinement between the slopes tried.
 
-Letters: `y x` pixel row and column.
+1. `best_slopes`. Costs C(p, n) of label n (slope s_n) at pixel p are aggregated along lines from eight directions r:
+   `L_r(p, n) = C(p, n) + min(L_r(q, n), L_r(q, n +- 1) + CHANGE, M_q + jump(p)) - M_q`, q = p - r the pixel before and
+   M_q its least L_r.
+   A change by one label, as on a slant, costs little; a jump costs more, and less where the picture has an edge. Each
+   pixel takes the label whose sum over the directions is least, and the vertex of the parabola through it and its
+   neighbours.
+2. `refine`. A Gauss-Newton step d <- d - sum w c e / sum w c^2 for each pixel, e a view's difference from the robust
+   mean, c its change with the disparity, w its agreement (`cost_volume`); how well the pixel knows its disparity is
+   sum w c^2.
+3. `relax`. The map that minimises `sum trust (d - target)^2 + sum tie (d - d_neighbour)^2`: pixels that know little
+   take their neighbours' disparity, so that flat regions are filled from their edges.
+Letters: `n` label, `N` labels, `p` pixel, `k` view, `y x` pixel row and column, `s` slope and `d` disparity in pixels
+per view step.
+Sources: Hirschmueller, "Stereo Processing by Semiglobal Matching and Mutual Information", 2008 (1); Lucas, Kanade, "An
+Iterative Image Registration Technique", 1981 (2).
 """
 
 import math
@@ -12,118 +26,29 @@ from torch import Tensor
 
 from lfref.functional import neighbours, splines, threads
 from lfref.functional.jit import compiled, inlined
-from lfref.refocus.disparity import agreement, steps_loop
-from lfref.refocus.disparity.agreement import GreyViews
-
-# PART paths_loop
-# The compiled loop of `paths`: the cheapest way to each pixel along lines of one direction.
-#
-# Letters: `n` label, `y x` pixel row and column.
-
-Reals = NDArray[np.float32]
-
-
-@compiled
-def add_paths(costs: Reals, jumps: Reals, change: float, down: int, right: int, total: Reals) -> None:
-    """Add what the cheapest way along a direction costs that ends at each pixel with each label.
-
-    Args:
-        costs: Of each label, [H, W, N].
-        jumps: What a change by more than one label costs between a pixel and the one before it, [H, W].
-        change: What a change by one label costs.
-        down: Step of the direction along y: -1, 0 or 1.
-        right: Step along x; along y it must be 0 or else the first.
-        total: Added to, [H, W, N].
-    """
-    height, width, n_labels = costs.shape
-    before, here = np.zeros((width, n_labels), np.float32), np.zeros((width, n_labels), np.float32)
-    for i in range(height):
-        y = i if down >= 0 else height - 1 - i
-        for j in range(width):
-            x = j if right >= 0 else width - 1 - j
-            previous = x - right
-            if 0 <= previous < width and (down == 0 or i > 0):
-                way = here[previous] if down == 0 else before[previous]
-                _go_on(costs[y, x], way, np.float32(change), jumps[y, x], here[x])
-            else:
-                here[x] = costs[y, x]
-            for n in range(n_labels):
-                total[y, x, n] += here[x, n]
-        if down != 0:
-            before, here = here, before
-
-
-@inlined
-def _go_on(costs: Reals, way: Reals, change: float, jump: float, here: Reals) -> None:
-    """The way one pixel on: stay, change by one label, or jump; less the least before, so that numbers stay small."""
-    n_labels, least = costs.size, way.min()
-    farther = least + jump
-    for n in range(n_labels):
-        here[n] = min(way[n], farther)
-    for n in range(1, n_labels):
-        here[n] = min(here[n], way[n - 1] + change)
-    for n in range(n_labels - 1):
-        here[n] = min(here[n], way[n + 1] + change)
-    for n in range(n_labels):
-        here[n] += costs[n] - least
-
-
-# PART paths
-# One map of many costs: labels that are cheap at their pixels and seldom change from pixel to pixel.
-#
-# The energy of a whole map cannot be minimised, that of a line can: each pixel takes the label that is cheapest over
-# the
-# lines that reach it from eight directions. A change by one label, as on a slant, costs little; a jump costs more, and
-# less where the picture has an edge.
-# Letters: `N` labels, `H W` height and width.
-# Source: Hirschmueller, "Stereo Processing by Semiglobal Matching and Mutual Information", 2008.
-
-CHANGE = 0.3
-"""Price of a change by one label, in costs of one pixel that is wholly wrong."""
-JUMP = 1.5
-"""Price of a jump where the picture is even."""
-EDGE = 1.5
-"""Mean differences between neighbours at which a jump costs half as much."""
-DIRECTIONS = (((0, 1), (0, -1), (1, 1), (-1, -1)), ((1, 0), (-1, 0), (1, -1), (-1, 1)))
-"""Steps along y and x, in two parts that can be followed at the same time: their sum must not depend on threads."""
-
-
-def along_paths(costs: Tensor, picture: Tensor) -> Tensor:
-    """Costs that take the neighbours into account, all directions together, [N, H, W].
-
-    Args:
-        costs: Of each label at each pixel, in [0, 1], float32, CPU, [N, H, W].
-        picture: Says where edges are, [H, W].
-    """
-    last = np.ascontiguousarray(costs.permute(1, 2, 0).numpy())
-    totals = [np.zeros_like(last) for _ in DIRECTIONS]
-
-    def follow(part: int) -> None:
-        for down, right in DIRECTIONS[part]:
-            add_paths(last, _jumps(picture, down, right), CHANGE, down, right, totals[part])
-
-    threads.share(follow, [(part,) for part in range(len(DIRECTIONS))], torch.get_num_threads())
-    return torch.from_numpy(sum(totals[1:], totals[0])).permute(2, 0, 1).contiguous()
-
-
-def _jumps(picture: Tensor, down: int, right: int) -> np.ndarray:
-    """Price of a jump from the pixel before, [H, W]; what has none before it is never asked."""
-    differences = (picture - picture.roll((down, right), (0, 1))).abs()
-    neighbours = [picture.diff(dim=axis).abs().flatten() for axis in (0, 1)]
-    usual = torch.cat(neighbours).mean() if picture.numel() > 1 else picture.new_ones(())
-    steepness = differences / (EDGE * usual.clamp(min=torch.finfo(usual.dtype).tiny))
-    return (JUMP / (1 + steepness)).clamp(min=CHANGE).float().numpy()
-
-
-# PART labels
-# Disparities in steps: the slope of each pixel among those tried, and how clearly it is the best.
-#
-# Letters: `s` slope in pixels per view step, `N` slopes tried.
+from lfref.refocus.disparity import cost_volume
+from lfref.refocus.disparity.cost_volume import GreyViews, Integers, Number, Reals, mean_of, read_spline, robust_mean
 
 STEP = 0.1
-"""Between slopes, in pixels per view step: `refining` finds what lies between them."""
-FLOOR = 1e-3
-"""Share of disagreeing views that is as good as none."""
+"""Largest distance of the slopes tried, in pixels per view step: `refine` finds what lies between them."""
+CHANGE = 0.3
+"""Price of a change by one label, in costs of one pixel at which all views disagree."""
+JUMP = 1.5
+"""Price of a jump where the picture is level, in the same unit."""
+EDGE = 1.5
+"""Difference to the pixel before, in mean differences of neighbours, at which a jump costs half as much."""
+DIRECTIONS = (((0, 1), (0, -1), (1, 1), (-1, -1)), ((1, 0), (-1, 0), (1, -1), (-1, 1)))
+"""Steps along y and x, in two parts that run at the same time: the order of the sum must not depend on threads."""
+FARTHEST = STEP
+"""Pixels per view step that one refinement may go: no farther than to the next slope tried."""
+SMOOTH = 1e3
+"""Tie between neighbours of one surface, per square of pixels per view step: they differ by about 0.03."""
+GAP = 0.15
+"""Difference of neighbours, in pixels per view step, from which they are of different surfaces."""
+CALIBRATION = 0.1
+"""Information that counts, as a share of the views' sum: their errors are alike, and not noise alone."""
+ROUNDS = 16
+"""Times that rows and columns are solved: disparities spread farther with each."""
 
 
 def slopes_between(first: float, last: float) -> Tensor:
@@ -140,50 +65,217 @@ def best_slopes(views: GreyViews, slopes: Tensor, noise: float, radius: float) -
         noise: Standard deviation of a view.
         radius: Standard deviation of the window in which views are compared, in pixels.
     """
-    spread = agreement.spread(views, noise).numpy()
-    shares = neighbours.smoothed(agreement.disagreements(views, slopes, spread), radius)
-    costs = along_paths(shares, views.central)
-    best = costs.argmin(0, keepdim=True)
-    step = float(slopes[1] - slopes[0]) if len(slopes) > 1 else 0.0
-    disparity = float(slopes[0]) + step * (best + _least(costs, best))[0]
-    least, mean = shares.gather(0, best)[0], shares.mean(0)
-    return disparity, ((mean - least) / (mean + FLOOR)).clamp(min=0)
-
-
-def _least(costs: Tensor, best: Tensor) -> Tensor:
-    """Where a parabola through the least cost and its neighbours has its least, in slopes from it, [1, H, W]."""
-    last = len(costs) - 1
+    spread = cost_volume.spread(views, noise).numpy()
+    shares = neighbours.smoothed(cost_volume.disagreements(views, slopes, spread), radius)
+    costs = aggregate(shares, views.central)
+    # The vertex of the parabola through the least cost and its neighbours; end labels have one neighbour, and stay.
+    best, last = costs.argmin(0, keepdim=True), len(costs) - 1
     before, here, after = (costs.gather(0, (best + step).clamp(0, last)) for step in (-1, 0, 1))
     rise_before, rise_after = before - here, after - here
-    offset = (rise_before - rise_after) / (2 * (rise_before + rise_after)).clamp(min=torch.finfo(costs.dtype).tiny)
-    return torch.where((best > 0) & (best < last), offset, 0.0)
+    vertex = (rise_before - rise_after) / (2 * (rise_before + rise_after)).clamp(min=torch.finfo(costs.dtype).tiny)
+    label = best + torch.where((best > 0) & (best < last), vertex, 0.0)
+    step = float(slopes[1] - slopes[0]) if len(slopes) > 1 else 0.0
+    # How much better the views agree there than on the mean. The floor keeps 0 / 0 of flat views at 0.
+    least, mean = shares.gather(0, best)[0], shares.mean(0)
+    return float(slopes[0]) + step * label[0], ((mean - least) / (mean + 1e-3)).clamp(min=0)
 
 
-LinesLoopReals = NDArray[np.float64]
+def aggregate(costs: Tensor, picture: Tensor) -> Tensor:
+    """Path costs summed over all directions, of costs [N, H, W] in [0, 1] and a picture [H, W] that shows the edges."""
+    pixels_first = np.ascontiguousarray(costs.permute(1, 2, 0).numpy())
+    totals = [np.zeros_like(pixels_first) for _ in DIRECTIONS]
+
+    def follow(part: int) -> None:
+        for down, right in DIRECTIONS[part]:
+            add_paths(pixels_first, _jumps(picture, down, right), CHANGE, down, right, totals[part])
+
+    threads.share(follow, [(part,) for part in range(len(DIRECTIONS))], torch.get_num_threads())
+    return torch.from_numpy(sum(totals[1:], totals[0])).permute(2, 0, 1).contiguous()
+
+
+def _jumps(picture: Tensor, down: int, right: int) -> np.ndarray:
+    """Price of a jump from the pixel before, [H, W]; pixels that have none before them wrap, and are never read."""
+    differences = (picture - picture.roll((down, right), (0, 1))).abs()
+    all_differences = [picture.diff(dim=axis).abs().flatten() for axis in (0, 1)]
+    mean = torch.cat(all_differences).mean() if picture.numel() > 1 else picture.new_ones(())
+    steepness = differences / (EDGE * mean.clamp(min=torch.finfo(mean.dtype).tiny))
+    return (JUMP / (1 + steepness)).clamp(min=CHANGE).float().numpy()
+
+
+@compiled
+def add_paths(
+    costs: Reals, jumps: Reals, change: float, down: int, right: int, total: Reals
+) -> None:  # pragma: no cover - compiled
+    """Add L_r of one direction (down, right) to a total [H, W, N]; costs [H, W, N], jumps [H, W]."""
+    height, width, n_labels = costs.shape
+    # Only the path costs of this row and of the row before are kept.
+    before, here = np.zeros((width, n_labels), np.float32), np.zeros((width, n_labels), np.float32)
+    for i in range(height):
+        y = i if down >= 0 else height - 1 - i
+        for j in range(width):
+            x = j if right >= 0 else width - 1 - j
+            previous = x - right
+            if 0 <= previous < width and (down == 0 or i > 0):
+                path = here[previous] if down == 0 else before[previous]
+                _extend(costs[y, x], path, np.float32(change), jumps[y, x], here[x])
+            else:  # a line begins here
+                here[x] = costs[y, x]
+            for n in range(n_labels):
+                total[y, x, n] += here[x, n]
+        if down != 0:
+            before, here = here, before
+
+
+@inlined
+def _extend(costs: Reals, path: Reals, change: float, jump: float, here: Reals) -> None:
+    """Path costs [N] one pixel on. Each minimum is a pass of its own, which compiles to vector instructions."""
+    n_labels, least = costs.size, path.min()
+    farther = least + jump
+    for n in range(n_labels):
+        here[n] = min(path[n], farther)
+    for n in range(1, n_labels):
+        here[n] = min(here[n], path[n - 1] + change)
+    for n in range(n_labels - 1):
+        here[n] = min(here[n], path[n + 1] + change)
+    # Less the least cost before: numbers stay small, and float32 exact enough on long lines.
+    for n in range(n_labels):
+        here[n] += costs[n] - least
+
+
+def refine(views: GreyViews, disparity: Tensor, noise: float, first: float, last: float) -> Tensor:
+    """A disparity map with its fractions, float32, [H, W].
+
+    Args:
+        views: The views.
+        disparity: In pixels per view step, right to about `STEP`, [H, W].
+        noise: Standard deviation of a view.
+        first: Least disparity there may be.
+        last: Largest disparity there may be.
+    """
+    coefficients, spread = splines.coefficients(views.samples), cost_volume.spread(views, noise).numpy()
+    variance = noise**2 + cost_volume.LEAST_NOISE**2
+    for _ in range(2):
+        information, steps = gauss_newton(views, coefficients, disparity.float().numpy(), spread)
+        target = disparity + steps.clamp(-FARTHEST, FARTHEST)
+        # Neighbours of different surfaces are not tied.
+        across, down = (
+            SMOOTH * torch.exp(-3 * ((disparity.roll(-1, axis) - disparity) / GAP).square()) for axis in (1, 0)
+        )
+        disparity = relax(target, CALIBRATION / variance * information, across, down).clamp(first, last)
+    return disparity.float()
+
+
+def gauss_newton(
+    views: GreyViews, coefficients: np.ndarray, disparity: np.ndarray, spread: np.ndarray
+) -> tuple[Tensor, Tensor]:
+    """Information (sum w c^2) and step of each pixel, [H, W] each; spline coefficients of the views [K, H, W]."""
+    information, steps = np.empty_like(disparity), np.empty_like(disparity)
+    n_threads = threads.worthwhile(disparity.size, 1 << 10)  # pixels from which one more thread pays
+
+    def work(first: int, last: int) -> None:
+        rows = slice(first, last)
+        find_steps(
+            coefficients, views.positions, views.middle, disparity, spread, first, information[rows], steps[rows]
+        )
+
+    threads.share(work, threads.bands(len(disparity), n_threads), n_threads)
+    return torch.from_numpy(information), torch.from_numpy(steps)
+
+
+@compiled
+def find_steps(
+    coefficients: Reals,
+    positions: Reals,
+    middle: Integers,
+    disparity: Reals,
+    spread: Reals,
+    top: int,
+    information: Reals,
+    steps: Reals,
+) -> None:  # pragma: no cover - compiled
+    """Information and steps [R, W] of a band of rows that begins at row `top`; step 0 where nothing is known."""
+    n_views, height, width = coefficients.shape
+    values, weights = np.empty(n_views, np.float32), np.empty(n_views, np.float32)
+    gradients = np.empty((n_views, 2), np.float32)
+    for i in range(steps.shape[0]):
+        y = top + i
+        for x in range(width):
+            # What each view shows at the disparity so far; NaN beyond its borders.
+            for k in range(n_views):
+                v, u = positions[k]
+                p, q = y + disparity[y, x] * v, x + disparity[y, x] * u
+                if 0 <= p <= height - 1 and 0 <= q <= width - 1:
+                    values[k], gradients[k, 0], gradients[k, 1] = read_spline(coefficients[k], p, q)
+                else:
+                    values[k] = np.nan
+            # The robust mean: begun at the central views, then of all that agree with it, twice.
+            reference = mean_of(values, middle)
+            reference = robust_mean(values, reference, spread[y, x], weights)
+            reference = robust_mean(values, reference, spread[y, x], weights)
+            information[i, x], steps[i, x] = _step(values, gradients, positions, weights, reference)
+
+
+@inlined
+def _step(
+    values: Reals, gradients: Reals, positions: Reals, weights: Reals, reference: Number
+) -> tuple[Number, Number]:
+    # Changes are taken from the mean of the gradients: noise of each view's own gradient would count as information,
+    # and steps would fall short.
+    total = along_y = along_x = middle_v = middle_u = np.float32(0)
+    for k in range(values.size):
+        if weights[k] > 0:
+            total += weights[k]
+            along_y += weights[k] * gradients[k, 0]
+            along_x += weights[k] * gradients[k, 1]
+            middle_v += weights[k] * positions[k, 0]
+            middle_u += weights[k] * positions[k, 1]
+    share = np.float32(1) / max(total, np.float32(1e-12))
+    along_y, along_x, middle_v, middle_u = share * along_y, share * along_x, share * middle_v, share * middle_u
+    # Positions count from their own mean, as the reference is a mean: it moves with the disparity too.
+    information, product = np.float32(0), np.float32(0)
+    for k in range(values.size):
+        if weights[k] > 0:
+            change = (positions[k, 0] - middle_v) * along_y + (positions[k, 1] - middle_u) * along_x
+            information += weights[k] * change * change
+            product -= weights[k] * change * (values[k] - reference)
+    return information, product / information if information > 0 else np.float32(0)
+
+
+def relax(target: Tensor, trust: Tensor, across: Tensor, down: Tensor) -> Tensor:
+    """The smooth map of step 3, float64: all rows solved at once, then all columns, again and again.
+
+    Args:
+        target: Values aimed at, [H, W].
+        trust: Weight of the targets, >= 0, [H, W].
+        across: Tie of each value to the one to its right, >= 0, the last column unused, [H, W].
+        down: Tie to the one below, the last row unused, [H, W].
+    """
+    aims, ties, falls = (np.ascontiguousarray(map_.double().numpy()) for map_ in (target, across, down))
+    # Where neither neighbours nor pixels know anything, values stay.
+    sure = trust.double().numpy() + 1e-9
+    rows, columns = (sure, aims, ties, falls), tuple(np.ascontiguousarray(part.T) for part in (sure, aims, falls, ties))
+    values, solved, turned = aims, np.empty_like(aims), np.empty_like(columns[0])
+    for _ in range(ROUNDS):
+        solve_rows(values, *rows, solved)
+        solve_rows(np.ascontiguousarray(solved.T), *columns, turned)
+        values = np.ascontiguousarray(turned.T)
+    return torch.from_numpy(values)
 
 
 @compiled
 def solve_rows(
-    values: LinesLoopReals,
-    trust: LinesLoopReals,
-    target: LinesLoopReals,
-    across: LinesLoopReals,
-    down: LinesLoopReals,
-    solved: LinesLoopReals,
-) -> None:
-    """The map whose rows each minimise the energy of `relaxing` while the other rows stay.
-
-    Args:
-        values: The map so far, [H, W].
-        trust: Of the targets, >= 0, [H, W].
-        target: What values should be, [H, W].
-        across: What ties each value to the one to its right, >= 0, the last column unused, [H, W].
-        down: What ties it to the one below, the last row unused, [H, W].
-        solved: Filled, [H, W].
-    """
+    values: NDArray[np.float64],
+    trust: NDArray[np.float64],
+    target: NDArray[np.float64],
+    across: NDArray[np.float64],
+    down: NDArray[np.float64],
+    solved: NDArray[np.float64],
+) -> None:  # pragma: no cover - compiled
+    """Rows [H, W] that each minimise the energy while the other rows keep their values."""
     height, width = values.shape
     share, rest = np.empty(width), np.empty(width)
     for y in range(height):
+        # A tridiagonal system, solved by Thomas' algorithm: forward, x_j = rest_j + share_j x_(j + 1).
         for x in range(width):
             diagonal, side = trust[y, x], trust[y, x] * target[y, x]
             if y > 0:
@@ -193,116 +285,12 @@ def solve_rows(
                 diagonal += down[y, x]
                 side += down[y, x] * values[y + 1, x]
             if x > 0:
+                # (1 - share) is computed, not the pivot less its product: no cancellation where trust is tiny.
                 diagonal += across[y, x - 1] * (1 - share[x - 1])
                 side += across[y, x - 1] * rest[x - 1]
             tie = across[y, x] if x < width - 1 else 0.0
             share[x], rest[x] = tie / (diagonal + tie), side / (diagonal + tie)
+        # Backward.
         solved[y, width - 1] = rest[width - 1]
         for x in range(width - 2, -1, -1):
             solved[y, x] = rest[x] + share[x] * solved[y, x + 1]
-
-
-# PART relaxing
-# A smooth map from values that are known unequally well: flat regions take what their edges know.
-#
-# The energy is the sum of trust (value - target)^2 over pixels, and of tie (value - neighbour's)^2 over neighbours.
-# It is
-# minimised line by line, all rows at once and then all columns.
-
-ROUNDS = 16
-"""Times that rows and columns are solved: what is known spreads farther in each."""
-LEAST_TRUST = 1e-9
-"""Of the ties: where neither neighbours nor pixels know anything, values stay."""
-
-
-def relaxed(target: Tensor, trust: Tensor, across: Tensor, down: Tensor) -> Tensor:
-    """The smooth map, float64.
-
-    Args:
-        target: What values should be, [H, W].
-        trust: Of the targets, >= 0, [H, W].
-        across: What ties each value to the one to its right, >= 0, the last column unused, [H, W].
-        down: What ties it to the one below, the last row unused, [H, W].
-    """
-    aims, ties, falls = (np.ascontiguousarray(map_.double().numpy()) for map_ in (target, across, down))
-    sure = trust.double().numpy() + LEAST_TRUST
-    rows, columns = (sure, aims, ties, falls), tuple(np.ascontiguousarray(part.T) for part in (sure, aims, falls, ties))
-    values = aims
-    for _ in range(ROUNDS):
-        values = _solved(values, *rows)
-        values = np.ascontiguousarray(_solved(np.ascontiguousarray(values.T), *columns).T)
-    return torch.from_numpy(values)
-
-
-def _solved(
-    values: NDArray[np.float64],
-    trust: NDArray[np.float64],
-    target: NDArray[np.float64],
-    across: NDArray[np.float64],
-    down: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    solved = np.empty_like(values)
-    solve_rows(values, trust, target, across, down, solved)
-    return solved
-
-
-# PART refining
-# The last hundredths of a disparity: each pixel a step towards where its views agree best, then one smooth map.
-#
-# Views are read between their samples by splines, with the weights that `agreement` gives them. How well a pixel knows
-# its disparity follows from how much its views would change with it; those that know little take their neighbours'.
-# Letters: `d` disparity in pixels per view step.
-# Source: Lucas, Kanade, "An Iterative Image Registration Technique", 1981.
-
-ROUNDS_OF_REFINING = 2
-FARTHEST = 0.1
-"""Pixels per view step that one step may go."""
-SMOOTH = 1e3
-"""How well neighbours know each other, per square of pixels per view step: they differ by about 0.03."""
-GAP = 0.15
-"""Difference between neighbours, in pixels per view step, from which they are of different surfaces."""
-CALIBRATION = 0.1
-"""Of what views seem to know: their errors are alike, and not noise alone."""
-WORTH_A_THREAD = 1 << 10
-"""Pixels from which one more thread saves more than it costs."""
-
-
-def refined(views: GreyViews, disparity: Tensor, noise: float, first: float, last: float) -> Tensor:
-    """A disparity map with its fractions, float32, [H, W].
-
-    Args:
-        views: The views.
-        disparity: In pixels per view step, right to about 0.1, [H, W].
-        noise: Standard deviation of a view.
-        first: Least disparity there may be.
-        last: Largest disparity there may be.
-    """
-    coefficients, spread = splines.coefficients(views.samples), agreement.spread(views, noise).numpy()
-    variance = noise**2 + agreement.LEAST_NOISE**2
-    for _ in range(ROUNDS_OF_REFINING):
-        information, steps = _steps(views, coefficients, disparity.float().numpy(), spread)
-        target = disparity + steps.clamp(-FARTHEST, FARTHEST)
-        ties = [SMOOTH * torch.exp(-3 * (_differences(disparity, axis) / GAP).square()) for axis in (1, 0)]
-        disparity = relaxed(target, CALIBRATION / variance * information, *ties).clamp(first, last)
-    return disparity.float()
-
-
-def _steps(
-    views: GreyViews, coefficients: np.ndarray, disparity: np.ndarray, spread: np.ndarray
-) -> tuple[Tensor, Tensor]:
-    information, steps = np.empty_like(disparity), np.empty_like(disparity)
-    height, n_threads = len(disparity), threads.worthwhile(disparity.size, WORTH_A_THREAD)
-
-    def find(top: int, end: int) -> None:
-        band = slice(top, end)
-        steps_loop.find_steps(
-            coefficients, views.places, views.middle, disparity, spread, top, information[band], steps[band]
-        )
-
-    threads.share(find, threads.bands(height, n_threads), n_threads)
-    return torch.from_numpy(information), torch.from_numpy(steps)
-
-
-def _differences(disparity: Tensor, axis: int) -> Tensor:
-    """To the next pixel along an axis; of the last one to itself."""
-    return disparity.roll(-1, axis) - disparity

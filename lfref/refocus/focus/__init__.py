@@ -1,1 +1,1 @@
-"""What is in focus, and where: sharpness of refocused planes."""
+"""Sharp pictures of the scene, and the slopes that it spans."""

@@ -2,11 +2,11 @@
 
 Sharpness `E_n(y, x)` is the squared Laplacian of plane n, summed over channels and averaged over a Gaussian window
 with a faint wide skirt. Far from focus, few views leave copies of an edge instead of a blur, as sharp as the edge but
-as faint as one view; the skirt lets the edge itself outvote them where nothing else is to be seen.
-Stacks want interpolation that blurs no plane more than another (`exact_fourier`, or `exact` shift-and-sum): linear
-interpolation pulls the index towards slopes whose shifts are whole. Limits: within about two radii of a depth edge
-the stronger texture takes the weaker one's place, confidently; at borders, where views end or wrap round, planes out
-of focus look sharp: sharpness there is that of what lies just within (colours are the planes' own, wrapped or not).
+as faint as one view; the skirt lets the edge itself win where nothing else is textured.
+Stacks should come from interpolation that blurs no plane more than another (`exact_fourier`, or `exact` shift-and-sum):
+linear interpolation pulls the index towards slopes whose shifts are whole. Limits: within about two radii of a depth
+edge the stronger texture takes the weaker one's place, with high confidence; at borders, where views end or wrap round,
+planes out of focus look sharp, so sharpness there is taken from just within (colours are the planes' own).
 Letters: `n` plane, `y x` pixel row and column, `F` noise floor.
 Source: Nayar, Nakagawa, "Shape from Focus", 1994; its Gaussian peak is the parabola through log E.
 """
@@ -24,15 +24,18 @@ from lfref.functional import neighbours
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 
-SKIRT_SHARE = 0.05  # of the window's weight: less lets copies of edges through, more blurs depth edges
-SKIRT_WIDTH = 6  # radii
-ROUNDING = 20 / (12 * 255**2)  # squared Laplacian that rounding to 8 bits gives a channel: 16 + 4 times its variance
-RIM = 4  # pixels at the border whose sharpness is that of views' ends: twice the reach of cubic interpolation
-TIE = 1e-6  # difference of log E that float32 cannot tell from none
+SKIRT_SHARE = 0.05
+"""Weight of the skirt in the window: less lets copies of edges through, more blurs depth edges."""
+SKIRT_WIDTH = 6
+"""Standard deviation of the skirt, in radii."""
+ROUNDING = 20 / (12 * 255**2)
+"""Squared Laplacian that rounding to 8 bits gives a channel: (16 + 4) times its variance, 1 / (12 * 255²)."""
+RIM = 4
+"""Pixels at the border in which views end: twice the reach of cubic interpolation."""
 
 
 class AllInFocus(NamedTuple):
-    """What `all_in_focus` finds at each pixel."""
+    """Result of `all_in_focus` at each pixel."""
 
     image: Tensor
     """Colour of the sharpest plane, in the type of the stack, [..., C, H, W]."""
@@ -68,19 +71,33 @@ def all_in_focus(stack: Tensor, radius: float = 2.0) -> AllInFocus:
         >>> image.shape, index.shape
         (torch.Size([3, 48, 64]), torch.Size([48, 64]))
     """
-    _check(stack, radius)
+    if stack.ndim < 4 or 0 in stack.shape:
+        raise InputError("a stack must be [..., N, C, H, W] with no axis empty", got=f"shape {list(stack.shape)}")
+    if not stack.is_floating_point():
+        raise InputError("a stack must be floating point", got=stack.dtype, remedy="scale integers to [0, 1]")
+    if not (math.isfinite(radius) and radius >= 0):
+        raise InputError("radius must be finite and at least 0, in pixels", got=radius)
     planes = stack.reshape(-1, *stack.shape[-4:])
     working, floor = batches.working_dtype(stack.dtype), ROUNDING * stack.shape[-3]
     # One plane at a time keeps the working set small.
     energy = torch.stack([_sharpness(plane.to(working), radius) for plane in planes.unbind(1)], dim=1)
-    best = energy.argmax(1, keepdim=True)
+    best, last = energy.argmax(1, keepdim=True), energy.shape[1] - 1
     image = planes.gather(1, best[:, :, None].expand(-1, -1, *planes.shape[2:3], -1, -1))
-    index = best + _peak((energy + floor).log(), best)
+    # The parabola through log(E + F). Both falls are at least 0, so its peak is within 1/2 of the best plane; the
+    # constant is a difference of logarithms that float32 cannot tell from 0, and keeps ties at 0.
+    log_energy = (energy + floor).log()
+    top, before, after = (log_energy.gather(1, (best + step).clamp(0, last)) for step in (0, -1, 1))
+    fall_before, fall_after = top - before, top - after
+    peak = (fall_before - fall_after) / (2 * (fall_before + fall_after) + 1e-6)
+    index = best + torch.where((best > 0) & (best < last), peak, 0.0)
+    # The lead over planes that are not neighbours.
+    number = torch.arange(last + 1, device=energy.device)[:, None, None]
+    rival = torch.where((number - best).abs() > 1, energy, 0.0).amax(1, keepdim=True)
+    most = energy.gather(1, best)
+    confidence = (most - rival) / (most + floor)
     batch, size = stack.shape[:-4], stack.shape[-2:]
     return AllInFocus(
-        image.reshape(*batch, *stack.shape[-3:]),
-        index.reshape(*batch, *size),
-        _confidence(energy, best, floor).reshape(*batch, *size),
+        image.reshape(*batch, *stack.shape[-3:]), index.reshape(*batch, *size), confidence.reshape(*batch, *size)
     )
 
 
@@ -89,7 +106,7 @@ def index_to_slope(index: Tensor, slopes: Slopes) -> Tensor:
 
     Args:
         index: Positions in the stack, floating point, held within [0, N - 1], any shape.
-        slopes: Slopes of its planes in pixels per view step, rising or falling throughout, [N].
+        slopes: Of its planes, in pixels per view step, rising or falling throughout, [N].
 
     Returns:
         Slopes in pixels per view step, linear between the planes, in the type and shape of the index.
@@ -111,15 +128,6 @@ def index_to_slope(index: Tensor, slopes: Slopes) -> Tensor:
     return planes.to(index)[below] + (inside - below) * steps.to(index)[below]
 
 
-def _check(stack: Tensor, radius: float) -> None:
-    if stack.ndim < 4 or 0 in stack.shape:
-        raise InputError("a stack must be [..., N, C, H, W] with no axis empty", got=f"shape {list(stack.shape)}")
-    if not stack.is_floating_point():
-        raise InputError("a stack must be floating point", got=stack.dtype, remedy="scale integers to [0, 1]")
-    if not (math.isfinite(radius) and radius >= 0):
-        raise InputError("radius must be finite and at least 0, in pixels", got=radius)
-
-
 def _sharpness(plane: Tensor, radius: float) -> Tensor:
     """Squared Laplacian under the window, [B, C, H, W] -> [B, H, W]."""
     padded = F.pad(plane, (1, 1, 1, 1), mode="replicate")
@@ -128,32 +136,9 @@ def _sharpness(plane: Tensor, radius: float) -> Tensor:
     energy = (4 * plane - rows - columns).square().sum(1)
     if radius == 0:
         return energy
-    energy = _inner(energy)
-    return torch.lerp(
-        neighbours.smoothed(energy, radius), neighbours.smoothed(energy, SKIRT_WIDTH * radius), SKIRT_SHARE
-    )
-
-
-def _inner(energy: Tensor) -> Tensor:
-    """The same, [B, H, W], its rim replaced by the mirrored picture within; small pictures have less of a rim."""
+    # The rim is replaced by the mirrored picture within it; small pictures have less of a rim.
     down, across = (min(RIM, (length - 1) // 4) for length in energy.shape[-2:])
     inner = energy[:, down : energy.shape[-2] - down, across : energy.shape[-1] - across]
-    return F.pad(inner[None], (across, across, down, down), mode="reflect")[0]
-
-
-def _peak(log_energy: Tensor, best: Tensor) -> Tensor:
-    """Where a parabola through the best plane and its neighbours peaks, in planes from the best one, [B, 1, H, W]."""
-    last = log_energy.shape[1] - 1
-    peak, before, after = (log_energy.gather(1, (best + step).clamp(0, last)) for step in (0, -1, 1))
-    fall_before, fall_after = peak - before, peak - after
-    # Both are at least 0, so the quotient stays within 1/2.
-    offset = (fall_before - fall_after) / (2 * (fall_before + fall_after) + TIE)
-    return torch.where((best > 0) & (best < last), offset, 0.0)
-
-
-def _confidence(energy: Tensor, best: Tensor, floor: float) -> Tensor:
-    """(E - R) / (E + F), [B, 1, H, W]."""
-    planes = torch.arange(energy.shape[1], device=energy.device)[:, None, None]
-    rival = torch.where((planes - best).abs() > 1, energy, 0.0).amax(1, keepdim=True)
-    peak = energy.gather(1, best)
-    return (peak - rival) / (peak + floor)
+    energy = F.pad(inner[None], (across, across, down, down), mode="reflect")[0]
+    core, skirt = (neighbours.smoothed(energy, sigma) for sigma in (radius, SKIRT_WIDTH * radius))
+    return torch.lerp(core, skirt, SKIRT_SHARE)

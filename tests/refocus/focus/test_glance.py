@@ -4,19 +4,21 @@ import pytest
 import torch
 
 from lfref.refocus.focus import slope_range
-from lfref.refocus.focus.slope_range import Glance, glance
+from lfref.refocus.focus.slope_range import CoarseDisparity, disparity_of_reduced
 from tests.refocus.conftest import shifted_views, texture
 
 
-def seen(views: torch.Tensor, weight: torch.Tensor | None = None, positions: torch.Tensor | None = None) -> Glance:
-    return glance(slope_range.reduced(views, weight, positions))
+def seen(
+    views: torch.Tensor, weight: torch.Tensor | None = None, positions: torch.Tensor | None = None
+) -> CoarseDisparity:
+    return disparity_of_reduced(slope_range.reduce_views(views, weight, positions))
 
 
 def plane(disparity: float, grid: tuple[int, int] = (5, 5), channels: int = 1) -> torch.Tensor:
     return shifted_views(texture(channels, 96, 120), disparity, grid)
 
 
-def error(found: Glance, disparity: float, border: int = 12) -> float:
+def error(found: CoarseDisparity, disparity: float, border: int = 12) -> float:
     """Median over the interior."""
     inside = slice(border, -border)
     return float((found.disparity[inside, inside] - disparity).abs().median())

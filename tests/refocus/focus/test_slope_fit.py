@@ -12,7 +12,7 @@ PAD = 4
 
 def of_slope(pictures: torch.Tensor, slope: float) -> slope_range.Fit:
     light, weights = (F.pad(each, (PAD,) * 4) for each in (pictures, torch.ones_like(pictures)))
-    (fit,) = slope_range.fits_of_slope_fit(light, weights, STEPS, torch.tensor([slope], dtype=torch.float64), 10.0, PAD)
+    (fit,) = slope_range.fit_slopes(light, weights, STEPS, torch.tensor([slope], dtype=torch.float64), 10.0, PAD)
     return fit
 
 

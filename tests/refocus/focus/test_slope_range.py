@@ -5,7 +5,13 @@ import dataclasses
 import pytest
 import torch
 
-from lfref.refocus.focus.slope_range import Glance, glance, reduced, slope_range, well_seen
+from lfref.refocus.focus.slope_range import (
+    CoarseDisparity,
+    disparity_of_reduced,
+    on_surfaces,
+    reduce_views,
+    slope_range,
+)
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.simulate import simulate
@@ -16,7 +22,7 @@ TOLERANCE = 0.02  # pixels per view step: of a plane facing the camera the range
 
 
 def range_of(views: torch.Tensor) -> tuple[float, float]:
-    found = slope_range(glance(reduced(views)))
+    found = slope_range(disparity_of_reduced(reduce_views(views)))
     assert found is not None
     return found
 
@@ -54,7 +60,7 @@ def test_strays_and_what_is_unsure_are_left_out():
     disparity[50, 50] = 30.0
     confidence = torch.ones(100, 100)
     confidence[:, :25] = 0.1
-    low, high = slope_range(Glance(disparity, confidence, 1))
+    low, high = slope_range(CoarseDisparity(disparity, confidence, 1))
     assert low == pytest.approx(-0.5, abs=0.1)
     assert high == pytest.approx(1.0, abs=0.1)
 
@@ -62,9 +68,9 @@ def test_strays_and_what_is_unsure_are_left_out():
 def test_a_surface_is_where_neighbours_agree():
     disparity = torch.zeros(9, 9)
     disparity[4, 4] = 1.0
-    assert not well_seen(Glance(disparity, torch.ones(9, 9), 1))[4, 4]
+    assert not on_surfaces(CoarseDisparity(disparity, torch.ones(9, 9), 1))[4, 4]
     # The same difference is none where pixels are reduced ten times as much.
-    assert well_seen(Glance(disparity, torch.ones(9, 9), 20))[4, 4]
+    assert on_surfaces(CoarseDisparity(disparity, torch.ones(9, 9), 20))[4, 4]
 
 
 @pytest.mark.parametrize(
@@ -72,8 +78,8 @@ def test_a_surface_is_where_neighbours_agree():
     [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50), torch.full((3, 3, 1, 40, 50), torch.nan)],
 )
 def test_where_nothing_is_seen_there_is_no_range(views):
-    assert slope_range(glance(reduced(views))) is None
+    assert slope_range(disparity_of_reduced(reduce_views(views))) is None
 
 
 def test_noise_alone_has_no_range():
-    assert slope_range(glance(reduced(torch.rand(7, 7, 3, 128, 192)))) is None
+    assert slope_range(disparity_of_reduced(reduce_views(torch.rand(7, 7, 3, 128, 192)))) is None

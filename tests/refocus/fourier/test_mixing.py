@@ -26,32 +26,32 @@ def test_products_are_those_of_the_matrices_written_out(dtype):
     matrices = Matrices(torch.randn(4, 3, 2, SIZE[0], dtype=dtype), torch.randn(4, 3, 2, SIZE[1], dtype=dtype))
     given = spectra(3)
     expected = torch.einsum("mnyx,bncyx->bmcyx", at_every_frequency(matrices).to(given), given)
-    torch.testing.assert_close(layer_mixing.multiplied(given, matrices), expected, atol=1e-12, rtol=0)
+    torch.testing.assert_close(layer_mixing.multiply(given, matrices), expected, atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.complex128])
 def test_solutions_multiplied_are_what_was_given(dtype):
     matrices, given, diagonal = definite(5, dtype), spectra(5), torch.linspace(30, 40, 5, dtype=torch.float64)
-    found = layer_mixing.solved(given, matrices, diagonal)
-    again = layer_mixing.multiplied(found, matrices) + diagonal[:, None, None, None] * found
+    found = layer_mixing.solve(given, matrices, diagonal)
+    again = layer_mixing.multiply(found, matrices) + diagonal[:, None, None, None] * found
     torch.testing.assert_close(again, given, atol=1e-12, rtol=0)
 
 
 def test_compiled_loops_and_pytorch_agree():
     matrices, given, diagonal = definite(5, torch.float64), spectra(5), torch.full((5,), 30.0, dtype=torch.float64)
     asked = given.clone().requires_grad_()
-    for step in (layer_mixing.multiplied, lambda *arguments: layer_mixing.solved(*arguments, diagonal)):
+    for step in (layer_mixing.multiply, lambda *arguments: layer_mixing.solve(*arguments, diagonal)):
         torch.testing.assert_close(step(asked, matrices).detach(), step(given, matrices), atol=1e-13, rtol=0)
 
 
 def test_any_memory_layout_and_float32():
     matrices, given = definite(3, torch.float64), spectra(3, torch.complex64)
     turned = given.movedim(1, -1).contiguous().movedim(-1, 1)
-    expected = layer_mixing.multiplied(given.to(torch.complex128), matrices)
-    assert layer_mixing.multiplied(turned, matrices).dtype == torch.complex64
-    torch.testing.assert_close(layer_mixing.multiplied(turned, matrices).to(expected), expected, atol=1e-5, rtol=1e-5)
+    expected = layer_mixing.multiply(given.to(torch.complex128), matrices)
+    assert layer_mixing.multiply(turned, matrices).dtype == torch.complex64
+    torch.testing.assert_close(layer_mixing.multiply(turned, matrices).to(expected), expected, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(
-        layer_mixing.multiplied(given.conj(), matrices), layer_mixing.multiplied(given, matrices).conj()
+        layer_mixing.multiply(given.conj(), matrices), layer_mixing.multiply(given, matrices).conj()
     )
 
 

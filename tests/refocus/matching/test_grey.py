@@ -6,14 +6,14 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus.disparity.agreement import grey_views
+from lfref.refocus.disparity.cost_volume import grey_views
 
 
 @pytest.mark.parametrize(("grid", "n_middle"), [((3, 5), 1), ((2, 3), 2), ((4, 4), 4), ((1, 6), 2)])
 def test_the_middle_is_one_view_or_those_around_it(grid, n_middle):
     light = grey_views(torch.rand(*grid, 3, 6, 7), torch.ones(grid))
     assert len(light.middle) == n_middle
-    assert abs(light.places[light.middle].mean(0)).max() == 0
+    assert abs(light.positions[light.middle].mean(0)).max() == 0
 
 
 def test_colours_are_averaged_and_integers_scaled():
@@ -29,7 +29,7 @@ def test_views_of_weight_0_are_not_looked_at_whatever_they_hold():
     light = grey_views(views, aperture)
     assert len(light.samples) == 8
     # The four beside the missing one.
-    assert sorted(map(tuple, light.places[light.middle].tolist())) == [(-1, 0), (0, -1), (0, 1), (1, 0)]
+    assert sorted(map(tuple, light.positions[light.middle].tolist())) == [(-1, 0), (0, -1), (0, 1), (1, 0)]
 
 
 def test_what_is_not_finite_and_single_views_are_refused():

@@ -5,7 +5,7 @@ import torch
 
 from lfref.functional import neighbours
 from lfref.refocus.disparity import matching
-from lfref.refocus.disparity.agreement import grey_views
+from lfref.refocus.disparity.cost_volume import grey_views
 from tests.refocus.conftest import shifted_views, texture
 
 

@@ -37,7 +37,7 @@ def test_pixels_that_cannot_tell_take_the_label_around_them():
     costs = torch.full((5, 20, 24), 0.5)
     costs[2] = 0.1
     costs[:, 8:12, 9:15] = 0.3  # nothing is to be told here
-    assert bool((matching.along_paths(costs, torch.full((20, 24), 0.4)).argmin(0) == 2).all())
+    assert bool((matching.aggregate(costs, torch.full((20, 24), 0.4)).argmin(0) == 2).all())
 
 
 def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
@@ -45,7 +45,7 @@ def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
     costs[1, :, :12], costs[5, :, 12:] = 0.1, 0.1
     costs[4, 6, 5] = 0.0
     picture = torch.cat([torch.full((24, 12), 0.2), torch.full((24, 12), 0.8)], 1)
-    best = matching.along_paths(costs, picture).argmin(0)
+    best = matching.aggregate(costs, picture).argmin(0)
     assert bool((best[:, :12] == 1).all())
     assert bool((best[:, 12:] == 5).all())
 
@@ -53,4 +53,4 @@ def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
 @pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1)])
 def test_pictures_of_a_row_or_a_pixel_are_no_error(size):
     costs = torch.rand(3, *size)
-    assert matching.along_paths(costs, torch.rand(size)).shape == (3, *size)
+    assert matching.aggregate(costs, torch.rand(size)).shape == (3, *size)

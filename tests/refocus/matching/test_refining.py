@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from lfref.functional import neighbours, splines
-from lfref.refocus.disparity import agreement, matching
-from lfref.refocus.disparity.agreement import grey_views
+from lfref.refocus.disparity import cost_volume, matching
+from lfref.refocus.disparity.cost_volume import grey_views
 from tests.refocus.conftest import shifted_views, texture
 
 
@@ -15,7 +15,7 @@ def plane(disparity, grid=(5, 5)):
 
 def refined(views, disparity):
     light = grey_views(views, torch.ones(views.shape[:2]))
-    return matching.refined(light, disparity, 1e-3, -1.5, 1.5)
+    return matching.refine(light, disparity, 1e-3, -1.5, 1.5)
 
 
 @pytest.mark.parametrize("disparity", [-0.83, 0.04, 0.5, 1.0])
@@ -40,7 +40,7 @@ def test_flat_views_keep_what_was_known():
 
 def test_nothing_leaves_the_range():
     light = grey_views(plane(0.5), torch.ones(5, 5))
-    assert float(matching.refined(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
+    assert float(matching.refine(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.03, 0.06])
@@ -48,9 +48,9 @@ def test_noise_of_each_view_is_not_taken_for_information(noise):
     still = plane(0.3, (7, 7))
     views = still + noise * torch.randn(still.shape, generator=torch.Generator().manual_seed(1))
     light = grey_views(views, torch.ones(7, 7))
-    spread = agreement.spread(light, noise).numpy()
+    spread = cost_volume.spread(light, noise).numpy()
     tried = torch.full((48, 56), 0.34)
-    information, steps = matching._steps(light, splines.coefficients(light.samples), tried.numpy(), spread)
+    information, steps = matching.gauss_newton(light, splines.coefficients(light.samples), tried.numpy(), spread)
     inner = (slice(8, -8), slice(8, -8))
     step = float((information * steps)[inner].sum() / information[inner].sum())
     # Views that differ by chance weigh less, which halves steps; gradients of each view alone left .27 of them.

@@ -25,7 +25,7 @@ def test_enough_rounds_solve_the_equations(size, monkeypatch):
     monkeypatch.setattr(matching, "ROUNDS", 2000)
     target, trust, across, down = torch.rand(4, *size, dtype=torch.float64)
     torch.testing.assert_close(
-        matching.relaxed(target, trust, across, down), solved(target, trust, across, down), atol=1e-6, rtol=0
+        matching.relax(target, trust, across, down), solved(target, trust, across, down), atol=1e-6, rtol=0
     )
 
 
@@ -34,9 +34,9 @@ def test_what_edges_know_fills_what_is_between():
     target[:, 0] = target[:, -1] = target[0] = target[-1] = 0.7
     trust[:, 0] = trust[:, -1] = trust[0] = trust[-1] = 1e6
     before = (target - 0.7).abs().mean()
-    assert float((matching.relaxed(target, trust, ties, ties) - 0.7).abs().mean()) < 0.3 * before
+    assert float((matching.relax(target, trust, ties, ties) - 0.7).abs().mean()) < 0.3 * before
 
 
 def test_nothing_passes_where_there_are_no_ties():
     target, none = torch.rand(9, 11, dtype=torch.float64), torch.zeros(9, 11)
-    torch.testing.assert_close(matching.relaxed(target, none, none, none), target)
+    torch.testing.assert_close(matching.relax(target, none, none, none), target)

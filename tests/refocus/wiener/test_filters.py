@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lfref.refocus import apertures, batches
-from lfref.refocus.wiener_filters import Prior, between, filters, opposites
+from lfref.refocus.wiener_filters import Prior, filters, opposites, prior_between
 
 KNOWN = Prior((-0.7, 0.1, 0.35), (0.3, 0.5, 0.2), aliased=0.15, unexplained=0.02)
 SLOPES = (-1.2, 0.0, 0.3)
@@ -121,7 +121,7 @@ def impulses(factors, grid, side):
 
 def test_opposite_views_have_mirrored_filters():
     spatial = impulses(
-        made(between(-1, 0.5), (-1.0, 0.4), (3, 4), batches.checked_weights(None, (3, 4)), 8, 16), (3, 4), 16
+        made(prior_between(-1, 0.5), (-1.0, 0.4), (3, 4), batches.checked_weights(None, (3, 4)), 8, 16), (3, 4), 16
     )
     turned = spatial[:, ::-1, :0:-1, :0:-1]
     np.testing.assert_allclose(spatial[..., 1:, 1:], turned, atol=1e-6)

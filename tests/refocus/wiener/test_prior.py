@@ -24,7 +24,7 @@ def share_near(known, disparity, radius=1.5 * wiener_filters.STEP):
 @settings(max_examples=50, deadline=None)
 def test_shares_are_probabilities_that_reach_a_margin_beyond_what_was_found(values, confidence):
     disparity = torch.tensor(values, dtype=torch.float64)
-    known = wiener_filters.found_in(disparity, torch.full_like(disparity, confidence))
+    known = wiener_filters.prior_of_map(disparity, torch.full_like(disparity, confidence))
     assert sum(known.shares) == pytest.approx(1)
     assert min(known.shares) > 0
     assert known.disparities[0] <= min(values) - wiener_filters.MARGIN
@@ -35,7 +35,7 @@ def test_shares_are_probabilities_that_reach_a_margin_beyond_what_was_found(valu
 
 @pytest.mark.parametrize("disparity", [-1.0, 0.0, 0.03, 0.4])
 def test_the_mean_of_what_was_found_is_the_disparity_found(disparity):
-    known = wiener_filters.found_in(torch.full((5, 6), disparity))
+    known = wiener_filters.prior_of_map(torch.full((5, 6), disparity))
     inner = [
         (d, s - wiener_filters.BROAD / len(known.shares)) for d, s in zip(known.disparities, known.shares, strict=True)
     ]
@@ -45,7 +45,7 @@ def test_the_mean_of_what_was_found_is_the_disparity_found(disparity):
 
 def test_rare_disparities_count_by_the_root_of_how_often_they_occur():
     rare = 16 * wiener_filters.STEP
-    known = wiener_filters.found_in(torch.tensor([0.0] * 9900 + [rare] * 100, dtype=torch.float64))
+    known = wiener_filters.prior_of_map(torch.tensor([0.0] * 9900 + [rare] * 100, dtype=torch.float64))
     doubt = wiener_filters.BROAD / len(known.shares)
     often, rarely = (share_near(known, d, wiener_filters.STEP / 2) - doubt for d in (0.0, rare))
     assert often / rarely == pytest.approx(math.sqrt(99), rel=1e-4)
@@ -53,7 +53,7 @@ def test_rare_disparities_count_by_the_root_of_how_often_they_occur():
 
 def test_pixels_without_confidence_do_not_count():
     disparity, confidence = torch.tensor([0.0, 0.8]), torch.tensor([1.0, 0.0])
-    known = wiener_filters.found_in(disparity, confidence)
+    known = wiener_filters.prior_of_map(disparity, confidence)
     assert share_near(known, 0.8) < 0.02
     assert share_near(known, 0.0) > 0.9
 
@@ -61,12 +61,12 @@ def test_pixels_without_confidence_do_not_count():
 @pytest.mark.parametrize("values", [[math.nan], [0.0, math.inf], []])
 def test_maps_with_holes_are_refused(values):
     with pytest.raises(InputError, match="disparities must be finite"):
-        wiener_filters.found_in(torch.tensor(values))
+        wiener_filters.prior_of_map(torch.tensor(values))
 
 
 @pytest.mark.parametrize(("first", "last"), [(-1.0, 0.5), (0.5, -1.0)])
 def test_between_two_disparities_all_are_alike(first, last):
-    known = wiener_filters.between(first, last)
+    known = wiener_filters.prior_between(first, last)
     inside = [s for d, s in zip(known.disparities, known.shares, strict=True) if -0.9 < d < 0.4]
     outside = [s for d, s in zip(known.disparities, known.shares, strict=True) if not -1.1 < d < 0.65]
     assert max(inside) < 1.001 * min(inside)
@@ -97,4 +97,4 @@ def test_power_has_no_side():
 
 
 def test_equal_priors_are_one_key():
-    assert hash(wiener_filters.between(-1, 0.5)) == hash(wiener_filters.between(-1, 0.5))
+    assert hash(wiener_filters.prior_between(-1, 0.5)) == hash(wiener_filters.prior_between(-1, 0.5))

@@ -38,7 +38,7 @@ def convolved(views, filters):
 def test_squares_of_any_side_make_the_convolution(side, grid, size):
     views = torch.randn(2, grid[0] * grid[1], 3, *size, dtype=torch.float64)
     filters = kernels(2, grid[0] * grid[1])
-    made = wiener.filtered(views, opposites(grid), factors(filters, grid, side), MARGIN)
+    made = wiener._filtered(views, opposites(grid), factors(filters, grid, side), MARGIN)
     assert made.shape == (2, 2, 3, *size)
     torch.testing.assert_close(made, convolved(views, filters), atol=1e-11, rtol=0)
 
@@ -46,7 +46,7 @@ def test_squares_of_any_side_make_the_convolution(side, grid, size):
 def test_gradients_pass_the_seams():
     views = torch.randn(1, 4, 1, 5, 6, dtype=torch.float64, requires_grad=True)
     spectra = factors(kernels(1, 4), (2, 2), 8)
-    assert torch.autograd.gradcheck(lambda x: wiener.filtered(x, opposites((2, 2)), spectra, MARGIN), views)
+    assert torch.autograd.gradcheck(lambda x: wiener._filtered(x, opposites((2, 2)), spectra, MARGIN), views)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

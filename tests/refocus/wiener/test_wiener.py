@@ -10,10 +10,10 @@ from lfref.refocus import apertures
 from lfref.refocus import wiener as module
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.wiener import wiener
-from lfref.refocus.wiener_filters import Prior, between
+from lfref.refocus.wiener_filters import Prior, prior_between
 
 SLOPES = [-2.0, -0.4, 0.3]
-KNOWN = between(-1.0, 0.5)
+KNOWN = prior_between(-1.0, 0.5)
 
 
 def only(disparity, unexplained=1e-4):
@@ -199,7 +199,7 @@ def test_gradients_are_right():
     "weights", [torch.arange(9.0).reshape(3, 3), torch.tensor([[1.0, 1, 0], [1, 1, 1], [1, 1, 0]]), torch.eye(3)]
 )
 def test_apertures_that_are_not_alike_on_both_sides_are_refused(weights):
-    with pytest.raises(InputError, match="alike on both sides of both axes"):
+    with pytest.raises(InputError, match="symmetric about both axes"):
         wiener(torch.rand(3, 3, 1, 20, 20), [0.0], KNOWN, weights)
 
 

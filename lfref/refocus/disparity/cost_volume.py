@@ -1,0 +1,334 @@
+"""The cost volume of matching: at each slope and pixel, the share of views that disagree with the others.
+
+A plane sweep: views are shifted by each slope in turn, L[v, u](x + s u, y + s v), and compared where they show the same
+point if s is its disparity. Every view has one vote, a soft one: its difference e from the reference costs
+`e^2 / (e^2 + sigma^2)` (Geman-McClure), so that a difference far beyond noise is one whole disagreement however great
+it is. So the views from which a nearer surface hides the point outvote nobody, wherever in the aperture they are, and a
+bright edge weighs no more than weak texture. The reference is first the mean of the central views, then the mean of all
+weighted by `sigma^2 / (e^2 + sigma^2)`: less noise, and no view is special.
+`sigma^2` (the spread, one number a pixel) is made of noise, which is measured, and of the error of interpolation and of
+the slopes' distance, which grow with the gradient.
+Letters: `s` slope in pixels per view step, `N` slopes, `K` views that are read, `k` view, `v u` its row and column from
+the angular centre, `y x` pixel row and column, `p q` position in a view along y and x, `t` fraction of a sample.
+Source: Black, Rangarajan, "On the Unification of Line Processes, Outlier Rejection, and Robust Statistics", 1996.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from lfref.errors import InputError
+from lfref.functional import neighbours, threads
+from lfref.functional.jit import compiled, inlined
+from lfref.refocus import batches, lines
+from lfref.refocus.sampling import INTERPOLATIONS
+
+Reals = NDArray[np.float32]
+Integers = NDArray[np.int64]
+Number = float | np.floating
+Taps = tuple[Number, Number, Number, Number]
+
+LEAST_NOISE = 1e-3
+"""Standard deviation that even good views have: rounding to 8 bits has 1 / 255 / sqrt(12) = 1.1e-3."""
+NOISY = 2.0
+"""Variances of the noise that count as half a disagreement: the variance of a difference of two views."""
+STEEP = 0.05
+"""Pixels that a view a step from the centre is off halfway between slopes that are tried (`matching.STEP` / 2)."""
+QUIET = 0.25
+"""Share of pixels that show nothing but noise at their best slope: others are interpolated, hidden, or shine."""
+
+
+class GreyViews(NamedTuple):
+    """The grey views of one light field that are read."""
+
+    samples: Reals
+    """[K, H, W]."""
+    positions: Reals
+    """v and u of each, in view steps from the angular centre, [K, 2]."""
+    middle: Integers
+    """Numbers of those nearest to the angular centre: one, or those around it."""
+
+    @property
+    def central(self) -> Tensor:
+        """The picture in the middle, [H, W]."""
+        return torch.from_numpy(self.samples[self.middle].mean(0))
+
+
+def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> GreyViews:
+    """The views of a light field in grey, those of weight 0 left out.
+
+    Args:
+        views: Floating point, uint8 or uint16, [V, U, C, H, W].
+        aperture: Weight of each view, [V, U].
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+
+    Raises:
+        InputError: Views that are not finite, or less than two of a weight above 0.
+    """
+    is_read = aperture > 0
+    if int(is_read.sum()) < 2:
+        raise InputError("disparity takes more than one view", got=f"{int(is_read.sum())} of a weight above 0")
+    light = [batches.radiance(view).mean(0).float().cpu() for view in views.detach()[is_read.to(views.device)]]
+    samples = torch.stack(light)
+    if not bool(samples.isfinite().all()):
+        raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give views weight 0")
+    grid = batches.grid_and_size(views)[0]
+    where = (lines.even(grid) if positions is None else lines.checked_positions(positions, grid))[is_read]
+    distances = where.square().sum(1)
+    nearest = (distances <= 1.01 * float(distances.min())).nonzero()[:, 0]  # equally near but for rounding
+    return GreyViews(samples.numpy(), where.float().numpy(), nearest.numpy())
+
+
+def noise(views: GreyViews, slopes: Tensor) -> float:
+    """Standard deviation of what distinguishes views that show the same, slopes [N] covering the scene."""
+    height = views.samples.shape[1]
+    # Every eighth row and every second slope say enough. Rows are counted from both ends: mirrored views must have a
+    # mirrored map.
+    to_border = np.minimum(np.arange(height), np.arange(height)[::-1])
+    rows = np.flatnonzero(to_border % 8 == min(4, to_border.max()))
+    # A spread of 1, far above all differences, turns shares into mean squares.
+    level = np.ones(views.samples.shape[1:], np.float32)
+    least = disagreements(views, slopes[::2], level, rows).amin(0)
+    n_views = len(views.samples)
+    quiet = float(least.flatten().kthvalue(1 + int(QUIET * (least.numel() - 1))).values)
+    return max(quiet * n_views / (n_views - 1), 0.0) ** 0.5
+
+
+def spread(views: GreyViews, noise: float) -> Tensor:
+    """sigma^2, the square of the difference that counts as half a disagreement, [H, W]."""
+    return NOISY * noise**2 + LEAST_NOISE**2 + STEEP**2 * steepness(views.central)
+
+
+def steepness(image: Tensor) -> Tensor:
+    """Square of the gradient, averaged a little, [H, W]."""
+    gradients = [torch.gradient(image, dim=axis)[0] for axis in (0, 1) if image.shape[axis] > 1]
+    squares = sum((gradient.square() for gradient in gradients), torch.zeros_like(image))
+    return neighbours.smoothed(squares[None], 1.0)[0]
+
+
+class Shifts(NamedTuple):
+    """How each view is read at one slope: cubic taps along both axes, and where it has samples."""
+
+    rows: Integers
+    """First row that is read for y = 0, [K]."""
+    row_weights: Reals
+    """[K, 4]."""
+    row_spans: Integers
+    """First row with samples, and one past the last, [K, 2]."""
+    columns: Integers
+    column_weights: Reals
+    column_spans: Integers
+
+
+def disagreements(views: GreyViews, slopes: Tensor, spread: Reals, rows: Integers | None = None) -> Tensor:
+    """The cost volume: the share of views that disagree, [N, R, W].
+
+    Args:
+        views: The views.
+        slopes: In pixels per view step, [N].
+        spread: Square of the difference that counts as half a disagreement, [H, W].
+        rows: Rows to compute, [R]; None: all.
+    """
+    height, width = views.samples.shape[1:]
+    chosen = np.arange(height) if rows is None else rows
+    shares = np.empty((len(slopes), len(chosen), width), np.float32)
+    shifts = [
+        Shifts(*_taps(slope * views.positions[:, 0], height), *_taps(slope * views.positions[:, 1], width))
+        for slope in slopes.tolist()
+    ]
+    n_threads = threads.worthwhile(len(chosen) * width, 1 << 12)  # pixels of a slope from which one more thread pays
+
+    def work(n: int, first: int, last: int) -> None:
+        part = slice(first, last)
+        disagree(views.samples, views.middle, shifts[n], spread, chosen[part], shares[n, part])
+
+    jobs = [(n, *band) for n in range(len(slopes)) for band in threads.bands(len(chosen), n_threads)]
+    threads.share(work, jobs, n_threads)
+    return torch.from_numpy(shares)
+
+
+def _taps(shifts: NDArray, length: int) -> tuple[Integers, Reals, Integers]:
+    """First sample read, weights and span of each view along one axis."""
+    taps = [INTERPOLATIONS["cubic"].taps(float(shift)) for shift in shifts]
+    starts = np.array([view[0][0] for view in taps], np.int64)
+    weights = np.array([[weight for _, weight in view] for view in taps], np.float32)
+    # Shifts that are whole but for rounding have the span of whole ones.
+    near = np.where(np.abs(shifts - np.round(shifts)) < 1e-5, np.round(shifts), shifts)
+    begins, ends = np.ceil(-near).clip(0, length), np.floor(length - 1 - near).clip(-1, length - 1) + 1
+    return starts, weights, np.stack([begins, ends], 1).astype(np.int64)
+
+
+@compiled
+def disagree(
+    samples: Reals, middle: Integers, shifts: Shifts, spread: Reals, rows: Integers, shares: Reals
+) -> None:  # pragma: no cover - compiled
+    """One slope, some rows [R] of the cost volume: shares [R, W] are written, each in [0, 1]."""
+    n_views, _, width = samples.shape
+    moved, line = np.empty((n_views, width), np.float32), np.empty(width + 4, np.float32)
+    reference, weights, total = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    # A row at a time: the shifted rows of all views stay in the cache, and each pass over x becomes vector code.
+    for i in range(rows.size):
+        y = rows[i]
+        present = np.flatnonzero((shifts.row_spans[:, 0] <= y) & (y < shifts.row_spans[:, 1]))
+        # 1. Read the views.
+        for k in present:
+            _move(samples[k], shifts, k, y, line, moved[k])
+        # 2. The reference: mean of the central views that have a sample, 0 where none has.
+        reference[:] = 0
+        weights[:] = 0
+        for k in present:
+            if (middle == k).any():
+                begin, end = shifts.column_spans[k]
+                view, mean, count = moved[k, begin:end], reference[begin:end], weights[begin:end]
+                for x in range(view.size):
+                    mean[x] += view[x]
+                    count[x] += np.float32(1)
+        for x in range(width):
+            reference[x] /= max(weights[x], np.float32(1))
+        # 3. The mean of all views, weighted by how well they agree with it.
+        weights[:] = 0
+        total[:] = 0
+        for k in present:
+            begin, end = shifts.column_spans[k]
+            _add_agreement(
+                moved[k, begin:end], spread[y, begin:end], reference[begin:end], weights[begin:end], total[begin:end]
+            )
+        for x in range(width):
+            if weights[x] > 0:
+                reference[x] = total[x] / weights[x]
+        # 4. The votes: the mean over all views with a sample; where none has, nothing agrees.
+        weights[:] = 0
+        shares[i] = 0
+        for k in present:
+            begin, end = shifts.column_spans[k]
+            _add_votes(
+                moved[k, begin:end],
+                spread[y, begin:end],
+                reference[begin:end],
+                weights[begin:end],
+                shares[i, begin:end],
+            )
+        for x in range(width):
+            shares[i, x] = shares[i, x] / weights[x] if weights[x] > 0 else np.float32(1)
+
+
+@inlined
+def _move(view: Reals, shifts: Shifts, k: int, y: int, line: Reals, moved: Reals) -> None:
+    """Row y of a shifted view where it has samples: first four rows to a line, then four columns of it to a sample."""
+    height, width = view.shape
+    top, (a, b, c, d) = y + shifts.rows[k], shifts.row_weights[k]
+    # Taps beyond the border read its outermost row and, below, column.
+    first, second = view[min(max(top, 0), height - 1)], view[min(max(top + 1, 0), height - 1)]
+    third, fourth = view[min(max(top + 2, 0), height - 1)], view[min(max(top + 3, 0), height - 1)]
+    inner = line[2 : 2 + width]
+    for x in range(width):
+        inner[x] = a * first[x] + b * second[x] + c * third[x] + d * fourth[x]
+    line[:2], line[2 + width :] = inner[0], inner[width - 1]
+    begin, end = shifts.column_spans[k]
+    read, out = line[begin + 2 + shifts.columns[k] :], moved[begin:end]
+    a, b, c, d = shifts.column_weights[k]
+    for x in range(out.size):
+        out[x] = a * read[x] + b * read[x + 1] + c * read[x + 2] + d * read[x + 3]
+
+
+# Not inlined: loops this short over whole rows are compiled to vector instructions on their own.
+@compiled
+def _add_agreement(view: Reals, spread: Reals, reference: Reals, weights: Reals, total: Reals) -> None:
+    for x in range(view.size):
+        off = view[x] - reference[x]
+        weight = spread[x] / (off * off + spread[x])
+        weights[x] += weight
+        total[x] += weight * view[x]
+
+
+@compiled
+def _add_votes(view: Reals, spread: Reals, reference: Reals, counts: Reals, shares: Reals) -> None:
+    for x in range(view.size):
+        off = view[x] - reference[x]
+        square = off * off
+        shares[x] += square / (square + spread[x])
+        counts[x] += np.float32(1)
+
+
+# The same robust mean at one pixel, for views read between their samples by cubic splines (`matching.refine`,
+# `extended_focus`): slower than the sweep, sharper than its four taps.
+
+
+@inlined
+def read_spline(view: Reals, p: float, q: float) -> tuple[Number, Number, Number]:
+    """A view, given as spline coefficients [H, W], at a position within it, and its derivatives along y and x."""
+    height, width = view.shape
+    row, column = int(p), int(q)
+    (a, b, c, d), (da, db, dc, dd) = _spline(np.float32(p - row))
+    (e, f, g, h), (de, df, dg, dh) = _spline(np.float32(q - column))
+    left, right, after = abs(column - 1), _mirrored(column + 1, width), _mirrored(column + 2, width)
+    value = along_y = along_x = np.float32(0)
+    for n in range(4):
+        line = view[_mirrored(row - 1 + n, height)]
+        first, second, third, fourth = line[_mirrored(left, width)], line[column], line[right], line[after]
+        here = e * first + f * second + g * third + h * fourth
+        change = de * first + df * second + dg * third + dh * fourth
+        # Chains of conditions: a table of weights would go through memory.
+        weight = a if n == 0 else b if n == 1 else c if n == 2 else d
+        derivative = da if n == 0 else db if n == 1 else dc if n == 2 else dd
+        value += weight * here
+        along_y += derivative * here
+        along_x += weight * change
+    return value, along_y, along_x
+
+
+@inlined
+def _mirrored(index: int, length: int) -> int:
+    """The sample by which the spline goes on beyond both ends, whose coefficients were made so."""
+    index = abs(index)
+    return max(2 * (length - 1) - index, 0) if index >= length else index
+
+
+@inlined
+def _spline(t: float) -> tuple[Taps, Taps]:
+    """Weights of the coefficients at -1, 0, 1 and 2 of a cubic B-spline, and of its derivative."""
+    rest, sixth, half = np.float32(1) - t, np.float32(1 / 6), np.float32(0.5)
+    first, last = rest * rest * rest * sixth, t * t * t * sixth
+    second = np.float32(2 / 3) - half * t * t * (np.float32(2) - t)
+    slope_first, slope_last = -half * rest * rest, half * t * t
+    slope_second = t * (np.float32(1.5) * t - np.float32(2))
+    # Weights sum to 1, those of the derivative to 0: the third follows.
+    return (first, second, np.float32(1) - first - second - last, last), (
+        slope_first,
+        slope_second,
+        -slope_first - slope_second - slope_last,
+        slope_last,
+    )
+
+
+@inlined
+def mean_of(values: Reals, middle: Integers) -> Number:
+    """Mean of the central values that are not NaN, 0 if all are."""
+    total, count = np.float32(0), np.float32(0)
+    for i in range(middle.size):
+        value = values[middle[i]]
+        if not math.isnan(value):
+            total += value
+            count += np.float32(1)
+    return total / max(count, np.float32(1))
+
+
+@inlined
+def robust_mean(values: Reals, reference: Number, spread: float, weights: Reals) -> Number:
+    """Mean of the values weighted by their agreement with a reference; weights are written, 0 for NaN.
+
+    The squares of the agreement of the sweep: views that differ have to count for next to nothing in a mean.
+    """
+    total, sum_of_weights = np.float32(0), np.float32(0)
+    for k in range(values.size):
+        off = values[k] - reference
+        weight = spread / (spread + off * off)
+        weights[k] = weight * weight if weight > 0 else np.float32(0)  # NaN is not above 0
+        if weight > 0:
+            total += weights[k] * values[k]
+            sum_of_weights += weights[k]
+    return total / sum_of_weights if sum_of_weights > 0 else reference
