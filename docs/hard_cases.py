@@ -8,9 +8,9 @@ import pandas as pd
 import torch
 from matplotlib.figure import Figure
 
-from lfref.bench.stability import picture_trials
-from lfref.bench.stability import trials as trials_of
-from lfref.bench.stability.catalogue import Case, Demand
+from lfref.bench.stability import components as stability_components
+from lfref.bench.stability.catalogue import Demand, HardCase
+from lfref.bench.stability.trials import run_trials
 from lfref.functional.psnr import inverse_psnr_of_mse
 from lfref.report import stability_table, tables
 
@@ -23,18 +23,19 @@ DECIBELS = (120, 110, 100, 50, 20 / math.log(10), 6, 3, 1, 0, -6)
 
 
 def goals() -> Iterator[str]:
-    """Every goal with what was measured, and how our trials and the usual ones ended."""
-    yield "| figure | goal | measured | usual form | holds |"
+    """Every goal with the measured figures."""
+    yield "| figure | goal | measured | textbook form | holds |"
     yield "|---|---|---|---|---|"
-    # As text: only so does a figure that is no number differ from none.
-    for row in pd.read_csv(RUN / "goals.csv", dtype=str, keep_default_na=False).itertuples():
-        yield f"| {row.figure} | {row.goal} | {_number(row.measured)} | {_number(row.usual)} | {row.holds} |"
+    # As text, so that "nan", a figure that is not a number, differs from an empty cell.
+    table = pd.read_csv(RUN / "goals.csv", dtype=str, keep_default_na=False)
+    for row in table.rename(columns={"usual": "textbook"}).itertuples():
+        yield f"| {row.figure} | {row.goal} | {_number(row.measured)} | {_number(row.textbook)} | {row.holds} |"
 
 
 def trials() -> Iterator[str]:
-    """How many trials hold, ours beside the usual ones, and which of ours do not."""
+    """How many trials hold, ours beside the textbook forms, and which of ours do not."""
     rows = tables.read_table(RUN / "stability.csv")
-    yield "| component | ours hold | usual form | it holds |"
+    yield "| component | ours hold | textbook form | it holds |"
     yield "|---|---|---|---|"
     for component, members in rows.groupby("component", sort=False):
         holds = members["holds"].eq("yes").groupby(members["formulation"], sort=False)
@@ -65,14 +66,12 @@ def departures() -> Iterator[str]:
 
 def picture() -> Figure:
     """Trials of 1 - SSIM and of the loss in three precisions, on the cases that take no seconds and are not benign."""
-    components = [component for component in picture_trials.components() if component.name in SHOWN]
+    components = [component for component in stability_components.image_components() if component.name in SHOWN]
     quick = [each._replace(cases=tuple(case for case in each.cases if _is_shown(case))) for each in components]
-    return stability_table.heat_map(
-        pd.DataFrame(row for row in trials_of.trials(quick) if row["precision"] in PRECISIONS)
-    )
+    return stability_table.heat_map(pd.DataFrame(row for row in run_trials(quick) if row["precision"] in PRECISIONS))
 
 
-def _is_shown(case: Case) -> bool:
+def _is_shown(case: HardCase) -> bool:
     return not case.is_large and case.demand == Demand.ACCURATE and case.name not in BENIGN
 
 

@@ -18,7 +18,8 @@ from lfref.bench.engine_timing import Fields, Subject
 from lfref.bench.error_causes import Plan
 from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
 from lfref.bench.operator_costs import MethodCase, Scales, Size
-from lfref.bench.stability import behaviours, model_trials, picture_trials, trials
+from lfref.bench.stability import components as stability_components
+from lfref.bench.stability import goals, trials
 from lfref.bench.stability.trials import Component
 from lfref.captures.correct import as_asked
 from lfref.cli import config as configs
@@ -434,10 +435,10 @@ def simulate(config: DictConfig, folder: Path) -> None:
 # Group `stability`: the catalogue of hard cases over every component and precision, ours beside the usual forms.
 
 PARTS: dict[str, Callable[[], list[Component]]] = {
-    "losses": picture_trials.components,
-    "operators": model_trials.operator_components,
-    "networks": model_trials.components,
-    "exported": model_trials.exported_components,
+    "losses": stability_components.image_components,
+    "operators": stability_components.operator_components,
+    "networks": stability_components.network_components,
+    "exported": stability_components.file_components,
     "simulator": list,
 }
 """What can be tried; scenes are the simulator's cases, and it is no formulation of tensors."""
@@ -457,11 +458,11 @@ def stability(config: DictConfig, folder: Path) -> None:
         raise InputError(f"parts must be some of {', '.join(PARTS)}", got="none")
     components = [component for part in parts for component in chosen("parts", part, PARTS)()]
     # Inputs are small: threads would cost more than they give.
-    with behaviours.threads(1):
+    with goals.threads(1):
         rows = _rows(components, parts)
         tables.write_table(folder / "stability.csv", rows)
         if set(parts) == set(PARTS):
-            figures = progress(behaviours.goals(components, rows), "measuring goals")
+            figures = progress(goals.goals(components, rows), "measuring goals")
             # A figure that is not a number is written as such: an empty cell says that there is none.
             measured = pd.DataFrame([goal.row() for goal in figures], dtype=object)
             tables.write_table(folder / "goals.csv", measured.map(lambda cell: "nan" if cell != cell else cell))
@@ -471,9 +472,9 @@ def stability(config: DictConfig, folder: Path) -> None:
 
 
 def _rows(components: list[Component], parts: list[str]) -> list[Row]:
-    rows = list(trials.trials(progress(components, "trying hard cases")))
-    rows += model_trials.missing() if "exported" in parts else []
-    rows += model_trials.rows() if "simulator" in parts else []
+    rows = list(trials.run_trials(progress(components, "trying hard cases")))
+    rows += stability_components.missing_formats() if "exported" in parts else []
+    rows += stability_components.simulator_rows() if "simulator" in parts else []
     return rows
 
 

@@ -1,7 +1,6 @@
-"""The catalogue of hard cases: inputs on which the usual formulas lose digits, overflow or divide by zero.
+"""The catalogue of hard cases: inputs on which textbook formulas lose digits, overflow or divide by zero.
 
-A case makes its input in the type that is asked for, always the same one, and says what must hold for whatever is
-computed of it.
+A case makes its input in any type, always the same one, and states what must hold for whatever is computed from it.
 Letters: `x y` prediction and target, [B, C, H, W]; `V U` view rows and columns, `N` planes.
 """
 
@@ -12,39 +11,39 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from lfref.simulator.mattes import Disc, Full, Outline
+from lfref.simulator.scene import Camera, Light, Scene, Surface
+from lfref.simulator.surfaces import Dome, Geometry, Plane
+from lfref.simulator.textures import Flat
+
 SHAPE = (2, 3, 24, 32)
 LARGE = (1, 48, 375, 540)
-"""The stack of a whole field, taken as one image: the longest reduction there is."""
+"""The stack of a whole field as one image: the longest reduction there is."""
 
 Make = Callable[[torch.dtype], tuple[Tensor, ...]]
-"""(dtype) -> the input; the first tensor is the one that gradients are taken by."""
+"""(dtype) -> the input; gradients are taken with respect to its first tensor."""
 
 
 class Demand(StrEnum):
-    """What must hold."""
+    """What must hold for a case."""
 
     ACCURATE = "finite, with a finite gradient, and accurate"
     VISIBLE = "not finite where the input is not, and only in that image"
     REFUSABLE = "accurate, or refused with an error"
 
 
-class Case(NamedTuple):
+class HardCase(NamedTuple):
     """One hard case."""
 
     name: str
     make: Make
     demand: Demand = Demand.ACCURATE
     is_large: bool = False
-    """Takes seconds: tried in float32 and bfloat16 only, and not with sums of other components."""
+    """Takes seconds: tried in float32 and bfloat16 only, and not on components that are sums of others."""
 
 
 def noise(*shape: int, seed: int = 0) -> Tensor:
-    """Numbers evenly drawn from [-1, 1), float64, the same for the same seed.
-
-    Args:
-        *shape: Of the result.
-        seed: Of the draw.
-    """
+    """Uniform random numbers in [-1, 1), float64, the same for the same seed."""
     return 2 * torch.rand(*shape, dtype=torch.float64, generator=torch.Generator().manual_seed(seed)) - 1
 
 
@@ -62,7 +61,7 @@ def _nearly_flat(mean: float, contrast: float) -> Make:
 
 
 def _squared_error(m: float) -> Make:
-    """Exactly that mean squared error, as nearly as the type allows, on black."""
+    """An error of +-sqrt(m) on every pixel of black, so that the mean squared error is m but for rounding."""
     return _rounded(m**0.5 * noise(*SHAPE).sign(), torch.zeros(SHAPE))
 
 
@@ -77,8 +76,8 @@ def _denormal(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     return (smallest / 4 * noise(*SHAPE)).to(dtype), torch.zeros(SHAPE, dtype=dtype)
 
 
-def _spoilt(value: float, index: int = 0) -> Make:
-    """Benign images, one pixel of the first prediction (0) or target (1) replaced."""
+def _spoil_pixel(value: float, index: int = 0) -> Make:
+    """Benign images with `value` in one pixel of the first prediction (index 0) or target (1)."""
     pair = _benign(SHAPE)
     pair[index][0, 0, 5, 7] = value
     return _rounded(*pair)
@@ -111,40 +110,40 @@ _BOARD = 0.5 + 0.4 * checkerboard(*SHAPE[-2:]).expand(SHAPE)
 _TARGET = 0.5 + 0.4 * noise(*SHAPE)
 _BRIGHT = (0.6 + 2 * noise(*SHAPE)).clamp(0, 1)
 
-IMAGES: tuple[Case, ...] = (
-    Case("benign", _rounded(*_benign(SHAPE))),
-    Case("identical images", _rounded(_TARGET, _TARGET)),
-    Case("one ulp apart", _one_ulp),
-    *(Case(f"MSE {m:g}", _squared_error(m)) for m in (1e-30, 0.999, 1, 1.001, 4, 1e4)),
-    *(Case(f"flat {level:g}, ripple .001", _flat(level)) for level in (0, 0.5, 0.9, 1)),
-    Case("flat 0.5 against flat 0.6", _rounded(torch.full(SHAPE, 0.5), torch.full(SHAPE, 0.6))),
+IMAGES: tuple[HardCase, ...] = (
+    HardCase("benign", _rounded(*_benign(SHAPE))),
+    HardCase("identical images", _rounded(_TARGET, _TARGET)),
+    HardCase("one ulp apart", _one_ulp),
+    *(HardCase(f"MSE {m:g}", _squared_error(m)) for m in (1e-30, 0.999, 1, 1.001, 4, 1e4)),
+    *(HardCase(f"flat {level:g}, ripple .001", _flat(level)) for level in (0, 0.5, 0.9, 1)),
+    HardCase("flat 0.5 against flat 0.6", _rounded(torch.full(SHAPE, 0.5), torch.full(SHAPE, 0.6))),
     *(
-        Case(f"mean {mean:g}, contrast {contrast:g}", _nearly_flat(mean, contrast))
+        HardCase(f"mean {mean:g}, contrast {contrast:g}", _nearly_flat(mean, contrast))
         for mean in (0.9, 64, 1000)
         for contrast in (0.01, 0.001)
     ),
-    Case("saturated", _rounded(_BRIGHT, (_BRIGHT + 0.2 * noise(*SHAPE, seed=2)).clamp(0, 1))),
-    Case("black against black", _rounded(torch.zeros(SHAPE), torch.zeros(SHAPE))),
-    Case("black prediction", _rounded(torch.zeros(SHAPE), _TARGET)),
-    Case("one hot pixel", _hot_pixel(1)),
-    Case("one pixel of 1000", _hot_pixel(1000)),
-    Case("checkerboard, inverted", _rounded(1 - _BOARD, _BOARD)),
-    Case("checkerboard, half its contrast", _rounded(0.25 + _BOARD / 2, _BOARD)),
-    Case("negative prediction", _rounded(_TARGET - 1, _TARGET)),
-    Case("x against -x", _rounded(-noise(*SHAPE), noise(*SHAPE))),
-    Case("denormal prediction", _denormal),
-    Case("one NaN in the prediction", _spoilt(torch.nan), Demand.VISIBLE),
-    Case("one NaN in the target", _spoilt(torch.nan, 1), Demand.VISIBLE),
-    Case("one infinity in the prediction", _spoilt(torch.inf), Demand.VISIBLE),
-    Case("one -infinity in the target", _spoilt(-torch.inf, 1), Demand.VISIBLE),
-    Case("one row", _rounded(*_benign((2, 3, 1, 32))), Demand.REFUSABLE),
-    Case("5 pixels wide", _rounded(*_benign((2, 3, 24, 5))), Demand.REFUSABLE),
-    Case("11 pixels wide", _rounded(*_benign((2, 3, 24, 11)))),
-    Case("batch of 1", _rounded(*_benign((1, 3, 24, 32)))),
-    Case("channels last", _channels_last),
-    Case("48 x 375 x 540", _large, is_large=True),
+    HardCase("saturated", _rounded(_BRIGHT, (_BRIGHT + 0.2 * noise(*SHAPE, seed=2)).clamp(0, 1))),
+    HardCase("black against black", _rounded(torch.zeros(SHAPE), torch.zeros(SHAPE))),
+    HardCase("black prediction", _rounded(torch.zeros(SHAPE), _TARGET)),
+    HardCase("one hot pixel", _hot_pixel(1)),
+    HardCase("one pixel of 1000", _hot_pixel(1000)),
+    HardCase("checkerboard, inverted", _rounded(1 - _BOARD, _BOARD)),
+    HardCase("checkerboard, half its contrast", _rounded(0.25 + _BOARD / 2, _BOARD)),
+    HardCase("negative prediction", _rounded(_TARGET - 1, _TARGET)),
+    HardCase("x against -x", _rounded(-noise(*SHAPE), noise(*SHAPE))),
+    HardCase("denormal prediction", _denormal),
+    HardCase("one NaN in the prediction", _spoil_pixel(torch.nan), Demand.VISIBLE),
+    HardCase("one NaN in the target", _spoil_pixel(torch.nan, 1), Demand.VISIBLE),
+    HardCase("one infinity in the prediction", _spoil_pixel(torch.inf), Demand.VISIBLE),
+    HardCase("one -infinity in the target", _spoil_pixel(-torch.inf, 1), Demand.VISIBLE),
+    HardCase("one row", _rounded(*_benign((2, 3, 1, 32))), Demand.REFUSABLE),
+    HardCase("5 pixels wide", _rounded(*_benign((2, 3, 24, 5))), Demand.REFUSABLE),
+    HardCase("11 pixels wide", _rounded(*_benign((2, 3, 24, 11)))),
+    HardCase("batch of 1", _rounded(*_benign((1, 3, 24, 32)))),
+    HardCase("channels last", _channels_last),
+    HardCase("48 x 375 x 540", _large, is_large=True),
 )
-"""Pairs of images (x, y), [B, C, H, W]; in the VISIBLE ones, only the first image is spoilt."""
+"""Pairs of images (x, y), [B, C, H, W]; in the VISIBLE ones, only the first image has a bad pixel."""
 
 GRID = (3, 4)
 
@@ -153,8 +152,12 @@ def _views(height: int = 15, width: int = 18) -> Tensor:
     return 0.5 + 0.4 * noise(*GRID, 3, height, width)
 
 
+def _checkerboards(height: int, width: int) -> Tensor:
+    return 0.5 + 0.4 * checkerboard(height, width).expand(*GRID, 3, -1, -1)
+
+
 def _field(views: Tensor, slopes: tuple[float, ...], weights: Tensor | None = None) -> Make:
-    """Views in the type asked for; slopes and weights stay as they are."""
+    """Views in any type, slopes and weights in float64."""
     aperture = torch.ones(GRID, dtype=torch.float64) if weights is None else weights
     return lambda dtype: (views.to(dtype), torch.tensor(slopes, dtype=torch.float64), aperture)
 
@@ -164,13 +167,13 @@ def _vignetted() -> Tensor:
     views = _views()
     y, x = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in views.shape[-2:])
     v, u = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in GRID)
-    across = (x + u[:, None]).square()[None, :, None, :] + (y + v[:, None]).square()[:, None, :, None]
-    return views * (across < 5)[:, :, None]
+    radius2 = (x + u[:, None]).square()[None, :, None, :] + (y + v[:, None]).square()[:, None, :, None]
+    return views * (radius2 < 5)[:, :, None]
 
 
-def _with(value: float, place: tuple[int, ...]) -> Tensor:
+def _views_with(value: float, index: tuple[int, ...]) -> Tensor:
     views = _views()
-    views[place] = value
+    views[index] = value
     return views
 
 
@@ -179,36 +182,33 @@ def _views_channels_last() -> Tensor:
 
 
 _SLOPES = (-1.3, -0.45, 0.4)
-_WITHOUT_DEAD = torch.ones(GRID, dtype=torch.float64).index_put(
+_DEAD_VIEW_WEIGHTS = torch.ones(GRID, dtype=torch.float64).index_put(
     (torch.tensor(0), torch.tensor(0)), torch.tensor(0.0).double()
 )
 
-FIELDS: tuple[Case, ...] = (
-    Case("benign", _field(_views(), _SLOPES)),
-    Case("alpha .125 on 22 x 23 pixels", _field(_views(22, 23), (-7.0,))),
-    Case("whole slopes", _field(_views(), (-2.0, -1.0, 0.0, 1.0))),
-    Case("half slopes", _field(_views(), (-1.5, -0.5, 0.5))),
-    Case("slopes 1e-9 from whole ones", _field(_views(), (1 - 1e-9, 1.0, 1 + 1e-9))),
-    Case("slopes an ulp from whole ones", _field(_views(), (1 - 2**-53, 1.0))),
-    Case("Nyquist, even sizes", _field(0.5 + 0.4 * checkerboard(16, 18).expand(*GRID, 3, -1, -1), (-0.5, 0.1, 0.7))),
-    Case(
-        "highest frequency, odd sizes",
-        _field(0.5 + 0.4 * checkerboard(15, 17).expand(*GRID, 3, -1, -1), (-0.5, 0.1, 0.7)),
-    ),
-    Case("Nyquist, even and odd", _field(_views(16, 17), (-0.5, 0.1, 0.7))),
-    Case("vignetted corners", _field(_vignetted(), _SLOPES)),
-    Case("weights of 1e-300", _field(_views(), _SLOPES, 1e-300 * (1.5 + noise(*GRID)))),
-    Case("weights of 5e-324", _field(_views(), _SLOPES, torch.full(GRID, 5e-324, dtype=torch.float64))),
-    Case("weights of 1e308", _field(_views(), _SLOPES, torch.full(GRID, 1e308, dtype=torch.float64))),
-    Case("weights from 1e-30 to 1", _field(_views(), _SLOPES, 10 ** (15 * noise(*GRID) - 15))),
-    Case("a dead view of NaN, weight 0", _field(_with(torch.nan, (0, 0)), _SLOPES, _WITHOUT_DEAD)),
-    Case("one NaN", _field(_with(torch.nan, (1, 1, 0, 7, 7)), _SLOPES), Demand.VISIBLE),
-    Case("one infinity", _field(_with(torch.inf, (1, 1, 0, 7, 7)), _SLOPES), Demand.VISIBLE),
-    Case("black", _field(torch.zeros_like(_views()), _SLOPES)),
-    Case("mean 1000, contrast .001", _field(1000 + 1e-3 * noise(*GRID, 3, 15, 18), _SLOPES)),
-    Case("one hot pixel of 1000", _field(_with(1000, (1, 1, 0, 7, 7)), _SLOPES)),
-    Case("denormal", _field(1e-40 * _views(), _SLOPES)),
-    Case("channels last", _field(_views_channels_last(), _SLOPES)),
+FIELDS: tuple[HardCase, ...] = (
+    HardCase("benign", _field(_views(), _SLOPES)),
+    HardCase("alpha .125 on 22 x 23 pixels", _field(_views(22, 23), (-7.0,))),
+    HardCase("whole slopes", _field(_views(), (-2.0, -1.0, 0.0, 1.0))),
+    HardCase("half slopes", _field(_views(), (-1.5, -0.5, 0.5))),
+    HardCase("slopes 1e-9 from whole ones", _field(_views(), (1 - 1e-9, 1.0, 1 + 1e-9))),
+    HardCase("slopes an ulp from whole ones", _field(_views(), (1 - 2**-53, 1.0))),
+    HardCase("Nyquist, even sizes", _field(_checkerboards(16, 18), (-0.5, 0.1, 0.7))),
+    HardCase("highest frequency, odd sizes", _field(_checkerboards(15, 17), (-0.5, 0.1, 0.7))),
+    HardCase("Nyquist, even and odd", _field(_views(16, 17), (-0.5, 0.1, 0.7))),
+    HardCase("vignetted corners", _field(_vignetted(), _SLOPES)),
+    HardCase("weights of 1e-300", _field(_views(), _SLOPES, 1e-300 * (1.5 + noise(*GRID)))),
+    HardCase("weights of 5e-324", _field(_views(), _SLOPES, torch.full(GRID, 5e-324, dtype=torch.float64))),
+    HardCase("weights of 1e308", _field(_views(), _SLOPES, torch.full(GRID, 1e308, dtype=torch.float64))),
+    HardCase("weights from 1e-30 to 1", _field(_views(), _SLOPES, 10 ** (15 * noise(*GRID) - 15))),
+    HardCase("a dead view of NaN, weight 0", _field(_views_with(torch.nan, (0, 0)), _SLOPES, _DEAD_VIEW_WEIGHTS)),
+    HardCase("one NaN", _field(_views_with(torch.nan, (1, 1, 0, 7, 7)), _SLOPES), Demand.VISIBLE),
+    HardCase("one infinity", _field(_views_with(torch.inf, (1, 1, 0, 7, 7)), _SLOPES), Demand.VISIBLE),
+    HardCase("black", _field(torch.zeros_like(_views()), _SLOPES)),
+    HardCase("mean 1000, contrast .001", _field(1000 + 1e-3 * noise(*GRID, 3, 15, 18), _SLOPES)),
+    HardCase("one hot pixel of 1000", _field(_views_with(1000, (1, 1, 0, 7, 7)), _SLOPES)),
+    HardCase("denormal", _field(1e-40 * _views(), _SLOPES)),
+    HardCase("channels last", _field(_views_channels_last(), _SLOPES)),
 )
 """Views [V, U, C, H, W], evenly spaced slopes [N] and weights [V, U]."""
 
@@ -219,23 +219,64 @@ def _batch(mean: float, contrast: float, batch: int = 2, size: tuple[int, int] =
     return _rounded(mean + contrast * noise(batch, *NETWORK_GRID, 3, *size))
 
 
-def _spoilt_batch(value: float) -> Make:
+def _batch_with(value: float) -> Make:
     views = 0.5 + 0.4 * noise(2, *NETWORK_GRID, 3, 12, 14)
     views[0, 0, 0, 0, 3, 3] = value
     return _rounded(views)
 
 
-NETWORK_VIEWS: tuple[Case, ...] = (
-    Case("benign", _batch(0.5, 0.4)),
-    Case("black", _batch(0, 0)),
-    Case("constant .5", _batch(0.5, 0)),
-    Case("white", _batch(1, 0)),
-    Case("mean .9, contrast .001", _batch(0.9, 0.001)),
-    Case("mean 1000, contrast .01", _batch(1000, 0.01)),
-    Case("one pixel of 1000", _spoilt_batch(1000)),
-    Case("one NaN", _spoilt_batch(torch.nan), Demand.VISIBLE),
-    Case("batch of 1", _batch(0.5, 0.4, batch=1)),
-    Case("odd sizes", _batch(0.5, 0.4, size=(13, 11))),
-    Case("two pixels", _batch(0.5, 0.4, size=(1, 2))),
+NETWORK_VIEWS: tuple[HardCase, ...] = (
+    HardCase("benign", _batch(0.5, 0.4)),
+    HardCase("black", _batch(0, 0)),
+    HardCase("constant .5", _batch(0.5, 0)),
+    HardCase("white", _batch(1, 0)),
+    HardCase("mean .9, contrast .001", _batch(0.9, 0.001)),
+    HardCase("mean 1000, contrast .01", _batch(1000, 0.01)),
+    HardCase("one pixel of 1000", _batch_with(1000)),
+    HardCase("one NaN", _batch_with(torch.nan), Demand.VISIBLE),
+    HardCase("batch of 1", _batch(0.5, 0.4, batch=1)),
+    HardCase("odd sizes", _batch(0.5, 0.4, size=(13, 11))),
+    HardCase("two pixels", _batch(0.5, 0.4, size=(1, 2))),
 )
 """Views of a small network, [B, V, U, C, H, W]."""
+
+CAMERA = Camera(grid=(3, 4), size=(24, 32))
+SCENE_SLOPES = (-7.0, -0.5, 1e-9, 1.0)
+"""Slopes of the truth of `SCENES`."""
+
+
+def _surface(geometry: Geometry | float, matte: Outline | None = None, colour: float = 0.5, **more: object) -> Surface:
+    where = geometry if isinstance(geometry, Geometry) else Plane(geometry)
+    return Surface(where, Flat((colour,) * 3), matte or Full(), **more)  # type: ignore[arg-type]
+
+
+def _scene(*surfaces: Surface, camera: Camera = CAMERA) -> Scene:
+    return Scene(camera, surfaces)
+
+
+_BEHIND = _surface(-0.7)
+
+SCENES: dict[str, Scene] = {
+    "a wall": _scene(_surface(0.3)),
+    "whole disparity": _scene(_surface(1.0)),
+    "half disparity": _scene(_surface(0.5)),
+    "disparity 1e-9 from 1": _scene(_surface(1 + 1e-9)),
+    "disparity -7": _scene(_surface(-7.0)),
+    "black": _scene(_surface(0.3, colour=0.0)),
+    "light of 1e6": Scene(CAMERA, (_surface(0.3),), Light(1e6)),
+    "light of 1e-30": Scene(CAMERA, (_surface(0.3),), Light(1e-30)),
+    "steepest slant": _scene(_surface(Plane(0.0, (0.25, 0.0)))),
+    "crossing slants": _scene(_surface(Plane(0.0, (0.1, 0.0))), _surface(Plane(0.0, (-0.1, 0.0)))),
+    "dome": _scene(_BEHIND, _surface(Dome(0.2, 0.5, 9.0))),
+    "two at one disparity": _scene(_surface(0.5), _surface(0.5, Disc(6.3))),
+    "two 1e-12 apart": _scene(_surface(0.5), _surface(0.5 + 1e-12, Disc(6.3))),
+    "disc in front": _scene(_BEHIND, _surface(0.8, Disc(6.3))),
+    "disc of one pixel": _scene(_BEHIND, _surface(0.8, Disc(0.5))),
+    "opacity 0": _scene(_BEHIND, _surface(0.8, Disc(6.3), opacity=0.0)),
+    "opacity .5": _scene(_BEHIND, _surface(0.8, Disc(6.3), opacity=0.5)),
+    "motion": _scene(_BEHIND, _surface(0.8, Disc(6.3), motion=(3.3, -1.7))),
+    "one view": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera(grid=(1, 1), size=(24, 32))),
+    "round aperture": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera((3, 4), (24, 32), "disc")),
+}
+"""Scenes whose surfaces all have one colour, so that every view and every plane must have it everywhere: a wrong weight
+of anything that hides, slants, moves, lets light through or falls between samples shows."""

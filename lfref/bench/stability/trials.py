@@ -1,4 +1,9 @@
-"""Trying a formulation on a hard case, and the verdict: right, inexact, not finite, hidden, refused or an error."""
+"""Run a formulation on a hard case, compare the result with its reference value, and name the outcome.
+
+Outcomes: `holds` (within the tolerance), `inexact` (beyond), `not finite` (NaN or infinity in a value or gradient that
+has an answer), `hidden` (finite where the input has no answer), `refused` (an error where one is allowed), `error` (an
+error where none is), `missing` (cannot be run here).
+"""
 
 import copy
 import math
@@ -9,27 +14,25 @@ import torch
 from torch import Tensor, nn
 
 from lfref.bench.accuracy import Row
-from lfref.bench.stability.catalogue import Case, Demand
+from lfref.bench.stability.catalogue import Demand, HardCase
 from lfref.errors import InputError
 
 OURS = "lfref"
-"""What the table calls our own formulation."""
+"""Name of our own formulation in tables."""
 
 Formulation = Callable[..., Tensor]
-"""The input of a case to values whose first axis is one image or plane."""
-
-
-Allowed = Callable[..., Tensor]
-"""(what is right, precision, *input in float64) -> the absolute error allowed for each value."""
+"""(*input of a case) -> values; their first axis is one image or plane."""
+Tolerance = Callable[..., Tensor]
+"""(reference values, precision, *input in float64) -> allowed absolute error of each value."""
 
 
 class Precision(NamedTuple):
-    """What numbers are held and computed in."""
+    """Number types of a trial."""
 
     dtype: torch.dtype
     """Of the input, and of a network's weights."""
     autocast: torch.dtype | None = None
-    """What autocast computes in; None: it is off."""
+    """Type that autocast computes in; None: it is off."""
 
 
 PRECISIONS: dict[str, Precision] = {
@@ -40,178 +43,173 @@ PRECISIONS: dict[str, Precision] = {
     "autocast bfloat16": Precision(torch.float32, torch.bfloat16),
 }
 FOR_LARGE = ("float32", "bfloat16")
+"""Precisions of large cases."""
 
 
 class Component(NamedTuple):
-    """A part of the product, and what stands beside it."""
+    """A part of the package and the formulations that compute it."""
 
     name: str
-    cases: tuple[Case, ...]
+    cases: tuple[HardCase, ...]
     formulations: Mapping[str, Formulation]
-    """Ours and the usual ones; a network is copied for every trial."""
-    oracle: Formulation
-    """What is right, of the same input in float64."""
-    allowed: Allowed
-    """By how much it may be missed."""
+    """Ours and textbook forms; a network is copied for every trial."""
+    reference: Formulation
+    """The correct values, of the same input in float64."""
+    tolerance: Tolerance
     takes_large: bool = True
     has_gradient: bool = True
-    has_two_ways: bool = False
-    """It takes another way where no derivative is asked for."""
-    free: tuple[str, ...] = ()
+    has_inference_path: bool = False
+    """It computes in another way where no derivative is needed; both ways are run."""
+    without_reference: tuple[str, ...] = ()
     """Formulations that are another function by definition: they only have to stay finite."""
 
 
-class Tried(NamedTuple):
-    """What a formulation made of a case."""
+class TrialResult(NamedTuple):
+    """Result of a formulation on a case."""
 
     values: Tensor
+    """float64."""
     gradient: Tensor | None
-    """By the first tensor of the input, and by the weights of a network, in one row for each image if it can be."""
+    """With respect to the first tensor of the input and the weights of a network: a row per image if there are no
+    weights, else one row."""
 
 
-def trials(components: Iterable[Component]) -> Iterator[Row]:
-    """Try every formulation of every component on its cases, in every precision.
-
-    Args:
-        components: What to try.
+def run_trials(components: Iterable[Component]) -> Iterator[Row]:
+    """Run every formulation of every component on its cases, in every precision.
 
     Yields:
-        Rows `component, case, precision, formulation` and those of `compared`.
+        Rows `component, case, precision, formulation` and those of `compare`.
     """
     for component in components:
         for case in component.cases:
-            if component.takes_large or not case.is_large:
-                yield from _case_rows(component, case)
+            if case.is_large and not component.takes_large:
+                continue
+            for name in FOR_LARGE if case.is_large else PRECISIONS:
+                precision = PRECISIONS[name]
+                reference = _reference(component, case, precision)
+                for formulation in component.formulations:
+                    yield {
+                        "component": component.name,
+                        "case": case.name,
+                        "precision": name,
+                        "formulation": formulation,
+                    } | _run_trial(component, case, precision, formulation, reference)
 
 
-def _case_rows(component: Component, case: Case) -> Iterator[Row]:
-    for name in FOR_LARGE if case.is_large else PRECISIONS:
-        answer = _answer(
-            component, PRECISIONS[name], tuple(each.double() for each in case.make(PRECISIONS[name].dtype))
-        )
-        for formulation in component.formulations:
-            heading = {"component": component.name, "case": case.name, "precision": name, "formulation": formulation}
-            yield heading | _judged(component, case, PRECISIONS[name], formulation, answer)
-
-
-class _Answer(NamedTuple):
-    right: Tensor
-    allowed: Tensor
-
-
-def _answer(component: Component, precision: Precision, exact: tuple[Tensor, ...]) -> _Answer | None:
-    """What is right, and by how much it may be missed; None where the input has no answer."""
+def _reference(component: Component, case: HardCase, precision: Precision) -> tuple[Tensor, Tensor] | None:
+    """Correct values and their tolerance; None where the input has no answer."""
+    exact = tuple(tensor.double() for tensor in case.make(precision.dtype))
     try:
         with torch.no_grad():
-            right = component.oracle(*exact)
+            values = component.reference(*exact)
     except (InputError, RuntimeError):
         return None
-    return _Answer(right, component.allowed(right, precision, *exact))
+    return values, component.tolerance(values, precision, *exact)
 
 
-def _judged(component: Component, case: Case, precision: Precision, formulation: str, answer: _Answer | None) -> Row:
-    function, inputs = component.formulations[formulation], case.make(precision.dtype)
+def _run_trial(
+    component: Component,
+    case: HardCase,
+    precision: Precision,
+    formulation: str,
+    reference: tuple[Tensor, Tensor] | None,
+) -> Row:
     try:
-        tried = attempt(function, inputs, precision, component.has_gradient, component.has_two_ways)
+        result = run_formulation(
+            component.formulations[formulation],
+            case.make(precision.dtype),
+            precision,
+            component.has_gradient,
+            component.has_inference_path,
+        )
     except (InputError, RuntimeError, ValueError, IndexError) as error:
-        may_refuse = case.demand == Demand.REFUSABLE or answer is None
-        return _verdict("refused" if may_refuse else "error", note=_note(error))
-    if answer is None:
-        return _verdict("hidden")
-    is_free = formulation in component.free
-    return compared(tried, answer.right, torch.full_like(answer.allowed, torch.inf) if is_free else answer.allowed)
+        may_refuse = case.demand == Demand.REFUSABLE or reference is None
+        note = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+        return _outcome("refused" if may_refuse else "error", note=note)
+    if reference is None:
+        return _outcome("hidden")
+    values, tolerance = reference
+    if formulation in component.without_reference:
+        tolerance = torch.full_like(tolerance, torch.inf)
+    return compare(result, values, tolerance)
 
 
-def attempt(
+def run_formulation(
     function: Formulation,
     inputs: tuple[Tensor, ...],
     precision: Precision,
     has_gradient: bool = True,
-    has_two_ways: bool = False,
-) -> Tried:
+    has_inference_path: bool = False,
+) -> TrialResult:
     """Run a formulation forwards and backwards.
 
     Args:
-        function: What to run; a network is copied and converted first.
+        function: A network is copied and converted first.
         inputs: Of a case.
-        precision: What to run it in.
-        has_gradient: Whether to run it backwards too.
-        has_two_ways: As in `Component`: values are then those of the other way.
+        precision: Types of input and computation.
+        has_gradient: False: forwards only.
+        has_inference_path: True: values are those of a second run without derivatives.
     """
     if isinstance(function, nn.Module):
         function = copy.deepcopy(function).to(precision.dtype)
     first = inputs[0].clone(memory_format=torch.preserve_format).requires_grad_(has_gradient)
     with torch.autocast("cpu", precision.autocast, enabled=precision.autocast is not None):
-        made = function(first, *inputs[1:])
-        values = function(*inputs) if has_two_ways else made.detach()
-        mean = made.float().mean()
+        output = function(first, *inputs[1:])
+        values = function(*inputs) if has_inference_path else output.detach()
+        mean = output.float().mean()
     if not has_gradient:
-        return Tried(values.double(), None)
-    leaves = [first, *(function.parameters() if isinstance(function, nn.Module) else ())]
-    gradients = torch.autograd.grad(mean, leaves, allow_unused=True)
-    return Tried(values.double(), _gathered(gradients, len(values)))
+        return TrialResult(values.double(), None)
+    weights = list(function.parameters()) if isinstance(function, nn.Module) else []
+    parts = torch.autograd.grad(mean, [first, *weights], allow_unused=True)
+    gradients = [torch.zeros(0) if part is None else part.double() for part in parts]
+    if not weights and len(gradients[0]) == len(values):
+        return TrialResult(values.double(), gradients[0].reshape(len(values), -1))
+    return TrialResult(values.double(), torch.cat([part.reshape(-1) for part in gradients])[None])
 
 
-def _gathered(gradients: tuple[Tensor | None, ...], n_images: int) -> Tensor:
-    """All in float64: a row an image where the input has as many, else one row."""
-    first, *others = (torch.zeros(0) if part is None else part for part in gradients)
-    if not others and len(first) == n_images:
-        return first.double().reshape(n_images, -1)
-    return torch.cat([part.double().reshape(-1) for part in (first, *others)])[None]
-
-
-def compared(tried: Tried, right: Tensor, allowed: Tensor) -> Row:
-    """What became of a trial.
+def compare(result: TrialResult, reference: Tensor, tolerance: Tensor) -> Row:
+    """Outcome of a trial.
 
     Args:
-        tried: What a formulation made of a case.
-        right: What is right, float64; where a whole image or plane of it has a number that is not finite, any such
-            number is right.
-        allowed: By how much it may be missed.
+        result: Of a formulation.
+        reference: Correct values, float64. An image or plane of it that is not finite has no answer: there the result
+            must not be finite either, and its gradient does not count.
+        tolerance: Allowed absolute error of each value.
 
     Returns:
         `error, times_allowed, not_finite, gradient, outcome, holds, note`.
     """
-    if tried.values.shape != right.shape:
-        return _verdict("error", note=f"shape {list(tried.values.shape)} for {list(right.shape)}")
-    answerable, finite = _finite(right), _finite(tried.values)
-    bad = int((~tried.values[answerable].isfinite()).sum())
-    gradient = _gradient_of(tried, answerable)
+    if result.values.shape != reference.shape:
+        return _outcome("error", note=f"shape {list(result.values.shape)} for {list(reference.shape)}")
+    has_answer, is_finite = _finite_images(reference), _finite_images(result.values)
+    bad = int((~result.values[has_answer].isfinite()).sum())
+    gradient = result.gradient
+    if gradient is not None and not bool(has_answer.all()):
+        # Rows of single images can be told apart; one row for all cannot.
+        gradient = gradient[has_answer] if len(gradient) == len(has_answer) > 1 else None
     if gradient is not None:
         bad += int((~gradient.isfinite()).sum())
-    difference = (tried.values - right)[answerable & finite].abs()
+    difference = (result.values - reference)[has_answer & is_finite].abs()
+    excess = difference / tolerance[has_answer & is_finite]
     error = float(difference.max()) if difference.numel() else math.nan
-    excess = difference / allowed[answerable & finite]
     times = float(excess.max()) if excess.numel() else math.nan
-    hides = bool((finite & ~answerable).any())
-    outcome = "hidden" if hides else "not finite" if bad else "inexact" if times > 1 else "holds"
-    return _verdict(outcome, error, times, bad, None if gradient is None else bool(gradient.isfinite().all()))
+    is_hidden = bool((is_finite & ~has_answer).any())
+    outcome = "hidden" if is_hidden else "not finite" if bad else "inexact" if times > 1 else "holds"
+    return _outcome(outcome, error, times, bad, None if gradient is None else bool(gradient.isfinite().all()))
 
 
-def _gradient_of(tried: Tried, answerable: Tensor) -> Tensor | None:
-    """The gradient of those images that have an answer; None where it cannot be told apart, or there is none."""
-    if tried.gradient is None or bool(answerable.all()):
-        return tried.gradient
-    return tried.gradient[answerable] if len(tried.gradient) == len(answerable) > 1 else None
-
-
-def _finite(values: Tensor) -> Tensor:
-    """Which images or planes have no number that is not finite."""
+def _finite_images(values: Tensor) -> Tensor:
+    """Which images or planes hold finite numbers only."""
     return values.reshape(len(values), -1).isfinite().all(1)
 
 
 def missing(component: str, note: str) -> Row:
-    """The row of what cannot be tried because it does not exist.
-
-    Args:
-        component: What should be tried.
-        note: Why it is not.
-    """
-    where = {"component": component, "case": "all", "precision": "all", "formulation": OURS}
-    return where | _verdict("missing", note=note)
+    """Row of a component that cannot be run here; the note says why."""
+    names = {"component": component, "case": "all", "precision": "all", "formulation": OURS}
+    return names | _outcome("missing", note=note)
 
 
-def _verdict(
+def _outcome(
     outcome: str,
     error: float = math.nan,
     times: float = math.nan,
@@ -228,7 +226,3 @@ def _verdict(
         "holds": "yes" if outcome in ("holds", "refused") else "no",
         "note": note,
     }
-
-
-def _note(error: Exception) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"

@@ -19,7 +19,7 @@ def test_names_are_unique_and_the_first_case_is_benign(kind):
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float16, torch.bfloat16])
 @pytest.mark.parametrize("kind", KINDS)
-def test_cases_come_in_the_type_asked_for_and_always_the_same(kind, dtype):
+def test_cases_have_any_type_and_are_always_the_same(kind, dtype):
     for case in KINDS[kind]:
         if not case.is_large:
             first, again = case.make(dtype), case.make(dtype)
@@ -28,7 +28,7 @@ def test_cases_come_in_the_type_asked_for_and_always_the_same(kind, dtype):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_only_what_is_to_be_seen_is_not_finite(kind):
+def test_only_visible_cases_are_not_finite(kind):
     for case in KINDS[kind]:
         if not case.is_large and "weight 0" not in case.name:
             finite = all(bool(part.isfinite().all()) for part in case.make(torch.float32))

@@ -6,14 +6,14 @@ from importlib import metadata
 
 from matplotlib.image import imread
 
-from lfref.bench.stability import model_trials
+from lfref.bench.stability import catalogue
 
 
 def test_the_simulators_trials_are_written_and_shown(lfref, tmp_path):
     assert lfref("bench", "group=stability", "parts=[simulator]", f"output={tmp_path}/run")[0] == 0
     folder = tmp_path / "run"
     rows = list(csv.DictReader((folder / "stability.csv").read_text().splitlines()))
-    assert len(rows) == 2 * len(model_trials.SCENES)
+    assert len(rows) == 2 * len(catalogue.SCENES)
     assert {row["holds"] for row in rows} == {"yes"}
     assert not (folder / "goals.csv").exists()
     assert imread(folder / "stability.png").std() > 0.05  # a blank figure has one colour

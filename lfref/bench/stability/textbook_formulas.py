@@ -1,6 +1,6 @@
-"""The formulations that are in wide use, as they are written everywhere, for the table to stand beside ours.
+"""Textbook formulas: losses, metrics, operators and network layers in the forms in wide use, to compare ours with.
 
-None of them is a straw man: on benign input in float32 each is as right as its definition lets it be.
+None is a straw man: on benign input in float32 each is as accurate as its definition allows.
 Letters: `x y` prediction and target, [B, C, H, W]; `u v` view column and row, `s` slope in pixels per view step.
 """
 
@@ -19,7 +19,6 @@ from lfref.losses.composite import paper_weights
 from lfref.refocus.fourier.slice import kaiser_bessel
 
 _DIMENSIONS = (-3, -2, -1)
-RADIUS = 5  # pixels that the window of SSIM reaches to each side
 
 
 def mse(x: Tensor, y: Tensor) -> Tensor:
@@ -33,7 +32,7 @@ def l1(x: Tensor, y: Tensor) -> Tensor:
 
 
 def psnr(x: Tensor, y: Tensor) -> Tensor:
-    """Torchmetrics' PSNR, capped as ours is, so that identical images are compared alike, [B]."""
+    """Torchmetrics' PSNR, capped as ours is, so that identical images have a value, [B]."""
     values = [peak_signal_noise_ratio(a, b, data_range=1.0) for a, b in zip(x, y, strict=True)]
     return torch.stack(values).clamp(max=CEILING_DB)
 
@@ -44,16 +43,17 @@ def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
 
 
 def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
-    """One less torchmetrics' SSIM, [B]."""
+    """1 - torchmetrics' SSIM, [B]."""
     values = structural_similarity_index_measure(x, y, data_range=1.0, reduction="none")
     assert isinstance(values, Tensor)
     return 1 - values.reshape(-1)
 
 
-def one_minus_ssim_of_package(x: Tensor, y: Tensor) -> Tensor:
-    """One less the SSIM of the package pytorch-msssim, with the borders reflected as torchmetrics does, [B]."""
+def pytorch_msssim(x: Tensor, y: Tensor) -> Tensor:
+    """1 - SSIM of the package pytorch-msssim, with borders reflected as torchmetrics does, [B]."""
     package = importlib.import_module("pytorch_msssim")
-    padded = (F.pad(images, (RADIUS,) * 4, mode="reflect") for images in (x, y))
+    # The package's window of 11 pixels needs 5 more on each side.
+    padded = (F.pad(images, (5,) * 4, mode="reflect") for images in (x, y))
     return 1 - package.ssim(*padded, data_range=1.0, size_average=False)
 
 
@@ -63,15 +63,15 @@ def ssim(x: Tensor, y: Tensor) -> Tensor:
 
 
 def composite(x: Tensor, y: Tensor) -> Tensor:
-    """The paper's loss of these parts, [B]."""
+    """The paper's loss as the weighted sum of these terms, [B]."""
     weights, terms = paper_weights(), {"mse": mse, "l1": l1, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}
     return torch.stack([weights[name] * term(x, y) for name, term in terms.items()]).sum(0)
 
 
 SSIMS: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = {"torchmetrics": one_minus_ssim} | (
-    {"pytorch-msssim": one_minus_ssim_of_package} if importlib.util.find_spec("pytorch_msssim") else {}
+    {"pytorch-msssim": pytorch_msssim} if importlib.util.find_spec("pytorch_msssim") else {}
 )
-"""Those that are installed."""
+"""Package -> its 1 - SSIM, where it is installed."""
 
 
 def grid_sample(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
@@ -81,6 +81,7 @@ def grid_sample(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
 
 
 def _warped(views: Tensor, slope: float, share: Tensor) -> Tensor:
+    # grid_sample takes coordinates in [-1, 1], x first.
     height, width = views.shape[-2:]
     rows, columns = (slope * geometry.angular_offsets(n) for n in share.shape)
     scale = torch.tensor([2 / max(width - 1, 1), 2 / max(height - 1, 1)])
@@ -116,13 +117,13 @@ def slice_without_compensation(views: Tensor, slopes: Tensor, weights: Tensor) -
     spectra = torch.fft.rfft2(views * share[:, :, None, None, None])
     planes = []
     for slope in slopes.float():
-        rows = _read(slope * torch.fft.fftfreq(size[0]), share.shape[0])
-        columns = _read(slope * torch.fft.rfftfreq(size[1]), share.shape[1])
+        rows = _slice_taps(slope * torch.fft.fftfreq(size[0]), share.shape[0])
+        columns = _slice_taps(slope * torch.fft.rfftfreq(size[1]), share.shape[1])
         planes.append(torch.fft.irfft2(torch.einsum("vuchk,vh,uk->chk", spectra, rows, columns), s=size))
     return torch.stack(planes)
 
 
-def _read(crossing: Tensor, n_views: int, width: int = 4, padding: int = 2) -> Tensor:
+def _slice_taps(crossing: Tensor, n_views: int, width: int = 4, padding: int = 2) -> Tensor:
     padded, kernel = padding * n_views, kaiser_bessel(width, padding)
     position = -crossing[:, None] * padded
     bins = (position - width / 2).ceil() + torch.arange(width + 1)
@@ -133,7 +134,7 @@ def _read(crossing: Tensor, n_views: int, width: int = 4, padding: int = 2) -> T
 
 
 class Softplus(nn.Module):
-    """log(1 + e^x) as it is written."""
+    """log(1 + e^x) as written; e^x overflows."""
 
     def forward(self, features: Tensor) -> Tensor:
         """Any shape, elementwise."""
@@ -144,8 +145,8 @@ class Standardized(nn.Module):
     """(x - mean) / deviation as the paper writes it, without a constant in the denominator.
 
     Args:
-        axes: Over which mean and deviation are taken.
-        groups: Into which the channels are split first.
+        axes: Over which mean and deviation are taken, of [B, groups, C / groups, H, W].
+        groups: Of channels; None: a group per channel.
     """
 
     def __init__(self, axes: tuple[int, ...], groups: int | None = None) -> None:
@@ -160,20 +161,20 @@ class Standardized(nn.Module):
         return ((split - mean) / deviation).reshape(features.shape)
 
 
-def rewritten(network: nn.Module) -> nn.Module:
-    """The same network with the usual softplus and normalisation in place of PyTorch's, in place.
+def with_textbook_layers(network: nn.Module) -> nn.Module:
+    """Replace PyTorch's softplus and normalisations by the textbook's, in place.
 
     Args:
-        network: Normalisations without learned scale and offset yet.
+        network: Its normalisations still have scale 1 and offset 0: the textbook's have neither.
     """
     for module in network.modules():
         for name, child in module.named_children():
-            if type(child) in REWRITES:
-                setattr(module, name, REWRITES[type(child)](child))
+            if type(child) in REPLACEMENTS:
+                setattr(module, name, REPLACEMENTS[type(child)](child))
     return network
 
 
-REWRITES: dict[type, Callable[..., nn.Module]] = {
+REPLACEMENTS: dict[type, Callable[..., nn.Module]] = {
     nn.Softplus: lambda old: Softplus(),
     nn.InstanceNorm2d: lambda old: Standardized((2, 3, 4)),
     nn.BatchNorm2d: lambda old: Standardized((0, 2, 3, 4)),

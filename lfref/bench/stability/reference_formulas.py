@@ -1,7 +1,7 @@
-"""What is right: the same quantities in float64, in forms whose every step is well conditioned.
+"""Reference values: losses, metrics and refocused stacks in float64, in forms whose every step is well conditioned.
 
-They share no code with what they judge: local means are products with banded matrices, views are read through a
-matrix of the interpolation's kernel, the continuation of 1 / PSNR is written out piece by piece.
+They share no code with the package: local means are products with banded matrices, views are read through a matrix of
+the interpolation's kernel, the continuation of 1 / PSNR is written out piece by piece.
 Letters: `x y` prediction and target, [..., C, H, W]; `d` distance in pixels, `s` slope, `m` mean squared error.
 """
 
@@ -44,7 +44,10 @@ def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
 
 
 def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
-    """1 - SSIM of each image, through the differences, each plane centred, [...]."""
+    """1 - SSIM of each image, [...].
+
+    With d = x - y and s = x + y, 1 - SSIM = a + b - ab (design.md, section 4): no two near numbers are subtracted.
+    """
     d, s = x - y, (x - _mean(x)) + (y - _mean(y))
     (mu_d, var_d), (mu_s, var_s) = _local(d), _local(s)
     mu_s = mu_s + _mean(x) + _mean(y)
@@ -70,7 +73,7 @@ def _mean(planes: Tensor) -> Tensor:
 
 def _local(planes: Tensor) -> tuple[Tensor, Tensor]:
     """Local mean and variance, from values centred by the plane's mean."""
-    centre = _mean(planes)
+    centre = _mean(planes)  # E[x^2] - E[x]^2 loses all digits where the mean is far above the contrast
     rows, columns = (_window(length) for length in planes.shape[-2:])
     mean, square = (rows @ part @ columns.mT for part in (planes - centre, (planes - centre).square()))
     return mean + centre, (square - mean.square()).clamp(min=0)
@@ -81,9 +84,9 @@ def _window(length: int) -> Tensor:
     """Gaussian local means along an axis that is reflected at its ends, [length, length]."""
     offsets = torch.arange(-RADIUS, RADIUS + 1)
     weights = (-offsets.double().square() / (2 * SIGMA**2)).softmax(0)
-    place = (torch.arange(length)[:, None] + offsets).abs()
-    place = length - 1 - (length - 1 - place).abs()
-    return torch.zeros(length, length, dtype=torch.float64).scatter_add_(1, place, weights.expand(length, -1))
+    index = (torch.arange(length)[:, None] + offsets).abs()
+    index = length - 1 - (length - 1 - index).abs()
+    return torch.zeros(length, length, dtype=torch.float64).scatter_add_(1, index, weights.expand(length, -1))
 
 
 Kernel = Callable[[Tensor], Tensor]
@@ -109,7 +112,7 @@ def refocused(
     """The stack by matrices: the weighted sum of `rows @ view @ columns^T`, over the weight of the views that count.
 
     Args:
-        views: [V, U, C, H, W], float64; views of weight 0 are not read.
+        views: [V, U, C, H, W], float64; views of weight 0 are skipped, so they may hold NaN.
         slopes: In pixels per view step, [N].
         weights: Of the views, [V, U].
         interpolation: A key of `KERNELS`, or `exact` (periodic only).
@@ -118,22 +121,22 @@ def refocused(
     Returns:
         Stack, [N, C, H, W].
     """
-    share = weights / weights.max()
+    share = weights / weights.max()  # first, so that weights of 1e308 or 5e-324 neither overflow nor vanish
     return torch.stack([_plane(views, float(s), share / share.sum(), interpolation, border) for s in slopes])
 
 
 def _plane(views: Tensor, slope: float, share: Tensor, interpolation: str, border: str) -> Tensor:
     total, covered = torch.zeros_like(views[0, 0]), torch.zeros_like(views[0, 0, 0])
     for v, u in share.nonzero().tolist():
-        down, right = slope * (v - (share.shape[0] - 1) / 2), slope * (u - (share.shape[1] - 1) / 2)
-        rows, has_row = _reading(down, views.shape[-2], interpolation, border)
-        columns, has_column = _reading(right, views.shape[-1], interpolation, border)
+        dy, dx = slope * (v - (share.shape[0] - 1) / 2), slope * (u - (share.shape[1] - 1) / 2)
+        rows, has_row = _reading_matrix(dy, views.shape[-2], interpolation, border)
+        columns, has_column = _reading_matrix(dx, views.shape[-1], interpolation, border)
         weight = share[v, u] * has_row[:, None] * has_column
         total, covered = total + weight * (rows @ views[v, u] @ columns.mT), covered + weight
     return torch.where(covered > 0, total / covered, 0.0)
 
 
-def _reading(shift: float, length: int, interpolation: str, border: str) -> tuple[Tensor, Tensor]:
+def _reading_matrix(shift: float, length: int, interpolation: str, border: str) -> tuple[Tensor, Tensor]:
     """The matrix that reads a shifted axis, [length, length], and where it has a sample, 1 or 0, [length]."""
     x = torch.arange(length, dtype=torch.float64)
     if interpolation == "exact":
@@ -141,9 +144,9 @@ def _reading(shift: float, length: int, interpolation: str, border: str) -> tupl
     shift = math.floor(shift + 0.5) if interpolation == "nearest" else shift
     reach = math.ceil(abs(shift)) + 3
     samples = torch.arange(-reach, length + reach)
-    place = samples % length if border == "wrap" else samples.clamp(0, length - 1)
+    index = samples % length if border == "wrap" else samples.clamp(0, length - 1)
     weights = KERNELS[interpolation](x[:, None] + shift - samples)
-    matrix = torch.zeros(length, length, dtype=torch.float64).index_add_(1, place, weights)
+    matrix = torch.zeros(length, length, dtype=torch.float64).index_add_(1, index, weights)
     is_on_view = (x + shift >= 0) & (x + shift <= length - 1)
     return matrix, (is_on_view | (border != "renormalize")).double()
 

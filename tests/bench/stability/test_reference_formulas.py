@@ -1,4 +1,4 @@
-"""The oracles against mpmath, the definition of SSIM and slow loops."""
+"""Reference formulas against mpmath, the definition of SSIM and slow loops."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.bench.stability import oracles
+from lfref.bench.stability import reference_formulas as reference
 from lfref.bench.stability.catalogue import noise
 from lfref.geometry import angular_offsets
 
@@ -15,7 +15,9 @@ from lfref.geometry import angular_offsets
 @pytest.mark.parametrize(("mean", "contrast"), [(0.5, 0.4), (64, 0.01), (1000, 0.001), (0, 1e-6)])
 def test_ssim_is_its_definition_in_50_digits(mean, contrast):
     x, y = ((mean + contrast * noise(1, 1, 7, 8, seed=seed)).float().double() for seed in (0, 1))
-    assert float(oracles.one_minus_ssim(x, y)) == pytest.approx(float(slow_one_minus_ssim(x[0, 0], y[0, 0])), abs=1e-13)
+    assert float(reference.one_minus_ssim(x, y)) == pytest.approx(
+        float(slow_one_minus_ssim(x[0, 0], y[0, 0])), abs=1e-13
+    )
 
 
 def slow_one_minus_ssim(x, y):
@@ -53,22 +55,22 @@ def test_inverse_psnr_is_the_papers_inside(decibel):
     x = torch.full((1, 1, 1, 1), 10 ** (-decibel / 20), dtype=torch.float64)
     with mpmath.workdps(50):
         right = 1 / (-10 * mpmath.log10(mpmath.mpf(float(x)) ** 2))
-    assert float(oracles.inverse_psnr(x, torch.zeros_like(x))) == pytest.approx(float(right), rel=1e-14)
+    assert float(reference.inverse_psnr(x, torch.zeros_like(x))) == pytest.approx(float(right), rel=1e-14)
 
 
-@pytest.mark.parametrize("end", [oracles.FLOOR, oracles.JOIN])
+@pytest.mark.parametrize("end", [reference.FLOOR, reference.JOIN])
 def test_inverse_psnr_goes_on_along_the_tangent(end):
     def f(m):
         return float(
-            oracles.inverse_psnr(torch.full((1, 1, 1), math.sqrt(m), dtype=torch.float64), torch.zeros(1, 1, 1))
+            reference.inverse_psnr(torch.full((1, 1, 1), math.sqrt(m), dtype=torch.float64), torch.zeros(1, 1, 1))
         )
 
     step = end * 1e-4
     slopes = [(f(end + sign * step) - f(end)) / (sign * step) for sign in (1, -1)]
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-3)
-    outside = 0 if end == oracles.FLOOR else 100
-    wanted = f(end) + slopes[outside == 0] * (outside - end)
-    assert f(outside) == pytest.approx(wanted, rel=1e-3)
+    outside = 0 if end == reference.FLOOR else 100
+    expected = f(end) + slopes[outside == 0] * (outside - end)
+    assert f(outside) == pytest.approx(expected, rel=1e-3)
 
 
 def slow_plane(views, slope, weights, kernel, border):
@@ -84,12 +86,14 @@ def slow_plane(views, slope, weights, kernel, border):
             for column in range(math.floor(at_x) - 2, math.floor(at_x) + 4):
                 tap = kernel(at_y - row) * kernel(at_x - column)
                 total[y, x] += (
-                    weights[v, u] * tap * views[v, u][place(row, height, border), place(column, width, border)]
+                    weights[v, u]
+                    * tap
+                    * views[v, u][sample_index(row, height, border), sample_index(column, width, border)]
                 )
     return np.divide(total, covered, out=np.zeros_like(total), where=covered > 0)
 
 
-def place(index, length, border):
+def sample_index(index, length, border):
     return index % length if border == "wrap" else min(max(index, 0), length - 1)
 
 
@@ -108,9 +112,11 @@ def keys(distance):
 def test_refocusing_by_matrices_is_a_slow_loop(interpolation, kernel, border):
     views, weights = noise(2, 3, 1, 6, 7), 1 + 0.5 * noise(2, 3, seed=1)
     slopes = torch.tensor([0.0, -1.3, 2.0], dtype=torch.float64)
-    stack = oracles.refocused(views, slopes, weights, interpolation, border)
-    for slope, made in zip(slopes.tolist(), stack[:, 0], strict=True):
-        np.testing.assert_allclose(made, slow_plane(views[:, :, 0].numpy(), slope, weights, kernel, border), atol=1e-12)
+    stack = reference.refocused(views, slopes, weights, interpolation, border)
+    for slope, stack_plane in zip(slopes.tolist(), stack[:, 0], strict=True):
+        np.testing.assert_allclose(
+            stack_plane, slow_plane(views[:, :, 0].numpy(), slope, weights, kernel, border), atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("size", [(6, 7), (5, 8)])
@@ -119,12 +125,12 @@ def test_exact_refocusing_moves_waves_by_any_fraction(size):
     slopes, second = torch.tensor([2 * shift], dtype=torch.float64), torch.tensor([[0.0, 1.0]], dtype=torch.float64)
     for k in (1, 2):
         wave, moved = (torch.cos(2 * math.pi * k * at / size[1]).expand(*size) for at in (x, x + shift))
-        made = oracles.refocused(torch.stack([wave, wave])[None, :, None], slopes, second)[0, 0]
-        torch.testing.assert_close(made, moved, atol=1e-12, rtol=0)
+        stack_plane = reference.refocused(torch.stack([wave, wave])[None, :, None], slopes, second)[0, 0]
+        torch.testing.assert_close(stack_plane, moved, atol=1e-12, rtol=0)
 
 
 def test_nearest_takes_the_upper_of_two_and_dead_views_are_not_read():
     views = noise(1, 2, 1, 4, 6)
     views[0, 0] = math.nan
-    made = oracles.refocused(views, torch.tensor([1.0]), torch.tensor([[0.0, 2.0]]), "nearest")
-    torch.testing.assert_close(made[0], views[0, 1].roll(-1, -1))
+    stack_plane = reference.refocused(views, torch.tensor([1.0]), torch.tensor([[0.0, 2.0]]), "nearest")
+    torch.testing.assert_close(stack_plane[0], views[0, 1].roll(-1, -1))

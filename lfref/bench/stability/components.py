@@ -1,0 +1,337 @@
+"""The parts of the package that are tried on hard cases: losses and metrics, operators, networks, files, simulator.
+
+Each component has our formulation, textbook forms where there are some, reference values and a tolerance. Letters:
+`x y` prediction and target, [B, C, H, W]; `V U` view rows and columns, `N` planes.
+"""
+
+import copy
+import functools
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from lfref.bench import timing
+from lfref.bench.accuracy import Row
+from lfref.bench.stability import catalogue, trials
+from lfref.bench.stability import reference_formulas as reference
+from lfref.bench.stability import textbook_formulas as textbook
+from lfref.bench.stability.trials import OURS, Component, Formulation, Precision, Tolerance, TrialResult
+from lfref.engines.engine import FP32
+from lfref.engines.files.file_formats import FORMATS
+from lfref.export import checked, graphs
+from lfref.export.checked import Wanted
+from lfref.functional.psnr import inverse_psnr, psnr
+from lfref.functional.ssim import one_minus_ssim
+from lfref.geometry import even_planes
+from lfref.losses.composite import PAPER_WEIGHTS, CompositeLoss, mean_absolute_error, mean_squared_error
+from lfref.metrics.stack import MPSNR, MSSIM, StackQuality
+from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS
+from lfref.nets.refnet import RefNet
+from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.fourier import focal_stack_transform
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.fourier.slice import fourier_slice
+from lfref.refocus.fourier.super_resolution import super_resolve
+from lfref.refocus.homography import homography, slope_homographies
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.surface import per_pixel, tilt_shift
+from lfref.refocuser.load import load
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.simulator.simulate import simulate
+
+FLOAT32 = Precision(torch.float32)
+RELATIVE = 1e-6
+"""Tolerance of a value in float32 as a share of it: 8 roundings of 2^-23."""
+
+# Losses and metrics.
+
+
+def _relative(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor:
+    return RELATIVE * values.abs().clamp(min=torch.finfo(torch.float32).tiny)
+
+
+def _decibels(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor:
+    return RELATIVE * values.abs().clamp(min=1.0)
+
+
+def _absolute(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor:
+    return torch.full_like(values, 1e-6)
+
+
+def _one_minus_ssim_tolerance(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor:
+    return torch.full_like(values, 1e-7 if precision == FLOAT32 else 1e-6)
+
+
+def _inverse_psnr_tolerance(values: Tensor, precision: Precision, x: Tensor, y: Tensor) -> Tensor:
+    """Beyond 100 and 8.69 dB the paper fixes no value: any positive one of the same size is allowed."""
+    m = reference.mse(x, y)
+    return torch.where((m < reference.FLOOR) | (m > reference.JOIN), values, RELATIVE * values)
+
+
+def _composite_tolerance(values: Tensor, precision: Precision, x: Tensor, y: Tensor) -> Tensor:
+    of_term = _inverse_psnr_tolerance(reference.inverse_psnr(x, y), precision, x, y)
+    return RELATIVE * values + PAPER_WEIGHTS["inverse_psnr"] * of_term
+
+
+def _per_image(function: Callable[[Tensor, Tensor], Tensor]) -> Formulation:
+    """A loss or metric of a batch, taken of every image on its own, [B]."""
+    return lambda x, y: torch.stack([function(a, b) for a, b in zip(x, y, strict=True)])
+
+
+def _metric(metric: type[StackQuality]) -> Formulation:
+    return _per_image(lambda a, b: metric(n_planes=1)(a[None], b[None]))
+
+
+def image_components() -> list[Component]:
+    """The terms of the loss, the loss, and the metrics."""
+
+    def component(
+        name: str,
+        formulations: Mapping[str, Formulation],
+        values: Formulation,
+        tolerance: Tolerance,
+        takes_large: bool = True,
+        has_gradient: bool = True,
+    ) -> Component:
+        return Component(name, catalogue.IMAGES, formulations, values, tolerance, takes_large, has_gradient)
+
+    ssim_forms = {OURS: one_minus_ssim, **textbook.SSIMS}
+    psnr_term: dict[str, Formulation] = {OURS: inverse_psnr, "textbook": textbook.inverse_psnr}
+    loss = {OURS: _per_image(CompositeLoss()), "textbook": textbook.composite}
+    mpsnr = {OURS: _metric(MPSNR), "torchmetrics": textbook.psnr}
+    mssim = {OURS: _metric(MSSIM), "torchmetrics": textbook.ssim}
+    metric = {"takes_large": False, "has_gradient": False}
+    return [
+        component("mse", {OURS: mean_squared_error, "textbook": textbook.mse}, reference.mse, _relative),
+        component("l1", {OURS: mean_absolute_error, "textbook": textbook.l1}, reference.l1, _relative),
+        component("1 - SSIM", ssim_forms, reference.one_minus_ssim, _one_minus_ssim_tolerance),
+        component("1 / PSNR", psnr_term, reference.inverse_psnr, _inverse_psnr_tolerance),
+        component("loss", loss, reference.composite, _composite_tolerance, takes_large=False),
+        component("PSNR", {OURS: psnr, "torchmetrics": textbook.psnr}, reference.psnr, _decibels),
+        component("MPSNR", mpsnr, reference.psnr, _decibels, **metric),
+        component("MSSIM", mssim, reference.ssim, _absolute, **metric),
+    ]
+
+
+# Operators.
+
+Operator = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""(views [V, U, C, H, W], slopes [N], weights [V, U]) -> stack [N, C, H, W]."""
+
+
+def shift_operator(interpolation: str, border: str = "wrap") -> Operator:
+    """Shift-and-sum with these options."""
+    return lambda views, slopes, weights: shift_and_sum(views, slopes, interpolation, border, weights)
+
+
+def _slice_operator(kernel: str, width: int) -> Operator:
+    return lambda views, slopes, weights: fourier_slice(views, slopes, kernel, width, 2, weights)
+
+
+def _untilted(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    return tilt_shift(views, slopes, (0.0, 0.0), border="wrap", weights=weights)
+
+
+def _constant_slope_map(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    slope_maps = slopes[:, None, None].expand(-1, *views.shape[-2:])
+    return per_pixel(views, slope_maps, border="wrap", weights=weights)
+
+
+def _coplanar_homography(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    matrices = slope_homographies(slopes, (views.shape[-5], views.shape[-4]))
+    return homography(views, matrices, border="wrap", weights=weights)
+
+
+def _sharpest_plane(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    """Picture, index and confidence of all-in-focus, one after the other."""
+    image, index, confidence = all_in_focus(shift_and_sum(views, slopes, weights=weights))
+    return torch.cat([image, index[None].to(image), confidence[None].to(image)])
+
+
+def _twice_as_fine(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    return super_resolve(views, slopes, 2, weights)
+
+
+PERIODIC: dict[str, Operator] = {
+    **{f"shift-and-sum {name}": shift_operator(name) for name in ("nearest", "linear", "cubic", "exact")},
+    "exact Fourier": exact_fourier,
+    "Fourier slice, linear": _slice_operator("linear", 2),
+    "Fourier slice, width 4": _slice_operator("kaiser_bessel", 4),
+    "Fourier slice, width 6": _slice_operator("kaiser_bessel", 6),
+    "focal stack transform": focal_stack_transform.at_slopes,
+    "tilt-shift": _untilted,
+    "per-pixel slope": _constant_slope_map,
+    "homography": _coplanar_homography,
+}
+"""Operators that can take views as periodic, which keeps their mean."""
+_INTERPOLATION = {"shift-and-sum nearest": "nearest", "shift-and-sum cubic": "cubic"} | dict.fromkeys(
+    ("shift-and-sum linear", "tilt-shift", "per-pixel slope", "homography"), "linear"
+)
+"""Of the operators of `PERIODIC` that do not interpolate exactly."""
+_SLICE_ERRORS = {"Fourier slice, linear": 0.2, "Fourier slice, width 4": 1e-3, "Fourier slice, width 6": 1e-5}
+"""Error of a kernel of that width, as a share of the brightest sample (design.md, section 2)."""
+_TEXTBOOK_OPERATORS: dict[str, dict[str, Operator]] = {
+    "exact Fourier": {"float32 phases": textbook.phase_ramps},
+    "Fourier slice, width 4": {"no compensation": textbook.slice_without_compensation},
+}
+
+
+def operator_components() -> list[Component]:
+    """Every operator, against the matrices of its interpolation."""
+
+    def component(name: str, forms: Mapping[str, Operator], values: Operator, tolerance: Tolerance) -> Component:
+        return Component(name, catalogue.FIELDS, forms, values, tolerance, has_inference_path=True)
+
+    def matrices(interpolation: str, border: str) -> Operator:
+        return functools.partial(reference.refocused, interpolation=interpolation, border=border)
+
+    components = [
+        component(
+            name,
+            {OURS: operator} | _TEXTBOOK_OPERATORS.get(name, {}),
+            matrices(_INTERPOLATION.get(name, "exact"), "wrap"),
+            share_of_brightest(_SLICE_ERRORS.get(name, 1e-6)),
+        )
+        for name, operator in PERIODIC.items()
+    ]
+    components += [
+        component(
+            f"shift-and-sum {name}, renormalized",
+            {OURS: shift_operator(name, "renormalize")},
+            matrices(name, "renormalize"),
+            share_of_brightest(1e-6),
+        )
+        for name in reference.KERNELS
+    ]
+    edges = {OURS: shift_operator("linear", "edge"), "grid_sample": textbook.grid_sample}
+    return [
+        *components,
+        component("shift-and-sum, edges repeated", edges, matrices("linear", "edge"), share_of_brightest(1e-6)),
+        # The reference of these two is the operator itself in float64; its own tests compare it with the truth.
+        component("super-resolution", {OURS: _twice_as_fine}, _twice_as_fine, share_of_brightest(5e-6)),
+        component("all-in-focus", {OURS: _sharpest_plane}, _sharpest_plane, _any_number),
+    ]
+
+
+def share_of_brightest(error: float) -> Tolerance:
+    """This share of the brightest sample; a half type may round the result besides."""
+
+    def tolerance(values: Tensor, precision: Precision, views: Tensor, *others: Tensor) -> Tensor:
+        kind = torch.finfo(precision.dtype)
+        rounding = 0.0 if precision.dtype == torch.float32 else kind.eps / 2
+        brightest = float(views.nan_to_num(0, 0, 0).abs().max())
+        return (error * brightest + rounding * values.abs().clamp(min=brightest)).clamp(min=kind.tiny)
+
+    return tolerance
+
+
+def _any_number(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor:
+    """Where two planes are equally sharp, either is correct: the result only has to be finite."""
+    return torch.full_like(values, torch.inf)
+
+
+# Networks: RefNet with every activation and normalisation of the ablations, 11 blocks on degenerate views. Narrow
+# networks fail as wide ones do: the cause is the depth, on constant input.
+
+WIDTHS = (32,) * 11
+N_PLANES = 2
+NETWORK_ERROR = 1e-3
+"""Tolerance of networks in float32, as a share of the brightest pixel: rounding grows through 11 normalisations."""
+
+
+def network_components() -> list[Component]:
+    """Each activation with instance normalisation, and softplus with each normalisation."""
+    choices = [(activation, "instance") for activation in ACTIVATIONS]
+    choices += [("softplus", normalization) for normalization in NORMALIZATIONS if normalization != "instance"]
+    components = []
+    for activation, normalization in choices:
+        ours = network(activation, normalization)
+        forms: dict[str, nn.Module] = {
+            OURS: ours,
+            "textbook": textbook.with_textbook_layers(copy.deepcopy(ours)),
+        }
+        name, exact = f"RefNet, {activation}, {normalization} norm", copy.deepcopy(ours).double()
+        components.append(
+            Component(name, catalogue.NETWORK_VIEWS, forms, exact, _network_tolerance, without_reference=("textbook",))
+        )
+    return components
+
+
+def network(activation: str = "softplus", normalization: str = "instance", seed: int = 0) -> RefNet:
+    """A narrow RefNet of 11 blocks with random weights; the global random state is left alone."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return RefNet(
+            n_planes=N_PLANES,
+            grid=catalogue.NETWORK_GRID,
+            activation=activation,
+            normalization=normalization,
+            widths=WIDTHS,
+            stem_width=WIDTHS[0],
+        )
+
+
+def _network_tolerance(values: Tensor, precision: Precision, *views: Tensor) -> Tensor:
+    """Half types only have to stay finite through 11 blocks."""
+    brightest = float(values.nan_to_num(0, 0, 0).abs().max())
+    return torch.full_like(values, NETWORK_ERROR * brightest if precision == FLOAT32 else torch.inf)
+
+
+# Exported files in float32, read by `load` and run by their own runtime, against the network in PyTorch in float64.
+
+
+def file_components() -> list[Component]:
+    """A component for each file format whose packages are installed."""
+    planes, components = even_planes(N_PLANES), []
+    for name, file_format in FORMATS.items():
+        if file_format.lacking:
+            continue
+        networks = [network().to(dtype).requires_grad_(False) for dtype in (torch.float32, torch.float64)]
+        ours, exact = (NetworkRefocuser(network, planes) for network in networks)
+        graph = graphs.exportable(ours, planes, catalogue.NETWORK_GRID)
+        with tempfile.TemporaryDirectory() as folder:
+            order = Wanted(Path(folder, "network"), name, FP32, str(timing.version("lfref")))
+            forms = {OURS: load(checked.drafted(Path(folder), order, ours, graph))}
+        title = f"exported network, {name}"
+        components.append(Component(title, catalogue.NETWORK_VIEWS, forms, exact, _file_tolerance, has_gradient=False))
+    return components
+
+
+def missing_formats() -> Iterator[Row]:
+    """A row for each file format that cannot be tried, with the packages that are not installed."""
+    for name, file_format in FORMATS.items():
+        if file_format.lacking:
+            yield trials.missing(f"exported network, {name}", f"no {' and no '.join(file_format.lacking)} installed")
+
+
+def _file_tolerance(values: Tensor, precision: Precision, *views: Tensor) -> Tensor:
+    """Files compute in float32 whatever type their views have; a half type rounds the result besides."""
+    rounding = 0.0 if precision.dtype == torch.float32 else torch.finfo(precision.dtype).eps / 2
+    return NETWORK_ERROR * values.abs().max() + rounding * values.abs()
+
+
+# The simulator has no formulations of tensors: its scenes have one colour, which all results must have.
+
+COLOUR_ERROR = 1e-6
+"""Tolerance of the simulator's colours, as a share of them."""
+
+
+def simulator_rows() -> Iterator[Row]:
+    """Simulate every scene of the catalogue.
+
+    Yields:
+        Rows as from `trials.run_trials`, one for the views and one for the truth of each scene.
+    """
+    for name, scene in catalogue.SCENES.items():
+        simulated = simulate(scene, slopes=torch.tensor(catalogue.SCENE_SLOPES, dtype=torch.float64))
+        colour = scene.light.gain * scene.surfaces[0].texture.colour[0]  # type: ignore[attr-defined]
+        for output, values in {"views": simulated.views, "truth": simulated.truth}.items():
+            assert values is not None
+            expected = torch.full_like(values, colour, dtype=torch.float64)
+            result = TrialResult(values.double(), None)
+            outcome = trials.compare(result, expected, COLOUR_ERROR * expected.clamp(min=1e-30))
+            names = {"component": f"simulator, {output}", "case": name, "precision": "float32", "formulation": OURS}
+            yield names | outcome
