@@ -23,8 +23,8 @@ from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.nets.network import Network
-from lfref.refocuser import features, refined
-from lfref.refocuser.features import Seen
+from lfref.refocuser import refined
+from lfref.refocuser.features import refiner_inputs
 from lfref.refocuser.refined import RefinedRefocuser
 
 
@@ -116,12 +116,11 @@ def of_refiner(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, d
         planes: What is refocused to.
         device: Where the network runs.
     """
-    n_samples = int(refiner.refiner.config["n_guides"]) * math.prod(fields.whole[0].size)
+    n_samples = int(refiner.refiner.config["n_features"]) * math.prod(fields.whole[0].size)
     n_at_once = _at_once(n_samples, len(planes))
 
     def parts(field: SimulatedField) -> list[Inputs]:
-        seen = Seen(field, planes.slopes, refiner.base)
-        split = [(features.guides(part, refiner.names), part.pictures, part.doubt) for part in seen.parts(n_at_once)]
+        split = refiner_inputs(field, planes.slopes, refiner.base, refiner.names, n_at_once)
         return [tuple(each.to(device).contiguous() for each in part) for part in split]
 
     shots = [Shot(field.name, parts(field), field.photograph(planes.values)) for field in fields.whole]

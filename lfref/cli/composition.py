@@ -21,6 +21,9 @@ from lfref.cli import exit_codes, parts
 from lfref.cli.arguments import SHORTHANDS
 from lfref.errors import InputError, LfrefError
 
+RENAMED = {"guides": "features", "n_guides": "n_features", "n_offers": "n_candidates"}
+"""Keys of earlier versions -> today's, which the error about an unknown key names."""
+
 # PART hydra_node
 # What a configuration may tell Hydra itself: enough to launch and sweep, nothing that runs or opens what it names.
 #
@@ -238,7 +241,8 @@ def unknown(key: str, place: Place, others: Iterable[str] = ()) -> InputError:
         others: What else could have been meant by a key without dots.
     """
     known = [*_names(place.value), *_arguments(place.value), *(() if place.above else others)]
-    near = difflib.get_close_matches(str(place.lost), [name for name in known if name[0] != "_"], 1)
+    lost = RENAMED.get(str(place.lost), str(place.lost))
+    near = difflib.get_close_matches(lost, [name for name in known if name[0] != "_"], 1)
     remedy = f"perhaps {place.above}{near[0]}" if near else "--cfg job shows all"
     return InputError("every key must be one of this command", got=repr(key), remedy=remedy)
 

@@ -1,6 +1,6 @@
 """Crops of a set of planes, for Lightning.
 
-Letters: `B` planes of a batch, `K` channels of guides, `C H W` channel, pixel row and column.
+Letters: `B` planes of a batch, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ from lfref.errors import InputError
 class PlaneBatch(TypedDict):
     """Crops of planes."""
 
-    guides: Tensor
+    features: Tensor
     """[B, K, H, W]."""
     pictures: Tensor
     """What is to be corrected, [B, C, H, W]."""
-    doubts: Tensor
+    error_scale: Tensor
     """How far the pictures may be off, [B, 1, H, W]."""
     missing: Tensor
     """What a lens would have recorded less the pictures, [B, C, H, W]."""
@@ -93,12 +93,13 @@ class Wholes(Dataset[PlaneBatch]):
 
 
 def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
-    guides, pictures, doubts, missing = parts
-    return PlaneBatch(guides=guides, pictures=pictures, doubts=doubts, missing=missing, where=where, resampled=0)
+    features, pictures, error_scale, missing = parts
+    images = {"features": features, "pictures": pictures, "error_scale": error_scale, "missing": missing}
+    return PlaneBatch(**images, where=where, resampled=0)  # type: ignore[typeddict-item]
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
-    """Square images in one of the eight orientations: no guide knows left from right, nor across from down."""
+    """Square images in one of the eight orientations: no feature knows left from right, nor across from down."""
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image
@@ -106,7 +107,7 @@ def turned(image: Tensor, random: np.random.Generator) -> Tensor:
 
 def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
     """The planes of several items as one batch."""
-    names = ("guides", "pictures", "doubts", "missing")
+    names = ("features", "pictures", "error_scale", "missing")
     parts = [torch.cat([item[name] for item in items]) for name in names]  # type: ignore[literal-required]
     return _batch(parts, [place for item in items for place in item["where"]])
 

@@ -1,8 +1,8 @@
-"""Sets of planes to learn from: classical pictures with their guides, and what a lens would have recorded instead.
+"""Sets of planes to learn from: classical pictures with their features, and what a lens would have recorded instead.
 
 Drawing a scene costs more than a step of training, so a set is made once. Every item is fixed by the recipe and its
 number alone: a set that was interrupted goes on, and processes share the work.
-Letters: `N` planes, `K` channels of guides, `C H W` channel, pixel row and column.
+Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
 import contextlib
@@ -21,12 +21,12 @@ from torch import Tensor
 
 from lfref.captures.correct import AUTO, as_asked
 from lfref.data.cache import EVEN
-from lfref.errors import FileError, InputError, chosen
+from lfref.errors import FileError, InputError
 from lfref.functional import jit
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
-from lfref.refocuser.features import GUIDES, Seen, guides
+from lfref.refocuser.features import FEATURES, FORMER_NAMES, check_names, refiner_inputs
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.developed import developed, white_picture
 from lfref.simulator.effects.sensor import Sensor
@@ -46,8 +46,8 @@ class Recipe:
     """Where they come from; the grid of the camera is one of `grids`."""
     base: OperatorRefocuser
     """Makes the pictures that are to be corrected."""
-    guides: tuple[str, ...] = tuple(GUIDES)
-    """What is known of them besides, names of `GUIDES`."""
+    features: tuple[str, ...] = FEATURES
+    """Names of the features that the refiner reads, candidates first."""
     seed: int = 0
     """Of all items."""
     grids: tuple[tuple[int, int], ...] = ((7, 7),)
@@ -74,10 +74,9 @@ class Recipe:
     def __post_init__(self) -> None:
         object.__setattr__(self, "grids", tuple(map(tuple, self.grids)))
         object.__setattr__(self, "ranges", tuple(map(tuple, self.ranges)))
-        for name in ("guides", "samples", "depths"):
+        for name in ("features", "samples", "depths"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        for guide in self.guides:
-            chosen("guide", guide, GUIDES)
+        check_names(self.features)
         if not (
             self.grids
             and self.samples
@@ -109,11 +108,11 @@ class Recipe:
 class Item(NamedTuple):
     """Planes of one light field."""
 
-    guides: Tensor
+    features: Tensor
     """[N, K, H, W]."""
     pictures: Tensor
     """What is to be corrected, [N, C, H, W]."""
-    doubts: Tensor
+    error_scale: Tensor
     """How far the pictures may be off, [N, 1, H, W]."""
     missing: Tensor
     """What a lens would have recorded less the pictures, [N, C, H, W]."""
@@ -146,8 +145,9 @@ def make(recipe: Recipe, index: int) -> Item:
     white = white_picture(scene, recorded) if has_white else None
     light, _ = as_asked(recorded, recipe.correct, white, even=EVEN)
     wanted = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
-    seen = Seen(light, torch.tensor(slopes, dtype=torch.float64), recipe.base)
-    return Item(guides(seen, recipe.guides), seen.pictures, seen.doubt, wanted - seen.pictures, seen.slopes)
+    planes = torch.tensor(slopes, dtype=torch.float64)
+    inputs = next(refiner_inputs(light, planes, recipe.base, recipe.features))
+    return Item(*inputs, wanted - inputs.pictures, planes)
 
 
 def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
@@ -237,8 +237,11 @@ def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), col
         FileError: It is missing or damaged.
     """
     with _opened(path) as file:
-        images = {name: file.get_slice(name)[planes, :, rows, columns] for name in Item._fields[:-1]}
-        return Item(**images, slopes=file.get_tensor("slopes")[planes])
+        slopes = file.get_tensor("slopes")[planes]
+        names = [name for name in file.keys() if name != "slopes"]  # noqa: SIM118  it is no mapping
+        # Sets that earlier versions prepared have other names.
+        images = {FORMER_NAMES.get(name, name): file.get_slice(name)[planes, :, rows, columns] for name in names}
+        return Item(**images, slopes=slopes)
 
 
 @contextlib.contextmanager

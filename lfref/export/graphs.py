@@ -15,15 +15,15 @@ import torch
 from torch import Tensor, nn
 
 from lfref.engines.engine import Inputs
-from lfref.engines.files.manifest import GUIDES, VIEWS, Graph
+from lfref.engines.files.manifest import FEATURES, VIEWS, Graph
 from lfref.errors import InputError
 from lfref.export.convolutions import Sum, SumOfViews
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets.network import Network
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import features, refined
-from lfref.refocuser.features import Seen
+from lfref.refocuser import refined
+from lfref.refocuser.features import refiner_inputs
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
@@ -98,16 +98,16 @@ def _of_network(refocuser: NetworkRefocuser, planes: FocalPlanes, grid: tuple[in
 
 def _of_refiner(refocuser: RefinedRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
     refiner, slopes = refocuser.refiner, planes.slopes
-    n_guides, n_channels = (int(refiner.config[name]) for name in ("n_guides", "channels"))
-    axes = {GUIDES: ("N", n_guides, "H", "W"), "pictures": ("N", n_channels, "H", "W"), "doubts": ("N", 1, "H", "W")}
+    n_features, n_channels = (int(refiner.config[name]) for name in ("n_features", "channels"))
+    pictures = ("N", n_channels, "H", "W")
+    axes = {FEATURES: ("N", n_features, "H", "W"), "pictures": pictures, "error_scale": ("N", 1, "H", "W")}
     n_planes, height, width = EXAMPLE
     example = tuple(torch.rand(n_planes, n_of_each, height, width) for _, n_of_each, *_ in axes.values())
 
     @torch.no_grad()
     def inputs(fields: Sequence[LightField]) -> Inputs:
-        seen = [Seen(field, slopes, refocuser.base) for field in fields]
-        made = [(features.guides(each, refocuser.names), each.pictures, each.doubt) for each in seen]
-        return tuple(torch.cat(parts).float().contiguous() for parts in zip(*made, strict=True))
+        parts = [next(refiner_inputs(field, slopes, refocuser.base, refocuser.names)) for field in fields]
+        return tuple(torch.cat(part).float().contiguous() for part in zip(*parts, strict=True))
 
     config = refined.payload(refiner, refocuser.base, refocuser.names)
     graph = Graph(refiner, axes, ("N", n_channels, "H", "W"), example)
@@ -116,7 +116,7 @@ def _of_refiner(refocuser: RefinedRefocuser, planes: FocalPlanes, grid: tuple[in
     )
 
 
-def _pictures(guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
+def _pictures(features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
     return pictures
 
 

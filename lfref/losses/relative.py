@@ -1,7 +1,7 @@
-"""The loss of refiners: what is left of the error of each picture that they were given.
+"""The loss of refiners: the share of each picture's error that is left after the correction.
 
-Pictures of scenes differ in error by a factor of a thousand. Relative to what it was, each counts alike, and the mean
-of the logarithm is what PSNR is the mean of. Only pixels that may be corrected count: those with a doubt.
+Errors of scenes differ by a factor of a thousand; relative to the error before, each picture counts alike, and the mean
+of the logarithms is what PSNR averages. Only pixels with an error scale above 0 count: no other may be corrected.
 Letters: `C H W` channel, pixel row and column.
 """
 
@@ -13,23 +13,23 @@ from torch import Tensor, nn
 from lfref.errors import chosen
 
 LEAST = 1e-5
-"""Error below which nothing is gained, in light: beyond 100 dB."""
+"""Error in light that is added before dividing: 100 dB, beyond which nothing is gained."""
 
 POWERS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "l1": lambda error, share: (share * error.abs()).sum((-3, -2, -1)),
     "l2": lambda error, share: ((share * error.square()).sum((-3, -2, -1)) + 1e-12).sqrt(),
 }
-"""Error of each picture, [..., C, H, W], from the share of each sample in its mean -> [...]."""
+"""(error, share of each sample in the mean) -> error of each picture: [..., C, H, W] twice -> [...]."""
 
 MEANS: dict[str, Callable[[Tensor], Tensor]] = {
     "ratio": torch.mean,
     "log": lambda left: left.log().mean(),
 }
-"""Mean over the pictures of what is left, a share of the error that was."""
+"""Mean over the pictures of the shares that are left."""
 
 
 class RelativeError(nn.Module):
-    """Refined pictures, truth and pictures, [..., C, H, W], and doubts -> the share of their error that is left.
+    """Refined pictures, truth, pictures and error scale -> share of the error that is left.
 
     Args:
         power: A key of `POWERS`.
@@ -49,19 +49,9 @@ class RelativeError(nn.Module):
         self.power = chosen("power", power, POWERS)
         self.mean = chosen("mean", mean, MEANS)
 
-    def forward(self, refined: Tensor, truth: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
-        """The share that is left.
-
-        Args:
-            refined: What the refiner made.
-            truth: What it should be.
-            pictures: What it was given.
-            doubts: Pixels count where these are above 0, [..., 1, H, W].
-
-        Returns:
-            A scalar.
-        """
-        counts = (doubts > 0).to(truth).expand_as(truth)
+    def forward(self, refined: Tensor, truth: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
+        """The share that is left, a scalar; images [..., C, H, W], the error scale [..., 1, H, W]."""
+        counts = (error_scale > 0).to(truth).expand_as(truth)
         share = counts / counts.sum((-3, -2, -1), keepdim=True).clamp(min=1)
-        left, was = (self.power(each - truth, share) + LEAST for each in (refined, pictures))
-        return self.mean(left / was)
+        after, before = (self.power(images - truth, share) + LEAST for images in (refined, pictures))
+        return self.mean(after / before)

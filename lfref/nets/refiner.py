@@ -1,15 +1,15 @@
-"""The refiner: a small residual network that corrects refocused planes, each by itself, by guides that come with it.
+"""The refiner: a small residual network that corrects refocused planes, each by itself.
 
-What it adds is mixed of offers, the first of the guides: other pictures of the same plane, less the one that is
-corrected, in units of the doubt that comes with it. So nothing is corrected where there is no doubt, nothing can be
-invented, and all colours are treated alike. It starts at nothing, since the last convolution does.
-It works on a coarser grid of pixels with more channels (pixel unshuffle, and the convolution after it, are one
-convolution with strides): as many weights a pixel reach farther and cost less.
-Letters: `N` planes, `K` channels of guides, `M` offers, `C H W` channel, pixel row and column, `r` pixels along the
-side of a coarse one.
-Source of the grid: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel
-Convolutional Neural Network", 2016; of the blocks: Lim et al., "Enhanced Deep Residual Networks", 2017; of
-mixtures: Bako et al., "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017.
+The correction is a mixture of candidates, the first of its features: differences of other pictures of the same plane
+from the one that is corrected, in units of the error scale. So nothing changes where the error scale is 0, nothing can
+be invented, and all colours are treated alike. The last convolution starts at zero: an untrained refiner changes
+nothing. It works on a coarser grid of pixels with more channels, which reaches farther at the same cost; pixel
+unshuffle and the convolution after it are one convolution with strides.
+Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column, `r` pixels along the side of a
+coarse one.
+Sources: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel Convolutional
+Neural Network", 2016 (the grid); Lim et al., "Enhanced Deep Residual Networks", 2017 (the blocks); Bako et al.,
+"Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017 (the mixture).
 """
 
 import abc
@@ -25,17 +25,11 @@ from lfref.nets import blocks
 from lfref.nets.blocks import ACTIVATIONS
 
 STEP = 0.2
-"""Share that an output of 1 stands for: rates that suit the inner convolutions suit the last one then."""
+"""Scale of the gate: with it, learning rates that suit the inner convolutions suit the last one too."""
 
 
 class RefinerBlock(nn.Module):
-    """Two convolutions whose result is added: [B, width, H, W] -> the same.
-
-    Args:
-        width: Channels.
-        kernel: Side of the convolutions, odd.
-        activation: Made between them.
-    """
+    """Two convolutions whose result is added: [B, width, H, W] -> the same."""
 
     def __init__(self, width: int, kernel: int, activation: Callable[[], nn.Module]) -> None:
         super().__init__()
@@ -48,12 +42,12 @@ class RefinerBlock(nn.Module):
 
 
 class Correction(nn.Module, abc.ABC):
-    """Guides [..., N, K, H, W], pictures [..., N, C, H, W] and doubts [..., N, 1, H, W] -> better pictures."""
+    """Features, pictures and error scale -> better pictures; shapes as in `Refiner.forward`."""
 
     config: dict[str, Any]
     """The arguments that build it again, in plain containers."""
-    n_offers: int
-    """How many guides are offers."""
+    n_candidates: int
+    """How many features are candidates."""
 
     @property
     def like(self) -> Tensor:
@@ -62,11 +56,11 @@ class Correction(nn.Module, abc.ABC):
 
 
 class Refiner(Correction):
-    """Guides [..., N, K, H, W], pictures [..., N, C, H, W] and doubts [..., N, 1, H, W] -> better pictures.
+    """Features, pictures and error scale -> better pictures.
 
     Args:
-        n_guides: Channels of guides, K.
-        n_offers: How many of them are offers, of as many channels as pictures each: the first ones.
+        n_features: Channels of features, K.
+        n_candidates: How many features are candidates, of C channels each: the first ones.
         channels: Of pictures, C.
         width: Channels within.
         n_blocks: Pairs of convolutions.
@@ -75,18 +69,18 @@ class Refiner(Correction):
         activation: A key of `ACTIVATIONS`.
 
     Raises:
-        InputError: An option that no network can be built from.
+        InputError: An option from which no network can be built.
 
     Example:
-        >>> guides, pictures, doubts = torch.rand(2, 11, 16, 17).split([7, 3, 1], dim=1)
-        >>> Refiner(n_guides=7, n_offers=2, width=8)(guides, pictures, doubts).shape
+        >>> features, pictures, error_scale = torch.rand(2, 11, 16, 17).split([7, 3, 1], dim=1)
+        >>> Refiner(n_features=7, n_candidates=2, width=8)(features, pictures, error_scale).shape
         torch.Size([2, 3, 16, 17])
     """
 
     def __init__(
         self,
-        n_guides: int,
-        n_offers: int,
+        n_features: int,
+        n_candidates: int,
         channels: int = 3,
         width: int = 48,
         n_blocks: int = 4,
@@ -95,15 +89,9 @@ class Refiner(Correction):
         activation: str = "silu",
     ) -> None:
         super().__init__()
-        if min(n_guides, n_offers, channels, width, shuffle, kernel) < 1 or n_blocks < 0 or kernel % 2 == 0:
-            got = (n_guides, n_offers, channels, width, n_blocks, shuffle, kernel)
-            raise InputError("a refiner's sizes must be at least 1, n_blocks 0, its kernel odd", got=got)
-        if n_offers * channels > n_guides:
-            raise InputError("n_offers of all channels must be among the n_guides", got=f"{n_offers} and {n_guides}")
-        make = chosen("activation", activation, ACTIVATIONS)
         self.config = {
-            "n_guides": n_guides,
-            "n_offers": n_offers,
+            "n_features": n_features,
+            "n_candidates": n_candidates,
             "channels": channels,
             "width": width,
             "n_blocks": n_blocks,
@@ -111,47 +99,47 @@ class Refiner(Correction):
             "kernel": kernel,
             "activation": activation,
         }
-        self.n_offers = n_offers
+        if min(n_features, n_candidates, channels, width, shuffle, kernel) < 1 or n_blocks < 0 or kernel % 2 == 0:
+            expected = "a refiner's sizes must be at least 1, n_blocks at least 0, its kernel odd"
+            raise InputError(expected, got=self.config)
+        if n_candidates * channels > n_features:
+            got = f"{n_candidates} and {n_features}"
+            raise InputError("n_candidates of all channels must be among the n_features", got=got)
+        make = chosen("activation", activation, ACTIVATIONS)
+        self.n_candidates = n_candidates
         self.shuffle = shuffle
-        self.stem = nn.Conv2d(n_guides, width, 3 * shuffle, stride=shuffle, padding=shuffle)
+        self.stem = nn.Conv2d(n_features, width, 3 * shuffle, stride=shuffle, padding=shuffle)
         self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
-        self.head = nn.Sequential(make(), _silent(nn.Conv2d(width, (n_offers + 1) * shuffle**2, 3, padding=1)))
-        # What convolutions on CPUs and on tensor cores read fastest; features follow the weights.
+        last = nn.Conv2d(width, (n_candidates + 1) * shuffle**2, 3, padding=1)
+        for parameter in last.parameters():
+            nn.init.zeros_(parameter)
+        self.head = nn.Sequential(make(), last)
+        # Convolutions on CPUs and tensor cores read this order fastest; feature maps follow the weights.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def forward(self, guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
+    def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
         """Correct pictures.
 
         Args:
-            guides: In the type of the weights, offers first, [..., N, K, H, W].
+            features: In the type of the weights, candidates first, [..., N, K, H, W].
             pictures: What is corrected, [..., N, C, H, W]; any type.
-            doubts: Light that offers are in units of, of the type of the pictures, [..., N, 1, H, W].
+            error_scale: Light that candidates are in units of, in the type of the pictures, [..., N, 1, H, W].
 
         Raises:
-            InputError: Guides of another number of channels.
+            InputError: Features of another number of channels.
         """
-        if guides.shape[-3] != self.config["n_guides"]:
-            raise InputError(
-                f"a refiner of {self.config['n_guides']} guides must be given as many", got=guides.shape[-3]
-            )
-        height, width = guides.shape[-2:]
-        planes = guides.flatten(0, -4) if guides.ndim > 3 else guides[None]
-        features = self.blocks(self.stem(blocks.whole(planes, self.shuffle)))
-        made = F.pixel_shuffle(self.head(features), self.shuffle)[..., :height, :width]
-        *shares, gate = made.split(1, 1)
-        offers = planes.split(pictures.shape[-3], 1)[: self.n_offers]
-        mixed = shares[0] * offers[0]
-        for share, offer in zip(shares[1:], offers[1:], strict=True):
-            mixed = torch.addcmul(mixed, share, offer)
-        # To leave a picture as it is, one output closes, wholly, instead of each share meeting zero.
-        opened = STEP * F.hardsigmoid(gate).reshape(doubts.shape).to(doubts) * doubts
-        return torch.addcmul(pictures, opened, mixed.reshape(pictures.shape).to(pictures))
-
-
-def _silent(layer: nn.Conv2d) -> nn.Conv2d:
-    """The layer with weights that make nothing of anything."""
-    with torch.no_grad():
-        layer.weight.zero_()
-        assert layer.bias is not None
-        layer.bias.zero_()
-    return layer
+        if features.shape[-3] != self.config["n_features"]:
+            n_features = self.config["n_features"]
+            raise InputError(f"this refiner reads {n_features} channels of features", got=features.shape[-3])
+        height, width = features.shape[-2:]
+        planes = features.flatten(0, -4) if features.ndim > 3 else features[None]
+        inner = self.blocks(self.stem(blocks.whole(planes, self.shuffle)))
+        output = F.pixel_shuffle(self.head(inner), self.shuffle)[..., :height, :width]
+        *shares, gate = output.split(1, 1)
+        candidates = planes.split(pictures.shape[-3], 1)[: self.n_candidates]
+        mixed = shares[0] * candidates[0]
+        for share, candidate in zip(shares[1:], candidates[1:], strict=True):
+            mixed = torch.addcmul(mixed, share, candidate)
+        # The gate lets one output, at exactly 0, leave a picture as it is; otherwise all shares would have to be 0.
+        opening = STEP * F.hardsigmoid(gate).reshape(error_scale.shape).to(error_scale) * error_scale
+        return torch.addcmul(pictures, opening, mixed.reshape(pictures.shape).to(pictures))

@@ -1,23 +1,22 @@
-"""What a refiner reads of each plane: a classical picture of it, and what tells where that picture errs.
+"""What a refiner reads of refocused planes: the pictures, candidates for them, and features that tell where they err.
 
-Every guide is one entry of a table, made of the light field and the slopes alone, so that any view grid, any planes and
-any number of them serve. Those of `OFFERS` are other pictures of the same plane, less the classical one: what a refiner
-mixes its correction of.
-Letters: `N` planes, `C H W` channel, pixel row and column.
+Everything is made of the light field and the slopes alone, so any view grid and any number of planes serve. Candidates
+are other pictures of the same plane; the refiner mixes its correction of their differences from the picture, in units
+of the error scale, as in kernel-predicting denoisers (Bako et al., 2017).
+Letters: `N` planes, `C H W` channel, pixel row and column, `K` channels of features, `s` slope, `d` disparity.
 """
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.errors import InputError, chosen
+from lfref.errors import InputError
 from lfref.functional import noise_line
 from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
@@ -29,303 +28,219 @@ from lfref.refocus.surface import per_pixel
 from lfref.refocuser import filling
 from lfref.refocuser.operators import OperatorRefocuser
 
-# PART seen
-# A light field and planes of it, with all that is found out about them: what guides are made of.
-#
-# Letters: `N` planes, `C H W` channel, pixel row and column, `s` slope, `d` disparity.
+CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central")
+"""Features that are other pictures of the plane: the picture smoothed, sums of the views, the central view."""
+FEATURES = (
+    *CANDIDATES,
+    *("picture", "inner", "spread", "defocus", "relief", "coverage", "fraction", "views", "error_scale", "noise"),
+)
+"""Names of all features; `refiner_inputs` says what each is."""
+FORMER_NAMES = {
+    "guides": "features",
+    "doubts": "error_scale",
+    "doubt": "error_scale",
+    "chance": "noise",
+    "n_guides": "n_features",
+    "n_offers": "n_candidates",
+}
+"""Old -> new names, of features and of entries of files that earlier versions wrote."""
+POINTS = functools.partial(shift_and_sum, interpolation="cubic")
+"""The plain sum of the views, which spread and inner are measured by."""
 
-POINTS = OperatorRefocuser("points", functools.partial(shift_and_sum, interpolation="cubic"))
-"""The plain sum of the views, which the other guides are measured by."""
+# The values below are those that the shipped network was trained with.
 WINDOW = 5
-"""Pixels along the side of what is around a pixel."""
-LEAST = 1e-6
-"""Light that counts for nothing."""
-MOST = 3.0
-"""Doubts that no offer goes beyond."""
+"""Pixels along the side of the square over which differences are averaged."""
+BLACK = 1e-6
+"""Light added to the error scale before it divides."""
+LIMIT = 3.0
+"""Error scales that no candidate exceeds."""
 ROUGHNESS = 1.57
-"""Standard deviation of white noise for each unit of what the finest filter takes away of it, in the mean."""
-REACHES = (9, 33)
-"""Pixels along the sides of squares that surfaces are looked for in."""
-SEEN = 1e-3
-"""Share of the views that may miss a pixel which all of them see."""
-CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
+"""Standard deviation of white noise divided by the mean absolute value of what `binomial` removes of it."""
+RELIEF_WINDOWS = (9, 33)
+"""Pixels along the sides of the squares in which the range of disparities is measured."""
 
 
-Found = TypeVar("Found")
+class RefinerInputs(NamedTuple):
+    """What a refiner is called with."""
+
+    features: Tensor
+    """One after the other in the order of the names, [N, K, H, W]."""
+    pictures: Tensor
+    """What is corrected, in light, [N, C, H, W]."""
+    error_scale: Tensor
+    """How far the pictures may be off, in light, [N, 1, H, W]."""
 
 
-def _once(find: Callable[["Seen"], Found]) -> cached_property[Found]:
-    """What is found once for all planes."""
-
-    @functools.wraps(find)
-    def found(seen: "Seen") -> Found:
-        return find(seen) if seen.among is None else getattr(seen.among, find.__name__)
-
-    return cached_property(found)
+def renamed(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry of a file with today's names for its keys, and for the names of features that it lists."""
+    made = {FORMER_NAMES.get(key, key): value for key, value in entry.items()}
+    if isinstance(made.get("features"), list | tuple):
+        made["features"] = [FORMER_NAMES.get(name, name) for name in made["features"]]
+    return made
 
 
-def _at_once(find: Callable[["Seen"], Tensor]) -> cached_property[Tensor]:
-    """What is found for all planes at once, plane by plane."""
+def check_names(names: Sequence[str], n_candidates: int = 0) -> None:
+    """Refuse unknown features, and features of which no correction can be mixed.
 
-    @functools.wraps(find)
-    def found(seen: "Seen") -> Tensor:
-        if seen.among is None:
-            return find(seen)
-        planes: Tensor = getattr(seen.among, find.__name__)
-        return planes[seen.first : seen.first + len(seen.slopes)]
+    Args:
+        names: Of features.
+        n_candidates: How many of them the refiner takes for candidates: the first ones.
 
-    return cached_property(found)
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """A light field and planes of it, with what several guides share, each found when first asked for."""
-
-    light: LightField
-    """On an even grid, [V, U, C, H, W]."""
-    slopes: Tensor
-    """In pixels per view step, float64, [N]."""
-    base: OperatorRefocuser
-    """Makes the classical pictures."""
-    among: "Seen | None" = None
-    """More planes, of which these are some; None: these are all."""
-    first: int = 0
-    """Which of those comes first."""
-
-    @_at_once
-    def pictures(self) -> Tensor:
-        """The classical pictures, [N, C, H, W]."""
-        return self.base.knowing(lambda: self.disparities)(self.light, self.slopes)
-
-    @_once
-    def disparities(self) -> Tensor:
-        """Of each pixel of the central view, in pixels per view step, [H, W]; 0 where there is but one view."""
-        if self.whole.shape[:2].numel() < 2:
-            return self.whole.new_zeros(self.light.size)
-        return coarse_disparity(self.whole).to(self.whole)
-
-    @_once
-    def whole(self) -> Tensor:
-        """The views, samples that are not trusted replaced by what the others show there, [V, U, C, H, W]."""
-        light = self.light
-        return light.views if light.weight is None else filling.filled(light.views, light.weight.to(light.views))
-
-    @_at_once
-    def sums(self) -> Tensor:
-        """Plain sums of the views, [N, C, H, W]."""
-        return self._of(POINTS, self.light)
-
-    @cached_property
-    def grey(self) -> LightField:
-        """The mean of the colours, [V, U, 1, H, W]."""
-        return replace(self.light, views=self.light.views.mean(2, keepdim=True))
-
-    @_at_once
-    def spread(self) -> Tensor:
-        """Standard deviation over the views that a pixel of a plane is the sum of, grey, [N, 1, H, W]."""
-        squares = self._of(POINTS, replace(self.grey, views=self.grey.views.square()))
-        return (squares - self.sums.mean(1, keepdim=True).square()).clamp(min=0).sqrt()
-
-    @_at_once
-    def inner(self) -> Tensor:
-        """What the middle of the aperture, half as wide, sees more than all of it, grey, [N, 1, H, W]."""
-        half = POINTS.through(lambda grid: apertures.square(grid, min(grid) / 2))
-        return half(self.grey, self.slopes) - self.sums.mean(1, keepdim=True)
-
-    @_at_once
-    def cells(self) -> Tensor:
-        """Sums of the views as cells of the aperture, [N, C, H, W]."""
-        return self._of(CELLS, self.light)
-
-    @cached_property
-    def smoother(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Pictures through wider and wider binomial filters, about 2, 5 and 9 pixels, [N, C, H, W] each."""
-        fine = binomial(self.pictures)
-        middle = binomial(fine, 2)
-        return fine, middle, binomial(middle, 4)
-
-    @_once
-    def noise(self) -> tuple[float, float]:
-        """Variance of the views' noise for each unit of light, and in the dark."""
-        return noise_line.measured(self.light)
-
-    @cached_property
-    def chance(self) -> Tensor:
-        """Standard deviation that the noise of the views leaves in pictures, [N, 1, H, W].
-
-        Never more than is rough about a picture, nor than the views differ by.
-        """
-        shot, read = self.noise
-        light, n_views = self.pictures.mean(1, keepdim=True).clamp(min=0), self._n_views()
-        told = ((shot * light + read) / n_views).sqrt()
-        rough = ROUGHNESS * _around((self.pictures - self.smoother[0]).abs().mean(1, keepdim=True))
-        # The spread is grey, which noise of its own in each colour is less than that of a colour in.
-        apart = math.sqrt(self.light.views.shape[2] / n_views) * _around(self.spread)
-        return told.minimum(rough).minimum(apart)
-
-    @cached_property
-    def doubt(self) -> Tensor:
-        """How far a picture may be off, [N, 1, H, W]: as its noise, and as far as the nearer one of two others is.
-
-        Where not all views see a pixel there is more that nobody can know: pictures are left as they are, and their
-        doubt is 0.
-        """
-        apart = [(other - self.pictures).abs() for other in self._others()]
-        nearer = _around(functools.reduce(torch.minimum, apart).mean(1, keepdim=True))
-        return nearer.hypot(self.chance) * (self.coverage > 1 - SEEN)
-
-    @_once
-    def is_one(self) -> tuple[bool, bool]:
-        """Whether the classical pictures are the sums, or the sums of cells."""
-        return torch.equal(self.pictures, self.sums), torch.equal(self.pictures, self.cells)
-
-    def _others(self) -> Sequence[Tensor]:
-        """What the pictures are measured by: a method that makes one of these itself, by the other."""
-        both = (self.sums, self.cells)
-        return [each for each, is_itself in zip(both, self.is_one, strict=True) if not is_itself] or both
-
-    def of_doubt(self, difference: Tensor) -> Tensor:
-        """A difference in units of the doubt, large ones as their logarithm: alike for clean scenes and others.
-
-        Args:
-            difference: In light, [N, channels, H, W].
-        """
-        doubts = difference / (self.doubt + LEAST)
-        # The area hyperbolic sine, which PyTorch takes ten times as long for.
-        return (doubts.abs() + (doubts.square() + 1).sqrt()).log().copysign(doubts)
-
-    def offered(self, other: Tensor) -> Tensor:
-        """Another picture less the classical one, in units of the doubt; none goes beyond `MOST`.
-
-        Args:
-            other: In light, [N, C, H, W].
-        """
-        difference = other - self.pictures
-        return difference / (self.doubt + LEAST + difference.abs() / MOST)
-
-    def parts(self, n_planes: int) -> Iterator["Seen"]:
-        """Some of the planes after the others; what is found of all of them is found once.
-
-        Args:
-            n_planes: In each, if there are as many.
-        """
-        for first in range(0, len(self.slopes), n_planes):
-            yield replace(self, slopes=self.slopes[first : first + n_planes], among=self, first=first)
-
-    @property
-    def fraction(self) -> Tensor:
-        """How far slopes are from whole ones, at which no view is read between its pixels, 0 to 1, [N, 1, 1, 1]."""
-        return 2 * (self.slopes - self.slopes.round()).abs().to(self.light.views)[:, None, None, None]
-
-    @cached_property
-    def defocus(self) -> Tensor:
-        """How far each pixel of the central view is from each plane, s - d, [N, 1, H, W]."""
-        return self.slopes.to(self.disparities)[:, None, None, None] - self.disparities
-
-    @_once
-    def relief(self) -> Tensor:
-        """By how much disparities vary within each of `REACHES`, in pixels per view step, [1, 2, H, W]."""
-        return torch.cat([_range(self.disparities[None, None], reach) for reach in REACHES], 1)
-
-    @_once
-    def central(self) -> Tensor:
-        """The view in the middle, [C, H, W]; where none stands there, those around it, each pixel from where it is."""
-        rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in self.light.grid)
-        middle = self.whole[rows, columns]
-        if middle.shape[:2].numel() == 1:
-            return middle[0, 0]
-        return per_pixel(middle, self.disparities, "cubic", border="edge")[0]
-
-    @_at_once
-    def coverage(self) -> Tensor:
-        """Share of the views that see a pixel of a plane within their frame, [N, 1, H, W]."""
-        rows, columns = (
-            self._inside(n_views, n_pixels) for n_views, n_pixels in zip(self.light.grid, self.light.size, strict=True)
+    Raises:
+        InputError: A name is not in `FEATURES`, or one of the first is not in `CANDIDATES`.
+    """
+    if unknown := [name for name in names if name not in FEATURES]:
+        raise InputError(f"features must be among {', '.join(FEATURES)}", got=", ".join(map(str, unknown)))
+    first = tuple(names)[:n_candidates]
+    if len(first) < n_candidates or not set(first) <= set(CANDIDATES):
+        remedy = "order the features of the recipe, or set net.n_candidates"
+        raise InputError(
+            f"the first {n_candidates} features must be among {', '.join(CANDIDATES)}", got=first, remedy=remedy
         )
-        return rows[:, None, :, None] * columns[:, None, None, :]
-
-    def _inside(self, n_views: int, n_pixels: int) -> Tensor:
-        """Share of the views along one axis within whose frame pixels lie, [N, n_pixels]."""
-        steps = geometry.angular_offsets(n_views).to(self.slopes)
-        read = torch.arange(n_pixels).to(self.slopes) + (self.slopes[:, None] * steps)[..., None]
-        inside = ((read > -1) & (read < n_pixels)).to(self.light.views)
-        return inside.mean(1)
-
-    def _n_views(self) -> float:
-        """As many views of equal weight leave as much noise as the aperture does."""
-        if self.base.aperture is None:
-            return float(math.prod(self.light.grid))
-        weights = self.base.aperture(self.light.grid)
-        return float(weights.sum().square() / weights.square().sum())
-
-    def _of(self, operator: OperatorRefocuser, light: LightField) -> Tensor:
-        """Through the aperture of the classical pictures, if they have one."""
-        return operator.through(self.base.aperture)(light, self.slopes)
 
 
-def _around(images: Tensor) -> Tensor:
-    """The mean of what is around each pixel, [N, channels, H, W]."""
-    return box_mean(images, WINDOW)
-
-
-def _range(images: Tensor, reach: int) -> Tensor:
-    """Largest less smallest value within a square around each pixel, [N, channels, H, W]."""
-    return box_max(images, reach) + box_max(-images, reach)
-
-
-OFFERS: dict[str, Callable[[Seen], Tensor]] = {
-    "fine": lambda seen: seen.offered(seen.smoother[0]),
-    "middle": lambda seen: seen.offered(seen.smoother[1]),
-    "coarse": lambda seen: seen.offered(seen.smoother[2]),
-    "sum": lambda seen: seen.offered(seen.sums),
-    "cells": lambda seen: seen.offered(seen.cells),
-    "central": lambda seen: seen.offered(seen.central),
-}
-"""Each (seen) -> [N, C, H, W], in units of the doubt."""
-
-GUIDES: dict[str, Callable[[Seen], Tensor]] = OFFERS | {
-    "picture": lambda seen: seen.pictures - 0.5,
-    "inner": lambda seen: seen.of_doubt(seen.inner) / 3,
-    "spread": lambda seen: seen.of_doubt(seen.spread) / 3,
-    "defocus": lambda seen: torch.cat([seen.defocus.tanh(), (0.3 * seen.defocus.abs()).tanh()], 1),
-    "relief": lambda seen: seen.relief.tanh().expand(len(seen.pictures), -1, -1, -1),
-    "coverage": lambda seen: 2 * (1 - seen.coverage),
-    "fraction": lambda seen: seen.fraction.expand_as(seen.spread),
-    "views": lambda seen: torch.full_like(seen.spread, math.log2(math.prod(seen.light.grid)) / 3 - 2),
-    "doubt": lambda seen: (seen.doubt + LEAST).log10() / 2 + 1.5,
-    "chance": lambda seen: (seen.chance + LEAST).log10() / 2 + 1.5,
-}
-"""Each (seen) -> [N, channels, H, W], of the order of 1."""
-
-
-def check(names: Sequence[str], n_offers: int) -> None:
-    """Refuse guides that a refiner could not mix its corrections of.
+def refiner_inputs(
+    light: LightField,
+    slopes: Tensor,
+    base: OperatorRefocuser,
+    names: Sequence[str] = FEATURES,
+    n_at_once: int | None = None,
+    dtype: torch.dtype = torch.float32,
+) -> Iterator[RefinerInputs]:
+    """Refocus a light field by a classical method, and compute what a refiner reads of the planes.
 
     Args:
-        names: Of the guides.
-        n_offers: How many of them it takes for offers: the first ones.
+        light: Floating point.
+        slopes: In pixels per view step, float64, [N].
+        base: The method that makes the pictures; the aperture it looks through counts for the features too.
+        names: Of `FEATURES`, in the order in which the refiner reads them.
+        n_at_once: Planes in each part; None: all.
+        dtype: Of the features.
+
+    Yields:
+        Consecutive planes, `n_at_once` in each part but the last.
 
     Raises:
-        InputError: They are no offers.
+        InputError: There is no such feature.
     """
-    first = tuple(names)[:n_offers]
-    if len(first) < n_offers or not set(first) <= set(OFFERS):
-        remedy = "order the guides of the recipe, or set net.n_offers"
-        raise InputError(f"the first {n_offers} guides must be among {', '.join(OFFERS)}", got=first, remedy=remedy)
+    check_names(names)
+    # 1. The views without gaps: samples of little weight replaced by what the other views show.
+    views, weight, positions = light.views, light.weight, light.positions
+    whole = views if weight is None else filling.filled(views, weight.to(views))
+
+    # 2. Coarse disparity of the central view, [H, W]. It is costly: left out where nothing uses it.
+    takes_disparity = base.takes("disparities")
+    disparity = whole.new_zeros(light.size)
+    if max(light.grid) > 1 and (takes_disparity or {"central", "defocus", "relief"} & {*names}):
+        disparity = coarse_disparity(whole).to(whole)
+    if takes_disparity:
+        base = replace(base, operator=functools.partial(base.operator, disparities=disparity))
+
+    # 3. The pictures, and two other ways to make them: the plain sum, and the sum through cells.
+    pictures = base.stack(views, weight, slopes, positions)
+    points = OperatorRefocuser("points", POINTS, base.aperture)
+    sums = points.stack(views, weight, slopes, positions)
+    through_cells = OperatorRefocuser("cells", shift_and_sum_through_cells, base.aperture)
+    cells = through_cells.stack(views, weight, slopes, positions)
+
+    # 4. Standard deviation over the views that a pixel is the sum of, and what the middle of the aperture, half as
+    # wide, shows more than all of it: both of grey views, [N, 1, H, W].
+    grey, grey_sums = views.mean(2, keepdim=True), sums.mean(1, keepdim=True)
+    squares = points.stack(grey.square(), weight, slopes, positions)
+    spread = (squares - grey_sums.square()).clamp(min=0).sqrt()
+    half = OperatorRefocuser("half", POINTS, lambda grid: apertures.square(grid, min(grid) / 2))
+    inner = half.stack(grey, weight, slopes, positions) - grey_sums
+
+    # 5. What the light field says of all planes: noise, range of the disparities, frame of the views, central view.
+    shot, read = noise_line.measured(light)
+    aperture = views.new_ones(light.grid) if base.aperture is None else base.aperture(light.grid)
+    n_views = float(aperture.sum().square() / aperture.square().sum())  # equal views that average noise as much
+    depth = disparity[None, None]
+    relief = torch.cat([box_max(depth, window) + box_max(-depth, window) for window in RELIEF_WINDOWS], 1).tanh()
+    covered = coverage(slopes, views)
+    central = _central_view(whole, disparity)
+    # How far each slope is from a whole one, at which no view is read between its pixels, 0 to 1.
+    fraction = 2 * (slopes - slopes.round()).abs().to(views)[:, None, None, None]
+
+    # A method that is one of the two sums is measured by the other.
+    others = [stack for stack in (sums, cells) if not torch.equal(pictures, stack)] or [sums, cells]
+
+    for planes in torch.arange(len(slopes)).split(n_at_once or len(slopes)):
+        part = slice(int(planes[0]), int(planes[-1]) + 1)
+        picture = pictures[part]
+        # 6. The picture through wider and wider filters, of about 2, 5 and 9 pixels.
+        fine = binomial(picture)
+        middle = binomial(fine, 2)
+        coarse = binomial(middle, 4)
+
+        # 7. Standard deviation that the noise of the views leaves in the picture: never more than is rough about the
+        # picture, nor than the views differ by. (The spread is that of grey views: noise of its own in each of C
+        # channels is sqrt(C) times as large.)
+        noise = ((shot * picture.mean(1, keepdim=True).clamp(min=0) + read) / n_views).sqrt()
+        roughness = ROUGHNESS * box_mean((picture - fine).abs().mean(1, keepdim=True), WINDOW)
+        deviation = math.sqrt(views.shape[2] / n_views) * box_mean(spread[part], WINDOW)
+        noise = noise.minimum(roughness).minimum(deviation)
+
+        # 8. The error scale: the noise, and the distance to the nearer one of the other pictures. Where not all views
+        # see a pixel nothing can be known: the scale is 0, and the picture stays as it is.
+        nearer = functools.reduce(torch.minimum, [(other[part] - picture).abs() for other in others])
+        error_scale = box_mean(nearer.mean(1, keepdim=True), WINDOW).hypot(noise)
+        error_scale = error_scale * (covered[part] > 0.999)  # 1, but for rounding
+        unit = error_scale + BLACK
+
+        # 9. The features, each of the order of 1.
+        defocus = slopes[part].to(disparity)[:, None, None, None] - disparity
+        one = torch.ones_like(error_scale)
+        features = {
+            "fine": candidate(fine, picture, unit),
+            "middle": candidate(middle, picture, unit),
+            "coarse": candidate(coarse, picture, unit),
+            "sum": candidate(sums[part], picture, unit),
+            "cells": candidate(cells[part], picture, unit),
+            "central": candidate(central, picture, unit),
+            "picture": picture - 0.5,
+            "inner": compressed(inner[part], unit) / 3,
+            "spread": compressed(spread[part], unit) / 3,
+            "defocus": torch.cat([defocus.tanh(), (0.3 * defocus.abs()).tanh()], 1),
+            "relief": relief.expand(len(picture), -1, -1, -1),
+            "coverage": 2 * (1 - covered[part]),
+            "fraction": fraction[part] * one,
+            "views": (math.log2(math.prod(light.grid)) / 3 - 2) * one,
+            "error_scale": unit.log10() / 2 + 1.5,
+            "noise": (noise + BLACK).log10() / 2 + 1.5,
+        }
+        yield RefinerInputs(torch.cat([features[name].to(dtype) for name in names], 1), picture, error_scale)
 
 
-def guides(seen: Seen, names: Sequence[str], dtype: torch.dtype = torch.float32) -> Tensor:
-    """What a refiner reads of planes.
+def candidate(other: Tensor, picture: Tensor, unit: Tensor) -> Tensor:
+    """Difference of another picture from the picture in units of the error scale, limited smoothly to `LIMIT`."""
+    difference = other - picture
+    return difference / (unit + difference.abs() / LIMIT)
 
-    Args:
-        seen: A light field and planes of it.
-        names: Of `GUIDES`.
-        dtype: Of the guides.
 
-    Returns:
-        Guides one after the other, [N, channels, H, W].
+def compressed(difference: Tensor, unit: Tensor) -> Tensor:
+    """asinh of a difference in units of the error scale: clean and noisy scenes look alike, large ones grow slowly."""
+    ratio = difference / unit
+    # torch.asinh takes ten times as long.
+    return (ratio.abs() + (ratio.square() + 1).sqrt()).log().copysign(ratio)
 
-    Raises:
-        InputError: There is no such guide.
-    """
-    return torch.cat([chosen("guide", name, GUIDES)(seen).to(dtype) for name in names], 1)
+
+def coverage(slopes: Tensor, views: Tensor) -> Tensor:
+    """Share of the views within whose frame a pixel of a plane lies, [N, 1, H, W]."""
+    shares = []
+    for n_views, n_pixels in ((views.shape[0], views.shape[3]), (views.shape[1], views.shape[4])):
+        offsets = geometry.angular_offsets(n_views).to(slopes)
+        at = torch.arange(n_pixels).to(slopes) + (slopes[:, None] * offsets)[..., None]
+        # A sample between the outermost pixel and the next one beyond still reads the outermost.
+        shares.append(((at > -1) & (at < n_pixels)).to(views).mean(1))
+    rows, columns = shares
+    return rows[:, None, :, None] * columns[:, None, None, :]
+
+
+def _central_view(whole: Tensor, disparity: Tensor) -> Tensor:
+    """The view at the angular centre, [C, H, W]; of even grids, the mean of those around it at each pixel's slope."""
+    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in whole.shape[:2])
+    middle = whole[rows, columns]
+    if middle.shape[:2].numel() == 1:
+        return middle[0, 0]
+    return per_pixel(middle, disparity, "cubic", border="edge")[0]

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from lfref.engines.engine import Run
 from lfref.engines.files import file_formats
-from lfref.engines.files.manifest import GUIDES, VIEWS, Manifest
+from lfref.engines.files.manifest import VIEWS, Manifest
 from lfref.errors import CheckpointError, InputError, first_line
 from lfref.geometry import planes_from
 from lfref.io.run import Run as RunFolder
@@ -19,6 +19,7 @@ from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.nets.refiner import Correction
 from lfref.refocuser import refined
+from lfref.refocuser.features import renamed
 from lfref.refocuser.networks import NetworkRefocuser, learned
 from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser
@@ -71,7 +72,7 @@ class ExportedNetwork(Network):
 
 
 class ExportedRefiner(Correction):
-    """Guides, pictures and doubts -> better pictures by a runtime, on the CPU.
+    """Features, pictures and error scale -> better pictures by a runtime, on the CPU.
 
     Args:
         run: Takes them, float32.
@@ -82,16 +83,18 @@ class ExportedRefiner(Correction):
         super().__init__()
         self.run = run
         self.config = dict(config)
-        self.n_offers = int(config["n_offers"])
+        self.n_candidates = int(config["n_candidates"])
 
     @property
     def like(self) -> Tensor:
         """As in `Network`."""
         return torch.empty(0)
 
-    def forward(self, guides: Tensor, pictures: Tensor, doubts: Tensor) -> Tensor:
+    def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
         """As in `Refiner`."""
-        return _called(self.run, *(each.float().contiguous() for each in (guides, pictures, doubts))).to(pictures)
+        return _called(self.run, *(each.float().contiguous() for each in (features, pictures, error_scale))).to(
+            pictures
+        )
 
 
 def load_exported(path: Path) -> Refocuser:
@@ -106,7 +109,7 @@ def load_exported(path: Path) -> Refocuser:
     """
     run, manifest = file_formats.opened(path)
     try:
-        return (_refined if GUIDES in manifest.inputs else _network)(run, manifest)
+        return (_network if manifest.reads_views else _refined)(run, manifest)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
 
@@ -118,7 +121,7 @@ def _network(run: Run, manifest: Manifest) -> NetworkRefocuser:
 
 def _refined(run: Run, manifest: Manifest) -> RefinedRefocuser:
     base, names = refined.described(manifest.config)
-    return RefinedRefocuser(ExportedRefiner(run, manifest.config[refined.KIND]), base, names, manifest.name)
+    return RefinedRefocuser(ExportedRefiner(run, renamed(manifest.config[refined.KIND])), base, names, manifest.name)
 
 
 def _called(run: Run, *inputs: Tensor) -> Tensor:

@@ -5,14 +5,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
 from lfref.refocuser import filling, refined
 from lfref.refocuser.refined import RefinedRefocuser
-from lfref.refocuser.refocuser import Aperture, Refocuser, uneven
+from lfref.refocuser.refocuser import Aperture, Refocuser, check_for_network
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "learned.safetensors"
 """How it was trained stands in the file itself."""
@@ -56,17 +55,11 @@ class NetworkRefocuser(Refocuser):
             InputError: Views that are not finite, lie on another device, or do not fit the network; cameras that do
                 not stand on an even grid.
         """
-        if positions is not None:
-            raise uneven(self.name)
-        like = self.network.like
-        if views.device != like.device:
-            raise InputError(f"views must be on the network's device, {like.device}", got=views.device)
         radiance = batches.radiance(views)
-        if not bool(radiance.isfinite().all()):
-            raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
+        check_for_network(self.name, radiance, positions, self.network.like.device)
         if weight is not None:
             radiance = filling.filled(radiance, weight.to(radiance))
-        return self.network(radiance.to(like.dtype), slopes).to(batches.stack_dtype(views))
+        return self.network(radiance.to(self.network.like.dtype), slopes).to(batches.stack_dtype(views))
 
 
 def learned(

@@ -1,14 +1,15 @@
 """Refocusing operators as refocusers: any planes, any grid, samples counted by their weight."""
 
-import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus import batches
 from lfref.refocus.focus.all_in_focus import all_in_focus
@@ -29,12 +30,15 @@ Operator = Callable[..., Tensor]
 
 @dataclass(eq=False)
 class OperatorRefocuser(Refocuser):
-    """A linear operator, perhaps looking through an aperture.
+    """A refocusing operator, perhaps with an aperture.
 
     Args:
         name: As tables and legends call it.
         operator: Refocuses views at slopes; options already bound.
         aperture: Weights of the views, whatever their grid; None weighs all alike.
+
+    Raises:
+        InputError: An aperture for an operator without a parameter `weights`.
 
     Example:
         >>> refocuser = OperatorRefocuser("shift_and_sum", lfref.shift_and_sum)
@@ -46,160 +50,121 @@ class OperatorRefocuser(Refocuser):
     operator: Operator
     aperture: Aperture | None = None
 
-    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """The operator's stack, samples counted by their weight, black where no trusted one contributes.
+    def __post_init__(self) -> None:
+        self.function = getattr(self.operator, "func", self.operator)
+        """The operator without the options bound to it."""
+        self.options: dict[str, Any] = getattr(self.operator, "keywords", {})
+        """The options bound to it."""
+        try:
+            self._parameters = inspect.signature(self.operator).parameters.keys() - self.options.keys()
+        except ValueError:  # functions written in C may have no signature
+            self._parameters = set()
+        if self.aperture is not None and not self.takes("weights"):
+            raise InputError(f"{self.name} must have a parameter weights to look through an aperture", got="none")
 
-        Views that weigh the same throughout, missing ones too, are an aperture. Else linear operators give the weighted
-        mean, sample by sample; those that look at the views see them filled, and all samples alike.
-        """
-        if positions is not None and not self.takes_positions:
-            raise uneven(self.name)
-        options = {} if positions is None else {"positions": positions}
-        if weight is None:
-            return self._sum(views, slopes, None, options)
-        of_views = filling.of_whole_views(weight) if self._takes("weights") else None
-        if of_views is not None and bool(of_views.any()):
-            return self._through_views(views, slopes, of_views, options)
-        radiance = batches.radiance(views)
-        weight = weight.to(radiance)
-        if self._looks:
-            stack = self._of_filled(radiance, weight, slopes, options)
-        else:
-            stack = self._mean(radiance, weight, slopes, options)
-        return stack.to(batches.stack_dtype(views))
+    def takes(self, parameter: str) -> bool:
+        """Whether the operator has a parameter that is not bound already."""
+        return parameter in self._parameters
 
     @property
     def takes_positions(self) -> bool:
-        """As in `Refocuser`, by the operator's arguments."""
-        return self._takes("positions")
+        """As in `Refocuser`, by the operator's parameters."""
+        return self.takes("positions")
+
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
+        """The operator's stack, samples counted by their weight, black where no trusted one contributes.
+
+        Views that weigh the same throughout, missing ones too, are an aperture. Otherwise linear operators give the
+        weighted mean of the samples; operators that compare the views get them filled, and all samples count alike.
+        """
+        if positions is not None and not self.takes("positions"):
+            raise uneven(self.name)
+        options = {} if positions is None else {"positions": positions}
+        if self.aperture is not None:
+            options["weights"] = self.aperture(tuple(views.shape[-5:-3]))
+        if weight is None:
+            return self.operator(views, slopes, **options)
+        of_views = filling.of_whole_views(weight) if self.takes("weights") else None
+        if of_views is not None and bool(of_views.any()):
+            return self._through_views(views, slopes, of_views, options)
+        radiance = batches.radiance(views)
+        sample = self._of_filled if self.function in COMPARING else self._weighted_mean
+        return sample(radiance, weight.to(radiance), slopes, options).to(batches.stack_dtype(views))
 
     def through(self, aperture: Aperture | None) -> "OperatorRefocuser":
-        """As in `Refocuser`; an aperture of its own is kept."""
-        return self if aperture is None or self.aperture is not None else replace(self, aperture=aperture)
-
-    def knowing(self, disparities: Callable[[], Tensor]) -> "OperatorRefocuser":
-        """The same, told the disparities of a light field if it can use them: it need not look for them.
-
-        Args:
-            disparities: Finds them, [H, W]; not called where they are of no use.
-        """
-        if not self._takes("disparities"):
-            return self
-        return replace(self, operator=functools.partial(self.operator, disparities=disparities()))
+        """As in `Refocuser`; an aperture of its own is kept, and an operator without weights stays as it is."""
+        keeps = aperture is None or self.aperture is not None or not self.takes("weights")
+        return self if keeps else replace(self, aperture=aperture)
 
     def cell_width(self, slopes: Tensor) -> float:
         """As in `Refocuser`, by the operator's `fill` and `disparity`."""
-        options = getattr(self.operator, "keywords", {})
-        disparity = torch.as_tensor(options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
-        return float(options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
+        disparity = torch.as_tensor(self.options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
+        return float(self.options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
 
     def reach(self, slopes: Tensor, field: LightField) -> int | None:
-        """As in `Refocuser`; that of weighted samples is unknown, since weights are compared across the picture."""
-        if self._function not in LOCAL or field.weight is not None:
+        """As in `Refocuser`; None with weights of samples, since these are compared across the picture."""
+        if self.function is not shift_and_sum or field.weight is not None:
             return None
-        local, options = LOCAL[self._function], getattr(self.operator, "keywords", {})
-        known = {name: value for name, value in options.items() if name in inspect.signature(local).parameters}
-        return local(slopes, field.grid, positions=field.positions, **known)
+        parameters = inspect.signature(sum_reach).parameters
+        options = {name: value for name, value in self.options.items() if name in parameters}
+        return sum_reach(slopes, field.grid, positions=field.positions, **options)
 
-    def _mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """The weighted mean, sample by sample; black where the sum of the weights is next to nothing.
-
-        Interpolation by more than two samples weighs some below 0: a quotient by next to nothing is a light or a dark
-        dot.
-        """
-        share = self._sum(weight, slopes, None, options)
-        weighted = self._sum(views * weight, slopes, None, options)
-        most = share.detach().amax((-3, -2, -1), keepdim=True)
-        least = (filling.LEAST * most).clamp(min=torch.finfo(share.dtype).tiny)
+    def _weighted_mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
+        """Sum of the weighted samples over the sum of the weights."""
+        share = self.operator(weight, slopes, **options)
+        weighted = self.operator(views * weight, slopes, **options)
+        # Interpolation by more than two samples weighs some below 0: dividing by next to nothing would leave light and
+        # dark dots, so such pixels are black.
+        least = filling.LEAST * share.detach().amax((-3, -2, -1), keepdim=True)
+        least = least.clamp(min=torch.finfo(share.dtype).tiny)
         return torch.where(share > least, weighted / torch.maximum(share, least), 0.0)
 
     def _of_filled(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """All samples alike, those that are not to be trusted made up; black where the picture would be made up."""
+        """The stack of views in which untrusted samples are filled, black where only such are reached."""
         is_trusted = filling.trusted(weight)
         whole = filling.extended(filling.filled(views, weight), is_trusted)
         is_there = (weight.reshape(-1, *weight.shape[-5:]) > 0).any(0).flatten(2).any(2)
-        if bool(is_there.all()) or not (bool(is_there.any()) and self._takes("weights")):
-            stack = self._sum(whole, slopes, None, options)
+        if bool(is_there.all()) or not (bool(is_there.any()) and self.takes("weights")):
+            stack = self.operator(whole, slopes, **options)
         else:
             stack = self._through_views(whole, slopes, is_there.to(views), options)
         if bool(is_trusted.any(-5).any(-4).all()):
             return stack
-        return torch.where(_is_reached(is_trusted.to(weight), slopes, stack, options), stack, 0.0)
+        # Black where no trusted sample is reached. The stack may be finer than the views, or a single picture.
+        share = shift_and_sum(is_trusted.to(weight), slopes, positions=options.get("positions"))
+        if stack.shape[-4] != share.shape[-4]:
+            share = share.amax(-4, keepdim=True)
+        share = F.interpolate(share.flatten(0, -4), stack.shape[-2:], mode="bilinear").unflatten(0, share.shape[:-3])
+        return torch.where(share > filling.LEAST * share.amax((-3, -2, -1), keepdim=True), stack, 0.0)
 
     def _through_views(self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """Through an aperture of these weights [V, U], or, where missing views can be foretold, through the whole."""
+        """The stack through an aperture of these weights [V, U], which may lack views."""
         if bool((weights == weights[0, 0]).all()):
-            return self._sum(views, slopes, None, options)
-        if self._function not in FORETELLING or bool((weights > 0).all()):
-            return self._sum(views, slopes, weights, options)
-        whole = filling.foretold(batches.radiance(views), weights)
-        return self._sum(whole, slopes, None, options).to(batches.stack_dtype(views))
-
-    def _sum(self, views: Tensor, slopes: Tensor, weights: Tensor | None, options: dict[str, Tensor]) -> Tensor:
-        """The operator, through its aperture and these weights of the views, [V, U]."""
-        if self.aperture is not None:
-            own = self.aperture(tuple(views.shape[-5:-3]))
-            weights = own if weights is None else own * weights.to(own)
-        return self.operator(views, slopes, **options, **({} if weights is None else {"weights": weights}))
-
-    @property
-    def _function(self) -> Operator:
-        """The operator without what is bound to it."""
-        return getattr(self.operator, "func", self.operator)
-
-    @property
-    def _looks(self) -> bool:
-        return self._function in LOOKING
-
-    def _takes(self, argument: str) -> bool:
-        """Whether the operator can be given an argument that is not bound already."""
-        bound = getattr(self.operator, "keywords", {})
-        return argument in inspect.signature(self.operator).parameters and argument not in bound
-
-
-def _is_reached(trust: Tensor, slopes: Tensor, stack: Tensor, options: dict[str, Tensor]) -> Tensor:
-    """Which pixels of a stack, be it finer or of one picture, samples that are trusted reach, [..., N, 1, H, W]."""
-    share = shift_and_sum(trust, slopes, positions=options.get("positions"))
-    if stack.shape[-4] != share.shape[-4]:
-        share = share.amax(-4, keepdim=True)
-    share = F.interpolate(share.flatten(0, -4), stack.shape[-2:], mode="bilinear").unflatten(0, share.shape[:-3])
-    return share > filling.LEAST * share.amax((-3, -2, -1), keepdim=True)
+            return self.operator(views, slopes, **options)
+        if self.function in FORETELLING and not bool((weights > 0).all()):
+            whole = filling.foretold(batches.radiance(views), weights)
+            return self.operator(whole, slopes, **options).to(batches.stack_dtype(views))
+        if "weights" in options:
+            weights = options["weights"] * weights.to(options["weights"])
+        return self.operator(views, slopes, **options | {"weights": weights})
 
 
 def even_stack(views: Tensor, slopes: Tensor) -> Tensor:
-    """The focal stack transform with as many planes between the same extremes.
-
-    Args:
-        views: Light fields, [..., V, U, C, H, W].
-        slopes: In pixels per view step, in any order, [N].
-    """
+    """The focal stack transform: as many planes, evenly spaced between the least and the largest slope."""
     return focal_stack_transform(views, len(slopes), float(slopes.min()), float(slopes.max()))
 
 
 def coplanar_homography(views: Tensor, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-    """Homographies of cameras in one plane, which shift-and-sum needs no matrices for.
-
-    Args:
-        views: Light fields, [..., V, U, C, H, W].
-        slopes: In pixels per view step, [N].
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-    """
+    """Shift-and-sum written as one homography for each view and plane."""
     return homography(views, slope_homographies(slopes, (views.shape[-5], views.shape[-4]), positions))
 
 
 def focus(views: Tensor, slopes: Tensor) -> Tensor:
-    """The all-in-focus picture of a linear shift-and-sum, as a stack of one.
-
-    Args:
-        views: Light fields, [..., V, U, C, H, W].
-        slopes: In pixels per view step, [N].
-    """
+    """The all-in-focus picture of a linear shift-and-sum, as a stack of one plane."""
     return all_in_focus(shift_and_sum(views, slopes)).image.unsqueeze(-4)
 
 
-LOCAL: dict[Operator, Callable[..., int | None]] = {shift_and_sum: sum_reach}
-"""How far their pixels see; the others look at the whole picture."""
 FORETELLING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
-"""Estimate what the whole aperture would have seen: missing views are made up for."""
-LOOKING: frozenset[Operator] = FORETELLING | {shift_and_sum_through_cells, super_resolve, focus}
-"""Look at the views before they sum them: views times weights would mislead them."""
+"""Operators that estimate what the whole aperture would have recorded: missing views are predicted."""
+COMPARING: frozenset[Operator] = FORETELLING | {shift_and_sum_through_cells, super_resolve, focus}
+"""Operators that compare the views before they sum them: views times their weight would mislead them."""

@@ -133,6 +133,26 @@ class Refocuser(abc.ABC):
         return self.planes.slopes
 
 
+def check_for_network(name: str, views: Tensor, positions: Tensor | None, device: torch.device) -> None:
+    """Refuse views that a network cannot read.
+
+    Args:
+        name: Of the method.
+        views: Floating point, [..., V, U, C, H, W].
+        positions: Of the cameras, as in `Refocuser.stack`.
+        device: Of the network.
+
+    Raises:
+        InputError: Cameras off the even grid, views on another device, or views that are not finite.
+    """
+    if positions is not None:
+        raise uneven(name)
+    if views.device != device:
+        raise InputError(f"views must be on the network's device, {device}", got=views.device)
+    if not bool(views.isfinite().all()):
+        raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
+
+
 def uneven(name: str) -> InputError:
     """What is raised where cameras do not stand on the even grid that a method needs.
 

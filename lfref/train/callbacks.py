@@ -160,7 +160,7 @@ class BestCheckpoint(ModelCheckpoint):
 
 
 def finite_patches(batch: Mapping[str, Any]) -> dict[str, Tensor]:
-    """Whether the images of each patch are finite, [P] each, by their name: views and labels, or guides and pictures.
+    """Whether the images of each patch are finite, [P] each, by their name: views and labels, or features and pictures.
 
     Args:
         batch: Of patches; what has more than one axis are images, [P, ...].

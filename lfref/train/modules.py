@@ -27,7 +27,7 @@ from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
 from lfref.nets.refiner import Refiner
 from lfref.refocuser import refined as refined_refocuser
-from lfref.refocuser.features import check
+from lfref.refocuser.features import check_names
 
 # PART resume
 # Going on with a run: its schedule fitted to what is set now, and its log cut where the checkpoint stands.
@@ -193,15 +193,15 @@ class Refining(Fitting):
     """Trains a refiner.
 
     Args:
-        net: Guides, pictures and doubts -> better pictures.
-        loss: Of refined pictures, truth, pictures and doubts.
-        recipe: Of the planes that it learns from; its method and guides go into every checkpoint.
+        net: Features, pictures and error scale -> better pictures.
+        loss: Of refined pictures, truth, pictures and error scale.
+        recipe: Of the planes that it learns from; its method and features go into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
         metrics: Further metrics of refined planes by name, logged as `val/NAME`.
 
     Raises:
-        InputError: Corrections cannot be mixed of the guides of the recipe.
+        InputError: Corrections cannot be mixed of the features of the recipe.
     """
 
     interval = "step"
@@ -216,32 +216,32 @@ class Refining(Fitting):
         metrics: Mapping[str, Metric] | None = None,
     ) -> None:
         super().__init__(net, optimizer, scheduler, metrics)
-        check(recipe.guides, net.n_offers)
+        check_names(recipe.features, net.n_candidates)
         self.loss = loss
         self.recipe = recipe
 
     def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
         """The loss of one batch."""
-        return self._loss(batch, self(batch["guides"], batch["pictures"], batch["doubts"]), "train")
+        return self._loss(batch, self(batch["features"], batch["pictures"], batch["error_scale"]), "train")
 
     def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
         """The loss, PSNR and what it gained, of one held-out light field, logged."""
-        made = self(batch["guides"], batch["pictures"], batch["doubts"])
+        made = self(batch["features"], batch["pictures"], batch["error_scale"])
         self._loss(batch, made, "val")
         truth = batch["pictures"] + batch["missing"]
         # Pixels that may not be corrected count as right.
-        refined, given = (torch.where(batch["doubts"] > 0, each, truth) for each in (made, batch["pictures"]))
+        refined, given = (torch.where(batch["error_scale"] > 0, each, truth) for each in (made, batch["pictures"]))
         after, before = (psnr(each, truth).mean() for each in (refined, given))
         self.update_metrics(refined, truth)
         values = {"val/mpsnr": after, "val/gain": after - before}
         self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
 
     def payload(self) -> dict[str, Any]:
-        """What builds the refiner again, its method and its guides."""
-        return refined_refocuser.payload(self.net, self.recipe.base, self.recipe.guides)
+        """What builds the refiner again, its method and its features."""
+        return refined_refocuser.payload(self.net, self.recipe.base, self.recipe.features)
 
     def _loss(self, batch: PlaneBatch, made: Tensor, stage: str) -> Tensor:
-        loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"], batch["doubts"])
+        loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"], batch["error_scale"])
         self.log_stage(stage, {"loss": loss}, len(made))
         return loss
 

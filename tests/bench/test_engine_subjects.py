@@ -57,7 +57,7 @@ def test_a_network_without_training_makes_pictures_as_bright_as_the_scenes_and_a
     assert made.std() > 0.03
 
 
-def test_a_refiner_reads_guides_and_pictures_in_the_parts_that_its_refocuser_makes(fields, monkeypatch):
+def test_a_refiner_reads_features_and_pictures_in_the_parts_that_its_refocuser_makes(fields, monkeypatch):
     network = Refiner(6, 1, width=8, n_blocks=1)
     for parameter in network.parameters():
         torch.nn.init.normal_(parameter, std=0.3)
@@ -69,11 +69,11 @@ def test_a_refiner_reads_guides_and_pictures_in_the_parts_that_its_refocuser_mak
     subject = engine_timing.of_refiner(refiner, fields, planes, CPU)
     for shot, field in zip(subject.shots, fields.whole, strict=True):
         # Three planes would fit, and the fourth would be a part of another shape.
-        assert [tuple(guides.shape) for guides, *_ in shot.parts] == [(2, 6, 32, 40)] * 2
+        assert [tuple(features.shape) for features, *_ in shot.parts] == [(2, 6, 32, 40)] * 2
         with torch.no_grad():
             stack = shot.stack(subject.network)
         torch.testing.assert_close(stack, refiner(field, planes.slopes), atol=1e-5, rtol=0)
         assert (stack - BASE(field, planes.slopes)).std() > 1e-3
         assert torch.equal(shot.truth, field.photograph(planes.values))
-    assert [tuple(guides.shape) for guides, *_ in subject.patches] == [(2, 6, 24, 24)] * 2
+    assert [tuple(features.shape) for features, *_ in subject.patches] == [(2, 6, 24, 24)] * 2
     assert (subject.name, subject.is_trained) == ("refined", True)

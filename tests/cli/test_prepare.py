@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from lfref.data import plane_sets
 
 SMALL = (
@@ -43,8 +45,17 @@ def test_processes_make_what_one_makes(lfref, tmp_path):
     assert one == several
 
 
-def test_unknown_guides_are_one_line(lfref, tmp_path):
-    status, errors = lfref(*SMALL, "recipe.guides=[luck]", f"cache_folder={tmp_path}", f"output={tmp_path}/run")
+def test_unknown_features_are_one_line(lfref, tmp_path):
+    status, errors = lfref(*SMALL, "recipe.features=[luck]", f"cache_folder={tmp_path}", f"output={tmp_path}/run")
     assert status != 0
-    assert "guide" in errors
+    assert "features must be among" in errors
     assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"), [("recipe.guides=[fine]", "recipe.features"), ("+recipe.guides=[fine]", "recipe.features")]
+)
+def test_the_keys_of_earlier_versions_are_answered_by_todays(lfref, word, hint):
+    status, errors = lfref(*SMALL, word)
+    assert status != 0
+    assert f"perhaps {hint}" in errors

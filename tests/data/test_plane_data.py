@@ -16,8 +16,8 @@ def folder(tmp_path):
     """Six items; every image of one is its pictures, plus its channel."""
     for index in range(6):
         pictures = torch.rand(2, 3, 20, 24)
-        guides = torch.cat([pictures, pictures + 1], 1)
-        item = Item(guides, pictures, pictures[:, :1] / 4, pictures / 2, torch.zeros(2, dtype=torch.float64))
+        features = torch.cat([pictures, pictures + 1], 1)
+        item = Item(features, pictures, pictures[:, :1] / 4, pictures / 2, torch.zeros(2, dtype=torch.float64))
         plane_sets.write(plane_sets.path_of(tmp_path, index), item)
     return tmp_path
 
@@ -29,13 +29,13 @@ def data(folder, **options):
     return made
 
 
-def test_guides_pictures_and_what_is_missing_are_cropped_and_turned_alike(folder):
+def test_features_pictures_and_what_is_missing_are_cropped_and_turned_alike(folder):
     batch = Crops(sorted(folder.glob("*.safetensors")), 16, 3)[(0, 3)]
     assert batch["pictures"].shape == (1, 3, 16, 16)
     assert batch["where"] == ["000001.safetensors, plane 1"]
-    torch.testing.assert_close(batch["guides"][:, :3], batch["pictures"], atol=1e-3, rtol=1e-3)
-    torch.testing.assert_close(batch["guides"][:, 3:] - 1, batch["pictures"], atol=1e-3, rtol=1e-3)
-    torch.testing.assert_close(batch["doubts"], batch["pictures"][:, :1] / 4, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(batch["features"][:, :3], batch["pictures"], atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(batch["features"][:, 3:] - 1, batch["pictures"], atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(batch["error_scale"], batch["pictures"][:, :1] / 4, atol=1e-3, rtol=1e-3)
     torch.testing.assert_close(batch["missing"], batch["pictures"] / 2, atol=1e-3, rtol=1e-3)
 
 
@@ -80,7 +80,7 @@ def test_the_first_items_are_held_out_whole(folder):
 
 def test_an_epoch_has_every_plane_once_in_batches_of_several_items(folder):
     batches = list(data(folder).train_dataloader())
-    assert [batch["guides"].shape for batch in batches] == [(4, 6, 16, 16)] * 2
+    assert [batch["features"].shape for batch in batches] == [(4, 6, 16, 16)] * 2
     drawn = [place for batch in batches for place in batch["where"]]
     assert set(drawn) == {f"{index:06d}.safetensors, plane {plane}" for index in range(2, 6) for plane in range(2)}
     assert len(drawn) == 8

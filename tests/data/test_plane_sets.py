@@ -5,13 +5,14 @@ import functools
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from lfref.data import plane_sets
 from lfref.data.plane_sets import Item, Recipe
 from lfref.errors import FileError, InputError
 from lfref.functional.psnr import psnr
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.features import GUIDES
+from lfref.refocuser.features import FEATURES
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator.chance import RandomSensor
 from lfref.simulator.scene import Camera
@@ -37,11 +38,11 @@ def test_items_are_fixed_by_recipe_and_number():
         assert not torch.equal(first.pictures, other.pictures)
 
 
-def test_an_item_has_planes_near_focus_and_others_each_with_its_guides():
+def test_an_item_has_planes_near_focus_and_others_each_with_its_features():
     item = plane_sets.make(RECIPE, 0)
     assert item.pictures.shape == item.missing.shape == (4, 3, 40, 44)
-    assert item.guides.shape == (4, 32, 40, 44)
-    assert item.doubts.shape == (4, 1, 40, 44)
+    assert item.features.shape == (4, 32, 40, 44)
+    assert item.error_scale.shape == (4, 1, 40, 44)
     assert -3 <= float(item.slopes[3]) <= -2
     assert float(item.slopes[:3].abs().max()) < 2 + plane_sets.NEAR
 
@@ -123,9 +124,17 @@ def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):
     truth = item.pictures + item.missing
     error = (kept.pictures + kept.missing - truth).abs()
     assert bool((error <= 1e-3 * kept.missing.abs() + 1e-6).all())
-    torch.testing.assert_close(kept.guides.float(), item.guides, atol=1e-3, rtol=1e-3)
-    torch.testing.assert_close(kept.doubts.float(), item.doubts, atol=1e-7, rtol=1e-3)
+    torch.testing.assert_close(kept.features.float(), item.features, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(kept.error_scale.float(), item.error_scale, atol=1e-7, rtol=1e-3)
     assert torch.equal(kept.slopes, item.slopes)
+
+
+def test_a_set_of_an_earlier_version_has_other_names(tmp_path):
+    item = plane_sets.make(RECIPE, 0)
+    former = dict(zip(("guides", "pictures", "doubts", "missing", "slopes"), item, strict=True))
+    save_file({name: part.contiguous() for name, part in former.items()}, path := tmp_path / "0.safetensors")
+    for kept, part in zip(plane_sets.read(path), item, strict=True):
+        assert torch.equal(kept, part)
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04damaged"])
@@ -140,7 +149,7 @@ def test_another_recipe_is_another_set(tmp_path):
     others = [
         dataclasses.replace(RECIPE, **change)
         for change in (
-            {"seed": 6}, {"grids": ((3, 3),)}, {"guides": tuple(GUIDES)[:2]}, {"correct": "none"}, {"ideal": 0.2},
+            {"seed": 6}, {"grids": ((3, 3),)}, {"features": tuple(FEATURES)[:2]}, {"correct": "none"}, {"ideal": 0.2},
             {"base": OperatorRefocuser("other", shift_and_sum)},
             {"base": OperatorRefocuser("shift_and_sum", functools.partial(shift_and_sum, fill=1.0))},
             {"scenes": dataclasses.replace(SCENES, disparities=(-2.0, 1.0))},

@@ -1,4 +1,4 @@
-"""Small networks with odd sizes, as jobs: one that reads views, and one that reads guides, pictures and doubts."""
+"""Small networks with odd sizes, as jobs: a RefNet, which reads views, and a refiner."""
 
 import torch
 
@@ -19,7 +19,7 @@ def refnet(device="cpu"):
 
 def refiner(device="cpu"):
     """A refiner that does something to four planes."""
-    network = Refiner(n_guides=5, n_offers=1, width=16, n_blocks=1).eval().requires_grad_(False)
+    network = Refiner(n_features=5, n_candidates=1, width=16, n_blocks=1).eval().requires_grad_(False)
     for layer in network.modules():
         if isinstance(layer, torch.nn.Conv2d):
             torch.nn.init.kaiming_normal_(layer.weight)

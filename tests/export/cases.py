@@ -16,7 +16,7 @@ from lfref.refocuser.refined import RefinedRefocuser
 
 GRID = (3, 3)
 PLANES = planes_at_alphas([0.5, 1.0, 2.0])
-GUIDES = ("fine", "spread", "doubt")
+FEATURES = ("fine", "spread", "error_scale")
 
 
 def field(size=(31, 45), seed=0):
@@ -49,7 +49,7 @@ def refiner():
             torch.nn.init.kaiming_normal_(layer.weight)
     made.head[1].bias[-4:] = 3.0  # the gate, of each of four pixels, is open
     base = OperatorRefocuser("cells", shift_and_sum_through_cells)
-    return RefinedRefocuser(made, base, GUIDES, "refined")
+    return RefinedRefocuser(made, base, FEATURES, "refined")
 
 
 def operator(**options):

@@ -25,13 +25,13 @@ def test_it_is_the_share_of_each_pictures_error_that_is_left(power):
 
 
 @pytest.mark.parametrize("power", ["l1", "l2"])
-def test_only_pixels_with_a_doubt_count(power):
-    truth, doubts = torch.zeros(1, 3, 9, 9), torch.zeros(1, 1, 9, 9)
-    doubts[..., 2:-2, 2:-2] = 0.3
+def test_only_pixels_with_an_error_scale_count(power):
+    truth, error_scale = torch.zeros(1, 3, 9, 9), torch.zeros(1, 1, 9, 9)
+    error_scale[..., 2:-2, 2:-2] = 0.3
     pictures = truth + 0.1
-    refined = torch.where(doubts > 0, 0.05, 7.0).expand_as(truth)
-    assert float(RelativeError(power, "ratio")(refined, truth, pictures, doubts)) == pytest.approx(0.5, rel=1e-2)
-    nothing = torch.zeros_like(doubts)
+    refined = torch.where(error_scale > 0, 0.05, 7.0).expand_as(truth)
+    assert float(RelativeError(power, "ratio")(refined, truth, pictures, error_scale)) == pytest.approx(0.5, rel=1e-2)
+    nothing = torch.zeros_like(error_scale)
     assert float(RelativeError(power)(refined, truth, pictures, nothing)) == pytest.approx(0, abs=1e-6)
 
 

@@ -11,68 +11,68 @@ from lfref.nets.refiner import Refiner
 def trained(**options):
     """A refiner that does something."""
     torch.manual_seed(3)
-    net = Refiner(**{"n_guides": 7, "n_offers": 2, "width": 8, "n_blocks": 2} | options)
+    net = Refiner(**{"n_features": 7, "n_candidates": 2, "width": 8, "n_blocks": 2} | options)
     for parameter in net.parameters():
         torch.nn.init.normal_(parameter, std=0.2)
     return net.eval()
 
 
-def doubts(pictures, value=0.05):
+def scale(pictures, value=0.05):
     return torch.full_like(pictures[..., :1, :, :], value)
 
 
 def test_it_starts_by_leaving_pictures_as_they_are():
     pictures = torch.rand(5, 3, 16, 18)
-    assert torch.equal(Refiner(7, 2)(torch.rand(5, 7, 16, 18), pictures, doubts(pictures)), pictures)
+    assert torch.equal(Refiner(7, 2)(torch.rand(5, 7, 16, 18), pictures, scale(pictures)), pictures)
 
 
 @pytest.mark.parametrize("size", [(16, 18), (15, 17), (1, 1), (2, 3)])
 @pytest.mark.parametrize("shuffle", [1, 2, 3])
 def test_any_size_and_any_leading_axes_keep_their_shape(size, shuffle):
-    guides, pictures = torch.rand(2, 5, 7, *size), torch.rand(2, 5, 3, *size)
+    features, pictures = torch.rand(2, 5, 7, *size), torch.rand(2, 5, 3, *size)
     net = trained(shuffle=shuffle)
-    made = net(guides, pictures, doubts(pictures))
+    made = net(features, pictures, scale(pictures))
     assert made.shape == pictures.shape
     torch.testing.assert_close(
-        made[1, 2], net(guides[1, 2], pictures[1, 2], doubts(pictures[1, 2])), atol=1e-6, rtol=1e-5
+        made[1, 2], net(features[1, 2], pictures[1, 2], scale(pictures[1, 2])), atol=1e-6, rtol=1e-5
     )
     assert not torch.equal(made, pictures)
 
 
 def test_planes_do_not_know_of_each_other():
-    guides, pictures, net = torch.rand(3, 7, 12, 12), torch.rand(3, 3, 12, 12), trained()
-    others = torch.cat([guides[:1], torch.rand(2, 7, 12, 12)])
+    features, pictures, net = torch.rand(3, 7, 12, 12), torch.rand(3, 3, 12, 12), trained()
+    others = torch.cat([features[:1], torch.rand(2, 7, 12, 12)])
     torch.testing.assert_close(
-        net(others, pictures, doubts(pictures))[0], net(guides, pictures, doubts(pictures))[0], atol=1e-6, rtol=1e-5
+        net(others, pictures, scale(pictures))[0], net(features, pictures, scale(pictures))[0], atol=1e-6, rtol=1e-5
     )
 
 
 def test_a_shift_by_a_coarse_pixel_shifts_the_correction():
-    guides, net = torch.rand(7, 64, 64), trained()
+    features, net = torch.rand(7, 64, 64), trained()
     nothing = torch.zeros(3, 64, 64)
-    made, moved = (net(each, nothing, doubts(nothing)) for each in (guides, guides.roll((2, 4), (1, 2))))
+    made, moved = (net(each, nothing, scale(nothing)) for each in (features, features.roll((2, 4), (1, 2))))
     torch.testing.assert_close(moved[:, 24:40, 24:40], made[:, 22:38, 20:36], atol=1e-6, rtol=1e-5)
 
 
-def test_what_is_added_is_a_mixture_of_the_offers_the_same_for_all_colours():
-    guides, pictures, net = torch.rand(1, 7, 8, 8), torch.rand(1, 3, 8, 8), trained()
-    added = (net(guides, pictures, doubts(pictures)).detach() - pictures)[0] / 0.05
-    offers = guides[0, :6].unflatten(0, (2, 3))
-    shares = torch.linalg.lstsq(offers.permute(2, 3, 1, 0), added.permute(1, 2, 0)[..., None]).solution
-    mixed = (offers.permute(2, 3, 1, 0) @ shares)[..., 0].permute(2, 0, 1)
+def test_what_is_added_is_a_mixture_of_the_candidates_the_same_for_all_colours():
+    features, pictures, net = torch.rand(1, 7, 8, 8), torch.rand(1, 3, 8, 8), trained()
+    added = (net(features, pictures, scale(pictures)).detach() - pictures)[0] / 0.05
+    candidates = features[0, :6].unflatten(0, (2, 3))
+    shares = torch.linalg.lstsq(candidates.permute(2, 3, 1, 0), added.permute(1, 2, 0)[..., None]).solution
+    mixed = (candidates.permute(2, 3, 1, 0) @ shares)[..., 0].permute(2, 0, 1)
     torch.testing.assert_close(mixed, added, atol=1e-4, rtol=1e-3)
     assert float(added.abs().mean()) > 0.01
 
 
 def test_without_blocks_it_is_two_convolutions_written_out():
-    net = trained(n_guides=2, n_offers=2, n_blocks=0, shuffle=1, width=3, channels=1)
-    guides, pictures = torch.rand(1, 2, 6, 7), torch.rand(1, 1, 6, 7)
-    inner = torch.nn.functional.silu(net.stem(guides))
-    doubted = torch.rand(1, 1, 6, 7)
+    net = trained(n_features=2, n_candidates=2, n_blocks=0, shuffle=1, width=3, channels=1)
+    features, pictures = torch.rand(1, 2, 6, 7), torch.rand(1, 1, 6, 7)
+    inner = torch.nn.functional.silu(net.stem(features))
+    error_scale = torch.rand(1, 1, 6, 7)
     first, second, gate = net.head[1](inner).unbind(1)
-    added = 0.2 * torch.nn.functional.hardsigmoid(gate) * (first * guides[:, 0] + second * guides[:, 1])
-    expected = pictures + doubted * added[:, None]
-    torch.testing.assert_close(net(guides, pictures, doubted), expected)
+    added = 0.2 * torch.nn.functional.hardsigmoid(gate) * (first * features[:, 0] + second * features[:, 1])
+    expected = pictures + error_scale * added[:, None]
+    torch.testing.assert_close(net(features, pictures, error_scale), expected)
 
 
 def test_pictures_keep_their_type_and_what_is_added_comes_in_that_of_the_weights():
@@ -88,11 +88,11 @@ def test_gradients():
 
 
 @pytest.mark.parametrize(
-    "option", [{"n_guides": 0}, {"n_offers": 0}, {"width": 0}, {"shuffle": 0}, {"kernel": 2}, {"n_blocks": -1}]
+    "option", [{"n_features": 0}, {"n_candidates": 0}, {"width": 0}, {"shuffle": 0}, {"kernel": 2}, {"n_blocks": -1}]
 )
 def test_sizes_that_make_no_network_are_refused(option):
     with pytest.raises(InputError, match="at least 1"):
-        Refiner(**{"n_guides": 7, "n_offers": 2} | option)
+        Refiner(**{"n_features": 7, "n_candidates": 2} | option)
 
 
 def test_an_unknown_activation_is_refused():
@@ -100,16 +100,16 @@ def test_an_unknown_activation_is_refused():
         Refiner(7, 2, activation="sigmoidal")
 
 
-def test_where_there_is_no_doubt_pictures_stay_as_they_are():
+def test_where_there_is_no_error_scale_pictures_stay_as_they_are():
     pictures = torch.rand(2, 3, 8, 8)
-    assert torch.equal(trained()(torch.rand(2, 7, 8, 8), pictures, doubts(pictures, 0.0)), pictures)
+    assert torch.equal(trained()(torch.rand(2, 7, 8, 8), pictures, scale(pictures, 0.0)), pictures)
 
 
-def test_another_number_of_guides_is_refused():
-    with pytest.raises(InputError, match="7 guides"):
+def test_another_number_of_features_is_refused():
+    with pytest.raises(InputError, match="reads 7 channels"):
         trained()(torch.rand(2, 5, 8, 8), torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8))
 
 
-def test_more_offers_than_there_are_guides_are_refused():
-    with pytest.raises(InputError, match="among the n_guides"):
+def test_more_candidates_than_there_are_features_are_refused():
+    with pytest.raises(InputError, match="among the n_features"):
         Refiner(5, 2)

@@ -84,7 +84,7 @@ def test_an_operator_takes_grey_views_too(tmp_path):
         ("network", {"planes": {"slopes": [0.0]}}),
         ("network", {"planes": {"slopes": ["much"]}}),
         ("refiner", {"config": {}}),
-        ("refiner", {"config": {"base": {"operator": "os.system", "options": {}, "name": "x"}, "guides": ["sum"]}}),
+        ("refiner", {"config": {"base": {"operator": "os.system", "options": {}, "name": "x"}, "features": ["sum"]}}),
     ],
 )
 def test_a_file_that_says_what_cannot_be_is_a_line(kind, told, tmp_path):

@@ -15,13 +15,13 @@ from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import refined
-from lfref.refocuser.features import Seen, guides
+from lfref.refocuser.features import refiner_inputs
 from lfref.refocuser.load import load
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 
 BASE = OperatorRefocuser("linear", shift_and_sum)
-GUIDES = ("central", "spread", "picture")
+NAMES = ("central", "spread", "picture")
 SLOPES = torch.tensor([-0.6, 0.0, 0.4], dtype=torch.float64)
 
 
@@ -36,19 +36,18 @@ def refiner(trained=True):
 
 @pytest.fixture
 def refocuser():
-    return RefinedRefocuser(refiner(), BASE, GUIDES, "refined")
+    return RefinedRefocuser(refiner(), BASE, NAMES, "refined")
 
 
 @pytest.fixture
 def fresh():
     """One that corrects nothing."""
-    return RefinedRefocuser(refiner(trained=False), BASE, GUIDES, "fresh")
+    return RefinedRefocuser(refiner(trained=False), BASE, NAMES, "fresh")
 
 
 def test_it_is_the_method_corrected_by_the_network(refocuser):
     views = torch.rand(3, 3, 3, 20, 22)
-    seen = Seen(LightField(views), SLOPES, BASE)
-    expected = refocuser.refiner(guides(seen, GUIDES), seen.pictures, seen.doubt)
+    expected = refocuser.refiner(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
     torch.testing.assert_close(refocuser(views, SLOPES), expected.detach(), atol=2e-3, rtol=0)
 
 
@@ -56,9 +55,8 @@ def test_it_is_the_method_corrected_by_the_network(refocuser):
 def test_corrections_are_of_half_precision_where_the_processor_multiplies_it(refocuser, able, monkeypatch):
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: able, raising=False)
     views = torch.rand(3, 3, 3, 20, 22)
-    seen = Seen(LightField(views), SLOPES, BASE)
     with torch.no_grad():
-        whole = refocuser.refiner(guides(seen, GUIDES), seen.pictures, seen.doubt)
+        whole = refocuser.refiner(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
     apart = float((refocuser(views, SLOPES) - whole).abs().max())
     assert (1e-6 < apart < 5e-3) if able else apart < 1e-6
 
@@ -134,40 +132,40 @@ def test_other_channels_positions_devices_and_no_planes_are_refused(refocuser):
 
 
 def written(path, net, method=BASE, changes=()):
-    entry = refined.payload(net, method, GUIDES) | dict(changes)
+    entry = refined.payload(net, method, NAMES) | dict(changes)
     tensor_files.write(path, {"lfref": entry, "state_dict": {f"net.{k}": v for k, v in net.state_dict().items()}})
     return path
 
 
-def test_a_checkpoint_brings_method_options_and_guides_along(refocuser, tmp_path):
+def test_a_checkpoint_brings_method_options_and_features_along(refocuser, tmp_path):
     layers = OperatorRefocuser("layers", functools.partial(refocus_by_layers, fill=1.0))
     path = written(tmp_path / "net.ckpt", refiner(), layers)
     loaded, views = load(path), torch.rand(3, 3, 3, 20, 22)
-    expected = RefinedRefocuser(refiner(), layers, GUIDES, "net")(views, SLOPES)
+    expected = RefinedRefocuser(refiner(), layers, NAMES, "net")(views, SLOPES)
     torch.testing.assert_close(loaded(views, SLOPES), expected)
     assert (loaded.name, loaded.planes, loaded.grid) == ("net", None, None)
 
 
 def test_methods_that_no_checkpoint_can_name_are_refused():
     with pytest.raises(InputError, match="must correct one of occlusion_aware"):
-        refined.payload(refiner(), OperatorRefocuser("exact", exact_fourier), GUIDES)
+        refined.payload(refiner(), OperatorRefocuser("exact", exact_fourier), NAMES)
     with pytest.raises(InputError, match="without an aperture"):
-        refined.payload(refiner(), BASE.through(apertures.disc), GUIDES)
+        refined.payload(refiner(), BASE.through(apertures.disc), NAMES)
 
 
 @pytest.mark.parametrize(
     "changes",
     [
         {"format": 99},
-        {"refiner": {"n_guides": 0, "n_offers": 1}},
+        {"refiner": {"n_features": 0, "n_candidates": 1}},
         {"refiner": {"luck": 1}},
         {"base": {"name": "x", "operator": "os.system", "options": {}}},
         {"base": {"name": "x", "operator": "shift_and_sum", "options": {"luck": 1}}},
         {"base": None},
-        {"guides": ["luck"]},
-        {"guides": 3},
-        {"guides": ["spread", "picture", "central"]},
-        {"refiner": {"n_guides": 9, "n_offers": 1}},
+        {"features": ["luck"]},
+        {"features": 3},
+        {"features": ["spread", "picture", "central"]},
+        {"refiner": {"n_features": 9, "n_candidates": 1}},
     ],
 )
 def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):
@@ -180,3 +178,16 @@ def test_weights_alone_refocus_as_their_checkpoint_does(tmp_path):
     checkpoint.write_weights(tmp_path / "net.safetensors", checkpoint.read(path), {"command": "lfref train"})
     views = torch.rand(3, 3, 3, 20, 22)
     assert torch.equal(load(tmp_path / "net.safetensors")(views, SLOPES), load(path)(views, SLOPES))
+
+
+def test_a_checkpoint_of_an_earlier_version_has_other_names(tmp_path):
+    names = ("central", "error_scale", "noise")
+    net = Refiner(5, 1, width=8, n_blocks=1)
+    entry = {"format": 1, "base": {"name": "linear", "operator": "shift_and_sum", "options": {}}}
+    entry["guides"] = ["central", "doubt", "chance"]
+    entry["refiner"] = {"n_guides": 5, "n_offers": 1, "width": 8, "n_blocks": 1}
+    state = {f"net.{name}": value for name, value in net.state_dict().items()}
+    tensor_files.write(tmp_path / "old.ckpt", {"lfref": entry, "state_dict": state})
+    views = torch.rand(3, 3, 3, 20, 22)
+    expected = RefinedRefocuser(net, BASE, names, "new")(views, SLOPES)
+    assert torch.equal(load(tmp_path / "old.ckpt")(views, SLOPES), expected)

@@ -20,22 +20,22 @@ from tests.data.test_plane_sets import SCENES
 from tests.train.test_resume import quiet
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
-RECIPE = Recipe(SCENES, BASE, guides=("central", "spread"))
+RECIPE = Recipe(SCENES, BASE, features=("central", "spread"))
 
 
 @pytest.fixture
 def data(tmp_path):
-    """Planes whose truth is twice as bright where the last guide says so."""
+    """Planes whose truth is twice as bright where the last feature says so."""
     torch.manual_seed(0)
     for index in range(6):
         pictures = 0.2 + 0.2 * torch.rand(2, 3, 24, 24)
         mark = (torch.rand(2, 1, 6, 6) > 0.5).float().repeat_interleave(4, 2).repeat_interleave(4, 3)
         slopes = torch.zeros(2, dtype=torch.float64)
-        doubts = torch.full_like(mark, 0.05)
+        error_scale = torch.full_like(mark, 0.05)
         item = Item(
             torch.cat([2 * mark.expand(-1, 3, -1, -1), mark], 1),
             pictures,
-            doubts,
+            error_scale,
             0.1 * mark.expand(-1, 3, -1, -1),
             slopes,
         )

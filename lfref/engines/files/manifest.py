@@ -1,7 +1,7 @@
 """What an exported file says of itself: inputs, planes, how it was made, all as one JSON text under one key.
 
 Axes are told as numbers where they are fixed and as letters where any length will do: `B` light fields, `V U` view rows
-and columns, `N` planes, `K` channels of guides, `C H W` channel, pixel row and column.
+and columns, `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
 import copy
@@ -23,8 +23,10 @@ KEY = "lfref"
 FORMAT = 1
 LONGEST = 2**20
 """Characters of a text, at most."""
-VIEWS, GUIDES = "views", "guides"
+VIEWS, FEATURES = "views", "features"
 """First inputs: of networks that read views, and of refiners."""
+FORMER_FEATURES = "guides"
+"""What earlier versions called the features in their files."""
 
 Axes = tuple[int | str, ...]
 
@@ -36,7 +38,7 @@ class Manifest:
     name: str
     """As tables call it."""
     inputs: Mapping[str, Axes]
-    """By name, in their order; `views` [B, V, U, C, H, W], or `guides`, `pictures` and `doubts`; float32."""
+    """By name, in their order; `views` [B, V, U, C, H, W], or `features`, `pictures` and `error_scale`; float32."""
     output: Axes
     """Of the stack that it makes, float32."""
     precision: str
@@ -84,8 +86,8 @@ def parsed(path: Path, text: str | None) -> Manifest:
         raise
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
-    if next(iter(inputs), None) not in (VIEWS, GUIDES) or not isinstance(made.config, dict):
-        raise CheckpointError(f"{path} must read {VIEWS} or {GUIDES}", got=list(inputs), remedy="export it anew")
+    if next(iter(inputs), None) not in (VIEWS, FEATURES, FORMER_FEATURES) or not isinstance(made.config, dict):
+        raise CheckpointError(f"{path} must read {VIEWS} or {FEATURES}", got=list(inputs), remedy="export it anew")
     return made
 
 

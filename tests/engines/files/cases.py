@@ -1,4 +1,4 @@
-"""Small graphs: one that reads views of any size, one that reads guides, pictures and doubts."""
+"""Small graphs: one that reads views of any size, one that reads features, pictures and error scale."""
 
 import torch
 from torch import nn
@@ -24,14 +24,14 @@ def views():
     return Graph(Stack(job.network).eval(), axes, ("B", 2, 3, "H", "W"), (torch.rand(2, 3, 3, 3, 24, 28),), job.patches)
 
 
-def guides():
+def refiner():
     job = cases.refiner()
-    axes = {"guides": ("N", 5, "H", "W"), "pictures": ("N", 3, "H", "W"), "doubts": ("N", 1, "H", "W")}
+    axes = {"features": ("N", 5, "H", "W"), "pictures": ("N", 3, "H", "W"), "error_scale": ("N", 1, "H", "W")}
     example = tuple(each[:2, :, :24, :28].contiguous() for each in job.example)
     return Graph(job.network, axes, ("N", 3, "H", "W"), example, job.patches)
 
 
-GRAPHS = {"views": views, "guides": guides}
+GRAPHS = {"views": views, "refiner": refiner}
 
 
 def manifest(graph, precision="fp32"):

@@ -11,7 +11,7 @@ from tests.engines.files import cases
 
 def test_free_axes_are_those_that_are_letters():
     assert cases.views().free == ({0: "B", 4: "H", 5: "W"},)
-    assert cases.guides().free == ({0: "N", 2: "H", 3: "W"},) * 3
+    assert cases.refiner().free == ({0: "N", 2: "H", 3: "W"},) * 3
 
 
 def test_a_digest_is_of_names_shapes_and_values():

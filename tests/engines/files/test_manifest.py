@@ -39,7 +39,7 @@ def test_what_was_said_comes_back():
         (json.dumps({"format": 99}), "must have format 1; update lfref"),
         (json.dumps({"format": 1, "inputs": 3}), "must say what it holds"),
         (json.dumps(json.loads(MADE.text()) | {"more": 1}), "must say what it holds"),
-        (json.dumps(json.loads(MADE.text()) | {"inputs": {"image": [1, 2, 3]}}), "must read views or guides"),
+        (json.dumps(json.loads(MADE.text()) | {"inputs": {"image": [1, 2, 3]}}), "must read views or features"),
         (json.dumps(json.loads(MADE.text()) | {"output": [1.5, 2, 3]}), "must say what it holds"),
         (json.dumps(json.loads(MADE.text()) | {"output": []}), "must say what it holds"),
     ],
