@@ -1,6 +1,6 @@
-"""Errors a user can cause, each one saying what was expected, what came and what to do.
+"""Errors that a user can cause. Each message has one form: what was expected; what lfref got; the remedy.
 
-They also are `ValueError` or `OSError`, so callers who never heard of lfref catch them too.
+They are also `ValueError` or `OSError`, so that callers who do not know lfref catch them too.
 """
 
 from collections.abc import Mapping
@@ -14,8 +14,8 @@ class LfrefError(Exception):
 
     Args:
         expected: What was expected, as the start of a sentence.
-        got: What came instead.
-        remedy: What the user can do about it.
+        got: What lfref got instead.
+        remedy: What the user can do.
 
     Example:
         >>> print(LfrefError("alpha must be above 0", got=-1, remedy="alpha = 1 is the captured focus"))
@@ -23,7 +23,7 @@ class LfrefError(Exception):
     """
 
     def __init__(self, expected: str, *, got: object = "", remedy: str = "") -> None:
-        # A DataLoader worker hands its error over as the text of a whole traceback, which ends in the error itself.
+        # An error of a DataLoader worker arrives as the text of a whole traceback, which ends in the error itself.
         if expected.startswith("Caught "):
             expected = expected.rpartition("Error: ")[2].strip() or expected
         super().__init__("; ".join([expected, *([f"got {got}"] if got != "" else []), *([remedy] if remedy else [])]))
@@ -38,29 +38,30 @@ class FileError(LfrefError, OSError):
 
 
 class CheckpointError(FileError):
-    """A checkpoint that is missing, damaged, or of another shape than asked for."""
+    """A checkpoint that is missing, damaged, or of another shape than needed."""
 
 
 def chosen(what: str, name: str, table: Mapping[str, Value]) -> Value:
     """The entry of a table of choices.
 
     Args:
-        what: The option that is being chosen, for the error.
-        name: Its value.
+        what: Name of the option, for the message.
+        name: Value of the option, a key of the table.
         table: The choices by name.
 
     Raises:
-        InputError: There is no such choice.
+        InputError: The table has no such key.
     """
     if name not in table:
         raise InputError(f"{what} must be one of {', '.join(table)}", got=repr(name))
     return table[name]
 
 
-def first_line(error: Exception) -> str:
-    """What another library says in an error, in one line that is not too long; the error's kind where it says nothing.
+def first_line(message: Exception | str) -> str:
+    """The first line of another library's error or message, at most 200 characters; never empty.
 
     Args:
-        error: Whatever it raised.
+        message: An error, whose class name stands in for an empty message, or a text.
     """
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+    default = "an unknown error" if isinstance(message, str) else type(message).__name__
+    return (str(message).strip() or default).splitlines()[0][:200]

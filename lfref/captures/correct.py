@@ -104,7 +104,7 @@ class Corrections:
             FileError: It cannot be written.
         """
         found = {finding.name: _plain(finding) for finding in self.findings if finding.inert() is None}
-        tensor_files.write(path, {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": found})
+        tensor_files.write_checkpoint(path, {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": found})
 
     def _made(self) -> list[Finding]:
         return [finding for finding in self.findings if finding.inert() is None and finding.name not in self.left]

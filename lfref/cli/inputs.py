@@ -12,7 +12,7 @@ from lfref.cli import config as configs
 from lfref.cli.command import log, paths, progress
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.functional.threads import ahead
-from lfref.io import atomic, decode, field_formats
+from lfref.io import atomic, field_formats, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
@@ -127,7 +127,7 @@ def _inside(path: Path) -> list[Path]:
     """A path, or the light fields in the folder that it is."""
     if not path.is_dir() or field_formats.is_field(path):
         return [path]
-    with atomic.explained(path, "read"):
+    with atomic.file_errors(path, "read"):
         entries = sorted((child for child in path.iterdir() if field_formats.is_field(child)), key=_numbered)
     # Pictures that are no lenslet images are views by names that nobody knows: the reader says what to do.
     return entries if entries and all(map(_is_whole, entries)) else [path]
@@ -137,7 +137,7 @@ def _is_whole(path: Path) -> bool:
     # What is damaged is told when it is read, so that it does not stop the others.
     with suppress(FileError):
         if field_formats.of(path).name == "eslf":
-            with decode.opened(path) as source:
+            with images.open_image(path) as source:
                 return bool(min(source.spec().width, source.spec().height) >= LENSLET_SIDE)
     return True
 

@@ -47,7 +47,7 @@ def unfilled(captures: Mapping[str, Path], places: Mapping[str, Path], folder: P
         places: Name -> place, as of `of`.
         folder: The run folder.
     """
-    for half in (each for place in {folder, *places.values()} for each in atomic.remains(place)):
+    for half in (each for place in {folder, *places.values()} for each in atomic.partial_files(place)):
         shutil.rmtree(half) if half.is_dir() else half.unlink()
     waiting = {name: path for name, path in captures.items() if places[name] == folder or not places[name].exists()}
     log.info("%d of %d light fields are done", len(captures) - len(waiting), len(captures))

@@ -12,7 +12,7 @@ from lfref.cli.refocusing import fixed
 from lfref.encoding import LINEAR, SRGB, Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import encode, images, write
+from lfref.io import images, write
 from lfref.lightfield import LightField
 from lfref.report import drawing, pictures
 from lfref.simulator import planner
@@ -89,8 +89,8 @@ def _write(folder: Path, scene: Scene, made: Simulated, planes: FocalPlanes, suf
         cells["all in focus"] = developed(made.all_in_focus, scene.sensor)
     if made.masks is not None:
         shares = {f"surface_{k:02d}": mask for k, mask in enumerate(made.masks)}
-        parts = [encode.Part(mask[..., None].cpu().numpy(), name) for name, mask in shares.items()]
-        encode.encode(folder / "masks" / f"{scene.name}.exr", parts)
+        parts = [images.Part(mask[..., None].cpu().numpy(), name) for name, mask in shares.items()]
+        images.write_parts(folder / "masks" / f"{scene.name}.exr", parts)
         cells |= shares
     if made.truth is not None:
         write.write_stack(folder / "truth" / f"{scene.name}.exr", made.truth, planes)

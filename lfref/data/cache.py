@@ -100,7 +100,7 @@ EVEN = "networks learn on an even grid"
 """Why spacing is not corrected."""
 CHECKSUM = 4
 """Bytes of the CRC-32 at the end of an entry."""
-ONLY_WRITE = {"atomic.py", "encode.py", "folders.py", "marks.py"}
+ONLY_WRITE = {"atomic.py", "ownership.py"}
 """Modules that the reader's modules import without reading through them; one forgotten here costs a second decoding."""
 
 
@@ -170,7 +170,7 @@ def _is_intact(entry: Path, path: Path) -> bool:
     """Whether there is an entry that holds what was written into it."""
     if not entry.is_file():
         return False
-    with atomic.explained(entry, "read"):
+    with atomic.file_errors(entry, "read"):
         facts = entry.stat()
         intact = _checks(entry, facts.st_size, facts.st_mtime_ns)
     if not intact:

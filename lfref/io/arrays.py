@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.errors import FileError, InputError, LfrefError
+from lfref.errors import FileError, InputError, LfrefError, first_line
 from lfref.io import atomic, grid
 
 # PART members
@@ -50,14 +50,14 @@ def opened(path: Path) -> Iterator[list[Member]]:
         FileError: The file is missing, damaged or of another kind; in the body too, where arrays are loaded.
     """
     try:
-        with atomic.explained(path, "read"), _reader(path)(path) as found:
+        with atomic.file_errors(path, "read"), _reader(path)(path) as found:
             yield found
     except LfrefError:
         raise
     except Exception as error:
         holds_objects = isinstance(error, ValueError) and ("pickle" in str(error) or "Python objects" in str(error))
         remedy = "store plain numbers" if holds_objects else "the file may be damaged: copy it again"
-        raise FileError(f"{path} cannot be decoded", got=atomic.one_line(str(error)), remedy=remedy) from error
+        raise FileError(f"{path} cannot be decoded", got=first_line(error), remedy=remedy) from error
 
 
 def _reader(path: Path) -> Callable[[Path], AbstractContextManager[list[Member]]]:

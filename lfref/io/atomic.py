@@ -1,6 +1,7 @@
 """Writing that never leaves half a file: a hidden name beside the target, fsync, rename.
 
-A killed process leaves the old file as it was, and perhaps a hidden `.NAME.partial-*` beside it.
+A killed process leaves the old file as it was, and perhaps a hidden `.NAME.partial-*` beside it. What the operating
+system refuses becomes a `FileError` of one line: which file, why, and what to do.
 """
 
 import errno
@@ -12,9 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lfref.errors import FileError, LfrefError
-
-# PART explain
-# What the operating system refuses, said in one line: which file, why, and what to do.
 
 REMEDIES = {
     errno.ENOENT: "check the spelling of the path",
@@ -31,12 +29,12 @@ REMEDIES = {
 
 
 @contextmanager
-def explained(path: Path, action: str) -> Iterator[None]:
+def file_errors(path: Path, action: str) -> Iterator[None]:
     """Turn an `OSError` of the body into a `FileError` that names the path.
 
     Args:
         path: The file or folder that the body works on.
-        action: What it does, as a past participle: `read`, `written`.
+        action: What the body does, for the message "PATH cannot be ...": `read`, `written`.
 
     Raises:
         FileError: The operating system refused.
@@ -52,23 +50,14 @@ def explained(path: Path, action: str) -> Iterator[None]:
         ) from error
 
 
-def one_line(text: str) -> str:
-    """The first line of a library's message, which may run over several."""
-    return next(iter(text.strip().splitlines()), "an unknown error")
-
-
-def _hidden(path: Path) -> Path:
-    """A free hidden name beside the path, with its suffix, since writers choose the format by suffix."""
-    return path.with_name(f".{path.stem[:200]}.partial-{secrets.token_hex(6)}{path.suffix}")
-
-
-def remains(folder: Path) -> list[Path]:
-    """What killed processes have left half written in a folder.
-
-    Args:
-        folder: Where; not below it.
-    """
+def partial_files(folder: Path) -> list[Path]:
+    """Half-written files and folders that killed processes left in a folder (not below it)."""
     return sorted(folder.glob(".*.partial-*"))
+
+
+def _partial_name(path: Path) -> Path:
+    # The suffix stays, since writers choose the format by it.
+    return path.with_name(f".{path.stem[:200]}.partial-{secrets.token_hex(6)}{path.suffix}")
 
 
 def _flush(path: Path) -> None:
@@ -81,17 +70,16 @@ def _flush(path: Path) -> None:
 
 
 def _flush_folder(path: Path) -> None:
-    """As `_flush`, where the file system knows how to do that to a folder."""
-    with suppress(OSError):
+    with suppress(OSError):  # not every file system can flush a folder
         _flush(path)
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Write a file under a temporary name, which takes the place of `path` only if the body succeeds.
+    """Write a file under a temporary name, which replaces `path` only if the body succeeds.
 
     Args:
-        path: The file to write; folders above it are made.
+        path: The file to write; missing parent folders are created.
 
     Yields:
         A temporary path in the same folder, with the same suffix, which the body must write.
@@ -100,8 +88,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
         FileError: The folder or the disk refuses.
     """
     path = Path(path)
-    partial = _hidden(path)
-    with explained(path, "written"):
+    partial = _partial_name(path)
+    with file_errors(path, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -117,10 +105,6 @@ def replacing(path: str | Path) -> Iterator[Path]:
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file, UTF-8, all of it or nothing.
 
-    Args:
-        path: The file to write; folders above it are made.
-        text: What it shall hold.
-
     Raises:
         FileError: The folder or the disk refuses.
     """
@@ -130,22 +114,20 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def replacing_folder(path: str | Path) -> Iterator[Path]:
-    """Fill a folder under a temporary name, which takes the place of `path` only if the body succeeds.
-
-    An old folder is renamed aside before the new one takes its name, and deleted last.
+    """Fill a folder under a temporary name, which replaces `path` only if the body succeeds.
 
     Args:
-        path: The folder to write; folders above it are made.
+        path: The folder to write; missing parent folders are created.
 
     Yields:
         A temporary folder beside it, empty, whose files the body must flush.
 
     Raises:
-        FileError: The folder above or the disk refuses, or `path` is a file.
+        FileError: The parent folder or the disk refuses, or `path` is a file.
     """
     path = Path(path)
-    partial = _hidden(path)
-    with explained(path, "written"):
+    partial, old = _partial_name(path), _partial_name(path)
+    with file_errors(path, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not path.is_dir():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
@@ -153,21 +135,16 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
             partial.mkdir()
             yield partial
             _flush_folder(partial)
-            _take_place(partial, path)
+            # A folder cannot be renamed onto a full one: the old one steps aside, and comes back if that fails.
+            if path.exists():
+                path.rename(old)
+            try:
+                partial.rename(path)
+            except BaseException:
+                if old.exists():
+                    old.rename(path)
+                raise
+            shutil.rmtree(old, ignore_errors=True)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
         _flush_folder(path.parent)
-
-
-def _take_place(new: Path, path: Path) -> None:
-    """Give the new folder the name `path`; a folder of that name goes, or comes back if that fails."""
-    old = _hidden(path)
-    if path.exists():
-        path.rename(old)
-    try:
-        new.rename(path)
-    except BaseException:
-        if old.exists():
-            old.rename(path)
-        raise
-    shutil.rmtree(old, ignore_errors=True)

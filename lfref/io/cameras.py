@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError, InputError, first_line
 from lfref.io import atomic, grid, view_folders
 
 EVEN = 1e-6
@@ -92,7 +92,7 @@ def read(path: str | Path) -> NDArray[np.float64]:
         [0.0, 31.0, 60.0]
     """
     path = Path(path)
-    with atomic.explained(path, "read"):
+    with atomic.file_errors(path, "read"):
         contents = path.read_bytes()
     try:
         text = contents.decode("utf-8-sig")
@@ -100,7 +100,7 @@ def read(path: str | Path) -> NDArray[np.float64]:
         return _grid(plain)
     # Over a foreign file it is any of these, and what they say is told.
     except (ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
-        got = f"no {error}" if isinstance(error, KeyError) else atomic.one_line(str(error))
+        got = f"no {error}" if isinstance(error, KeyError) else first_line(error)
         raise FileError(f"{path} must hold positions of cameras", got=got, remedy=f"write {EXAMPLE}") from error
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfref.errors import FileError
 from lfref.geometry import FocalPlanes, planes_at_alphas
-from lfref.io import decode, encode, grid
+from lfref.io import grid, images
 
 VIEW = re.compile(r"view_(\d+)_(\d+)")
 PLANE = re.compile(r"plane_(\d+)")
@@ -50,7 +50,7 @@ def holds_views(path: Path) -> bool:
     Raises:
         FileError: The file cannot be read.
     """
-    with decode.opened(path) as source:
+    with images.open_image(path) as source:
         return bool(_numbered(_part_names(source), VIEW))
 
 
@@ -67,8 +67,8 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
         FileError: The folder or the disk refuses.
     """
     cells = np.ndindex(views.shape[:2])
-    parts = [encode.Part(views[cell].transpose(1, 2, 0), _view_name((cell[0], cell[1]))) for cell in cells]
-    encode.encode(path, parts, bits)
+    parts = [images.Part(views[cell].transpose(1, 2, 0), _view_name((cell[0], cell[1]))) for cell in cells]
+    images.write_parts(path, parts, bits)
 
 
 def read_views(path: Path, selection: grid.Selection) -> NDArray:
@@ -85,7 +85,7 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
         FileError: The file cannot be read, a view is missing, or views differ in size.
         InputError: The window of views leaves the grid.
     """
-    with decode.opened(path) as source:
+    with images.open_image(path) as source:
         parts = _numbered(_part_names(source), VIEW)
         cells = {(row, column): part for (row, column), part in parts.items()}
         if not cells:
@@ -96,7 +96,7 @@ def read_views(path: Path, selection: grid.Selection) -> NDArray:
         return grid.gather(
             stored,
             window,
-            lambda part: decode.decode(source, path, part),
+            lambda part: images.read_part(source, path, part),
             lambda part: f"{path}:{part}",
             selection.room,
         )
@@ -120,10 +120,10 @@ def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | No
     for said, alpha in zip(attributes, planes.alphas or (), strict=False):
         said |= {"alpha": repr(alpha), "convention": str(planes.convention)}
     parts = [
-        encode.Part(plane.transpose(1, 2, 0), _plane_name(index), said)
+        images.Part(plane.transpose(1, 2, 0), _plane_name(index), said)
         for index, (plane, said) in enumerate(zip(stack, attributes, strict=True))
     ]
-    encode.encode(path, parts, bits)
+    images.write_parts(path, parts, bits)
 
 
 def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
@@ -138,7 +138,7 @@ def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
     Raises:
         FileError: The file cannot be read, a plane is missing or does not say its slope, or planes differ in size.
     """
-    with decode.opened(path) as source:
+    with images.open_image(path) as source:
         parts = _numbered(_part_names(source), PLANE)
         cells = {(0, index): part for (index,), part in parts.items()}
         if not cells:
@@ -149,7 +149,7 @@ def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
         planes = _planes([source.spec(cells[0, index]) for index in range(n_planes)], path)
         window = slice(0, 1), slice(0, n_planes)
         stack = grid.gather(
-            stored, window, lambda part: decode.decode(source, path, part), lambda part: f"{path}:{part}"
+            stored, window, lambda part: images.read_part(source, path, part), lambda part: f"{path}:{part}"
         )
     return stack[0], planes
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError
-from lfref.io import arrays, decode, exr, grid, lenslets, view_folders
+from lfref.io import arrays, exr, grid, images, lenslets, view_folders
 
 
 class Format(NamedTuple):
@@ -41,10 +41,10 @@ FOLDER = Format(
     view_folders.is_field,
     ("pattern", "grid", "holes"),
 )
-_EXR = decode.PICTURES["exr"]
+_EXR = images.FORMATS["exr"]
 # Not JPEG: what it loses mixes neighbouring pixels, which are neighbouring views.
-_LENSLETS = [decode.PICTURES[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
-_ESLF = decode.Picture(
+_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
+_ESLF = images.ImageFormat(
     tuple(magic for picture in _LENSLETS for magic in picture.magics),
     tuple(suffix for picture in _LENSLETS for suffix in picture.suffixes),
 )
@@ -71,6 +71,27 @@ FORMATS = (
 TITLES = ", ".join(form.title for form in (*FORMATS, FOLDER))
 
 
+UNSUPPORTED = {
+    "a raw container of a Lytro camera (.lfp, .lfr)": (
+        (b"\x89LFP\r\n\x1a\n",),
+        "unpack it with plenopticam and read its folder viewpoints_*, or with LFToolbox and read its *__Decoded.mat",
+    ),
+    "a compressed archive": (
+        (b"\x1f\x8b", b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07", b"BZh", b"\xfd7zXZ\0"),
+        "unpack it and read what is in it",
+    ),
+}
+"""Files that other tools unpack -> their first bytes (one of these), and the remedy."""
+
+
+def unsupported(head: bytes) -> tuple[str, str]:
+    """What a file of no known form is by its first bytes, and the remedy."""
+    for title, (magics, remedy) in UNSUPPORTED.items():
+        if head.startswith(magics):
+            return title, remedy
+    return images.described_head(head), "convert it"
+
+
 def of(path: Path) -> Format:
     """The form of a light field: a folder, or what the first bytes of a file say.
 
@@ -79,11 +100,11 @@ def of(path: Path) -> Format:
     """
     if path.is_dir():
         return FOLDER
-    head = decode.head(path)
+    head = images.read_head(path)
     for form in FORMATS:
         if head.startswith(form.magics):
             return form
-    got, remedy = decode.explained(head)
+    got, remedy = unsupported(head)
     raise FileError(f"{path} must be a light field: {TITLES}", got=got, remedy=remedy)
 
 

@@ -1,21 +1,196 @@
-"""Single image files as numpy arrays [H, W, C]: row y, column x, channel."""
+"""Image files by OpenImageIO: every damage is one `FileError` that names the file, and no half file is ever written.
 
+An image is an array [H, W, C]: row y, column x, channel; of 2 and 4 channels the last is a weight (alpha), which is
+never multiplied into the colours. EXR files may hold several images, called parts.
+
+OpenImageIO reports damage late and sometimes not at all: a truncated JPEG gives an array and an error, a PNG without
+its last bytes gives an array and none.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import OpenImageIO
 import torch
 from numpy.typing import NDArray
 
 from lfref.encoding import Encoding
-from lfref.errors import InputError
-from lfref.io import decode, encode
+from lfref.errors import FileError, InputError, first_line
+from lfref.io import atomic, ownership
+
+LIMIT_MB = 1024
+"""Largest image to decode, in MiB of the file's own sample type; a 16-bit RGBA ESLF image has 305."""
+
+
+class ImageFormat(NamedTuple):
+    """A format of image files."""
+
+    magics: tuple[bytes, ...]
+    """First bytes of a file: one of these."""
+    suffixes: tuple[str, ...]
+    """Of file names, in small letters."""
+
+
+FORMATS = {
+    "png": ImageFormat((b"\x89PNG\r\n\x1a\n",), (".png",)),
+    "exr": ImageFormat((b"v/1\x01",), (".exr",)),
+    "tiff": ImageFormat((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), (".tif", ".tiff")),
+    "jpeg": ImageFormat((b"\xff\xd8\xff",), (".jpg", ".jpeg")),
+    "bmp": ImageFormat((b"BM",), (".bmp", ".dib")),
+    "jpeg2000": ImageFormat((b"\0\0\0\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51"), (".jp2", ".j2k", ".j2c")),
+    "jpegxl": ImageFormat((b"\0\0\0\x0cJXL \r\n\x87\n", b"\xff\x0a"), (".jxl",)),
+    # Not the text forms, P1 to P3: a file that lacks its last digits looks whole.
+    "pnm": ImageFormat((b"P5", b"P6"), (".pgm", ".ppm", ".pnm")),
+    "webp": ImageFormat((b"RIFF",), (".webp",)),
+    "hdr": ImageFormat((b"#?RADIANCE", b"#?RGBE"), (".hdr",)),
+}
+"""Formats that are read, whatever the file is called."""
+SUFFIXES = [suffix for image_format in FORMATS.values() for suffix in image_format.suffixes]
+ARRAY_TYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
+"""Sample type of the file -> sample type of the array."""
+PNG_END = b"IEND\xaeB`\x82"
+PNG_END_SEARCH = 65536
+"""How many bytes before the end of a PNG its end mark may stand; some tools append data of their own."""
+
+FILE_TYPES: dict[str, type[np.generic]] = {
+    "uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32,
+}  # fmt: skip
+DEPTHS: dict[str, dict[int, str]] = {
+    ".png": {8: "uint8", 16: "uint16"},
+    ".jpg": {8: "uint8"},
+    ".exr": {32: "float", 16: "half"},
+    ".tif": {8: "uint8", 16: "uint16", 32: "float"},
+    ".avif": {8: "uint8"},
+}
+"""Suffix of files that are written -> bits a sample -> sample type; the first is the default."""
+# `weight` instead of `A`: EXR takes for granted that A is multiplied into the colours.
+CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
+# EXR and TIFF are compressed without loss. AVIF needs an OpenImageIO that was built with it; the one on PyPI was not.
+COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip", ".tif": "zip", ".avif": "avif:{quality}"}
+WITHOUT_WEIGHT = (".jpg", ".avif")
+QUALITY = 95
+"""Default quality of a JPEG or AVIF file, from 1 to 100."""
+PNG_LEVEL = 4
+"""Of zip, from 1 to 9: 6, the usual one, takes two and a half times as long for files a thirtieth smaller."""
+TILE = 256
+"""Side of a TIFF's tiles in pixels, so that viewers of large pictures need not read all."""
+
+
+def read_head(path: Path) -> bytes:
+    """The first 16 bytes of a file, which tell its format.
+
+    Raises:
+        FileError: The file is missing or cannot be read.
+    """
+    with atomic.file_errors(path, "read"), path.open("rb") as file:
+        return file.read(16)
+
+
+def format_of_head(head: bytes) -> str | None:
+    """Name of the image format in `FORMATS` that a file's first bytes tell, if any."""
+    return next((name for name, image_format in FORMATS.items() if head.startswith(image_format.magics)), None)
+
+
+def described_head(head: bytes) -> str:
+    """What a file is by its first bytes, for messages: `an image in PNG`, `an empty file`."""
+    name = format_of_head(head)
+    return f"an image in {name.upper()}" if name else "another kind of file" if head else "an empty file"
+
+
+@contextmanager
+def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
+    """Open an image file for decoding.
+
+    Raises:
+        FileError: The file is missing, empty, truncated, too large, or of a format that is not in `FORMATS`.
+    """
+    head = read_head(path)
+    image_format = format_of_head(head)
+    if image_format is None:
+        expected = f"{path} must be an image ({', '.join(FORMATS).upper()})"
+        raise FileError(expected, got=described_head(head), remedy="copy or convert it again")
+    if image_format == "png":
+        # The decoder does not miss the end mark.
+        with atomic.file_errors(path, "read"), path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - PNG_END_SEARCH))
+            if PNG_END not in file.read():
+                raise _damaged(path, "a truncated PNG")
+    OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
+    hints = OpenImageIO.ImageSpec()
+    # Otherwise alpha is multiplied into the colours of a PNG.
+    hints.attribute("oiio:UnassociatedAlpha", 1)
+    try:
+        source = OpenImageIO.ImageInput.open(str(path), hints)
+        if source is None:
+            raise _damaged(path, OpenImageIO.geterror())
+        try:
+            yield source
+        finally:
+            source.close()
+    except UnicodeDecodeError as error:  # raised when a message or an attribute quotes the damaged bytes
+        raise _damaged(path, "a damaged header") from error
+
+
+def _damaged(path: Path, reason: str) -> FileError:
+    remedy = "the file may be damaged: copy it again"
+    if "exceeds the" in reason:
+        remedy = "cut it into smaller images, or raise lfref.io.images.LIMIT_MB"
+    return FileError(f"{path} cannot be decoded", got=first_line(reason), remedy=remedy)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Height and width of an image file, from its header.
+
+    Raises:
+        FileError: As `open_image`.
+    """
+    with open_image(path) as source:
+        return source.spec().height, source.spec().width
+
+
+def read_part(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDArray:
+    """All samples of one part of an open file.
+
+    Args:
+        source: Reader from `open_image`.
+        path: Its file, for messages.
+        part: Index of the part, from 0.
+
+    Returns:
+        Samples, uint8, uint16 or float32, alpha not multiplied into the colours, [H, W, C] with C 1 to 4.
+
+    Raises:
+        FileError: The file is damaged, its samples are of another type, not finite, or of over 4 channels.
+    """
+    spec = source.spec(part)
+    kind = str(spec.format)
+    if kind not in ARRAY_TYPES or not 1 <= spec.nchannels <= 4:
+        got = f"{spec.nchannels} channels of {kind}"
+        raise FileError(f"{path} must hold 1 to 4 channels of {', '.join(ARRAY_TYPES)}", got=got, remedy="convert it")
+    samples = source.read_image(part, 0, 0, spec.nchannels, ARRAY_TYPES[kind])
+    if (reason := source.geterror()) or samples is None:
+        raise _damaged(path, reason)
+    if samples.dtype.kind == "f" and not np.isfinite(samples).all():
+        raise FileError(f"{path} must hold finite values", got="NaN or infinity", remedy="render or convert it again")
+    # Only these formats say reliably whether alpha is multiplied into the colours.
+    is_multiplied = source.format_name() in ("openexr", "tiff") and not spec.getattribute("oiio:UnassociatedAlpha")
+    if not is_multiplied or spec.alpha_channel < 0:
+        return samples
+    full = np.iinfo(samples.dtype).max if samples.dtype.kind == "u" else 1.0
+    alpha = samples[..., spec.alpha_channel, None] / full
+    colours = np.divide(samples, alpha, out=np.zeros(samples.shape), where=alpha > 0)
+    if samples.dtype.kind == "u":
+        colours = np.rint(np.minimum(colours, full))
+    colours[..., spec.alpha_channel] = samples[..., spec.alpha_channel]
+    return colours.astype(samples.dtype)
 
 
 def read_image(path: str | Path) -> NDArray:
-    """The first image of a file in one of `decode.PICTURES`.
-
-    Args:
-        path: The file.
+    """The first image of a file in one of `FORMATS`.
 
     Returns:
         Samples in the file's own type (uint8, uint16; float32 for half and float), alpha not multiplied into
@@ -24,39 +199,159 @@ def read_image(path: str | Path) -> NDArray:
     Raises:
         FileError: The file is missing, damaged, too large, of another format, or holds NaN or infinity.
     """
-    path = Path(path)
-    with decode.opened(path) as source:
-        return decode.decode(source, path)
+    with open_image(Path(path)) as source:
+        return read_part(source, Path(path))
 
 
-def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, quality: int = encode.QUALITY) -> None:
+@dataclass(frozen=True)
+class Part:
+    """One image of a file."""
+
+    samples: NDArray
+    """Floating point, nominally in [0, 1], [H, W, C] with C 1 to 4."""
+    name: str = ""
+    """Unique in the file."""
+    attributes: Mapping[str, str | float] = field(default_factory=dict)
+    """Metadata of the part."""
+
+
+def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, quality: int = QUALITY) -> None:
     """Write an image file, all of it or nothing.
 
     Args:
-        path: The file to write, with a suffix of `encode.DEPTHS`; folders above it are made.
+        path: The file to write, with a suffix of `DEPTHS`; missing parent folders are created.
         array: [H, W, C] with C 1 to 4 (2 and 4: the last is a weight, which JPEG and AVIF have not); floats in [0, 1],
-            which whole numbers clip and round and floating point keeps as they are; or uint8 or uint16.
-        bits: 8, 16 or 32, as `encode.DEPTHS` has them (default: the first, but 16 for a uint16 array as PNG or TIFF).
+            which integer formats clip and round and floating-point formats keep; or uint8 or uint16.
+        bits: 8, 16 or 32, as in `DEPTHS` (default: the first, but 16 for a uint16 array as PNG or TIFF).
         quality: Of a JPEG or AVIF, from 1 to 100.
 
     Raises:
         InputError: NaN or infinity, or a suffix, depth, shape or type that the format does not have.
-        FileError: The folder or the disk refuses.
+        FileError: The folder or the disk refuses, or another program wrote the file that is there.
     """
     path = Path(path)
     if bits is None and array.dtype == np.uint16 and path.suffix.lower() in (".png", ".tif"):
         bits = 16
-    encode.encode(path, [encode.Part(to_float(array))], bits, quality)
+    write_parts(path, [Part(to_float(array))], bits, quality)
+
+
+def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, quality: int = QUALITY) -> None:
+    """Write a file of one or, for EXR, several parts; arguments and errors as `write_image`."""
+    kind = sample_type(path, bits)
+    if not (isinstance(quality, int) and 1 <= quality <= 100):
+        raise InputError("quality must be a whole number from 1 to 100", got=repr(quality))
+    if path.is_file() and not _is_own(path):
+        expected = f"{path} must be an image that lfref wrote to be replaced"
+        raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
+    specs = [_spec(part, kind, path, quality) for part in parts]
+    with atomic.replacing(path) as partial:
+        output = OpenImageIO.ImageOutput.create(str(partial))
+        assert output is not None, f"no writer for {partial.suffix}"
+        try:
+            is_open = output.open(str(partial), specs if len(specs) > 1 else specs[0])
+            for index, (part, spec) in enumerate(zip(parts, specs, strict=True)):
+                is_open = is_open and (index == 0 or output.open(str(partial), spec, "AppendSubimage"))
+                # The writer refuses arrays whose channels are not innermost.
+                samples = np.ascontiguousarray(quantised(part.samples, str(spec.format), path))
+                if not (is_open and output.write_image(samples)):
+                    raise _refused(path, output)
+        finally:
+            is_closed = output.close()
+        if not is_closed:
+            raise _refused(path, output)
+
+
+def sample_type(path: Path, bits: int | None) -> str:
+    """The sample type of a file to write.
+
+    Args:
+        path: The file, whose suffix is the format.
+        bits: Bits a sample; None is the default of the format.
+
+    Raises:
+        InputError: The suffix is not in `DEPTHS`, the format has no such depth, or this OpenImageIO cannot write it.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in DEPTHS:
+        raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
+    if OpenImageIO.ImageOutput.create(f"x{suffix}") is None:
+        OpenImageIO.geterror()  # the error would come up again in a later call
+        got, remedy = f"OpenImageIO {OpenImageIO.VERSION_STRING} without it", "choose another format"
+        raise InputError(f"{suffix[1:].upper()} must be among what OpenImageIO writes", got=got, remedy=remedy)
+    depths = DEPTHS[suffix]
+    if bits is None:
+        return next(iter(depths.values()))
+    if bits not in depths:
+        raise InputError(f"bits of {path} must be one of {', '.join(map(str, depths))}", got=bits)
+    return depths[bits]
+
+
+def _is_own(path: Path) -> bool:
+    """Whether lfref wrote an image file, by its metadata entry `Software`."""
+    with suppress(FileError), open_image(path) as source:
+        return bool(source.spec().getattribute("Software") == ownership.SOFTWARE)
+    return False
+
+
+def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageSpec:
+    shape, suffix = part.samples.shape, path.suffix.lower()
+    if len(shape) != 3 or shape[2] not in CHANNELS or 0 in shape:
+        raise InputError(f"an image for {path} must be [H, W, C] with C 1 to 4", got=f"shape {shape}")
+    if suffix in WITHOUT_WEIGHT and shape[2] not in (1, 3):
+        raise InputError(f"{suffix[1:].upper()} for {path} has no weight", got=f"shape {shape}", remedy="write PNG")
+    spec = OpenImageIO.ImageSpec(shape[1], shape[0], shape[2], kind)
+    spec.channelnames = CHANNELS[shape[2]]
+    spec.alpha_channel = -1
+    if suffix == ".tif":
+        spec.tile_width = spec.tile_height = TILE
+    attributes = {
+        # Otherwise the PNG writer divides the colours by the fourth channel.
+        "oiio:UnassociatedAlpha": 1,
+        "compression": COMPRESSIONS[suffix].format(quality=quality),
+        "png:compressionLevel": PNG_LEVEL,
+        "jpeg:subsampling": "4:4:4",
+        "oiio:subimagename": part.name,
+        "Software": ownership.SOFTWARE,
+    }
+    for name, value in {**attributes, **part.attributes}.items():
+        spec.attribute(name, value)
+    return spec
+
+
+def _refused(path: Path, output: OpenImageIO.ImageOutput) -> FileError:
+    remedy = "check the folder, its permissions and the disk"
+    return FileError(f"{path} cannot be written", got=first_line(output.geterror()), remedy=remedy)
+
+
+def quantised(samples: NDArray, kind: str, path: Path) -> NDArray:
+    """Samples as a file holds them.
+
+    Args:
+        samples: Floating point, any shape.
+        kind: `uint8` or `uint16`: clipped to [0, 1], scaled and rounded; `half` or `float`: rounded.
+        path: The file they are for, for messages.
+
+    Raises:
+        InputError: NaN or infinity, before or after rounding.
+    """
+    target = np.dtype(FILE_TYPES[kind])
+    if not np.isfinite(samples).all():
+        raise InputError(f"values for {path} must be finite", got="NaN or infinity", remedy="find out where it arose")
+    if target.kind == "u":
+        return np.rint(np.clip(samples, 0, 1) * np.iinfo(target).max).astype(target)
+    with np.errstate(over="ignore"):
+        rounded = samples.astype(target)
+    if not np.isfinite(rounded).all():
+        got = float(np.abs(samples).max())
+        raise InputError(f"values for {path} must fit into {kind}", got=got, remedy="write 32 bits")
+    return rounded
 
 
 def to_float(array: NDArray) -> NDArray[np.float32]:
-    """Samples as contiguous float32, integers scaled to [0, 1].
+    """Samples as contiguous float32: integers scaled to [0, 1], floats as they are, also beyond [0, 1].
 
     Args:
-        array: uint8, uint16 or floating point, any shape. Floats keep their values, also beyond [0, 1].
-
-    Returns:
-        Samples, float32, C-contiguous, the same shape.
+        array: uint8, uint16 or floating point, any shape.
 
     Raises:
         InputError: Another type.
@@ -70,31 +365,15 @@ def to_float(array: NDArray) -> NDArray[np.float32]:
 
 
 def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
-    """Linear light of samples.
-
-    Args:
-        array: uint8, uint16 or floating point, any shape.
-        encoding: How they stand for light.
-
-    Returns:
-        Light, float32, C-contiguous, the same shape.
-
-    Raises:
-        InputError: Another type.
-    """
+    """Linear light of samples, contiguous; arguments and errors as `to_float`."""
     if array.dtype not in (np.uint8, np.uint16) or encoding.curve == "linear":
         return encoding.decode(torch.from_numpy(to_float(array))).numpy()
-    # A light field has millions of samples, but few values.
+    # A light field has millions of samples but few values: look them up.
     values = np.arange(np.iinfo(array.dtype).max + 1, dtype=array.dtype)
     table = encoding.decode(torch.from_numpy(to_float(values)).double()).float().numpy()
     return table.take(np.ascontiguousarray(array))
 
 
 def encoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
-    """Samples that stand for linear light.
-
-    Args:
-        array: Light, floating point, any shape.
-        encoding: How they shall stand for it.
-    """
+    """Samples that stand for linear light; arguments and errors as `to_float`."""
     return encoding.encode(torch.from_numpy(to_float(array))).numpy()

@@ -13,11 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from lfref.errors import FileError
-from lfref.io import atomic, decode, pfm, view_folders
+from lfref.errors import FileError, first_line
+from lfref.io import atomic, images, view_folders
 
 # PART structs
 # Structures in MAT files of MATLAB as plain dictionaries, as the Light Field Toolbox keeps a Lytro's metadata.
@@ -91,30 +89,6 @@ def _value(stored: Any, is_text: bool) -> Any:
 PARAMETERS = "parameters.cfg"
 
 
-def read_disparity(path: str | Path) -> Tensor:
-    """Read a disparity map of the benchmark, as `gt_disp_lowres.pfm`, with our sign.
-
-    Args:
-        path: The PFM file.
-
-    Returns:
-        Slope at which each pixel of the central view is sharp, in pixels per view step, float32, [H, W].
-
-    Raises:
-        FileError: The file is missing, damaged or no grey PFM.
-
-    Example:
-        >>> from lfref.io import hci, pfm
-        >>> pfm.write("gt_disp_lowres.pfm", np.full((24, 32), 1.5, np.float32))
-        >>> hci.read_disparity("gt_disp_lowres.pfm").unique()
-        tensor([-1.5000])
-    """
-    values = pfm.read(path)
-    if values.shape[2] != 1:
-        raise FileError(f"{path} must be a grey PFM file", got="colours", remedy="give gt_disp_lowres.pfm")
-    return -torch.from_numpy(values[..., 0])
-
-
 def metadata(folder: Path) -> dict[str, str]:
     """What `parameters.cfg` says of the camera and the scene.
 
@@ -132,13 +106,13 @@ def metadata(folder: Path) -> dict[str, str]:
         return {}
     parser = configparser.ConfigParser(interpolation=None)
     try:
-        with atomic.explained(folder / PARAMETERS, "read"):
+        with atomic.file_errors(folder / PARAMETERS, "read"):
             parser.read_string((folder / PARAMETERS).read_text("utf-8"))
         known = {name: where for name, where in KEYS.items() if where[1] in parser[where[0]]}
         said = {name: parser[section][key] + unit for name, (section, key, unit) in known.items()}
         low, high = (-float(parser["meta"][key]) for key in ("disp_max", "disp_min"))
     except (configparser.Error, KeyError, ValueError) as error:
-        got = atomic.one_line(str(error))
+        got = first_line(error)
         raise FileError(f"{folder / PARAMETERS} must be of an HCI light field", got=got) from error
     return said | {"slopes": f"{low:g} {high:g}"}
 
@@ -179,7 +153,7 @@ def of(path: Path) -> dict[str, str]:
 def _exif(path: Path) -> dict[str, str]:
     """What the first picture says."""
     files = view_folders.image_files(path) if path.is_dir() else [path]
-    with decode.opened(files[0]) as source:
+    with images.open_image(files[0]) as source:
         attributes = {item.name: item.value for item in source.spec().extra_attribs}
     camera = " ".join(dict.fromkeys(str(attributes.get(name, "")).strip() for name in ("Make", "Model")))
     said = {"camera": camera.strip()} | {name: tell(attributes) for name, tell in EXIF.items()}

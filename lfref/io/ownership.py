@@ -1,8 +1,8 @@
 """Ownership marks: what lfref wrote and may therefore replace or delete. Everything else belongs to the user.
 
 A folder is marked by a hidden file `.lfref.json`: its kind and the SHA-256 of each file that lfref wrote. A listed file
-whose contents changed since counts as edited, and is neither replaced nor deleted. Single images are marked by the
-metadata entry `Software`.
+whose contents changed since counts as edited, and is neither replaced nor deleted. Single images are marked by their
+metadata entry `Software`, which `images` checks.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lfref.errors import FileError
-from lfref.io import atomic, decode
+from lfref.io import atomic
 
 MARK = ".lfref.json"
 """Name of the mark in a folder."""
@@ -37,7 +37,7 @@ def digest(file: Path) -> str:
     Raises:
         FileError: The file cannot be read.
     """
-    with atomic.explained(file, "read"), file.open("rb") as stream:
+    with atomic.file_errors(file, "read"), file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
@@ -145,27 +145,13 @@ def check_folder(path: Path, kind: str) -> None:
     """
     if not path.is_dir():
         return
-    with atomic.explained(path, "read"):
+    with atomic.file_errors(path, "read"):
         children = sorted(child.name for child in path.iterdir() if child.name != MARK)
     own = unchanged(path, kind)
     for name in children:
         if name not in own:
             expected = f"{path} must be empty or hold only {kind} as lfref wrote them to be replaced"
             raise FileError(expected, got=f"also {name}", remedy="choose another folder, or move that one away")
-
-
-def check_file(path: Path) -> None:
-    """Refuse to replace an image file whose `Software` is not lfref. (The writer itself refuses folders.)
-
-    Args:
-        path: File to replace, if it exists.
-
-    Raises:
-        FileError: Another program wrote the file.
-    """
-    if path.is_file() and not _is_own_image(path):
-        expected = f"{path} must be an image that lfref wrote to be replaced"
-        raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
 
 
 def check_new(path: Path) -> None:
@@ -179,9 +165,3 @@ def check_new(path: Path) -> None:
     """
     if path.is_file():
         raise FileError(f"{path} must be a new file", got="one that is there", remedy="choose another name")
-
-
-def _is_own_image(path: Path) -> bool:
-    with suppress(FileError), decode.opened(path) as source:
-        return bool(source.spec().getattribute("Software") == SOFTWARE)
-    return False

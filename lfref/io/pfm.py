@@ -1,21 +1,23 @@
-"""Portable float maps (PFM): one picture of 32-bit floats, as disparity is passed on.
+"""Portable float maps (PFM): one picture of 32-bit floats, the usual form of disparity maps in data sets.
 
-A text header (`Pf` grey or `PF` colour, width and height, a scale whose sign says the order of bytes), then the rows
-from the bottom up. Source: Debevec's description of the format.
+A text header (`Pf` grey or `PF` colour, width and height, a scale whose sign tells the byte order), then the rows from
+the bottom up. Source: Debevec's description of the format.
 """
 
 import re
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, encode
+from lfref.io import atomic, images
 
 HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)\s", re.ASCII)
 """The last white space is one byte: what follows is data."""
-CHANNELS = {b"f": 1, b"F": 3}
+LETTERS = {1: b"f", 3: b"F"}
 SCALE = b"-1.0000000000"
 """Little-endian. Nobody else writes so many zeros, so a file with them is ours and may be replaced."""
 
@@ -23,12 +25,9 @@ SCALE = b"-1.0000000000"
 def read(path: str | Path) -> NDArray[np.float32]:
     """Read a PFM file.
 
-    Args:
-        path: The file.
-
     Returns:
-        Values as they are stored, NaN and infinity too (which some data sets write where nothing is known), top row
-        first, float32, [H, W, C] with C 1 or 3. How large the scale is changes nothing: data sets disagree on it.
+        Values as stored, NaN and infinity too (which some data sets write where nothing is known), top row first,
+        float32, [H, W, C] with C 1 or 3. The size of the scale changes nothing: data sets disagree on it.
 
     Raises:
         FileError: The file is missing, no PFM, or shorter or longer than its header says.
@@ -40,12 +39,12 @@ def read(path: str | Path) -> NDArray[np.float32]:
         (24, 32, 1)
     """
     path = Path(path)
-    with atomic.explained(path, "read"):
+    with atomic.file_errors(path, "read"):
         contents = path.read_bytes()
     header = HEADER.match(contents)
     if header is None:
         raise FileError(f"{path} must be a PFM file", got="no such header", remedy="copy or convert it again")
-    width, height, n_channels = int(header[2]), int(header[3]), CHANNELS[header[1]]
+    width, height, n_channels = int(header[2]), int(header[3]), 1 if header[1] == b"f" else 3
     data = memoryview(contents)[header.end() :]
     expected = 4 * width * height * n_channels
     if expected == 0 or len(data) != expected:
@@ -56,36 +55,54 @@ def read(path: str | Path) -> NDArray[np.float32]:
     return np.ascontiguousarray(rows[::-1], dtype=np.float32)
 
 
+def read_hci_disparity(path: str | Path) -> Tensor:
+    """Read a disparity map of the 4D light field benchmark of HCI, such as `gt_disp_lowres.pfm`, as slopes.
+
+    Near things have positive disparity there, and a negative slope here: they move to the left where the camera moves
+    to the right. Source: Honauer et al., "A Dataset and Evaluation Methodology for Depth Estimation on 4D Light
+    Fields", 2016.
+
+    Returns:
+        Slope at which each pixel of the central view is sharp, in pixels per view step, float32, [H, W].
+
+    Raises:
+        FileError: The file is missing, damaged or no grey PFM.
+
+    Example:
+        >>> from lfref.io import pfm
+        >>> pfm.write("gt_disp_lowres.pfm", np.full((24, 32), 1.5, np.float32))
+        >>> pfm.read_hci_disparity("gt_disp_lowres.pfm").unique()
+        tensor([-1.5000])
+    """
+    values = read(path)
+    if values.shape[2] != 1:
+        raise FileError(f"{path} must be a grey PFM file", got="colours", remedy="give gt_disp_lowres.pfm")
+    return -torch.from_numpy(values[..., 0])
+
+
 def write(path: str | Path, values: NDArray) -> None:
     """Write a PFM file, all of it or nothing.
 
     Args:
-        path: The file; folders above it are made.
+        path: The file; missing parent folders are created.
         values: Finite, top row first, [H, W] or [H, W, C] with C 1 or 3.
 
     Raises:
         InputError: Another shape, NaN or infinity.
-        FileError: The folder or the disk refuses, or a file of that name is not ours.
+        FileError: The folder or the disk refuses, or another program wrote the file that is there.
     """
     path = Path(path)
     picture = values[..., None] if values.ndim == 2 else values
-    if picture.ndim != 3 or picture.shape[2] not in CHANNELS.values() or 0 in picture.shape:
+    if picture.ndim != 3 or picture.shape[2] not in LETTERS or 0 in picture.shape:
         raise InputError(f"a picture for {path} must be [H, W] or [H, W, 1 or 3]", got=f"shape {values.shape}")
-    samples = encode.quantised(picture, "float", path)
-    _check_ours(path)
+    samples = images.quantised(picture, "float", path)
+    if path.is_file():
+        with atomic.file_errors(path, "read"), path.open("rb") as file:
+            header = HEADER.match(file.read(64))
+        if header is None or header[4] != SCALE:
+            expected = f"{path} must be a PFM file that lfref wrote to be replaced"
+            raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
     height, width, n_channels = samples.shape
-    letter = {1: b"Pf", 3: b"PF"}[n_channels]
     with atomic.replacing(path) as partial:
-        header = b"%s\n%d %d\n%s\n" % (letter, width, height, SCALE)
-        partial.write_bytes(header + samples[::-1].astype("<f4").tobytes())
-
-
-def _check_ours(path: Path) -> None:
-    """Refuse to replace a file that we did not write."""
-    if not path.is_file():
-        return
-    with atomic.explained(path, "read"), path.open("rb") as file:
-        header = HEADER.match(file.read(64))
-    if header is None or header[4] != SCALE:
-        expected = f"{path} must be a PFM file that lfref wrote to be replaced"
-        raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
+        first_lines = b"P%s\n%d %d\n%s\n" % (LETTERS[n_channels], width, height, SCALE)
+        partial.write_bytes(first_lines + samples[::-1].astype("<f4").tobytes())

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 import yaml
 
-from lfref.errors import CheckpointError, FileError
+from lfref.errors import CheckpointError, FileError, first_line
 from lfref.io import atomic
 
 CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.txt"
@@ -117,7 +117,7 @@ class Run:
             FileError: Nothing was logged.
         """
         path = self.folder / METRICS
-        with atomic.explained(path, "read"), path.open(newline="", encoding="utf-8") as file:
+        with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.DictReader(file) if None not in row and None not in row.values()]
         return [{name: float(cell) if cell else None for name, cell in row.items()} for row in rows]
 
@@ -204,10 +204,10 @@ def _progress(checkpoint: Path) -> dict[str, Any]:
 
 def _read_yaml(path: Path, kind: type) -> Any:
     try:
-        with atomic.explained(path, "read"):
+        with atomic.file_errors(path, "read"):
             contents = yaml.safe_load(path.read_text("utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise FileError(f"{path} must be YAML", got=atomic.one_line(str(error))) from error
+        raise FileError(f"{path} must be YAML", got=first_line(error)) from error
     if not isinstance(contents, kind):
         raise FileError(f"{path} must hold a {kind.__name__}", got=type(contents).__name__)
     return contents

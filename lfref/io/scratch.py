@@ -26,7 +26,7 @@ def room(folder: Path | None) -> Room:
     """
 
     def on_disk(shape: tuple[int, ...], kind: DTypeLike) -> NDArray:
-        with atomic.explained(folder or Path(), "written"), tempfile.TemporaryFile(dir=folder) as file:
+        with atomic.file_errors(folder or Path(), "written"), tempfile.TemporaryFile(dir=folder) as file:
             # All of it now: a disk that is full later would end the process without a word.
             _reserve(file.fileno(), max(1, math.prod(shape) * np.dtype(kind).itemsize))
             return np.memmap(file, kind, "r+", shape=shape)

@@ -1,6 +1,7 @@
-"""Weights as safetensors: tensors and a few words that say what they are, in one file that nothing can run from.
+"""Tensors in files: PyTorch's checkpoints, and weights as safetensors.
 
-Format: https://github.com/huggingface/safetensors. Its metadata are texts; ours are JSON.
+A safetensors file holds tensors and texts, and nothing in it can run. Our texts are JSON.
+Format: https://github.com/huggingface/safetensors.
 """
 
 import json
@@ -16,11 +17,10 @@ from torch import Tensor
 from lfref.errors import CheckpointError
 from lfref.io import atomic
 
-# PART tensors
-# Plain containers of tensors as files, all of a file or nothing.
+SUFFIX = ".safetensors"
 
 
-def write(path: str | Path, contents: dict[str, Any]) -> None:
+def write_checkpoint(path: str | Path, contents: dict[str, Any]) -> None:
     """Write what `torch.load(path, weights_only=True)` reads.
 
     Args:
@@ -35,41 +35,32 @@ def write(path: str | Path, contents: dict[str, Any]) -> None:
             with partial.open("wb") as file:
                 torch.save(contents, file)
         except RuntimeError as error:
-            # What the disk said is hidden behind what torch makes of it.
+            # PyTorch hides the error of the disk behind its own.
             raise error.__context__ if isinstance(error.__context__, OSError) else error from None
 
 
-SUFFIX = ".safetensors"
-
-
-def write_safetensors(path: str | Path, tensors: Mapping[str, Tensor], told: Mapping[str, Any]) -> None:
-    """Write tensors and what they are.
+def write_weights(path: str | Path, tensors: Mapping[str, Tensor], description: Mapping[str, Any]) -> None:
+    """Write tensors and their description as safetensors.
 
     Args:
         path: File to replace.
         tensors: By name.
-        told: Plain containers by name.
+        description: Plain containers by name.
 
     Raises:
         FileError: The file cannot be written.
     """
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    words = {name: json.dumps(value) for name, value in told.items()}
+    texts = {name: json.dumps(value) for name, value in description.items()}
     with atomic.replacing(path) as partial:
-        partial.write_bytes(save(contiguous, words))
+        partial.write_bytes(save(contiguous, texts))
 
 
-def read(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Read what `write` wrote, on the CPU.
-
-    Args:
-        path: The file.
-
-    Returns:
-        Tensors, and what was told, by name.
+def read_weights(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Tensors, on the CPU, and their description, as `write_weights` wrote them.
 
     Raises:
-        CheckpointError: It is damaged or another file.
+        CheckpointError: The file is damaged or another file.
     """
     try:
         with safe_open(path, framework="pt", device="cpu") as file:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError, InputError, first_line
 from lfref.io import atomic, ownership
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -
             container.metadata["comment"] = ownership.SOFTWARE
             write(container, frames, rate)
     except av.FFmpegError as error:
-        reason = atomic.one_line(str(error))
+        reason = first_line(error)
         raise FileError(f"{path} cannot be written", got=reason, remedy="check the folder and the disk") from error
 
 

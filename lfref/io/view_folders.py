@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lfref import encoding
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, decode, encode, grid, images, ownership
+from lfref.io import atomic, grid, images, ownership
 
 # PART names
 # How the files of views are named: which number of a name is the row, the column, or the place in row-major order.
@@ -273,7 +273,7 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
 # How names say it stands in `names`. Files that are only numbered through are taken for the views of a square grid, row
 # by row, where nothing speaks against it.
 
-SUFFIXES = [suffix for picture in decode.PICTURES.values() for suffix in picture.suffixes]
+SUFFIXES = [suffix for picture in images.FORMATS.values() for suffix in picture.suffixes]
 FEWEST_NUMBERED = 9
 """Pictures that are numbered through and are no views are rarely so many and a square number at once."""
 ROW_RATIO = 1.5
@@ -288,7 +288,7 @@ def image_files(folder: Path) -> list[Path]:
     Raises:
         FileError: The folder cannot be read.
     """
-    with atomic.explained(folder, "read"):
+    with atomic.file_errors(folder, "read"):
         files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
     return sorted(path for path in files if not path.name.startswith("."))
 
@@ -410,7 +410,7 @@ def _is_numbered_field(found: list[Found]) -> bool:
     first, last = min(numbers)[0], max(numbers)[0]
     if square(first, last, len(numbers)) is None or len(numbers) < FEWEST_NUMBERED:
         return False
-    return min(decode.size(found[0].path)) < LARGEST_NUMBERED
+    return min(images.image_size(found[0].path)) < LARGEST_NUMBERED
 
 
 # PART headers
@@ -433,9 +433,9 @@ def encoding_of(path: Path) -> Encoding | None:
         FileError: The file is missing or damaged.
     """
     files = image_files(path)[:1] if path.is_dir() else [path]
-    if not files or not decode.is_picture(files[0]):
+    if not files or images.format_of_head(images.read_head(files[0])) is None:
         return None
-    with decode.opened(files[0]) as source:
+    with images.open_image(files[0]) as source:
         spec = source.spec()
     return _told(spec)
 
@@ -468,13 +468,13 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
     """
     # A leading dot would hide the files from the reader.
     stem = path.absolute().name.lstrip(".") or "view"
-    encode.sample_type(path / "x.png", bits)
+    images.sample_type(path / "x.png", bits)
     named = ((f"{stem}_{row:02d}_{column:02d}.png", views[row, column]) for row, column in np.ndindex(views.shape[:2]))
     write_images(path, named, "views", bits)
 
 
 def write_images(
-    path: Path, named: Iterable[tuple[str, NDArray]], kind: str, bits: int | None, quality: int = encode.QUALITY
+    path: Path, named: Iterable[tuple[str, NDArray]], kind: str, bits: int | None, quality: int = images.QUALITY
 ) -> None:
     """Write PNG or JPEG images as a folder, which takes the place of an older one of its kind.
 

@@ -16,7 +16,7 @@ from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import encode, exr, field_formats, view_folders
+from lfref.io import exr, field_formats, images, view_folders
 from lfref.lightfield import LightField
 
 Writer = TypeVar("Writer")
@@ -96,7 +96,7 @@ def write_pictures(
     *,
     suffix: str = ".png",
     bits: int | None = None,
-    quality: int = encode.QUALITY,
+    quality: int = images.QUALITY,
 ) -> Path:
     """Write the planes of a stack as pictures, as they are to be shown.
 
@@ -104,7 +104,7 @@ def write_pictures(
         path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, or without alpha where none reaches.
         pictures: What is shown, floating point, clipped to [0, 1], N times [C, H, W] with C 1 or 3.
         planes: The N planes.
-        suffix: One of `encode.DEPTHS`.
+        suffix: One of `images.DEPTHS`.
         bits: As the format has them.
         quality: Of JPEG and AVIF, from 1 to 100.
 
@@ -115,7 +115,7 @@ def write_pictures(
         InputError: NaN or infinity, or a depth, quality or number of channels that cannot be written.
         FileError: The disk refuses, or the path holds anything but such pictures as lfref left them.
     """
-    encode.sample_type(Path(path) / f"x{suffix}", bits)
+    images.sample_type(Path(path) / f"x{suffix}", bits)
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
     files = (f"plane_{n:02d}_{name}{suffix}" for n, name in enumerate(names))
     view_folders.write_images(Path(path), zip(files, pictures, strict=True), "planes", bits, quality)

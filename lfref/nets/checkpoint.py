@@ -69,7 +69,7 @@ def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
         FileError: The file cannot be written.
     """
     state = {PREFIX + name: value for name, value in network.state_dict().items()}
-    tensor_files.write(Path(path), {"lfref": payload(network, planes), "state_dict": state})
+    tensor_files.write_checkpoint(Path(path), {"lfref": payload(network, planes), "state_dict": state})
 
 
 def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
@@ -129,7 +129,7 @@ def _pickled(path: str | Path) -> Any:
 
 def _weights(path: str | Path) -> dict[str, Any]:
     """A file of weights alone, as `write_weights` wrote it."""
-    state, told = tensor_files.read(path)
+    state, told = tensor_files.read_weights(path)
     return told | {"state_dict": state}
 
 
@@ -145,7 +145,7 @@ def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[
         FileError: The file cannot be written.
     """
     state = {name: each for name, each in contents["state_dict"].items() if name.startswith(PREFIX)}
-    tensor_files.write_safetensors(path, state, {"lfref": contents["lfref"], "notes": notes})
+    tensor_files.write_weights(path, state, {"lfref": contents["lfref"], "notes": notes})
 
 
 def _build(path: str | Path, entry: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from lfref.io import atomic, encode
+from lfref.io import atomic, images
 from lfref.report.tables import CAP_DB
 
 BLUE, RED, TEAL, ORANGE, MAGENTA, CYAN = "#0077BB", "#CC3311", "#009988", "#EE7733", "#EE3377", "#33BBEE"
@@ -28,7 +28,7 @@ PNG: dict[str, Any] = {
     "dpi": 150,
     "bbox_inches": "tight",
     "pad_inches": 0.12,
-    "pil_kwargs": {"compress_level": encode.PNG_LEVEL},
+    "pil_kwargs": {"compress_level": images.PNG_LEVEL},
 }
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
-from lfref.io import encode, images
+from lfref.io import images
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap, depth_order, disparity_map
 from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
@@ -38,13 +38,13 @@ class PictureFiles:
     """`png`, `jpg`, `tif` (in tiles) or, where OpenImageIO has it, `avif`."""
     bits: int = 8
     """8 or, of PNG and TIFF, 16; of TIFF also 32, in floating point."""
-    quality: int = encode.QUALITY
+    quality: int = images.QUALITY
     """Of JPEG and AVIF, from 1 to 100."""
 
     def __post_init__(self) -> None:
         suffix = chosen("format", self.format, SUFFIXES)
-        encode.sample_type(Path(f"x{suffix}"), None)
-        depths = encode.DEPTHS[suffix]
+        images.sample_type(Path(f"x{suffix}"), None)
+        depths = images.DEPTHS[suffix]
         if self.bits not in depths:
             raise InputError(f"bits of {self.format} must be {' or '.join(map(str, depths))}", got=repr(self.bits))
         if not 1 <= self.quality <= 100:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.io import encode, images, pfm, point_cloud, video, write
+from lfref.io import images, pfm, point_cloud, video, write
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.report import drawing, pictures
@@ -136,8 +136,8 @@ def _write_scaled(folder: Path, disparity: NDArray) -> None:
     """A PNG of 16 bits whose name says the disparities of its black and its white."""
     low, high = np.floor(100 * disparity.min()) / 100, np.floor(100 * disparity.max() + 1) / 100
     said = f"disparity in px per view step = {low:.2f} + sample / 65535 * {high - low:.2f}"
-    part = encode.Part(((disparity - low) / (high - low))[..., None], attributes={"ImageDescription": said})
-    encode.encode(folder / f"disparity_from_{low:.2f}_to_{high:.2f}.png", [part], 16)
+    part = images.Part(((disparity - low) / (high - low))[..., None], attributes={"ImageDescription": said})
+    images.write_parts(folder / f"disparity_from_{low:.2f}_to_{high:.2f}.png", [part], 16)
 
 
 def _points(folder: Path, refocused: Refocused) -> None:

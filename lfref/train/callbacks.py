@@ -356,4 +356,4 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         Raises:
             FileError: The file cannot be written.
         """
-        tensor_files.write(path, checkpoint)
+        tensor_files.write_checkpoint(path, checkpoint)

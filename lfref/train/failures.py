@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from lfref.errors import CheckpointError, LfrefError
+from lfref.errors import CheckpointError, LfrefError, first_line
 from lfref.io import atomic
 
 KNOWN = {
@@ -41,7 +41,7 @@ def explained(folder: Path) -> Iterator[None]:
         CheckpointError: A checkpoint does not fit the network.
     """
     try:
-        with atomic.explained(folder, "written"):
+        with atomic.file_errors(folder, "written"):
             yield
     except RuntimeError as error:
         known = next((told for start, told in KNOWN.items() if str(error).startswith(start)), None)
@@ -51,4 +51,4 @@ def explained(folder: Path) -> Iterator[None]:
         for process in multiprocessing.active_children():
             process.kill()
         kind, expected, remedy = known
-        raise kind(expected, got=atomic.one_line(str(error)), remedy=remedy) from error
+        raise kind(expected, got=first_line(error), remedy=remedy) from error

@@ -68,7 +68,7 @@ def cut_log(path: Path, step: int) -> None:
     if step == 0 or not path.exists():
         path.unlink(missing_ok=True)
         return
-    with atomic.explained(path, "read"), path.open(newline="", encoding="utf-8") as file:
+    with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
         header, *lines = list(csv.reader(file)) or [[]]
     at = header.index("step") if "step" in header else None
     kept = [line for line in lines if at is not None and len(line) == len(header) and int(line[at]) < step]

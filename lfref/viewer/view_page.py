@@ -23,7 +23,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.io import atomic, encode
+from lfref.io import atomic, images
 from lfref.report import drawing
 from lfref.report.refocused import Refocused
 
@@ -133,7 +133,7 @@ def picture(image: NDArray[np.floating]) -> str:
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "picture.jpg")
-        encode.encode(path, [encode.Part(image)], 8, QUALITY)
+        images.write_parts(path, [images.Part(image)], 8, QUALITY)
         return f"data:image/jpeg;base64,{_text(path.read_bytes())}"
 
 

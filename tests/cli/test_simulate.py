@@ -10,7 +10,7 @@ import torch
 from lfref import geometry
 from lfref.cli import config as configs
 from lfref.encoding import SRGB
-from lfref.io import decode, images
+from lfref.io import images
 from lfref.io.read import find, read, read_stack
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
@@ -79,8 +79,8 @@ def test_the_pinhole_picture_and_masks_are_written(lfref, scene_of, tmp_path):
     found = simulate(scene_of("scene=twigs", *SMALL).scene(0, 0, 0), 0, ["all_in_focus", "masks"])
     sharp = images.read_image(tmp_path / "out" / "all_in_focus" / "twigs.exr")
     assert torch.equal(torch.from_numpy(sharp).movedim(2, 0), found.all_in_focus)
-    with decode.opened(tmp_path / "out" / "masks" / "twigs.exr") as source:
-        masks = [decode.decode(source, tmp_path, part)[..., 0] for part in range(len(found.masks))]
+    with images.open_image(tmp_path / "out" / "masks" / "twigs.exr") as source:
+        masks = [images.read_part(source, tmp_path, part)[..., 0] for part in range(len(found.masks))]
         names = [source.seek_subimage(k, 0) and source.spec()["oiio:subimagename"] for k in range(len(masks) + 1)]
     assert np.array_equal(masks, found.masks)
     assert names == [*(f"surface_{k:02d}" for k in range(len(masks))), False]
@@ -150,7 +150,7 @@ def test_a_capture_of_a_scenes_name_is_not_replaced(lfref, tmp_path, suffix):
     capture.parent.mkdir(parents=True)
     capture.write_bytes(b"mine")
     words = ("simulate", "scene=plane", "outputs=[views]", f"suffix={suffix}", f"output={tmp_path}/data", *SMALL)
-    for more, complaint in (((), "a new or an empty folder"), (("overwrite=true",), "replaces runs of lfref only")):
+    for more, complaint in (((), "a new or an empty folder"), (("overwrite=true",), "must be a run folder of lfref")):
         code, error = lfref(*words, *more)
         assert code == 1
         assert complaint in error

@@ -238,11 +238,11 @@ def copied_reader(tmp_path):
 
 def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
     names = {file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent)}
-    assert names >= {"read", "field_formats", "decode", "images", "lenslets", "exr", "grid", "view_folders"}
+    assert names >= {"read", "field_formats", "images", "lenslets", "exr", "grid", "view_folders"}
     assert names.isdisjoint({"write"})
 
 
-@pytest.mark.parametrize("name", ["decode", "lenslets", "grid", "view_folders", "read"])
+@pytest.mark.parametrize("name", ["images", "lenslets", "grid", "view_folders", "read"])
 def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
     start = copied_reader(tmp_path)
     before = cache._reader_version.__wrapped__(start)

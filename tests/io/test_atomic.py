@@ -1,11 +1,12 @@
-"""A file or folder is replaced by a whole one, or stays as it was."""
+"""Writing leaves whole files or none, and what the operating system refuses is one line."""
 
+import errno
 import os
 from pathlib import Path
 
 import pytest
 
-from lfref.errors import FileError
+from lfref.errors import FileError, InputError
 from lfref.io import atomic
 
 
@@ -119,3 +120,16 @@ def test_a_file_in_the_place_of_the_folder_is_kept(tmp_path, one_line):
         pytest.fail("the body must not run")
     one_line(caught.value, path, "choose another")
     assert path.read_text() == "x"
+
+
+@pytest.mark.parametrize("number", [errno.ENOENT, errno.EACCES, errno.ENOSPC, errno.EROFS, errno.EIO])
+def test_the_error_names_path_reason_and_remedy(tmp_path, number, one_line):
+    with pytest.raises(FileError) as caught, atomic.file_errors(tmp_path / "a", "read"):
+        raise OSError(number, os.strerror(number))
+    remedy = atomic.REMEDIES.get(number, "check the disk")
+    one_line(caught.value, tmp_path / "a", "cannot be read", os.strerror(number).lower(), remedy)
+
+
+def test_errors_of_our_own_keep_their_message(tmp_path):
+    with pytest.raises(InputError, match=r"^mine$"), atomic.file_errors(tmp_path, "read"):
+        raise InputError("mine")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError
 from lfref.geometry import even_planes, planes_at_alphas
-from lfref.io import encode, exr, grid
+from lfref.io import exr, grid, images
 
 ALL = grid.Selection()
 
@@ -62,7 +62,9 @@ def test_a_plane_says_its_alpha_and_slope(tmp_path):
 
 def test_a_missing_view_is_named(tmp_path, one_line):
     path = tmp_path / "a.exr"
-    encode.encode(path, [encode.Part(np.zeros((1, 1, 3)), name) for name in ("view_00_00", "view_00_01", "view_01_00")])
+    images.write_parts(
+        path, [images.Part(np.zeros((1, 1, 3)), name) for name in ("view_00_00", "view_00_01", "view_01_00")]
+    )
     with pytest.raises(FileError) as caught:
         exr.read_views(path, ALL)
     one_line(caught.value, path, "view_01_01")
@@ -70,7 +72,7 @@ def test_a_missing_view_is_named(tmp_path, one_line):
 
 def test_views_of_different_channel_counts_are_refused(tmp_path, one_line):
     path = tmp_path / "a.exr"
-    encode.encode(path, [encode.Part(np.zeros((1, 1, 1 + 2 * n)), f"view_00_{n:02d}") for n in range(2)])
+    images.write_parts(path, [images.Part(np.zeros((1, 1, 1 + 2 * n)), f"view_00_{n:02d}") for n in range(2)])
     with pytest.raises(FileError) as caught:
         exr.read_views(path, ALL)
     one_line(caught.value, path, "alike")
@@ -92,7 +94,7 @@ def test_a_stack_is_no_light_field_and_the_other_way_round(tmp_path, one_line):
 @pytest.mark.parametrize("said", [{}, {"alpha": "-1", "convention": "ng"}, {"alpha": "1", "convention": "odd"}])
 def test_planes_that_do_not_say_what_they_are_are_refused(tmp_path, said, one_line):
     path = tmp_path / "s.exr"
-    encode.encode(path, [encode.Part(np.zeros((1, 1, 3)), "plane_00", said)])
+    images.write_parts(path, [images.Part(np.zeros((1, 1, 3)), "plane_00", said)])
     with pytest.raises(FileError) as caught:
         exr.read_planes(path)
     one_line(caught.value, path, "slope")
@@ -138,8 +140,8 @@ def test_nan_is_neither_written_nor_read(tmp_path, one_line):
 
 def test_planes_written_by_lfref_0_1_are_read_by_their_alphas(tmp_path):
     said = [{"alpha": repr(alpha), "slope": 1 - 1 / alpha, "convention": "ng"} for alpha in (0.375, 2.0)]
-    parts = [encode.Part(np.zeros((1, 1, 3)), f"plane_{n:02d}", each) for n, each in enumerate(said)]
-    encode.encode(tmp_path / "old.exr", parts)
+    parts = [images.Part(np.zeros((1, 1, 3)), f"plane_{n:02d}", each) for n, each in enumerate(said)]
+    images.write_parts(tmp_path / "old.exr", parts)
     assert exr.read_planes(tmp_path / "old.exr")[1] == planes_at_alphas((0.375, 2.0))
 
 

@@ -1,10 +1,10 @@
-"""What a path is, by its first bytes; what a folder holds, by its names; and that one entry makes a format."""
+"""Formats are told by first bytes and names, and one entry makes a format."""
 
 import numpy as np
 import pytest
 
 from lfref.errors import FileError
-from lfref.io import decode, field_formats, images, read, write
+from lfref.io import field_formats, images, read, write
 
 
 def test_the_form_of_a_file_is_told_by_its_first_bytes(tmp_path, make_field):
@@ -34,8 +34,8 @@ def test_no_two_formats_share_magic_bytes_or_suffixes():
 
 
 def test_every_kind_of_picture_is_named_for_messages():
-    kinds = {decode.kind(magic) for picture in decode.PICTURES.values() for magic in picture.magics}
-    assert kinds == {f"an image in {name.upper()}" for name in decode.PICTURES}
+    kinds = {images.described_head(magic) for picture in images.FORMATS.values() for magic in picture.magics}
+    assert kinds == {f"an image in {name.upper()}" for name in images.FORMATS}
 
 
 @pytest.mark.parametrize("name", [".hidden.png", "absent.png", "notes.txt", "no_suffix"])
@@ -56,3 +56,25 @@ def test_one_entry_is_enough_for_a_format_that_is_read_and_found(tmp_path, monke
     assert read.find(tmp_path) == [tmp_path / "a.new"]
     field = read.read(tmp_path / "a.new", views=3)
     assert (field.grid, field.metadata["format"], float(field.views.min())) == ((3, 3), "new", 1)
+
+
+@pytest.mark.parametrize("suffix", [".lfp", ".lfr", ".png"])
+def test_a_raw_container_names_the_tools_that_unpack_it(tmp_path, suffix, one_line):
+    path = tmp_path / f"IMG_0001{suffix}"
+    path.write_bytes(b"\x89LFP\r\n\x1a\n\0\0\0\x01" + bytes(40))
+    with pytest.raises(FileError) as caught:
+        read.read(path)
+    one_line(caught.value, path, "raw container of a Lytro camera", "plenopticam", "viewpoints_*", "__Decoded.mat")
+
+
+@pytest.mark.parametrize("head", [b"7z\xbc\xaf\x27\x1crest", b"\x1f\x8brest", b"Rar!\x1a\x07rest"])
+def test_an_archive_is_to_be_unpacked(tmp_path, head, one_line):
+    (tmp_path / "a.rar").write_bytes(head)
+    with pytest.raises(FileError) as caught:
+        read.read(tmp_path / "a.rar")
+    one_line(caught.value, "a compressed archive", "unpack it")
+
+
+def test_other_files_are_what_they_were():
+    assert field_formats.unsupported(b"hello") == ("another kind of file", "convert it")
+    assert field_formats.unsupported(b"") == ("an empty file", "convert it")

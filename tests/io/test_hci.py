@@ -55,7 +55,7 @@ def test_their_disparity_with_our_sign_is_the_slope_that_is_sharp(tmp_path, dept
     views, disparity = photographed(depth, focus)
     assert (disparity > 0) == (depth < focus)
     pfm.write(tmp_path / "gt_disp_lowres.pfm", np.full((24, 32), disparity))
-    slope = float(metadata.read_disparity(tmp_path / "gt_disp_lowres.pfm")[0, 0])
+    slope = float(pfm.read_hci_disparity(tmp_path / "gt_disp_lowres.pfm")[0, 0])
     sharp, mirrored = shift_and_sum(views, [slope, -slope], interpolation="exact")[:, 0, 8:-8, 8:-8]
     truth = views[2, 2, 0, 8:-8, 8:-8]
     assert (sharp - truth).abs().max() < 0.02  # what wraps around at the borders
@@ -65,7 +65,7 @@ def test_their_disparity_with_our_sign_is_the_slope_that_is_sharp(tmp_path, dept
 def test_colours_are_no_disparity(tmp_path, one_line):
     pfm.write(tmp_path / "a.pfm", np.zeros((2, 3, 3)))
     with pytest.raises(FileError) as caught:
-        metadata.read_disparity(tmp_path / "a.pfm")
+        pfm.read_hci_disparity(tmp_path / "a.pfm")
     one_line(caught.value, tmp_path / "a.pfm", "grey")
 
 

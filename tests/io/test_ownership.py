@@ -9,7 +9,7 @@ import torch
 
 from lfref.errors import FileError
 from lfref.geometry import planes_at_alphas
-from lfref.io import encode, images, ownership, write
+from lfref.io import images, ownership, write
 
 STACK, PLANES = torch.zeros(1, 3, 2, 2), planes_at_alphas((0.5,))
 
@@ -100,7 +100,7 @@ def test_an_image_file_of_another_program_is_not_replaced(tmp_path, make_field, 
     path = tmp_path / name
     captured(path) if foreign == "picture" else path.write_text("notes")
     kept(lambda: images.write_image(path, np.zeros((2, 2, 3))), path)
-    kept(lambda: encode.encode(path, [encode.Part(np.zeros((2, 2, 1)), "surface_00")]), path)
+    kept(lambda: images.write_parts(path, [images.Part(np.zeros((2, 2, 1)), "surface_00")]), path)
 
 
 def test_an_exr_file_of_another_program_is_replaced_neither_by_views_nor_by_planes(tmp_path, make_field, kept):

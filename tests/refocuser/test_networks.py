@@ -112,7 +112,7 @@ def test_light_of_another_kind_than_it_was_trained_on_is_refused(network, tmp_pa
     ):
         entry = checkpoint.payload(network, PLANES, is_linear)
         state = {f"net.{name}": value for name, value in network.state_dict().items()}
-        tensor_files.write(tmp_path / "net.ckpt", {"lfref": entry, "state_dict": state})
+        tensor_files.write_checkpoint(tmp_path / "net.ckpt", {"lfref": entry, "state_dict": state})
         refocuser = load(tmp_path / "net.ckpt")
         assert torch.equal(refocuser(wanted), refocuser(views))
         with pytest.raises(InputError, match=f"net was trained on .*; got .*; {remedy}"):

@@ -133,7 +133,8 @@ def test_other_channels_positions_devices_and_no_planes_are_refused(refocuser):
 
 def written(path, net, method=BASE, changes=()):
     entry = refined.payload(net, method, NAMES) | dict(changes)
-    tensor_files.write(path, {"lfref": entry, "state_dict": {f"net.{k}": v for k, v in net.state_dict().items()}})
+    state = {f"net.{name}": tensor for name, tensor in net.state_dict().items()}
+    tensor_files.write_checkpoint(path, {"lfref": entry, "state_dict": state})
     return path
 
 
@@ -187,7 +188,7 @@ def test_a_checkpoint_of_an_earlier_version_has_other_names(tmp_path):
     entry["guides"] = ["central", "doubt", "chance"]
     entry["refiner"] = {"n_guides": 5, "n_offers": 1, "width": 8, "n_blocks": 1}
     state = {f"net.{name}": value for name, value in net.state_dict().items()}
-    tensor_files.write(tmp_path / "old.ckpt", {"lfref": entry, "state_dict": state})
+    tensor_files.write_checkpoint(tmp_path / "old.ckpt", {"lfref": entry, "state_dict": state})
     views = torch.rand(3, 3, 3, 20, 22)
     expected = RefinedRefocuser(net, BASE, names, "new")(views, SLOPES)
     assert torch.equal(load(tmp_path / "old.ckpt")(views, SLOPES), expected)

@@ -35,7 +35,7 @@ def refiner(tmp_path):
         torch.nn.init.normal_(parameter, std=0.1)
     entry = refined.payload(network, OperatorRefocuser("sum", shift_and_sum), ("central",))
     state = {checkpoint.PREFIX + name: value for name, value in network.state_dict().items()}
-    tensor_files.write(tmp_path / "refiner.ckpt", {"lfref": entry, "state_dict": state})
+    tensor_files.write_checkpoint(tmp_path / "refiner.ckpt", {"lfref": entry, "state_dict": state})
     return tmp_path / "refiner.ckpt"
 
 

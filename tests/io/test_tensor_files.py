@@ -10,8 +10,8 @@ from lfref.io import tensor_files
 def test_tensors_and_words_are_read_as_they_were_written(tmp_path):
     tensors = {"a": torch.rand(3, 4).mT, "b": torch.arange(5)}
     told = {"lfref": {"format": 1, "names": ["x", "y"], "none": None}, "notes": {"gain": 1.5}}
-    tensor_files.write_safetensors(tmp_path / "x.safetensors", tensors, told)
-    found, words = tensor_files.read(tmp_path / "x.safetensors")
+    tensor_files.write_weights(tmp_path / "x.safetensors", tensors, told)
+    found, words = tensor_files.read_weights(tmp_path / "x.safetensors")
     assert words == told
     assert found.keys() == tensors.keys()
     assert all(torch.equal(found[name], tensors[name]) for name in tensors)
@@ -21,9 +21,9 @@ def test_tensors_and_words_are_read_as_they_were_written(tmp_path):
 def test_damaged_files_are_one_line(tmp_path, content):
     (tmp_path / "x.safetensors").write_bytes(content)
     with pytest.raises(CheckpointError, match="damaged"):
-        tensor_files.read(tmp_path / "x.safetensors")
+        tensor_files.read_weights(tmp_path / "x.safetensors")
 
 
 def test_a_missing_file_is_one_line(tmp_path):
     with pytest.raises(CheckpointError, match="damaged"):
-        tensor_files.read(tmp_path / "x.safetensors")
+        tensor_files.read_weights(tmp_path / "x.safetensors")
