@@ -19,15 +19,15 @@ def engines() -> Iterator[str]:
     facts = json.loads((RUN / "machine.json").read_text())
     rows = tables.read_table(RUN / "engines.csv")
     yield "![Speed of every engine, and what it costs in accuracy](pictures/engines.png)"
-    for subject, group in rows[rows["min_s"].notna()].groupby("subject", sort=False):
+    for network, group in rows[rows["min_s"].notna()].groupby("network", sort=False):
         yield ""
-        yield f"| {subject} | " + " | ".join(tables.heading(column) for column in SHOWN[1:]) + " |"
+        yield f"| {network} | " + " | ".join(tables.heading(column) for column in SHOWN[1:]) + " |"
         yield "|---" * len(SHOWN) + "|"
         for row in group.sort_values("ratio_to_eager", ascending=False, kind="stable").to_dict("records"):
             yield f"| {' | '.join(tables.cell_for_people(column, row[column]) for column in SHOWN)} |"
     yield ""
     for row in measurements.fastest(rows).itertuples():
-        yield f"**{row.subject}** runs best on {row.engine} in {row.precision}: {row.ratio_to_eager:.1f} times faster"
+        yield f"**{row.network}** runs best on {row.engine} in {row.precision}: {row.ratio_to_eager:.1f} times faster"
         yield "than PyTorch's eager float32, for no more than .1 dB."
     yield f"Light fields of {facts['views']}, {facts['planes']} planes; the fastest of {facts['passes']['network']} and"
     yield f"{facts['passes']['refiner']} passes in turns. {facts['processor']}, {facts['threads']} threads, torch"

@@ -30,7 +30,7 @@ def costs() -> Iterator[str]:
     yield "each, in as many processes as threads:"
     yield ""
     for row in tables.read_table(RUN / "rates.csv").itertuples():
-        yield f"- {row.asked}: {row.per_second:.1f} patches a second"
+        yield f"- {row.output}: {row.per_second:.1f} patches a second"
 
 
 def distances() -> Iterator[str]:

@@ -1,8 +1,8 @@
-"""Where the decibels are: what each cause of error costs alone, and what each remedy wins back.
+"""Error causes: what each cause costs alone in decibels, and what each remedy wins back.
 
-Letters: T truth, what a lens records through its whole aperture; Q the mean of its pictures through the views' points,
-read nowhere between pixels; X exact Fourier refocusing of the views, L linear shift-and-sum. T -> Q -> X -> L is one
-error after the other, so that each can be told alone:
+Letters: T truth, the picture of a lens through its whole aperture; Q the mean of the lens's pictures through the points
+of the views, without interpolation between pixels; X exact Fourier refocusing of the views, L linear shift-and-sum.
+T -> Q -> X -> L adds one error after the other, so that each can be measured alone:
 
 | cause | picture with it | without it | alone |
 |---|---|---|---|
@@ -12,20 +12,18 @@ error after the other, so that each can be told alone:
 | border: the whole frame, not the interior | X | X in the interior | |
 | an effect of the sensor | X of views with it | X | that against X, developed alike |
 | fewer or more views over the same aperture | X of them | X | |
-| range: all disparities, those of the planes excepted, doubled | X of that | X | |
+| range: all disparities doubled, but not the planes | X of that | X | |
 
-`cost_db` is PSNR against truth without the cause less that with it, all else as it was; below 0 the change is for the
-better. PSNR is capped at 100 dB, and where nothing else is wrong, so is what a cause costs. `alone_db` is PSNR of the
-picture whose only error it is. With a sensor's effect, the truth is developed like the views, and a tone curve is
-left on: what it costs is the mean of encoded values, as `encoding=none` takes it. `won_db` is what another
-method makes of the same views, against the same truth, less what the one above makes. Planes keep their places in the
-scene: with n instead of m views along the aperture, disparities and slopes are m/n times as large. That is done where
-all surfaces are planes.
+`cost_db` is PSNR against the truth without the cause less PSNR with it; below 0 the change is for the better. PSNR is
+capped at 100 dB, and so is a cost where nothing else is wrong. `alone_db` is PSNR of the picture whose only error it
+is. `won_db` is PSNR of another method on the same views less PSNR of the picture with the cause. With an effect of the
+sensor, the truth is developed like the views, and a tone curve is left on: its cost is that of averaging encoded
+values, as `encoding=none` does. With n instead of m views along the aperture, disparities and slopes are m/n times as
+large, so that planes keep their places in the scene; this is measured where all surfaces are planes.
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pandas as pd
 import torch
@@ -56,7 +54,7 @@ MEASURES = ["psnr_db", "cost_db", "alone_db", "won_db"]
 
 
 @dataclass(frozen=True)
-class Plan:
+class CauseSettings:
     """What is measured on every scene."""
 
     planes: FocalPlanes
@@ -68,9 +66,9 @@ class Plan:
     """Other numbers of views along both axes of the aperture."""
     device: torch.device
 
-    def quality(self, stack: Tensor, reference: Tensor) -> Tensor:
+    def psnr(self, stack: Tensor, reference: Tensor) -> Tensor:
         """PSNR of every plane in the interior, in dB, [N]."""
-        return _psnr(stack, reference, self.margin)
+        return _interior_psnr(stack, reference, self.margin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,122 +76,105 @@ class Condition:
     """Views that suffer from a cause, with their truth."""
 
     cause: str
-    subject: EvaluationCase
+    case: EvaluationCase
     base: Refocuser
-    """What is taken of them; remedies are compared with it."""
+    """Remedies are compared with it."""
     without_db: Tensor
     """PSNR of the base without the cause, [N]."""
     slopes: Tensor
     """Of the truth's planes, in pixels per view step, [N]."""
     margin: int
     alone_db: Tensor | None = None
-    """PSNR of a picture that has no other error, [N]."""
+    """PSNR of the picture whose only error the cause is, [N]."""
 
     def psnr(self, method: Refocuser) -> Tensor:
-        """How near a method comes to the truth at every plane, in dB, [N]."""
-        return _psnr(self.subject.stack(method, self.slopes), self.subject.truth, self.margin)
+        """PSNR of a method against the truth at every plane, in dB, [N]."""
+        return _interior_psnr(self.case.stack(method, self.slopes), self.case.truth, self.margin)
 
 
-def _psnr(stack: Tensor, reference: Tensor, margin: int) -> Tensor:
+def _interior_psnr(stack: Tensor, reference: Tensor, margin: int) -> Tensor:
     height, width = stack.shape[-2:]
     window = (..., slice(margin, height - margin), slice(margin, width - margin))
     return psnr(stack[window], reference[window]).cpu()
 
 
 @torch.no_grad()
-def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], plan: Plan) -> Iterator[Row]:
+def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], settings: CauseSettings) -> Iterator[Row]:
     """Measure every cause on every scene.
 
     Args:
         scenes: Through square apertures.
         remedies: Methods that might help.
-        plan: What is measured.
+        settings: What is measured.
 
     Yields:
-        Rows `cause, scene, method, is_base, alpha, slope, psnr_db, cost_db, alone_db, won_db`, one a plane; slopes are
-        those of the scene's own views.
+        Rows `cause, scene, method, is_base, alpha, slope, psnr_db, cost_db, alone_db, won_db`, one per plane; slopes
+        are those of the scene's own views.
 
     Raises:
         InputError: A round aperture, or pictures too small.
     """
     for scene in scenes:
-        accuracy.check_margin(plan.margin, scene.camera.size)
-        for condition in _conditions(dataclasses.replace(scene, sensor=Sensor()), plan):
-            base = condition.psnr(condition.base)
+        accuracy.check_margin(settings.margin, scene.camera.size)
+        for condition in _conditions(replace(scene, sensor=Sensor()), settings):
+            base_db = condition.psnr(condition.base)
+            cost_db, alone_db = condition.without_db - base_db, condition.alone_db
+            alone_db = torch.full_like(base_db, torch.nan) if alone_db is None else alone_db
             for method in (condition.base, *remedies):
-                found = base if method is condition.base else condition.psnr(method)
-                names = {"cause": condition.cause, "scene": scene.name, "method": method.name}
-                values = _measured(condition, base, found)
-                for place, *each in zip(accuracy.plane_names(plan.planes), *values, strict=True):
-                    yield names | {"is_base": method is condition.base} | place | dict(zip(MEASURES, each, strict=True))
+                is_base = method is condition.base
+                method_db = base_db if is_base else condition.psnr(method)
+                names = {"cause": condition.cause, "scene": scene.name, "method": method.name, "is_base": is_base}
+                measures = [values.tolist() for values in (method_db, cost_db, alone_db, method_db - base_db)]
+                for plane, *values in zip(accuracy.plane_names(settings.planes), *measures, strict=True):
+                    yield names | plane | dict(zip(MEASURES, values, strict=True))
 
 
-def _measured(condition: Condition, base: Tensor, found: Tensor) -> list[list[float]]:
-    unknown = torch.full_like(found, torch.nan)
-    alone = unknown if condition.alone_db is None else condition.alone_db
-    return [values.tolist() for values in (found, condition.without_db - base, alone, found - base)]
-
-
-def _conditions(scene: Scene, plan: Plan) -> Iterator[Condition]:
+def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
     if scene.camera.aperture != "square":
-        raise InputError("causes are told apart through square apertures", got=f"a disc in {scene.name}")
-    slopes = plan.planes.slopes
-    ideal = _seen(scene, slopes, plan.device)
-    exact = ideal.stack(EXACT, slopes)
-    yield from _of_sampling(scene, ideal, exact, plan)
+        raise InputError("error causes are measured through square apertures", got=f"a disc in {scene.name}")
+    slopes, margin = settings.planes.slopes, settings.margin
+    ideal = _simulated_case(scene, slopes, settings.device)
+    truth, exact, linear = ideal.truth, ideal.stack(EXACT, slopes), ideal.stack(LINEAR, slopes)
+    exact_db = settings.psnr(exact, truth)
+
+    # Sampling: by points of the aperture, by pixels, between pixels, at the border.
+    points = _pictures_through_points(scene, slopes, settings.device)
+    points_db = settings.psnr(points, truth)
+    without_points_db = settings.psnr(exact - (points - truth), truth)
+    yield Condition("points", ideal, EXACT, without_points_db, slopes, margin, points_db)
+    yield Condition("pixels", ideal, EXACT, points_db, slopes, margin, settings.psnr(exact, points))
+    yield Condition("interpolation", ideal, LINEAR, exact_db, slopes, margin, settings.psnr(linear, exact))
+    yield Condition("border", ideal, EXACT, exact_db, slopes, margin=0)
+
     for name in EFFECTS:
-        if (effect := getattr(plan.sensor, name)) is not None:
-            yield _of_effect(name, Sensor(**{name: effect}), ideal, exact, plan, scene.seed)
-    if all(isinstance(surface.geometry, Plane) for surface in scene.surfaces):
-        yield from _of_geometry(scene, plan.quality(exact, ideal.truth), plan)
+        if (effect := getattr(settings.sensor, name)) is None:
+            continue
+        sensor = Sensor(**{name: effect})
+        views = chain.recorded(ideal.light.views, sensor, scene.seed)
+        light = LightField(views, ideal.light.name, is_linear=sensor.encoding == encoding.LINEAR)
+        case = EvaluationCase(SENSOR, light, developed(truth, sensor), TRUTH, encoding=sensor.encoding)
+        alone_db = settings.psnr(case.stack(EXACT, slopes), developed(exact, sensor))
+        yield Condition(name, case, EXACT, exact_db, slopes, margin, alone_db)
+
+    if not all(isinstance(surface.geometry, Plane) for surface in scene.surfaces):
+        return
+    for n in settings.grids:
+        factor = max(scene.camera.grid) / n
+        case = _simulated_case(scaled(scene, factor, (n, n)), factor * slopes, settings.device)
+        yield Condition(f"{n}x{n} views", case, EXACT, exact_db, factor * slopes, margin)
+    deep = _simulated_case(scaled(scene, 2.0, scene.camera.grid), slopes, settings.device)
+    yield Condition("range", deep, EXACT, exact_db, slopes, margin)
 
 
-def _of_sampling(scene: Scene, ideal: EvaluationCase, exact: Tensor, plan: Plan) -> Iterator[Condition]:
-    """Points, pixels, interpolation and border."""
-    slopes, truth = plan.planes.slopes, ideal.truth
-    points = _through_points(scene, slopes, plan.device)
-    as_it_is, linear = plan.quality(exact, truth), ideal.stack(LINEAR, slopes)
-
-    without = plan.quality(exact - (points - truth), truth)
-    yield Condition("points", ideal, EXACT, without, slopes, plan.margin, plan.quality(points, truth))
-    without = plan.quality(points, truth)
-    yield Condition("pixels", ideal, EXACT, without, slopes, plan.margin, plan.quality(exact, points))
-    yield Condition("interpolation", ideal, LINEAR, as_it_is, slopes, plan.margin, plan.quality(linear, exact))
-    yield Condition("border", ideal, EXACT, as_it_is, slopes, margin=0)
+def _simulated_case(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
+    simulated = simulate(scene, slopes=slopes, device=device)
+    assert simulated.views is not None
+    assert simulated.truth is not None
+    return EvaluationCase(IDEAL, LightField(simulated.views, scene.name), simulated.truth, TRUTH)
 
 
-def _of_effect(name: str, sensor: Sensor, ideal: EvaluationCase, exact: Tensor, plan: Plan, seed: int) -> Condition:
-    """One effect of the sensor, on views that have no other."""
-    views = chain.recorded(ideal.light.views, sensor, seed)
-    truth = developed(ideal.truth, sensor)
-    light = LightField(views, ideal.light.name, is_linear=sensor.encoding == encoding.LINEAR)
-    subject = EvaluationCase(SENSOR, light, truth, TRUTH, encoding=sensor.encoding)
-    slopes = plan.planes.slopes
-    without = plan.quality(exact, ideal.truth)
-    alone = plan.quality(subject.stack(EXACT, slopes), developed(exact, sensor))
-    return Condition(name, subject, EXACT, without, slopes, plan.margin, alone)
-
-
-def _of_geometry(scene: Scene, as_it_is: Tensor, plan: Plan) -> Iterator[Condition]:
-    """Other numbers of views, and a scene twice as deep."""
-    slopes, n_views = plan.planes.slopes, max(scene.camera.grid)
-    for n in plan.grids:
-        factor = n_views / n
-        seen = _seen(scaled(scene, factor, (n, n)), factor * slopes, plan.device)
-        yield Condition(f"{n}x{n} views", seen, EXACT, as_it_is, factor * slopes, plan.margin)
-    deep = _seen(scaled(scene, 2.0, scene.camera.grid), slopes, plan.device)
-    yield Condition("range", deep, EXACT, as_it_is, slopes, plan.margin)
-
-
-def _seen(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
-    made = simulate(scene, slopes=slopes, device=device)
-    assert made.views is not None
-    assert made.truth is not None
-    return EvaluationCase(IDEAL, LightField(made.views, scene.name), made.truth, TRUTH)
-
-
-def _through_points(scene: Scene, slopes: Tensor, device: torch.device) -> Tensor:
-    """Q: the mean of the lens's pictures through the points where the views are, [N, 3, H, W]."""
+def _pictures_through_points(scene: Scene, slopes: Tensor, device: torch.device) -> Tensor:
+    """Q: the mean of the lens's pictures through the points of the views, [N, 3, H, W]."""
     layers = bitmaps.paint(scene, device, float(slopes.abs().max()))
     n_views = max(scene.camera.grid)
     return torch.stack(
@@ -202,29 +183,28 @@ def _through_points(scene: Scene, slopes: Tensor, device: torch.device) -> Tenso
 
 
 def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
-    """A scene whose disparities are larger, seen by another grid of views.
+    """A scene of planes with all disparities times `factor`, seen by another grid of views (rows, columns).
 
-    Args:
-        scene: All its surfaces planes.
-        factor: Of all disparities.
-        grid: View rows and columns; with `factor` the old number over the new, the aperture is the same.
+    With the old number of views over the new as factor, the aperture is the same.
     """
-    planes = [surface.geometry for surface in scene.surfaces if isinstance(surface.geometry, Plane)]
-    larger = [Plane(factor * each.disparity, (factor * each.gradient[0], factor * each.gradient[1])) for each in planes]
-    pairs = zip(scene.surfaces, larger, strict=True)
-    surfaces = tuple(dataclasses.replace(surface, geometry=geometry) for surface, geometry in pairs)
-    return dataclasses.replace(scene, surfaces=surfaces, camera=dataclasses.replace(scene.camera, grid=grid))
+    surfaces = []
+    for surface in scene.surfaces:
+        assert isinstance(surface.geometry, Plane)
+        gradient_x, gradient_y = surface.geometry.gradient
+        plane = Plane(factor * surface.geometry.disparity, (factor * gradient_x, factor * gradient_y))
+        surfaces.append(replace(surface, geometry=plane))
+    return replace(scene, surfaces=tuple(surfaces), camera=replace(scene.camera, grid=grid))
 
 
-def summary(measured: pd.DataFrame, *keys: str) -> pd.DataFrame:
+def summary(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
     """Means over scenes, and over planes unless they are among the keys.
 
     Args:
-        measured: Of `rows`.
+        rows: Of the function of that name.
         *keys: More columns to keep apart, such as `alpha` and `slope`.
 
     Returns:
         Columns `cause, method, is_base, *keys, psnr_db, cost_db, alone_db, won_db, scenes`.
     """
-    groups = measured.groupby(["cause", "method", "is_base", *keys], sort=False, dropna=False)
+    groups = rows.groupby(["cause", "method", "is_base", *keys], sort=False, dropna=False)
     return groups[MEASURES].mean().assign(scenes=groups["scene"].nunique()).reset_index()

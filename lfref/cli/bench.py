@@ -11,11 +11,10 @@ import torch
 from omegaconf import DictConfig
 
 from lfref.bench import engine_timing, evaluation, operator_costs, simulation_cost, timing
-from lfref.bench import engine_timing as measurements_of_engines
 from lfref.bench import error_causes as measurements
 from lfref.bench.accuracy import Row
-from lfref.bench.engine_timing import Fields, Subject
-from lfref.bench.error_causes import Plan
+from lfref.bench.engine_timing import Fields, NetworkCase
+from lfref.bench.error_causes import CauseSettings
 from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
 from lfref.bench.operator_costs import MethodCase, Scales, Size
 from lfref.bench.stability import components as stability_components
@@ -137,11 +136,13 @@ def causes(config: DictConfig, folder: Path) -> None:
     """
     device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
     grids = tuple(int(n) for n in configs.plain(config.grids))
-    plan = Plan(fixed(config), margin, configs.build(config.sensor), grids, device)
+    plan = CauseSettings(fixed(config), margin, configs.build(config.sensor), grids, device)
     remedies = list(configs.build(config.remedies).values())
     name_apart(remedies)
     scenes = scenes_of_shared(config.judged)
-    measured = pd.DataFrame(measurements.rows(progress(list(scenes.values()), "telling causes apart"), remedies, plan))
+    measured = pd.DataFrame(
+        measurements.rows(progress(list(scenes.values()), "measuring error causes"), remedies, plan)
+    )
     by_plane = measurements.summary(measured, "alpha", "slope")
     written = {"causes": measurements.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
     for name, table in written.items():
@@ -155,7 +156,7 @@ def causes(config: DictConfig, folder: Path) -> None:
 # Group `engines`: which runtime runs a network fastest on this machine, and what accuracy and memory that costs.
 
 PACKAGES = ("onnxruntime", "openvino", "nncf")
-Make = Callable[..., Subject]
+Make = Callable[..., NetworkCase]
 """(fields=..., device=...) -> a network and what it is measured on."""
 
 
@@ -167,7 +168,7 @@ def engines(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     device = device_of(config.device)
-    choices = measurements_of_engines.choices(configs.plain(config.engines), configs.plain(config.precisions))
+    choices = engine_timing.choices(configs.plain(config.engines), configs.plain(config.precisions))
     # Whatever is wrong with the words is told before scenes are drawn.
     kinds = {name: chosen("subjects", name, SUBJECTS) for name in configs.plain(config.subjects)}
     if not kinds:
@@ -181,14 +182,14 @@ def engines(config: DictConfig, folder: Path) -> None:
         for make in of_kind
     ]
     starts, passed = (pd.concat(parts) for parts in zip(*found, strict=True))
-    table = measurements_of_engines.summary(passed, starts)
+    table = engine_timing.summary(passed, starts)
     for name, rows in {"engines": table, "passes": passed}.items():
         tables.write_table(folder / f"{name}.csv", rows)
     drawing.save_figure(picture.engines(table), folder / "engines.png")
     packages = {package: timing.version(package) for package in PACKAGES}
     write_facts(folder, device, fields.whole, fixed(config), max(repeats.values()), passes=repeats, **packages)
-    for row in measurements_of_engines.fastest(table).itertuples():
-        log.info("%s: %s in %s is %.1f times faster", row.subject, row.engine, row.precision, row.ratio_to_eager)
+    for row in engine_timing.fastest(table).itertuples():
+        log.info("%s: %s in %s is %.1f times faster", row.network, row.engine, row.precision, row.ratio_to_eager)
     log.info("%d engines and precisions: %s", len(choices), folder / "engines.csv")
 
 
@@ -208,7 +209,7 @@ def _networks(config: DictConfig) -> Sequence[Make]:
         torch.manual_seed(0)
         network = configs.build(config.net)
         checkpoint.check_number(network, planes)
-        return [functools.partial(engine_timing.of_network, network.name, network, planes=planes, is_trained=False)]
+        return [functools.partial(engine_timing.network_case, network.name, network, planes=planes, is_trained=False)]
     name_apart(trained)
     return [_trained(each, planes) for each in trained]
 
@@ -218,7 +219,7 @@ def _trained(trained: Refocuser, planes: FocalPlanes) -> Make:
         remedy = "give refiner_checkpoint=RUN"
         raise InputError("checkpoint must be of a network that reads views", got=trained.name, remedy=remedy)
     its_own, network = trained.planes or planes, trained.network
-    return functools.partial(engine_timing.of_network, trained.name, network, planes=its_own, is_trained=True)
+    return functools.partial(engine_timing.network_case, trained.name, network, planes=its_own, is_trained=True)
 
 
 def _refiners(config: DictConfig) -> Sequence[Make]:
@@ -227,29 +228,29 @@ def _refiners(config: DictConfig) -> Sequence[Make]:
     if not isinstance(trained, RefinedRefocuser):
         remedy = "give checkpoint=RUN"
         raise InputError("refiner_checkpoint must be of a refiner", got=trained.name, remedy=remedy)
-    return [functools.partial(engine_timing.of_refiner, trained, planes=fixed(config))]
+    return [functools.partial(engine_timing.refiner_case, trained, planes=fixed(config))]
 
 
 SUBJECTS: dict[str, Callable[[DictConfig], Sequence[Make]]] = {"network": _networks, "refiner": _refiners}
 """What engines can be measured on."""
 
 
-def _measured(subject: Subject, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _measured(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
     """How engines start, and how they pass; what they hold is gone afterwards."""
     runs: dict[tuple[str, str], Run] = {}
     starts: list[Row] = []
-    for engine, precision in progress(choices, f"{subject.name}: getting ready"):
-        row: Row = {"subject": subject.name, "engine": engine, "precision": precision}
+    for engine, precision in progress(choices, f"{case.name}: starting engines"):
+        row: Row = {"network": case.name, "engine": engine, "precision": precision}
         try:
-            made = measurements_of_engines.ready(subject, engine, precision)
+            made = engine_timing.start(case, engine, precision)
             runs[engine, precision] = made.run
             row |= {"start_s": made.start_s, "extra_bytes": made.extra_bytes}
         except InputError as error:
             log.info("%s %s is left out: %s", engine, precision, error)
             row |= {"skipped": str(error)}
         starts.append(row)
-    rounds = progress(range(repeats), f"{subject.name}: passes of {len(runs)} engines")
-    return pd.DataFrame(starts), pd.DataFrame(measurements_of_engines.passes(subject, runs, rounds))
+    rounds = progress(range(repeats), f"{case.name}: passes of {len(runs)} engines")
+    return pd.DataFrame(starts), pd.DataFrame(engine_timing.passes(case, runs, rounds))
 
 
 # PART front

@@ -178,14 +178,14 @@ def engines(rows: pd.DataFrame) -> Figure:
     """A line of panels for each network: speed, and what is lost.
 
     Args:
-        rows: `subject`, `engine`, `precision`, `ratio_to_eager`, `loss_db`, `agreement_db`.
+        rows: `network`, `engine`, `precision`, `ratio_to_eager`, `loss_db`, `agreement_db`.
 
     Raises:
         InputError: One of these columns is missing, or nothing was timed.
     """
-    tables.need(rows, "subject", "engine", "precision", "loss_db", "agreement_db")
+    tables.need(rows, "network", "engine", "precision", "loss_db", "agreement_db")
     timed = tables.some(rows, "ratio_to_eager")
-    subjects = list(timed.groupby("subject", sort=False))
+    subjects = list(timed.groupby("network", sort=False))
     figure = new_figure(8, 0.8 + sum(0.8 + 0.22 * len(group) for _, group in subjects))
     heights = [3 + len(group) for _, group in subjects]
     panels = figure.subplots(len(subjects), 2, squeeze=False, width_ratios=(1.5, 1), height_ratios=heights)
@@ -238,13 +238,13 @@ def costs_and_distances(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     """How many times cheaper planning makes each class of scenes, and PSNR against the truth by plane.
 
     Args:
-        costs: `scene`, `asked`, `forced_over_planned`.
+        costs: `scene`, `output`, `forced_over_planned`.
         planes: `method`, `alpha`, `slope`, `mean_db`, `worst_db`; places are slopes where an alpha is missing.
 
     Raises:
         InputError: One of these columns is missing.
     """
-    tables.need(costs, "scene", "asked", "forced_over_planned")
+    tables.need(costs, "scene", "output", "forced_over_planned")
     tables.need(planes, "method", "alpha", "slope", "mean_db", "worst_db")
     figure = new_figure(10, 1.5 + 0.3 * max(8, costs["scene"].nunique()))
     left, right = figure.subplots(1, 2)
@@ -256,9 +256,9 @@ def costs_and_distances(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
 def _draw_costs(axes: Axes, costs: pd.DataFrame) -> None:
     scenes = costs["scene"].unique().tolist()[::-1]
     axes.set_yticks(range(len(scenes)), scenes)
-    for asked, colour in COLOURS_OF_SIMULATION.items():
-        kept = costs[costs["asked"] == asked]
-        axes.plot(kept["forced_over_planned"], kept["scene"].map(scenes.index), "o", color=colour, label=asked)
+    for output, colour in COLOURS_OF_SIMULATION.items():
+        kept = costs[costs["output"] == output]
+        axes.plot(kept["forced_over_planned"], kept["scene"].map(scenes.index), "o", color=colour, label=output)
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -109,7 +109,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "cost_db": ("Costs (dB)", "{:.2f}".format),
     "alone_db": ("PSNR with this error alone (dB)", _decibel),
     "won_db": ("Won back (dB)", "{:.2f}".format),
-    "subject": ("Network", str),
+    "network": ("Network", str),
     "engine": ("Engine", str),
     "start_s": ("Start (s)", _short),
     "min_s": ("Fastest (s)", _short),
@@ -127,13 +127,17 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "figure": ("Figure", str),
     "goal": ("Goal", str),
     "measured": ("Measured", "{:.3g}".format),
-    "usual": ("Usual form", "{:.3g}".format),
+    "textbook": ("Textbook form", "{:.3g}".format),
     "holds": ("Holds", _plain),
     "exponent_pixels": ("Exponent in pixels", "{:.2f}".format),
     "exponent_views": ("Exponent in views", "{:.2f}".format),
     "exponent_planes": ("Exponent in planes", "{:.2f}".format),
 }
 """What people read above a column, and how they read its numbers; `str`: it holds names."""
+
+
+OLD_COLUMNS = {"subject": "network", "asked": "output", "usual": "textbook"}
+"""Names of columns in tables of earlier versions -> names today."""
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
@@ -180,7 +184,8 @@ def read_table(path: str | Path) -> pd.DataFrame:
             got="a name that occurs twice, or a row that ends early",
             remedy="the file was cut off or edited; write it again",
         )
-    table = lines.loc[1:].set_axis(lines.loc[0].tolist(), axis=1).reset_index(drop=True)
+    names = [OLD_COLUMNS.get(name, name) for name in lines.loc[0]]
+    table = lines.loc[1:].set_axis(names, axis=1).reset_index(drop=True)
     return table.apply(_numbers_or_text)
 
 

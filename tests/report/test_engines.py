@@ -9,7 +9,7 @@ from lfref.errors import InputError
 from lfref.report import bench_sections
 from lfref.report.bench_sections import COLOURS
 
-COLUMNS = ["subject", "engine", "precision", "ratio_to_eager", "loss_db", "agreement_db"]
+COLUMNS = ["network", "engine", "precision", "ratio_to_eager", "loss_db", "agreement_db"]
 
 
 def rows():

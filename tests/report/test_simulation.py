@@ -8,7 +8,7 @@ from lfref.report import bench_sections
 
 COSTS = pd.DataFrame(
     [("plane", "views", 20.0), ("plane", "truth", 30.0), ("all", "views", 1.0)],
-    columns=["scene", "asked", "forced_over_planned"],
+    columns=["scene", "output", "forced_over_planned"],
 )
 PLANES = pd.DataFrame(
     {"method": "sum", "alpha": [0.5, 1.0], "slope": [-1.0, 0.0], "mean_db": [30.0, 40.0], "worst_db": [20.0, 35.0]}
@@ -32,4 +32,4 @@ def test_planes_without_alphas_lie_at_their_slopes():
 
 def test_missing_columns_are_named():
     with pytest.raises(InputError, match="forced_over_planned"):
-        bench_sections.costs_and_distances(COSTS[["scene", "asked"]], PLANES)
+        bench_sections.costs_and_distances(COSTS[["scene", "output"]], PLANES)

@@ -46,7 +46,7 @@ def test_networks_without_training_are_measured_and_told_of_in_the_report(lfref,
     assert status == 0, errors
     folder = tmp_path / "run"
     rows = table(folder / "engines.csv")
-    assert [row["subject"] for row in rows] == ["refnet"] * 5 + ["refiner"] * 5
+    assert [row["network"] for row in rows] == ["refnet"] * 5 + ["refiner"] * 5
     engines = ["eager", "channels_last", "channels_last", "cuda_graphs", "cuda_graphs"]
     assert [row["engine"] for row in rows[:5]] == engines
     for row in rows:
@@ -55,7 +55,7 @@ def test_networks_without_training_are_measured_and_told_of_in_the_report(lfref,
         else:
             assert float(row["min_s"]) > 0
             assert float(row["agreement_db"]) > 25
-            assert (row["psnr_db"] == "") == (row["subject"] == "refnet")
+            assert (row["psnr_db"] == "") == (row["network"] == "refnet")
     assert len(table(folder / "passes.csv")) == 3 * 2 + 3 * 1
     assert json.loads((folder / "machine.json").read_text())["passes"] == {"network": 2, "refiner": 1}
     assert imread(folder / "engines.png").std() > 0.05

@@ -18,7 +18,7 @@ def test_one_class_of_scenes_is_measured(lfref, tmp_path):
     assert status == 0, errors
     folder = tmp_path / "run"
     tables = {name: list(csv.DictReader((folder / f"{name}.csv").read_text().splitlines())) for name in ALL}
-    assert [row["asked"] for row in tables["simulate"]] == ["views", "truth"]
+    assert [row["output"] for row in tables["simulate"]] == ["views", "truth"]
     assert all(float(row["psnr_db"]) > 40 for row in tables["truth"])
     assert imread(folder / "simulate.png").std() > 0.05  # a blank figure has one colour
     assert json.loads((folder / "machine.json").read_text())["sim30"] == sim30.VERSION

@@ -1,4 +1,4 @@
-"""Causes told apart: each condition is the base with one thing changed, and its figures are differences of PSNR."""
+"""Error causes: each condition is the base with one thing changed, and its figures are differences of PSNR."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from lfref.bench import error_causes
-from lfref.bench.error_causes import EXACT, LINEAR, Plan
+from lfref.bench.error_causes import EXACT, LINEAR, CauseSettings
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
@@ -26,7 +26,7 @@ from lfref.simulator.textures import Checker, Noise
 
 PLANES = planes_at_alphas((0.5, 2.0))  # slopes -1 and 0.5
 SENSOR = Sensor(crosstalk=Crosstalk(0.1), tone_curve=ToneCurve("srgb"))
-PLAN = Plan(PLANES, 5, SENSOR, (5,), torch.device("cpu"))
+SETTINGS = CauseSettings(PLANES, 5, SENSOR, (5,), torch.device("cpu"))
 WALL = Surface(Plane(-0.5, (0.002, 0.0)), Noise((0.4,) * 3, (0.2,) * 3))
 CARD = Surface(Plane(0.3), Checker(7.0), Disc(7))
 SCENE = Scene(Camera((3, 3), (36, 40)), (WALL, CARD), name="card")
@@ -37,12 +37,12 @@ EFFECTS, GEOMETRY = ["crosstalk", "tone_curve"], ["5x5 views", "range"]
 
 
 @pytest.fixture(scope="module")
-def measured():
-    return pd.DataFrame(error_causes.rows([SCENE, BULGE], [CUBIC], PLAN))
+def table():
+    return pd.DataFrame(error_causes.rows([SCENE, BULGE], [CUBIC], SETTINGS))
 
 
 @pytest.fixture(scope="module")
-def made():
+def simulated():
     return simulate(SCENE, slopes=PLANES.slopes)
 
 
@@ -54,42 +54,42 @@ def near(stack, reference, margin=5):
     return psnr(inner(stack, margin), inner(reference, margin))
 
 
-def of(measured, cause, method, column):
-    chosen = measured.query(f"cause == '{cause}' and method == '{method}' and scene == 'card'")
-    return torch.tensor(chosen[column].to_numpy(), dtype=torch.float32)
+def of(table, cause, method, column):
+    rows = table.query(f"cause == '{cause}' and method == '{method}' and scene == 'card'")
+    return torch.tensor(rows[column].to_numpy(), dtype=torch.float32)
 
 
-def test_geometry_is_changed_where_all_surfaces_are_planes(measured):
-    found = measured.groupby("scene", sort=False)["cause"].unique()
-    assert found["card"].tolist() == [*SAMPLING, *EFFECTS, *GEOMETRY]
-    assert found["bulge"].tolist() == [*SAMPLING, *EFFECTS]
+def test_geometry_is_changed_where_all_surfaces_are_planes(table):
+    causes = table.groupby("scene", sort=False)["cause"].unique()
+    assert causes["card"].tolist() == [*SAMPLING, *EFFECTS, *GEOMETRY]
+    assert causes["bulge"].tolist() == [*SAMPLING, *EFFECTS]
 
 
-def test_there_is_a_row_for_every_plane_of_the_base_and_every_remedy(measured):
-    rows = measured.query("scene == 'card' and cause == 'interpolation'")
+def test_there_is_a_row_for_every_plane_of_the_base_and_every_remedy(table):
+    rows = table.query("scene == 'card' and cause == 'interpolation'")
     assert rows[["method", "is_base", "alpha"]].to_numpy().tolist() == [
         ["shift_and_sum", True, 0.5], ["shift_and_sum", True, 2.0], ["cubic", False, 0.5], ["cubic", False, 2.0],
     ]  # fmt: skip
 
 
-def test_what_is_measured_is_psnr_against_truth(measured, made):
-    exact, linear, cubic = (each(made.views, PLANES.slopes) for each in (EXACT, LINEAR, CUBIC))
-    truth = made.truth
-    torch.testing.assert_close(of(measured, "points", "exact_fourier", "psnr_db"), near(exact, truth))
-    torch.testing.assert_close(of(measured, "interpolation", "shift_and_sum", "psnr_db"), near(linear, truth))
+def test_measures_are_psnr_against_the_truth(table, simulated):
+    exact, linear, cubic = (method(simulated.views, PLANES.slopes) for method in (EXACT, LINEAR, CUBIC))
+    truth = simulated.truth
+    torch.testing.assert_close(of(table, "points", "exact_fourier", "psnr_db"), near(exact, truth))
+    torch.testing.assert_close(of(table, "interpolation", "shift_and_sum", "psnr_db"), near(linear, truth))
     cost = near(exact, truth) - near(linear, truth)
-    torch.testing.assert_close(of(measured, "interpolation", "shift_and_sum", "cost_db"), cost)
-    torch.testing.assert_close(of(measured, "interpolation", "shift_and_sum", "alone_db"), near(linear, exact))
+    torch.testing.assert_close(of(table, "interpolation", "shift_and_sum", "cost_db"), cost)
+    torch.testing.assert_close(of(table, "interpolation", "shift_and_sum", "alone_db"), near(linear, exact))
     won = near(cubic, truth) - near(linear, truth)
-    torch.testing.assert_close(of(measured, "interpolation", "cubic", "won_db"), won)
+    torch.testing.assert_close(of(table, "interpolation", "cubic", "won_db"), won)
     whole = near(exact, truth) - near(exact, truth, margin=0)
-    torch.testing.assert_close(of(measured, "border", "exact_fourier", "cost_db"), whole)
+    torch.testing.assert_close(of(table, "border", "exact_fourier", "cost_db"), whole)
 
 
-def test_points_and_pixels_are_the_two_parts_of_the_error_of_exact_refocusing(measured):
+def test_points_and_pixels_are_the_two_parts_of_the_error_of_exact_refocusing(table):
     # Without the points' error, what remains is that of the pixels alone; without the pixels', that of the points.
     psnr_db, alone, cost = (
-        {cause: of(measured, cause, "exact_fourier", column) for cause in ("points", "pixels")}
+        {cause: of(table, cause, "exact_fourier", column) for cause in ("points", "pixels")}
         for column in ("psnr_db", "alone_db", "cost_db")
     )
     torch.testing.assert_close(psnr_db["points"] + cost["points"], alone["pixels"], atol=1e-3, rtol=0)
@@ -97,13 +97,13 @@ def test_points_and_pixels_are_the_two_parts_of_the_error_of_exact_refocusing(me
     assert float(cost["points"][0]) > 10  # whole slopes read nothing between pixels
 
 
-def test_an_effect_of_the_sensor_is_judged_by_the_truth_developed_like_its_views(measured, made):
+def test_an_effect_of_the_sensor_is_compared_with_the_truth_developed_like_its_views(table, simulated):
     sensor = Sensor(tone_curve=SENSOR.tone_curve)
     views = simulate(dataclasses.replace(SCENE, sensor=sensor), outputs=["views"], slopes=[0.0]).views
-    expected = near(EXACT(views, PLANES.slopes), developed(made.truth, sensor))
-    torch.testing.assert_close(of(measured, "tone_curve", "exact_fourier", "psnr_db"), expected)
-    cost = near(EXACT(made.views, PLANES.slopes), made.truth) - expected
-    torch.testing.assert_close(of(measured, "tone_curve", "exact_fourier", "cost_db"), cost)
+    expected = near(EXACT(views, PLANES.slopes), developed(simulated.truth, sensor))
+    torch.testing.assert_close(of(table, "tone_curve", "exact_fourier", "psnr_db"), expected)
+    cost = near(EXACT(simulated.views, PLANES.slopes), simulated.truth) - expected
+    torch.testing.assert_close(of(table, "tone_curve", "exact_fourier", "cost_db"), cost)
 
 
 def test_more_views_of_the_same_aperture_show_the_same_scene():
@@ -113,21 +113,21 @@ def test_more_views_of_the_same_aperture_show_the_same_scene():
     assert float(psnr(finer.truth[1:][card], coarse.truth[1:][card])) > 40
 
 
-def test_more_views_cost_less_than_nothing(measured):
-    assert bool((of(measured, "5x5 views", "exact_fourier", "cost_db") < 0).all())
+def test_more_views_are_for_the_better(table):
+    assert bool((of(table, "5x5 views", "exact_fourier", "cost_db") < 0).all())
 
 
-def test_means_leave_planes_or_join_them(measured):
-    by_plane, both = error_causes.summary(measured, "alpha", "slope"), error_causes.summary(measured)
+def test_means_leave_planes_or_join_them(table):
+    by_plane, both = error_causes.summary(table, "alpha", "slope"), error_causes.summary(table)
     assert both.columns.tolist() == ["cause", "method", "is_base", "psnr_db", "cost_db", "alone_db", "won_db", "scenes"]
     assert both["scenes"].tolist() == [2] * 12 + [1] * 4
     assert len(by_plane) == 2 * len(both)
-    points = measured.query("cause == 'points' and is_base")
+    points = table.query("cause == 'points' and is_base")
     assert both["cost_db"][0] == pytest.approx(points["cost_db"].mean())
     assert math.isnan(both.query("cause == 'border'")["alone_db"].iloc[0])
 
 
 def test_round_apertures_are_refused():
     disc = dataclasses.replace(SCENE, camera=dataclasses.replace(SCENE.camera, aperture="disc"))
-    with pytest.raises(InputError, match="a disc in card"):
-        list(error_causes.rows([disc], [], PLAN))
+    with pytest.raises(InputError):
+        list(error_causes.rows([disc], [], SETTINGS))

@@ -1,4 +1,4 @@
-"""Costs of scenes and passes, rates, and distances from the truth: every table's numbers mean what they say."""
+"""Costs of the simulator: times, shares, rates, distances from the truth."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ SCENES = {
 
 def test_costs_are_medians_of_planned_and_forced_runs():
     rows = simulation_cost.costs(SCENES, PLANES.slopes, CPU, range(3))
-    assert [(row["scene"], row["asked"]) for row in rows] == [
+    assert [(row["scene"], row["output"]) for row in rows] == [
         ("wall", "views"), ("wall", "truth"), ("card", "views"), ("card", "truth"),
     ]  # fmt: skip
     for row in rows:
@@ -39,38 +39,36 @@ def test_costs_are_medians_of_planned_and_forced_runs():
         assert row["forced_over_planned"] == pytest.approx(row["forced_s"] / row["planned_s"])
 
 
-def test_forced_work_runs_more_passes():
-    planned, forced = (
-        simulation_cost.Work(SCENES["wall"], "views", is_forced).run(PLANES.slopes, CPU) for is_forced in (False, True)
-    )
-    ran = [sum(row.state == "run" for row in made.rows) for made in (planned, forced)]
-    assert ran[0] < ran[1]
-    assert planned.truth is None
+def test_forced_simulations_are_timed_as_forced(monkeypatch):
+    calls = []
+    monkeypatch.setattr(simulation_cost, "simulate", lambda scene, **options: calls.append(options))
+    simulation_cost.costs({"wall": SCENES["wall"]}, PLANES.slopes, CPU, range(1), warmup=0)
+    assert [(call["outputs"], call["force"]) for call in calls] == [
+        (("views",), False), (("views",), True), (("truth",), False), (("truth",), True),
+    ]  # fmt: skip
 
 
 def test_shares_of_passes_add_up():
     rows = simulation_cost.passes(SCENES, PLANES.slopes, CPU)
     for name in SCENES:
-        mine = [row for row in rows if row["scene"] == name]
-        assert {"view", "photograph"} <= {row["pass"] for row in mine}
-        assert sum(row["share"] for row in mine) == pytest.approx(1)
+        of_scene = [row for row in rows if row["scene"] == name]
+        assert {"view", "photograph"} <= {row["pass"] for row in of_scene}
+        assert sum(row["share"] for row in of_scene) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("n_workers", [0, 2])
-def test_rates_count_scenes_by_what_was_asked(n_workers):
+def test_rates_count_scenes_by_output(n_workers):
     rows = simulation_cost.rates(RandomScenes(CAMERA), 3, PLANES.slopes, CPU, n_workers)
-    assert [row["asked"] for row in rows] == ["views", "views and truth"]
+    assert [row["output"] for row in rows] == ["views", "views and truth"]
     assert all(row["n_scenes"] == 3 and row["n_workers"] == n_workers and row["per_second"] > 0 for row in rows)
 
 
-def test_patches_are_simulated_as_asked(monkeypatch):
-    made = []
-    monkeypatch.setattr(
-        simulation_cost, "simulate", lambda scene, seed, outputs, *_: made.append((scene.name, outputs))
-    )
-    patches = simulation_cost.Patches(RandomScenes(CAMERA), 2, "views and truth", PLANES.slopes, CPU)
+def test_patches_are_random_scenes_with_the_outputs_of_the_table(monkeypatch):
+    calls = []
+    monkeypatch.setattr(simulation_cost, "simulate", lambda scene, outputs, **_: calls.append((scene.name, outputs)))
+    patches = simulation_cost.RandomPatches(RandomScenes(CAMERA), 2, "views and truth", PLANES.slopes, CPU)
     assert [patches[index] for index in range(len(patches))] == [0, 1]
-    assert made == [(f"simulated_s0_e0_00{index}", ("views", "truth")) for index in range(2)]
+    assert calls == [(f"simulated_s0_e0_00{index}", ("views", "truth")) for index in range(2)]
 
 
 def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
@@ -80,10 +78,10 @@ def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
     ]
     dim = replace(SCENES["wall"], sensor=Sensor(exposure=Exposure(0.1)))  # the sensor is left out
     rows = simulation_cost.distances([("wall", dim)], methods, PLANES, CPU)
-    found = {(row["method"], row["alpha"]): row["psnr_db"] for row in rows}
-    assert found["sum", 1.0] > 50
-    assert found["sum", 0.5] < found["sum", 1.0]
-    assert found["dark", 1.0] < 25
+    summary = {(row["method"], row["alpha"]): row["psnr_db"] for row in rows}
+    assert summary["sum", 1.0] > 50
+    assert summary["sum", 0.5] < summary["sum", 1.0]
+    assert summary["dark", 1.0] < 25
 
 
 @pytest.mark.parametrize("alphas", [(1.0, 2.0), (None, None)])
@@ -92,10 +90,10 @@ def test_planes_have_the_mean_and_the_worst_scene(alphas):
         {"scene": scene, "method": "sum", "alpha": alphas[plane], "slope": plane / 2, "psnr_db": value}
         for scene, plane, value in (("a", 0, 30.0), ("b", 0, 40.0), ("a", 1, 50.0), ("b", 1, 20.0))
     ]
-    found = simulation_cost.by_plane(rows)
-    assert found.columns.tolist() == ["method", "alpha", "slope", "mean_db", "worst_db", "worst_scene"]
-    assert found["alpha"].isna().all() or tuple(found["alpha"]) == alphas
-    assert found.drop(columns="alpha").to_numpy().tolist() == [
+    summary = simulation_cost.by_plane(rows)
+    assert summary.columns.tolist() == ["method", "alpha", "slope", "mean_db", "worst_db", "worst_scene"]
+    assert summary["alpha"].isna().all() or tuple(summary["alpha"]) == alphas
+    assert summary.drop(columns="alpha").to_numpy().tolist() == [
         ["sum", 0.0, 35.0, 30.0, "a"],
         ["sum", 0.5, 35.0, 20.0, "b"],
     ]
