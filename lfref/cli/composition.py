@@ -21,8 +21,11 @@ from lfref.cli import exit_codes, parts
 from lfref.cli.arguments import SHORTHANDS
 from lfref.errors import InputError, LfrefError
 
-RENAMED = {"guides": "features", "n_guides": "n_features", "n_offers": "n_candidates"}
-"""Keys of earlier versions -> today's, which the error about an unknown key names."""
+RENAMED = {
+    "guides": "features", "n_guides": "n_features", "n_offers": "n_candidates",
+    "fourier_slice_wide": "fourier_slice", "fourier_slice_linear_padded": "fourier_slice",
+}  # fmt: skip
+"""Keys and choices of earlier versions -> today's, which the error about an unknown one names."""
 
 # PART hydra_node
 # What a configuration may tell Hydra itself: enough to launch and sweep, nothing that runs or opens what it names.
@@ -339,7 +342,7 @@ class CheckedLoader(ConfigLoaderImpl):
             group, value = override.key_or_group, override.value()
             known = self.repository.get_group_options(group)
             if known and isinstance(value, str) and value not in known:
-                near = difflib.get_close_matches(value, known, 1)
+                near = difflib.get_close_matches(RENAMED.get(value, value), known, 1)
                 remedy = f"perhaps {group}={near[0]}" if near else ""
                 return InputError(f"{group} must be one of {', '.join(known)}", got=repr(value), remedy=remedy)
         alien = re.search(r"Could not override '([^']+)'.\s+No match in the defaults list", str(error))

@@ -11,7 +11,7 @@ from torch.nn import functional as F
 
 from lfref.errors import InputError
 from lfref.lightfield import LightField
-from lfref.refocus import batches
+from lfref.refocus import apertures, batches
 from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
@@ -60,7 +60,9 @@ class OperatorRefocuser(Refocuser):
         except ValueError:  # functions written in C may have no signature
             self._parameters = set()
         if self.aperture is not None and not self.takes("weights"):
-            raise InputError(f"{self.name} must have a parameter weights to look through an aperture", got="none")
+            if getattr(self.aperture, "func", self.aperture) is not apertures.full:
+                raise InputError(f"{self.name} must have a parameter weights to look through an aperture", got="none")
+            self.aperture = None  # without weights all views count alike anyway
 
     def takes(self, parameter: str) -> bool:
         """Whether the operator has a parameter that is not bound already."""

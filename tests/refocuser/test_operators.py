@@ -144,6 +144,16 @@ def test_focus_takes_every_pixel_from_one_of_the_planes():
     assert bool((picture == stack).any(dim=1).all())
 
 
+def test_an_operator_without_weights_works_at_full_aperture_only():
+    def mean(views, slopes):
+        return views.mean((-5, -4)).unsqueeze(-4).expand(*views.shape[:-5], len(slopes), *views.shape[-3:])
+
+    views = torch.rand(3, 3, 1, 6, 7)
+    assert OperatorRefocuser("mean", mean, apertures.full)(views, SLOPES).shape == (len(SLOPES), 1, 6, 7)
+    with pytest.raises(InputError, match="mean must have a parameter weights"):
+        OperatorRefocuser("mean", mean, apertures.disc)
+
+
 def test_another_aperture_makes_another_refocuser_unless_it_has_one_of_its_own():
     light, plain = field(), OperatorRefocuser("name", exact_fourier)
     round_one = plain.through(apertures.disc)
