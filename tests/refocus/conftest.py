@@ -1,5 +1,6 @@
 """Textured planes with a known disparity, made by an exact periodic shift."""
 
+import math
 from collections.abc import Callable
 
 import pytest
@@ -41,6 +42,34 @@ def shifted_views(image: Tensor, disparity: float, grid: tuple[int, int]) -> Ten
     rows = [dirichlet(height, -disparity * (v - (grid[0] - 1) / 2)) for v in range(grid[0])]
     columns = [dirichlet(width, -disparity * (u - (grid[1] - 1) / 2)) for u in range(grid[1])]
     return torch.stack([torch.stack([row @ image @ column.T for column in columns]) for row in rows])
+
+
+def layered_views(near: float, far: float, size: tuple[int, int] = (72, 80)) -> tuple[Tensor, Tensor]:
+    """A disc of radius 20 in front of a plane, and the distance of each pixel of the central view from its centre."""
+    front, back = (shifted_views(texture(3, *size), disparity, (7, 7)) for disparity in (near, far))
+    y, x = (torch.arange(length, dtype=torch.float64) - length / 2 for length in size)
+    offsets = near * (torch.arange(7, dtype=torch.float64) - 3)
+    rows = (y - offsets[:, None])[:, None, :, None]
+    columns = (x - offsets[:, None])[None, :, None, :]
+    is_near = (rows.square() + columns.square() < 20**2)[:, :, None]
+    return torch.where(is_near, front, back), (y[:, None].square() + x.square()).sqrt()
+
+
+def slanted_views(start: float, rise: float, side: int = 72) -> tuple[Tensor, Tensor]:
+    """A plane whose disparity is start + rise * X, in closed form: pixel x of view u shows X with x = X + d(X) u."""
+    generator = torch.Generator().manual_seed(3)
+    frequencies = 0.6 * torch.rand(80, 2, generator=generator, dtype=torch.float64) - 0.3
+    phases = 2 * math.pi * torch.rand(80, generator=generator, dtype=torch.float64)
+    y = torch.arange(side, dtype=torch.float64)[:, None]
+    x = torch.arange(side, dtype=torch.float64)[None]
+    views = torch.empty(7, 7, 1, side, side, dtype=torch.float64)
+    for v in range(7):
+        for u in range(7):
+            column = (x - start * (u - 3)) / (1 + rise * (u - 3))
+            row = y - (start + rise * column) * (v - 3)
+            angle = 2 * math.pi * (row[..., None] * frequencies[:, 0] + column[..., None] * frequencies[:, 1]) + phases
+            views[v, u, 0] = 0.5 + angle.cos().mean(-1)
+    return views, (start + rise * x).expand(side, side)
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus import apertures
 from lfref.refocus import occlusion_aware as module
 from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
@@ -15,7 +14,6 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.occlusion_aware import edge_shares, occlusion_aware
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
-from tests.refocus.conftest import shifted_views, texture
 
 SLOPES = [-3.0, -1.0, -0.6, 0.0, 0.4]
 """Of the truth: wide blur, and planes at and between the surfaces of the scenes."""
@@ -71,12 +69,6 @@ def test_planes_far_from_all_edges_are_those_of_layers():
     torch.testing.assert_close(occlusion_aware(views, [-3.0]), refocus_by_layers(views, [-3.0]), atol=1e-6, rtol=0)
 
 
-def test_without_edges_no_estimate_is_made(monkeypatch):
-    monkeypatch.setattr(module, "wiener", None)
-    views = shifted_views(texture(1, 40, 44), 0.3, (5, 5))[..., 6:-6, 6:-6].float()
-    occlusion_aware(0.5 + 0 * views, [-1.0, 0.3])
-
-
 @pytest.mark.parametrize("grid", [(3, 3), (4, 3), (1, 5)])
 def test_a_constant_field_stays_constant(grid):
     stack = occlusion_aware(torch.full((*grid, 3, 30, 31), 0.7), [-2.0, 0.0, 0.5])
@@ -100,14 +92,6 @@ def test_types_follow_the_input(dtype):
     torch.testing.assert_close(stack.float(), occlusion_aware(views, [-0.8, 0.2]), atol=0.01, rtol=0)
 
 
-def test_smaller_apertures_blur_less():
-    views, _ = scene("edge")
-    wide, narrow = (
-        occlusion_aware(views, [-3.0], w)[..., 12:-12, 12:-12].var() for w in (None, apertures.disc((7, 7), 3))
-    )
-    assert narrow > wide
-
-
 def test_gradients_reach_all_views():
     views = scene("edge")[0][1:6, 1:6, :1, 10:50, 30:70].double().requires_grad_()
     occlusion_aware(views, [0.3]).square().mean().backward()
@@ -122,14 +106,8 @@ def test_pixels_near_an_edge_in_focus_and_no_others():
     assert not shares[:2, :, :15].any()
     assert not shares[:2, :, 45:].any()
     assert not shares[2].any()
-
-
-def test_shares_fade_and_lie_between_0_and_1():
-    shares = edge_shares(step(), torch.tensor([0.4]))[0]
-    assert float(shares.min()) == 0
-    assert float(shares.max()) == 1
-    assert float(shares.diff(dim=1).abs().max()) <= 0.25
-    torch.testing.assert_close(shares, shares[:1].expand_as(shares))
+    assert (float(shares.min()), float(shares.max())) == (0, 1)
+    assert float(shares.diff(dim=-1).abs().max()) <= 0.25  # they fade
 
 
 def test_a_slant_is_no_edge():
@@ -143,7 +121,7 @@ def test_whole_slopes_are_left_to_layers():
     assert near == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("slope", [-1.45, -1.3, -0.8, -0.3, 0.7, 1.25, 1.6])
+@pytest.mark.parametrize("slope", [-1.45, -0.3, 1.25, 1.6])
 def test_focus_counts_by_its_distance_from_the_surfaces_at_the_edge(slope):
     distance = max(slope - 0.4, -0.6 - slope)
     expected = min(max((module.FOCUS - distance) / (0.3 * module.FOCUS), 0), 1)
@@ -151,18 +129,10 @@ def test_focus_counts_by_its_distance_from_the_surfaces_at_the_edge(slope):
     assert float(shares[0, 20, 30]) == pytest.approx(expected, abs=1e-5)
 
 
-def test_maps_of_simulated_scenes_have_their_edges_covered():
-    views, _ = scene("discs")
-    shares = edge_shares(disparity_map(views).disparity, torch.tensor([0.3, 9.4]))
-    assert 0.1 < float(shares[0].mean()) < 0.9
-    assert not shares[1].any()
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"views": torch.rand(1, 1, 1, 20, 20)}, "more than one view"),
-        ({"slopes": []}, "at least one"),
         ({"slopes": [15.0]}, "less than half"),
         ({"weights": torch.arange(9.0).reshape(3, 3)}, "symmetric about both axes"),
     ],
@@ -180,21 +150,14 @@ def test_views_that_are_not_finite_are_refused(rubbish):
         occlusion_aware(views, [0.0])
 
 
-def test_disparities_that_are_known_take_the_place_of_those_found():
+def test_known_disparities_take_the_place_of_estimated_ones():
     views, _ = scene("discs")
-    found = disparity_map(views).disparity
-    told = occlusion_aware(views, SLOPES, disparities=found)
-    torch.testing.assert_close(told, occlusion_aware(views, SLOPES), atol=2e-2, rtol=0)
+    known = disparity_map(views).disparity
+    stack = occlusion_aware(views, SLOPES, disparities=known)
+    torch.testing.assert_close(stack, occlusion_aware(views, SLOPES), atol=2e-2, rtol=0)
     # Where nothing is an edge, nothing is estimated: layers alone.
-    flat = occlusion_aware(views, SLOPES, disparities=torch.zeros_like(found))
+    flat = occlusion_aware(views, SLOPES, disparities=torch.zeros_like(known))
     torch.testing.assert_close(flat, refocus_by_layers(views, SLOPES), atol=1e-5, rtol=0)
-
-
-def test_a_batch_has_disparities_of_its_own():
-    views = torch.stack([scene(name)[0] for name in ("discs", "edge")])
-    found = torch.stack([disparity_map(each).disparity for each in views])
-    one_by_one = [occlusion_aware(*each[:1], SLOPES, disparities=each[1]) for each in zip(views, found, strict=True)]
-    torch.testing.assert_close(occlusion_aware(views, SLOPES, disparities=found), torch.stack(one_by_one))
 
 
 @pytest.mark.parametrize("wrong", [torch.zeros(3, 4), torch.full((80, 96), torch.nan)])

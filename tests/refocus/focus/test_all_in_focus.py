@@ -18,42 +18,14 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import simulate
 from lfref.simulator.textures import Noise
-from tests.refocus.conftest import shifted_views, texture
+from tests.refocus.conftest import layered_views, slanted_views
 
 SLOPES = torch.linspace(-1, 1, 9, dtype=torch.float64)
 STEP = 0.25
 
 
-def layered_views(near: float, far: float, size: tuple[int, int] = (72, 80)) -> tuple[torch.Tensor, torch.Tensor]:
-    """A disc of radius 20 in front of a plane, and the distance of each pixel of the central view from its centre."""
-    front, back = (shifted_views(texture(3, *size), disparity, (7, 7)) for disparity in (near, far))
-    y, x = (torch.arange(length, dtype=torch.float64) - length / 2 for length in size)
-    offsets = near * (torch.arange(7, dtype=torch.float64) - 3)
-    rows = (y - offsets[:, None])[:, None, :, None]
-    columns = (x - offsets[:, None])[None, :, None, :]
-    is_near = (rows.square() + columns.square() < 20**2)[:, :, None]
-    return torch.where(is_near, front, back), (y[:, None].square() + x.square()).sqrt()
-
-
-def slanted_views(start: float, rise: float, side: int = 72) -> tuple[torch.Tensor, torch.Tensor]:
-    """A plane whose disparity is start + rise * X, in closed form: pixel x of view u shows X with x = X + d(X) u."""
-    generator = torch.Generator().manual_seed(3)
-    frequencies = 0.6 * torch.rand(80, 2, generator=generator, dtype=torch.float64) - 0.3
-    phases = 2 * math.pi * torch.rand(80, generator=generator, dtype=torch.float64)
-    y = torch.arange(side, dtype=torch.float64)[:, None]
-    x = torch.arange(side, dtype=torch.float64)[None]
-    views = torch.empty(7, 7, 1, side, side, dtype=torch.float64)
-    for v in range(7):
-        for u in range(7):
-            column = (x - start * (u - 3)) / (1 + rise * (u - 3))
-            row = y - (start + rise * column) * (v - 3)
-            angle = 2 * math.pi * (row[..., None] * frequencies[:, 0] + column[..., None] * frequencies[:, 1]) + phases
-            views[v, u, 0] = 0.5 + angle.cos().mean(-1)
-    return views, (start + rise * x).expand(side, side)
-
-
 @pytest.mark.parametrize("operator", [exact_fourier, functools.partial(shift_and_sum, interpolation="exact")])
-@pytest.mark.parametrize(("near", "far"), [(0.5, -0.5), (0.87, -0.31), (0.1, -0.65)])
+@pytest.mark.parametrize(("near", "far"), [(0.5, -0.5), (0.87, -0.31)])
 def test_two_layers_come_back_within_half_a_step(operator, near, far):
     views, distance = layered_views(near, far)
     slopes = index_to_slope(all_in_focus(operator(views, SLOPES)).index, SLOPES)
@@ -63,7 +35,7 @@ def test_two_layers_come_back_within_half_a_step(operator, near, far):
     assert (slopes - far).abs()[inner & (distance > 28)].max() < STEP / 2
 
 
-@pytest.mark.parametrize("disparity", [-0.6, 0.0, 0.07, 0.4])
+@pytest.mark.parametrize("disparity", [-0.6, 0.07])
 def test_exact_stacks_place_a_plane_to_a_twentieth_of_a_step(plane, disparity):
     views, _ = plane(disparity)
     slopes = index_to_slope(all_in_focus(exact_fourier(views, SLOPES)).index, SLOPES)
@@ -89,7 +61,7 @@ def test_a_slanted_plane_comes_back_within_half_a_step():
     assert float(error.median()) < STEP / 8
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_simulated_scenes_come_back_where_they_are_textured(seed):
     scene = RandomScenes(Camera(size=(128, 136))).drawn(torch.Generator().manual_seed(seed))
     noise = Noise((0.5, 0.4, 0.3), (0.2, 0.2, 0.2), exponent=1.3)
@@ -180,7 +152,7 @@ def test_few_planes_are_no_error(n_planes):
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2)])
-@pytest.mark.parametrize("radius", [0.0, 0.3, 2.0])
+@pytest.mark.parametrize("radius", [0.0, 2.0])
 def test_images_smaller_than_the_window_are_no_error(size, radius):
     found = all_in_focus(torch.rand(5, 3, *size), radius)
     assert found.image.shape == (3, *size)
@@ -194,8 +166,7 @@ def test_radius_0_compares_pixels_one_by_one():
     assert index[2].tolist() == [0, 0, 0, 0, 2, 2, 0, 0, 0]
 
 
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
-@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize(("dtype", "channels"), [(torch.bfloat16, 3), (torch.float32, 1), (torch.float64, 3)])
 def test_types_and_batch_dimensions_follow_the_input(dtype, channels):
     stack = torch.rand(2, 3, 4, channels, 12, 13).to(dtype)
     found = all_in_focus(stack)
@@ -213,7 +184,7 @@ def test_gradients_are_right():
     assert torch.autograd.gradcheck(lambda x: tuple(all_in_focus(x)), stack)
 
 
-@pytest.mark.parametrize("detail", [0.0, 1e-6, 1e-3, 1.0])
+@pytest.mark.parametrize("detail", [0.0, 1e-6, 1.0])
 def test_gradients_are_finite_on_flat_and_on_equal_planes(detail):
     stack = (0.5 + detail * torch.rand(1, 3, 12, 12)).repeat(5, 1, 1, 1).requires_grad_()
     found = all_in_focus(stack)
@@ -265,8 +236,10 @@ def test_an_index_of_integers_is_refused():
         index_to_slope(torch.zeros(3, dtype=torch.int64), [0.0, 1.0])
 
 
-@pytest.mark.parametrize("operator", [exact_fourier, functools.partial(shift_and_sum, interpolation="cubic")])
-@pytest.mark.parametrize("scene", ["floor", "dome"])
+@pytest.mark.parametrize(
+    ("operator", "scene"),
+    [(exact_fourier, "floor"), (functools.partial(shift_and_sum, interpolation="cubic"), "dome")],
+)
 def test_borders_show_no_bands_of_planes_that_are_out_of_focus(operator, scene):
     made = simulate(sim30.SCENES[scene], outputs=("views", "disparity"))
     slopes = torch.linspace(float(made.disparity.min()) - 0.1, float(made.disparity.max()) + 0.1, 16)

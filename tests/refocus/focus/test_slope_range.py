@@ -1,61 +1,246 @@
-"""The range of slopes: covers nearly all of a scene, is hardly wider, and is nothing where nothing is seen."""
+"""Slope ranges: reduced views, the fit of a library, coarse disparity of planes, ranges of scenes, reversed axes."""
 
 import dataclasses
 
 import pytest
 import torch
+from torch.nn import functional as F
 
+from lfref.data.field_sources import SimulatedSource
+from lfref.io.read import read
+from lfref.refocus.focus import slope_range as module
 from lfref.refocus.focus.slope_range import (
     CoarseDisparity,
+    axis_correlation,
     disparity_of_reduced,
     on_surfaces,
     reduce_views,
+    seems_reversed,
     slope_range,
 )
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import simulate
+from tests.refocus.conftest import shifted_views, texture
+
+
+def coarse(views, weight=None, positions=None):
+    return disparity_of_reduced(reduce_views(views, weight, positions))
+
+
+def plane(disparity, grid=(5, 5)):
+    return shifted_views(texture(1, 96, 120), disparity, grid)
+
+
+def error(coarse_disparity, disparity, border=12):
+    """Median over the interior."""
+    inside = slice(border, -border)
+    return float((coarse_disparity.disparity[inside, inside] - disparity).abs().median())
+
+
+@pytest.mark.parametrize(
+    ("grid", "reference", "count"),
+    [((7, 7), (3, 3), 13), ((14, 14), (7, 7), 13), ((1, 5), (0, 2), 5), ((1, 1), (0, 0), 1)],
+)
+def test_views_lie_on_a_cross_through_the_centre(grid, reference, count):
+    reduced = reduce_views(torch.rand(*grid, 3, 32, 40))
+    assert reduced.indices[0] == reference
+    assert len(set(reduced.indices)) == count
+    assert all(v == reference[0] or u == reference[1] for v, u in reduced.indices)
+    assert reduced.steps.tolist() == [[v - reference[0], u - reference[1]] for v, u in reduced.indices]
+    for axis in (0, 1):
+        expected = [index for index in sorted(reduced.indices) if index[1 - axis] == reference[1 - axis]]
+        assert sorted(reduced.along(axis).indices) == expected
+
+
+def test_where_the_cross_is_missing_diagonals_are_read():
+    weight = torch.eye(5)[:, :, None, None, None].expand(5, 5, 1, 96, 120)
+    assert set(reduce_views(plane(0.5) * weight, weight).indices) == {(k, k) for k in range(5)}
+    assert error(coarse(plane(0.5) * weight, weight), 0.5) < 0.03
+
+
+def test_pictures_are_roots_of_mean_light():
+    views = torch.rand(3, 3, 3, 200, 300, dtype=torch.float64)
+    reduced = reduce_views(views, pixels=600)
+    assert reduced.factor == 10
+    block = views[1, 1, :, 30:40, 50:60].mean()
+    assert float(reduced.pictures[0, 3, 5]) == pytest.approx(float(block.sqrt()), rel=1e-5)
+
+
+def test_smooth_gains_are_taken_out_and_parallax_is_left():
+    views = shifted_views(texture(1, 96, 120), 0.5, (5, 5)) + 0.2
+    gain = 1 - 0.3 * torch.linspace(-1, 1, 120).square() * torch.arange(-2, 3)[:, None, None, None].square() / 4
+    plain, evened = reduce_views(views), reduce_views(views * gain)
+    torch.testing.assert_close(evened.pictures, plain.pictures, rtol=0.02, atol=0.01)
+    # Without shading, nothing is touched.
+    grey = views.mean(2).float().clamp(min=0).sqrt()
+    for picture, (v, u) in zip(plain.pictures, plain.indices, strict=True):
+        torch.testing.assert_close(picture, grey[v, u], rtol=1e-5, atol=1e-6)
+
+
+def test_black_corners_are_not_trusted_and_what_is_dark_inside_is():
+    views = torch.full((5, 5, 1, 60, 80), 0.5)
+    y, x = torch.meshgrid(torch.arange(60.0) - 29.5, torch.arange(80.0) - 39.5, indexing="ij")
+    views[..., (y.square() + x.square()).sqrt() > 42] = 0
+    views[..., 25:35, 35:45] = 0
+    weights = reduce_views(views).weights
+    assert weights[:, 0, 0].sum() == weights[:, -1, -1].sum() == 0
+    assert bool((weights[:, 20:40, 30:50] == 1).all())
+
+
+STEPS = torch.tensor([[0.0, 0.0], [0.0, -1.0], [0.0, 1.0], [-1.0, 0.0], [2.0, 1.0]], dtype=torch.float64)
+
+
+def fit_at(pictures, slope, pad=4):
+    light, weights = (F.pad(maps, (pad,) * 4) for maps in (pictures, torch.ones_like(pictures)))
+    (fit,) = module.fit_slopes(light, weights, STEPS, torch.tensor([slope], dtype=torch.float64), 10.0, pad)
+    return fit
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, 0.6])
+def test_the_fit_is_that_of_a_library(slope, monkeypatch):
+    monkeypatch.setattr(module, "SKIRT", 0.0)
+    ramp = torch.arange(24.0)
+    smooth = torch.sin(ramp[:, None] / 3) + torch.cos(ramp / 2.5) + 0.02 * torch.randn(5, 24, 24)
+    fit = fit_at(smooth, slope)
+    shifts = (slope * STEPS).round().long()
+    moved = torch.stack([torch.roll(p, tuple((-t).tolist()), (0, 1)) for p, t in zip(smooth, shifts, strict=True)])
+    mean = moved.mean(0)
+    # Derivatives of the mean by the same five points, written down for the middle pixel's window.
+    rows, columns = (
+        (8 * (mean.roll(-1, a) - mean.roll(1, a)) - mean.roll(-2, a) + mean.roll(2, a)) / 12 for a in (0, 1)
+    )
+    window = slice(10, 15), slice(10, 15)
+    remainders = (slope * STEPS - shifts).float()
+    p, e = (offsets - offsets.mean(0) for offsets in (STEPS.float(), remainders))
+    along = torch.stack([p[k, 0] * rows[window] + p[k, 1] * columns[window] for k in range(5)]).flatten()
+    lacking = torch.stack([e[k, 0] * rows[window] + e[k, 1] * columns[window] for k in range(5)]).flatten()
+    change = (moved - mean)[:, *window].flatten() + lacking
+    solved = torch.linalg.lstsq(-along[:, None], change).solution[0]
+    assert float(fit.disparity[12, 12]) == pytest.approx(slope + float(solved), abs=1e-4)
+    left = (change + along * solved).square().sum() / 25 / 4
+    assert float(fit.unexplained[12, 12]) == pytest.approx(float(left), rel=1e-3)
+
+
+def test_beyond_the_border_there_is_nothing_to_fit():
+    fit = fit_at(torch.rand(5, 24, 24), 2.0)
+    assert float(fit.freedom[12, 12]) == pytest.approx(4 * (1 + module.SKIRT))
+    assert fit.freedom[12, -1] < fit.freedom[12, 12]
+
+
+@pytest.mark.parametrize("disparity", [-3.4, -0.3, 0.0, 0.55])
+def test_a_plane_comes_back_with_confidence(disparity):
+    found = coarse(plane(disparity))
+    assert error(found, disparity) < 0.03
+    assert float((found.confidence > 0.5).float().mean()) > 0.9
+
+
+@pytest.mark.parametrize("grid", [(1, 7), (7, 1), (2, 2), (14, 14)])
+def test_grids_of_all_kinds_will_do(grid):
+    assert error(coarse(plane(0.7, grid)), 0.7) < 0.03
+
+
+def test_two_planes_meet_at_an_edge():
+    disparity = coarse(torch.where(torch.arange(120) < 60, plane(0.5), plane(-1.0))).disparity
+    assert (disparity[12:-12, 12:50] - 0.5).abs().median() < 0.02
+    assert (disparity[12:-12, 70:-12] + 1.0).abs().median() < 0.02
+
+
+def test_large_views_are_reduced_and_disparities_stay_in_their_pixels():
+    torch.manual_seed(3)
+    views = plane(1.0, (3, 3)).repeat_interleave(4, -1).repeat_interleave(4, -2)
+    found = coarse(views)
+    assert found.factor > 1
+    assert error(found, 4.0) < 0.15
+
+
+def test_noise_widens_the_error_and_lowers_the_confidence():
+    views = plane(0.6)
+    noisy = views + 0.15 * torch.randn_like(views)
+    assert error(coarse(noisy), 0.6) < 0.1
+    assert coarse(noisy).confidence.mean() < coarse(views).confidence.mean()
+
+
+def test_vignetting_is_not_taken_for_motion():
+    y, x = torch.meshgrid(torch.linspace(-1, 1, 96), torch.linspace(-1, 1, 120), indexing="ij")
+    steps = torch.arange(5) - 2.0
+    fall = (x + 0.3 * steps[:, None, None]).square() + (y + 0.3 * steps[:, None, None, None]).square()
+    assert error(coarse(plane(0.4) * (1 - 0.2 * fall)[:, :, None]), 0.4) < 0.03
+
+
+def test_a_hole_and_black_views_are_not_read():
+    views, weight = plane(0.5), torch.ones(5, 5, 1, 96, 120)
+    views[2, 3], weight[2, 3] = torch.nan, 0
+    views[0, 2] = 0
+    assert error(coarse(views, weight), 0.5) < 0.02
+    views[2, 2], weight[2, 2] = torch.nan, 0
+    assert error(coarse(views, weight), 0.5) < 0.02
+
+
+def test_cameras_may_be_spaced_unevenly_and_counted_in_other_units():
+    columns = torch.tensor([-2.0, -1.25, 0.0, 0.5, 2.0], dtype=torch.float64)
+    image = texture(1, 96, 120)
+    views = torch.stack([shifted_views(image, 0.8 * float(u), (1, 3))[:, 2] for u in columns], 1)
+    positions = torch.stack([torch.zeros(1, 5, dtype=torch.float64), columns[None]], -1)
+    for unit in (1, 20, 0.1):
+        assert error(coarse(views, positions=unit * positions), 0.8 / unit) < 0.04 / unit
+
+
+@pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.zeros(3, 3, 1, 40, 50)])
+def test_flat_views_have_disparity_0_and_no_confidence(views):
+    found = coarse(views)
+    assert found.disparity.abs().max() == 0
+    assert found.confidence.max() < 0.01
+
+
+@pytest.mark.parametrize("rubbish", [torch.nan, torch.inf])
+def test_samples_that_are_not_finite_are_passed_over(rubbish):
+    views = plane(0.5)
+    views[2, :, 0, 40:44, 50:54] = rubbish
+    found = coarse(views)
+    assert bool(found.disparity.isfinite().all() and found.confidence.isfinite().all())
+    assert error(found, 0.5) < 0.02
+    assert coarse(torch.full_like(views, rubbish)).confidence.max() == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3, 40, 50), (5, 5, 3, 1, 64), (5, 5, 3, 64, 1), (5, 5, 1, 2, 2)])
+def test_one_view_and_single_pixels_end_in_a_map(shape):
+    assert bool(coarse(torch.rand(shape)).disparity.isfinite().all())
+
 
 NOT_ON_SURFACES = ("gloss", "apple", "window", "mirror", "lamps", "veil")
-"""Highlights, reflections, what glass and veils let through: seen at other disparities than those of the surfaces."""
-TOLERANCE = 0.02  # pixels per view step: of a plane facing the camera the range is a single number
+"""Highlights, reflections, what glass and veils let through: at other disparities than those of the surfaces."""
 
 
-def range_of(views: torch.Tensor) -> tuple[float, float]:
-    found = slope_range(disparity_of_reduced(reduce_views(views)))
-    assert found is not None
-    return found
-
-
-def held_against(truth: torch.Tensor, views: torch.Tensor) -> tuple[float, float]:
+def held_against(truth, views):
     """Share of the true disparities that the range covers, and how many times it is as wide as their 98 %."""
-    low, high = range_of(views)
+    low, high = slope_range(coarse(views))
     ends = truth.flatten().quantile(torch.tensor([0.01, 0.99]))
-    covered = ((truth >= low - TOLERANCE) & (truth <= high + TOLERANCE)).float().mean()
+    covered = ((truth >= low - 0.02) & (truth <= high + 0.02)).float().mean()  # a plane's range is a single number
     return float(covered), (high - low) / max(float(ends[1] - ends[0]), 0.1)
 
 
 @pytest.mark.parametrize("name", ["shards", "discs", "crossing", "dome", "deep", "everything"])
 def test_the_range_covers_a_scene_and_is_hardly_wider(name):
-    made = simulate(sim30.SCENES[name], outputs=["views", "disparity"])
-    covered, width = held_against(made.disparity, made.views)
+    simulated = simulate(sim30.SCENES[name], outputs=["views", "disparity"])
+    covered, width = held_against(simulated.disparity, simulated.views)
     assert covered > 0.98
     assert width < 1.3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("version", sim30.VERSIONS)
 @pytest.mark.parametrize("name", [name for name in sim30.SCENES if name not in NOT_ON_SURFACES])
-def test_of_all_scenes_of_surfaces_with_and_without_their_sensors(name, version):
-    scene = sim30.VERSIONS[version][name]
-    for each in (scene, dataclasses.replace(scene, sensor=Sensor())):
-        made = simulate(each, outputs=["views", "disparity"])
-        covered, width = held_against(made.disparity, made.views)
+def test_of_all_scenes_of_surfaces_with_and_without_their_sensors(name):
+    for scene in (sim30.SCENES[name], dataclasses.replace(sim30.SCENES[name], sensor=Sensor())):
+        simulated = simulate(scene, outputs=["views", "disparity"])
+        covered, width = held_against(simulated.disparity, simulated.views)
         assert covered > 0.98
         assert width < 1.3
 
 
-def test_strays_and_what_is_unsure_are_left_out():
+def test_strays_and_unsure_pixels_are_left_out():
     disparity = torch.linspace(-1, 1, 100).expand(100, 100).clone()
     disparity[50, 50] = 30.0
     confidence = torch.ones(100, 100)
@@ -74,12 +259,47 @@ def test_a_surface_is_where_neighbours_agree():
 
 
 @pytest.mark.parametrize(
-    "views",
-    [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50), torch.full((3, 3, 1, 40, 50), torch.nan)],
+    "views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50), torch.rand(7, 7, 3, 128, 192)]
 )
-def test_where_nothing_is_seen_there_is_no_range(views):
-    assert slope_range(disparity_of_reduced(reduce_views(views))) is None
+def test_flat_views_single_views_and_noise_have_no_range(views):
+    assert slope_range(coarse(views)) is None
 
 
-def test_noise_alone_has_no_range():
-    assert slope_range(disparity_of_reduced(reduce_views(torch.rand(7, 7, 3, 128, 192)))) is None
+@pytest.mark.parametrize("name", ["plane", "deep", "everything"])
+def test_one_reversed_axis_is_reported(name):
+    views = simulate(sim30.SCENES[name], outputs=["views"]).views
+    reversed_ones = [seems_reversed(reduce_views(order)) for order in (views, views.flip(0), views.flip(1))]
+    assert reversed_ones == [False, True, True]
+    assert axis_correlation(reduce_views(views.flip((0, 1)))) > 0.7
+
+
+def test_random_scenes_in_our_order_do_not_seem_reversed():
+    source = SimulatedSource(8, 0, RandomScenes(Camera((5, 5), (64, 72))))
+    scenes = [source.field(index).views for index in range(len(source))]
+    assert not any(seems_reversed(reduce_views(views)) for views in scenes)
+    assert sum(seems_reversed(reduce_views(views.flip(0))) for views in scenes) >= 6  # some hardly move
+
+
+def test_disparities_of_many_pixels_do_not_hide_it():
+    views = shifted_views(texture(1, 96, 120), -3.0, (5, 5))
+    assert seems_reversed(reduce_views(views.flip(1)))
+    assert not seems_reversed(reduce_views(views))
+
+
+@pytest.mark.parametrize(
+    "views",
+    [torch.rand(5, 5, 3, 64, 64), torch.rand(1, 7, 3, 64, 64), torch.zeros(3, 3, 1, 64, 64), torch.rand(3, 3, 1, 1, 9)],
+)
+def test_views_without_a_common_picture_have_no_correlation(views):
+    assert axis_correlation(reduce_views(views)) == 0
+
+
+def test_a_plane_at_slope_0_fits_either_way():
+    views = texture(1, 96, 120).expand(5, 5, 1, 96, 120)
+    assert not seems_reversed(reduce_views(views.flip(0)))
+
+
+def test_the_real_capture_is_stored_as_we_count(lytro):
+    views = read(lytro, encoding="linear").views
+    assert axis_correlation(reduce_views(views)) > 0.8
+    assert axis_correlation(reduce_views(views.flip(0))) < -0.8

@@ -1,16 +1,17 @@
-"""The estimate: exact where the prior says all, a lens's blur out of focus, and no worse at seams and borders."""
+"""The Wiener estimate: exact where the prior is, the blur of a lens out of focus, no seams."""
 
 import math
 
+import numpy as np
 import pytest
 import torch
+from torch.nn import functional as F
 
 from lfref.errors import InputError
-from lfref.refocus import apertures
 from lfref.refocus import wiener as module
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.wiener import wiener
-from lfref.refocus.wiener_filters import Prior, prior_between
+from lfref.refocus.wiener import LANES, add_rows, wiener
+from lfref.refocus.wiener_filters import Prior, opposites, prior_between
 
 SLOPES = [-2.0, -0.4, 0.3]
 KNOWN = prior_between(-1.0, 0.5)
@@ -47,8 +48,7 @@ def inner(images, margin):
     return images[..., margin:-margin, margin:-margin]
 
 
-@pytest.mark.parametrize("grid", [(5, 5), (2, 4), (1, 5)])
-@pytest.mark.parametrize("disparity", [-0.6, 0.0, 0.37])
+@pytest.mark.parametrize(("disparity", "grid"), [(-0.6, (5, 5)), (0.0, (2, 4)), (0.37, (1, 5))])
 def test_a_plane_in_focus_is_its_texture(grid, disparity):
     views = plane_views(disparity, grid, (64, 66))
     made = wiener(views, [disparity], only(disparity))[0]
@@ -56,8 +56,7 @@ def test_a_plane_in_focus_is_its_texture(grid, disparity):
     assert math.sqrt((made - expected)[..., 16:-16, 16:-16].square().mean()) < 2e-3
 
 
-@pytest.mark.parametrize("grid", [(5, 5), (4, 3)])
-@pytest.mark.parametrize(("disparity", "slope"), [(0.2, -3.0), (-0.5, 1.0), (0.0, 0.4)])
+@pytest.mark.parametrize(("grid", "disparity", "slope"), [((5, 5), 0.2, -3.0), ((4, 3), -0.5, 1.0), ((5, 5), 0.0, 0.4)])
 def test_what_is_out_of_focus_is_blurred_by_the_whole_aperture(grid, disparity, slope):
     views = plane_views(disparity, grid, (80, 82))
     made = wiener(views, [slope], only(disparity))[0]
@@ -76,8 +75,10 @@ def test_planes_at_the_border_are_no_farther_off_than_the_views_reach():
     assert float(error.max()) < 0.3
 
 
-@pytest.mark.parametrize("grid", [(5, 5), (2, 4), (1, 5), (3, 1), (1, 1)])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    ("grid", "dtype"),
+    [((5, 5), torch.float32), ((2, 4), torch.float64), ((3, 1), torch.float32), ((1, 1), torch.float64)],
+)
 def test_a_constant_field_stays_constant(grid, dtype):
     slopes = [-2.0, 0.3] if max(grid) > 1 else [0.0]
     stack = wiener(torch.full((*grid, 3, 30, 41), 0.7, dtype=dtype), slopes, KNOWN)
@@ -133,20 +134,13 @@ def test_rows_and_columns_are_alike():
     torch.testing.assert_close(turned, wiener(views, SLOPES, KNOWN), atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize("side", [50, 64, 100])
+@pytest.mark.parametrize("side", [50, 100])
 def test_squares_of_any_side_agree(side, monkeypatch):
     views = torch.rand(3, 4, 1, 90, 101, dtype=torch.float64)
     monkeypatch.setattr(module, "_side", lambda margin, size: 180)  # holds the whole picture
     whole = wiener(views, SLOPES, KNOWN)
     monkeypatch.setattr(module, "_side", lambda margin, size: side)
     torch.testing.assert_close(wiener(views, SLOPES, KNOWN), whole, atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize(("margin", "size"), [(14, (20, 20)), (14, (375, 540)), (33, (128, 192)), (60, (200, 90))])
-def test_squares_hold_their_margins(margin, size):
-    side = module._side(margin, size)
-    assert side % 2 == 0
-    assert side > 2 * margin + 8
 
 
 def test_a_photograph_through_one_view_is_that_view():
@@ -157,12 +151,6 @@ def test_a_photograph_through_one_view_is_that_view():
     assert math.sqrt((made - views[1, 1])[..., 16:-16, 16:-16].square().mean()) < 2e-3
 
 
-def test_a_disc_blurs_less_than_the_square_around_it():
-    views = plane_views(0.0, (5, 5), (64, 64))
-    square, disc = (inner(wiener(views, [2.0], only(0.0), w)[0], 20).var() for w in (None, apertures.disc((5, 5))))
-    assert disc > square
-
-
 def test_batches_are_refocused_one_by_one():
     views = torch.rand(2, 3, 3, 4, 2, 30, 31, dtype=torch.float64)
     stacks = wiener(views, SLOPES, KNOWN)
@@ -171,16 +159,7 @@ def test_batches_are_refocused_one_by_one():
         torch.testing.assert_close(stacks[i, j], wiener(views[i, j], SLOPES, KNOWN), atol=1e-12, rtol=0)
 
 
-def test_planes_come_in_the_order_of_the_slopes():
-    views = torch.rand(3, 3, 1, 30, 31)
-    stack = wiener(views, SLOPES, KNOWN)
-    torch.testing.assert_close(wiener(views, SLOPES[::-1], KNOWN), stack.flip(0), atol=1e-5, rtol=0)
-    # A plane alone has a smaller margin, if it shifts less: what is cut off must not matter.
-    for slope, plane in zip(SLOPES, stack, strict=True):
-        torch.testing.assert_close(wiener(views, [slope], KNOWN)[0], plane, atol=5e-3, rtol=0)
-
-
-@pytest.mark.parametrize("dtype", [torch.uint8, torch.uint16, torch.float16])
+@pytest.mark.parametrize("dtype", [torch.uint16, torch.float16])
 def test_types_follow_the_input(dtype):
     full = 1 if dtype.is_floating_point else torch.iinfo(dtype).max
     views = (torch.rand(3, 3, 1, 24, 25) * full).to(dtype)
@@ -203,15 +182,68 @@ def test_apertures_that_are_not_alike_on_both_sides_are_refused(weights):
         wiener(torch.rand(3, 3, 1, 20, 20), [0.0], KNOWN, weights)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"views": torch.rand(3, 1, 20, 20)}, "no axis empty"),
-        ({"slopes": [math.nan]}, "slopes must be finite"),
-        ({"slopes": [10.0]}, "less than half"),
-        ({"weights": torch.ones(2, 3)}, "weights must be"),
-    ],
-)
-def test_bad_arguments_are_refused(change, message):
-    with pytest.raises(InputError, match=message):
-        wiener(**({"views": torch.rand(3, 3, 1, 20, 20), "slopes": [0.0], "prior": KNOWN} | change))
+MARGIN = 3
+
+
+def kernels(n_planes, n_views):
+    """Random filters [N, V U, 2 MARGIN + 1, ...]; those of opposite views mirror each other."""
+    values = torch.randn(n_planes, n_views, 2 * MARGIN + 1, 2 * MARGIN + 1, dtype=torch.float64)
+    return values + values.flip(1, 2, 3)
+
+
+def factors(filters, grid, side):
+    """What `_filtered` takes, of filters in pixels."""
+    both = opposites(grid)
+    padding = side - filters.shape[-1]
+    spectra = torch.fft.rfft2(F.pad(filters, (0, padding, 0, padding)).roll((-MARGIN, -MARGIN), (-2, -1)))
+    return torch.cat([spectra[:, : len(both.first)].real, spectra[:, : both.n_pairs].imag], 1)
+
+
+def convolved(views, filters):
+    """Sums of the views' convolutions, beyond whose borders the outermost pixels go on."""
+    n_fields, n_views, n_channels = views.shape[:3]
+    padded = F.pad(views.flatten(0, 1), (MARGIN,) * 4, mode="replicate").unflatten(0, (n_fields, n_views))
+    channels = padded.transpose(1, 2).flatten(0, 1)
+    made = F.conv2d(channels, filters.flip(-2, -1))
+    return made.unflatten(0, (n_fields, n_channels)).transpose(1, 2)
+
+
+@pytest.mark.parametrize("side", [8, 12, 40])
+@pytest.mark.parametrize(("grid", "size"), [((3, 3), (11, 17)), ((1, 4), (1, 23)), ((1, 1), (5, 4))])
+def test_squares_of_any_side_make_the_convolution(side, grid, size):
+    views = torch.randn(2, grid[0] * grid[1], 3, *size, dtype=torch.float64)
+    filters = kernels(2, grid[0] * grid[1])
+    made = module._filtered(views, opposites(grid), factors(filters, grid, side), MARGIN)
+    assert made.shape == (2, 2, 3, *size)
+    torch.testing.assert_close(made, convolved(views, filters), atol=1e-11, rtol=0)
+
+
+def test_gradients_pass_the_seams():
+    views = torch.randn(1, 4, 1, 5, 6, dtype=torch.float64, requires_grad=True)
+    spectra = factors(kernels(1, 4), (2, 2), 8)
+    assert torch.autograd.gradcheck(lambda x: module._filtered(x, opposites((2, 2)), spectra, MARGIN), views)
+
+
+@pytest.mark.parametrize("add", [module._by_loop, module._by_torch])
+def test_factors_of_differences_are_times_i(add):
+    spectra, weights = torch.randn(5, 3, 8, 5) * (1 + 1j), torch.randn(2, 5, 8, 5)
+    turns = torch.tensor([1, 1, 1, 1j, 1j])
+    expected = torch.einsum("p,npyx,pjyx->njyx", turns, weights + 0j, spectra)
+    torch.testing.assert_close(add(spectra, weights, 3), expected)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(("n_given", "n_sums", "width"), [(9, 5, 21), (4, 2, LANES), (1, 1, 3)])
+def test_only_the_rows_of_the_band_are_written(compiled, n_given, n_sums, width):
+    generator = np.random.default_rng(0)
+    n_planes, n_pictures, height = 2, 3, 4
+    spectra = generator.standard_normal((n_given, n_pictures, height, width, 2))
+    n_lanes = -(-width // LANES)
+    factors = generator.standard_normal((n_planes, height, n_lanes, n_given, LANES))
+    made = np.full((n_planes, n_pictures, height, width, 2), np.nan)
+    (add_rows if compiled else add_rows.py_func)(spectra, factors, n_sums, 1, 3, made)
+    turned = spectra.view(np.complex128)[..., 0] * np.where(np.arange(n_given) < n_sums, 1, 1j)[:, None, None, None]
+    of_frequencies = factors.transpose(0, 3, 1, 2, 4).reshape(n_planes, n_given, height, -1)[..., :width]
+    expected = np.einsum("npyx,pjyx->njyx", of_frequencies, turned)
+    np.testing.assert_allclose(made[:, :, 1:3].view(np.complex128)[..., 0], expected[:, :, 1:3], atol=1e-12)
+    assert np.isnan(made[:, :, [0, 3]]).all()

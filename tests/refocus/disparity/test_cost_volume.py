@@ -1,0 +1,103 @@
+"""The cost volume: a slow reference, votes that do not depend on contrast, measured noise, the views that are read."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.functional import neighbours, splines
+from lfref.refocus.disparity import cost_volume
+from lfref.refocus.disparity.cost_volume import grey_views
+from tests.refocus.conftest import shifted_views, texture
+
+
+def of(views):
+    return grey_views(views, torch.ones(views.shape[:2]))
+
+
+def read(view, p, q):
+    """A view by cubic convolution, its outermost samples going on; None beyond its borders."""
+    height, width = view.shape
+    if not (-1e-6 <= p <= height - 1 + 1e-6 and -1e-6 <= q <= width - 1 + 1e-6):
+        return None
+    rows, columns = math.floor(p), math.floor(q)
+    return sum(
+        a * b * view[min(max(rows + i - 1, 0), height - 1), min(max(columns + j - 1, 0), width - 1)]
+        for i, a in enumerate(splines.weights(p - rows))
+        for j, b in enumerate(splines.weights(q - columns))
+    )
+
+
+def slow_share(light, slope, spread, y, x):
+    views = zip(light.samples, light.positions, strict=True)
+    values = [read(view, y + slope * v, x + slope * u) for view, (v, u) in views]
+    first = np.mean([values[k] for k in light.middle if values[k] is not None])
+    present = np.array([value for value in values if value is not None])
+    weights = spread / (spread + (present - first) ** 2)
+    squares = (present - (weights * present).sum() / weights.sum()) ** 2
+    return (squares / (squares + spread)).mean()
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (2, 4), (1, 5)])
+def test_shares_are_those_of_a_slow_loop(grid):
+    light = of(torch.rand(*grid, 1, 9, 11))
+    spread = (0.01 + 0.1 * torch.rand(9, 11)).numpy()
+    slopes = torch.tensor([-1.3, 0.0, 0.37, 1.0], dtype=torch.float64)
+    shares = cost_volume.disagreements(light, slopes, spread)
+    expected = [
+        [[slow_share(light, s, spread[y, x], y, x) for x in range(11)] for y in range(9)] for s in slopes.tolist()
+    ]
+    np.testing.assert_allclose(shares, np.array(expected), atol=2e-5)
+    rows = np.array([1, 5, 8])
+    torch.testing.assert_close(cost_volume.disagreements(light, slopes, spread, rows), shares[:, rows])
+
+
+@pytest.mark.parametrize("contrast", [0.2, 30.0])
+def test_views_that_show_something_else_are_counted_not_weighed(contrast):
+    views = torch.full((5, 5, 1, 8, 8), 0.5)
+    views[:, 3:] += contrast  # ten of 25
+    shares = cost_volume.disagreements(of(views), torch.zeros(1), np.full((8, 8), 1e-6, np.float32))
+    assert float((shares - 10 / 25).abs().max()) < 1e-3
+
+
+@pytest.mark.parametrize("deviation", [0.003, 0.02])
+def test_noise_is_measured_but_for_what_interpolation_averages_out(deviation):
+    views = shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.5), 0.3, (5, 5)).float()
+    noisy = views + deviation * torch.randn(views.shape, generator=torch.Generator().manual_seed(2))
+    noise = cost_volume.noise(of(noisy), torch.linspace(-0.5, 0.5, 21))
+    assert 0.6 * deviation < noise < 1.1 * deviation
+
+
+def test_the_spread_is_twice_the_noise_that_of_8_bits_and_the_error_of_slopes():
+    ramp = 0.02 * torch.arange(20.0) + 0.01 * torch.arange(18.0)[:, None]
+    torch.testing.assert_close(cost_volume.steepness(ramp), torch.full((18, 20), 5e-4), atol=1e-7, rtol=0)
+    spread = cost_volume.spread(of(ramp.expand(3, 3, 1, 18, 20)), 0.003)
+    torch.testing.assert_close(spread, torch.full((18, 20), 2 * 0.003**2 + 1e-3**2 + 0.05**2 * 5e-4), rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize(("grid", "n_middle"), [((3, 5), 1), ((2, 3), 2), ((4, 4), 4)])
+def test_the_middle_is_one_view_or_those_around_it(grid, n_middle):
+    light = of(torch.rand(*grid, 3, 6, 7))
+    assert len(light.middle) == n_middle
+    assert abs(light.positions[light.middle].mean(0)).max() == 0
+
+
+def test_colours_are_averaged_and_integers_scaled():
+    views = torch.randint(0, 255, (3, 3, 3, 5, 6), dtype=torch.uint8)
+    light = of(views)
+    torch.testing.assert_close(torch.from_numpy(light.samples), (views.float() / 255).mean(2).flatten(0, 1))
+    torch.testing.assert_close(light.central, (views[1, 1].float() / 255).mean(0))
+
+
+def test_views_of_weight_0_are_not_read_and_others_must_be_finite():
+    views, aperture = torch.rand(3, 3, 1, 5, 6), torch.ones(3, 3)
+    views[1, 1], aperture[1, 1] = math.nan, 0
+    light = grey_views(views, aperture)
+    # The four beside the missing one.
+    assert sorted(map(tuple, light.positions[light.middle].tolist())) == [(-1, 0), (0, -1), (0, 1), (1, 0)]
+    with pytest.raises(InputError, match="finite"):
+        of(views)
+    with pytest.raises(InputError, match="more than one view"):
+        grey_views(views[:2, :2], torch.tensor([[1.0, 0], [0, 0]]))

@@ -1,0 +1,147 @@
+"""Matching: path costs of all paths tried one by one, planes to thousandths, the smooth map of a dense solver."""
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.functional import neighbours, splines
+from lfref.refocus.disparity import cost_volume, matching
+from lfref.refocus.disparity.cost_volume import grey_views
+from tests.refocus.conftest import shifted_views, texture
+
+
+@pytest.mark.parametrize("direction", [step for part in matching.DIRECTIONS for step in part])
+def test_a_path_costs_what_the_cheapest_of_all_paths_costs(direction):
+    (down, right), change = direction, 0.3
+    random = np.random.default_rng(5)
+    costs, jumps = random.random((4, 4, 4)).astype(np.float32), (1 + random.random((4, 4))).astype(np.float32)
+    total = np.zeros_like(costs)
+    matching.add_paths(costs, jumps, change, down, right, total)
+    # The line that ends at one of the pixels which a whole diagonal, row or column leads to.
+    line = [(3 * (down < 0) + down * i, 3 * (right < 0) + right * i) for i in range(4)]
+    cheapest = np.full(4, np.inf)
+    for labels in itertools.product(range(4), repeat=4):
+        here = sum(float(costs[y, x, label]) for (y, x), label in zip(line, labels, strict=True))
+        for i, (a, b) in enumerate(itertools.pairwise(labels)):
+            here += 0.0 if a == b else change if abs(a - b) == 1 else float(jumps[line[i + 1]])
+        cheapest[labels[-1]] = min(cheapest[labels[-1]], here)
+    costs_here = total[line[-1]]
+    np.testing.assert_allclose(costs_here - costs_here.min(), cheapest - cheapest.min(), atol=1e-5)
+
+
+def test_pixels_without_texture_take_the_label_around_them():
+    costs = torch.full((5, 20, 24), 0.5)
+    costs[2] = 0.1
+    costs[:, 8:12, 9:15] = 0.3  # no label is better here
+    assert bool((matching.aggregate(costs, torch.full((20, 24), 0.4)).argmin(0) == 2).all())
+
+
+def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
+    costs = torch.full((7, 24, 24), 0.6)
+    costs[1, :, :12], costs[5, :, 12:] = 0.1, 0.1
+    costs[4, 6, 5] = 0.0
+    picture = torch.cat([torch.full((24, 12), 0.2), torch.full((24, 12), 0.8)], 1)
+    best = matching.aggregate(costs, picture).argmin(0)
+    assert bool((best[:, :12] == 1).all())
+    assert bool((best[:, 12:] == 5).all())
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1)])
+def test_pictures_of_a_row_or_a_pixel_are_no_error(size):
+    assert matching.aggregate(torch.rand(3, *size), torch.rand(size)).shape == (3, *size)
+
+
+@pytest.mark.parametrize(("first", "last"), [(-1.0, 1.0), (0.0, 0.25), (-0.3, -0.3)])
+def test_slopes_reach_from_end_to_end_in_even_steps(first, last):
+    slopes = matching.slopes_between(first, last)
+    assert (float(slopes[0]), float(slopes[-1])) == pytest.approx((first, last))
+    assert bool((slopes.diff() <= matching.STEP + 1e-9).all())
+
+
+def plane(disparity, grid=(5, 5)):
+    return shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.0), disparity, grid).float()[..., 8:-8, 8:-8]
+
+
+def refined(views, disparity):
+    light = grey_views(views, torch.ones(views.shape[:2]))
+    return matching.refine(light, disparity, 1e-3, -1.5, 1.5)
+
+
+@pytest.mark.parametrize("disparity", [-0.35, 0.2])
+def test_planes_are_matched_between_slopes_with_confidence(disparity):
+    light = grey_views(plane(disparity), torch.ones(5, 5))
+    labels, confidence = matching.best_slopes(light, matching.slopes_between(-1, 1), 0.0, 1.0)
+    assert float((labels - disparity)[4:-4, 4:-4].abs().quantile(0.95)) < 0.05
+    assert float(confidence[4:-4, 4:-4].median()) > 0.4
+    assert float(confidence.max()) < 1
+
+
+@pytest.mark.parametrize(("disparity", "off"), [(-0.83, 0.05), (0.04, -0.06), (1.0, -0.06)])
+def test_a_plane_comes_back_to_thousandths_borders_included(disparity, off):
+    error = (refined(plane(disparity), torch.full((48, 56), disparity + off)) - disparity).abs()
+    assert float(error.median()) < 2e-3
+    assert float(error.quantile(0.98)) < 0.03
+
+
+def test_views_that_a_surface_hides_do_not_pull():
+    views = plane(0.3, (7, 7))
+    views[:, 5:] = 0.9
+    error = (refined(views, torch.full((48, 56), 0.34)) - 0.3).abs()
+    assert float(error.median()) < 2e-3
+
+
+def test_flat_views_keep_their_disparity():
+    known = torch.full((20, 22), 0.4)
+    torch.testing.assert_close(refined(torch.full((3, 3, 1, 20, 22), 0.5), known), known, atol=1e-5, rtol=0)
+
+
+def test_nothing_leaves_the_range():
+    light = grey_views(plane(0.5), torch.ones(5, 5))
+    assert float(matching.refine(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.06])
+def test_noise_of_each_view_is_not_taken_for_information(noise):
+    still = plane(0.3, (7, 7))
+    views = still + noise * torch.randn(still.shape, generator=torch.Generator().manual_seed(1))
+    light = grey_views(views, torch.ones(7, 7))
+    spread = cost_volume.spread(light, noise).numpy()
+    tried = torch.full((48, 56), 0.34)
+    information, steps = matching.gauss_newton(light, splines.coefficients(light.samples), tried.numpy(), spread)
+    inner = (slice(8, -8), slice(8, -8))
+    step = float((information * steps)[inner].sum() / information[inner].sum())
+    # Views that differ by chance weigh less, which halves steps; gradients of each view alone left .27 of them.
+    assert -0.04 < step < -0.35 * 0.04
+
+
+def dense(target, trust, across, down):
+    """The smooth map by a dense system of equations."""
+    height, width = target.shape
+    matrix, number = torch.diag(trust.flatten()), torch.arange(height * width).reshape(height, width)
+    pairs = [(number[:, :-1], number[:, 1:], across[:, :-1]), (number[:-1], number[1:], down[:-1])]
+    for first, second, tie in pairs:
+        for a, b, t in zip(first.flatten(), second.flatten(), tie.flatten(), strict=True):
+            matrix[a, a] += t
+            matrix[b, b] += t
+            matrix[a, b] -= t
+            matrix[b, a] -= t
+    return torch.linalg.solve(matrix, (trust * target).flatten()).reshape(height, width)
+
+
+@pytest.mark.parametrize("size", [(6, 7), (1, 9), (8, 1)])
+def test_enough_rounds_solve_the_equations(size, monkeypatch):
+    monkeypatch.setattr(matching, "ROUNDS", 2000)
+    maps = torch.rand(4, *size, dtype=torch.float64)
+    torch.testing.assert_close(matching.relax(*maps), dense(*maps), atol=1e-6, rtol=0)
+
+
+def test_edges_fill_what_is_between_and_nothing_passes_without_ties():
+    target, trust, ties = torch.rand(20, 20), torch.zeros(20, 20), torch.full((20, 20), 1.0)
+    target[:, 0] = target[:, -1] = target[0] = target[-1] = 0.7
+    trust[:, 0] = trust[:, -1] = trust[0] = trust[-1] = 1e6
+    before = (target - 0.7).abs().mean()
+    assert float((matching.relax(target, trust, ties, ties) - 0.7).abs().mean()) < 0.3 * before
+    none = torch.zeros(20, 20)
+    torch.testing.assert_close(matching.relax(target, none, none, none), target.double())

@@ -1,0 +1,143 @@
+"""Mixing: responses as sums over the views, products and solutions written out, frames of pictures."""
+
+import math
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.functional import fourier
+from lfref.refocus import apertures, batches
+from lfref.refocus.fourier import layer_mixing
+from lfref.refocus.fourier.layer_mixing import Matrices
+
+PIXELS = (11, 14)
+DISTANCES = torch.tensor([[0.0, 0.4, -1.7]], dtype=torch.float64)
+
+
+def written_out(matrices):
+    return (matrices.rows.mT @ matrices.columns)[0]
+
+
+def slow(distance, aperture):
+    """The sum over the views at every frequency of `rfft2`."""
+    ky, kx = torch.fft.fftfreq(PIXELS[0]).double()[:, None], torch.fft.rfftfreq(PIXELS[1]).double()
+    total = torch.zeros(PIXELS[0], PIXELS[1] // 2 + 1, dtype=torch.complex128)
+    for v, row in enumerate(aperture):
+        for u, weight in enumerate(row):
+            down, across = v - (len(aperture) - 1) / 2, u - (len(row) - 1) / 2
+            total += weight * torch.exp(2j * math.pi * distance * (down * ky + across * kx))
+    return total
+
+
+@pytest.mark.parametrize(
+    ("weights", "is_complex"),
+    [
+        (apertures.full((3, 4)), False),
+        (apertures.disc((5, 5)), False),
+        (torch.tensor([[1.0, 2, 0], [0, 3, 0], [0, 2, 1]]), False),
+        (torch.tensor([[1.0, 2, 3], [0, 0, 5], [1, 1, 0]]), True),
+        (torch.tensor([[0.0, 0, 1]]), True),
+    ],
+)
+def test_a_response_is_the_sum_over_the_views_and_real_if_opposite_ones_weigh_the_same(weights, is_complex):
+    aperture = batches.checked_weights(weights, tuple(weights.shape))
+    response = layer_mixing.aperture_response(DISTANCES, aperture, PIXELS)
+    assert response.rows.is_complex() == is_complex
+    for at_distance, distance in zip(written_out(response), DISTANCES[0], strict=True):
+        expected = slow(float(distance), aperture)
+        torch.testing.assert_close(at_distance.to(torch.complex128), expected, atol=1e-6, rtol=0)
+
+
+def test_points_and_their_cells_are_the_whole_square():
+    points = layer_mixing.aperture_response(DISTANCES, batches.checked_weights(None, (3, 4)), PIXELS)
+    assert points.rows.shape[-2] == points.columns.shape[-2] == 1  # one product of a row and a column
+    square = written_out(points.times(layer_mixing.cell_response(DISTANCES, 1, PIXELS)))
+    ky, kx = torch.fft.fftfreq(PIXELS[0]).double()[:, None], torch.fft.rfftfreq(PIXELS[1]).double()
+    expected = torch.stack([torch.sinc(3 * e * ky) * torch.sinc(4 * e * kx) for e in DISTANCES[0]])
+    torch.testing.assert_close(square, expected, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("fill", [-0.1, math.nan, math.inf])
+def test_cells_without_a_width_are_refused(fill):
+    with pytest.raises(InputError):
+        layer_mixing.checked_fill(fill)
+
+
+SIZE = (7, 21)  # of the spectra: no multiple of the lanes of a compiled loop
+
+
+def definite(n, dtype):
+    """Matrices n x n whose sum with a diagonal of 4 n is Hermitian and positive definite."""
+    rows, columns = torch.rand(n, n, 2, SIZE[0], dtype=dtype), torch.rand(n, n, 2, SIZE[1], dtype=dtype)
+    return Matrices(rows + rows.transpose(0, 1).conj(), (columns + columns.transpose(0, 1).conj()))
+
+
+def spectra(n, dtype=torch.complex128):
+    return torch.randn(2, n, 3, *SIZE, dtype=dtype)
+
+
+def at_every_frequency(matrices):
+    return torch.einsum("mnty,mntx->mnyx", matrices.rows, matrices.columns)
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.complex128])
+def test_products_and_solutions_are_those_of_the_matrices_written_out(dtype):
+    matrices = Matrices(torch.randn(4, 3, 2, SIZE[0], dtype=dtype), torch.randn(4, 3, 2, SIZE[1], dtype=dtype))
+    numbers = spectra(3)
+    expected = torch.einsum("mnyx,bncyx->bmcyx", at_every_frequency(matrices).to(numbers), numbers)
+    torch.testing.assert_close(layer_mixing.multiply(numbers, matrices), expected, atol=1e-12, rtol=0)
+    matrices, diagonal, numbers = definite(5, dtype), torch.linspace(30, 40, 5, dtype=torch.float64), spectra(5)
+    solution = layer_mixing.solve(numbers, matrices, diagonal)
+    again = layer_mixing.multiply(solution, matrices) + diagonal[:, None, None, None] * solution
+    torch.testing.assert_close(again, numbers, atol=1e-12, rtol=0)
+
+
+def test_compiled_loops_and_pytorch_agree():
+    matrices, numbers, diagonal = definite(5, torch.float64), spectra(5), torch.full((5,), 30.0, dtype=torch.float64)
+    differentiable = numbers.clone().requires_grad_()
+    for step in (layer_mixing.multiply, lambda *arguments: layer_mixing.solve(*arguments, diagonal)):
+        torch.testing.assert_close(step(differentiable, matrices).detach(), step(numbers, matrices), atol=1e-13, rtol=0)
+
+
+def test_any_memory_layout_and_float32():
+    matrices, numbers = definite(3, torch.float64), spectra(3, torch.complex64)
+    turned = numbers.movedim(1, -1).contiguous().movedim(-1, 1)
+    product = layer_mixing.multiply(turned, matrices)
+    assert product.dtype == torch.complex64
+    expected = layer_mixing.multiply(numbers.to(torch.complex128), matrices)
+    torch.testing.assert_close(product.to(expected), expected, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(layer_mixing.multiply(numbers.conj(), matrices).conj(), product)
+
+
+def test_products_and_differences_of_matrices_go_element_by_element():
+    first, second = definite(3, torch.float64), definite(3, torch.float64)
+    a, b = at_every_frequency(first), at_every_frequency(second)
+    torch.testing.assert_close(at_every_frequency(first.times(second)), a * b)
+    torch.testing.assert_close(at_every_frequency(first.minus(second)), a - b)
+
+
+@pytest.mark.parametrize("reach", [0.0, 3.2, 40.0])
+def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outermost_pixels(reach):
+    frame, pictures = layer_mixing.make_frame("edge", (5, 8), reach), torch.rand(2, 3, 5, 8)
+    period = frame.extend(pictures)
+    assert period.shape == (2, 3, *frame.period)
+    assert all(fourier.is_fast(length) for length in frame.period)
+    for first, length, whole in zip(frame.first, frame.size, frame.period, strict=True):
+        assert first > reach
+        assert whole - first - length > reach
+    assert torch.equal(period[..., 0, 0], pictures[..., 0, 0])
+    assert torch.equal(period[..., -1, frame.first[1] + 2], pictures[..., -1, 2])
+
+
+@pytest.mark.parametrize("border", ["edge", "wrap"])
+def test_pictures_come_back_from_the_spectra_of_their_periods(border):
+    frame, pictures = layer_mixing.make_frame(border, (5, 8), 2.0), torch.rand(3, 5, 8, dtype=torch.float64)
+    period = frame.extend(pictures)
+    assert (period.shape == pictures.shape) == (border == "wrap")
+    torch.testing.assert_close(frame.pictures(torch.fft.rfft2(period)), pictures, atol=1e-14, rtol=0)
+
+
+def test_other_borders_are_refused():
+    with pytest.raises(InputError, match="border must be one of edge, wrap"):
+        layer_mixing.make_frame("mirror", (5, 8), 2.0)
