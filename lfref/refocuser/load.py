@@ -1,4 +1,7 @@
-"""Whatever was trained, shipped or exported, read from a file as a refocuser."""
+"""`lfref.load`: runs, checkpoints and exported files as refocusers.
+
+An exported file is computed by a runtime such as ONNX Runtime, and called like the network that it was made of.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,118 +26,6 @@ from lfref.refocuser.features import renamed
 from lfref.refocuser.networks import NetworkRefocuser, learned
 from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser
-
-# PART exported
-# Exported files as refocusers: whatever runtime computes them, they are called like the networks they were made of.
-
-
-class ExportedNetwork(Network):
-    """Views -> stack by a runtime, on the CPU.
-
-    Args:
-        run: Takes views [B, V, U, C, H, W], float32.
-        manifest: What its file says of it.
-    """
-
-    name = "exported"
-
-    def __init__(self, run: Run, manifest: Manifest) -> None:
-        super().__init__()
-        _, n_rows, n_columns, channels, *_ = manifest.inputs[VIEWS]
-        self.run = run
-        self.config = {"channels": channels}
-        self.n_planes = int(manifest.output[1])
-        self.grid = (int(n_rows), int(n_columns))
-
-    @property
-    def like(self) -> Tensor:
-        """As in `Network`."""
-        return torch.empty(0)
-
-    def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """As in `Network`.
-
-        Raises:
-            InputError: Views of another grid or of other channels.
-        """
-        check_views(views)
-        *leading, n_rows, n_columns, n_channels, _, _ = views.shape
-        grid, wanted = self.grid, self.config["channels"]
-        assert grid is not None
-        if (n_rows, n_columns) != grid or wanted not in (n_channels, "C"):
-            raise InputError(
-                f"this file reads views [..., {grid[0]}, {grid[1]}, {wanted}, H, W]",
-                got=f"shape {list(views.shape)}",
-                remedy=f"cut the light field to that grid (reader.views={grid[0]})",
-            )
-        made = _called(self.run, views.reshape(-1, *views.shape[-5:]).float().contiguous())
-        return made.reshape(*leading, *made.shape[1:])
-
-
-class ExportedRefiner(Correction):
-    """Features, pictures and error scale -> better pictures by a runtime, on the CPU.
-
-    Args:
-        run: Takes them, float32.
-        config: Of the refiner that it was made of.
-    """
-
-    def __init__(self, run: Run, config: Mapping[str, Any]) -> None:
-        super().__init__()
-        self.run = run
-        self.config = dict(config)
-        self.n_candidates = int(config["n_candidates"])
-
-    @property
-    def like(self) -> Tensor:
-        """As in `Network`."""
-        return torch.empty(0)
-
-    def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-        """As in `Refiner`."""
-        return _called(self.run, *(each.float().contiguous() for each in (features, pictures, error_scale))).to(
-            pictures
-        )
-
-
-def load_exported(path: Path) -> Refocuser:
-    """An exported file as a refocuser.
-
-    Args:
-        path: What `lfref export` wrote.
-
-    Raises:
-        CheckpointError: Another file, or it says of itself what cannot be.
-        InputError: A package is missing that runs it.
-    """
-    run, manifest = file_formats.opened(path)
-    try:
-        return (_network if manifest.reads_views else _refined)(run, manifest)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
-
-
-def _network(run: Run, manifest: Manifest) -> NetworkRefocuser:
-    network, planes = ExportedNetwork(run, manifest), planes_from(manifest.planes or {})
-    return NetworkRefocuser(network, planes, manifest.name, manifest.is_linear)
-
-
-def _refined(run: Run, manifest: Manifest) -> RefinedRefocuser:
-    base, names = refined.described(manifest.config)
-    return RefinedRefocuser(ExportedRefiner(run, renamed(manifest.config[refined.KIND])), base, names, manifest.name)
-
-
-def _called(run: Run, *inputs: Tensor) -> Tensor:
-    """What a runtime makes of them; over views that it cannot take it raises whatever it likes."""
-    try:
-        # What a file computes in was settled when it was written.
-        with torch.autocast("cpu", enabled=False):
-            return run(*inputs)
-    except Exception as error:
-        shapes = ", ".join("x".join(map(str, each.shape)) for each in inputs)
-        raise InputError(
-            f"this file must be able to refocus {shapes}", got=first_line(error), remedy="give larger views"
-        ) from error
 
 
 def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> Refocuser:
@@ -170,3 +61,90 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
         return refined.restored(path, contents, run_name(path), device)
     network, planes = checkpoint.restored(path, contents)
     return NetworkRefocuser(network.to(device), planes, run_name(path), contents["lfref"].get("is_linear"))
+
+
+def load_exported(path: Path) -> Refocuser:
+    """A file that `lfref export` wrote as a refocuser.
+
+    Raises:
+        CheckpointError: Another file, or one whose manifest is wrong.
+        InputError: A package is missing that runs it.
+    """
+    run, manifest = file_formats.opened(path)
+    try:
+        if manifest.reads_views:
+            network, planes = ExportedNetwork(run, manifest), planes_from(manifest.planes or {})
+            return NetworkRefocuser(network, planes, manifest.name, manifest.is_linear)
+        base, names = refined.described(manifest.config)
+        refiner = ExportedRefiner(run, renamed(manifest.config[refined.KIND]))
+        return RefinedRefocuser(refiner, base, names, manifest.name)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
+
+
+class ExportedNetwork(Network):
+    """Views [..., V, U, C, H, W] -> stack by a runtime, on the CPU."""
+
+    name = "exported"
+
+    def __init__(self, run: Run, manifest: Manifest) -> None:
+        super().__init__()
+        _, n_rows, n_columns, n_channels, *_ = manifest.inputs[VIEWS]
+        self.run = run
+        self.config = {"channels": n_channels}
+        self.n_planes = int(manifest.output[1])
+        self.grid: tuple[int, int] = (int(n_rows), int(n_columns))
+
+    @property
+    def like(self) -> Tensor:
+        """As in `Network`."""
+        return torch.empty(0)
+
+    def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
+        """As in `Network`.
+
+        Raises:
+            InputError: Views of another grid or of other channels.
+        """
+        check_views(views)
+        *batch, n_rows, n_columns, n_channels, _, _ = views.shape
+        if (n_rows, n_columns) != self.grid or self.config["channels"] not in (n_channels, "C"):
+            raise InputError(
+                f"this file reads views [..., {self.grid[0]}, {self.grid[1]}, {self.config['channels']}, H, W]",
+                got=f"shape {list(views.shape)}",
+                remedy=f"cut the light field to that grid (reader.views={self.grid[0]})",
+            )
+        stack = _computed(self.run, views.reshape(-1, *views.shape[-5:]))
+        return stack.reshape(*batch, *stack.shape[1:])
+
+
+class ExportedRefiner(Correction):
+    """Features, pictures and error scale -> better pictures by a runtime, on the CPU."""
+
+    def __init__(self, run: Run, config: Mapping[str, Any]) -> None:
+        super().__init__()
+        self.run = run
+        self.config = dict(config)
+        self.n_candidates = int(config["n_candidates"])
+
+    @property
+    def like(self) -> Tensor:
+        """As in `Network`."""
+        return torch.empty(0)
+
+    def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
+        """As in `Refiner`."""
+        return _computed(self.run, features, pictures, error_scale).to(pictures)
+
+
+def _computed(run: Run, *inputs: Tensor) -> Tensor:
+    """What a runtime computes of inputs as float32; errors of any kind become one line."""
+    try:
+        # The precision of a file was settled when it was written.
+        with torch.autocast("cpu", enabled=False):
+            return run(*(tensor.float().contiguous() for tensor in inputs))
+    except Exception as error:
+        shapes = ", ".join("x".join(map(str, tensor.shape)) for tensor in inputs)
+        raise InputError(
+            f"this file must be able to refocus {shapes}", got=first_line(error), remedy="give larger views"
+        ) from error

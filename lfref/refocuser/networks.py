@@ -1,4 +1,4 @@
-"""Trained networks as refocusers: the planes and the grid they were trained for, read from a checkpoint."""
+"""Trained networks as refocusers, for the planes and the grid that they were trained for; the model that ships."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Aperture, Refocuser, check_for_network
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "learned.safetensors"
-"""How it was trained stands in the file itself."""
+"""Its metadata say how it was trained."""
 
 
 class NetworkRefocuser(Refocuser):
@@ -47,9 +47,7 @@ class NetworkRefocuser(Refocuser):
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """The network's stack, of whole numbers scaled to [0, 1].
-
-        A network has no place for weights: what is not trusted is replaced by what the other views show there.
+        """The network's stack; integer views are scaled to [0, 1].
 
         Raises:
             InputError: Views that are not finite, lie on another device, or do not fit the network; cameras that do
@@ -58,6 +56,7 @@ class NetworkRefocuser(Refocuser):
         radiance = batches.radiance(views)
         check_for_network(self.name, radiance, positions, self.network.like.device)
         if weight is not None:
+            # The network has no input for weights: untrusted samples are replaced by what the other views show.
             radiance = filling.filled(radiance, weight.to(radiance))
         return self.network(radiance.to(self.network.like.dtype), slopes).to(batches.stack_dtype(views))
 
@@ -69,7 +68,7 @@ def learned(
 
     Args:
         name: As tables and legends call it.
-        aperture: Weights of the views, whatever their grid; None weighs all alike.
+        aperture: Weights of the views of any grid; None weighs all alike.
         device: Where the network goes.
 
     Raises:
@@ -79,5 +78,4 @@ def learned(
         >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    made = refined.restored(SHIPPED, checkpoint.read(SHIPPED), name, device)
-    return made.through(aperture)
+    return refined.restored(SHIPPED, checkpoint.read(SHIPPED), name, device).through(aperture)

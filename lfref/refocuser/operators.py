@@ -86,7 +86,7 @@ class OperatorRefocuser(Refocuser):
             options["weights"] = self.aperture(tuple(views.shape[-5:-3]))
         if weight is None:
             return self.operator(views, slopes, **options)
-        of_views = filling.of_whole_views(weight) if self.takes("weights") else None
+        of_views = filling.view_weights(weight) if self.takes("weights") else None
         if of_views is not None and bool(of_views.any()):
             return self._through_views(views, slopes, of_views, options)
         radiance = batches.radiance(views)
@@ -143,8 +143,8 @@ class OperatorRefocuser(Refocuser):
         """The stack through an aperture of these weights [V, U], which may lack views."""
         if bool((weights == weights[0, 0]).all()):
             return self.operator(views, slopes, **options)
-        if self.function in FORETELLING and not bool((weights > 0).all()):
-            whole = filling.foretold(batches.radiance(views), weights)
+        if self.function in PREDICTING and not bool((weights > 0).all()):
+            whole = filling.predicted(batches.radiance(views), weights)
             return self.operator(whole, slopes, **options).to(batches.stack_dtype(views))
         if "weights" in options:
             weights = options["weights"] * weights.to(options["weights"])
@@ -166,7 +166,7 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
     return all_in_focus(shift_and_sum(views, slopes)).image.unsqueeze(-4)
 
 
-FORETELLING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
+PREDICTING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
 """Operators that estimate what the whole aperture would have recorded: missing views are predicted."""
-COMPARING: frozenset[Operator] = FORETELLING | {shift_and_sum_through_cells, super_resolve, focus}
+COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus}
 """Operators that compare the views before they sum them: views times their weight would mislead them."""

@@ -1,7 +1,7 @@
-"""What every way to refocus has in common: (light field or views, slopes) -> stack.
+"""The interface that all refocusing methods share: (light field or views, slopes) -> stack.
 
-A refocuser has a name, says which planes and which grid of views it is made for, respects the weight of samples, and
-takes views in floating point, uint8 or uint16.
+A refocuser has a name, says which planes and which view grid it is made for, respects the weight of samples, and takes
+views in floating point, uint8 or uint16.
 Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
 """
 
@@ -20,8 +20,6 @@ from lfref.refocus import batches
 
 Aperture = Callable[[Sequence[int]], Tensor]
 """(grid (V, U)) -> weight of each view, [V, U]."""
-KINDS_OF_LIGHT = {True: "linear light", False: "samples as files hold them"}
-"""By whether they are linear."""
 
 
 class Refocuser(abc.ABC):
@@ -34,7 +32,7 @@ class Refocuser(abc.ABC):
     grid: tuple[int, int] | None = None
     """The only view rows and columns (V, U) that it reads; None: any."""
     is_linear: bool | None = None
-    """Whether it was made for linear light, or for samples as files hold them; None: whatever comes."""
+    """Whether it was trained on linear light, or on samples as files hold them; None: it takes both."""
 
     @property
     def takes_positions(self) -> bool:
@@ -59,14 +57,15 @@ class Refocuser(abc.ABC):
             return self.stack(light, None, self.slopes(slopes))
         batches.check(light.views)
         if self.is_linear not in (None, light.is_linear):
-            wanted, got = (KINDS_OF_LIGHT[is_linear] for is_linear in (not light.is_linear, light.is_linear))
+            kinds = ["linear light", "samples as files hold them"]
+            trained, got = kinds if self.is_linear else reversed(kinds)
             remedy = "read it with encoding=none" if light.is_linear else "read it without encoding=none"
-            raise InputError(f"{self.name} was trained on {wanted}", got=got, remedy=remedy)
+            raise InputError(f"{self.name} was trained on {trained}", got=got, remedy=remedy)
         return self.stack(light.views, light.weight, self.slopes(slopes), light.positions)
 
     @abc.abstractmethod
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """Refocus views whose axes, type and slopes are known to be usable.
+        """Refocus views whose axes, type and slopes have been checked.
 
         Args:
             views: [..., V, U, C, H, W].
@@ -79,68 +78,49 @@ class Refocuser(abc.ABC):
         """
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
-        """The same, looking through an aperture if it can; what has weights of its own, or none, stays as it is.
+        """The same method through an aperture; methods that cannot weigh views, or have weights, stay as they are.
 
         Args:
-            aperture: Weights of the views, whatever their grid; None: no other.
+            aperture: Weights of the views of any grid; None changes nothing.
         """
         return self
 
     def to(self, device: torch.device) -> "Refocuser":
-        """Itself, its weights on a device, if it has any.
-
-        Args:
-            device: That of the views.
-        """
+        """Move its weights, if it has any, to a device; returns itself."""
         return self
 
     def cell_width(self, slopes: Tensor) -> float:
-        """Pixels that the area of a view's cell blurs the blurriest plane by; 0 where views are points.
-
-        Args:
-            slopes: Of the planes, in pixels per view step, [N].
-        """
+        """Width in pixels by which a view's cell of the aperture blurs the blurriest of the planes; 0 for points."""
         return 0.0
 
     def reach(self, slopes: Tensor, field: LightField) -> int | None:
-        """How many pixels away a sample may count for a pixel; None: all of the picture may.
-
-        Args:
-            slopes: Of the planes, in pixels per view step, [N].
-            field: What is to be refocused.
-        """
+        """Distance in pixels at which samples of a field may still count for a pixel; None: unlimited."""
         return None
 
-    def slopes(self, asked: Slopes | None) -> Tensor:
-        """The slopes asked for, once they are known to be among those that it makes, float64, [N].
+    def slopes(self, wanted: Slopes | None) -> Tensor:
+        """The slopes to refocus to, checked against those that it makes, float64, [N].
 
         Args:
-            asked: In pixels per view step, [N]; None takes the only ones that it makes.
+            wanted: In pixels per view step, [N]; None takes the only ones that it makes.
 
         Raises:
-            InputError: It makes others, or any, so that they must be said.
+            InputError: It makes others; or it makes any, and none are given.
         """
-        if self.planes is None and asked is None:
+        if self.planes is None and wanted is None:
             raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
         if self.planes is None:
-            return torch.as_tensor(asked, dtype=torch.float64)
-        if asked is not None and not self.planes.has_slopes(asked):
+            return torch.as_tensor(wanted, dtype=torch.float64)
+        if wanted is not None and not self.planes.has_slopes(wanted):
             raise InputError(
                 f"{self.name} makes the planes {', '.join(self.planes.labels)}",
-                got=", ".join(FocalPlanes(asked).labels),
+                got=", ".join(FocalPlanes(wanted).labels),
                 remedy="leave the planes as it was trained, or use an operator (method=shift_and_sum)",
             )
         return self.planes.slopes
 
 
 def check_for_network(name: str, views: Tensor, positions: Tensor | None, device: torch.device) -> None:
-    """Refuse views that a network cannot read.
-
-    Args:
-        name: Of the method.
-        views: Floating point, [..., V, U, C, H, W].
-        positions: Of the cameras, as in `Refocuser.stack`.
-        device: Of the network.
+    """Refuse views that the network of a method cannot read.
 
     Raises:
         InputError: Cameras off the even grid, views on another device, or views that are not finite.
@@ -154,11 +134,7 @@ def check_for_network(name: str, views: Tensor, positions: Tensor | None, device
 
 
 def uneven(name: str) -> InputError:
-    """What is raised where cameras do not stand on the even grid that a method needs.
-
-    Args:
-        name: Of the method.
-    """
+    """The error about cameras off the even grid that the method of this name needs."""
     return InputError(
         f"{name} needs cameras on an even grid",
         got="positions of their own",
@@ -167,50 +143,44 @@ def uneven(name: str) -> InputError:
 
 
 def name_apart(refocusers: Iterable[Refocuser]) -> None:
-    """Add a number, in place, to the names of refocusers that occur before.
-
-    Args:
-        refocusers: In the order in which they keep their names.
-    """
-    taken: set[str] = set()
-    for each in refocusers:
-        candidates = (each.name if count == 1 else f"{each.name} ({count})" for count in itertools.count(1))
-        each.name = next(name for name in candidates if name not in taken)
-        taken.add(each.name)
-
-
-# PART bands
-# Large light fields, refocused in bands of rows: the same pictures to the bit, in the memory that a band takes.
+    """Add a number, in place, to the name of each refocuser whose name has occurred before."""
+    used: set[str] = set()
+    for refocuser in refocusers:
+        name = refocuser.name
+        numbered = (f"{name} ({count})" for count in itertools.count(2))
+        refocuser.name = next(new for new in itertools.chain([name], numbered) if new not in used)
+        used.add(refocuser.name)
 
 
 def in_bands(
     refocuser: Refocuser, field: LightField, slopes: Tensor, n_rows: int, room: Room, device: torch.device
 ) -> Tensor:
-    """The stack of a light field that may be larger than memory.
+    """The stack of a light field larger than memory, refocused band by band; equal to the whole to the bit.
 
     Args:
-        refocuser: One whose pixels depend on the samples around them and no others.
+        refocuser: One with a limited `reach`.
         field: Its views may lie on a disk.
         slopes: Of the planes, in pixels per view step, float64, [N].
         n_rows: Rows of pixels of a band, at least 1.
-        room: Where the stack shall lie.
+        room: Where the stack lies.
         device: Where bands are refocused.
 
     Returns:
         Float32, on the CPU, [N, C, H, W].
 
     Raises:
-        InputError: A method that looks at the whole picture, or slopes that it cannot use.
+        InputError: A method whose reach is unlimited, or slopes that it cannot use.
     """
     reach = refocuser.reach(slopes, field)
     if reach is None:
-        what = f"{refocuser.name} of samples with weights" if field.weight is not None else refocuser.name
+        method = f"{refocuser.name} of samples with weights" if field.weight is not None else refocuser.name
         raise InputError(
             "bands are for methods whose pixels depend on those around them",
-            got=f"{what}, which looks at the whole picture",
+            got=f"{method}, which looks at the whole picture",
             remedy="take method=shift_and_sum, shift_and_sum_cubic or shift_and_sum_cubic_fill, or leave rows out",
         )
     height, width = field.size
+    # All bands are read with equal height, so that operators plan the same sums for each.
     n_read = min(height, n_rows + 2 * reach)
     stack = torch.from_numpy(room((len(slopes), field.views.shape[2], height, width), "float32"))
     for first in range(0, height, n_rows):

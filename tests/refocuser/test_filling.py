@@ -1,4 +1,4 @@
-"""What stands in for samples that are not to be trusted: the weighted mean of the views, or what layers foretell."""
+"""What stands in for samples that are not to be trusted: the weighted mean of the views, or what layers predict."""
 
 import pytest
 import torch
@@ -79,11 +79,11 @@ def test_samples_are_trusted_by_the_best_of_their_own_light_field():
 
 @pytest.mark.parametrize("disparity", [-1.3, 0.4])
 @pytest.mark.parametrize("hole", [(0, 0), (2, 3), (4, 1)])
-def test_a_missing_view_of_a_plane_is_foretold(disparity, hole):
+def test_a_missing_view_of_a_plane_is_predicted(disparity, hole):
     whole = shifted_views(texture(2, 48, 52), disparity, (5, 5))
     weights = torch.ones(5, 5, dtype=torch.float64)
     weights[hole] = 0
-    made = filling.foretold(torch.where(weights[:, :, None, None, None] > 0, whole, 9.0), weights)
+    made = filling.predicted(torch.where(weights[:, :, None, None, None] > 0, whole, 9.0), weights)
     inner = (..., slice(8, -8), slice(8, -8))
     assert torch.equal(made[weights > 0], whole[weights > 0])
     error = (made - whole)[hole][inner].square().mean()
@@ -94,10 +94,10 @@ def test_a_missing_view_of_a_plane_is_foretold(disparity, hole):
 def test_only_weights_that_are_the_same_throughout_are_those_of_views():
     weights = torch.rand(3, 4)
     weight = weights[:, :, None, None, None].expand(3, 4, 1, 6, 7).clone()
-    found = filling.of_whole_views(weight)
+    found = filling.view_weights(weight)
     assert found is not None
     assert torch.equal(found, weights)
-    assert filling.of_whole_views(torch.stack([weight, weight])) is not None
-    assert filling.of_whole_views(torch.stack([weight, 2 * weight])) is None
+    assert filling.view_weights(torch.stack([weight, weight])) is not None
+    assert filling.view_weights(torch.stack([weight, 2 * weight])) is None
     weight[2, 1, 0, 5, 6] += 0.1
-    assert filling.of_whole_views(weight) is None
+    assert filling.view_weights(weight) is None
