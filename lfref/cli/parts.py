@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from lfref.errors import InputError, LfrefError
-from lfref.nets.kinds import KINDS
 
 APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
@@ -72,7 +71,7 @@ NOW: dict[str, tuple[str, ...]] = {
     ),
     "sources": ("lfref.data.field_sources.SimulatedSource",),
     "tasks": ("lfref.train.modules.Refining", "lfref.train.modules.Refocusing"),
-    "networks": (*KINDS.values(), "lfref.nets.refiner.Refiner"),
+    "networks": ("lfref.nets.refnet.RefNet", "lfref.nets.refiner.Refiner"),
     "losses": (
         *(f"lfref.losses.composite.{name}" for name in ("CompositeLoss", "paper_weights")),
         "lfref.losses.relative.RelativeError",

@@ -17,7 +17,7 @@ from lfref.functional.psnr import image_pair, inverse_psnr, inverse_psnr_of_mse,
 from lfref.functional.ssim import one_minus_ssim
 
 Term = Callable[[Tensor, Tensor], Tensor]
-"""One part of the loss: prediction and target, [..., C, H, W], to one value per image, [...]."""
+"""(prediction, target), [..., C, H, W] each -> one value per image, [...]."""
 
 
 def mean_squared_error(prediction: Tensor, target: Tensor) -> Tensor:
@@ -46,7 +46,7 @@ OF_SQUARES: dict[Term, Callable[[Tensor], Tensor]] = {
     mean_squared_error: Tensor.double,
     inverse_psnr: inverse_psnr_of_mse,
 }
-"""The terms that depend on the images by their mean squared error alone, and what they make of it."""
+"""Terms that are functions of the mean squared error alone -> that function: the error is computed once for all."""
 
 
 def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
@@ -60,7 +60,7 @@ def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
         A weight for each name in `TERMS`.
 
     Raises:
-        InputError: beta is out of range; gamma is looked at with the other weights.
+        InputError: beta is out of range; `CompositeLoss` checks gamma like any weight.
     """
     if not 0 <= beta <= 1:
         raise InputError("beta must lie in [0, 1]", got=beta, remedy="the paper uses 0.65")
@@ -110,18 +110,7 @@ class CompositeLoss(nn.Module):
         return self.total(self.terms(prediction, target))
 
     def terms(self, prediction: Tensor, target: Tensor) -> dict[str, Tensor]:
-        """Each term without its weight, averaged over the images, as a log shows them.
-
-        Args:
-            prediction: Images, [..., C, H, W].
-            target: Images of the same shape.
-
-        Returns:
-            A scalar for each name in `weights`.
-
-        Raises:
-            InputError: The images are not comparable, or too small for a term.
-        """
+        """Each term by name, without its weight, averaged over the images: scalars, as a log shows them."""
         image_pair(prediction, target)
         squares = functools.cache(lambda: mse(prediction, target))
         wide = working_type(prediction, target)
@@ -132,10 +121,7 @@ class CompositeLoss(nn.Module):
         return {name: value.mean() for name, value in values.items()}
 
     def total(self, terms: Mapping[str, Tensor]) -> Tensor:
-        """The weighted sum of what `terms` returned, a scalar.
-
-        Args:
-            terms: A scalar for each name in `weights`; other names are left out of the sum.
+        """The weighted sum of what `terms` returned, a scalar; names without a weight are left out.
 
         Raises:
             InputError: A name is missing.
@@ -150,21 +136,17 @@ class CompositeLoss(nn.Module):
 
 
 def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) -> dict[str, float]:
-    """The weights above 0 as plain floats, once every name and value is known to be usable."""
+    """The weights above 0 as floats, once every name and value has been checked."""
     if unknown := weights.keys() - terms.keys():
         raise InputError(f"loss terms are {', '.join(terms)}", got=", ".join(sorted(map(str, unknown))))
-    checked = {name: _weight(name, value) for name, value in weights.items()}
+    checked = {}
+    for name, value in weights.items():
+        try:
+            checked[name] = float(value)  # YAML reads 1e-3 as a string
+        except (TypeError, ValueError):
+            checked[name] = math.nan
+        if not 0 <= checked[name] < math.inf:
+            raise InputError(f"the weight of {name} must be finite and at least 0", got=repr(value))
     if not any(checked.values()):
         raise InputError("the loss needs at least one term with a weight above 0", got=checked)
     return {name: value for name, value in checked.items() if value > 0}
-
-
-def _weight(name: str, value: float) -> float:
-    """The value as a float, refused unless it is finite and at least 0."""
-    try:
-        number = float(value)  # YAML reads 1e-3 as a string.
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number >= 0):
-        raise InputError(f"the weight of {name} must be finite and at least 0", got=repr(value))
-    return number

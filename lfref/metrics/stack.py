@@ -30,7 +30,7 @@ class StackQuality(Metric):
     total: Tensor
     """Sum of the quality over the stacks, float64, [N]."""
     count: Tensor
-    """Number of stacks seen."""
+    """Number of stacks."""
 
     def __init__(self, n_planes: int = 16, data_range: float = 1.0) -> None:
         super().__init__()
@@ -47,11 +47,7 @@ class StackQuality(Metric):
         """Quality of each image, [..., C, H, W] twice -> [...]."""
 
     def update(self, prediction: Tensor, target: Tensor) -> None:
-        """Take in refocused stacks.
-
-        Args:
-            prediction: Stacks, [..., N, C, H, W].
-            target: Stacks of the same shape.
+        """Add refocused stacks, [..., N, C, H, W] twice.
 
         Raises:
             InputError: The stacks are not comparable, or have another number of planes.
@@ -63,7 +59,7 @@ class StackQuality(Metric):
         self.count += len(values)
 
     def compute(self) -> Tensor:
-        """Mean over the stacks and the planes, a float64 scalar; not a number before the first update."""
+        """Mean over the stacks and the planes, a float64 scalar; NaN before the first update."""
         return self._plane_means().mean()
 
     def per_plane(self) -> Tensor:

@@ -1,6 +1,6 @@
-"""The residual block of RefNet and the leaf choices of its ablations: activations and normalisations.
+"""Building blocks of networks: RefNet's residual block, its activations and normalisations, padding of coarse grids.
 
-Letters: `F` filters of a block, as in the paper's figure of the ResBlock.
+Letters: `F` filters of a block, as in the paper's figure of the ResBlock; `H W` pixel row and column.
 """
 
 import math
@@ -23,8 +23,8 @@ ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
 }
 
 EPSILON = 1e-3
-"""Added to each variance: TensorFlow's, in which the paper was made. PyTorch's 1e-5 lets 22 normalisations of a black
-frame, which divide by nothing else, amplify a gradient beyond what float32 holds."""
+"""Added to each variance: TensorFlow's default, which the paper used. With PyTorch's 1e-5 the 22 normalisations of a
+black frame, whose variance is 0, amplify a gradient beyond the range of float32."""
 
 NORMALIZATIONS: dict[str, Callable[[int], nn.Module]] = {
     "instance": lambda channels: nn.InstanceNorm2d(channels, EPSILON, affine=True),
@@ -59,7 +59,7 @@ class ResBlock(nn.Module):
         normalization: A key of `NORMALIZATIONS`.
         style: A key of `STYLES`.
         kernel: Side of the second convolution, odd; the paper's is 3.
-        dilation: Pixels from one of its samples to the next.
+        dilation: Distance between its samples in pixels.
 
     Raises:
         InputError: F is odd or a key is unknown.
@@ -95,50 +95,25 @@ class ResBlock(nn.Module):
         self.activation = act()
 
     def forward(self, features: Tensor) -> Tensor:
-        """Apply the block.
-
-        Args:
-            features: [B, C, H, W].
-
-        Returns:
-            [B, F, H, W].
-        """
+        """Apply the block."""
         return self.activation(self.body(features) + self.skip(features))
 
 
-# PART coarse
-# Pictures of whole coarse pixels: what lies beyond the edge is as what lies at it.
-#
-# Letters: `H W` pixel row and column, `r` pixels along the side of a coarse one.
-
-
-def whole(images: Tensor, side: int) -> Tensor:
-    """Images whose rows and columns are filled up to whole coarse pixels.
-
-    Args:
-        images: [B, K, H, W].
-        side: Pixels along the side of a coarse one, r.
-
-    Returns:
-        [B, K, r * ceil(H / r), r * ceil(W / r)].
-    """
+def padded(images: Tensor, side: int) -> Tensor:
+    """Images [B, K, H, W] with the last row and column repeated until both are multiples of `side`."""
     if side == 1:
         return images
-    # What is followed at one size is run at others.
     if torch.compiler.is_exporting() or torch.jit.is_tracing():
-        return _repeated(_repeated(images, side, -1), side, -2)
+        # The padding depends on the size, which exported graphs leave open: as much as may be needed, then cut.
+        for axis in (-1, -2):
+            length = images.shape[axis]
+            longer = torch.cat([images] + [images.narrow(axis, length - 1, 1)] * (side - 1), axis)
+            images = longer.narrow(axis, 0, (length + side - 1) // side * side)
+        return images
     height, width = images.shape[-2:]
     beyond = (0, -width % side, 0, -height % side)
     if not any(beyond):
         return images
-    # Autocast would make single precision of it.
+    # Autocast would convert to single precision.
     with torch.autocast(images.device.type, enabled=False):
         return F.pad(images, beyond, mode="replicate")
-
-
-def _repeated(images: Tensor, side: int, axis: int) -> Tensor:
-    """The same along one axis by operations that are alike for all lengths: as many more as may be needed, then cut."""
-    length = images.shape[axis]
-    last = images.narrow(axis, length - 1, 1)
-    filled = torch.cat([images] + [last] * (side - 1), axis)
-    return filled.narrow(axis, 0, (length + side - 1) // side * side)

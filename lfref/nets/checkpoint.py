@@ -1,11 +1,10 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them, or none of it, in a file of safetensors. Reading is `weights_only`, networks are built from a table of
-names, and addresses are refused.
+beside them. A file of safetensors holds the same without Lightning's. Reading is `weights_only`, networks are built
+from a table of names, and addresses are refused.
 """
 
-import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,12 +15,16 @@ from torch import Tensor, nn
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import tensor_files
-from lfref.nets.kinds import KINDS
 from lfref.nets.network import Network
+from lfref.nets.refnet import RefNet
 
+NETWORKS: dict[str, type[Network]] = {RefNet.name: RefNet}
+"""Networks that checkpoints may hold, by name."""
 FORMAT = 2
-FORMATS = (1, 2)  # that can be read: 1 kept alphas in place of slopes
-PREFIX = "net."  # under which a training module holds its network
+FORMATS = (1, FORMAT)
+"""Formats that can be read; 1 kept alphas in place of slopes."""
+PREFIX = "net."
+"""Prefix of the weights in a checkpoint: training modules hold their network as `net`."""
 
 
 def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> dict[str, Any]:
@@ -32,15 +35,8 @@ def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> di
         planes: What its planes are.
         is_linear: Whether it reads linear light, or samples as files hold them.
     """
-    told = {"network": {"name": network.name, **network.config}, "planes": planes.as_dict(), "is_linear": is_linear}
-    return {"format": FORMAT, **told}
-
-
-def kind(name: str) -> type[Network]:
-    """The class of networks of that name, one of `KINDS`."""
-    module, _, attribute = KINDS[name].rpartition(".")
-    made: type[Network] = getattr(importlib.import_module(module), attribute)
-    return made
+    arguments = {"name": network.name, **network.config}
+    return {"format": FORMAT, "network": arguments, "planes": planes.as_dict(), "is_linear": is_linear}
 
 
 def check_number(network: Network, planes: FocalPlanes) -> None:
@@ -72,31 +68,19 @@ def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
     tensor_files.write_checkpoint(Path(path), {"lfref": payload(network, planes), "state_dict": state})
 
 
-def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
-    """The network of a checkpoint, on the CPU, and the planes that it was trained for.
+def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
+    """Write the network of a checkpoint alone, as safetensors, which `read` reads too.
 
     Args:
-        path: A checkpoint that `lfref train` or `save` wrote.
-
-    Raises:
-        CheckpointError: Missing, damaged, not ours, or of another shape than it says.
-    """
-    return restored(path, read(path))
-
-
-def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
-    """As `restore`, of a checkpoint that was read.
-
-    Args:
-        path: Of the checkpoint, for errors.
+        path: File to write, `NAME.safetensors`; replaced as a whole or not at all.
         contents: Of `read`.
+        notes: How it was made, plain containers.
 
     Raises:
-        CheckpointError: It describes no network, or one of another shape.
+        FileError: The file cannot be written.
     """
-    network, planes = _build(path, contents["lfref"])
-    load_state(path, network, contents["state_dict"])
-    return network, planes
+    state = {name: value for name, value in contents["state_dict"].items() if name.startswith(PREFIX)}
+    tensor_files.write_weights(path, state, {"lfref": contents["lfref"], "notes": notes})
 
 
 def read(path: str | Path) -> dict[str, Any]:
@@ -110,10 +94,14 @@ def read(path: str | Path) -> dict[str, Any]:
     if not Path(path).is_file():
         raise CheckpointError(f"no checkpoint at {path}", remedy="give the .ckpt file of a run (RUN/checkpoints)")
     try:
-        contents = _weights(path) if Path(path).suffix == tensor_files.SUFFIX else _pickled(path)
+        if Path(path).suffix == tensor_files.SUFFIX:
+            state, metadata = tensor_files.read_weights(path)
+            contents: Any = metadata | {"state_dict": state}
+        else:
+            contents = torch.load(path, map_location="cpu", weights_only=True)
     except CheckpointError:
         raise
-    # Over a foreign file the unpickler raises whatever it stumbles on; torch's advice to load it unsafely is not ours.
+    # On a foreign file the unpickler raises whatever it likes; torch would advise to load it unsafely.
     except Exception as error:
         raise CheckpointError(f"{path} is damaged or no checkpoint", remedy="train or copy it anew") from error
     if not isinstance(contents, dict) or not all(
@@ -123,45 +111,40 @@ def read(path: str | Path) -> dict[str, Any]:
     return contents
 
 
-def _pickled(path: str | Path) -> Any:
-    return torch.load(path, map_location="cpu", weights_only=True)
-
-
-def _weights(path: str | Path) -> dict[str, Any]:
-    """A file of weights alone, as `write_weights` wrote it."""
-    state, told = tensor_files.read_weights(path)
-    return told | {"state_dict": state}
-
-
-def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
-    """Write the network of a checkpoint alone, as safetensors, which `read` reads too.
-
-    Args:
-        path: File to write, `NAME.safetensors`; replaced as a whole or not at all.
-        contents: Of `read`.
-        notes: How it was made, plain containers.
+def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
+    """The network of a checkpoint, on the CPU, and the planes that it was trained for.
 
     Raises:
-        FileError: The file cannot be written.
+        CheckpointError: Missing, damaged, not ours, or of another shape than it says.
     """
-    state = {name: each for name, each in contents["state_dict"].items() if name.startswith(PREFIX)}
-    tensor_files.write_weights(path, state, {"lfref": contents["lfref"], "notes": notes})
+    return restored(path, read(path))
 
 
-def _build(path: str | Path, entry: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
+def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
+    """As `restore`, of a checkpoint that has been read.
+
+    Args:
+        path: Of the checkpoint, for errors.
+        contents: Of `read`.
+
+    Raises:
+        CheckpointError: It describes no network, or one of another shape.
+    """
+    entry = contents["lfref"]
     if entry.get("format") not in FORMATS:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
     try:
         arguments = dict(entry["network"])
         name = arguments.pop("name", None)
-        if name not in KINDS:
-            raise CheckpointError(f"{path} must hold one of {', '.join(KINDS)}", got=name, remedy="update lfref")
-        network, planes = kind(name)(**arguments), planes_from(entry["planes"])
+        if name not in NETWORKS:
+            raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
+        network, planes = NETWORKS[name](**arguments), planes_from(entry["planes"])
         check_number(network, planes)
     except CheckpointError:
         raise
     except (TypeError, KeyError, ValueError) as error:
         raise CheckpointError(f"{path} describes no network that can be built", got=error) from error
+    load_state(path, network, contents["state_dict"])
     return network, planes
 
 
@@ -176,9 +159,9 @@ def load_state(path: str | Path, network: nn.Module, state: Mapping[str, Tensor]
     Raises:
         CheckpointError: It holds weights of other shapes, or lacks some.
     """
-    found = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
-    for name, wanted in network.state_dict().items():
-        got = tuple(found[name].shape) if isinstance(found.get(name), Tensor) else "nothing"
-        if got != tuple(wanted.shape):
-            raise CheckpointError(f"{path}: {name} must be {tuple(wanted.shape)}", got=got, remedy="train it anew")
-    network.load_state_dict({name: found[name] for name in network.state_dict()})
+    weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
+    for name, own in network.state_dict().items():
+        got = tuple(weights[name].shape) if isinstance(weights.get(name), Tensor) else "nothing"
+        if got != tuple(own.shape):
+            raise CheckpointError(f"{path}: {name} must be {tuple(own.shape)}", got=got, remedy="train it anew")
+    network.load_state_dict({name: weights[name] for name in network.state_dict()})

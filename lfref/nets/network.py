@@ -1,4 +1,9 @@
-"""What every refocusing network is: called with views and slopes, named, and able to start itself on a first batch."""
+"""The interface of refocusing networks, and the data-dependent start of a last convolution.
+
+With the paper's final ReLU, about half of all random seeds start with an output channel that is negative on every
+pixel and never learns. `prime` scales the last convolution on the first batch: every channel starts at its label's
+mean with a small spread.
+"""
 
 import abc
 from collections.abc import Callable
@@ -8,11 +13,16 @@ import torch
 from torch import Tensor, nn
 
 Total = Callable[[Tensor], Tensor]
-"""Adds up a tensor over all processes of a distributed run."""
+"""Sum of a tensor over all processes of a distributed run."""
+
+FLAT = 1e-3
+"""Standard deviation below which an output counts as constant."""
+SPREAD = 0.1
+"""Standard deviation of each output channel at the start, in radiance."""
 
 
-def alone(value: Tensor) -> Tensor:
-    """The total over one process: the value itself."""
+def one_process(value: Tensor) -> Tensor:
+    """The total over a single process: the value itself."""
     return value
 
 
@@ -39,7 +49,7 @@ class Network(nn.Module, abc.ABC):
 
         Args:
             views: Radiance in [0, 1], in the type of the weights, [..., V, U, C, H, W].
-            slopes: In pixels per view step, float64, [N]; a network that makes fixed planes does without.
+            slopes: In pixels per view step, float64, [N]; a network with fixed planes needs none.
 
         Returns:
             Stack, [..., N, C, H, W].
@@ -48,35 +58,27 @@ class Network(nn.Module, abc.ABC):
             InputError: Views or slopes that do not fit the network.
         """
 
-    def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = alone) -> None:
-        """Start the weights on a first batch, in place; this one leaves them as they are.
+    def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
+        """Start the weights on a first batch, in place; by default nothing changes.
 
         Args:
-            views: First batch of views, or this process's part of it, [B, V, U, C, H, W].
+            views: This process's part of the first batch, [B, V, U, C, H, W].
             slopes: Of its planes, [N].
-            labels: Its labels, [B, N, C, H, W].
+            labels: [B, N, C, H, W].
             total: Adds up over the processes that hold the other parts.
         """
 
 
-# PART head
-# Data-dependent start of a last convolution, so that no output channel is born dead.
-#
-# With the paper's final ReLU, about half of all random seeds start with an output channel that is negative on every
-# pixel and never learns. Scaled on the first batch, every channel starts at its label's mean with a small spread.
-
-FLAT = 1e-3  # standard deviation below which an output is taken for constant
-SPREAD = 0.1  # standard deviation of each output channel at the start, in radiance
-
-
 @torch.no_grad()
-def prime(head: nn.Conv2d, features: Tensor, labels: Tensor, spread: float = SPREAD, total: Total = alone) -> None:
+def prime(
+    head: nn.Conv2d, features: Tensor, labels: Tensor, spread: float = SPREAD, total: Total = one_process
+) -> None:
     """Rescale a convolution on one batch, in place.
 
     Args:
         head: The convolution, with a bias.
-        features: What it reads, [B, F, H, W].
-        labels: What its channels should become, [B, K, H, W].
+        features: Its input, [B, F, H, W].
+        labels: What its output should become, [B, K, H, W].
         spread: Standard deviation that each output channel gets, in radiance.
         total: Adds up over the processes that hold other parts of the batch.
     """
@@ -84,7 +86,7 @@ def prime(head: nn.Conv2d, features: Tensor, labels: Tensor, spread: float = SPR
     count = total(torch.tensor(float(raw[:, 0].numel()), dtype=torch.float64, device=raw.device))
     mean = total(raw.sum((0, 2, 3))) / count
     deviation = (total((raw - mean[:, None, None]).square().sum((0, 2, 3))) / (count - 1)).sqrt()
-    # A channel that does not vary at all has nothing to scale: it gets the right mean and learns the rest.
+    # A constant channel cannot be scaled: it gets the right mean, and learns the rest.
     gain = torch.where(deviation > FLAT, spread / deviation.clamp(min=FLAT), 1.0)
     target = total(labels.double().sum((0, 2, 3))) / count
     bias = cast(Tensor, head.bias)

@@ -133,7 +133,7 @@ class Refiner(Correction):
             raise InputError(f"this refiner reads {n_features} channels of features", got=features.shape[-3])
         height, width = features.shape[-2:]
         planes = features.flatten(0, -4) if features.ndim > 3 else features[None]
-        inner = self.blocks(self.stem(blocks.whole(planes, self.shuffle)))
+        inner = self.blocks(self.stem(blocks.padded(planes, self.shuffle)))
         output = F.pixel_shuffle(self.head(inner), self.shuffle)[..., :height, :width]
         *shares, gate = output.split(1, 1)
         candidates = planes.split(pictures.shape[-3], 1)[: self.n_candidates]

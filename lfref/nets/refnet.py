@@ -1,12 +1,12 @@
 """RefNet: one pass of a residual network from a light field to its whole refocused stack.
 
 The paper leaves the widths F, the first kernel and the last kernels open (its figure is missing), so they are
-options; the defaults are a schedule that has the 12.5 million parameters it states. Options beyond the paper make it
-faster (it works on a coarser grid of pixels with more channels) or let it see farther.
-Letters: `r` pixels along the side of a coarse one.
-Sources: Hedayati, Havens, Bos, "Machine Learning Method for Light Field Refocusing", section 3.1; of the coarser grid,
-Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel Convolutional Neural
-Network", 2016.
+options; the default schedule has the 12.5 million parameters that the paper states. Options beyond the paper make it
+faster (a coarser grid of pixels with more channels) or extend its reach.
+Letters: as in `Network`; `r` pixels along the side of a coarse one.
+Sources: Hedayati, Havens, Bos, "Machine Learning Method for Light Field Refocusing", section 3.1; Shi et al.,
+"Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel Convolutional Neural Network", 2016
+(the coarser grid).
 """
 
 import itertools
@@ -21,7 +21,7 @@ from lfref.errors import InputError
 from lfref.lightfield import check_views
 from lfref.nets import blocks, network
 from lfref.nets.blocks import ResBlock
-from lfref.nets.network import Network, Total, alone
+from lfref.nets.network import Network, Total, one_process
 
 PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
 
@@ -43,10 +43,10 @@ class RefNet(Network):
         head_kernel: Kernel of the last two convolutions, odd.
         shuffle: Pixels along the side of a coarse one, r; 1 works on the pixels themselves, as the paper does.
         kernel: Side of the convolution in the middle of a block, odd.
-        dilation: Pixels (coarse ones) from one of its samples to the next.
+        dilation: Distance between its samples in (coarse) pixels.
 
     Raises:
-        InputError: An option that no network can be built from.
+        InputError: An option from which no network can be built.
 
     Example:
         >>> RefNet(n_planes=2, grid=(3, 3), widths=(8,), stem_width=8)(torch.rand(3, 3, 3, 16, 16)).shape
@@ -74,8 +74,12 @@ class RefNet(Network):
     ) -> None:
         super().__init__()
         schedule = stretched(widths, len(widths) if n_blocks is None else n_blocks)
-        _check_sizes((n_planes, *grid, channels, stem_width, shuffle, dilation), grid)
-        _check_kernels((stem_kernel, head_kernel, kernel))
+        sizes, kernels = (n_planes, *grid, channels, stem_width, shuffle, dilation), (stem_kernel, head_kernel, kernel)
+        if len(grid) != 2 or min(sizes) < 1:
+            expected = "planes, grid, channels, stem width, shuffle and dilation must be positive"
+            raise InputError(expected, got=sizes)
+        if any(side < 1 or side % 2 == 0 for side in kernels):
+            raise InputError("kernels must be odd, so that the picture keeps its size", got=list(kernels))
         self.config: dict[str, Any] = {
             "n_planes": n_planes,
             "grid": list(grid),
@@ -106,7 +110,7 @@ class RefNet(Network):
         self.head = nn.Conv2d(outputs, outputs, head_kernel, padding=head_kernel // 2)
 
     def features(self, views: Tensor) -> Tensor:
-        """What the last convolution reads: views [..., V, U, C, H, W] -> [B, N * C * r^2, H / r, W / r], rounded up.
+        """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up.
 
         Raises:
             InputError: Another grid, number of channels or type than the network was built for, or one (coarse) pixel.
@@ -132,36 +136,25 @@ class RefNet(Network):
         return self.trunk(self._coarse(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:])))
 
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """Refocus.
-
-        Args:
-            views: Radiance in [0, 1], [..., V, U, C, H, W].
-            slopes: Only their number is looked at: the planes are those that it was trained for, [N].
-
-        Returns:
-            Stack, radiance >= 0, [..., N, C, H, W].
-
-        Raises:
-            InputError: Views or a number of slopes that do not fit the network.
-        """
+        """As in `Network`; of slopes only the number counts. The stack is radiance >= 0."""
         if slopes is not None and len(slopes) != self.n_planes:
             raise InputError(f"this network makes {self.n_planes} planes", got=f"{len(slopes)} slopes")
         height, width = views.shape[-2:]
         images = F.pixel_shuffle(torch.relu(self.head(self.features(views))), self.shuffle)[..., :height, :width]
-        return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], *views.shape[-2:])
+        return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], height, width)
 
-    def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = alone) -> None:
-        """Scale the last convolution on a first batch: see `nets.head`."""
+    def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
+        """Scale the last convolution on a first batch: see `network.prime`."""
         with torch.no_grad():
             network.prime(self.head, self.features(views), self._coarse(labels.flatten(1, 2)), total=total)
 
     def _coarse(self, images: Tensor) -> Tensor:
-        """Images [B, K, H, W] on the coarser grid, [B, K * r^2, H / r, W / r]; beyond an edge is what lies at it."""
-        return F.pixel_unshuffle(blocks.whole(images, self.shuffle), self.shuffle)
+        """Images [B, K, H, W] on the coarser grid, [B, K r^2, H / r, W / r], sizes rounded up."""
+        return F.pixel_unshuffle(blocks.padded(images, self.shuffle), self.shuffle)
 
 
 def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:
-    """A schedule of widths resampled to another number of blocks, each taking the nearest original.
+    """A schedule of widths resampled to another number of blocks; each takes the nearest original.
 
     Raises:
         InputError: No width or no block.
@@ -169,14 +162,3 @@ def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:
     if len(widths) == 0 or n_blocks < 1:
         raise InputError("RefNet needs at least one block and one width", got=f"{n_blocks} and {list(widths)}")
     return [int(widths[(2 * i + 1) * len(widths) // (2 * n_blocks)]) for i in range(n_blocks)]
-
-
-def _check_sizes(sizes: Sequence[int], grid: Sequence[int]) -> None:
-    if len(grid) != 2 or min(sizes) < 1:
-        expected = "planes, grid, channels, stem width, shuffle and dilation must be positive"
-        raise InputError(expected, got=tuple(sizes))
-
-
-def _check_kernels(kernels: Sequence[int]) -> None:
-    if any(kernel < 1 or kernel % 2 == 0 for kernel in kernels):
-        raise InputError("kernels must be odd, so that the picture keeps its size", got=list(kernels))

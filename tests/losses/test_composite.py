@@ -10,7 +10,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torch.autograd import gradcheck, gradgradcheck
+from torch.autograd import gradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from lfref.errors import InputError
@@ -43,19 +43,12 @@ def paper_loss(prediction: torch.Tensor, target: torch.Tensor, beta: float, gamm
         return float(mse + beta * complement / 2 + (1 - beta) * l1 + gamma / (-10 * mpmath.log10(mse)))
 
 
-@pytest.mark.parametrize("decibel", [8.6859, *np.linspace(9, 99, 11), 99.9999])
+@pytest.mark.parametrize("decibel", [8.6859, 9, 30, 64, 99.9999])
 @pytest.mark.parametrize(("beta", "gamma"), [(0.65, 500.0), (0.2, 3.0)])
 def test_loss_is_the_papers_formula(decibel: float, beta: float, gamma: float) -> None:
     prediction, target = pair_at(decibel)
     loss = CompositeLoss(paper_weights(beta, gamma))(prediction, target).item()
     assert loss == pytest.approx(paper_loss(prediction, target, beta, gamma), rel=1e-12, abs=1e-12)
-
-
-@pytest.mark.parametrize("decibel", np.linspace(8.7, 99.9, 9))
-def test_the_loss_of_float32_images_is_the_papers_to_a_millionth(decibel: float) -> None:
-    prediction, target = (image.float() for image in pair_at(decibel))
-    expected = paper_loss(prediction.double(), target.double(), 0.65, 500)
-    assert CompositeLoss()(prediction, target).item() == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_default_is_the_papers_loss() -> None:
@@ -104,7 +97,7 @@ def test_own_terms_and_plain_yaml_values_are_taken() -> None:
 
 
 @pytest.mark.parametrize("name", TERMS)
-@pytest.mark.parametrize("decibel", [95, 40, 8.7, 8.67, 1, 0, -10])
+@pytest.mark.parametrize("decibel", [95, 8.7, 8.67, -10])
 def test_each_terms_gradient_matches_differences(name: str, decibel: float) -> None:
     prediction, target = (image[:2, :6, :7] for image in pair_at(decibel))
     step = min(1e-6, 1e-4 * 10 ** (-decibel / 20))
@@ -112,22 +105,9 @@ def test_each_terms_gradient_matches_differences(name: str, decibel: float) -> N
     assert gradcheck(lambda x: TERMS[name](x, target), prediction.requires_grad_(), eps=step, rtol=1e-3)
 
 
-@pytest.mark.parametrize("name", TERMS)
-@pytest.mark.parametrize("decibel", [90, 60, 30, 10, -6])
-def test_each_terms_second_derivative_matches_differences(name: str, decibel: float) -> None:
-    prediction, target = (image[:1, :6, :7].contiguous() for image in pair_at(decibel))
-    scale = 10 ** (-decibel / 20)
-
-    def term(difference: torch.Tensor) -> torch.Tensor:
-        # Counted in units of the error, so that every scale is checked to as many digits.
-        return TERMS[name](target + scale * difference, target)
-
-    assert gradgradcheck(term, ((prediction - target) / scale).requires_grad_(), atol=1e-7, rtol=1e-3)
-
-
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_the_loss_never_falls_as_a_flat_error_grows_over_36_decades(dtype: torch.dtype) -> None:
-    errors = torch.logspace(-15, 3, 1001, dtype=torch.float64).to(dtype)
+    errors = torch.logspace(-15, 3, 201, dtype=torch.float64).to(dtype)
     losses = torch.stack(
         [CompositeLoss()(error.expand(1, 6, 6), torch.zeros(1, 6, 6, dtype=dtype)) for error in errors]
     )
@@ -142,7 +122,7 @@ def test_the_loss_never_falls_as_a_flat_error_grows_over_36_decades(dtype: torch
     st.sampled_from([0.0, 1e-7, 1e-4, 0.01, 1.0, 100.0]),
     st.integers(0, 10_000),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_any_pair_has_a_finite_positive_loss_that_metrics_agree_with(
     shape, dtype, level, contrast, error, seed
 ) -> None:
@@ -210,26 +190,6 @@ def test_autocast_changes_no_digit() -> None:
     expected = CompositeLoss()(prediction.float(), target)
     with torch.autocast("cpu", dtype=torch.bfloat16):
         assert torch.equal(CompositeLoss()(prediction, target), expected)
-
-
-def test_a_worse_prediction_never_costs_less() -> None:
-    target = images(3, 8, 8, dtype=torch.float64)
-    noise = images(3, 8, 8, dtype=torch.float64, seed=1) - 0.5
-    # Without SSIM, which falls again once the noise outshines the image.
-    loss = CompositeLoss({name: weight for name, weight in PAPER_WEIGHTS.items() if name != "ssim"})
-    losses = torch.stack([loss(target + float(size) * noise, target) for size in np.logspace(-12, 4, 500)])
-    assert (losses.diff() >= 0).all()
-
-
-def test_descending_the_loss_recovers_the_target() -> None:
-    target = images(3, 12, 12)
-    prediction = torch.zeros(3, 12, 12, requires_grad=True)
-    optimiser = torch.optim.Adam([prediction], lr=0.05)
-    for _ in range(60):
-        optimiser.zero_grad()
-        CompositeLoss()(prediction, target).backward()
-        optimiser.step()
-    assert (prediction - target).abs().mean() < 0.02
 
 
 @pytest.mark.parametrize("weight", [-1.0, math.nan, math.inf, "much", None])

@@ -9,7 +9,7 @@ from torch.autograd import gradcheck
 from lfref.errors import InputError
 from lfref.losses.relative import LEAST, RelativeError
 
-DOUBTS = torch.ones(2, 1, 8, 8)
+SCALE = torch.ones(2, 1, 8, 8)
 
 
 @pytest.mark.parametrize("power", ["l1", "l2"])
@@ -17,10 +17,10 @@ def test_it_is_the_share_of_each_pictures_error_that_is_left(power):
     truth = torch.rand(2, 3, 8, 8)
     error = torch.tensor([0.5, 0.05])[:, None, None, None] * torch.randn(2, 3, 8, 8).sign()
     left = torch.tensor([0.5, 0.25])[:, None, None, None] * error
-    found = float(RelativeError(power, "ratio")(truth + left, truth, truth + error, DOUBTS))
+    found = float(RelativeError(power, "ratio")(truth + left, truth, truth + error, SCALE))
     first, second = (0.25 + LEAST) / (0.5 + LEAST), (0.0125 + LEAST) / (0.05 + LEAST)
     assert found == pytest.approx((first + second) / 2, rel=1e-4)
-    found = float(RelativeError(power, "log")(truth + left, truth, truth + error, DOUBTS))
+    found = float(RelativeError(power, "log")(truth + left, truth, truth + error, SCALE))
     assert found == pytest.approx((math.log(first) + math.log(second)) / 2, rel=1e-4)
 
 

@@ -5,6 +5,7 @@ import torch
 from torch import nn
 
 from lfref.errors import InputError
+from lfref.nets import blocks
 from lfref.nets.blocks import ACTIVATIONS, EPSILON, NORMALIZATIONS, STYLES, ResBlock
 
 
@@ -120,3 +121,26 @@ def test_a_width_that_cannot_be_halved_is_refused(filters):
 def test_an_unknown_choice_is_refused_by_naming_the_option(option):
     with pytest.raises(InputError, match=f"{option} must be one of .*; got 'magic'"):
         ResBlock(4, 8, **{option: "magic"})
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 4])
+@pytest.mark.parametrize("size", [(8, 12), (7, 9), (5, 4)])
+def test_edges_are_repeated_until_pixels_are_whole(side, size):
+    images = torch.rand(2, 3, *size)
+    made = blocks.padded(images, side)
+    assert made.shape[-2:] == tuple(-(-length // side) * side for length in size)
+    rows, columns = (torch.arange(made.shape[axis]).clamp(max=images.shape[axis] - 1) for axis in (-2, -1))
+    assert torch.equal(made, images[..., rows[:, None], columns])
+
+
+@pytest.mark.parametrize("size", [(8, 12), (7, 9), (5, 4)])
+def test_what_is_followed_at_one_size_is_run_at_others(size):
+    class Whole(torch.nn.Module):
+        def forward(self, images):
+            return blocks.padded(images, 3)
+
+    free = {2: torch.export.Dim.DYNAMIC, 3: torch.export.Dim.DYNAMIC}
+    program = torch.export.export(Whole(), (torch.rand(2, 3, 10, 11),), dynamic_shapes=(free,))
+    images = torch.rand(2, 3, *size)
+    # Its guards are of strides, which nothing depends on.
+    assert torch.equal(program.module(check_guards=False)(images), blocks.padded(images, 3))

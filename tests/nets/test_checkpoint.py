@@ -10,8 +10,6 @@ import torch
 from lfref.errors import CheckpointError, FileError
 from lfref.geometry import planes_at_alphas
 from lfref.nets import checkpoint
-from lfref.nets.kinds import KINDS
-from lfref.nets.network import Network
 from lfref.nets.refnet import RefNet
 
 PLANES = planes_at_alphas((0.5, 2.0), "parallel")
@@ -213,10 +211,3 @@ def test_a_write_that_is_killed_leaves_the_old_file(saved, monkeypatch):
     assert saved.read_bytes() == old
     assert [path.name.startswith(".") for path in saved.parent.iterdir() if path != saved] == [True]
     assert checkpoint.restore(saved)[1] == PLANES
-
-
-@pytest.mark.parametrize("name", list(KINDS))
-def test_every_kind_of_network_is_a_network_that_calls_itself_so(name):
-    kind = checkpoint.kind(name)
-    assert issubclass(kind, Network)
-    assert kind.name == name
