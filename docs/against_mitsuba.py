@@ -15,13 +15,13 @@ from torch import Tensor
 
 import lfref
 from lfref.functional.psnr import psnr
-from lfref.simulator import path_traced
-from lfref.simulator.path_traced import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
+from lfref.simulator import mitsuba_scenes
+from lfref.simulator.mitsuba_scenes import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
 from lfref.simulator.scene import Scene
 
 IS_INSTALLED = importlib.util.find_spec("mitsuba") is not None
 if IS_INSTALLED:
-    from lfref.simulator.path_traced import World
+    from lfref.simulator.mitsuba_scenes import MitsubaScene
 TWO_NOISES = 10 * math.log10(2)
 """Decibels by which two noisy pictures differ more from each other than each from what it should be."""
 
@@ -30,7 +30,7 @@ def picture() -> Figure:
     """The wall in focus through a round aperture, ours and Mitsuba's."""
     cells: list[tuple[str, Tensor]] = []
     for scene in SCENES[:2]:
-        (ours,), theirs = _truth(scene("disc"), SLOPES[:1]), World(scene("disc")).through_disc(SLOPES[0])
+        (ours,), theirs = _truth(scene("disc"), SLOPES[:1]), MitsubaScene(scene("disc")).through_disc(SLOPES[0])
         cells += [(f"{scene.__name__}, ours", ours), ("Mitsuba", theirs), truths.difference(ours, theirs)]
     return sheets.sheet(cells, bar="absolute difference", **truths.DIFFERENCE)
 
@@ -39,7 +39,7 @@ def table() -> Iterator[str]:
     """The least PSNR of views and truth of each scene, and of Mitsuba's pictures against others of its own."""
     yield "| scene | views, dB | apart from edges, dB | truth, disc, dB | truth, square, dB | Mitsuba's noise, dB |"
     yield "|---|---|---|---|---|---|"
-    for scene in (*SCENES, path_traced.matte):
+    for scene in (*SCENES, mitsuba_scenes.matte):
         views = _views(scene())
         values = [_least(psnr, *views), _least(apart_from_edges, *views)]
         values += _truth_decibels(scene) if scene in SCENES else ()
@@ -59,13 +59,13 @@ def _truth(scene: Scene, slopes: tuple[float, ...]) -> Tensor:
 
 def _views(scene: Scene) -> tuple[list[Tensor], list[Tensor]]:
     """Some views, ours and Mitsuba's."""
-    world, views = World(scene), lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
+    world, views = MitsubaScene(scene), lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
     return [views[view] for view in VIEWS], [world.view(u - 3, v - 3, samples=256) for v, u in VIEWS]
 
 
 def _truth_decibels(scene: Callable[[str], Scene]) -> tuple[float, ...]:
     """Of truth through a disc and a square, and Mitsuba's noise."""
-    world = World(scene("disc"))
+    world = MitsubaScene(scene("disc"))
     discs, others = ([world.through_disc(slope, seed=seed) for slope in SLOPES] for seed in (0, 1))
     squares = [world.through_square(slope) for slope in SLOPES]
     return (

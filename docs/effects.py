@@ -17,7 +17,7 @@ from lfref.simulator.effects.displacement import Chromatic, Misalignment
 from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
-from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
@@ -157,7 +157,8 @@ def _changes(*effects: Any) -> Figure:
 
 def _sensor(*effects: Any) -> Sensor:
     """A sensor with these effects."""
-    return Sensor(**{effect.name: effect for effect in effects})
+    names = {kind: name for name, kind in EFFECTS.items()}
+    return Sensor(**{names[type(effect)]: effect for effect in effects})
 
 
 def _from_both_sides(surface: Surface) -> list[tuple[str, Tensor]]:

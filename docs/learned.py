@@ -130,13 +130,13 @@ def _judged(scene: sim30.Scene, slopes: Tensor) -> Tensor:
 
 def paths() -> Iterator[str]:
     """Gain on views and pictures that Mitsuba traced, by scene and slope."""
-    from lfref.simulator.path_traced import SCENES, SLOPES, World
+    from lfref.simulator.mitsuba_scenes import SCENES, SLOPES, MitsubaScene
 
     yield f"| scene | {' | '.join(f'slope {slope:g}' for slope in SLOPES)} |"
     yield f"|---|{'---|' * len(SLOPES)}"
     methods: tuple[Refocuser, ...] = (OperatorRefocuser("rival", occlusion_aware), lfref.load())
     for scene in SCENES:
-        world = World(scene("square"))
+        world = MitsubaScene(scene("square"))
         views = torch.stack([torch.stack([world.view(u - 3, v - 3, samples=256) for u in range(7)]) for v in range(7)])
         truth = torch.stack([world.through_square(slope) for slope in SLOPES])
         inner = (..., slice(8, -8), slice(8, -8))

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 import lfref
-from lfref.simulator import bitmaps, planner, sim30, truth
+from lfref.simulator import painting, planner, sim30, truth
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Leaf, Twigs
@@ -46,7 +46,7 @@ def beside_views() -> Figure:
 
 def aperture() -> Figure:
     """One plane of the truth by the number of cells, against very many."""
-    layers, slopes = bitmaps.paint(Scene(CAMERA, GARDEN), reach=abs(BETWEEN)), [BETWEEN]
+    layers, slopes = painting.paint(Scene(CAMERA, GARDEN), reach=abs(BETWEEN)), [BETWEEN]
     finest = truth.stack(layers, CAMERA, slopes, n_cells=FINEST)[0]
     asked = {"1 cell": 1, "2 x 2 cells": 2, "4 x 4 cells": 4, "as planned": None}
     planes = {title: truth.stack(layers, CAMERA, slopes, n_cells=n)[0] for title, n in asked.items()}

@@ -41,9 +41,9 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
-from lfref.simulator import bitmaps
+from lfref.simulator import painting
 from lfref.simulator.developed import developed
-from lfref.simulator.effects import chain
+from lfref.simulator.effects import sensor as sensors
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import simulate
@@ -150,7 +150,7 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
         if (effect := getattr(settings.sensor, name)) is None:
             continue
         sensor = Sensor(**{name: effect})
-        views = chain.recorded(ideal.light.views, sensor, scene.seed)
+        views = sensors.recorded(ideal.light.views, sensor, scene.seed)
         light = LightField(views, ideal.light.name, is_linear=sensor.encoding == encoding.LINEAR)
         case = EvaluationCase(SENSOR, light, developed(truth, sensor), TRUTH, encoding=sensor.encoding)
         alone_db = settings.psnr(case.stack(EXACT, slopes), developed(exact, sensor))
@@ -175,7 +175,7 @@ def _simulated_case(scene: Scene, slopes: Tensor, device: torch.device) -> Evalu
 
 def _pictures_through_points(scene: Scene, slopes: Tensor, device: torch.device) -> Tensor:
     """Q: the mean of the lens's pictures through the points of the views, [N, 3, H, W]."""
-    layers = bitmaps.paint(scene, device, float(slopes.abs().max()))
+    layers = painting.paint(scene, device, float(slopes.abs().max()))
     n_views = max(scene.camera.grid)
     return torch.stack(
         [simulation_cost.through_points(layers, scene.camera, slope, n_views) for slope in slopes.tolist()]

@@ -20,7 +20,7 @@ from lfref.bench.accuracy import Row
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, Slopes
 from lfref.refocuser.refocuser import Refocuser
-from lfref.simulator import bitmaps, truth
+from lfref.simulator import painting, truth
 from lfref.simulator import views as render
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.layers import Layer
@@ -194,7 +194,7 @@ def aperture_errors(
     """
     rows: list[Row] = []
     for name, scene in scenes:
-        layers = bitmaps.paint(scene, device, float(planes.slopes.abs().max()))
+        layers = painting.paint(scene, device, float(planes.slopes.abs().max()))
         brute_force = [through_points(layers, scene.camera, slope, n_points) for slope in planes.slopes.tolist()]
         decibels = psnr(truth.stack(layers, scene.camera, planes.slopes), torch.stack(brute_force))
         worst = int(decibels.argmin())
@@ -218,6 +218,6 @@ def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_poin
     total, count = torch.zeros(3, *camera.size, dtype=torch.float64), 0
     for share in shares:
         p = shares[torch.hypot(shares, share) <= 0.5] if camera.aperture == "disc" else shares
-        pictures = render.render_views(layers, camera, p * camera.grid[1], share[None] * camera.grid[0], slope)
+        pictures = render.render(layers, camera, p * camera.grid[1], share[None] * camera.grid[0], slope)
         total, count = total.to(pictures.device) + pictures[0].double().sum(0), count + len(p)
     return (total / count).float()

@@ -12,19 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from lfref.errors import InputError, LfrefError
+from lfref.simulator.effects.sensor import EFFECTS, Sensor
 
 APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
-EFFECTS = {
-    "crosstalk": ("Crosstalk",),
-    "displacement": ("Chromatic", "Misalignment"),
-    "mosaic": ("Demosaic", "Mosaic"),
-    "noise": ("Noise",),
-    "response": ("Clipping", "Exposure", "Quantisation", "ToneCurve", "WhiteBalance"),
-    "sensor": ("Sensor",),
-    "vignetting": ("Vignetting",),
-}
 OPTIMISERS = ("Adadelta", "Adagrad", "Adam", "AdamW", "Adamax", "ASGD", "NAdam", "RAdam", "RMSprop", "Rprop", "SGD")
 SCHEDULES = (
     "ConstantLR", "CosineAnnealingLR", "CosineAnnealingWarmRestarts", "ExponentialLR", "LinearLR", "MultiStepLR",
@@ -86,8 +78,8 @@ NOW: dict[str, tuple[str, ...]] = {
         "lfref.simulator.sim30.scenes",
     ),
     "sensors": (
-        *(f"lfref.simulator.effects.{module}.{name}" for module, names in EFFECTS.items() for name in names),
-        "lfref.simulator.chance.RandomSensor",
+        *(f"{effect.__module__}.{effect.__name__}" for effect in (*EFFECTS.values(), Sensor)),
+        "lfref.simulator.scenes.RandomSensor",
     ),
     "measurements": ("lfref.bench.operator_costs.Scales",),
     "trainers": ("lightning.pytorch.Trainer",),

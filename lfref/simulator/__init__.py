@@ -1,1 +1,1 @@
-"""The simulator: scenes described in plain numbers, painted once, seen through any point of an aperture."""
+"""The simulator: scenes described in plain numbers, their views, and the truth that a lens would photograph."""

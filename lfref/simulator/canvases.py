@@ -1,6 +1,6 @@
-"""The grid that a surface is painted on: twice as fine as the central view, and as large as is ever seen of it.
+"""The grid that a surface is painted on: twice as fine as the pixels of the central view, as large as rays can reach.
 
-Samples lie at multiples of half a pixel from the picture's centre, on pixels of the central view among others.
+Samples lie at multiples of half a pixel from the picture's centre, so that every pixel of the central view has one.
 Letters: `X Y` as in `surfaces`, `h w` height and width in samples.
 """
 
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 OVERSAMPLING = 2
-"""Samples a pixel, along each axis."""
+"""Samples per pixel along each axis. Compiled loops rely on it: they keep even and odd columns apart."""
 
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels from the picture's centre."""
@@ -22,15 +22,13 @@ class Canvas:
     """A grid of samples on a surface."""
 
     left: int
-    """X of the first column, in samples."""
+    """X of the first column in samples."""
     top: int
-    """Y of the first row, in samples."""
+    """Y of the first row in samples."""
     width: int
-    """Columns."""
     height: int
-    """Rows."""
     period: tuple[int, int]
-    """Height and width in pixels after which random textures repeat; the same whatever else is asked for."""
+    """Height and width in pixels after which random textures repeat. It does not depend on the planes of the truth."""
 
     @property
     def x(self) -> Tensor:
@@ -44,34 +42,23 @@ class Canvas:
 
 
 def covering(box: Box, period: tuple[int, int]) -> Canvas:
-    """The canvas that covers a box.
-
-    Args:
-        box: In pixels from the picture's centre.
-        period: As in `Canvas`.
-    """
+    """The smallest canvas of even width that covers a box."""
     left, top = (math.floor(edge * OVERSAMPLING) for edge in box[:2])
     right, bottom = (math.ceil(edge * OVERSAMPLING) for edge in box[2:])
-    # An even width: compiled loops take the columns in pairs.
+    # Compiled loops take the columns in pairs.
     return Canvas(left, top, (right - left) // 2 * 2 + 2, bottom - top + 1, period)
 
 
 def intersection(one: Box, other: Box) -> Box:
-    """What two boxes have in common; a point if that is nothing."""
+    """The part that two boxes share; a point where they do not overlap."""
     left, top = max(one[0], other[0]), max(one[1], other[1])
     return left, top, max(left, min(one[2], other[2])), max(top, min(one[3], other[3]))
 
 
 def fast_length(length: float) -> int:
-    """The next even length whose Fourier transform is quick: a product of 2, 3 and 5."""
+    """The next even length with a fast Fourier transform: a product of 2, 3 and 5."""
     candidate = 2 * math.ceil(max(length, 2) / 2)
-    while _rest(candidate) > 1:
+    # Every product of 2, 3 and 5 up to 2^60 divides 30^60.
+    while pow(30, 60, candidate):
         candidate += 2
     return candidate
-
-
-def _rest(number: int) -> int:
-    for factor in (2, 3, 5):
-        while number % factor == 0:
-            number //= factor
-    return number

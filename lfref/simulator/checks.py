@@ -1,4 +1,4 @@
-"""Checks that the descriptions of a scene share: what is not usable is refused with one clear line."""
+"""Checks of scene descriptions: an unusable value is refused with one line that names it."""
 
 import math
 from collections.abc import Iterable
@@ -7,95 +7,64 @@ from lfref.errors import InputError
 
 
 def freeze(description: object) -> None:
-    """Turn the lists of a frozen dataclass, as yaml gives them, into tuples, so that it can be hashed.
-
-    Args:
-        description: The dataclass, within its `__post_init__`.
-    """
+    """Turn the lists of a frozen dataclass, as yaml gives them, into tuples: call it in `__post_init__`."""
     for name, value in vars(description).items():
         if isinstance(value, list):
-            object.__setattr__(description, name, _frozen(value))
+            object.__setattr__(description, name, _as_tuple(value))
 
 
-def _frozen(value: object) -> object:
-    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
+def _as_tuple(value: object) -> object:
+    return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value
 
 
 def numbers(what: str, values: Iterable[float], least: float = -math.inf, most: float = math.inf) -> None:
-    """Refuse what is no finite number of a range.
-
-    Args:
-        what: Name of the values, for the error.
-        values: Should be finite and from `least` to `most`.
-        least: Smallest legal value.
-        most: Largest legal value.
-
-    Raises:
-        InputError: One of them is not.
-    """
+    """Refuse values that are not finite numbers from `least` to `most`; `what` names them in the error."""
     values = list(values)
-    is_legal = all(
+    is_valid = all(
         isinstance(value, int | float) and math.isfinite(value) and least <= value <= most for value in values
     )
-    if not is_legal:
+    if not is_valid:
         limits = [f"at least {least:g}"] * (least > -math.inf) + [f"at most {most:g}"] * (most < math.inf)
         raise InputError(f"{what} must be finite numbers" + ", ".join(["", *limits]), got=values)
 
 
 def pair(what: str, values: tuple[float, ...], least: float = -math.inf, most: float = math.inf) -> None:
-    """Refuse what is no pair of finite numbers; arguments as in `numbers`."""
-    _of_length(what, values, 2)
+    """Refuse anything but two numbers within the limits."""
+    _check_length(what, values, 2)
     numbers(what, values, least, most)
 
 
 def span(what: str, values: tuple[float, ...], least: float = -math.inf, most: float = math.inf) -> None:
-    """Refuse what is no pair of finite numbers from small to large; arguments as in `numbers`."""
+    """Refuse anything but two numbers within the limits, the smaller first."""
     pair(what, values, least, most)
     if values[0] > values[1]:
         raise InputError(f"{what} must go from small to large", got=values)
 
 
 def colour(what: str, values: tuple[float, ...], least: float = 0.0, most: float = 1.0) -> None:
-    """Refuse what is not one number of a range each for red, green and blue; arguments as in `numbers`."""
-    _of_length(what, values, 3)
+    """Refuse anything but three numbers (red, green, blue) within the limits."""
+    _check_length(what, values, 3)
     numbers(what, values, least, most)
 
 
-def _of_length(what: str, values: tuple[float, ...], length: int) -> None:
+def _check_length(what: str, values: tuple[float, ...], length: int) -> None:
     if not isinstance(values, tuple) or len(values) != length:
         raise InputError(f"{what} must have {length} numbers", got=values)
 
 
 def above_zero(what: str, *values: float) -> None:
-    """Refuse what is not finite and above 0.
-
-    Args:
-        what: Name of the values, for the error.
-        values: The values.
-
-    Raises:
-        InputError: One of them is not.
-    """
+    """Refuse values that are not finite and above 0."""
     numbers(what, values)
     if min(values) <= 0:
         raise InputError(f"{what} must be above 0", got=list(values))
 
 
-def kind(what: str, value: object, wanted: type) -> None:
-    """Refuse a part of a scene that is of another kind.
-
-    Args:
-        what: Name of the part, for the error.
-        value: The part.
-        wanted: Class that it must be of.
-
-    Raises:
-        InputError: It is not.
-    """
-    if not isinstance(value, wanted):
-        raise InputError(f"{what} must be one of {', '.join(sorted(_kinds(wanted)))}", got=repr(value))
+def kind(what: str, value: object, base: type) -> None:
+    """Refuse a part of a scene that is not an instance of a class; the error names the classes to choose from."""
+    if not isinstance(value, base):
+        raise InputError(f"{what} must be one of {', '.join(sorted(_leaf_classes(base)))}", got=repr(value))
 
 
-def _kinds(wanted: type) -> list[str]:
-    below: list[type] = wanted.__subclasses__()
-    return [name for cls in below for name in _kinds(cls)] if below else [wanted.__name__]
+def _leaf_classes(base: type) -> list[str]:
+    subclasses: list[type] = base.__subclasses__()
+    return [name for cls in subclasses for name in _leaf_classes(cls)] if subclasses else [base.__name__]

@@ -1,20 +1,22 @@
-"""What a camera's files would hold of a picture that its lens records: in the brightness and colours of its views.
+"""Pictures of a lens as the files of a camera would hold them: in the brightness and colours of its views.
 
-A truth is linear and knows no sensor. To be compared with views, or learned from them, it takes on what the sensor and
-its software do to every sample alike. Defects of the views (noise, mosaic, quantisation, vignetting, crosstalk,
-aberrations, misalignment) stay with the views.
+A truth is linear and has none of a sensor's effects. To be compared with views, or learned from them, it takes on what
+sensor and software do to every sample alike. Defects of the views (noise, mosaic, quantisation, vignetting, crosstalk,
+aberrations, misalignment) stay with the views. Beside the truth, data sets and benchmarks also need the white picture
+that a camera is calibrated by.
 """
 
 import torch
 from torch import Generator, Tensor
 
 from lfref.lightfield import LightField
-from lfref.simulator.effects import chain
-from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.sensor import Sensor, effect_chain, recorded
 from lfref.simulator.scene import Scene
 
 SHARED = ("exposure", "clipping", "white_balance", "tone_curve")
-"""Fields of `Sensor` that are the same for every sample of a colour."""
+"""Effects that treat all samples of a colour alike."""
+WHITE = 0.8
+"""Radiance of the white scene: below 1, so that noise is not clipped."""
 
 
 def developed(pictures: Tensor, sensor: Sensor) -> Tensor:
@@ -25,28 +27,20 @@ def developed(pictures: Tensor, sensor: Sensor) -> Tensor:
         sensor: The scene's.
 
     Returns:
-        Pictures of the same shape; where the sensor clips, so are they.
+        Pictures of the same shape, clipped if the sensor clips.
     """
-    for effect in chain.effects(sensor):
-        if effect.name in SHARED:
-            # None of these draws anything.
-            pictures = effect.apply(pictures, Generator())
+    for name, effect in effect_chain(sensor).items():
+        if name in SHARED:
+            pictures = effect.apply(pictures, Generator())  # none of these draws random numbers
     return pictures
 
 
-# PART white_picture
-# The picture of a white scene by which a camera is calibrated: it shows the vignetting of every view.
-
-WHITE = 0.8
-"""Radiance of the white scene."""
-
-
 def white_picture(scene: Scene, light: LightField) -> LightField:
-    """What the camera of a scene records of a white one, with noise of its own, in linear light.
+    """The picture of a white scene, which shows the vignetting of every view, with noise of its own, in linear light.
 
     Args:
-        scene: Whose sensor it is.
-        light: Its views; the picture is of their shape.
+        scene: The scene whose sensor records it.
+        light: Views of the scene; the picture has their shape.
     """
-    recorded = chain.recorded(torch.full_like(light.views, WHITE), scene.sensor, scene.seed + 1)
-    return LightField(scene.sensor.encoding.decode(recorded))
+    views = recorded(torch.full_like(light.views, WHITE), scene.sensor, scene.seed + 1)
+    return LightField(scene.sensor.encoding.decode(views))

@@ -1,25 +1,29 @@
-"""What surfaces do with light, beyond their colour.
+"""Materials: what a surface does with light, beyond the colours of its texture.
 
 Letters: `X Y`, `p q` and `x y` as in `surfaces`.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from lfref.simulator import checks
 from lfref.simulator.textures import Flat, Texture
 
 
 class Material:
-    """A surface's way with light."""
+    """What a surface does with light."""
+
+    lengths: ClassVar[tuple[str, ...]]
+    """Fields in pixels or in pixels per view step."""
 
     @property
     def is_view_dependent(self) -> bool:
-        """The same point looks different from different aperture points."""
+        """Whether the same point looks different from different aperture points."""
         return False
 
     @property
     def own_gain(self) -> float | None:
-        """Light that the surface sends out itself, as a factor of its colour; None: it shows the scene's light."""
+        """Factor of the colours for a surface that shines by itself; None if the scene's light falls on it."""
         return None
 
     @property
@@ -30,13 +34,16 @@ class Material:
 
 @dataclass(frozen=True)
 class Matte(Material):
-    """The same from everywhere (Lambert)."""
+    """Looks the same from everywhere (Lambert)."""
+
+    lengths = ()
 
 
 @dataclass(frozen=True)
 class Emissive(Material):
     """Shines by itself: its colour times a gain, whatever the light."""
 
+    lengths = ()
     gain: float = 1.0
 
     def __post_init__(self) -> None:
@@ -44,7 +51,7 @@ class Emissive(Material):
 
     @property
     def own_gain(self) -> float:
-        """As in `Material`."""
+        """Factor of the colours."""
         return self.gain
 
 
@@ -55,14 +62,15 @@ class Glossy(Material):
     The highlight is strength * exp(-r^2 / (2 width^2)), r the distance of (X, Y) from centre + drift (p, q).
     """
 
+    lengths = ("width", "drift", "centre")
     strength: float = 0.5
-    """Radiance at its top, under a light of gain 1."""
+    """Radiance at the centre of the highlight under a light of gain 1."""
     width: float = 12.0
     """Standard deviation in pixels."""
     drift: float = 4.0
-    """Pixels on the surface per view step."""
+    """Movement over the surface in pixels per view step."""
     centre: tuple[float, float] = (0.0, 0.0)
-    """(X, Y) of its top as the central view sees it."""
+    """(X, Y) of the highlight in the central view."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -73,15 +81,21 @@ class Glossy(Material):
 
     @property
     def is_view_dependent(self) -> bool:
-        """As in `Material`; a highlight that keeps its place could be painted, but one of no strength is none."""
+        """Whether there is a highlight; one that does not drift counts too, though it could be painted."""
         return self.strength > 0
 
 
 @dataclass(frozen=True)
 class _Reflecting(Material):
+    """Shows another texture at another disparity: `share` of the light comes from there, the rest is its own."""
+
+    lengths = ("disparity",)
     share: float
-    texture: Texture
-    disparity: float
+    """Reflectance, from 0 to 1."""
+    texture: Texture = Flat()  # noqa: RUF009  frozen
+    """The mirrored picture."""
+    disparity: float = -2.0
+    """Disparity of the mirrored picture in pixels per view step."""
 
     def __post_init__(self) -> None:
         checks.numbers("a reflectance", [self.share], 0, 1)
@@ -90,34 +104,24 @@ class _Reflecting(Material):
 
     @property
     def is_view_dependent(self) -> bool:
-        """As in `Material`."""
+        """Whether anything is mirrored."""
         return self.share > 0
 
     @property
     def reflectance(self) -> float:
-        """As in `Material`."""
+        """Share of the light that comes from the mirrored picture."""
         return self.share
 
 
 @dataclass(frozen=True)
 class Mirror(_Reflecting):
-    """Shows another texture at another disparity: a share of what is seen comes from there, the rest is its own."""
+    """A mirror."""
 
     share: float = 0.8
-    """Reflectance, from 0 to 1."""
-    texture: Texture = Flat()  # noqa: RUF009  frozen
-    """What is mirrored."""
-    disparity: float = -2.0
-    """Of the mirrored picture, in pixels per view step."""
 
 
 @dataclass(frozen=True)
 class Glass(_Reflecting):
-    """A mirror of a small share; give its surface a small opacity, and the rest shines through."""
+    """A mirror of a small share; give its surface a small opacity, so that the background shines through."""
 
     share: float = 0.15
-    """Reflectance, from 0 to 1."""
-    texture: Texture = Flat()  # noqa: RUF009  frozen
-    """What is mirrored."""
-    disparity: float = -2.0
-    """Of the mirrored picture, in pixels per view step."""

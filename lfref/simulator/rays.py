@@ -1,6 +1,10 @@
-"""The tables that compiled loops take of layers whose rays are followed.
+"""Layers whose rays are followed one by one: their tables, and the compiled loops along a row of pixels.
 
-Letters: as in `ray_loop`.
+They serve surfaces that are slanted or curved, highlights, mirrored pictures, and surfaces that cross. For each layer
+and row: the pixels at which it may be visible (`visible_pixels`), the points where their rays meet it (`intersect`),
+its highlight (`add_highlight`), and compositing: in a fixed order, by depth at each pixel, or by depth in parts of a
+cell. Compiled code takes plain arrays only: `RayLayers` describes the layers, an `Atlas` holds their bitmaps.
+Letters: `k m` layers from far to near, `n` bitmap of the atlas, `x` pixel of the row, `X Y D p q` as in `surfaces`.
 """
 
 import math
@@ -12,76 +16,140 @@ from numpy.typing import NDArray
 
 from lfref.functional.jit import compiled, inlined
 from lfref.simulator.canvases import OVERSAMPLING, Box
-from lfref.simulator.layers import Highlight, Layer
-
-# PART ray_loop
-# The compiled loops that follow rays one by one, along a row of pixels at a time.
-#
-# They serve surfaces that are slanted or curved, highlights, mirrored pictures, and surfaces that cross.
-# Letters: `k` layer from far to near, `n` picture of an atlas, `x` pixel of the row, `X Y D` as in `surfaces`.
+from lfref.simulator.layers import Highlight, Layer, is_backdrop
+from lfref.simulator.lookups import Floats
 
 NEWTON_STEPS = 30
 CONVERGED = 1e-10
-"""Pixels per view step that a disparity found by Newton's method may still change by."""
+"""Newton's method stops at a smaller change of disparity, in pixels per view step."""
 DARK = 20.0
-"""Where a highlight is exp(-DARK) of its top, it ends."""
+"""A highlight ends where it is exp(-DARK) = 2e-9 of its maximum, far below the rounding of float32."""
 
 Integers = NDArray[np.int64]
-Marks = NDArray[np.bool_]
-Reals = NDArray[np.floating]
-Wide = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Float64s = NDArray[np.float64]
+
+
+class AtlasEntry(NamedTuple):
+    """A bitmap to be put into an atlas."""
+
+    samples: NDArray[np.floating]
+    """Premultiplied RGBA in the order that loops read: [h, w, 4], or [4, h, w] to be shifted."""
+    opacity: NDArray[np.floating]
+    """Its opacity, [h, w]."""
+    top: int
+    """Y of the first row in samples."""
+    left: int
+    """X of the first column in samples."""
 
 
 class Atlas(NamedTuple):
-    """Pictures one after the other."""
+    """A texture atlas: bitmaps one after the other in one array."""
 
-    samples: Reals
-    """Premultiplied RGBA, the channels of a sample side by side, [all]."""
+    samples: Floats
+    """Premultiplied RGBA of all bitmaps, [all]."""
     frames: Integers
-    """Place of its first value, rows, columns, Y and X of its first sample in samples, [n, 5]."""
+    """Index of its first value, rows, columns, Y and X of its first sample in samples, [n, 5]."""
 
 
-class Sights(NamedTuple):
-    """Layers whose rays are followed, from far to near."""
+class RayLayers(NamedTuple):
+    """Layers whose rays are followed, from far to near, as arrays."""
 
-    forms: Wide
-    """Numbers of `surfaces.Form`, [K, 7]."""
-    spans: Wide
+    forms: Float64s
+    """Parameters of `surfaces.Form`, [K, 7]."""
+    spans: Float64s
     """Least and greatest disparity that any ray meets, [K, 2]."""
-    boxes: Wide
+    boxes: Float64s
     """X and Y of the first, then of the last point that is not transparent, [K, 4]."""
-    pictures: Integers
-    """Picture in the atlas, and picture mirrored or -1, [K, 2]."""
-    mirrors: Wide
+    bitmaps: Integers
+    """Index in the atlas of the layer's bitmap, and of the mirrored picture or -1, [K, 2]."""
+    mirrors: Float64s
     """Share and disparity of the mirrored picture, [K, 2]."""
-    lobes: Wide
-    """Numbers of `layers.Highlight`, its width 0 where there is none, [K, 7]."""
-    faces: Marks
+    highlights: Float64s
+    """Parameters of `layers.Highlight`, of width 0 where there is none, [K, 7]."""
+    is_parallel: Bools
     """Whether it faces the camera, [K]."""
-    hides: Marks
+    is_backdrop: Bools
     """Whether it is opaque all over, [K]."""
 
 
-class Row(NamedTuple):
+class RayRow(NamedTuple):
     """Rays through one aperture point to a row of pixels."""
 
     p: float
     q: float
     x: float
-    """Of the first pixel, displaced by the slope times p."""
+    """Of the first pixel, displaced by slope times p."""
     y: float
-    """Of the row, likewise."""
+    """Of the row, displaced by slope times q."""
     slope: float
     """Of the picture in pixels per view step; 0 for a view."""
     cell: float
-    """Width in view steps of what the aperture point stands for; 0 for a view."""
+    """Width in view steps of the cell of the aperture that the point stands for; 0 for a view."""
+
+
+def atlas(entries: Sequence[AtlasEntry]) -> Atlas:
+    """Put bitmaps one after the other."""
+    arrays = [entry.samples.reshape(-1) for entry in entries]
+    starts = np.cumsum([0, *(array.size for array in arrays)])[:-1]
+    frames = [
+        (start, *entry.opacity.shape, entry.top, entry.left) for start, entry in zip(starts, entries, strict=True)
+    ]
+    samples = np.concatenate(arrays) if arrays else np.zeros(0, np.float32)
+    return Atlas(samples, np.array(frames, np.int64).reshape(-1, 5))
+
+
+def ray_layers(
+    layers: Sequence[Layer],
+    spans: Sequence[tuple[float, float]],
+    boxes: Sequence[Box],
+    bitmaps: Sequence[tuple[int, int]],
+) -> RayLayers:
+    """Arrays that describe layers; the arguments are the fields of the same names, row by row."""
+    none = Highlight(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def table(rows: Sequence[tuple[float, ...]], n_columns: int) -> Float64s:
+        return np.array(rows, np.float64).reshape(-1, n_columns)
+
+    return RayLayers(
+        table([layer.surface.geometry.form for layer in layers], 7),
+        table(spans, 2),
+        table(boxes, 4),
+        np.array(bitmaps, np.int64).reshape(-1, 2),
+        table([layer.reflection[1:] if layer.reflection else (0.0, 0.0) for layer in layers], 2),
+        table([layer.highlight or none for layer in layers], 7),
+        np.array([layer.surface.geometry.is_parallel for layer in layers], np.bool_),
+        np.array([is_backdrop(layer.surface) for layer in layers], np.bool_),
+    )
+
+
+def visible_box(entry: AtlasEntry, margin: float) -> Box:
+    """The box outside of which a bitmap is transparent, plus a margin in pixels that a look-up reads.
+
+    Ends of a bitmap go on beyond it: a side whose outermost samples are not transparent has no limit.
+    """
+    is_visible = entry.opacity != 0
+    limits = []
+    for axis, start in ((0, entry.left), (1, entry.top)):
+        index = np.flatnonzero(is_visible.any(axis=axis))
+        if not index.size:
+            return math.inf, math.inf, -math.inf, -math.inf
+        first, last = int(index[0]), int(index[-1])
+        low = -math.inf if first == 0 else (first + start) / OVERSAMPLING - margin
+        high = math.inf if last == is_visible.shape[1 - axis] - 1 else (last + start) / OVERSAMPLING + margin
+        limits.append((low, high))
+    (left, right), (top, bottom) = limits
+    return left, top, right, bottom
 
 
 @compiled
-def reached(sights: Sights, k: int, row: Row, width: int) -> tuple[int, int]:
-    """First pixel of a row at which a layer may be seen, and one past the last."""
-    near, far = sights.spans[k, 0], sights.spans[k, 1]
-    left, top, right, bottom = sights.boxes[k, 0], sights.boxes[k, 1], sights.boxes[k, 2], sights.boxes[k, 3]
+def visible_pixels(layers: RayLayers, k: int, row: RayRow, width: int) -> tuple[int, int]:
+    """First pixel of a row at which a layer may be visible, and one past the last.
+
+    The ray of pixel x meets the layer at X = x - D p: the box of its bitmap, moved by the least and greatest D p.
+    """
+    near, far = layers.spans[k, 0], layers.spans[k, 1]
+    left, top, right, bottom = layers.boxes[k, 0], layers.boxes[k, 1], layers.boxes[k, 2], layers.boxes[k, 3]
     high, low = row.y - min(near * row.q, far * row.q), row.y - max(near * row.q, far * row.q)
     if high < top or low > bottom:
         return 0, 0
@@ -91,257 +159,153 @@ def reached(sights: Sights, k: int, row: Row, width: int) -> tuple[int, int]:
 
 
 @compiled
-def meet(sights: Sights, k: int, row: Row, begin: int, stop: int, at: Wide) -> None:
-    """Where rays meet a layer.
+def intersect(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at: Float64s) -> None:
+    """Fill `at` [5, W] with X, Y, D and the derivatives of D along x and y, where rays meet layer k.
 
-    Args:
-        sights: The layers.
-        k: Which.
-        row: The rays.
-        begin: First pixel.
-        stop: One past the last pixel.
-        at: Filled between them with X, Y, D and the slopes of D along x and y, [5, W].
+    Of a plane, D = (d + a x + b y) / (1 + a p + b q). A dome is solved by Newton's method, starting from that plane
+    plus the height of the bump at the pixel before: two or three steps then suffice.
     """
-    form = sights.forms[k]
-    disparity, a, b = form[0], form[1], form[2]
+    form = layers.forms[k]
+    disparity, a, b, bulge = form[0], form[1], form[2], form[3]
+    radius, centre_x, centre_y = form[4], form[5], form[6]
     share = 1 / (1 + a * row.p + b * row.q)
     for x in range(begin, stop):
         at[2, x] = (disparity + a * (row.x + x) + b * row.y) * share
         at[3, x], at[4, x] = a * share, b * share
-    if form[3] != 0:
-        _climb(form, row, begin, stop, at)
+    if bulge != 0:
+        height = 0.0
+        for x in range(begin, stop):
+            plane = at[2, x]
+            D = plane + height
+            for _ in range(NEWTON_STEPS):
+                at_x, at_y = row.x + x - D * row.p, row.y - D * row.q
+                offset_x, offset_y = (at_x - centre_x) / radius, (at_y - centre_y) / radius
+                rise = max(1 - offset_x * offset_x - offset_y * offset_y, 0.0)
+                steepness = -4 * bulge / radius * rise
+                slope_x, slope_y = a + steepness * offset_x, b + steepness * offset_y
+                share = 1 / (1 + slope_x * row.p + slope_y * row.q)
+                step = (D - disparity - a * at_x - b * at_y - bulge * rise * rise) * share
+                D -= step
+                if abs(step) < CONVERGED:
+                    break
+            at[2, x], at[3, x], at[4, x], height = D, slope_x * share, slope_y * share, D - plane
     for x in range(begin, stop):
         at[0, x] = row.x + x - at[2, x] * row.p
         at[1, x] = row.y - at[2, x] * row.q
 
 
 @compiled
-def _climb(form: Wide, row: Row, begin: int, stop: int, at: Wide) -> None:
-    """From a plane to the bump on it, by Newton's method, each pixel starting with what the bump added before it."""
-    _, a, b, bulge, radius, centre_x, centre_y = form
-    added = 0.0
-    for x in range(begin, stop):
-        plane = at[2, x]
-        found = plane + added
-        for _ in range(NEWTON_STEPS):
-            at_x, at_y = row.x + x - found * row.p, row.y - found * row.q
-            off_x, off_y = (at_x - centre_x) / radius, (at_y - centre_y) / radius
-            rise = max(1 - off_x * off_x - off_y * off_y, 0.0)
-            steep = -4 * bulge / radius * rise
-            across, down = a + steep * off_x, b + steep * off_y
-            share = 1 / (1 + across * row.p + down * row.q)
-            step = (found - form[0] - a * at_x - b * at_y - bulge * rise * rise) * share
-            found -= step
-            if abs(step) < CONVERGED:
-                break
-        at[2, x], at[3, x], at[4, x], added = found, across * share, down * share, found - plane
+def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at: Float64s, rgba: Floats) -> None:
+    """Add the highlight of layer k to `rgba` [4, W] at the points that `intersect` found.
 
-
-@compiled
-def shine(sights: Sights, k: int, row: Row, begin: int, stop: int, at: Wide, rgba: Reals) -> None:
-    """Add a layer's highlight, spread by the way that it moves within a cell; arguments as for `meet`.
-
-    Args:
-        sights: As there.
-        k: As there.
-        row: As there.
-        begin: As there.
-        stop: As there.
-        at: As filled there.
-        rgba: Changed, [4, W].
+    Within a cell the highlight moves over the picture by (e - drift) times the cell's width, e the relative slope, and
+    is blurred by a box of that width. See `layers.Highlight.light_at`.
     """
-    lobe = sights.lobes[k]
+    lobe = layers.highlights[k]
     width, drift = lobe[3], lobe[4]
     centre_x, centre_y = lobe[5] + drift * row.p, lobe[6] + drift * row.q
     red, green, blue = rgba.dtype.type(lobe[0]), rgba.dtype.type(lobe[1]), rgba.dtype.type(lobe[2])
     for x in range(begin, stop):
-        way = (row.slope - at[2, x] - drift) * row.cell
-        variance = width * width + way * way / 12
-        fall = ((at[0, x] - centre_x) ** 2 + (at[1, x] - centre_y) ** 2) / (2 * variance)
-        if fall < DARK:
-            light = rgba.dtype.type(np.exp(-fall) * width * width / variance) * rgba[3, x]
+        spread = (row.slope - at[2, x] - drift) * row.cell
+        variance = width * width + spread * spread / 12
+        exponent = ((at[0, x] - centre_x) ** 2 + (at[1, x] - centre_y) ** 2) / (2 * variance)
+        if exponent < DARK:
+            light = rgba.dtype.type(np.exp(-exponent) * width * width / variance) * rgba[3, x]
             rgba[0, x] += red * light
             rgba[1, x] += green * light
             rgba[2, x] += blue * light
 
 
 @compiled
-def lay(rgba: Reals, begin: int, stop: int, sight: Reals) -> None:
-    """Lay a layer over what is seen so far.
-
-    Args:
-        rgba: The layer, [4, W].
-        begin: First pixel.
-        stop: One past the last pixel.
-        sight: Changed between them, [3, W].
-    """
+def composite_over(rgba: Floats, begin: int, stop: int, radiance: Floats) -> None:
+    """Lay a layer, `rgba` [4, W], over `radiance` [3, W] from pixel `begin` to before `stop`."""
     one = rgba.dtype.type(1)
     for c in range(3):
         for x in range(begin, stop):
-            sight[c, x] = rgba[c, x] + (one - rgba[3, x]) * sight[c, x]
+            radiance[c, x] = rgba[c, x] + (one - rgba[3, x]) * radiance[c, x]
 
 
 @compiled
-def lay_ranked(rgba: Reals, disparities: Wide, order: Integers, sight: Reals) -> None:
+def composite_by_depth(rgba: Floats, disparities: Float64s, order: Integers, radiance: Floats) -> None:
     """Lay layers over one another, at each pixel in the order of their disparities.
 
     Args:
-        rgba: The layers, 0 where they are not seen, [K, 4, W].
-        disparities: What each pixel sees of them, [K, W].
-        order: Room for a number each, [K].
-        sight: Filled, [3, W].
+        rgba: The layers, 0 where they are not visible, [K, 4, W].
+        disparities: Disparity of each layer at each pixel, [K, W].
+        order: Scratch memory, [K].
+        radiance: Filled, [3, W].
     """
     one = rgba.dtype.type(1)
-    for x in range(sight.shape[1]):
+    for x in range(radiance.shape[1]):
+        # Insertion sort of the layers that are not transparent: there are few, mostly in order already.
+        count = 0
+        for k in range(len(rgba)):
+            if rgba[k, 3, x] != 0:
+                place = count
+                while place > 0 and disparities[order[place - 1], x] > disparities[k, x]:
+                    order[place] = order[place - 1]
+                    place -= 1
+                order[place] = k
+                count += 1
         red = green = blue = rgba.dtype.type(0)
-        for place in range(_ranked(rgba[:, 3, x], disparities[:, x], order)):
+        for place in range(count):
             k = order[place]
             passed = one - rgba[k, 3, x]
             red = rgba[k, 0, x] + passed * red
             green = rgba[k, 1, x] + passed * green
             blue = rgba[k, 2, x] + passed * blue
-        sight[0, x], sight[1, x], sight[2, x] = red, green, blue
-
-
-@inlined
-def _ranked(opacities: Reals, disparities: Wide, order: Integers) -> int:
-    """Fill in the layers that are not transparent from far to near; how many these are."""
-    count = 0
-    for k in range(opacities.size):
-        if opacities[k] != 0:
-            place = count
-            while place > 0 and disparities[order[place - 1]] > disparities[k]:
-                order[place] = order[place - 1]
-                place -= 1
-            order[place] = k
-            count += 1
-    return count
+        radiance[0, x], radiance[1, x], radiance[2, x] = red, green, blue
 
 
 @compiled
-def lay_shared(rgba: Reals, at: Wide, crosses: Marks, row: Row, shares: Reals, sight: Reals) -> None:
-    """Lay layers over one another, at each pixel in the order of their disparities.
+def composite_crossing(
+    rgba: Floats, at: Float64s, crosses: Bools, row: RayRow, passed: Floats, radiance: Floats
+) -> None:
+    """Lay layers over one another as seen through a cell, in the parts of which their order may differ.
 
-    Of two layers that cross, each is the nearer one in a part of a cell, if their disparities differ by less than they
-    do across it. All parts of a layer's light pass what is before it.
+    Where two surfaces cross, each is the nearer one in a part of the cell. The line where they cross moves over the
+    picture by |e| times the cell's width, so that the disparity of one minus that of the other varies by `spread`, that
+    way times the gradient of the difference; the share of the cell in which a layer is the nearer one grows linearly
+    from 0 to 1 as its lead goes from -spread / 2 to spread / 2. All
+    light of a layer passes the shares of the others before it.
 
     Args:
-        rgba: The layers, 0 where they are not seen, [K, 4, W].
-        at: What each pixel sees of them: X, Y, D and its slopes along x and y, [K, 5, W].
+        rgba: The layers, 0 where they are not visible, [K, 4, W].
+        at: Where they are met, as by `intersect`, [K, 5, W].
         crosses: Pairs of layers that cross, [K, K].
         row: The rays.
-        shares: Room for a row, [W].
-        sight: Filled, [3, W].
+        passed: Scratch memory, [W].
+        radiance: Filled, [3, W].
     """
-    sight[:] = 0
+    radiance[:] = 0
     for k in range(len(rgba)):
-        shares[:] = 1
+        passed[:] = 1
         for m in range(len(rgba)):
             if m != k:
-                _veil(rgba[m, 3], at[m], at[k], m > k, crosses[m, k], row, shares)
+                _occlude(rgba[m, 3], at[m], at[k], m > k, crosses[m, k], row, passed)
         for c in range(3):
-            for x in range(sight.shape[1]):
-                sight[c, x] += shares[x] * rgba[k, c, x]
+            for x in range(radiance.shape[1]):
+                radiance[c, x] += passed[x] * rgba[k, c, x]
 
 
 @compiled
-def _veil(opacity: Reals, veil: Wide, behind: Wide, is_later: bool, crosses: bool, row: Row, shares: Reals) -> None:
-    """Take from the light of one layer what another one keeps back."""
-    for x in range(shares.size):
-        lead = veil[2, x] - behind[2, x]
+def _occlude(
+    opacity: Floats, front: Float64s, behind: Float64s, is_later: bool, crosses: bool, row: RayRow, passed: Floats
+) -> None:
+    """Multiply `passed` [W], the share of the light of one layer, by the share that another one lets through."""
+    for x in range(passed.size):
+        lead = front[2, x] - behind[2, x]
+        # Of equal disparities the later layer is in front.
         before = 1.0 if lead > 0 or (lead == 0 and is_later) else 0.0
         if crosses:
-            across, down = veil[3, x] - behind[3, x], veil[4, x] - behind[4, x]
-            e = row.slope - (veil[2, x] + behind[2, x]) / 2
+            across, down = front[3, x] - behind[3, x], front[4, x] - behind[4, x]
+            e = row.slope - (front[2, x] + behind[2, x]) / 2
             spread = abs(e) * row.cell * np.sqrt(across * across + down * down)
             before = min(max(0.5 + lead / spread, 0.0), 1.0) if abs(lead) < spread else before
-        shares[x] *= 1 - shares.dtype.type(before) * opacity[x]
+        passed[x] *= 1 - passed.dtype.type(before) * opacity[x]
 
 
 @inlined
 def sample_position(frame: Integers, at_x: float, at_y: float) -> tuple[float, float]:
-    """Column and row in a picture of a point (X, Y)."""
+    """Column and row of a point (X, Y) in a bitmap of the atlas, in samples."""
     return at_x * OVERSAMPLING - frame[4], at_y * OVERSAMPLING - frame[3]
-
-
-NO_LOBE = Highlight(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-class Page(NamedTuple):
-    """Samples, and where they lie on a surface."""
-
-    samples: NDArray[np.floating]
-    """Premultiplied RGBA in the order in which loops want it, [h, w, 4] or [4, h, w]."""
-    opacity: NDArray[np.floating]
-    """The part of it that is opacity, [h, w]."""
-    top: int
-    """Y of the first row in samples."""
-    left: int
-    """X of the first column in samples."""
-
-
-def atlas(pictures: Sequence[Page]) -> Atlas:
-    """Put pictures one after the other."""
-    arrays = [picture.samples.reshape(-1) for picture in pictures]
-    starts = np.cumsum([0, *(array.size for array in arrays)])[:-1]
-    frames = [
-        (start, *picture.opacity.shape, picture.top, picture.left)
-        for start, picture in zip(starts, pictures, strict=True)
-    ]
-    samples = np.concatenate(arrays) if arrays else np.zeros(0, np.float32)
-    return Atlas(samples, np.array(frames, np.int64).reshape(-1, 5))
-
-
-def sights(
-    layers: Sequence[Layer],
-    spans: Sequence[tuple[float, float]],
-    boxes: Sequence[Box],
-    pictures: Sequence[tuple[int, int]],
-) -> Sights:
-    """Describe layers.
-
-    Args:
-        layers: From far to near.
-        spans: Least and greatest disparity that any ray meets of each.
-        boxes: Where each may be seen.
-        pictures: Place in an atlas of each one's picture, and of the picture that it mirrors or -1.
-    """
-    mirrors = [layer.reflection[1:] if layer.reflection else (0.0, 0.0) for layer in layers]
-    return Sights(
-        _table([layer.surface.geometry.form for layer in layers], 7),
-        _table(spans, 2),
-        _table(boxes, 4),
-        np.array(pictures, np.int64).reshape(-1, 2),
-        _table(mirrors, 2),
-        _table([layer.highlight or NO_LOBE for layer in layers], 7),
-        np.array([layer.surface.geometry.is_parallel for layer in layers], np.bool_),
-        np.array([layer.hides for layer in layers], np.bool_),
-    )
-
-
-def _table(rows: Sequence[tuple[float, ...]], n_columns: int) -> NDArray[np.float64]:
-    return np.array(rows, np.float64).reshape(-1, n_columns)
-
-
-def box(picture: Page, margin: float) -> Box:
-    """Where a picture may be seen that goes on beyond its ends.
-
-    Args:
-        picture: Whose opacity counts.
-        margin: Pixels that are looked at around a point.
-    """
-    is_seen, left, top = picture.opacity != 0, math.inf, math.inf
-    right, bottom = -math.inf, -math.inf
-    if is_seen.any():
-        top, bottom = _seen(is_seen.any(axis=1), picture.top, margin)
-        left, right = _seen(is_seen.any(axis=0), picture.left, margin)
-    return left, top, right, bottom
-
-
-def _seen(is_seen: NDArray[np.bool_], start: int, margin: float) -> tuple[float, float]:
-    """First and last place that is seen, in pixels, without end where the outermost ones are."""
-    places = np.flatnonzero(is_seen)
-    first, last = int(places[0]), int(places[-1])
-    low = -math.inf if first == 0 else (first + start) / OVERSAMPLING - margin
-    high = math.inf if last == len(is_seen) - 1 else (last + start) / OVERSAMPLING + margin
-    return low, high

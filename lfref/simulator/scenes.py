@@ -1,43 +1,58 @@
-"""Where scenes come from: one after the other drawn from a distribution, or the same few again and again.
+"""Where scenes come from: a fixed list that repeats, or a random distribution.
 
-Every scene is fixed by (seed, epoch, index) alone.
+Every scene is fixed by (seed, epoch, index) alone, so that any worker process can make any of them.
 """
 
 import abc
 import dataclasses
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
+import torch
 from torch import Generator
 
 from lfref.errors import InputError
-from lfref.simulator import chance, checks
-from lfref.simulator.chance import MATERIALS, Dice, RandomSensor, Range, Tone
-from lfref.simulator.materials import Glass, Material, Matte
-from lfref.simulator.mattes import Full
+from lfref.simulator import checks
+from lfref.simulator.effects.crosstalk import Crosstalk
+from lfref.simulator.effects.displacement import Chromatic, Misalignment
+from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
+from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.materials import Emissive, Glass, Glossy, Material, Matte, Mirror
+from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.surfaces import STEEPEST, Geometry, Plane
+from lfref.simulator.surfaces import STEEPEST, Dome, Geometry, Plane
+from lfref.simulator.textures import Checker, Colour, Flat, Gradient, Picture, Stripes, Texture
+from lfref.simulator.textures import Noise as NoiseTexture
 
-SHARES = ("domes", *MATERIALS, "translucent", "moving")
+Item = TypeVar("Item")
+
+Range = tuple[float, float]
+"""Least and greatest number to draw."""
 
 
 class Scenes(abc.ABC):
-    """Scenes by their place."""
+    """Scenes by index."""
 
     @abc.abstractmethod
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
-        """One scene, with a name of its own in its epoch.
+        """One scene, with a name that no other scene of its epoch has.
 
         Args:
             seed: Of all scenes, at least 0.
             epoch: From 0.
-            index: Its place in the epoch.
+            index: Of the scene within the epoch, from 0.
         """
 
 
 @dataclass(frozen=True)
 class Fixed(Scenes):
-    """The same scenes one after the other, and from the first again with other textures and noise.
+    """The same scenes one after the other, then again from the first with other textures and noise.
 
     In the first round of epoch 0 the seed is added to their own: seed 0 gives the scenes as they are.
     """
@@ -50,48 +65,268 @@ class Fixed(Scenes):
             raise InputError("there must be at least one scene", got="none")
 
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
-        """As in `Scenes`."""
-        again, place = divmod(index, len(self.scenes))
+        """The scene at `index` modulo their number."""
+        cycle, place = divmod(index, len(self.scenes))
         scene = self.scenes[place]
-        added = _key(seed, epoch, again) % 2**62 if epoch or again else seed
-        name = f"{scene.name or 'scene'}{f'_{again}' if again else ''}"
+        added = _combined_seed(seed, epoch, cycle) % 2**62 if epoch or cycle else seed
+        name = f"{scene.name or 'scene'}{f'_{cycle}' if cycle else ''}"
         return dataclasses.replace(scene, name=name, seed=scene.seed + added)
+
+
+def _combined_seed(*numbers: int) -> int:
+    """One seed from several numbers, each of which may be large."""
+    return int(np.random.SeedSequence(numbers).generate_state(1, np.uint64)[0])
+
+
+class RandomDraws:
+    """Random numbers, choices and colours from a generator."""
+
+    def __init__(self, generator: Generator) -> None:
+        self.generator = generator
+
+    def uniform(self, low: float = 0.0, high: float = 1.0) -> float:
+        """A number between two others."""
+        return low + (high - low) * float(torch.rand((), generator=self.generator))
+
+    def integer(self, low: int, high: int) -> int:
+        """A whole number from `low` to `high`, both included."""
+        return int(torch.randint(low, high + 1, (), generator=self.generator))
+
+    def choice(self, items: Sequence[Item]) -> Item:
+        """One of some items, all equally likely."""
+        return items[self.integer(0, len(items) - 1)]
+
+    def happens(self, probability: float) -> bool:
+        """Whether an event happens; one of probability 0 draws no number, so that it leaves later draws alone."""
+        return probability > 0 and self.uniform() < probability
+
+    def case(self, probabilities: Sequence[float]) -> int | None:
+        """Index of one of several cases that exclude each other, or None; draws no number if all are impossible."""
+        if not any(probabilities):
+            return None
+        at = self.uniform()
+        return next((k for k in range(len(probabilities)) if at < sum(probabilities[: k + 1])), None)
+
+    def colour(self, low: float, high: float) -> Colour:
+        """Red, green and blue, each between two numbers."""
+        return self.uniform(low, high), self.uniform(low, high), self.uniform(low, high)
+
+    def point(self, camera: Camera) -> tuple[float, float]:
+        """A point of the central view, from its centre."""
+        height, width = camera.size
+        return self.uniform(-width / 2, width / 2), self.uniform(-height / 2, height / 2)
+
+
+@dataclass(frozen=True)
+class Tone:
+    """Brightness and saturation of a whole scene: photographs differ in both."""
+
+    brightness: float
+    """Factor of all colours."""
+    saturation: float
+    """1 keeps colours, 0 leaves grey."""
+
+    def __call__(self, colour: Colour) -> Colour:
+        """The colour in such a scene."""
+        grey = sum(colour) / 3
+        red, green, blue = (self.brightness * (grey + self.saturation * (value - grey)) for value in colour)
+        return red, green, blue
+
+
+def _noise_texture(draws: RandomDraws, tone: Tone) -> Texture:
+    tint, strength = draws.colour(0.5, 1.5), draws.uniform(0.1, 0.33)
+    contrast = tone((strength * tint[0], strength * tint[1], strength * tint[2]))
+    colour, exponent, hardness = tone(draws.colour(0.15, 0.85)), draws.uniform(1, 2), draws.uniform()
+    return NoiseTexture(colour, contrast, exponent, hardness, grain=0.03 * tone.brightness)
+
+
+def _wave_options(draws: RandomDraws, tone: Tone) -> tuple[Colour, Colour, float, float]:
+    """Both colours, angle and phase: the arguments that all waves have after their period."""
+    return tone(draws.colour(0, 0.9)), tone(draws.colour(0.1, 1)), draws.uniform(0, 180), draws.uniform()
+
+
+TEXTURES: tuple[Callable[[RandomDraws, Tone], Texture], ...] = (
+    *(_noise_texture,) * 6,
+    lambda draws, tone: Checker(draws.uniform(6, 60), *_wave_options(draws, tone)),
+    lambda draws, tone: Stripes(draws.uniform(4, 40), *_wave_options(draws, tone)),
+    lambda draws, tone: Gradient(draws.uniform(100, 600), *_wave_options(draws, tone)),
+    lambda draws, tone: Flat(tone(draws.colour(0, 1))),
+)
+"""Equally likely; noise six times, since most textures in photographs are no regular pattern."""
+
+
+def random_outline(draws: RandomDraws, camera: Camera) -> Outline:
+    """The outline of an island in the picture."""
+    # The radius of a disc that covers 10 to 35 % of the picture.
+    radius = (draws.uniform(0.1, 0.35) * camera.size[0] * camera.size[1] / math.pi) ** 0.5
+    return draws.choice(OUTLINES)(draws, camera, max(radius, 1.0))
+
+
+def _polygon(draws: RandomDraws, camera: Camera, radius: float) -> Outline:
+    (x, y), n_corners, turn = draws.point(camera), draws.integer(3, 9), draws.uniform(0, 2 * math.pi)
+    corners = []
+    for n in range(n_corners):
+        angle, distance = turn + 2 * math.pi * n / n_corners, radius * draws.uniform(0.7, 1.5)
+        corners.append((x + distance * math.cos(angle), y + distance * math.sin(angle)))
+    return Polygon(tuple(corners))
+
+
+def _leaf(draws: RandomDraws, camera: Camera, radius: float) -> Outline:
+    return Leaf(3 * radius, radius * draws.uniform(0.6, 1.8), draws.uniform(0, 360), draws.point(camera))
+
+
+def _twigs(draws: RandomDraws, camera: Camera, radius: float) -> Outline:
+    width, angle = draws.uniform(1, 5), draws.uniform(0, 360)
+    return Twigs(radius, width, draws.integer(2, 5), angle, draws.point(camera), draws.integer(0, 2**31 - 1))
+
+
+def _perforated(draws: RandomDraws, camera: Camera, radius: float) -> Outline:
+    pitch = draws.uniform(8, 48)
+    return Perforated(pitch, pitch * draws.uniform(0.25, 0.43), draws.uniform(0, 90))
+
+
+OUTLINES: tuple[Callable[[RandomDraws, Camera, float], Outline], ...] = (
+    *(lambda draws, camera, radius: Disc(radius, draws.point(camera)), _polygon, _leaf, _twigs) * 2,
+    _perforated,
+)
+"""Equally likely; the lattice once only, since it covers the whole picture."""
+
+
+def random_dome(draws: RandomDraws, camera: Camera, disparity: float, bulge: Range) -> Dome:
+    """A bump or hollow on a plane of some disparity, no higher than the camera's aperture allows."""
+    radius = max(camera.size) * draws.uniform(0.2, 0.6)
+    # `Scene` refuses bulges of which steepness times half the aperture exceeds STEEPEST.
+    limit = 0.9 * STEEPEST / sum(Dome(0.0, 1.0, radius).steepness()) * 2 / sum(camera.half_aperture)
+    height = max(-limit, min(limit, draws.uniform(*bulge)))
+    return Dome(disparity, height, radius, draws.point(camera))
+
+
+def _glossy(draws: RandomDraws, tone: Tone, camera: Camera, disparities: Range) -> Material:
+    width = max(camera.size) * draws.uniform(0.03, 0.12)
+    strength, drift = draws.uniform(0.2, 0.8) * tone.brightness, draws.uniform(-0.3, 0.3) * width
+    return Glossy(strength, width, drift, draws.point(camera))
+
+
+def _mirrored(draws: RandomDraws, tone: Tone, disparities: Range) -> tuple[Texture, float]:
+    """Texture and disparity of a mirrored picture."""
+    return draws.choice(TEXTURES)(draws, tone), draws.uniform(*disparities)
+
+
+MATERIALS: dict[str, Callable[[RandomDraws, Tone, Camera, Range], Material]] = {
+    "glossy": _glossy,
+    "mirror": lambda draws, tone, camera, span: Mirror(draws.uniform(0.5, 0.95), *_mirrored(draws, tone, span)),
+    "glass": lambda draws, tone, camera, span: Glass(draws.uniform(0.05, 0.3), *_mirrored(draws, tone, span)),
+    "emissive": lambda draws, tone, camera, span: Emissive(draws.uniform(1, 4)),
+}
+"""All but matte: functions of draws, the scene's tone, the camera, and the range of mirrored disparities."""
+
+
+@dataclass(frozen=True)
+class RandomSensor:
+    """Random sensors: for each effect the share of scenes that have it, from 0 to 1, and the ranges of its options."""
+
+    chromatic: float = 0.0
+    magnification: Range = (0.998, 1.002)
+    """Of red and of blue; green keeps its size and focus."""
+    focus: Range = (-0.05, 0.05)
+    """Of red and of blue, in pixels per view step."""
+    vignetting: float = 0.0
+    field: Range = (0.0, 0.6)
+    cats_eye: Range = (0.0, 0.4)
+    misalignment: float = 0.0
+    sigma: Range = (0.02, 0.2)
+    crosstalk: float = 0.0
+    leak: Range = (0.01, 0.08)
+    exposure: float = 0.0
+    gain: Range = (0.7, 1.4)
+    mosaic: float = 0.0
+    noise: float = 0.0
+    shot: Range = (0.0, 0.002)
+    read: Range = (0.0, 1e-4)
+    clipping: float = 0.0
+    """To [0, 1]."""
+    quantisation: float = 0.0
+    bits: tuple[int, int] = (8, 12)
+    white_balance: float = 0.0
+    gains: Range = (0.8, 1.25)
+    """Of red and of blue; that of green is 1."""
+    tone_curve: float = 0.0
+    """That of sRGB."""
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        for option in dataclasses.fields(self):
+            value = getattr(self, option.name)
+            if option.name in RANDOM_EFFECTS:
+                checks.numbers(f"the share of {option.name}", [value], 0, 1)
+            else:
+                checks.span(f"the range of {option.name}", value)
+
+    def draw(self, draws: RandomDraws) -> Sensor:
+        """A sensor; effects of share 0 draw no numbers. A range that an effect does not allow raises InputError."""
+        return Sensor(
+            **{name: make(self, draws) for name, make in RANDOM_EFFECTS.items() if draws.happens(getattr(self, name))}
+        )
+
+
+def _around_green(green: float, draws: RandomDraws, span: Range) -> tuple[float, float, float]:
+    """Random numbers for red and blue, a fixed one for green."""
+    return draws.uniform(*span), green, draws.uniform(*span)
+
+
+RANDOM_EFFECTS: dict[str, Callable[[RandomSensor, RandomDraws], Any]] = {
+    "chromatic": lambda of, draws: Chromatic(
+        _around_green(1, draws, of.magnification), _around_green(0, draws, of.focus)
+    ),
+    "vignetting": lambda of, draws: Vignetting(draws.uniform(*of.field), draws.uniform(*of.cats_eye)),
+    "misalignment": lambda of, draws: Misalignment(draws.uniform(*of.sigma)),
+    "crosstalk": lambda of, draws: Crosstalk(draws.uniform(*of.leak)),
+    "exposure": lambda of, draws: Exposure(draws.uniform(*of.gain)),
+    "mosaic": lambda of, draws: Mosaic(draws.choice(list(PATTERNS))),
+    "noise": lambda of, draws: Noise(draws.uniform(*of.shot), draws.uniform(*of.read)),
+    "clipping": lambda of, draws: Clipping(),
+    "quantisation": lambda of, draws: Quantisation(draws.integer(*of.bits)),
+    "white_balance": lambda of, draws: WhiteBalance(_around_green(1, draws, of.gains)),
+    "tone_curve": lambda of, draws: ToneCurve("srgb"),
+}
+"""Random effect of each field of `Sensor`."""
 
 
 @dataclass(frozen=True)
 class RandomScenes(Scenes):
-    """Scenes without end: a full background, and islands of all outlines in front of it.
+    """Random scenes: a full background, and islands of all outlines in front of it.
 
-    Shares are of all surfaces, from 0 to 1. What has the share 0 takes no random number.
+    Shares are of all surfaces, from 0 to 1. An option of share 0 draws no random number, so that scenes without it stay
+    as they were before it existed.
     """
 
     camera: Camera = Camera()  # noqa: RUF009  frozen
     n_surfaces: tuple[int, int] = (3, 5)
-    """Fewest and most surfaces."""
+    """Least and greatest number of surfaces."""
     disparities: Range = (-1.0, 1.0)
     """In pixels per view step."""
     slant: float = 0.0
-    """Greatest change of disparity a pixel along each axis; surfaces then may cross each other."""
+    """Greatest change of disparity per pixel along each axis; surfaces may then cross each other."""
     pictures: tuple[str, ...] = ()
-    """Image files to take some textures from."""
+    """Image files; with any, they are half of the textures."""
     domes: float = 0.0
-    """Share of surfaces that are curved."""
+    """Share of curved surfaces."""
     bulge: Range = (-0.5, 0.5)
-    """What the top of a dome has more, in pixels per view step."""
+    """Height of domes in pixels per view step."""
     glossy: float = 0.0
     mirror: float = 0.0
     glass: float = 0.0
     emissive: float = 0.0
     """Shares of the materials, together 1 at most; the rest is matte."""
     translucent: float = 0.0
-    """Share of islands that let through what is behind."""
+    """Share of islands that the background shines through."""
     opacity: Range = (0.3, 0.9)
-    """Of those."""
+    """Of translucent islands."""
     moving: float = 0.0
     """Share of surfaces that move during the exposure."""
     motion: Range = (-6.0, 6.0)
-    """Of those, in pixels along each axis."""
-    sensor: RandomSensor = RandomSensor()  # noqa: RUF009  frozen
+    """Of moving surfaces, in pixels along each axis."""
+    sensor: RandomSensor = RandomSensor()
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -100,7 +335,7 @@ class RandomScenes(Scenes):
             raise InputError("ranges must go from small to large, with one surface at least", got=got)
         if not 0 <= self.slant * sum(self.camera.half_aperture) <= STEEPEST:
             raise InputError("slant must be from 0 to 0.5 / (half the view rows + half the columns)", got=self.slant)
-        for name in SHARES:
+        for name in ("domes", *MATERIALS, "translucent", "moving"):
             checks.numbers(f"the share of {name}", [getattr(self, name)], 0, 1)
         checks.numbers("the shares of materials together", [sum(getattr(self, name) for name in MATERIALS)], 0, 1)
         for what, span in (("bulges", self.bulge), ("motions", self.motion)):
@@ -108,56 +343,46 @@ class RandomScenes(Scenes):
         checks.span("the range of opacities", self.opacity, 0, 1)
 
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
-        """As in `Scenes`."""
-        scene = self.drawn(Generator().manual_seed(_key(seed, epoch, index)))
-        # No two numbers side by side at its end: files would look like views by row and column.
+        """The scene of the generator that seed, epoch and index fix."""
+        scene = self.draw(Generator().manual_seed(_combined_seed(seed, epoch, index)))
+        # Its name must not end in two numbers: readers would take its files for views by row and column.
         return dataclasses.replace(scene, name=f"simulated_s{seed}_e{epoch}_{index:03d}")
 
     def plain(self) -> "RandomScenes":
-        """The same of matte surfaces that stand still."""
+        """The same distribution with matte surfaces that stand still."""
         return dataclasses.replace(self, glossy=0.0, mirror=0.0, glass=0.0, emissive=0.0, moving=0.0)
 
-    def drawn(self, generator: Generator) -> Scene:
-        """Draw a scene.
+    def draw(self, generator: Generator) -> Scene:
+        """A random scene, its surfaces from far to near; the generator fixes it with all its textures."""
+        draws = RandomDraws(generator)
+        disparities = sorted(draws.uniform(*self.disparities) for _ in range(draws.integer(*self.n_surfaces)))
+        tone = Tone(1 - 0.75 * draws.uniform(), 1 - 0.75 * draws.uniform())
+        surfaces = [self._surface(draws, tone, disparity, k > 0) for k, disparity in enumerate(disparities)]
+        seed = draws.integer(0, 2**31 - 1)
+        return Scene(self.camera, tuple(surfaces), sensor=self.sensor.draw(draws), seed=seed)
 
-        Args:
-            generator: Source of randomness; it fixes the scene with all its textures.
-
-        Returns:
-            The scene, its surfaces from far to near.
-        """
-        dice = Dice(generator)
-        disparities = sorted(dice.uniform(*self.disparities) for _ in range(dice.whole(*self.n_surfaces)))
-        tone = Tone(1 - 0.75 * dice.uniform(), 1 - 0.75 * dice.uniform())
-        surfaces = [self._surface(dice, tone, disparity, bool(place)) for place, disparity in enumerate(disparities)]
-        seed = dice.whole(0, 2**31 - 1)
-        return Scene(self.camera, tuple(surfaces), sensor=self.sensor.drawn(dice), seed=seed)
-
-    def _surface(self, dice: Dice, tone: Tone, disparity: float, is_island: bool) -> Surface:
-        geometry = self._geometry(dice, disparity)
-        matte = chance.outline(dice, self.camera) if is_island else Full()
-        texture = chance.texture(dice, tone, self.camera, self.pictures)
-        material = self._material(dice, tone)
-        opacity = self._opacity(dice, material) if is_island else 1.0
-        motion = (dice.uniform(*self.motion), dice.uniform(*self.motion)) if dice.happens(self.moving) else (0.0, 0.0)
+    def _surface(self, draws: RandomDraws, tone: Tone, disparity: float, is_island: bool) -> Surface:
+        # The order of the draws is part of the distribution: figures in the docs were measured on its scenes.
+        slants = (draws.uniform(-self.slant, self.slant), draws.uniform(-self.slant, self.slant))
+        geometry: Geometry = Plane(disparity, slants)
+        if draws.happens(self.domes):
+            geometry = random_dome(draws, self.camera, disparity, self.bulge)
+        matte = random_outline(draws, self.camera) if is_island else Full()
+        if self.pictures and draws.uniform() < 0.5:
+            path = draws.choice(self.pictures)
+            texture: Texture = Picture(path, max(self.camera.size) * draws.uniform(1, 2))
+        else:
+            texture = draws.choice(TEXTURES)(draws, tone)
+        case = draws.case([getattr(self, name) for name in MATERIALS])
+        material: Material = Matte()
+        if case is not None:
+            material = list(MATERIALS.values())[case](draws, tone, self.camera, self.disparities)
+        opacity = 1.0
+        if is_island and isinstance(material, Glass):
+            opacity = draws.uniform(0, 0.2)
+        elif is_island and draws.happens(self.translucent):
+            opacity = draws.uniform(*self.opacity)
+        motion = (0.0, 0.0)
+        if draws.happens(self.moving):
+            motion = (draws.uniform(*self.motion), draws.uniform(*self.motion))
         return Surface(geometry, texture, matte, material, opacity, motion)
-
-    def _geometry(self, dice: Dice, disparity: float) -> Geometry:
-        plane = Plane(disparity, (dice.uniform(-self.slant, self.slant), dice.uniform(-self.slant, self.slant)))
-        return chance.dome(dice, self.camera, disparity, self.bulge) if dice.happens(self.domes) else plane
-
-    def _material(self, dice: Dice, tone: Tone) -> Material:
-        place = dice.chosen([getattr(self, name) for name in MATERIALS])
-        if place is None:
-            return Matte()
-        return list(MATERIALS.values())[place](dice, tone, self.camera, self.disparities)
-
-    def _opacity(self, dice: Dice, material: Material) -> float:
-        if isinstance(material, Glass):
-            return dice.uniform(0, 0.2)
-        return dice.uniform(*self.opacity) if dice.happens(self.translucent) else 1.0
-
-
-def _key(*numbers: int) -> int:
-    """One seed of several numbers, each of which may be large."""
-    return int(np.random.SeedSequence(numbers).generate_state(1, np.uint64)[0])

@@ -1,4 +1,11 @@
-"""What the compiled loop of shifts takes: tables made from positions in samples, and where a bitmap is not empty."""
+"""Layers that face the camera: the compiled loops that read a bitmap at shifted pixels and lay it over a picture.
+
+A shift is the same for all pixels of a view, so that it is carried out axis by axis. Four rows of the bitmap become one
+interpolated line, once for all views of a view row; four stretches of that line become a row of pixels of one view.
+With two samples per pixel, a pixel reads every other column of a line: even and odd columns are kept apart, so that
+every inner loop runs over neighbours in memory.
+Letters: `v u` view row and column, `c` channel, `y x` pixel, `h w` rows and columns of the bitmap in samples.
+"""
 
 from typing import NamedTuple
 
@@ -8,91 +15,107 @@ from torch import Tensor
 
 from lfref.functional.jit import compiled, inlined
 from lfref.simulator import lookups
-
-# PART shift_loop
-# The compiled inner loops: bitmaps read at shifted pixels, row by row, and laid over what is farther.
-#
-# A shift is the same for all pixels of a view, so that it is carried out axis by axis: four rows of the bitmap become
-# one line, once for all views of a view row, and four stretches of the line become a row of a view. Even and odd
-# columns of a line are kept apart, so that every loop runs over neighbours in memory.
-# Letters: `v u` view row and column, `c` channel, `y x` pixel, `h w` rows and columns of the bitmap in samples.
+from lfref.simulator.lookups import Quadruple
 
 PAD = 4
-"""Pairs of columns that a line goes on beyond its bitmap, black."""
+"""Pairs of columns, black, by which a line goes on beyond its bitmap on each side: a cubic reads up to two."""
 
 Integers = NDArray[np.int64]
-Reals = NDArray[np.float32]
-Quadruple = tuple[np.floating, np.floating, np.floating, np.floating]
+Float32s = NDArray[np.float32]
 
 
-class Sheet(NamedTuple):
-    """A bitmap, and where it is not empty."""
+class TrimmedBitmap(NamedTuple):
+    """A bitmap, and the part of each row that is not transparent."""
 
-    samples: Reals
-    """The last channel is opacity where it is laid over others; w is even, [C, h, w]."""
+    samples: Float32s
+    """Premultiplied colours, and opacity unless it is opaque all over; w is even, [3 or 4, h, w]."""
     begins: Integers
-    """First column of each row that is not empty, [h]."""
+    """First column of each row that is not transparent, [h]."""
     ends: Integers
-    """One past the last one, [h]."""
+    """One past the last such column, [h]."""
 
 
-class Shifts(NamedTuple):
-    """Where the pixels of n pictures read along one axis: pixel 0 from `starts` on, each further one two samples on."""
+class ShiftTaps(NamedTuple):
+    """Cubic look-ups of n pictures along one axis: pixel 0 reads four samples from `starts`, pixel x from `+ 2 x`."""
 
     starts: Integers
-    """First of four samples, [n]."""
-    weights: Reals
+    """First of the four samples, [n]."""
+    weights: Float32s
     """[n, 4]."""
 
 
+def shift_taps(first: Tensor) -> ShiftTaps:
+    """Look-ups along one axis from the position that pixel 0 of each picture reads, in samples, float64, [n]."""
+    whole = first.floor()
+    weights = lookups.cubic_weights(first - whole).float()
+    return ShiftTaps((whole.long() - 1).numpy(), weights.numpy())
+
+
+def untrimmed(samples: NDArray[np.float32]) -> TrimmedBitmap:
+    """A bitmap [C, h, w] that is not transparent anywhere."""
+    height, width = samples.shape[1:]
+    return TrimmedBitmap(samples, np.zeros(height, np.int64), np.full(height, width))
+
+
+def trimmed(samples: NDArray[np.float32]) -> TrimmedBitmap:
+    """A bitmap [4, h, w] with the part of each row whose opacity, the last channel, is not 0."""
+    is_visible = samples[3] != 0
+    width = is_visible.shape[1]
+    begins = np.where(is_visible.any(axis=1), is_visible.argmax(axis=1), width)
+    return TrimmedBitmap(samples, begins, width - np.where(begins < width, is_visible[:, ::-1].argmax(axis=1), width))
+
+
 @compiled
-def over(sheet: Sheet, across: Shifts, down: Shifts, picture: Reals, top: int, end: int) -> None:
+def composite_shifted(
+    bitmap: TrimmedBitmap, across: ShiftTaps, down: ShiftTaps, picture: Float32s, top: int, end: int
+) -> None:
     """Lay a surface over the rows from `top` to before `end` of all views.
 
     Args:
-        sheet: Premultiplied colours, and opacity unless it is opaque all over, [3 or 4, h, w].
-        across: Of the view columns.
-        down: Of the view rows.
-        picture: What is farther; changed, [V, U, 3, H, W].
+        bitmap: Of the surface.
+        across: Look-ups of the view columns.
+        down: Look-ups of the view rows.
+        picture: Radiance behind the surface; changed, [V, U, 3, H, W].
         top: First row.
         end: One past the last row.
     """
-    lines = np.zeros((sheet.samples.shape[0], 2, sheet.samples.shape[2] // 2 + 2 * PAD), np.float32)
-    veil = np.empty((2, picture.shape[4]), np.float32)
+    lines = np.zeros((bitmap.samples.shape[0], 2, bitmap.samples.shape[2] // 2 + 2 * PAD), np.float32)
+    row = np.empty((2, picture.shape[4]), np.float32)
     for y in range(top, end):
         for v in range(picture.shape[0]):
-            begin, stop = _lay(sheet, down.starts[v] + 2 * y, down.weights[v], lines)
+            # One line for the whole view row, only where one of its four rows is not transparent.
+            begin, stop = _interpolate_visible(bitmap, down.starts[v] + 2 * y, down.weights[v], lines)
             for u in range(picture.shape[1] if begin < stop else 0):
                 start, weights = across.starts[u], across.weights[u]
-                left, right = read_span(start, begin, stop, picture.shape[4])
+                left, right = pixels_reading(start, begin, stop, picture.shape[4])
                 if left < right:
-                    _cover(lines, start, weights, left, right, veil, picture[v, u, :, y])
+                    _composite_row(lines, start, weights, left, right, row, picture[v, u, :, y])
 
 
 @inlined
-def _lay(sheet: Sheet, first: int, weights: Reals, lines: Reals) -> tuple[int, int]:
-    """Four rows of the bitmap, from `first` on, as one line each channel; the pairs of columns that are not empty."""
-    height = sheet.samples.shape[1]
-    begin, end = sheet.samples.shape[2], 0
+def _interpolate_visible(bitmap: TrimmedBitmap, first: int, weights: Float32s, lines: Float32s) -> tuple[int, int]:
+    """Interpolate four rows from `first` on; returns the pairs of columns that are not transparent."""
+    height = bitmap.samples.shape[1]
+    begin, end = bitmap.samples.shape[2], 0
     for row in range(max(first, 0), min(first + 4, height)):
-        begin, end = min(begin, sheet.begins[row]), max(end, sheet.ends[row])
+        begin, end = min(begin, bitmap.begins[row]), max(end, bitmap.ends[row])
     begin, end = begin // 2, (end + 1) // 2
     if begin >= end:
         return 0, 0
-    lay_lines(sheet.samples, first, weights, begin, end, lines)
+    interpolate_rows(bitmap.samples, first, weights, begin, end, lines)
     return begin, end
 
 
 @inlined
-def lay_lines(samples: Reals, first: int, weights: Reals, begin: int, end: int, lines: Reals) -> None:
-    """Four rows of a bitmap [C, h, w], from `first` on, as one line each channel, between two pairs of columns."""
+def interpolate_rows(samples: Float32s, first: int, weights: Float32s, begin: int, end: int, lines: Float32s) -> None:
+    """Four rows of a bitmap [C, h, w] from `first` on as one line per channel, from pair `begin` to before `end`."""
     height = samples.shape[1]
-    # Beyond its first and last row a bitmap is empty.
+    # Beyond its first and last row a bitmap is transparent: such rows get the weight 0 and any valid index.
     w0, w1, w2, w3 = (
-        _within(weights, 0, first, height),
-        _within(weights, 1, first, height),
-        _within(weights, 2, first, height),
-        _within(weights, 3, first, height),
+        _weight_inside(weights, 0, first, height),
+        _weight_inside(weights, 1, first, height),
+        _weight_inside(weights, 2, first, height),
+        _weight_inside(weights, 3, first, height),
     )
     r0, r1, r2, r3 = (
         min(max(first, 0), height - 1),
@@ -102,6 +125,7 @@ def lay_lines(samples: Reals, first: int, weights: Reals, begin: int, end: int, 
     )
     for c in range(samples.shape[0]):
         rows, line = samples[c], lines[c]
+        # Lines are reused: two black pairs on each side erase what a cubic might still read of the last one.
         line[:, PAD + begin - 2 : PAD + begin] = 0
         line[:, PAD + end : PAD + end + 2] = 0
         span = slice(2 * begin, 2 * end)
@@ -117,21 +141,15 @@ def lay_lines(samples: Reals, first: int, weights: Reals, begin: int, end: int, 
 
 
 @inlined
-def _within(weights: Reals, tap: int, first: int, height: int) -> np.float32:
+def _weight_inside(weights: Float32s, tap: int, first: int, height: int) -> np.float32:
     return weights[tap] if 0 <= first + tap < height else np.float32(0)
 
 
 @compiled
 def _mix_rows(
-    r0: Reals,
-    r1: Reals,
-    r2: Reals,
-    r3: Reals,
-    weights: Quadruple,
-    even: Reals,
-    odd: Reals,
+    r0: Float32s, r1: Float32s, r2: Float32s, r3: Float32s, weights: Quadruple, even: Float32s, odd: Float32s
 ) -> None:
-    """The weighted sum of four rows, their even and odd columns apart."""
+    """The weighted sum of four rows, its even and odd columns apart."""
     w0, w1, w2, w3 = weights
     for i in range(even.size):
         even[i] = w0 * r0[2 * i] + w1 * r1[2 * i] + w2 * r2[2 * i] + w3 * r3[2 * i]
@@ -139,96 +157,74 @@ def _mix_rows(
 
 
 @inlined
-def read_span(start: int, begin: int, end: int, width: int) -> tuple[int, int]:
-    """Pixels that read any of the pairs of columns from `begin` to before `end`."""
+def pixels_reading(start: int, begin: int, end: int, width: int) -> tuple[int, int]:
+    """Pixels of a row that read any of the pairs of columns from `begin` to before `end`."""
     left = max(0, (2 * begin - 2 - start) // 2)
     return left, max(left, min(width, (2 * end - start + 1) // 2))
 
 
 @inlined
-def _stretch(line: Reals, start: int, tap: int, left: int, right: int) -> Reals:
-    """What one tap reads for the pixels from `left` to before `right`."""
+def _tap_values(line: Float32s, start: int, tap: int, left: int, right: int) -> Float32s:
+    """Values that one tap reads for the pixels from `left` to before `right`: neighbours in an even or odd line."""
     first = PAD + ((start + tap) >> 1)
     return line[(start + tap) & 1, first + left : first + right]
 
 
 @inlined
-def put(line: Reals, start: int, weights: Reals, left: int, right: int, row: Reals) -> None:
-    """A shifted line in place of what is there."""
+def read_shifted(line: Float32s, start: int, weights: Float32s, left: int, right: int, row: Float32s) -> None:
+    """Fill the pixels from `left` to before `right` of a row from a shifted line."""
     _mix(
-        _stretch(line, start, 0, left, right),
-        _stretch(line, start, 1, left, right),
-        _stretch(line, start, 2, left, right),
-        _stretch(line, start, 3, left, right),
+        _tap_values(line, start, 0, left, right),
+        _tap_values(line, start, 1, left, right),
+        _tap_values(line, start, 2, left, right),
+        _tap_values(line, start, 3, left, right),
         weights,
         row[left:right],
     )
 
 
 @inlined
-def _cover(lines: Reals, start: int, weights: Reals, left: int, right: int, veil: Reals, row: Reals) -> None:
-    """Shifted lines over a row of a view, [3, W]."""
+def _composite_row(
+    lines: Float32s, start: int, weights: Float32s, left: int, right: int, row: Float32s, behind: Float32s
+) -> None:
+    """Lay shifted lines over a row of a view, `behind` [3, W]; `row` [2, W] is scratch memory."""
     if lines.shape[0] == 3:
+        # An opaque surface replaces what is behind it.
         for c in range(3):
-            put(lines[c], start, weights, left, right, row[c])
-            _darken(row[c, left:right])
+            read_shifted(lines[c], start, weights, left, right, behind[c])
+            _clamp_below(behind[c, left:right])
         return
-    opacity, colour = veil[0, left:right], veil[1, left:right]
-    put(lines[3], start, weights, left, right, veil[0])
+    opacity, colour = row[0, left:right], row[1, left:right]
+    read_shifted(lines[3], start, weights, left, right, row[0])
     for c in range(3):
-        put(lines[c], start, weights, left, right, veil[1])
-        _blend(colour, opacity, row[c, left:right])
+        read_shifted(lines[c], start, weights, left, right, row[1])
+        _blend(colour, opacity, behind[c, left:right])
 
 
 @compiled
-def _mix(s0: Reals, s1: Reals, s2: Reals, s3: Reals, weights: Reals, row: Reals) -> None:
+def _mix(s0: Float32s, s1: Float32s, s2: Float32s, s3: Float32s, weights: Float32s, row: Float32s) -> None:
     w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
     for x in range(row.size):
         row[x] = w0 * s0[x] + w1 * s1[x] + w2 * s2[x] + w3 * s3[x]
 
 
 @compiled
-def _darken(row: Reals) -> None:
-    """No light below 0, as a cubic makes it beside edges."""
+def _clamp_below(row: Float32s) -> None:
+    """No light below 0: a cubic undershoots beside edges."""
     for x in range(row.size):
         row[x] = max(row[x], np.float32(0))
 
 
 @compiled
-def _blend(colour: Reals, opacity: Reals, row: Reals) -> None:
+def _blend(colour: Float32s, opacity: Float32s, behind: Float32s) -> None:
     one, zero = np.float32(1), np.float32(0)
-    for x in range(row.size):
+    for x in range(behind.size):
         passed = one - min(max(opacity[x], zero), one)
-        row[x] = legal(colour[x], opacity[x]) + passed * row[x]
+        behind[x] = clipped_colour(colour[x], opacity[x]) + passed * behind[x]
 
 
 @inlined
-def legal(colour: np.float32, opacity: np.float32) -> np.float32:
-    """A premultiplied colour as `lookups.legal` makes it, where a cubic has driven it or its opacity out of [0, 1]."""
+def clipped_colour(colour: np.float32, opacity: np.float32) -> np.float32:
+    """A premultiplied colour without the overshoot of a cubic, as in `lookups.clip_premultiplied`."""
     zero = np.float32(0)
     return max(colour, zero) / max(opacity, np.float32(1)) if opacity > zero else zero
-
-
-def shifts(first: Tensor) -> Shifts:
-    """Tables of one axis.
-
-    Args:
-        first: What pixel 0 of each picture reads, in samples, float64, [n].
-    """
-    whole = first.floor()
-    weights = lookups.cubic_weights(first - whole).float()
-    return Shifts((whole.long() - 1).numpy(), weights.numpy())
-
-
-def filled(samples: NDArray[np.float32]) -> Sheet:
-    """A bitmap [C, h, w] that is read everywhere."""
-    height, width = samples.shape[1:]
-    return Sheet(samples, np.zeros(height, np.int64), np.full(height, width))
-
-
-def outlined(samples: NDArray[np.float32]) -> Sheet:
-    """A bitmap [4, h, w] that is read where its last channel is not 0."""
-    is_seen = samples[3] != 0
-    width = is_seen.shape[1]
-    begins = np.where(is_seen.any(axis=1), is_seen.argmax(axis=1), width)
-    return Sheet(samples, begins, width - np.where(begins < width, is_seen[:, ::-1].argmax(axis=1), width))

@@ -1,8 +1,8 @@
-"""Colours of surfaces, painted on a canvas and band-limited to what pixels can show.
+"""Textures: colours of surfaces, painted on a canvas and band-limited to what pixels can record without aliasing.
 
-Nothing is left at or above half a cycle a pixel: waves lose their higher harmonics, by weights (Fejer's) that never
-overshoot; noise and pictures are made on the grid of pixels and carried to the canvas with the response
-cos^2(pi f) on each axis, 1/2 at a quarter of a cycle a pixel. So pixels may sample what is painted without aliasing.
+Nothing is left at or above half a cycle per pixel. Waves lose their higher harmonics, by weights (Fejer's) that never
+overshoot. Noise and pictures are made on the grid of pixels and carried to the finer canvas with the response
+cos^2(pi f) along each axis, which is 1/2 at a quarter of a cycle per pixel and 0 at half a cycle.
 Letters: `X Y` as in `surfaces`, `h w` rows and columns of the canvas, `f` frequency in cycles per pixel.
 """
 
@@ -11,6 +11,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -22,9 +23,10 @@ from lfref.simulator import checks
 from lfref.simulator.canvases import OVERSAMPLING, Canvas
 
 NYQUIST = 0.5
-"""Cycles per pixel where everything has ended."""
+"""Cycles per pixel at which the spectra of all textures end."""
 HARMONICS = 0.35
-"""Cycles per pixel of a wave's last harmonic; a checker's two waves together then end before Nyquist."""
+"""Highest frequency of a wave's harmonics. At 1/sqrt 8 = 0.354 and below, the product of a checker's two waves, which
+reaches sqrt 2 times as far along a diagonal, still ends before Nyquist."""
 WAVE_SAMPLES = 4096
 """Samples of a tabulated wave."""
 GREY = (0.5, 0.5, 0.5)
@@ -36,46 +38,43 @@ Colour = tuple[float, float, float]
 class Texture(abc.ABC):
     """Colours of a surface."""
 
+    lengths: ClassVar[tuple[str, ...]]
+    """Fields in pixels."""
+
     @abc.abstractmethod
-    def painted(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
-        """The colours of a canvas.
-
-        Args:
-            canvas: Where.
-            key: Numbers that fix what is random.
-
-        Returns:
-            Colours from 0 to 1, float32, CPU, [3, h, w].
-        """
+    def paint(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
+        """Colours from 0 to 1 on a canvas, float32, CPU, [3, h, w]; the numbers of `key` fix all randomness."""
 
 
 @dataclass(frozen=True)
 class Flat(Texture):
     """One colour."""
 
+    lengths = ()
     colour: Colour = GREY
 
     def __post_init__(self) -> None:
         checks.freeze(self)
         checks.colour("a texture's colour", self.colour)
 
-    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
-        """As in `Texture`."""
+    def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """The colour."""
         return torch.tensor(self.colour)[:, None, None].expand(3, canvas.height, canvas.width)
 
 
 @dataclass(frozen=True)
 class _Wave(Texture):
-    """Two colours in turn along one direction or two."""
+    """Two colours that alternate along one direction or two."""
 
+    lengths = ("period",)
     period: float
-    """Pixels from one to the next of the same colour."""
+    """In pixels."""
     low: Colour = (0.2, 0.2, 0.2)
     """First colour."""
     high: Colour = (0.8, 0.8, 0.8)
     """Second colour."""
     angle: float = 0.0
-    """Of the direction in which it changes, in degrees from x towards y."""
+    """Direction of the wave in degrees, from x towards y."""
     phase: float = 0.0
     """In periods."""
 
@@ -86,57 +85,57 @@ class _Wave(Texture):
         checks.colour("a texture's colour", self.low)
         checks.colour("a texture's colour", self.high)
 
-    def _mixed(self, share: Tensor) -> Tensor:
-        """Colours where the second has that share."""
+    def _mix(self, wave: Tensor) -> Tensor:
+        """Colours of a wave from -1, the first colour, to 1, the second one."""
         low, high = (torch.tensor(colour)[:, None, None] for colour in (self.low, self.high))
-        return low + (high - low) * share.float()
+        return low + (high - low) * (0.5 + 0.5 * wave).float()
 
     def _cycles(self, canvas: Canvas, turn: float) -> Tensor:
-        """Periods since the start of the wave, along its direction turned by so many degrees further."""
+        """Periods since the start of the wave along its direction, turned by some degrees, [h, w]."""
         angle = math.radians(self.angle + turn)
         return (canvas.x * math.cos(angle) + canvas.y[:, None] * math.sin(angle)) / self.period + self.phase
 
 
 @dataclass(frozen=True)
 class Gradient(_Wave):
-    """A smooth way from one colour to the other and back: half a period each."""
+    """A cosine from one colour to the other and back."""
 
-    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
-        """As in `Texture`."""
-        visible = 1.0 if self.period * NYQUIST > 1 else 0.0
-        return self._mixed(0.5 - 0.5 * visible * torch.cos(2 * torch.pi * self._cycles(canvas, 0)))
+    def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """The cosine, or the mean colour where pixels cannot record it."""
+        amplitude = 1.0 if self.period * NYQUIST > 1 else 0.0
+        return self._mix(-amplitude * torch.cos(2 * torch.pi * self._cycles(canvas, 0)))
 
 
 @dataclass(frozen=True)
 class Stripes(_Wave):
     """Stripes half a period wide."""
 
-    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
-        """As in `Texture`."""
-        return self._mixed(0.5 + 0.5 * _square_wave(self._cycles(canvas, 0), self.period))
+    def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """A square wave."""
+        return self._mix(_square_wave(self._cycles(canvas, 0), self.period))
 
 
 @dataclass(frozen=True)
 class Checker(_Wave):
     """Squares half a period wide."""
 
-    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
-        """As in `Texture`."""
+    def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """The product of two square waves."""
         along, across = (_square_wave(self._cycles(canvas, turn), self.period) for turn in (0, 90))
-        return self._mixed(0.5 + 0.5 * along * across)
+        return self._mix(along * across)
 
 
 def _square_wave(cycles: Tensor, period: float) -> Tensor:
-    """A band-limited wave between -1 and 1."""
+    """A band-limited square wave between -1 and 1, read from a table."""
     table = _wave_table(math.floor(HARMONICS * period))
-    place = (cycles - cycles.floor()) * WAVE_SAMPLES
-    below = place.long().clamp(max=WAVE_SAMPLES - 1)
-    return torch.lerp(table[below], table[below + 1], (place - below).to(table))
+    position = (cycles - cycles.floor()) * WAVE_SAMPLES
+    below = position.long().clamp(max=WAVE_SAMPLES - 1)
+    return torch.lerp(table[below], table[below + 1], (position - below).to(table))
 
 
 @functools.lru_cache(maxsize=64)
 def _wave_table(n_harmonics: int) -> Tensor:
-    """One period of a square wave of so many harmonics, and its first sample again, [WAVE_SAMPLES + 1]."""
+    """One period of a square wave with Fejer's weights, and its first sample again, [WAVE_SAMPLES + 1]."""
     phase = torch.linspace(0, 2 * torch.pi, WAVE_SAMPLES + 1, dtype=torch.float64)
     wave = torch.zeros_like(phase)
     for n in range(1, n_harmonics + 1, 2):
@@ -146,12 +145,13 @@ def _wave_table(n_harmonics: int) -> Tensor:
 
 @dataclass(frozen=True)
 class Noise(Texture):
-    """A pattern of spectrum 1/f^exponent with soft or hard edges between two colours, and a little colour noise."""
+    """A random pattern of spectrum 1/f^exponent with soft or hard edges between two colours, and fine colour noise."""
 
+    lengths = ()
     colour: Colour = GREY
     """Mean."""
     contrast: Colour = (0.3, 0.3, 0.3)
-    """Most that the pattern adds or takes away."""
+    """Amplitude of the pattern."""
     exponent: float = 1.5
     """Fall of the amplitude with frequency; larger is smoother."""
     hardness: float = 0.2
@@ -167,88 +167,78 @@ class Noise(Texture):
         checks.numbers("a noise's hardness", [self.hardness], 0, 1)
         checks.numbers("a noise's grain", [self.grain], 0, 1)
 
-    def painted(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
-        """As in `Texture`."""
+    def paint(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
+        """The pattern: tanh of a noise, steeper for harder edges."""
         random = np.random.Generator(np.random.SFC64(key))
-        pattern = torch.tanh(_noise(random, 1, canvas.period, self.exponent) * (0.5 + 4 * self.hardness**2))
+        pattern = torch.tanh(_random_tile(random, 1, canvas.period, self.exponent) * (0.5 + 4 * self.hardness**2))
         contrast, mean = (torch.tensor(values)[:, None, None] for values in (self.contrast, self.colour))
-        tile = mean + contrast * pattern + self.grain * _noise(random, 3, canvas.period, 1.0)
-        return _tiled(finer(tile.clamp(0, 1)), canvas).clamp(0, 1)
+        tile = mean + contrast * pattern + self.grain * _random_tile(random, 3, canvas.period, 1.0)
+        return _tiled(oversampled(tile.clamp(0, 1)), canvas).clamp(0, 1)
 
 
 @dataclass(frozen=True)
 class Picture(Texture):
     """An image file in the middle of the surface, mirrored again and again beyond its edges."""
 
+    lengths = ("width",)
     path: str
     """PNG, EXR, TIFF or JPEG; grey or colour."""
     width: float = 256.0
-    """Pixels of the central view that its width spans."""
+    """In pixels of the central view."""
 
     def __post_init__(self) -> None:
         checks.numbers("a picture's width", [self.width], 4, 16384)
         if not isinstance(self.path, str) or not self.path:
             raise InputError("a picture's path must name a file", got=repr(self.path))
 
-    def painted(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
-        """As in `Texture`.
-
-        Raises:
-            FileError: The file is missing, damaged or of another kind.
-        """
+    def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
+        """The image; a missing or damaged file raises FileError."""
         image = torch.from_numpy(images.to_float(images.read_image(Path(self.path)))).movedim(-1, 0)
         image = image[:3] if len(image) > 2 else image[:1].expand(3, -1, -1)
         size = [max(2, round(length * self.width / image.shape[-1])) for length in image.shape[-2:]]
         options = {"mode": "bicubic", "align_corners": False, "antialias": True}
         small = torch.nn.functional.interpolate(image[None], size, **options)[0].clamp(0, 1)  # type: ignore[arg-type]
+        # Beside its mirror image it is periodic without a jump.
         wide = torch.cat([small, small.flip(-1)], dim=-1)
-        tile = finer(torch.cat([wide, wide.flip(-2)], dim=-2))
-        # Its middle, not its corner, belongs in the picture's centre.
+        tile = oversampled(torch.cat([wide, wide.flip(-2)], dim=-2))
+        # A tile starts in the picture's centre: turn it so that the middle of the image lies there, not its corner.
         return _tiled(tile.roll((1 - size[0], 1 - size[1]), (-2, -1)), canvas).clamp(0, 1)
 
 
-def _noise(random: np.random.Generator, n_channels: int, size: tuple[int, int], exponent: float) -> Tensor:
+def _random_tile(random: np.random.Generator, n_channels: int, size: tuple[int, int], exponent: float) -> Tensor:
     """Periodic noise of spectrum 1/f^exponent, mean 0 and deviation 1, float32, [n_channels, *size]."""
     shape = (n_channels, size[0], size[1] // 2 + 1, 2)
     spectrum = torch.view_as_complex(torch.from_numpy(random.standard_normal(shape, np.float32)))
-    noise = torch.fft.irfft2(spectrum * _fall(size, exponent), s=size)
+    frequency = torch.hypot(torch.fft.fftfreq(size[0])[:, None], torch.fft.rfftfreq(size[1]))
+    frequency[0, 0] = torch.inf  # no mean
+    noise = torch.fft.irfft2(spectrum * frequency**-exponent, s=size)
     return noise / noise.square().mean(dim=(-2, -1), keepdim=True).sqrt()
 
 
-def _fall(size: tuple[int, int], exponent: float) -> Tensor:
-    """1/f^exponent at each bin of `rfft2`, 0 at f = 0, float32."""
-    radius = torch.hypot(torch.fft.fftfreq(size[0])[:, None], torch.fft.rfftfreq(size[1]))
-    radius[0, 0] = torch.inf
-    return radius**-exponent
+def oversampled(tile: Tensor) -> Tensor:
+    """A periodic tile of pixels, [C, H, W] of even size, on the canvas's grid, [C, OVERSAMPLING H, OVERSAMPLING W].
 
-
-def finer(tile: Tensor) -> Tensor:
-    """A periodic tile of pixels on the canvas's finer grid, band-limited.
-
-    Args:
-        tile: Even height and width, [C, H, W].
-
-    Returns:
-        [C, OVERSAMPLING H, OVERSAMPLING W]; its mean is kept, and it hardly leaves the range of the tile.
+    The mean is kept, and the result hardly leaves the range of the tile.
     """
     height, width = tile.shape[-2:]
     spectrum = torch.fft.rfft2(tile) * _response(height, width)
     half = height // 2
     padded = spectrum.new_zeros(*spectrum.shape[:-2], height * OVERSAMPLING, width // 2 + 1)
     padded[..., :half, :], padded[..., -half:, :] = spectrum[..., :half, :], spectrum[..., half:, :]
-    # Column by column first: only those below Nyquist are not empty.
+    # Columns first: `irfft` pads the rows itself, and the columns that it adds are 0.
     columns = torch.fft.ifft(padded, dim=-2)
     return torch.fft.irfft(columns, n=width * OVERSAMPLING, dim=-1) * OVERSAMPLING**2
 
 
 @functools.lru_cache(maxsize=16)
 def _response(height: int, width: int) -> Tensor:
+    """cos^2(pi f) along both axes at the bins of `rfft2`."""
     rows = torch.cos(torch.pi * torch.fft.fftfreq(height)) ** 2
     return rows[:, None] * torch.cos(torch.pi * torch.fft.rfftfreq(width)) ** 2
 
 
 def _tiled(tile: Tensor, canvas: Canvas) -> Tensor:
-    """A canvas covered with a tile whose first sample is at the picture's centre."""
+    """A canvas covered with a tile that starts at the picture's centre."""
     rows = torch.arange(canvas.top, canvas.top + canvas.height) % tile.shape[-2]
     columns = torch.arange(canvas.left, canvas.left + canvas.width) % tile.shape[-1]
     return tile.index_select(-2, rows).index_select(-1, columns)

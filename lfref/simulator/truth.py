@@ -1,11 +1,16 @@
-"""The plane of a layer that is seen alone and only shifted: the sum over all cells is one filter, or a few.
+"""The truth: the stack that a lens with the full continuous aperture A photographs.
 
-Rows of cells that are open alike share a filter along rows: all of a square, two by two those of a disc.
-Letters: as in `cell_blur`.
+    I_s(x, y) = mean over (p, q) in A of the radiance through (p, q) at (x + s p, y + s q)
+
+The integral needs sampling only because surfaces hide parts of each other. Steps for each plane:
+1. Choose the visible layers and the number of cells of the aperture (`focal_planes`).
+2. A single layer that is only shifted needs no sampling: the sum over all cells is a linear filter, computed here.
+3. Otherwise blur every layer by its motion within a cell, composite through the middle of every cell, and take the
+   weighted mean (`truth_cells`, with compiled loops in `truth_loops`).
+Letters: `N` planes, `s` slope, `J I` rows and columns of cells, others as in `focal_planes`.
 """
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -14,72 +19,12 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.simulator import scenery, truth_loops, truth_together
-from lfref.simulator import scenery as aperture_cells
+from lfref.simulator import focal_planes, truth_loops
 from lfref.simulator.canvases import OVERSAMPLING
-from lfref.simulator.layers import Layer, only_shifts
+from lfref.simulator.focal_planes import FocalPlane
+from lfref.simulator.layers import Layer
 from lfref.simulator.scene import Camera
-from lfref.simulator.scenery import FocalPlane, Scenery, visible
-
-Taps = tuple[int, NDArray]
-"""Sample that the first tap reads for pixel 0, and the taps."""
-
-
-def photograph(plane: FocalPlane) -> Tensor:
-    """The picture of one layer that is not followed, [3, H, W]."""
-    (layer,) = plane.seen.layers
-    samples = plane.seen.window(layer.bitmap, plane.slope)[:3]
-    picture = samples.new_zeros(3, *plane.seen.camera.size)
-    add = _add_compiled if samples.device.type == "cpu" else _add_eager
-    for down, across in _filters(plane, plane.slope - layer.surface.geometry.form.disparity):
-        add(samples, down, across, picture)
-    return picture
-
-
-def _filters(plane: FocalPlane, e: float) -> Iterator[tuple[Taps, Taps]]:
-    """Pairs of filters along columns and rows, whose sum the plane is."""
-    one = scenery.cell_filter(e, plane.cells, plane.seen.margin_at(plane.slope))
-    shares, groups = np.unique(plane.cells.weights.numpy().round(12), axis=0, return_inverse=True)
-    for group, share in enumerate(shares):
-        if share.any():
-            down = scenery.summed(one.down, one.rows, (groups.reshape(-1) == group).astype(float))
-            yield down, scenery.summed(one.across, one.columns, share)
-
-
-def _add_compiled(samples: Tensor, down: Taps, across: Taps, picture: Tensor) -> None:
-    truth_loops.pick(samples.numpy(), down[1], across[1], down[0], across[0], OVERSAMPLING, picture.numpy())
-
-
-def _add_eager(samples: Tensor, down: Taps, across: Taps, picture: Tensor) -> None:
-    rows, columns = (
-        _band(*taps, length, n_samples).to(samples)
-        for taps, length, n_samples in zip((down, across), picture.shape[1:], samples.shape[1:], strict=True)
-    )
-    picture += rows @ samples @ columns.mT
-
-
-def _band(first: int, taps: NDArray, length: int, n_samples: int) -> Tensor:
-    """A filter at every pixel as a matrix, float64, [length, n_samples]."""
-    matrix = torch.zeros(length, n_samples, dtype=torch.float64)
-    pixels = torch.arange(length)[:, None]
-    matrix[pixels, first + OVERSAMPLING * pixels + torch.arange(len(taps))] = torch.from_numpy(taps)
-    return matrix
-
-
-# PART truth
-# The truth: the stack that a lens with the full continuous aperture records.
-#
-# I_s(x, y) = mean over aperture points (p, q) of the radiance through them at (x + s p, y + s q). Only what hides
-# what is
-# sampled, cell by cell of the aperture, and within a cell each surface is blurred by the way it moves there. A
-# surface in
-# focus needs no cells; of one that is seen alone, only shifted, the sum over all cells is a single filter.
-# Letters: `N` planes, `J I` rows and columns of cells; `s` slope, `d` disparity, others as in `aperture_cells`.
-
-CELLS_ALONE = 24
-"""Cells a side for a surface alone: 58 dB and more against closed forms, for waves of up to 0.3 cycles a pixel."""
-LOBE = 1.5
-"""Standard deviations that a highlight may move over its surface within a cell."""
+from lfref.simulator.truth_cells import CellRenderer, render_eagerly
 
 
 def stack(
@@ -100,54 +45,54 @@ def stack(
         The stack, of the layers' type and device, [N, 3, H, W].
 
     Raises:
-        InputError: Slopes that the picture is too small for, or no cell.
+        InputError: Slopes that are too large for the picture, or no cell.
     """
     values = geometry.checked_slopes(slopes, camera.grid, camera.size).tolist()
     if n_cells is not None and n_cells < 1:
         raise InputError("n_cells must be at least 1", got=n_cells)
-    all_layers = Scenery(tuple(layers), camera, aperture_cells.aperture(camera)).for_planes(values)
-    planes = [_planned(all_layers, slope, n_cells) for slope in values]
+    planes = focal_planes.focal_planes(layers, camera, values, n_cells)
     on_cpu = layers[0].device.type == "cpu"
-    several = truth_together.camera(planes) if on_cpu else truth_together.photograph
-    nothing = layers[0].bitmap.samples.new_zeros(3, *camera.size)
-    return torch.stack([_photographed(plane, several) if plane.seen.layers else nothing for plane in planes])
+    render = CellRenderer(planes).render if on_cpu else render_eagerly
+    pictures = []
+    for plane in planes:
+        if not plane.layers:
+            pictures.append(layers[0].bitmap.samples.new_zeros(3, *camera.size))
+        elif len(plane.layers) == 1 and not plane.traced:
+            pictures.append(filter_layer(plane))
+        else:
+            pictures.append(render(plane))
+    return torch.stack(pictures)
 
 
-def _planned(scenery: Scenery, slope: float, n_cells: int | None) -> FocalPlane:
-    seen = scenery.only(visible(scenery, slope))
-    return FocalPlane(slope, seen, aperture_cells.cut(scenery.whole, n_cells or cells_needed(seen, slope)))
+def filter_layer(plane: FocalPlane) -> Tensor:
+    """The picture of a single layer that is only shifted, by a few separable filters, [3, H, W].
 
-
-def _photographed(plane: FocalPlane, several: Callable[[FocalPlane], Tensor]) -> Tensor:
-    is_alone = len(plane.seen.layers) == 1 and not plane.followed
-    return photograph(plane) if is_alone else several(plane)
-
-
-def cells_needed(seen: Scenery, slope: float) -> int:
-    """How many cells a side of the aperture a plane needs.
-
-    Besides `aperture_cells.needed`, a highlight may move over its surface by some of its width within a cell. A surface
-    that is alone and only shifted gets more: there they make the picture better and cost nothing.
-
-    Args:
-        seen: What shows in it.
-        slope: Of the plane, in pixels per view step.
+    The weighted sum over all cells separates into rows and columns for rows of cells that are open alike: all rows of a
+    square, pairs of rows of a disc. Each such group is one filter along columns and one along rows.
     """
-    if len(seen.layers) == 1 and only_shifts(seen.layers[0].surface):
-        return CELLS_ALONE
-    joint = aperture_cells.needed(seen.whole, [_fastest(layer, seen.camera, slope) for layer in seen.layers])
-    steps = [seen.whole.extent * _highlight_speed(layer) for layer in seen.layers]
-    return max(joint, *(math.ceil(step - 1e-9) for step in steps), 1)
+    (layer,) = plane.layers
+    samples = plane.window(layer.bitmap)[:3]
+    picture = samples.new_zeros(3, *plane.camera.size)
+    cell = plane.filter(layer.surface.geometry.form.disparity)
+    shares, groups = np.unique(plane.cells.weights.numpy().round(12), axis=0, return_inverse=True)
+    for group, share in enumerate(shares):
+        if not share.any():
+            continue
+        in_group = (groups.reshape(-1) == group).astype(float)
+        top, down = focal_planes.combined_taps(cell.down, cell.rows, in_group)
+        left, across = focal_planes.combined_taps(cell.across, cell.columns, share)
+        if samples.device.type == "cpu":
+            truth_loops.filter_at_pixels(samples.numpy(), down, across, top, left, OVERSAMPLING, picture.numpy())
+        else:
+            rows = _filter_matrix(top, down, picture.shape[1], samples.shape[1]).to(samples)
+            columns = _filter_matrix(left, across, picture.shape[2], samples.shape[2]).to(samples)
+            picture += rows @ samples @ columns.mT
+    return picture
 
 
-def _fastest(layer: Layer, camera: Camera, slope: float) -> float:
-    """Most pixels per view step that anything seen in a layer moves in a plane."""
-    ends = [*layer.surface.geometry.disparity_range(camera.size)]
-    if layer.reflection and layer.reflection.share > 0:
-        ends.append(layer.reflection.disparity)
-    return max(abs(end - slope) for end in ends)
-
-
-def _highlight_speed(layer: Layer) -> float:
-    """Of a highlight over its surface, in `LOBE` per view step."""
-    return abs(layer.highlight.drift) / (LOBE * layer.highlight.width) if layer.highlight else 0.0
+def _filter_matrix(first: int, taps: NDArray, length: int, n_samples: int) -> Tensor:
+    """A filter at every pixel as a matrix, float64, [length, n_samples]."""
+    matrix = torch.zeros(length, n_samples, dtype=torch.float64)
+    pixels = torch.arange(length)[:, None]
+    matrix[pixels, first + OVERSAMPLING * pixels + torch.arange(len(taps))] = torch.from_numpy(taps)
+    return matrix

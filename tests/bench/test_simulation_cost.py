@@ -9,7 +9,7 @@ from lfref.bench import simulation_cost
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator import bitmaps
+from lfref.simulator import painting
 from lfref.simulator import views as central
 from lfref.simulator.effects.response import Exposure
 from lfref.simulator.effects.sensor import Sensor
@@ -108,7 +108,7 @@ def test_as_many_cells_as_needed_agree_with_many_points(aperture):
 
 
 def test_few_points_are_not_the_whole_aperture_and_one_is_its_middle():
-    layers = bitmaps.paint(SCENES["card"], reach=1.0)
+    layers = painting.paint(SCENES["card"], reach=1.0)
     one, few, many = (simulation_cost.through_points(layers, CAMERA, -1.0, n_points) for n_points in (1, 2, 32))
     assert torch.equal(one, central.all_in_focus(layers, CAMERA))
     assert float((few - many).abs().max()) > 0.05

@@ -17,7 +17,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator import bitmaps, truth
+from lfref.simulator import painting, truth
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
@@ -103,7 +103,7 @@ def test_a_rendered_label_is_the_photograph_of_the_same_crop():
     source = RenderedLabels("rendered", PLANES)
     field = SimulatedSource(1, 3, scenes).field(0)
     views, label = patch_data.cut(field, source, 5, 9, 12)
-    layers = bitmaps.paint(scenes.scene(3, 0, 0), reach=float(PLANES.slopes.abs().max()))
+    layers = painting.paint(scenes.scene(3, 0, 0), reach=float(PLANES.slopes.abs().max()))
     expected = truth.stack(layers, scenes.camera, PLANES.slopes).clamp(0, 1)[..., 5:17, 9:21]
     assert torch.equal(views, field.views[..., 5:17, 9:21])
     torch.testing.assert_close(label, expected)

@@ -14,9 +14,8 @@ from lfref.functional.psnr import psnr
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.features import FEATURES
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator.chance import RandomSensor
 from lfref.simulator.scene import Camera
-from lfref.simulator.scenes import RandomScenes
+from lfref.simulator.scenes import RandomScenes, RandomSensor
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SCENES = RandomScenes(Camera((3, 3), (40, 44)), sensor=RandomSensor(noise=1.0, tone_curve=0.5))

@@ -11,7 +11,7 @@ from lfref.errors import FileError, InputError
 from lfref.io import read as reader
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import reduce_views
-from lfref.simulator import bitmaps, sim30
+from lfref.simulator import painting, sim30
 from lfref.simulator.developed import developed
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, ToneCurve
@@ -127,11 +127,11 @@ def test_fields_are_put_right_where_that_is_asked_for():
 @pytest.fixture
 def ran(monkeypatch):
     """Outputs that simulations were asked for, and how often surfaces were painted."""
-    asked, run, passes = [], Simulation.run, bitmaps.passes
+    asked, run, passes = [], Simulation.run, painting.passes
     monkeypatch.setattr(
         Simulation, "run", lambda self, outputs, *more: asked.append(outputs) or run(self, outputs, *more)
     )
-    monkeypatch.setattr(bitmaps, "passes", lambda *args: asked.append("paint") or passes(*args))
+    monkeypatch.setattr(painting, "passes", lambda *args: asked.append("paint") or passes(*args))
     return asked
 
 

@@ -4,7 +4,7 @@ import torch
 from hypothesis import strategies as st
 
 from lfref.encoding import CURVES
-from lfref.simulator import bitmaps
+from lfref.simulator import painting
 from lfref.simulator import views as render
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.displacement import Chromatic, Misalignment
@@ -81,17 +81,17 @@ SCENES = st.builds(
 
 
 def painted_views(scene):
-    return render.views(bitmaps.paint(scene), scene.camera)
+    return render.views(painting.paint(scene), scene.camera)
 
 
 def intersect(geometry, x, y, p, q):
     """The point (X, Y) of a surface that is seen at pixels from aperture points."""
-    disparity = geometry.met_at(x, y, p, q)
+    disparity = geometry.ray_disparity(x, y, p, q)
     return x - disparity * p, y - disparity * q
 
 
 def random_scene(seed, camera, **options):
-    return RandomScenes(camera, **options).drawn(torch.Generator().manual_seed(seed))
+    return RandomScenes(camera, **options).draw(torch.Generator().manual_seed(seed))
 
 
 def view_points(camera):
@@ -102,7 +102,7 @@ def view_points(camera):
 
 def slow_views(scene):
     """All layers from all view points, by PyTorch's operations alone."""
-    views = render.radiance(bitmaps.paint(scene), *view_points(scene.camera), *scene.camera.pixels())
+    views = render.radiance(painting.paint(scene), *view_points(scene.camera), *scene.camera.pixels())
     return views.unflatten(0, scene.camera.grid)
 
 

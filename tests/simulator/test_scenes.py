@@ -7,23 +7,147 @@ import torch
 
 from lfref.errors import InputError
 from lfref.io import images
-from lfref.simulator import bitmaps
+from lfref.simulator import painting, scenes
 from lfref.simulator import views as render
-from lfref.simulator.chance import DRAWN, RandomSensor
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.materials import Glass, Matte
-from lfref.simulator.mattes import Full
+from lfref.simulator.mattes import Full, Outline
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.scenes import Fixed, RandomScenes
+from lfref.simulator.scenes import RANDOM_EFFECTS, Fixed, RandomDraws, RandomScenes, RandomSensor, Tone
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat, Noise, Picture
 from tests.simulator import drawing
 
+
+def draws(seed=0):
+    return RandomDraws(torch.Generator().manual_seed(seed))
+
+
+def test_what_never_happens_takes_no_number():
+    one, other = draws(), draws()
+    assert not any(one.happens(0.0) for _ in range(9))
+    assert one.case([0.0, 0.0]) is None
+    assert one.uniform() == other.uniform()
+
+
+def test_what_always_happens_happens():
+    assert all(draws(seed).happens(1.0) for seed in range(9))
+    assert {draws(seed).case([0.0, 1.0, 0.0]) for seed in range(9)} == {1}
+
+
+def test_cases_are_as_frequent_as_their_shares():
+    some = draws()
+    places = [some.case([0.2, 0.0, 0.5]) for _ in range(2000)]
+    for place, share in ((0, 0.2), (1, 0.0), (2, 0.5), (None, 0.3)):
+        assert places.count(place) / 2000 == pytest.approx(share, abs=0.04)
+    assert sum(some.happens(0.3) for _ in range(2000)) / 2000 == pytest.approx(0.3, abs=0.04)
+
+
+def test_every_thing_can_be_drawn():
+    some = draws()
+    assert {some.choice("abc") for _ in range(40)} == set("abc")
+
+
+def test_a_tone_keeps_grey_and_scales_what_differs_from_it():
+    assert Tone(0.5, 0.0)((0.2, 0.4, 0.6)) == pytest.approx((0.2, 0.2, 0.2))
+    assert Tone(1.0, 1.0)((0.2, 0.4, 0.6)) == pytest.approx((0.2, 0.4, 0.6))
+
+
+ALL = dict.fromkeys(RANDOM_EFFECTS, 1.0)
+
+
+def random_sensor(seed=0, **options):
+    return RandomSensor(**options).draw(RandomDraws(torch.Generator().manual_seed(seed)))
+
+
+def test_by_default_there_is_no_effect_and_no_number_is_taken():
+    one, other = (RandomDraws(torch.Generator().manual_seed(0)) for _ in range(2))
+    assert RandomSensor().draw(one) == Sensor()
+    assert one.uniform() == other.uniform()
+
+
+def test_every_effect_of_a_sensor_can_be_drawn():
+    assert set(RANDOM_EFFECTS) == {field.name for field in dataclasses.fields(Sensor)}
+    assert all(dataclasses.asdict(random_sensor(**ALL)).values())
+
+
+@pytest.mark.parametrize("name", RANDOM_EFFECTS)
+def test_an_effect_comes_alone_and_as_often_as_asked_for(name):
+    sensors = [random_sensor(seed, **{name: 0.5}) for seed in range(60)]
+    assert 15 < sum(getattr(sensor, name) is not None for sensor in sensors) < 45
+    assert all(dataclasses.replace(sensor, **{name: None}) == Sensor() for sensor in sensors)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_strengths_stay_in_their_ranges(seed):
+    options = RandomSensor(**ALL)
+    sensor = random_sensor(seed, **ALL)
+    for value, (low, high) in (
+        (sensor.chromatic.magnification[0], options.magnification),
+        (sensor.chromatic.disparity[2], options.focus),
+        (sensor.vignetting.field, options.field),
+        (sensor.vignetting.cats_eye, options.cats_eye),
+        (sensor.misalignment.sigma, options.sigma),
+        (sensor.crosstalk.leak, options.leak),
+        (sensor.exposure.gain, options.gain),
+        (sensor.noise.shot, options.shot),
+        (sensor.noise.read, options.read),
+        (sensor.quantisation.bits, options.bits),
+        (sensor.white_balance.gains[2], options.gains),
+    ):
+        assert low <= value <= high
+    assert sensor.chromatic.magnification[1] == sensor.white_balance.gains[1] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"noise": 1.5}, "the share of noise"), ({"gain": (2.0, 1.0)}, "the range of gain must go from small to large")],
+)
+def test_shares_and_ranges_that_cannot_be_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        RandomSensor(**options)
+
+
+def test_a_range_beyond_what_an_effect_can_have_is_refused_by_the_effect():
+    with pytest.raises(InputError, match="leak"):
+        random_sensor(crosstalk=1.0, leak=(0.5, 0.9))
+
+
+CAMERA = Camera((3, 4), (36, 44))
+
+
+def test_outlines_are_of_every_kind():
+    kinds = {type(scenes.random_outline(draws(seed), CAMERA)) for seed in range(60)}
+    assert kinds == {kind for kind in Outline.__subclasses__() if kind.__name__ != "Full"}
+
+
+@pytest.mark.parametrize("camera", [Camera((1, 1), (8, 8)), CAMERA, Camera((15, 15), (64, 64))])
+def test_domes_are_never_too_steep_for_their_camera(camera):
+    heights = []
+    for seed in range(20):
+        dome = scenes.random_dome(draws(seed), camera, 0.2, (-50.0, 50.0))
+        Scene(camera, (Surface(dome, Flat()),))
+        heights.append(dome.bulge)
+    assert min(heights) < 0 < max(heights)
+
+
+def test_domes_that_fit_have_the_height_that_was_drawn():
+    assert all(0.1 <= scenes.random_dome(draws(seed), CAMERA, 0.2, (0.1, 0.2)).bulge <= 0.2 for seed in range(20))
+
+
+@pytest.mark.parametrize("name", scenes.MATERIALS)
+def test_materials_do_what_their_names_say(name):
+    material = scenes.MATERIALS[name](draws(1), Tone(1, 1), CAMERA, (-0.5, 0.5))
+    assert type(material).__name__.lower() == name
+    if name in ("mirror", "glass"):
+        assert -0.5 <= material.disparity <= 0.5
+
+
 CAMERA = Camera((3, 4), (36, 44))
 EVERYTHING = {
     "slant": 0.01, "domes": 0.3, "glossy": 0.2, "mirror": 0.2, "glass": 0.2, "emissive": 0.2, "translucent": 0.3,
-    "moving": 0.3, "sensor": RandomSensor(**dict.fromkeys(DRAWN, 0.5)),
+    "moving": 0.3, "sensor": RandomSensor(**dict.fromkeys(RANDOM_EFFECTS, 0.5)),
 }  # fmt: skip
 ONE, TWO = (Scene(CAMERA, (Surface(Plane(0.0), texture),), name=name, seed=seed)
     for texture, name, seed in ((Flat(), "one", 4), (Noise(), "two", 5)))  # fmt: skip
@@ -64,13 +188,13 @@ def test_the_generator_fixes_the_scene_and_its_views():
     assert draw(3) == draw(3)
     assert hash(draw(3)) == hash(draw(3))
     assert draw(3) != draw(4)
-    first, again = (render.views(bitmaps.paint(draw(3)), CAMERA) for _ in range(2))
+    first, again = (render.views(painting.paint(draw(3)), CAMERA) for _ in range(2))
     assert torch.equal(first, again)
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_views_are_radiance(seed):
-    views = render.views(bitmaps.paint(draw(seed)), CAMERA)
+    views = render.views(painting.paint(draw(seed)), CAMERA)
     assert views.shape == (3, 4, 3, 36, 44)
     assert views.dtype == torch.float32
     assert float(views.min()) >= 0
@@ -80,7 +204,7 @@ def test_views_are_radiance(seed):
 def test_slanted_surfaces_are_drawn_if_asked_for():
     scene = draw(slant=0.01, n_surfaces=(4, 4))
     assert all(not surface.geometry.is_parallel for surface in scene.surfaces)
-    assert bool(render.views(bitmaps.paint(scene), CAMERA).isfinite().all())
+    assert bool(render.views(painting.paint(scene), CAMERA).isfinite().all())
 
 
 def test_pictures_are_taken_from_the_files_given(tmp_path):
@@ -139,7 +263,7 @@ def test_whatever_is_drawn_can_be_simulated(seed):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"glossy": 1.5}, "the share of glossy"),
         ({"glossy": 0.6, "mirror": 0.6}, "the shares of materials together"),
@@ -148,8 +272,8 @@ def test_whatever_is_drawn_can_be_simulated(seed):
         ({"opacity": (0.5, 1.5)}, "the range of opacities"),
     ],
 )
-def test_shares_and_ranges_that_cannot_be_are_refused(options, said):
-    with pytest.raises(InputError, match=said):
+def test_shares_of_scenes_that_cannot_be_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
         draw(**options)
 
 

@@ -1,3 +1,5 @@
+"""Simulations: only the requested outputs run, planned equals forced, finer pixels agree with coarse ones."""
+
 import dataclasses
 
 import pytest
@@ -6,14 +8,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.simulator import bitmaps, truth
+from lfref.simulator import materials, mattes, painting, sim30, surfaces, textures, truth
 from lfref.simulator import views as render
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Exposure
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.simulate import OUTPUTS, Simulation, simulate
+from lfref.simulator.simulate import OUTPUTS, Simulation, finer, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
 from tests.simulator import drawing
@@ -50,7 +52,7 @@ def test_only_what_is_asked_for_is_made():
 def test_views_and_truth_are_those_of_the_painted_layers():
     scene = random_scene(1)
     found = simulate(scene, slopes=SLOPES)
-    layers = bitmaps.paint(scene, reach=0.5)
+    layers = painting.paint(scene, reach=0.5)
     torch.testing.assert_close(found.views, render.views(layers, CAMERA))
     torch.testing.assert_close(found.truth, truth.stack(layers, CAMERA, SLOPES))
 
@@ -70,9 +72,9 @@ def test_nothing_is_timed_unasked():
 @pytest.fixture
 def painted(monkeypatch):
     """How far the surfaces of scenes were painted, a number for each time that it was done."""
-    reaches, passes = [], bitmaps.passes
+    reaches, passes = [], painting.passes
     monkeypatch.setattr(
-        bitmaps,
+        painting,
         "passes",
         lambda scene, device, reach, force: reaches.append(reach) or passes(scene, device, reach, force),
     )
@@ -108,7 +110,7 @@ def test_what_is_painted_is_taken_and_said_so():
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=200, suppress_health_check=list(HealthCheck))
+@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
 @given(drawing.SCENES, drawing.SENSORS, st.sampled_from(["square", "disc"]))
 def test_planned_equals_forced(scene, sensor, aperture):
     camera = dataclasses.replace(scene.camera, aperture=aperture)
@@ -162,3 +164,70 @@ def test_a_gpu_simulates_the_same(scene, sensor):
         expected = getattr(here, output)
         scale = max(1.0, float(expected.abs().max()))
         torch.testing.assert_close(getattr(there, output).cpu(), expected, atol=1e-5 * scale, rtol=0)
+
+
+SMALL = Camera(grid=(3, 3), size=(24, 30), samples=2)
+SLOPES = torch.tensor([-0.5, 0.25])
+
+
+@pytest.mark.parametrize("name", ["twigs", "dome", "mirror", "running", "apple", "lattice"])
+def test_means_of_finer_pictures_are_the_pictures_of_larger_pixels(name):
+    (scene,) = sim30.scenes(name, SMALL).scenes
+    coarse = simulate(scene, 0, OUTPUTS, SLOPES)
+    fine = simulate(finer(scene, 2), 0, OUTPUTS, 2 * SLOPES)
+    for output in ("views", "truth", "all_in_focus", "masks"):
+        expected = getattr(fine, output).unfold(-2, 2, 2).unfold(-2, 2, 2).mean((-2, -1))
+        torch.testing.assert_close(getattr(coarse, output), expected, atol=1e-6, rtol=0)
+    expected = fine.disparity.unfold(-2, 2, 2).unfold(-2, 2, 2).amax((-2, -1)) / 2
+    torch.testing.assert_close(coarse.disparity, expected)
+
+
+@pytest.mark.parametrize("name", ["stripes", "floor", "discs", "leaves", "hollow"])
+def test_scenes_without_random_textures_look_the_same_with_more_samples(name):
+    (scene,) = sim30.scenes(name, Camera((3, 3), (48, 64))).scenes
+    plain = textures.Stripes(30, angle=20)
+    scene = dataclasses.replace(
+        scene, surfaces=tuple(dataclasses.replace(surface, texture=plain) for surface in scene.surfaces)
+    )
+    more = dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, samples=3))
+    one, several = (simulate(each, 0, OUTPUTS, SLOPES) for each in (scene, more))
+    for output in ("views", "truth", "all_in_focus"):
+        difference = getattr(one, output) - getattr(several, output)
+        assert float(difference.square().mean()) < 10**-2.8
+    agrees = (one.disparity - several.disparity).abs() < 0.02
+    assert float(agrees.float().mean()) > 0.9
+
+
+def test_stripes_finer_than_half_a_cycle_a_pixel_are_seen_through_more_samples():
+    fine = Scene(Camera((1, 1), (16, 64)), (Surface(surfaces.Plane(0.0), textures.Stripes(1.7)),))
+    contrasts = [
+        float(simulate(dataclasses.replace(fine, camera=camera), 0, ["views"]).views.std())
+        for camera in (fine.camera, dataclasses.replace(fine.camera, samples=4))
+    ]
+    assert contrasts[0] == 0
+    assert contrasts[1] > 0.05
+
+
+def test_every_part_of_a_scene_names_those_of_its_fields_that_are_lengths():
+    bases = mattes.Outline, materials.Material, textures.Texture, surfaces.Geometry
+    parts = [part for base in bases for part in subclasses(base) if not part.__name__.startswith("_")]
+    assert len(parts) == 19
+    for part in [*parts, Surface]:
+        assert set(part.lengths) <= {field.name for field in dataclasses.fields(part)}
+
+
+def subclasses(base):
+    return [part for child in base.__subclasses__() for part in (child, *subclasses(child))]
+
+
+def test_pixels_of_one_sample_cannot_be_divided():
+    (scene,) = sim30.scenes("plane").scenes
+    assert finer(scene, 1) is scene
+    with pytest.raises(InputError, match="samples must be a multiple of 2"):
+        finer(scene, 2)
+
+
+@pytest.mark.parametrize("samples", [0, 1.5, 9])
+def test_samples_that_no_camera_takes_are_refused(samples):
+    with pytest.raises(InputError, match="samples must be a whole number"):
+        Camera(samples=samples)

@@ -35,7 +35,7 @@ def aliased_share(image):
 
 @pytest.mark.parametrize("texture", TEXTURES)
 def test_colours_stay_in_range_and_fill_the_canvas(texture):
-    colours = texture.painted(CANVAS, (1, 2))
+    colours = texture.paint(CANVAS, (1, 2))
     assert colours.shape == (3, 120, 128)
     assert colours.dtype == torch.float32
     assert float(colours.min()) >= -1e-6
@@ -44,47 +44,47 @@ def test_colours_stay_in_range_and_fill_the_canvas(texture):
 
 @pytest.mark.parametrize("texture", TEXTURES[1:])
 def test_pixels_sample_them_without_aliasing(texture):
-    assert aliased_share(texture.painted(CANVAS, (1, 2))) < 1e-5
+    assert aliased_share(texture.paint(CANVAS, (1, 2))) < 1e-5
 
 
 @pytest.mark.parametrize("texture", TEXTURES)
 def test_the_key_fixes_the_colours_and_a_larger_canvas_shows_the_same(texture):
-    colours = texture.painted(CANVAS, (1, 2))
+    colours = texture.paint(CANVAS, (1, 2))
     torch.manual_seed(5)
-    assert torch.equal(colours, texture.painted(CANVAS, (1, 2)))
-    larger = texture.painted(Canvas(-74, -68, 148, 136, CANVAS.period), (1, 2))
+    assert torch.equal(colours, texture.paint(CANVAS, (1, 2)))
+    larger = texture.paint(Canvas(-74, -68, 148, 136, CANVAS.period), (1, 2))
     torch.testing.assert_close(larger[:, 8:-8, 10:-10], colours, atol=1e-6, rtol=0)
 
 
 def test_other_keys_are_other_noise():
-    assert not torch.allclose(Noise().painted(CANVAS, (1, 2)), Noise().painted(CANVAS, (1, 3)))
+    assert not torch.allclose(Noise().paint(CANVAS, (1, 2)), Noise().paint(CANVAS, (1, 3)))
 
 
 def test_flat_is_its_colour_and_waves_have_the_mean_of_theirs():
-    torch.testing.assert_close(Flat((0.1, 0.5, 1.0)).painted(CANVAS).mean((1, 2)), torch.tensor([0.1, 0.5, 1.0]))
+    torch.testing.assert_close(Flat((0.1, 0.5, 1.0)).paint(CANVAS).mean((1, 2)), torch.tensor([0.1, 0.5, 1.0]))
     for texture in (Checker(8.0), Stripes(8.0), Gradient(32.0)):
         torch.testing.assert_close(
-            texture.painted(CANVAS).mean(2)[:, :16].mean(1), torch.full((3,), 0.5), atol=0.01, rtol=0
+            texture.paint(CANVAS).mean(2)[:, :16].mean(1), torch.full((3,), 0.5), atol=0.01, rtol=0
         )
 
 
 def test_waves_repeat_after_their_period_and_along_their_direction():
-    stripes = Stripes(8.0, angle=0.0).painted(CANVAS)
+    stripes = Stripes(8.0, angle=0.0).paint(CANVAS)
     torch.testing.assert_close(stripes[..., 16:], stripes[..., :-16], atol=1e-5, rtol=0)
     assert bool((stripes == stripes[:, :1]).all())
-    checker = Checker(8.0).painted(CANVAS)
+    checker = Checker(8.0).paint(CANVAS)
     torch.testing.assert_close(checker[..., 8:], 1 - checker[..., :-8], atol=1e-5, rtol=0)
 
 
 def test_waves_finer_than_pixels_are_their_mean():
-    assert float(Stripes(1.5).painted(CANVAS).std()) < 1e-6
-    assert float(Gradient(1.5).painted(CANVAS).std()) < 1e-6
+    assert float(Stripes(1.5).paint(CANVAS).std()) < 1e-6
+    assert float(Gradient(1.5).paint(CANVAS).std()) < 1e-6
 
 
 def test_the_amplitude_of_noise_falls_as_the_power_of_the_frequency():
     random = np.random.default_rng(0)
     for exponent in (1.0, 2.0):
-        spectrum = torch.fft.fft2(textures._noise(random, 16, (96, 96), exponent)).abs().square().mean(0)
+        spectrum = torch.fft.fft2(textures._random_tile(random, 16, (96, 96), exponent)).abs().square().mean(0)
         radius = torch.hypot(torch.fft.fftfreq(96)[:, None], torch.fft.fftfreq(96))
         band = (radius > 0.05) & (radius < 0.45)
         logs = torch.stack([radius[band].log(), torch.ones(int(band.sum()))], dim=1)
@@ -98,7 +98,7 @@ def test_the_finer_grid_keeps_a_slow_wave_and_weighs_a_quick_one():
     for cycles, response in ((0, 1.0), (4, np.cos(np.pi / 16) ** 2), (16, 0.5), (32, 0.0)):
         tile = torch.cos(2 * torch.pi * cycles * place).expand(1, 8, -1)
         fine = torch.cos(2 * torch.pi * cycles * torch.arange(128) / 128).expand(1, 16, -1)
-        torch.testing.assert_close(textures.finer(tile), response * fine, atol=1e-5, rtol=0)
+        torch.testing.assert_close(textures.oversampled(tile), response * fine, atol=1e-5, rtol=0)
 
 
 def test_a_picture_lies_in_the_middle_pixel_on_pixel(tmp_path):
@@ -106,20 +106,20 @@ def test_a_picture_lies_in_the_middle_pixel_on_pixel(tmp_path):
     image = torch.stack([x / 47, y / 39, 0.5 + 0.3 * torch.sin(x / 6)])
     images.write_image(tmp_path / "image.exr", image.movedim(0, -1).numpy())
     # Pixel (0, 0) of a picture of 40 x 48 is 19.5 and 23.5 px from the centre.
-    painted = Picture(str(tmp_path / "image.exr"), 48.0).painted(Canvas(-47, -39, 96, 80, (40, 48)))
+    painted = Picture(str(tmp_path / "image.exr"), 48.0).paint(Canvas(-47, -39, 96, 80, (40, 48)))
     torch.testing.assert_close(painted[:, ::2, ::2][:, 2:-2, 2:-2], image[:, 2:-2, 2:-2], atol=6e-3, rtol=0)
 
 
 def test_a_grey_picture_has_equal_channels_and_is_mirrored_beyond_its_edges(tmp_path):
     images.write_image(tmp_path / "grey.png", torch.linspace(0, 1, 32).expand(16, 32)[..., None].numpy(), bits=16)
-    painted = Picture(str(tmp_path / "grey.png"), 32.0).painted(Canvas(-95, 0, 192, 4, (4, 4)))
+    painted = Picture(str(tmp_path / "grey.png"), 32.0).paint(Canvas(-95, 0, 192, 4, (4, 4)))
     assert torch.equal(painted[0], painted[2])
     torch.testing.assert_close(painted[..., 1:63:2], painted[..., 65:127:2].flip(-1), atol=1e-5, rtol=0)
 
 
 def test_pictures_that_cannot_be_read_are_refused(tmp_path):
     with pytest.raises(FileError, match="nowhere"):
-        Picture(str(tmp_path / "nowhere.png")).painted(CANVAS)
+        Picture(str(tmp_path / "nowhere.png")).paint(CANVAS)
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""What optics and sensor do to the views: one effect a file, and the chain they make up."""
+"""Effects of a camera's optics and sensor on views."""

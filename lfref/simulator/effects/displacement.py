@@ -1,25 +1,28 @@
-"""Reading pictures between their samples at positions that separate into rows and columns.
+"""Effects that move pictures: chromatic aberration and misaligned views, by interpolation along rows and columns.
 
-Lagrange interpolation through eight samples: it reproduces polynomials of degree 7, and the samples themselves at whole
-positions. Beyond the edge the outermost sample is held. Source: Laakso et al., "Splitting the unit delay", 1996.
+Pictures are read between their samples by Lagrange interpolation through eight samples. It reproduces polynomials of
+degree 7, and the samples themselves at whole positions; beyond the edge the outermost sample is held.
+Source: Laakso et al., "Splitting the unit delay", 1996.
+Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre.
 """
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
 
 from lfref import geometry
 from lfref.simulator import checks
-from lfref.simulator.effects.effect import normal
 
-TAPS = range(-3, 5)  # samples around a position, counted from the one at or before it
+TAPS = range(-3, 5)
+"""Samples around a position, counted from the one at or before it."""
+Triple = tuple[float, ...]
+"""One number each for red, green and blue."""
 
 
 def weights(t: Tensor) -> Tensor:
-    """How much each of the samples `TAPS` counts.
+    """Lagrange's weights of the samples `TAPS`.
 
     Args:
         t: Positions from the sample at or before them, in [0, 1), [...].
@@ -40,7 +43,7 @@ def matrix(positions: Tensor, length: int) -> Tensor:
     """The resampling of one axis as a matrix.
 
     Args:
-        positions: Where to read, in pixels from the centre, float64, [..., K].
+        positions: Points to read, in pixels from the centre, float64, [..., K].
         length: Samples along the axis.
 
     Returns:
@@ -58,8 +61,8 @@ def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 
     Args:
         views: Floating point, [V, U, C, H, W].
-        rows: Where to read, in pixels from the centre, float64, CPU, [H] with leading axes that go with [V, U, C].
-        columns: Likewise, [..., W].
+        rows: In pixels from the centre, float64, CPU, [..., H] whose leading axes broadcast with [V, U, C].
+        columns: The same for columns, [..., W].
 
     Returns:
         Pictures of the same shape.
@@ -68,26 +71,15 @@ def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
     return matrix(rows, height).to(views) @ views @ matrix(columns, width).to(views).mT
 
 
-# PART chromatic
-# Chromatic aberration: each colour has its own magnification (lateral) and its own focus (longitudinal).
-#
-# Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre.
-# A focus of its own is a disparity that is added to that of every surface, L_c(x) = L(x - d_c p).
-
-Triple = tuple[float, ...]
-"""One number each for red, green and blue."""
-
-
 @dataclass(frozen=True)
 class Chromatic:
-    """Lateral and longitudinal chromatic aberration."""
+    """Chromatic aberration: each colour has its own magnification (lateral) and its own focus (longitudinal).
 
-    name: ClassVar[str] = "chromatic"
-    needs: ClassVar[tuple[str, ...]] = ("radiance",)
-    makes: ClassVar[str] = "dispersed"
+    A focus of its own is a disparity that is added to that of every surface: L_c(x) = L(x - d_c p).
+    """
 
     magnification: Triple = (1.0, 1.0, 1.0)
-    """Size of each channel's picture, [0.5, 2]; 1 leaves it."""
+    """Size of each channel's picture about its centre, [0.5, 2]; 1 leaves it."""
     disparity: Triple = (0.0, 0.0, 0.0)
     """Added to each channel's disparities, in pixels per view step, [-10, 10]."""
 
@@ -97,7 +89,7 @@ class Chromatic:
         checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Nothing changes where all channels keep their size, and their focus or the only view."""
+        """Inert if all channels keep their size, and their focus or the only view."""
         if any(size != 1 for size in self.magnification):
             return None
         if not any(self.disparity):
@@ -105,7 +97,7 @@ class Chromatic:
         return "a single view has no focus" if tuple(grid) == (1, 1) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """See `disperse`; nothing is drawn."""
+        """Magnify and shift every channel."""
         return disperse(views, self.magnification, self.disparity)
 
 
@@ -117,28 +109,18 @@ def disperse(views: Tensor, magnification: Triple, disparity: Triple) -> Tensor:
         magnification: About the picture's centre, above 0, [3].
         disparity: In pixels per view step, [3].
     """
-    rows = _positions(views.shape[0], views.shape[-2], magnification, disparity)
-    columns = _positions(views.shape[1], views.shape[-1], magnification, disparity)
+    size, focus = (torch.tensor(values, dtype=torch.float64)[:, None] for values in (magnification, disparity))
+    # Position that each view and channel reads along each axis, [V or U, 3, H or W].
+    rows, columns = (
+        (geometry.angular_offsets(length) - focus * geometry.angular_offsets(n_views)[:, None, None]) / size
+        for n_views, length in zip(views.shape[:2], views.shape[-2:], strict=True)
+    )
     return resample(views, rows[:, None], columns)
-
-
-def _positions(n_views: int, length: int, magnification: Triple, disparity: Triple) -> Tensor:
-    """Where each view and channel reads along one axis, [n_views, 3, length]."""
-    size, shift = (torch.tensor(values, dtype=torch.float64)[:, None] for values in (magnification, disparity))
-    return (geometry.angular_offsets(length) - shift * geometry.angular_offsets(n_views)[:, None, None]) / size
-
-
-# PART misalignment
-# View misalignment: every view sits a random fraction of a pixel beside its place.
 
 
 @dataclass(frozen=True)
 class Misalignment:
-    """Normally distributed shifts, one for each view."""
-
-    name: ClassVar[str] = "misalignment"
-    needs: ClassVar[tuple[str, ...]] = ("vignetted",)
-    makes: ClassVar[str] = "displaced"
+    """Misaligned views: a random shift for each view, normally distributed along both axes."""
 
     sigma: float = 0.0
     """Standard deviation along each axis in pixels, [0, 10]."""
@@ -147,17 +129,17 @@ class Misalignment:
         checks.numbers("a misalignment's sigma", [self.sigma], 0, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Nothing changes where the shifts are 0."""
+        """Inert if all shifts are 0."""
         return None if self.sigma else "sigma is 0"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """See `shift`; its shifts are drawn."""
-        draws = normal((*views.shape[:2], 2), generator, torch.zeros((), dtype=torch.float64))
+        """Draw shifts and move the views, [V, U, C, H, W]."""
+        draws = torch.randn((*views.shape[:2], 2), generator=generator).double()
         return shift(views, self.sigma * draws)
 
 
 def shift(views: Tensor, shifts: Tensor) -> Tensor:
-    """Move every view on its own, L(x) -> L(x - dx).
+    """Move every view on its own: L(x) -> L(x - dx).
 
     Args:
         views: Radiance, [V, U, C, H, W].

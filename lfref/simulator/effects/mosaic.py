@@ -1,11 +1,13 @@
-"""The Bayer mosaic: every pixel of every view keeps one of its three colours.
+"""The Bayer mosaic, and the demosaicing that undoes it.
 
-Each view has a mosaic of its own, as in a camera array; under the lenslets of a single sensor the phase would change
-from view to view.
+Every pixel of every view keeps one of its three colours. Each view has a mosaic of its own, as in a camera array; under
+the lenslets of a single sensor the phase would change from view to view.
+Demosaicing is linear: bilinear interpolation, corrected by the Laplacian of the colour that the pixel itself has.
+Source: Malvar, He and Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images",
+2004, Fig. 2.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
@@ -21,29 +23,50 @@ PATTERNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
 }
 """Channel of each pixel of the top-left block of 2 x 2, row by row."""
 
+# In eighths: green at red or blue; red or blue at a green pixel with this colour to its left and right; red at blue.
+CROSS = ((0, 0, -1, 0, 0), (0, 0, 2, 0, 0), (-1, 2, 4, 2, -1), (0, 0, 2, 0, 0), (0, 0, -1, 0, 0))
+ACROSS = ((0, 0, 0.5, 0, 0), (0, -1, 0, -1, 0), (-1, 4, 5, 4, -1), (0, -1, 0, -1, 0), (0, 0, 0.5, 0, 0))
+CORNERS = ((0, 0, -1.5, 0, 0), (0, 2, 0, 2, 0), (-1.5, 0, 6, 0, -1.5), (0, 2, 0, 2, 0), (0, 0, -1.5, 0, 0))
+
 
 @dataclass(frozen=True)
 class Mosaic:
-    """One colour a pixel; the demosaicing that belongs to it follows after quantisation."""
-
-    name: ClassVar[str] = "mosaic"
-    needs: ClassVar[tuple[str, ...]] = ("exposed",)
-    makes: ClassVar[str] = "mosaicked"
+    """One colour per pixel."""
 
     pattern: str | None = "RGGB"
-    """A key of `PATTERNS`; None: three colours a pixel."""
+    """A key of `PATTERNS`; None: three colours per pixel."""
 
     def __post_init__(self) -> None:
         if self.pattern is not None:
             chosen("mosaic pattern", self.pattern, PATTERNS)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Nothing changes where every pixel sees three colours."""
+        """Inert without a pattern."""
         return None if self.pattern else "every pixel sees three colours"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """See `mosaicked`; nothing is drawn."""
+        """Keep one colour of every pixel."""
         return mosaicked(views, self.pattern) if self.pattern else views
+
+
+@dataclass(frozen=True)
+class Demosaic:
+    """Three colours per pixel again. A sensor applies it by itself where it has a mosaic."""
+
+    pattern: str | None = "RGGB"
+    """That of the mosaic."""
+
+    def __post_init__(self) -> None:
+        if self.pattern is not None:
+            chosen("mosaic pattern", self.pattern, PATTERNS)
+
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """Inert without a mosaic."""
+        return None if self.pattern else "there is no mosaic"
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Interpolate the other two colours."""
+        return demosaicked(views, self.pattern) if self.pattern else views
 
 
 def mosaicked(views: Tensor, pattern: str) -> Tensor:
@@ -60,49 +83,13 @@ def mosaicked(views: Tensor, pattern: str) -> Tensor:
         InputError: The views are too small.
     """
     if min(views.shape[-2:]) < 3:
-        got = "x".join(map(str, views.shape[-2:]))
-        raise InputError("a mosaic needs views of at least 3x3 pixels", got=got)
+        size = "x".join(map(str, views.shape[-2:]))
+        raise InputError("a mosaic needs views of at least 3x3 pixels", got=size)
     raw = views.new_empty(*views.shape[:-3], 1, *views.shape[-2:])
     for row, channels in enumerate(PATTERNS[pattern]):
         for column, channel in enumerate(channels):
             raw[..., 0, row::2, column::2] = views[..., channel, row::2, column::2]
     return raw
-
-
-# PART demosaic
-# Demosaicing by linear filters: bilinear, corrected by the Laplacian of the colour that the pixel itself has.
-#
-# Source: Malvar, He and Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images",
-# 2004, Fig. 2. Beyond the edge the picture is mirrored about its outermost sample, which keeps the mosaic's phase.
-
-# In eighths: green at red or blue; red or blue at a green pixel with this colour to its left and right; red at blue.
-CROSS = ((0, 0, -1, 0, 0), (0, 0, 2, 0, 0), (-1, 2, 4, 2, -1), (0, 0, 2, 0, 0), (0, 0, -1, 0, 0))
-ACROSS = ((0, 0, 0.5, 0, 0), (0, -1, 0, -1, 0), (-1, 4, 5, 4, -1), (0, -1, 0, -1, 0), (0, 0, 0.5, 0, 0))
-CORNERS = ((0, 0, -1.5, 0, 0), (0, 2, 0, 2, 0), (-1.5, 0, 6, 0, -1.5), (0, 2, 0, 2, 0), (0, 0, -1.5, 0, 0))
-
-
-@dataclass(frozen=True)
-class Demosaic:
-    """Three colours a pixel again."""
-
-    name: ClassVar[str] = "demosaic"
-    needs: ClassVar[tuple[str, ...]] = ("quantised",)
-    makes: ClassVar[str] = "demosaicked"
-
-    pattern: str | None = "RGGB"
-    """The mosaic's."""
-
-    def __post_init__(self) -> None:
-        if self.pattern is not None:
-            chosen("mosaic pattern", self.pattern, PATTERNS)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """Nothing changes where there was no mosaic."""
-        return None if self.pattern else "there is no mosaic"
-
-    def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """See `demosaicked`; nothing is drawn."""
-        return demosaicked(views, self.pattern) if self.pattern else views
 
 
 def demosaicked(raw: Tensor, pattern: str) -> Tensor:
@@ -115,8 +102,9 @@ def demosaicked(raw: Tensor, pattern: str) -> Tensor:
     Returns:
         Radiance, [..., 3, H, W].
     """
+    # Mirrored about the outermost sample, the picture keeps the phase of the mosaic beyond its edge.
     pictures = F.pad(raw.reshape(-1, 1, *raw.shape[-2:]), (2, 2, 2, 2), mode="reflect")
-    # A GPU's convolution keeps but ten bits of float32.
+    # On a GPU a float32 convolution may round its inputs to ten bits (TF32).
     pictures = pictures.double() if pictures.is_cuda else pictures
     views = raw.new_empty(len(pictures), 3, *raw.shape[-2:])
     for row, channels in enumerate(PATTERNS[pattern]):
@@ -130,6 +118,6 @@ def demosaicked(raw: Tensor, pattern: str) -> Tensor:
 def _filters(own: int, beside: int) -> Tensor:
     """Filters for red, green and blue at a pixel of colour `own` with `beside` to its left and right, [3, 5, 5]."""
     cross, across, corners = (torch.tensor(eighths) / 8 for eighths in (CROSS, ACROSS, CORNERS))
-    itself = F.pad(torch.ones(1, 1), (2, 2, 2, 2))
+    identity = F.pad(torch.ones(1, 1), (2, 2, 2, 2))
     others = {beside: across, 2 - beside: across.T} if own == 1 else {1: cross, 2 - own: corners}
-    return torch.stack([others.get(channel, itself) for channel in range(3)])
+    return torch.stack([others.get(channel, identity) for channel in range(3)])

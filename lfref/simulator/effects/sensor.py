@@ -1,25 +1,44 @@
-"""Which effects a scene's optics and sensor have."""
+"""A camera's optics and sensor as a chain of effects on views, in the order in which light meets them.
 
+An effect is a frozen dataclass of plain numbers, in a file of its own. To add one, write its class with `inert` and
+`apply`, and add a field to `Sensor` at its place in the chain.
+"""
+
+import functools
+import math
 from dataclasses import dataclass
-from typing import get_args, get_type_hints
+from typing import Protocol, get_args, get_type_hints
+
+import numpy as np
+from torch import Generator, Tensor
 
 from lfref.encoding import LINEAR, Encoding
 from lfref.simulator import checks
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import Mosaic
+from lfref.simulator.effects.mosaic import Demosaic, Mosaic
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.planner import Pass
+
+
+class Effect(Protocol):
+    """What every effect can do."""
+
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """The reason why it leaves views of so many rows and columns as they are; None if it may change them."""
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Views [V, U, C, H, W] with the effect. Random numbers are drawn on the CPU: the same on every device."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """One optional effect a field, in the order in which light meets them; None is off.
+    """The effects of a camera; None is off.
 
-    The lens makes the pictures and shades them, lenslets beside their place displace and mix them, the exposure
-    collects them. From mosaic to quantisation the samples are raw, one colour a pixel where there is a mosaic. What
-    software does with raw samples comes last.
+    The lens disperses and shades the pictures, misplaced lenslets displace and mix them, the exposure collects them.
+    From mosaic to quantisation the samples are raw, one colour per pixel where there is a mosaic. Software comes last.
     """
 
     chromatic: Chromatic | None = None
@@ -41,9 +60,60 @@ class Sensor:
 
     @property
     def encoding(self) -> Encoding:
-        """How the samples of its views stand for light."""
+        """The encoding of the samples of its views."""
         return LINEAR if self.tone_curve is None else self.tone_curve.encoding
 
 
 EFFECTS: dict[str, type] = {name: get_args(hint)[0] for name, hint in get_type_hints(Sensor).items()}
-"""What each field of a sensor holds."""
+"""Class of the effect in each field of a sensor."""
+OFF: dict[str, Effect] = {"mosaic": Mosaic(None), "clipping": Clipping(-math.inf, math.inf)}
+"""Inert forms of the effects whose default does something."""
+
+
+def effect_chain(sensor: Sensor) -> dict[str, Effect]:
+    """All effects by name, inert ones where the sensor has none, in the order in which they are applied."""
+    chain: dict[str, Effect] = {}
+    for name, kind in EFFECTS.items():
+        chain[name] = getattr(sensor, name) or OFF.get(name) or kind()
+        if name == "quantisation":
+            # Demosaicing is the first step of software, on samples that are whole numbers.
+            chain["demosaic"] = Demosaic(sensor.mosaic.pattern if sensor.mosaic else None)
+    return chain
+
+
+def sensor_passes(sensor: Sensor, grid: tuple[int, int], seed: int) -> list[Pass]:
+    """Passes of the planner from the result `radiance` to the result `views`, one for each effect.
+
+    Args:
+        sensor: The effects.
+        grid: View rows and columns.
+        seed: Of random effects.
+    """
+    passes, needs = [], "radiance"
+    for name, effect in effect_chain(sensor).items():
+        makes = f"views after {name}"
+        passes.append(Pass(name, (needs,), makes, functools.partial(_apply, effect, name, seed), effect.inert(grid)))
+        needs = makes
+    passes[-1] = passes[-1]._replace(makes="views")
+    return passes
+
+
+def recorded(radiance: Tensor, sensor: Sensor, seed: int) -> Tensor:
+    """Views as a sensor records them.
+
+    Args:
+        radiance: Views without any effect, [V, U, 3, H, W].
+        sensor: The effects.
+        seed: Of random effects.
+    """
+    grid = (radiance.shape[0], radiance.shape[1])
+    for name, effect in effect_chain(sensor).items():
+        if effect.inert(grid) is None:
+            radiance = _apply(effect, name, seed, radiance)
+    return radiance
+
+
+def _apply(effect: Effect, name: str, seed: int, views: Tensor) -> Tensor:
+    # The name, not the place in the chain, fixes the random numbers: another effect must not change them.
+    key = np.random.SeedSequence((seed, int.from_bytes(name.encode(), "big"))).generate_state(1, np.uint64)
+    return effect.apply(views, Generator().manual_seed(int(key[0])))

@@ -1,13 +1,13 @@
-"""Vignetting: light that falls off towards the corners, and the rim of the lens that cuts into the pupil (cat's eye).
+"""Vignetting: light that falls off towards the corners, and the rim of the lens that clips the pupil (cat's eye).
 
-Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre, `r` its distance from
-there in half diagonals of the picture. Falloff is cos^4 of the field angle. The rim is a disc that holds every view;
-off the axis it is displaced, and a view counts by the share of its cell that lies within.
+Falloff is cos^4 of the field angle. The rim is a disc that holds every view; off the axis it is displaced, and a view
+keeps the share of its cell that lies within the rim.
+Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre in half diagonals of
+the picture.
 """
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
@@ -20,25 +20,21 @@ from lfref.simulator import checks
 class Vignetting:
     """Falloff towards the corners, and a pupil that is clipped there."""
 
-    name: ClassVar[str] = "vignetting"
-    needs: ClassVar[tuple[str, ...]] = ("dispersed",)
-    makes: ClassVar[str] = "vignetted"
-
     field: float = 0.0
     """Tangent of the field angle at the picture's corner, [0, 10]; 0: no falloff."""
     cats_eye: float = 0.0
-    """How far the rim is displaced at the picture's corner, in its radii, [0, 2]; 0: all views see all."""
+    """Displacement of the rim at the picture's corner, in radii of the rim, [0, 2]; 0: no view is clipped."""
 
     def __post_init__(self) -> None:
         checks.numbers("a vignetting's field", [self.field], 0, 10)
         checks.numbers("a vignetting's cats_eye", [self.cats_eye], 0, 2)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Nothing changes without falloff and displacement."""
+        """Inert without falloff and displacement."""
         return None if self.field or self.cats_eye else "field and cat's eye are 0"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """See `falloff` and `clipped_pupil`; nothing is drawn."""
+        """Multiply by both gains."""
         gain = falloff(views, self.field) * clipped_pupil(views, self.cats_eye)
         return views * gain
 
@@ -47,7 +43,7 @@ def falloff(views: Tensor, field: float) -> Tensor:
     """cos^4 of the field angle at every pixel.
 
     Args:
-        views: Whose shape, type and device are asked for, [V, U, C, H, W].
+        views: [V, U, C, H, W]; only their shape, type and device count.
         field: Tangent of the field angle at the corner.
 
     Returns:
@@ -61,8 +57,8 @@ def clipped_pupil(views: Tensor, displacement: float) -> Tensor:
     """Share of each view's cell that the rim lets through at every pixel.
 
     Args:
-        views: Whose shape, type and device are asked for, [V, U, C, H, W].
-        displacement: Of the rim at the corner, in its radii.
+        views: [V, U, C, H, W]; only their shape, type and device count.
+        displacement: Of the rim at the corner, in radii of the rim.
 
     Returns:
         Gain in [0, 1], [V, U, 1, H, W].
@@ -73,6 +69,7 @@ def clipped_pupil(views: Tensor, displacement: float) -> Tensor:
     q, p = (geometry.angular_offsets(n_views).to(views) for n_views in grid)
     across = p[:, None, None, None] - displacement * radius * x
     down = q[:, None, None, None, None] - displacement * radius * y
+    # A cell is one view step wide, so that its share falls from 1 to 0 over one step about the rim.
     return (radius - torch.sqrt(across**2 + down**2) + 0.5).clamp(0, 1)
 
 

@@ -63,7 +63,7 @@ def test_a_slanted_plane_comes_back_within_half_a_step():
 
 @pytest.mark.parametrize("seed", range(2))
 def test_simulated_scenes_come_back_where_they_are_textured(seed):
-    scene = RandomScenes(Camera(size=(128, 136))).drawn(torch.Generator().manual_seed(seed))
+    scene = RandomScenes(Camera(size=(128, 136))).draw(torch.Generator().manual_seed(seed))
     noise = Noise((0.5, 0.4, 0.3), (0.2, 0.2, 0.2), exponent=1.3)
     textured = tuple(dataclasses.replace(surface, texture=noise) for surface in scene.surfaces)
     simulated = simulate(dataclasses.replace(scene, surfaces=textured), outputs=["views", "disparity"])

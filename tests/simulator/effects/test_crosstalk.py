@@ -3,11 +3,13 @@
 import pytest
 import torch
 
-from lfref.simulator.effects.crosstalk import Crosstalk, mix
-
-from .conftest import GRID
+from lfref.simulator.effects.crosstalk import Crosstalk
 
 GRIDS = [(5, 5), (1, 4), (2, 3)]
+
+
+def mix(views, leak):
+    return Crosstalk(leak).apply(views, torch.Generator())
 
 
 def test_a_single_lit_view_shows_the_kernel():
@@ -36,6 +38,6 @@ def test_a_third_is_the_mean_of_the_nine():
 
 
 def test_the_reason_names_what_is_missing():
-    assert Crosstalk(0.0).inert(GRID) == "leak is 0"
+    assert Crosstalk(0.0).inert((3, 2)) == "leak is 0"
     assert Crosstalk(0.1).inert((1, 1)) == "a single view has no neighbour"
     assert Crosstalk(0.1).inert((1, 2)) is None

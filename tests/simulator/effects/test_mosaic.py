@@ -1,12 +1,11 @@
-"""The Bayer mosaic keeps, of every pixel, the colour that its pattern spells."""
+"""The mosaic keeps the colour that its pattern spells; demosaicing is exact on ramps and keeps the samples."""
 
+import numpy as np
 import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.simulator.effects.mosaic import PATTERNS, Mosaic, mosaicked
-
-from .conftest import GRID
+from lfref.simulator.effects.mosaic import PATTERNS, Mosaic, demosaicked, mosaicked
 
 
 @pytest.mark.parametrize("pattern", list(PATTERNS))
@@ -33,5 +32,72 @@ def test_views_too_small_to_demosaic_are_refused(size):
 
 
 def test_no_pattern_is_inert():
-    assert Mosaic(None).inert(GRID) == "every pixel sees three colours"
-    assert Mosaic().inert(GRID) is None
+    assert Mosaic(None).inert((3, 2)) == "every pixel sees three colours"
+    assert Mosaic().inert((3, 2)) is None
+
+
+SIZES = [(8, 10), (7, 9), (3, 3)]
+
+
+def each_pattern(test):
+    return pytest.mark.parametrize("pattern", list(PATTERNS))(test)
+
+
+@each_pattern
+@pytest.mark.parametrize("size", SIZES)
+def test_a_constant_colour_stays_up_to_the_edge(pattern, size):
+    views = torch.tensor([0.2, 0.9, 0.4])[:, None, None].expand(2, 1, 3, *size)
+    torch.testing.assert_close(demosaicked(mosaicked(views, pattern), pattern), views, atol=1e-6, rtol=0)
+
+
+@each_pattern
+def test_ramps_of_all_colours_are_exact_inside(pattern):
+    y, x = torch.arange(11, dtype=torch.float64)[:, None], torch.arange(12, dtype=torch.float64)
+    views = torch.stack([0.1 * x - 0.2 * y + 3, 0.3 * x + 0.05 * y, 1 - 0.07 * x + 0.4 * y])[None, None]
+    made = demosaicked(mosaicked(views, pattern), pattern)
+    torch.testing.assert_close(made[..., 2:-2, 2:-2], views[..., 2:-2, 2:-2], atol=1e-12, rtol=0)
+
+
+@each_pattern
+@pytest.mark.parametrize("size", SIZES)
+def test_the_samples_themselves_are_kept(pattern, size):
+    raw = torch.rand(2, 2, 1, *size)
+    assert torch.equal(mosaicked(demosaicked(raw, pattern), pattern), raw)
+
+
+def test_green_at_red_is_corrected_by_half_of_reds_laplacian():
+    raw = torch.rand(1, 1, 1, 12, 12, dtype=torch.float64)
+    samples, made = raw[0, 0, 0], demosaicked(raw, "RGGB")[0, 0]
+    for y, x in ((4, 4), (6, 2)):
+        near = samples[y - 1, x] + samples[y + 1, x] + samples[y, x - 1] + samples[y, x + 1]
+        far = samples[y - 2, x] + samples[y + 2, x] + samples[y, x - 2] + samples[y, x + 2]
+        assert float(made[1, y, x]) == pytest.approx(float(near / 4 + (samples[y, x] - far / 4) / 2))
+
+
+def test_blue_at_red_is_corrected_by_three_quarters_of_reds_laplacian():
+    raw = torch.rand(1, 1, 1, 12, 12, dtype=torch.float64)
+    samples, made = raw[0, 0, 0], demosaicked(raw, "RGGB")[0, 0]
+    for y, x in ((4, 4), (6, 2)):
+        corners = samples[y - 1 : y + 2 : 2, x - 1 : x + 2 : 2].mean()
+        far = samples[y - 2, x] + samples[y + 2, x] + samples[y, x - 2] + samples[y, x + 2]
+        assert float(made[2, y, x]) == pytest.approx(float(corners + 0.75 * (samples[y, x] - far / 4)))
+
+
+def test_red_at_green_takes_the_reds_beside_it():
+    raw = torch.zeros(1, 1, 1, 9, 9)
+    raw[..., 4, 4] = 8
+    made = demosaicked(raw, "RGGB")[0, 0]
+    # (4, 4) is red: 4 eighths reach red at green across and down, 6 eighths of its Laplacian reach blue.
+    assert made[0, 4, 3] == made[0, 4, 5] == made[0, 3, 4] == made[0, 5, 4] == 4
+    assert made[0, 3, 3] == 2
+    assert made[2, 4, 4] == 6
+    assert made[2, 3, 4] == 0
+
+
+@each_pattern
+def test_it_is_what_the_library_makes(pattern):
+    library = pytest.importorskip("colour_demosaicing")
+    raw = torch.rand(1, 1, 1, 12, 14, dtype=torch.float64)
+    expected = library.demosaicing_CFA_Bayer_Malvar2004(raw[0, 0, 0].numpy(), pattern)
+    made = demosaicked(raw, pattern)[0, 0].movedim(0, -1).numpy()
+    np.testing.assert_allclose(made[2:-2, 2:-2], expected[2:-2, 2:-2], atol=1e-12)

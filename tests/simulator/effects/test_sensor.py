@@ -1,22 +1,138 @@
-"""A sensor holds one effect of its kind a field, in the order of the light."""
+"""A sensor applies its effects in the order of the light; planned equals forced, draw for draw."""
 
-from dataclasses import fields
+import random
 
+import numpy as np
 import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from lfref.encoding import CURVES
 from lfref.errors import InputError
+from lfref.simulator import planner
+from lfref.simulator.effects.crosstalk import Crosstalk
+from lfref.simulator.effects.displacement import Chromatic, Misalignment
+from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
 from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Exposure
-from lfref.simulator.effects.sensor import EFFECTS, Sensor
+from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.sensor import Sensor, effect_chain, recorded, sensor_passes
+from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.planner import Pass
+
+ORDER = [
+    "chromatic", "vignetting", "misalignment", "crosstalk", "exposure", "mosaic", "noise", "clipping", "quantisation",
+    "demosaic", "white_balance", "tone_curve",
+]  # fmt: skip
 
 
-def test_fields_are_called_as_their_effects():
-    assert [field.name for field in fields(Sensor)] == [effect.name for effect in EFFECTS.values()]
+def colour(low, high, neutral):
+    return st.just((neutral,) * 3) | st.tuples(*[st.floats(low, high)] * 3)
 
 
-def test_everything_is_off_unless_told():
+def number(high):
+    return st.just(0.0) | st.floats(0, high)
+
+
+SENSORS = st.builds(
+    Sensor,
+    chromatic=st.none() | st.builds(Chromatic, colour(0.9, 1.1, 1.0), colour(-0.5, 0.5, 0.0)),
+    vignetting=st.none() | st.builds(Vignetting, number(1), number(2)),
+    misalignment=st.none() | st.builds(Misalignment, number(1)),
+    crosstalk=st.none() | st.builds(Crosstalk, number(1 / 3)),
+    exposure=st.none() | st.builds(Exposure, st.just(1.0) | st.floats(0, 4)),
+    mosaic=st.none() | st.builds(Mosaic, st.none() | st.sampled_from(list(PATTERNS))),
+    noise=st.none() | st.builds(Noise, number(0.1), number(0.01)),
+    clipping=st.none() | st.just(Clipping()),
+    quantisation=st.none() | st.builds(Quantisation, st.none() | st.integers(1, 16)),
+    white_balance=st.none() | st.builds(WhiteBalance, colour(0, 3, 1.0)),
+    tone_curve=st.none() | st.builds(ToneCurve, st.sampled_from(list(CURVES)), st.just(1.0) | st.floats(1, 3)),
+)
+
+FULL = Sensor(
+    Chromatic((1.01, 1.0, 0.99)), Vignetting(0.5, 0.5), Misalignment(0.1), Crosstalk(0.1), Exposure(1.3), Mosaic(),
+    Noise(0.01, 1e-4), Clipping(), Quantisation(10), WhiteBalance((1.2, 1.0, 1.1)), ToneCurve("srgb"),
+)  # fmt: skip
+
+
+def generator_of(seed, name):
+    """The documented rule: the scene's seed and the name of the effect, nothing else, fix its random numbers."""
+    key = np.random.SeedSequence((seed, int.from_bytes(name.encode(), "big"))).generate_state(1, np.uint64)
+    return torch.Generator().manual_seed(int(key[0]))
+
+
+def planned(sensor, radiance, seed=0, output="views", force=False):
+    render = Pass("render", (), "radiance", lambda: radiance)
+    passes = sensor_passes(sensor, tuple(radiance.shape[:2]), seed)
+    return planner.plan([render, *passes], [output], force)
+
+
+@given(sensor=SENSORS, seed=st.integers(0, 2**32), grid=st.sampled_from([(3, 2), (1, 1), (1, 4)]))
+@settings(max_examples=40, deadline=None)
+def test_planned_is_forced_draw_for_draw(sensor, seed, grid):
+    radiance = 1.2 * torch.rand(*grid, 3, 6, 7, generator=torch.Generator().manual_seed(seed))
+    few, all_ = (planned(sensor, radiance, seed, force=force) for force in (False, True))
+    views = few.run()["views"]
+    torch.testing.assert_close(views, all_.run()["views"], atol=1e-6, rtol=0)
+    assert views.shape == radiance.shape
+    assert bool(views.isfinite().all())
+    assert sum(row.state == "run" for row in all_.explain()) == len(ORDER) + 1
+
+
+def test_a_sensor_without_effects_passes_the_radiance_on():
+    radiance = torch.rand(2, 2, 3, 4, 4)
+    plan = planned(Sensor(), radiance)
+    assert plan.run()["views"] is radiance
+    assert [row.state for row in plan.explain()] == ["run", *["skipped"] * len(ORDER)]
+
+
+def test_effects_run_in_the_order_of_the_light_however_they_are_listed():
+    render = Pass("render", (), "radiance", lambda: torch.rand(2, 2, 3, 4, 4))
+    passes = [*sensor_passes(FULL, (3, 2), 0), render]
+    for seed in range(5):
+        random.Random(seed).shuffle(passes)
+        rows = planner.plan(passes, ["views"]).explain()
+        assert [row.name for row in rows] == ["render", *ORDER]
+        assert {row.state for row in rows} == {"run"}
+    assert list(effect_chain(FULL)) == ORDER
+
+
+def test_all_effects_together_are_one_after_the_other():
+    radiance = torch.rand(3, 3, 3, 8, 8)
+    views = planned(FULL, radiance, seed=4).run()["views"]
+    expected = radiance
+    for name in ORDER:
+        if name != "demosaic":
+            alone = Sensor(**{name: getattr(FULL, name)})
+            expected = effect_chain(alone)[name].apply(expected, generator_of(4, name))
+        else:
+            expected = effect_chain(FULL)[name].apply(expected, torch.Generator())
+    assert torch.equal(views, expected)
+    assert torch.equal(recorded(radiance, FULL, 4), views)
+
+
+def test_raw_samples_can_be_asked_for():
+    radiance = torch.rand(2, 2, 3, 6, 6)
+    plan = planned(FULL, radiance, output="views after quantisation")
+    assert plan.run()["views after quantisation"].shape == (2, 2, 1, 6, 6)
+    assert [row.name for row in plan.explain() if row.why == "nothing asked for needs it"] == ORDER[9:]
+
+
+def test_another_effect_does_not_change_what_noise_draws():
+    radiance = torch.rand(2, 2, 3, 6, 6)
+    draws = []
+    for others in ({}, {"misalignment": Misalignment(0.4)}, {"exposure": Exposure(0.5)}):
+        quiet, loud = Sensor(**others), Sensor(noise=Noise(read=1.0), **others)
+        views = [planned(sensor, radiance, seed=9).run()["views"] for sensor in (quiet, loud)]
+        draws.append(views[1] - views[0])
+    torch.testing.assert_close(draws[1], draws[0], atol=1e-6, rtol=0)
+    torch.testing.assert_close(draws[2], draws[0], atol=1e-6, rtol=0)
+
+
+def test_everything_is_off_by_default_and_passes_the_radiance_on():
+    radiance = torch.rand(2, 2, 3, 6, 6)
     assert not any(vars(Sensor()).values())
-    assert hash(Sensor(noise=Noise(0.1))) == hash(Sensor(noise=Noise(0.1)))
+    assert recorded(radiance, Sensor(), 4) is radiance
 
 
 def test_an_effect_in_the_wrong_field_is_refused():

@@ -1,0 +1,289 @@
+"""What photographing a plane takes: the layers that are visible, cells of the aperture, and blurs within a cell.
+
+The aperture of a lens spans the views' cells, U x V view steps; a disc is the inscribed ellipse. It is cut into cells
+of one size, as nearly square as whole numbers of them allow. A cell stands for every surface seen through its middle,
+blurred by the way that the surface moves within the cell: a box of |e| h samples, e the relative slope and h the cell's
+side. A bitmap of disparity d that faces the camera is at x + e p in the plane of slope s, e = s - d: all aperture
+points see the central view's part of it and a margin around.
+Letters: `p q` aperture column and row in view steps, `J I` rows and columns of cells, `e` relative slope in pixels per
+view step, `K` layers from far to near, `h w` rows and columns in samples, `T` steps of |e|.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from lfref.functional import cells as cell_areas
+from lfref.simulator import bitmaps
+from lfref.simulator.bitmaps import Bitmap
+from lfref.simulator.canvases import OVERSAMPLING
+from lfref.simulator.layers import Layer, crossing_pairs, disparity_span, only_shifts
+from lfref.simulator.scene import Camera
+
+CELLS_PER_ROOT = {"square": 1.2, "disc": 2.0}
+"""Cells a side = 1 + this * sqrt(blur in pixels). Chosen by the worst plane of sim30 against 64 x 64 points, 48 dB (the
+table in docs/simulator.md); a disc needs more, since cells do not follow its edge."""
+CELLS_OF_ONE_LAYER = 24
+"""Cells a side for a single layer that is only shifted: at least 58 dB against closed forms, for waves of up to 0.3
+cycles per pixel. They cost nothing, since their sum is one filter."""
+HIGHLIGHT_STEP = 1.5
+"""Standard deviations that a highlight may move over its surface within a cell."""
+MARGIN = 3
+"""Pixels of a window beyond the farthest blur, where filters end."""
+OPAQUE = 1 - 1e-6
+"""Opacity from which a layer hides all behind it: float32 products of opacities may miss 1 by some roundings."""
+BLUR_STEPS = 256
+"""Steps of |e| at which blurs are tabulated; between them they are interpolated."""
+LEAST_SPEED = 1e-6
+"""Pixels per view step: the table of a layer that is in focus everywhere still has a length above 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """A grid of cells that covers an aperture."""
+
+    p: Tensor
+    """Columns of cell centres in view steps, float64, [I]."""
+    q: Tensor
+    """Rows of cell centres in view steps, float64, [J]."""
+    weights: Tensor
+    """Share of the open aperture in each cell, of sum 1, float64, [J, I]."""
+    height: float
+    """Of one cell in view steps."""
+    width: float
+    """Of one cell in view steps."""
+
+
+def cut_aperture(camera: Camera, n_cells: int) -> Cells:
+    """Cut the aperture into cells, `n_cells` along its longer side; cells outside of a disc have the weight 0."""
+    sides = camera.grid
+    counts = [max(1, math.ceil(n_cells * side / max(sides) - 1e-9)) for side in sides]
+    edges_q, edges_p = (torch.linspace(-1, 1, count + 1, dtype=torch.float64) for count in counts)
+    if camera.aperture == "disc":
+        area = cell_areas.of_disc(edges_q, edges_p)
+    else:
+        area = edges_q.diff()[:, None] * edges_p.diff()
+    q, p = ((edge[1:] + edge[:-1]) / 4 * side for edge, side in zip((edges_q, edges_p), sides, strict=True))
+    height, width = (side / count for side, count in zip(sides, counts, strict=True))
+    return Cells(p, q, area / area.sum(), height, width)
+
+
+def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
+    """Number of cells a side of the aperture at which a plane is right.
+
+    Blurs within a cell are right for one layer that moves while all others are in focus, however far it moves. Two that
+    move at once must not move far within a cell, so the second fastest decides; on a disc, whose edge cells do not
+    follow, the fastest. A highlight may move over its surface by some of its width within a cell.
+    """
+    if len(layers) == 1 and only_shifts(layers[0].surface):
+        return CELLS_OF_ONE_LAYER
+    speeds = []
+    for layer in layers:
+        ends = [*layer.surface.geometry.disparity_range(camera.size)]
+        if layer.reflection and layer.reflection.share > 0:
+            ends.append(layer.reflection.disparity)
+        speeds.append(max(abs(end - slope) for end in ends))
+    fastest = sorted(speeds)[-1 if camera.aperture == "disc" else -2 :]
+    blur = max(camera.grid) * (fastest[0] if fastest else 0.0)
+    counts = [1 + math.ceil(CELLS_PER_ROOT[camera.aperture] * math.sqrt(blur) - 1e-9)]
+    for layer in layers:
+        if layer.highlight:
+            steps = abs(layer.highlight.drift) / (HIGHLIGHT_STEP * layer.highlight.width)
+            counts.append(math.ceil(max(camera.grid) * steps - 1e-9))
+    return max(counts)
+
+
+class CellFilter(NamedTuple):
+    """The blur of a bitmap that faces the camera within a cell, and the position where it is read through each cell."""
+
+    down: NDArray[np.float64]
+    """Taps along a column."""
+    across: NDArray[np.float64]
+    """Taps along a row."""
+    rows: NDArray[np.float64]
+    """Row that pixel 0 reads through each row of cells, in samples of the plane's window, [J]."""
+    columns: NDArray[np.float64]
+    """Column that pixel 0 reads through each column of cells, [I]."""
+
+
+def cell_filter(e: float, cells: Cells, margin: int) -> CellFilter:
+    """The filter of a bitmap of relative slope e, in a window with `margin` pixels around the central view."""
+    rows, columns = (OVERSAMPLING * (margin + e * centres.numpy()) for centres in (cells.q, cells.p))
+    speed = OVERSAMPLING * abs(e)
+    return CellFilter(box_taps(speed * cells.height, rows), box_taps(speed * cells.width, columns), rows, columns)
+
+
+def box_taps(width: float, positions: NDArray) -> NDArray:
+    """Taps of sum 1, symmetric and odd in number, that act as a box of some width in samples.
+
+    The box is integrated over each sample. That and the linear look-ups at `positions` blur a little themselves: a
+    kernel (-excess / 2, 1 + excess, -excess / 2) takes their variance off again, so that taps and look-ups together
+    have the variance of the box, width^2 / 12.
+    """
+    half = max(width, 1) / 2
+    n = np.arange(-math.ceil(half - 0.5), math.ceil(half - 0.5) + 1)
+    box = np.minimum(n + 0.5, half) - np.maximum(n - 0.5, -half)
+    box /= box.sum()
+    share = positions % 1
+    excess = (box * n**2).sum() + (share * (1 - share)).mean() - width**2 / 12
+    return np.convolve(box, [-excess / 2, 1 + excess, -excess / 2])
+
+
+def combined_taps(taps: NDArray, positions: NDArray, weights: NDArray) -> tuple[int, NDArray]:
+    """A filter followed by a weighted sum of linear look-ups, as one filter: its first sample, and its taps."""
+    whole = np.floor(positions).astype(int)
+    first, share = whole.min(), positions - whole
+    look_ups = np.zeros(whole.max() - first + 2)
+    np.add.at(look_ups, whole - first, weights * (1 - share))
+    np.add.at(look_ups, whole - first + 1, weights * share)
+    return int(first) - len(taps) // 2, np.convolve(look_ups, taps)
+
+
+@dataclass(eq=False)
+class Windows:
+    """Bitmaps that face the camera, cut to what the planes of a stack see of them; all planes share them."""
+
+    camera: Camera
+    margin: int
+    """Greatest margin of any plane, in pixels around the central view."""
+    _samples: dict[Bitmap, Tensor] = field(default_factory=dict)
+
+    def cut(self, bitmap: Bitmap, margin: int) -> Tensor:
+        """Samples under the central view and a margin around it, ends going on beyond the bitmap, [4, h, w]."""
+        if bitmap not in self._samples:
+            self._samples[bitmap] = bitmap.window(self.camera.size, self.margin)
+        samples = self._samples[bitmap]
+        unused = (self.margin - margin) * OVERSAMPLING
+        return samples[:, unused : samples.shape[1] - unused, unused : samples.shape[2] - unused]
+
+
+@dataclass(frozen=True, eq=False)
+class FocalPlane:
+    """One plane to be photographed."""
+
+    slope: float
+    """In pixels per view step."""
+    camera: Camera
+    layers: tuple[Layer, ...]
+    """Visible layers from far to near."""
+    cells: Cells
+    margin: int
+    """Pixels around the central view that the plane sees of bitmaps that face the camera."""
+    windows: Windows
+
+    @property
+    def is_sorted(self) -> bool:
+        """Whether layers are sorted by depth at each pixel."""
+        return any(layer.is_sorted for layer in self.layers)
+
+    @property
+    def traced(self) -> tuple[Layer, ...]:
+        """Layers whose rays are followed one by one: all of them if they are sorted."""
+        return tuple(layer for layer in self.layers if layer.is_traced or self.is_sorted)
+
+    @property
+    def cell_width(self) -> float:
+        """Mean side of a cell in view steps."""
+        return (self.cells.height + self.cells.width) / 2
+
+    def window(self, bitmap: Bitmap) -> Tensor:
+        """Samples of a bitmap that faces the camera, [4, h, w]."""
+        return self.windows.cut(bitmap, self.margin)
+
+    def window_corner(self) -> tuple[int, int]:
+        """Y and X of the first sample of a window, in samples."""
+        top, left = (-(length - 1) - self.margin * OVERSAMPLING for length in self.camera.size)
+        return top, left
+
+    def filter(self, disparity: float) -> CellFilter:
+        """The blur within a cell of a bitmap that faces the camera."""
+        return cell_filter(self.slope - disparity, self.cells, self.margin)
+
+    def crosses(self) -> NDArray[np.bool_]:
+        """Pairs of layers that cross, [K, K]."""
+        marks = np.zeros((len(self.layers),) * 2, np.bool_)
+        for far, near in _crossing(self.layers, self.camera, self.slope):
+            marks[far, near] = marks[near, far] = True
+        return marks
+
+    def blur_levels(self, layer: Layer) -> tuple[NDArray[np.float64], float]:
+        """Blurred copies of a traced layer's bitmap that suit each relative slope.
+
+        The variance of the box, less that of the linear look-ups through all cells (the mean of both axes), is left to
+        the copies. A layer that faces the camera has one blur, already in its window: all levels are 0.
+
+        Returns:
+            Level at even steps of |e| from 0 on, with fractions, [T]; steps per unit of |e|.
+        """
+        if layer.surface.geometry.is_parallel:
+            return np.zeros(BLUR_STEPS), 0.0
+        ends = disparity_span(self.camera, layer.surface.geometry, abs(self.slope))
+        farthest = max(abs(self.slope - end) for end in ends)
+        e = np.linspace(0, max(farthest, LEAST_SPEED), BLUR_STEPS)
+        box = (e * self.cell_width * OVERSAMPLING) ** 2 / 12
+        return bitmaps.levels(box - _look_up_variance(e, self.cells)), (BLUR_STEPS - 1) / float(e[-1])
+
+
+def _look_up_variance(e: NDArray, cells: Cells) -> NDArray:
+    """Variance of linear look-ups through all cells, the mean of both axes, in samples squared, [T] -> [T]."""
+    shares = [(OVERSAMPLING * e[:, None] * centres.numpy()) % 1 for centres in (cells.q, cells.p)]
+    return sum((share * (1 - share)).mean(1) for share in shares) / 2
+
+
+def focal_planes(
+    layers: Sequence[Layer], camera: Camera, slopes: Sequence[float], n_cells: int | None = None
+) -> list[FocalPlane]:
+    """The planes of a stack, each with its visible layers and as many cells as it needs, or with `n_cells` a side."""
+    windows = Windows(camera, max(_margin(layers, camera, slope) for slope in slopes))
+    planes = []
+    for slope in slopes:
+        visible = visible_layers(layers, slope, windows)
+        cells = cut_aperture(camera, n_cells or cells_needed(visible, camera, slope))
+        planes.append(FocalPlane(slope, camera, visible, cells, _margin(visible, camera, slope), windows))
+    return planes
+
+
+def _margin(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
+    """Pixels around the central view that a plane sees of bitmaps that face the camera."""
+    disparities: list[float] = []
+    for layer in layers:
+        if layer.surface.geometry.is_parallel:
+            disparities.append(layer.surface.geometry.form.disparity)
+        if layer.reflection:
+            disparities.append(layer.reflection.disparity)
+    farthest = max((abs(slope - disparity) for disparity in disparities), default=0.0)
+    return math.ceil(farthest * max(camera.grid) / 2) + MARGIN
+
+
+def _crossing(layers: Sequence[Layer], camera: Camera, slope: float) -> list[tuple[int, int]]:
+    return crossing_pairs([layer.surface.geometry for layer in layers], camera, abs(slope))
+
+
+def visible_layers(layers: Sequence[Layer], slope: float, windows: Windows) -> tuple[Layer, ...]:
+    """Layers that contribute to a plane: not transparent all over, and not behind one that is opaque all over.
+
+    A layer may be opaque in all that this plane sees of it though it has an edge elsewhere. One that crosses an opaque
+    layer is before it somewhere.
+    """
+    crossing = _crossing(layers, windows.camera, slope)
+    margin = _margin(layers, windows.camera, slope)
+    visible: list[int] = []
+    opaque: list[int] = []
+    for k in reversed(range(len(layers))):
+        if any((k, nearer) not in crossing for nearer in opaque):
+            continue
+        is_parallel, bitmap = layers[k].surface.geometry.is_parallel, layers[k].bitmap
+        opacity = (windows.cut(bitmap, margin) if is_parallel else bitmap.samples)[3]
+        # On the CPU by NumPy: PyTorch's threads would wait for each other where several processes share the cores.
+        values = opacity.numpy() if opacity.device.type == "cpu" else opacity
+        if float(values.max()) > 0:
+            visible.append(k)
+        if float(values.min()) > OPAQUE:
+            opaque.append(k)
+    return tuple(layers[k] for k in reversed(visible))

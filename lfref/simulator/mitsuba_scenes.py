@@ -1,0 +1,293 @@
+"""Scenes of the simulator in Mitsuba 3, which traces paths and shares no code with ours: a judge of views and truth.
+
+Ours: a point (X, Y) of the central view is at x = X + d p, y = Y + d q in the view from aperture point (p, q).
+Mitsuba's: a pinhole at the origin that looks along Z, of focal length f in pixels, sees (A, B, Z) at X = f A / Z. Moved
+to (-p, -q, 0), a unit of length for a view step, it sees the point at f (A + p) / Z = X + p f / Z. (Against p, since a
+main lens turns its aperture round.) Its sensor is moved as well, so that the picture goes back by c p: d = f / Z - c.
+Hence surfaces stand at
+
+    Z = f / (d + c),   (A, B) = (X, Y) Z / f,
+
+disparity 0 at f / c, disparity -c at infinity, and a plane of space is one whose d is affine in (X, Y). A lens focused
+at slope s unites at pixel x the rays through all (p, q) that pass x in the plane of disparity s. That is a thin lens
+focused at f / (s + c), its radius in view steps; or, for a square aperture, pinholes all over it whose pictures go back
+by (c + s) p.
+
+Our textures are what pixels record, so Mitsuba is given the radiance whose mean over a pixel they are. Its outlines are
+ideal, and its pixels average over their area (box filter). Surfaces shine by themselves, since ours do not cast shadows
+or light on each other. The module stands alone because it needs the extra `mitsuba`.
+"""
+
+import importlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lfref.simulator import painting
+from lfref.simulator.canvases import OVERSAMPLING, Canvas
+from lfref.simulator.materials import Emissive, Matte, Mirror
+from lfref.simulator.mattes import Disc, Full, Polygon
+from lfref.simulator.scene import Camera, Light, Scene, Surface
+from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.textures import Checker, Flat, Noise, Stripes, Texture
+
+SIZE = (64, 96)
+"""Height and width of the pictures."""
+SLOPES = (-1.0, 0.3, 0.9)
+"""Of the truths that are compared, in pixels per view step: behind, among and before the surfaces."""
+VIEWS = ((3, 3), (0, 0), (6, 1))
+"""Row and column of the views that are compared: the middle, a corner, an edge."""
+SHINES = Emissive()
+
+# Scenes that both renderers can show. Together they have all that geometry can do wrong; their colours are bright
+# enough to be sharpened without falling below 0.
+
+
+def cards(aperture: str = "disc") -> Scene:
+    """A background, a half-opaque disc and a card that hides both."""
+    wall = Surface(Plane(-1.0), Noise((0.5, 0.4, 0.4), (0.25, 0.25, 0.2)), material=SHINES)
+    pane = Surface(Plane(0.3), Stripes(9.0, angle=20), Disc(14.0, (-20.0, 4.0)), SHINES, opacity=0.6)
+    checker = Checker(12.0, (0.3, 0.2, 0.25), (0.9, 0.8, 0.4), angle=30)
+    return _scene("cards", aperture, wall, pane, Surface(Plane(0.9), checker, _card(2.5, -14, 30, 17.25), SHINES))
+
+
+def relief(aperture: str = "disc") -> Scene:
+    """A slanted background behind a dome, so that disparity changes all over the picture."""
+    wall = Surface(Plane(-1.0, (0.008, -0.006)), Noise((0.4, 0.5, 0.6), (0.2, 0.3, 0.3)), material=SHINES)
+    ball = Surface(Dome(0.2, 0.6, 30.0), Noise((0.7, 0.6, 0.4), (0.2, 0.2, 0.2)), Disc(22.0, (6.0, -2.0)), SHINES)
+    return _scene("relief", aperture, wall, ball)
+
+
+def mirror(aperture: str = "disc") -> Scene:
+    """A mirror before a background; what it shows stands behind the cameras."""
+    wall = Surface(Plane(-1.5), Noise((0.4, 0.4, 0.5), (0.2, 0.2, 0.3)), material=SHINES)
+    shown = Mirror(0.8, Checker(14.0, (0.3, 0.3, 0.3), angle=15), disparity=-2.0)
+    return _scene("mirror", aperture, wall, Surface(Plane(0.5), Flat((0.8, 0.3, 0.2)), _card(-30, -20, 25, 20), shown))
+
+
+def matte() -> Scene:
+    """One slanted matte surface under a coloured light."""
+    wall = Surface(Plane(0.2, (0.01, 0.004)), Noise((0.5, 0.5, 0.5), (0.25, 0.25, 0.25)))
+    return Scene(Camera((7, 7), (32, 48)), (wall,), Light(1.5, (1.0, 0.8, 0.5)), name="matte")
+
+
+SCENES = (cards, relief, mirror)
+
+
+def apart_from_edges(image: Tensor, truth: Tensor) -> float:
+    """PSNR of pictures [3, H, W] without the worst twentieth of their pixels: those on edges."""
+    errors = (image - truth).double().square().mean(0).flatten().sort().values
+    return float(-10 * errors[: len(errors) * 19 // 20].mean().log10())
+
+
+def _scene(name: str, aperture: str, *surfaces: Surface) -> Scene:
+    return Scene(Camera((7, 7), SIZE, aperture), surfaces, name=name)
+
+
+def _card(left: float, top: float, right: float, bottom: float) -> Polygon:
+    return Polygon(((left, top), (right, top), (right, bottom), (left, bottom)))
+
+
+FOCAL = 100.0
+"""Focal length f in pixels. Pictures do not depend on it: it scales distances."""
+HORIZON = 4.0
+"""c, in pixels per view step: surfaces of disparity -c are at infinity, so that all must be nearer."""
+FINER = 4
+"""Texels of Mitsuba's bitmaps per sample of a canvas, along each axis."""
+MARGIN = 32
+"""Samples painted around a canvas, beyond the ringing of the sharpening filter."""
+PARTS = 96
+"""Quadrilaterals of a mesh along each axis."""
+
+mi: Any = importlib.import_module("mitsuba")
+mi.set_variant("scalar_rgb")
+mi.set_log_level(mi.LogLevel.Error)
+
+MeshPoints = tuple[Tensor, Tensor]
+"""X and Y of a mesh, [PARTS + 1, PARTS + 1]; turning from its first axis to its second is clockwise in the picture."""
+
+
+class MitsubaScene:
+    """A scene for Mitsuba to render.
+
+    Args:
+        scene: Emissive surfaces and mirrors, or one matte surface under an even sky. Outlines are full, discs, or have
+            four corners, clockwise in the picture.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.camera = scene.camera
+        parts: dict[str, Any] = {}
+        for layer in painting.paint(scene):
+            index = layer.index
+            parts[f"surface_{index}"] = _surface(layer.surface, layer.bitmap.canvas, (scene.seed, index))
+            if layer.reflection:
+                canvas = layer.reflection.picture.canvas
+                parts[f"mirrored_{index}"] = _mirrored(layer.surface, canvas, (scene.seed, index, 1))
+        if any(isinstance(surface.material, Matte) for surface in scene.surfaces):
+            light = [scene.light.gain * share for share in scene.light.colour]
+            parts["sky"] = {"type": "constant", "radiance": {"type": "rgb", "value": light}}
+        self.scene = mi.load_dict({"type": "scene", "integrator": {"type": "path", "max_depth": 4}, **parts})
+
+    def view(self, p: float, q: float, slope: float = 0.0, samples: int = 64, seed: int = 0) -> Tensor:
+        """Picture of a pinhole at (p, q), shifted so that the plane of the slope stays in place, [3, H, W]."""
+        height, width = self.camera.size
+        x, y = ((HORIZON + slope) * offset / length for offset, length in ((p, width), (q, height)))
+        lens = {"type": "perspective", "principal_point_offset_x": x, "principal_point_offset_y": y}
+        return self._render(lens, (-p, -q), samples, seed)
+
+    def through_disc(self, slope: float, samples: int = 256, seed: int = 0) -> Tensor:
+        """Picture of a thin lens whose disc spans the views, [3, H, W]."""
+        lens = {"aperture_radius": min(self.camera.grid) / 2, "focus_distance": float(distance(slope))}
+        return self._render({"type": "thinlens", **lens}, (0, 0), samples, seed)
+
+    def through_square(self, slope: float, side: int = 12, samples: int = 4, seed: int = 0) -> Tensor:
+        """Mean of pinholes at a random point of each of side x side parts of the square, [3, H, W]."""
+        random = np.random.default_rng(seed)
+        parts = np.stack(np.meshgrid(np.arange(side), np.arange(side)), -1).reshape(-1, 2)
+        points = ((parts + random.uniform(size=parts.shape)) / side - 0.5) * self.camera.grid[::-1]
+        pictures = [self.view(p, q, slope, samples, seed + n) for n, (p, q) in enumerate(points.tolist())]
+        return torch.stack(pictures).mean(0)
+
+    def _render(self, lens: dict[str, Any], origin: tuple[float, float], samples: int, seed: int) -> Tensor:
+        height, width = self.camera.size
+        film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"}
+        sensor = {
+            **lens,
+            "fov": math.degrees(2 * math.atan(width / 2 / FOCAL)),
+            "near_clip": 0.01,
+            "to_world": mi.ScalarTransform4f().look_at([*origin, 0], [*origin, 1], [0, -1, 0]),
+            "film": {**film, "component_format": "float32", "rfilter": {"type": "box"}},
+            "sampler": {"type": "multijitter", "sample_count": samples},
+        }
+        picture = mi.render(self.scene, sensor=mi.load_dict(sensor), spp=samples, seed=seed)
+        return torch.from_numpy(np.array(picture)).movedim(-1, 0)
+
+
+def distance(disparity: Any) -> Any:
+    """Z of a disparity, a number or a tensor."""
+    return FOCAL / (disparity + HORIZON)
+
+
+def quadrilateral(corners: Sequence[tuple[float, float]]) -> MeshPoints:
+    """The area between four corners, clockwise in the picture."""
+    across, down = _shares()
+    weights = ((1 - across) * (1 - down), across * (1 - down), across * down, (1 - across) * down)
+    x, y = (
+        sum(share * corner for share, corner in zip(weights, axis, strict=True)) for axis in zip(*corners, strict=True)
+    )
+    return x, y
+
+
+def disc(radius: float, centre: tuple[float, float]) -> MeshPoints:
+    """A circle in polar coordinates: from its centre outwards, and around."""
+    outwards, turn = _shares()
+    distance_from, angle = radius * outwards, 2 * torch.pi * turn
+    return centre[0] + distance_from * torch.cos(angle), centre[1] + distance_from * torch.sin(angle)
+
+
+def whole_canvas(canvas: Canvas) -> MeshPoints:
+    """The area of a canvas."""
+    left, right, top, bottom = (float(edge) for edge in (*canvas.x[[0, -1]], *canvas.y[[0, -1]]))
+    return quadrilateral(((left, top), (right, top), (right, bottom), (left, bottom)))
+
+
+OUTLINES: dict[type, Callable[[Any, Canvas], MeshPoints]] = {
+    Full: lambda matte, canvas: whole_canvas(canvas),
+    Polygon: lambda matte, canvas: quadrilateral(matte.corners),
+    Disc: lambda matte, canvas: disc(matte.radius, matte.centre),
+}
+
+
+def _shares() -> tuple[Tensor, Tensor]:
+    shares = torch.linspace(0, 1, PARTS + 1, dtype=torch.float64)
+    first, second = torch.meshgrid(shares, shares, indexing="ij")
+    return first, second
+
+
+def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
+    material = surface.material
+    x, y = OUTLINES[type(surface.matte)](surface.matte, canvas)
+    z = distance(surface.geometry.disparity_at(x, y).expand(x.shape))
+    points, colours = (
+        torch.stack([x * z / FOCAL, y * z / FOCAL, z], -1),
+        _sharpened_texture(surface.texture, canvas, key),
+    )
+    if isinstance(material, Matte):
+        return _mesh(points, _texture_coordinates(x, y, canvas), {"type": "diffuse", "reflectance": _bitmap(colours)})
+    bsdf: dict[str, Any] = {"type": "conductor", "specular_reflectance": material.reflectance}
+    if surface.opacity < 1:
+        bsdf = {"type": "mask", "opacity": surface.opacity, "bsdf": bsdf}
+    gain = 1.0 if material.own_gain is None else material.own_gain
+    own = gain * surface.opacity * (1 - material.reflectance)
+    return _mesh(points, _texture_coordinates(x, y, canvas), bsdf, {"type": "area", "radiance": _bitmap(own * colours)})
+
+
+def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
+    """The picture that a mirror shows: as far in front of the mirror, behind the cameras, as its image is behind it."""
+    material: Any = surface.material
+    x, y = whole_canvas(canvas)
+    image, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)
+    assert image > 2 * mirror, "the mirrored picture must stand behind the cameras"
+    points = torch.stack([x * image / FOCAL, y * image / FOCAL, torch.full_like(x, 2 * mirror - image)], -1)
+    colours = _bitmap(_sharpened_texture(material.texture, canvas, key))
+    # Flipped: it faces the mirror.
+    black, light = {"type": "conductor", "specular_reflectance": 0.0}, {"type": "area", "radiance": colours}
+    return _mesh(points.flip(0), _texture_coordinates(x, y, canvas).flip(0), black, light)
+
+
+def _sharpened_texture(texture: Texture, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
+    """Colours whose means over pixels are the painted ones, [FINER h, FINER w, 3], with MARGIN around the canvas."""
+    wide = replace(
+        canvas,
+        left=canvas.left - MARGIN,
+        top=canvas.top - MARGIN,
+        width=canvas.width + 2 * MARGIN,
+        height=canvas.height + 2 * MARGIN,
+    )
+    painted = texture.paint(wide, key).double()
+    for axis in (-2, -1):
+        # Beside its mirror image it is periodic without a jump. The mean over a pixel multiplies a spectrum by sinc(f):
+        # that is undone up to half a cycle per pixel, where all textures end.
+        endless = torch.cat([painted, painted.flip(axis)], axis).movedim(axis, -1)
+        length = endless.shape[-1]
+        cycles = (OVERSAMPLING * torch.fft.rfftfreq(length, dtype=torch.float64)).clamp(max=0.5)
+        sharp = torch.fft.irfft(torch.fft.rfft(endless) / torch.sinc(cycles), n=FINER * length) * FINER
+        painted = sharp[..., : FINER * length // 2].movedim(-1, axis)
+    return painted.movedim(0, -1)
+
+
+def _texture_coordinates(x: Tensor, y: Tensor, canvas: Canvas) -> Tensor:
+    """Coordinates from 0 to 1 of points of a surface in the bitmap of `_sharpened_texture`, [..., 2]."""
+    columns, rows = x * OVERSAMPLING - canvas.left + MARGIN, y * OVERSAMPLING - canvas.top + MARGIN
+    # A texel's middle is half a texel from its edge.
+    u, v = ((at + 0.5 / FINER) / (n + 2 * MARGIN) for at, n in ((columns, canvas.width), (rows, canvas.height)))
+    return torch.stack([u, v], -1)
+
+
+def _bitmap(values: Tensor) -> dict[str, Any]:
+    assert values.min() >= 0, "colours are too dark, so that sharp ones fall below 0"
+    return {"type": "bitmap", "bitmap": mi.Bitmap(values.float().numpy()), "raw": True, "wrap_mode": "clamp"}
+
+
+def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict[str, Any] | None = None) -> Any:
+    """A mesh of points [.., 3] with coordinates in a bitmap [.., 2]; its face is where it turns clockwise."""
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    if light is not None:
+        properties["emitter"] = mi.load_dict(light)
+    index = torch.arange(points[..., 0].numel()).reshape(points.shape[:2])
+    first, right, across, below = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = torch.cat([torch.stack([first, across, right], -1), torch.stack([first, below, across], -1)])
+    mesh = mi.Mesh("", index.numel(), faces[..., 0].numel(), props=properties, has_vertex_texcoords=True)
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = points.float().flatten().numpy()
+    values["vertex_texcoords"] = coordinates.float().flatten().numpy()
+    values["faces"] = faces.flatten().numpy().astype(np.uint32)
+    values.update()
+    return mesh

@@ -1,0 +1,162 @@
+"""What planes need: cells that cover the aperture, filters that blur like a box, windows, and the visible layers."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.simulator import bitmaps, focal_planes, painting
+from lfref.simulator.focal_planes import Windows, cells_needed, cut_aperture, visible_layers
+from lfref.simulator.materials import Glossy, Mirror
+from lfref.simulator.mattes import Disc, Full
+from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.surfaces import Plane
+from lfref.simulator.textures import Flat, Noise
+
+FAR, NEAR = Surface(Plane(-1.0), Noise()), Surface(Plane(0.5), Noise())
+ISLAND = Disc(9.0)
+
+
+def paint(*surfaces, camera=Camera(size=(40, 50)), reach=3.0):  # noqa: B008  frozen
+    return painting.paint(Scene(camera, surfaces), reach=reach)
+
+
+def planes(*surfaces, slopes=(0.5,), n_cells=None, size=(40, 50)):
+    camera = Camera(size=size)
+    return focal_planes.focal_planes(paint(*surfaces, camera=camera), camera, slopes, n_cells)
+
+
+@pytest.mark.parametrize("shape", ["square", "disc"])
+@pytest.mark.parametrize("n_cells", [1, 4, 7])
+def test_shares_add_up_to_one_and_balance_about_the_centre(shape, n_cells):
+    cells = cut_aperture(Camera((5, 7), aperture=shape), n_cells)
+    assert float(cells.weights.sum()) == pytest.approx(1)
+    torch.testing.assert_close(cells.weights, cells.weights.flip(0, 1))
+    assert float(cells.p.mean()) == pytest.approx(0, abs=1e-12)
+    assert cells.weights.shape == (len(cells.q), len(cells.p))
+
+
+def test_cells_of_a_square_are_equal_and_fill_it():
+    cells = cut_aperture(Camera((3, 6)), 4)
+    assert (len(cells.q), len(cells.p)) == (2, 4)
+    assert (cells.height, cells.width) == (1.5, 1.5)
+    torch.testing.assert_close(cells.p, torch.tensor([-2.25, -0.75, 0.75, 2.25], dtype=torch.float64))
+    torch.testing.assert_close(cells.weights, torch.full((2, 4), 1 / 8, dtype=torch.float64))
+
+
+def test_shares_of_a_disc_are_those_of_fine_samples():
+    fine = (torch.arange(1000, dtype=torch.float64) + 0.5) / 500 - 1
+    inside = (fine[:, None].square() + fine.square() <= 1).double()
+    expected = torch.nn.functional.avg_pool2d(inside[None], 200)[0]
+    cells = cut_aperture(Camera((7, 7), aperture="disc"), 5)
+    torch.testing.assert_close(cells.weights, expected / expected.sum(), atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("surfaces", "slope", "square", "disc"),
+    [
+        # One layer that moves while the others are in focus; disparities are in pixels per view step, 7 views.
+        ((FAR, Surface(Plane(0.5), Flat(), ISLAND)), -1.0, 1, 1 + math.ceil(2 * math.sqrt(7 * 1.5))),
+        # The second fastest moves 1, the fastest 4.
+        ((FAR, Surface(Plane(4.0), Flat(), ISLAND)), 0.0, 5, 1 + math.ceil(2 * 28**0.5)),
+        # A single layer: a filter if it is only shifted, else as many cells as two layers.
+        ((FAR,), 0.5, 24, 24),
+        ((Surface(Plane(-1.0), Noise(), material=Mirror(0.5, Flat(), -1.0)),), 0.0, 5, 7),
+        # A highlight that drifts by 4 standard deviations per view step.
+        ((Surface(Plane(0.0), Noise(), material=Glossy(0.5, 2.0, 8.0)), FAR), 0.0, 19, 19),
+    ],
+)
+def test_the_number_of_cells_follows_the_speeds_of_layers_and_highlights(surfaces, slope, square, disc):
+    for shape, expected in (("square", square), ("disc", disc)):
+        camera = Camera(size=(40, 50), aperture=shape)
+        layers = paint(*surfaces, camera=camera)
+        assert cells_needed(layers, camera, slope) == expected
+
+
+@pytest.mark.parametrize("width", [0.0, 0.4, 1.0, 2.5, 40.3])
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_taps_blur_as_much_as_a_box(width, share):
+    taps = focal_planes.box_taps(width, np.array([3 + share]))
+    n = np.arange(len(taps)) - len(taps) // 2
+    assert taps.sum() == pytest.approx(1)
+    assert (taps * n**2).sum() + share * (1 - share) == pytest.approx(width**2 / 12)
+    np.testing.assert_allclose(taps, taps[::-1])
+
+
+def test_a_surface_in_focus_is_not_filtered_and_others_are_read_at_the_relative_slope():
+    cells = cut_aperture(Camera((4, 6)), 3)
+    sharp, moved = focal_planes.cell_filter(0.0, cells, margin=4), focal_planes.cell_filter(-1.5, cells, margin=20)
+    for taps in (sharp.down, sharp.across):
+        np.testing.assert_array_equal(taps, [0, 1, 0])
+    np.testing.assert_array_equal(sharp.rows, [8, 8])
+    np.testing.assert_allclose(moved.columns, 40 - 3 * cells.p.numpy())
+    np.testing.assert_allclose(moved.rows, 40 - 3 * cells.q.numpy())
+
+
+def test_a_filter_and_a_sum_of_look_ups_are_one_filter():
+    random = np.random.default_rng(0)
+    samples, positions, weights = random.random(40), np.array([12.25, 15.0, 19.9, 12.25]), random.random(4)
+    taps = focal_planes.box_taps(3.3, positions)
+    smooth = np.convolve(samples, taps, mode="same")
+    whole = np.floor(positions).astype(int)
+    share = positions - whole
+    expected = (weights * ((1 - share) * smooth[whole] + share * smooth[whole + 1])).sum()
+    first, combined = focal_planes.combined_taps(taps, positions, weights)
+    assert (combined * samples[first : first + len(combined)]).sum() == pytest.approx(expected)
+
+
+def visible(surfaces, slope, other_slopes=()):
+    layers = paint(*surfaces)
+    camera = Camera(size=(40, 50))
+    (plane, *_) = focal_planes.focal_planes(layers, camera, [slope, *other_slopes])
+    assert visible_layers(layers, slope, Windows(camera, 40)) == plane.layers
+    return [surfaces.index(layer.surface) for layer in plane.layers]
+
+
+def test_layers_behind_an_opaque_one_or_outside_a_plane_are_left_out():
+    assert visible((FAR, Surface(Plane(0.5), Noise(), Disc(900.0))), 0.5) == [1]
+    island = Surface(Plane(0.5), Flat(), Disc(4.0, (42.0, 0.0)))
+    assert visible((FAR, island), 0.5, [-3.0]) == [0]
+    assert visible((FAR, island), -3.0, [0.5]) == [0, 1]
+
+
+def test_an_opaque_surface_hides_no_other_that_it_crosses():
+    assert visible((NEAR, Surface(Plane(0.5, (0.02, 0.0)), Noise(), Full())), 0.5) == [0, 1]
+
+
+@pytest.mark.parametrize("size", [(31, 44), (40, 50)])
+@pytest.mark.parametrize("slope", [0.0, -2.0])
+def test_a_window_holds_the_central_view_at_its_middle(size, slope):
+    plane = planes(FAR, size=size, slopes=(slope, 0.0, -2.0))[0]
+    (layer,), centre = plane.layers, torch.zeros(1, dtype=torch.float64)
+    expected = layer.rgba_at(centre, centre, *plane.camera.pixels())[0]
+    window, margin = plane.window(layer.bitmap), plane.margin
+    assert window.shape[1:] == tuple(2 * (length + 2 * margin) for length in size)
+    pixels = window[:, 2 * margin :, 2 * margin :][:, : 2 * size[0] : 2, : 2 * size[1] : 2]
+    torch.testing.assert_close(pixels, expected)
+    top, left = plane.window_corner()
+    assert (top + 2 * margin, left + 2 * margin) == (1 - size[0], 1 - size[1])
+
+
+def test_surfaces_at_a_slant_are_blurred_by_how_far_each_point_is_out_of_focus():
+    slanted = Surface(Plane(0.5, (0.01, 0.0)), Noise())
+    (plane,) = planes(slanted, Surface(Plane(1.9), Noise(), ISLAND, Glossy()), n_cells=5)
+    levels, steps = plane.blur_levels(plane.layers[0])
+    # Copies and linear look-ups together blur as much as the filter of a surface of the same relative slope.
+    e = 100 / steps
+    cell = focal_planes.cell_filter(e, plane.cells, margin=0)
+    n = np.arange(len(cell.across)) - len(cell.across) // 2
+    assert levels[0] == 1
+    assert np.interp(levels[100], range(9), bitmaps.variances()[:9]) == pytest.approx((cell.across * n**2).sum())
+    assert not plane.blur_levels(plane.layers[1])[0].any()
+
+
+def test_if_some_layers_are_sorted_all_rays_are_followed():
+    apart = [Surface(Plane(1.5), Noise(), Disc(5.0)), Surface(Plane(-0.9), Noise(), Disc(7.0))]
+    crossing = [Surface(Plane(0.0, (a, 0.0)), Noise(), Disc(9.0)) for a in (0.02, -0.02)]
+    for surfaces, n_traced in (((FAR, *apart), 0), ((FAR, *apart, crossing[0]), 1), ((FAR, *apart, *crossing), 5)):
+        (plane,) = planes(*surfaces, n_cells=3)
+        assert len(plane.traced) == n_traced
+        assert plane.is_sorted is (n_traced == 5)
+        assert plane.crosses().sum() == (2 if n_traced == 5 else 0)

@@ -1,0 +1,230 @@
+"""Painted surfaces: the right point, the right light, the same in any reach; and which changes run."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lfref.simulator import painting, planner
+from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
+from lfref.simulator.mattes import Disc, Full, Polygon
+from lfref.simulator.painting import Painting
+from lfref.simulator.scene import Camera, Light, Scene, Surface
+from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.textures import Flat, Gradient, Noise
+from tests.simulator import drawing
+
+CAMERA = Camera((5, 5), (40, 48))
+GREY = Flat((0.5, 0.5, 0.5))
+
+
+def painted(surface, light=Light(), reach=0.0, seed=0, camera=CAMERA):  # noqa: B008  frozen
+    return painting.paint(Scene(camera, (surface,), light, seed=seed), reach=reach)[0]
+
+
+def rgba_of(surface, p=0.0, q=0.0, **options):
+    x, y = CAMERA.pixels()
+    return painted(surface, **options).rgba_at(torch.tensor([p]), torch.tensor([q]), x, y)[0]
+
+
+def wave(x, period):
+    return 0.5 - 0.3 * torch.cos(2 * torch.pi * x / period)
+
+
+@pytest.mark.parametrize("geometry", [Plane(0.7), Plane(-0.5, (0.02, 0.03)), Dome(0.2, 0.8, 25.0, (3.0, 2.0))])
+@pytest.mark.parametrize(("p", "q"), [(0.0, 0.0), (2.0, -2.0), (-2.5, 1.3)])
+def test_a_pixel_shows_the_point_where_its_ray_meets_the_surface(geometry, p, q):
+    x, y = CAMERA.pixels()
+    at_x, at_y = drawing.intersect(geometry, x, y, torch.tensor(p), torch.tensor(q))
+    expected = wave((at_x + at_y) * 0.5**0.5, 12.0).expand(1, 40, 48)[0]
+    rgba = rgba_of(Surface(geometry, Gradient(12.0, angle=45.0)), p, q)
+    torch.testing.assert_close(rgba[0].double(), expected, atol=2e-3, rtol=0)
+    torch.testing.assert_close(rgba[3], torch.ones(40, 48))
+
+
+def test_positions_may_come_in_any_shape_that_goes_with_the_picture():
+    layer = painted(Surface(Plane(0.7), Noise()))
+    (x, y), (p, q) = CAMERA.pixels(), drawing.view_points(CAMERA)
+    expected = layer.rgba_at(p, q, x, y)
+    for shape in ((40, 48), (1, 40, 48), (25, 40, 48)):
+        full_x, full_y = x[0, 0].expand(shape), y[0].expand(shape)
+        torch.testing.assert_close(layer.rgba_at(p, q, full_x, full_y), expected, atol=1e-6, rtol=0)
+    torch.testing.assert_close(layer.rgba_at(p, q, x[0, 0], y[0]), expected, atol=1e-6, rtol=0)
+    each = layer.rgba_at(p, q, x + 0.1 * p[:, None, None], y)
+    one = layer.rgba_at(p[3:4], q[3:4], x + 0.1 * p[3], y)
+    torch.testing.assert_close(each[3:4], one, atol=1e-6, rtol=0)
+
+
+def test_an_edge_is_seen_where_it_is():
+    edge = Polygon(((0.25, -200.0), (200.0, -200.0), (200.0, 200.0), (0.25, 200.0)))
+    x, _ = CAMERA.pixels()
+    for p in (0.0, 2.0):
+        expected = (x[0] - 0.5 * p + 0.5 - 0.25).clamp(0, 1).float().expand(40, 48)
+        torch.testing.assert_close(rgba_of(Surface(Plane(0.5), GREY, edge), p)[3], expected, atol=0.04, rtol=0)
+
+
+def test_light_falls_on_all_but_what_shines_itself():
+    light = Light(2.0, (1.0, 0.5, 0.0))
+    for material, expected in ((Matte(), (1.0, 0.5, 0.0)), (Emissive(3.0), (1.5, 1.5, 1.5))):
+        rgba = rgba_of(Surface(Plane(0.0), GREY, material=material), light=light)
+        torch.testing.assert_close(rgba[:3, 5, 5], torch.tensor(expected))
+
+
+def test_a_highlight_moves_with_the_aperture_point():
+    glossy = Surface(Plane(0.5), Flat((0.0, 0.0, 0.0)), material=Glossy(0.8, 3.0, 4.0, (1.5, 0.5)))
+    for p, q in ((0.0, 0.0), (2.0, -1.0)):
+        # On the surface it is at centre + drift p, in the picture 0.5 p further.
+        rgba = rgba_of(glossy, p, q)
+        x, y = CAMERA.pixels()
+        off = (x - 1.5 - 4.5 * p) ** 2 + (y - 0.5 - 4.5 * q) ** 2
+        torch.testing.assert_close(rgba[:3], (0.8 * torch.exp(-off / 18)).float().expand(3, -1, -1), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("kind", [Mirror, Glass])
+def test_a_mirror_adds_a_picture_of_another_disparity_to_its_own(kind):
+    material = kind(0.4, Gradient(12.0), -1.0)
+    rgba = rgba_of(Surface(Plane(0.5), GREY, material=material, opacity=0.25), 2.0)
+    x, _ = CAMERA.pixels()
+    expected = 0.6 * 0.25 * 0.5 + 0.4 * wave(x[0] + 2.0, 12.0)
+    torch.testing.assert_close(rgba[:3], expected.float().expand(3, 40, 48), atol=1e-3, rtol=0)
+    torch.testing.assert_close(rgba[3], torch.full((40, 48), 1 - 0.6 * 0.75))
+
+
+def test_motion_smears_along_its_way():
+    still, moved = (
+        rgba_of(Surface(Plane(0.0), GREY, Disc(6.0), motion=motion))[3].double() for motion in ((0.0, 0.0), (8.0, 0.0))
+    )
+    x, y = CAMERA.pixels()
+    assert float(moved.sum()) == pytest.approx(float(still.sum()), rel=5e-3)
+    for axis, more in ((x, 64 / 12), (y, 0.0)):
+        spread = [float((opacity * axis[0] ** 2).sum() / opacity.sum()) for opacity in (still, moved)]
+        assert spread[1] - spread[0] == pytest.approx(more, abs=0.06)
+
+
+SEVERAL = (
+    Surface(Plane(1.0), GREY, Disc(9.0)),
+    Surface(Plane(-1.0), GREY, opacity=0.5),
+    Surface(Dome(-0.5, 1.0, 20.0), GREY, Disc(5.0), Glossy()),
+    Surface(Plane(0.4), GREY, Disc(6.0), Mirror(1.0), opacity=0.0),
+)
+
+
+def test_layers_go_from_far_to_near_and_carry_only_what_they_need():
+    layers = painting.paint(Scene(CAMERA, SEVERAL))
+    assert [layer.index for layer in layers] == [1, 2, 3, 0]
+    assert [layer.is_traced for layer in layers] == [False, True, True, False]
+    assert [layer.highlight is not None for layer in layers] == [False, True, False, False]
+    assert [layer.reflection is not None for layer in layers] == [False, False, True, False]
+    assert [layer.is_sorted for layer in layers] == [False, True, True, False]
+    assert layers[1].surface.geometry.disparity_range((9, 9)) == (-0.5, 0.5)
+
+
+def test_what_a_nearer_surface_hides_all_over_is_not_painted():
+    scene = Scene(CAMERA, (*SEVERAL, Surface(Plane(0.6), GREY), Surface(Dome(0.6, 0.2, 20.0), GREY)))
+    layers = painting.paint(scene)
+    assert [layer.index for layer in layers] == [5, 0]
+    assert [painting.layers.is_backdrop(layer.surface) for layer in layers] == [True, False]
+    half = Scene(CAMERA, (*SEVERAL, Surface(Plane(0.6), GREY, opacity=0.5)))
+    assert len(painting.paint(half)) == 5
+
+
+def test_what_does_not_apply_is_skipped_with_its_reason():
+    rows = {row.name: row for row in planner.plan(painting.passes(Scene(CAMERA, SEVERAL[:1])), ["layers"]).explain()}
+    assert {name for name, row in rows.items() if row.state == "run"} == {"line up", "paint", "outline"}
+    assert rows["gloss"].why == "no surface is glossy"
+
+
+def test_forced_all_surfaces_go_through_all_steps_and_look_the_same():
+    plain, forced = (
+        planner.plan(painting.passes(Scene(CAMERA, SEVERAL), force=force), ["layers"], force=force).run()["layers"]
+        for force in (False, True)
+    )
+    (x, y), (p, q) = CAMERA.pixels(), drawing.view_points(CAMERA)
+    for one, other in zip(plain, forced, strict=True):
+        assert (other.is_traced, other.is_sorted) == (True, True)
+        assert None not in (other.highlight, other.reflection)
+        assert torch.equal(one.bitmap.samples, other.bitmap.samples)
+        assert torch.equal(one.rgba_at(p, q, x, y), other.rgba_at(p, q, x, y))
+
+
+def test_textures_come_from_the_scenes_seed_and_the_place_in_its_list():
+    surface = Surface(Plane(0.0), Noise())
+    assert torch.equal(rgba_of(surface, seed=1), rgba_of(surface, seed=1))
+    assert not torch.equal(rgba_of(surface, seed=1), rgba_of(surface, seed=2))
+    far, near = painting.paint(Scene(CAMERA, (surface, replace(surface, opacity=0.5))))
+    assert not torch.equal(far.bitmap.samples, near.bitmap.samples)
+
+
+@pytest.mark.parametrize("matte", [Full(), Disc(12.0)])
+@pytest.mark.parametrize("material", [Matte(), Mirror(0.5, Noise(), 1.0)])
+def test_a_larger_reach_shows_the_same(matte, material):
+    surface = Surface(Plane(0.6), Noise(), matte, material)
+    torch.testing.assert_close(rgba_of(surface, 2.0), rgba_of(surface, 2.0, reach=7.0), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("geometry", [Plane(1.3), Plane(0.2, (0.03, -0.02)), Dome(0.2, 0.8, 25.0)])
+def test_a_canvas_reaches_as_far_as_any_ray(geometry):
+    """Pixels of a picture refocused at slopes up to 4, from the aperture's corner."""
+    canvas = painted(Surface(geometry, GREY), reach=4.0).bitmap.canvas
+    x, y = CAMERA.pixels()
+    for slope in (-4.0, 4.0):
+        for p in (-2.5, 2.5):
+            at_x, at_y = drawing.intersect(geometry, x + slope * p, y + slope * p, torch.tensor(p), torch.tensor(p))
+            for at, axis in ((at_x, canvas.x), (at_y, canvas.y)):
+                assert float(axis[0]) + 1 <= float(at.min())
+                assert float(at.max()) <= float(axis[-1]) - 1
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(drawing.SURFACES, drawing.LIGHTS, st.floats(-2, 2))
+def test_any_legal_surface_is_radiance_of_an_opacity(surface, light, p):
+    rgba = rgba_of(surface, p, -p / 2, light=light)
+    assert bool(rgba.isfinite().all())
+    assert float(rgba.min()) >= 0
+    assert float(rgba[3].max()) <= 1
+
+
+@settings(deadline=None, max_examples=40)
+@given(drawing.GEOMETRIES, drawing.MATTES, drawing.LEVELS)
+def test_constants_stay_constant(geometry, matte, level):
+    rgba = rgba_of(Surface(geometry, Flat(level), matte), 1.5, 0.5)
+    torch.testing.assert_close(rgba[:3], torch.tensor(level)[:, None, None] * rgba[3], atol=2e-6, rtol=0)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_gpu_sees_the_same():
+    (x, y), (p, q) = CAMERA.pixels(), drawing.view_points(CAMERA)
+    for geometry in (Plane(0.7), Plane(-0.5, (0.02, 0.03)), Dome(0.2, 0.8, 25.0)):
+        for material in (Matte(), Glossy(), Mirror(0.5, Noise())):
+            scene = Scene(CAMERA, (Surface(geometry, Noise(), Disc(14.0), material),))
+            here, there = (painting.paint(replace(scene), device)[0].rgba_at(p, q, x, y) for device in ("cpu", "cuda"))
+            torch.testing.assert_close(there.cpu(), here, atol=1e-5, rtol=0)
+
+
+FOUR = (
+    Surface(Plane(1.0), Flat(), Disc(5.0)),
+    Surface(Plane(0.0), Flat()),
+    Surface(Plane(-1.0), Flat()),
+    Surface(Plane(0.9, (0.02, 0.0)), Flat(), Disc(5.0)),
+)
+
+
+def order(surfaces=FOUR, reach=0.0):
+    return Painting(Scene(Camera((5, 5), (20, 30)), surfaces), torch.device("cpu"), reach)
+
+
+def test_indices_go_from_far_to_near_without_hidden_surfaces():
+    assert order().far_to_near == (2, 1, 3, 0)
+    assert order().visible == (1, 3, 0)
+
+
+def test_hidden_surfaces_cross_nothing():
+    assert order().crossing == {0, 3}
+    assert order((*FOUR[:3], Surface(Plane(-1.0, (0.02, 0.0)), Flat()))).crossing == set()
+
+
+def test_surfaces_may_cross_only_where_refocused_pictures_look():
+    surfaces = (Surface(Plane(0.0), Flat()), Surface(Plane(0.6, (0.02, 0.0)), Flat()))
+    assert [bool(order(surfaces, reach).crossing) for reach in (0.0, 7.0)] == [False, True]

@@ -1,0 +1,265 @@
+"""The truth against closed forms, against 64 x 64 points of the aperture, and where nothing may change."""
+
+import math
+
+import pytest
+import torch
+
+from lfref.errors import InputError
+from lfref.functional.psnr import psnr
+from lfref.simulator import bitmaps, canvases, focal_planes, painting, truth, truth_cells, truth_loops, views
+from lfref.simulator.focal_planes import Cells
+from lfref.simulator.layers import Layer
+from lfref.simulator.materials import Glass, Glossy, Mirror
+from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
+from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.textures import Checker, Flat, Noise
+
+SLOPES = [-3.0, -1.0, 0.0, 0.5]
+WAVES = [(0.05, 0.02), (0.11, -0.17), (0.0, 0.3)]
+"""Frequencies (fx, fy) of an analytic texture, in cycles per pixel."""
+HALF_PLANE = Polygon(((-300.0, -300.0), (0.0, -300.0), (0.0, 300.0), (-300.0, 300.0)))
+OCCLUDER = (0.8, 0.3, 0.1)
+
+
+def noise(mean: float, hardness: float = 0.5) -> Noise:
+    return Noise((mean, 0.5, 1 - mean), (0.3, 0.4, 0.3), exponent=1.2, hardness=hardness)
+
+
+FAR = Surface(Plane(-0.9), noise(0.4))
+SCENES = {
+    "islands": (
+        FAR,
+        Surface(Plane(-0.2), noise(0.7), Disc(7.0, (-7.0, -4.0))),
+        Surface(Plane(0.9), noise(0.2), Disc(6.0, (8.0, 5.0))),
+    ),
+    "twigs": (FAR, Surface(Plane(0.8), noise(0.2), Twigs(15.0, 2.0, foot=(0.0, 14.0)))),
+    "leaf": (
+        FAR,
+        Surface(Plane(0.3), Checker(9.0), opacity=0.4),
+        Surface(Plane(0.8), noise(0.6), Leaf(30.0, 9.0, 30.0)),
+    ),
+    "perforated": (Surface(Plane(-0.5), Checker(9.0)), Surface(Plane(0.7), noise(0.8), Perforated(16.0, 5.0, 20.0))),
+    "slanted": (
+        Surface(Plane(-0.3, (0.01, 0.004)), noise(0.4)),
+        Surface(Plane(0.8, (-0.008, 0.0)), noise(0.3), Disc(10.0)),
+    ),
+    "dome": (FAR, Surface(Dome(0.0, 0.9, 26.0), noise(0.7), Disc(12.0))),
+    "crossing": (Surface(Plane(0.0, (0.02, 0.0)), noise(0.3)), Surface(Plane(0.0, (-0.02, 0.0)), noise(0.7))),
+    "glossy": (
+        Surface(Plane(-0.5), noise(0.3), material=Glossy(0.6, 8.0, 5.0)),
+        Surface(Plane(0.6), noise(0.7), Leaf(30.0, 10.0)),
+    ),
+    "mirror": (
+        FAR,
+        Surface(Plane(0.4), noise(0.7), Disc(12.0), Mirror(0.7, Checker(9.0), -1.5)),
+        Surface(Plane(0.9), Flat(), Disc(8.0, (9.0, 0.0)), Glass(0.2, noise(0.5), -2.0), opacity=0.3),
+    ),
+}
+
+
+def painted(name: str, camera: Camera) -> list[Layer]:
+    return painting.paint(Scene(camera, SCENES[name]), reach=7.0)
+
+
+def brute_force(layers: list[Layer], camera: Camera, slope: float, n: int = 64) -> torch.Tensor:
+    """The mean of pictures from n x n points of the square about the aperture, none of them blurred."""
+    centres = (torch.arange(n, dtype=torch.float64) + 0.5) / n - 0.5
+    pictures = views.render(layers, camera, centres * camera.grid[1], centres * camera.grid[0], slope)
+    is_open = torch.ones(n, n, dtype=torch.bool)
+    if camera.aperture == "disc":
+        is_open = torch.hypot(centres, centres[:, None]) <= 0.5
+    return pictures[is_open].double().mean(0)
+
+
+def waves(camera: Camera, disparity: float, matte: Outline = Full(), dtype: torch.dtype = torch.float32) -> Layer:  # noqa: B008
+    """A layer of `WAVES`, painted without the textures' own filters."""
+    height, width = (length / 2 + 60 for length in camera.size)
+    canvas = canvases.covering((-width, -height, width, height), (2, 2))
+    colour = 0.5 + sum(0.15 * (math.tau * (fx * canvas.x + fy * canvas.y[:, None])).cos() for fx, fy in WAVES)
+    samples = torch.stack([*[colour] * 3, torch.ones_like(colour)]) * matte.opacity(canvas.x, canvas.y)
+    return Layer(Surface(Plane(disparity), Flat(), matte), bitmaps.Bitmap(canvas, samples.to(dtype)))
+
+
+def transfer(camera: Camera, e: float, fx: float, fy: float) -> float:
+    """Contrast that a wave keeps at relative slope e."""
+    across, down = e * camera.grid[1] * fx, e * camera.grid[0] * fy
+    if camera.aperture == "square":
+        return float(torch.sinc(torch.tensor([across, down])).prod())
+    r = torch.tensor(math.pi * math.hypot(across, down), dtype=torch.float64)
+    return float(2 * torch.special.bessel_j1(r) / r) if r > 0 else 1.0
+
+
+@pytest.mark.parametrize("shape", ["square", "disc"])
+@pytest.mark.parametrize(
+    ("slope", "grid"), [(0.3, (7, 7)), (0.35, (5, 7)), (-1.0, (5, 7)), (-3.0, (7, 7)), (-7.0, (7, 7))]
+)
+def test_a_single_plane_is_blurred_by_the_aperture(shape, slope, grid):
+    camera = Camera(grid=grid, size=(46, 50), aperture=shape)
+    x, y = camera.pixels()
+    expected = 0.5 + sum(
+        0.15 * transfer(camera, slope - 0.3, fx, fy) * (math.tau * (fx * x + fy * y)).cos() for fx, fy in WAVES
+    )
+    picture = truth.stack([waves(camera, 0.3)], camera, [slope])[0]
+    assert psnr(picture, expected.expand(3, -1, -1).float()) > 57
+
+
+@pytest.mark.parametrize("slope", [-3.0, -0.4, 0.0, 0.6])
+def test_a_half_plane_hides_what_each_point_of_the_aperture_cannot_see(slope):
+    camera = Camera(size=(40, 48))
+    near = painting.paint(Scene(camera, (Surface(Plane(0.6), Flat(OCCLUDER), HALF_PLANE),)), reach=3.0)
+    picture = truth.stack([waves(camera, -0.4), *near], camera, [slope])[0]
+    assert psnr(picture, half_plane(camera, slope + 0.4, slope - 0.6)) > 50
+
+
+def half_plane(camera: Camera, e_far: float, e_near: float) -> torch.Tensor:
+    """The mean over p of what is seen at X = x + e p: the near half plane X < 0, or the waves behind it."""
+    x, y = (pixels[0, :, :] for pixels in camera.pixels())
+    half = camera.grid[1] / 2
+    edges = ((torch.arange(200, dtype=torch.float64) + 0.5) / 200 - 0.5)[:, None, None]  # the matte's ramp, 1 px wide
+    if e_near == 0:
+        low, high = torch.where(x > edges, -half, half), torch.full_like(x - edges, half)
+    else:
+        crossing = ((edges - x) / e_near).clamp(-half, half)
+        low, high = (crossing, half) if e_near > 0 else (-half, crossing)
+    share = (high - low).mean(0) / (2 * half)
+    far = 0.5 * share
+    for fx, fy in WAVES:
+        # A wave integrated over p from low to high, as a sinc about the middle.
+        middle, width = (high + low) / 2, high - low
+        part = width / (2 * half) * torch.sinc(fx * e_far * width)
+        phase = math.tau * (fx * (x + e_far * middle) + fy * y)
+        far = far + 0.15 * float(torch.sinc(torch.tensor(fy * e_far * camera.grid[0]))) * (part * phase.cos()).mean(0)
+    return torch.stack([(far + colour * (1 - share)).float().expand(camera.size) for colour in OCCLUDER])
+
+
+def agreement(name: str, shape: str, slope: float, size: tuple[int, int] = (32, 34)) -> float:
+    camera = Camera(size=size, aperture=shape)
+    layers = painted(name, camera)
+    expected = brute_force(layers, camera, slope)
+    return float(psnr(truth.stack(layers, camera, [slope])[0], expected.float()))
+
+
+@pytest.mark.parametrize("shape", ["square", "disc"])
+@pytest.mark.parametrize("name", list(SCENES))
+def test_cells_agree_with_brute_force_in_and_out_of_focus(name, shape):
+    assert min(agreement(name, shape, slope) for slope in (-3.0, 0.4)) > 46
+
+
+@pytest.mark.parametrize("name", ["islands", "perforated", "leaf"])
+def test_cells_agree_with_brute_force_at_the_strongest_blur(name):
+    assert agreement(name, "disc", -7.0, size=(44, 44)) > 50
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_through_a_pinhole_every_plane_is_the_central_view(name, monkeypatch):
+    point = torch.zeros(1, dtype=torch.float64)
+    pinhole = Cells(point, point, torch.ones(1, 1, dtype=torch.float64), 0.0, 0.0)
+    monkeypatch.setattr(focal_planes, "cut_aperture", lambda camera, n_cells: pinhole)
+    camera = Camera(grid=(3, 3), size=(24, 25))
+    layers = painted(name, camera)
+    stack = truth.stack(layers, camera, SLOPES)
+    central = views.views(layers, camera)[1, 1]
+    torch.testing.assert_close(stack, central.expand_as(stack), atol=2e-6, rtol=0)
+
+
+@pytest.mark.parametrize("shape", ["square", "disc"])
+def test_one_colour_stays_one_colour(shape):
+    camera = Camera(size=(32, 32), aperture=shape)
+    surfaces = [
+        Surface(Plane(d), Flat(OCCLUDER), matte) for d, matte in ((-1.0, Full()), (0.1, Disc(9.0)), (0.8, Full()))
+    ]
+    surfaces += [Surface(Plane(0.9), Flat(OCCLUDER), Perforated(9.0, 3.0))]
+    stack = truth.stack(painting.paint(Scene(camera, tuple(surfaces)), reach=3.0), camera, SLOPES)
+    expected = torch.tensor(OCCLUDER)[:, None, None].expand_as(stack)
+    torch.testing.assert_close(stack, expected, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("n_cells", [None, 6])
+def test_blur_keeps_the_light_of_what_lies_in_the_middle(n_cells):
+    camera = Camera(size=(80, 80), aperture="disc")
+    layers = painting.paint(Scene(camera, (Surface(Plane(0.5), noise(0.4), Disc(9.0)),)), reach=4.0)
+    light = truth.stack(layers, camera, [-4.0, -3.0, -1.0], n_cells=n_cells).sum((-2, -1))
+    painted_light = layers[0].bitmap.samples[:3].sum((-2, -1)) / canvases.OVERSAMPLING**2
+    torch.testing.assert_close(light, painted_light.expand_as(light), atol=0, rtol=1e-4)
+
+
+def test_a_surface_in_focus_is_as_sharp_as_the_view():
+    camera = Camera(size=(32, 32))
+    layers = painting.paint(Scene(camera, (FAR, Surface(Plane(0.5), Checker(6.0)))), reach=1.0)
+    torch.testing.assert_close(
+        truth.stack(layers, camera, [0.5])[0], views.views(layers, camera)[3, 3], atol=1e-6, rtol=0
+    )
+
+
+def test_nothing_to_see_is_black():
+    camera = Camera(size=(32, 34))
+    far = Surface(Plane(0.0), Flat(), Disc(4.0, (300.0, 0.0)))
+    stack = truth.stack(painting.paint(Scene(camera, (far,))), camera, [0.0, 0.5])
+    assert stack.shape == (2, 3, 32, 34)
+    assert not stack.any()
+
+
+@pytest.mark.parametrize("name", ["islands", "slanted"])
+def test_planes_do_not_depend_on_those_beside_them(name):
+    camera = Camera(size=(32, 32))
+    layers = painted(name, camera)
+    stack = truth.stack(layers, camera, SLOPES)
+    assert torch.equal(stack, truth.stack(layers, camera, SLOPES))
+    for slope, plane in zip(SLOPES, stack, strict=True):
+        torch.testing.assert_close(truth.stack(layers, camera, [slope])[0], plane, atol=1e-5, rtol=0)
+
+
+@pytest.mark.slow  # compiles the loops for float64
+def test_float32_is_enough():
+    camera = Camera(size=(32, 32))
+    stacks = [
+        truth.stack([waves(camera, -0.4, dtype=dtype), waves(camera, 0.6, Disc(9.0), dtype)], camera, SLOPES)
+        for dtype in (torch.float32, torch.float64)
+    ]
+    assert [stack.dtype for stack in stacks] == [torch.float32, torch.float64]
+    torch.testing.assert_close(stacks[0].double(), stacks[1], atol=2e-6, rtol=0)
+
+
+def one_layer(slope, aperture="square", grid=(7, 7), n_cells=9, matte=Full()):  # noqa: B008  frozen
+    camera = Camera(grid, (40, 50), aperture)
+    layers = painting.paint(Scene(camera, (Surface(Plane(-1.0), Noise(), matte),)), reach=abs(slope))
+    return focal_planes.focal_planes(layers, camera, [slope], n_cells)[0]
+
+
+@pytest.mark.parametrize("aperture", ["square", "disc"])
+@pytest.mark.parametrize(("grid", "slope"), [((7, 7), 0.5), ((4, 7), -1.0), ((4, 7), -2.3)])
+@pytest.mark.parametrize("matte", [Full(), Disc(9.0, (14.0, -3.0))])
+def test_the_filter_of_a_single_layer_is_the_sum_of_all_cells(aperture, grid, slope, matte):
+    plane = one_layer(slope, aperture, grid, matte=matte)
+    expected = truth_cells.CellRenderer([plane]).render(plane)
+    torch.testing.assert_close(truth.filter_layer(plane), expected, atol=1e-6, rtol=0)
+    torch.testing.assert_close(truth_cells.render_eagerly(plane), expected, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("aperture", ["square", "disc"])
+def test_more_cells_do_not_change_a_single_layer(aperture):
+    few, many = (truth.filter_layer(one_layer(0.5, aperture, n_cells=n_cells)) for n_cells in (7, 40))
+    assert psnr(few, many) > 55
+
+
+def test_a_filter_as_a_matrix_is_the_filter_of_the_loop():
+    taps, samples = torch.rand(5, dtype=torch.float64), torch.rand(3, 20, 24, dtype=torch.float64)
+    rows, columns = truth._filter_matrix(2, taps.numpy(), 6, 20), truth._filter_matrix(1, taps.numpy(), 8, 24)
+    picture = torch.zeros(3, 6, 8, dtype=torch.float64)
+    truth_loops.filter_at_pixels(samples.numpy(), taps.numpy(), taps.numpy(), 2, 1, 2, picture.numpy())
+    torch.testing.assert_close(rows @ samples @ columns.mT, picture)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"slopes": [9.0]}, "half the"),
+        ({"slopes": [0.0], "n_cells": 0}, "n_cells must be at least 1"),
+    ],
+)
+def test_what_cannot_be_photographed_is_refused(options, message):
+    camera = Camera(size=(32, 32))
+    with pytest.raises(InputError, match=message):
+        truth.stack(painted("islands", camera), camera, **options)

@@ -1,0 +1,123 @@
+"""The compiled loops of the truth against plain NumPy."""
+
+import numpy as np
+import pytest
+
+from lfref.simulator import rays, truth_loops
+from lfref.simulator.layers import Highlight, Layer, Reflection
+from lfref.simulator.rays import AtlasEntry, RayRow
+from lfref.simulator.scene import Surface
+from lfref.simulator.surfaces import Plane
+from lfref.simulator.textures import Flat
+from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, BlurTables, CellPositions
+
+ROWS, COLUMNS, PHASES = 14, 16, 2
+WIDTH = 20
+EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
+
+
+def random_layer(random, *, empty=slice(0)):
+    """Samples of a layer that is transparent in some rows and columns."""
+    samples = random.random((4, ROWS, COLUMNS))
+    samples[:, empty] = 0
+    samples[:, :, empty] = 0
+    samples[:3] *= samples[3]
+    return samples
+
+
+def blurred(samples, down, across):
+    result = np.empty((4, ROWS, PHASES, COLUMNS // PHASES))
+    first, last = np.empty((2, ROWS), np.int64)
+    truth_loops.blur_layer(samples, down, across, result, first, last)
+    return result, first, last
+
+
+@pytest.mark.parametrize("empty", [slice(0), slice(0, 9), slice(6, 16), slice(0, 16)])
+@pytest.mark.parametrize("across", [[1.0], [0.1, 0.2, 0.4, 0.2, 0.1]])
+def test_a_layer_is_filtered_as_if_its_ends_went_on(empty, across):
+    samples, taps = random_layer(np.random.default_rng(0), empty=empty), np.array(across)
+    down = np.array([0.3, 0.4, 0.3])
+    result, first, last = blurred(samples, down, taps)
+    padded = np.pad(samples, ((0, 0), (1, 1), (taps.size // 2,) * 2), mode="edge")
+    expected = np.einsum(
+        "cyxab,a,b->cyx", np.lib.stride_tricks.sliding_window_view(padded, (3, taps.size), (1, 2)), down, taps
+    )
+    np.testing.assert_allclose(result.transpose(0, 1, 3, 2).reshape(samples.shape), expected, atol=1e-12)
+    outside = (np.arange(COLUMNS // PHASES) < first[:, None]) | (np.arange(COLUMNS // PHASES) >= last[:, None])
+    assert not result[3].transpose(0, 2, 1)[outside].any()
+
+
+@pytest.mark.parametrize("taps", [1, 4])
+def test_a_filter_is_applied_at_pixels(taps):
+    random = np.random.default_rng(0)
+    samples, down, across = random.random((3, ROWS, COLUMNS)), random.random(taps), random.random(5)
+    result = np.ones((3, 5, 5))
+    truth_loops.filter_at_pixels(samples, down, across, 1, 2, PHASES, result)
+    windows = np.lib.stride_tricks.sliding_window_view(samples, (taps, 5), (1, 2))[:, 1:11:2, 2:12:2]
+    np.testing.assert_allclose(result, 1 + np.einsum("cyxab,a,b->cyx", windows, down, across))
+
+
+def test_cells_are_looked_up_between_samples_and_composited():
+    random = np.random.default_rng(1)
+    pictures = [random_layer(random), random_layer(random, empty=slice(0, 5))]
+    parts = [blurred(samples, np.ones(1), np.ones(1)) for samples in pictures]
+    layers = BlurredLayers(*(np.stack(values) for values in zip(*parts, strict=True)))
+    positions = CellPositions(random.uniform(0, 3, (2, 2)), random.uniform(0, 3, (2, 3)))
+    weights = np.array([[0.1, 0.3, 0.0], [0.2, 0.1, 0.3]])
+    picture, cells = np.empty((3, 5, 6)), ApertureCells(np.zeros(3), np.zeros(2), weights, 0.0, 0.0)
+    truth_loops.composite_shifted(layers, positions, cells, picture, 0, 2)
+    truth_loops.composite_shifted(layers, positions, cells, picture, 2, 5)
+    expected = np.zeros((3, 5, 6))
+    for j, i in np.ndindex(2, 3):
+        far, near = (linear(pictures[k], positions.rows[k, j], positions.columns[k, i]) for k in (0, 1))
+        expected += weights[j, i] * (near[:3] + far[:3] * (1 - near[3]))
+    np.testing.assert_allclose(picture, expected, atol=1e-12)
+
+
+def linear(samples, row, column):
+    """Every second sample from a position on, interpolated linearly."""
+    for axis, start in ((1, row), (2, column)):
+        whole, share = int(start), start % 1
+        length = samples.shape[axis] - whole - 1
+        upper, lower = (np.take(samples, np.arange(first, first + length), axis) for first in (whole, whole + 1))
+        samples = (1 - share) * upper + share * lower
+    return samples[:, :10:2, :12:2]
+
+
+def constant(value, opacity=1.0):
+    samples = np.full((4, 6, 4), value, np.float32)
+    samples[..., 3] = opacity
+    return AtlasEntry(samples, samples[..., 3], -3, -2)
+
+
+def traced(layer, entries, levels, box=EVERYWHERE, mirrored=-1):
+    tables = rays.ray_layers([layer], [(-9.0, 9.0)], [box], [(0, mirrored)])
+    at, rgba = np.zeros((5, WIDTH)), np.full((4, WIDTH), np.nan, np.float32)
+    blurs = BlurTables(np.array([levels], float), np.array([1.0]))
+    row = RayRow(0.0, 0.0, -9.5, 0.0, 1.0, 0.5)
+    return truth_loops.trace_row(tables, blurs, rays.atlas(entries), 0, row, at, rgba), rgba
+
+
+def test_pixels_read_between_the_copies_that_suit_how_far_they_are_out_of_focus():
+    layer = Layer(Surface(Plane(0.0, (0.1, 0.0)), Flat()), None)
+    (begin, stop), rgba = traced(layer, [constant(value) for value in (0.0, 1.0, 3.0)], [0, 1, 2])
+    e = np.abs(1 - 0.1 * (np.arange(WIDTH) - 9.5))
+    assert (begin, stop) == (0, WIDTH)
+    np.testing.assert_allclose(rgba[0], np.interp(e, [0, 1, 2], [0, 1, 3]), atol=1e-6)
+    np.testing.assert_allclose(rgba[3], 1, atol=1e-6)
+
+
+def test_only_pixels_that_may_be_visible_are_filled():
+    layer = Layer(Surface(Plane(0.0), Flat()), None)
+    (begin, stop), rgba = traced(layer, [constant(0.5)], [0, 0], (-2.0, -1.0, 3.0, 1.0))
+    assert np.isfinite(rgba[:, begin:stop]).all()
+    assert np.isnan(rgba[:, :begin]).all()
+    assert begin <= 7.5 <= 12.5 <= stop < WIDTH
+    assert traced(layer, [constant(0.5)], [0, 0], (-2.0, 5.0, 3.0, 9.0))[0] == (0, 0)
+
+
+def test_highlights_and_reflections_are_added_in_proportion_to_opacity():
+    highlight, reflection = Highlight(1.0, 0.5, 0.0, 2.0, 0.0, 0.5, 0.0), Reflection(None, 0.5, 0.0)
+    layer = Layer(Surface(Plane(1.0), Flat()), None, highlight=highlight, reflection=reflection)
+    _, rgba = traced(layer, [constant(0.25, 0.5), constant(0.8)], [0, 0], mirrored=1)
+    assert rgba[:3, 10].tolist() == pytest.approx([0.25 + 0.5 + 0.2, 0.25 + 0.25 + 0.2, 0.25 + 0.2])

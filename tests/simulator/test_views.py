@@ -1,0 +1,257 @@
+"""Views against closed forms, the loops against PyTorch's operations, and what the central view shows."""
+
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+
+from lfref.functional import fourier
+from lfref.simulator import painting, planner, views
+from lfref.simulator.materials import Emissive, Glossy, Mirror
+from lfref.simulator.mattes import Disc, Perforated, Polygon, Twigs
+from lfref.simulator.scene import Camera, Light, Scene, Surface
+from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
+from tests.simulator import drawing
+
+CAMERA = Camera((5, 5), (40, 48))
+RIGHT_HALF = Polygon(((0.0, -300.0), (300.0, -300.0), (300.0, 300.0), (0.0, 300.0)))
+
+
+def fourier_shifted(image, shift_x, shift_y):
+    """f(x + shift), the image mirrored at its ends so that it meets itself."""
+    height, width = image.shape[-2:]
+    mirrored = torch.cat([image, image.flip(-1)], dim=-1)
+    mirrored = torch.cat([mirrored, mirrored.flip(-2)], dim=-2).double()
+    rows = fourier.shift_phases(fourier.frequencies(2 * height), torch.tensor(shift_y))
+    columns = fourier.shift_phases(fourier.half_frequencies(2 * width), torch.tensor(shift_x))
+    shifted = torch.fft.irfft2(torch.fft.rfft2(mirrored) * rows[:, None] * columns, s=mirrored.shape[-2:])
+    return shifted[..., :height, :width]
+
+
+@pytest.mark.parametrize("disparity", [-0.8, 0.37, 1.0])
+@pytest.mark.parametrize("texture", [Noise(exponent=1.0), Noise(hardness=1.0), Checker(9.0, angle=20.0), Stripes(6.0)])
+def test_views_of_a_parallel_plane_are_shifted_central_views(texture, disparity):
+    camera = Camera((5, 5), (80, 90))
+    pictures = drawing.painted_views(Scene(camera, (Surface(Plane(disparity), texture),)))
+    inner = (..., slice(20, -20), slice(20, -20))
+    for v, u in ((0, 4), (2, 3), (3, 1)):
+        expected = fourier_shifted(pictures[2, 2], -disparity * (u - 2), -disparity * (v - 2))
+        assert drawing.psnr(pictures[v, u][inner], expected[inner]) > 55
+
+
+def test_views_of_a_slanted_plane_follow_its_closed_form():
+    a, b, disparity, period = 0.02, -0.01, 0.3, 14.0
+    pictures = drawing.painted_views(Scene(CAMERA, (Surface(Plane(disparity, (a, b)), Gradient(period)),)))
+    y, x = torch.meshgrid(drawing.centred(40), drawing.centred(48), indexing="ij")
+    for v, u in ((0, 0), (1, 4), (2, 2)):
+        p, q = u - 2, v - 2
+        at_x = x - p * (disparity + a * x + b * y) / (1 + a * p + b * q)
+        expected = 0.5 - 0.3 * torch.cos(2 * torch.pi * at_x / period)
+        assert drawing.psnr(pictures[v, u, 0], expected) > 60
+
+
+def test_a_half_plane_hides_what_is_behind_it():
+    far, near = Surface(Plane(-1.0), Flat((0.2, 0.2, 0.2))), Surface(Plane(1.5), Flat((0.8, 0.8, 0.8)), RIGHT_HALF)
+    pictures = drawing.painted_views(Scene(CAMERA, (near, far)))
+    x = drawing.centred(48).expand(40, -1)
+    for u in range(5):
+        expected = 0.2 + 0.6 * (x - 1.5 * (u - 2) + 0.5).clamp(0, 1)
+        torch.testing.assert_close(pictures[1, u, 0].double(), expected, atol=0.025, rtol=0)
+        assert drawing.psnr(pictures[1, u, 0], expected) > 45
+
+
+def test_half_transparent_surfaces_mix_and_light_and_gain_multiply():
+    surfaces = Surface(Plane(0.0), Flat((0.2, 0.2, 0.2))), Surface(Plane(0.5), Flat((1.0, 1.0, 1.0)), opacity=0.5)
+    pictures = drawing.painted_views(Scene(CAMERA, surfaces, Light(0.5)))
+    torch.testing.assert_close(pictures, torch.full_like(pictures, 0.3), atol=1e-6, rtol=0)
+    lamp = Surface(Plane(1.0), Flat((1.0, 1.0, 1.0)), material=Emissive(4.0))
+    pictures = drawing.painted_views(Scene(CAMERA, (*surfaces, lamp), Light(0.5)))
+    torch.testing.assert_close(pictures, torch.full_like(pictures, 4.0), atol=1e-5, rtol=0)
+
+
+def test_planes_that_cross_change_places_where_they_meet():
+    one = Surface(Plane(0.0, (0.04, 0.0)), Flat((1.0, 0.0, 0.0)))
+    other = Surface(Plane(0.0, (-0.04, 0.0)), Flat((0.0, 1.0, 0.0)))
+    for surfaces in ((one, other), (other, one)):
+        pictures = drawing.painted_views(Scene(CAMERA, surfaces))
+        assert bool((pictures[:, :, 0, :, 24:] > 0.9999).all())
+        assert bool((pictures[:, :, 1, :, :24] > 0.9999).all())
+        assert float(pictures[:, :, 2].max()) == 0
+
+
+def test_a_dome_breaks_through_a_plane_within_a_circle():
+    dome = Surface(Dome(-0.5, 1.0, 20.0), Flat((1.0, 0.0, 0.0)))
+    view = drawing.painted_views(Scene(CAMERA, (dome, Surface(Plane(0.0), Flat((0.0, 1.0, 0.0))))))[2, 2, 0]
+    radius = torch.hypot(drawing.centred(48), drawing.centred(40)[:, None])
+    edge = 20 * (1 - 0.5**0.5) ** 0.5
+    assert bool((view[radius < edge - 1] > 0.9999).all())
+    assert bool((view[radius > edge + 1] == 0).all())
+
+
+@pytest.mark.parametrize("grid", [(1, 1), (2, 5), (4, 3)])
+def test_the_central_view_and_single_views_are_radiance_there(grid):
+    camera = Camera(grid, (20, 23))
+    scene = Scene(camera, (Surface(Plane(-0.7), Noise()), Surface(Plane(0.9), Checker(8.0), Disc(6.0))))
+    layers = painting.paint(scene)
+    pictures, (p, q) = views.views(layers, camera), drawing.view_points(camera)
+    expected = views.radiance(layers, p, q, *camera.pixels()).unflatten(0, grid)
+    torch.testing.assert_close(pictures, expected, atol=1e-5, rtol=0)
+
+
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+@given(drawing.SCENES)
+def test_any_legal_scene_is_rendered_alike_by_the_quick_and_the_slow_way(scene):
+    pictures = drawing.painted_views(scene)
+    assert bool(pictures.isfinite().all())
+    assert float(pictures.min()) >= 0
+    slow = drawing.slow_views(scene)
+    torch.testing.assert_close(pictures, slow, atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_gpu_renders_the_same():
+    surfaces = (
+        Surface(Plane(-0.7), Noise()),
+        Surface(Plane(0.1, (0.01, 0.0)), Checker(8.0), Disc(12.0)),
+        Surface(Dome(0.3, 0.4, 20.0), Stripes(6.0), Disc(9.0, (9.0, 0.0))),
+    )
+    scene = Scene(CAMERA, surfaces)
+    there = views.views(painting.paint(scene, "cuda"), CAMERA)
+    assert there.is_cuda
+    torch.testing.assert_close(there.cpu(), drawing.painted_views(scene), atol=1e-5, rtol=0)
+
+
+UNEVEN = Camera((3, 4), (37, 45))
+SURFACES = (
+    Surface(Plane(-1.2), Noise()),
+    Surface(Plane(-0.2, (0.005, 0.0)), Checker(8.0), Disc(14.0, (-15.0, 2.0))),
+    Surface(Plane(0.8), Noise(), Disc(9.0, (8.0, -12.0)), Glossy()),
+    Surface(Plane(1.1), Flat(), Twigs(15.0)),
+)
+
+
+def pictures_of(surfaces=SURFACES, camera=UNEVEN):
+    return views.views(painting.paint(Scene(camera, tuple(surfaces))), camera)
+
+
+@pytest.mark.parametrize("band", [1, 5, 100])
+@pytest.mark.parametrize("n_threads", [1, 2, 9])
+def test_bands_and_threads_change_nothing(band, n_threads, monkeypatch):
+    expected = pictures_of()
+    monkeypatch.setattr(views, "BAND", band)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: n_threads)
+    torch.testing.assert_close(pictures_of(), expected, atol=1e-6, rtol=0)
+
+
+def test_a_surface_beyond_the_picture_adds_nothing():
+    for geometry in (Plane(1.0), Plane(1.0, (0.001, 0.0))):
+        hidden = Surface(geometry, Flat((1.0, 1.0, 1.0)), Disc(5.0, (90.0, -70.0)))
+        assert float(pictures_of([hidden]).max()) == 0
+
+
+def test_an_opaque_slanted_background_is_laid_over_black():
+    """What memory happens to hold must not shine through, not even as NaN."""
+    flat = Surface(Plane(0.0, (0.01, 0.0)), Flat((0.25, 0.5, 0.75)))
+    expected = torch.tensor([0.25, 0.5, 0.75])[:, None, None].expand(3, 4, 3, 37, 45)
+    torch.testing.assert_close(pictures_of([flat]), expected, atol=1e-6, rtol=0)
+
+
+CROSSING = (Surface(Plane(0.0, (0.02, 0.0)), Checker(9.0)), Surface(Plane(0.0, (-0.02, 0.0)), Noise()))
+
+
+@pytest.mark.parametrize("surfaces", [SURFACES, (*SURFACES, *CROSSING)])
+def test_pictures_may_be_seen_from_any_points_and_registered_on_any_plane(surfaces):
+    layers = painting.paint(Scene(UNEVEN, tuple(surfaces)), reach=2.0)
+    p, q = torch.tensor([-1.3, 0.4], dtype=torch.float64), torch.tensor([0.9], dtype=torch.float64)
+    found = views.render(layers, UNEVEN, p, q, -1.7)
+    x, y = UNEVEN.pixels()
+    rays = p, q.expand(2), x - 1.7 * p[:, None, None], y - 1.7 * q
+    torch.testing.assert_close(found[0], views.radiance(layers, *rays), atol=1e-5, rtol=0)
+
+
+SMALL = Camera((3, 4), (27, 35))
+SHIFTED = (
+    Surface(Plane(-1.1), Noise()),
+    Surface(Plane(0.3), Checker(8.0), Disc(9.0, (5.0, 2.0)), opacity=0.7),
+    Surface(Plane(0.9), Noise(), Perforated(9.0, 3.0)),
+)
+TRACED = {
+    "slanted": Surface(Plane(-0.2, (0.01, 0.004)), Checker(8.0), Disc(12.0)),
+    "dome": Surface(Dome(-0.3, 0.5, 15.0), Noise(), Disc(11.0, (3.0, 0.0)), Glossy(0.5, 6.0, 3.0)),
+    "mirror": Surface(Plane(0.4), Noise(), Disc(10.0), Mirror(0.6, Checker(7.0), -1.5), opacity=0.5),
+}
+
+
+def painted(surfaces, force=False):
+    passes = painting.passes(Scene(SMALL, tuple(surfaces)), force=force)
+    return planner.plan(passes, ["layers"], force=force).run()["layers"]
+
+
+@pytest.mark.parametrize("surfaces", [SHIFTED[:1], SHIFTED, (SHIFTED[0], *TRACED.values())])
+def test_following_all_rays_changes_no_bit(surfaces):
+    plain, forced = (views.views(painted(surfaces, force), SMALL) for force in (False, True))
+    assert torch.equal(plain, forced)
+
+
+@pytest.mark.parametrize("name", list(TRACED))
+def test_what_rays_see_is_what_is_seen_of_the_layer(name):
+    both = painted([SHIFTED[0], TRACED[name]])
+    assert both[1].is_traced
+    (p, q), (x, y) = drawing.view_points(SMALL), SMALL.pixels()
+    expected = views.radiance(both, p, q, x, y).unflatten(0, SMALL.grid)
+    torch.testing.assert_close(views.views(both, SMALL), expected, atol=1e-6, rtol=0)
+
+
+CENTRAL = Camera((3, 3), (24, 30))
+LEFT_HALF = Polygon(((-300.0, -300.0), (0.0, -300.0), (0.0, 300.0), (-300.0, 300.0)))
+
+
+def test_masks_share_what_half_transparent_surfaces_leave():
+    surfaces = (
+        Surface(Plane(1.0), Flat(), LEFT_HALF, opacity=0.25),
+        Surface(Plane(-1.0), Flat()),
+        Surface(Plane(0.0), Flat(), opacity=0.5),
+        Surface(Plane(-2.0), Flat()),
+    )
+    masks = views.masks(painting.paint(Scene(CENTRAL, surfaces)), CENTRAL, 4)
+    expected = torch.tensor([[0.25, 0.0], [0.375, 0.5], [0.375, 0.5], [0.0, 0.0]])
+    torch.testing.assert_close(masks[:, 11, [2, 27]], expected)
+
+
+def test_masks_change_places_where_surfaces_cross():
+    surfaces = (Surface(Plane(0.0, (0.04, 0.0)), Flat()), Surface(Plane(0.0, (-0.04, 0.0)), Flat()))
+    right, left = views.masks(painting.paint(Scene(CENTRAL, surfaces)), CENTRAL, 2)
+    assert torch.equal(right, (torch.arange(30) >= 15).float().expand(24, 30))
+    assert torch.equal(left, 1 - right)
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@given(drawing.SCENES)
+def test_masks_are_shares_of_what_is_seen(scene):
+    masks = views.masks(painting.paint(scene), scene.camera, len(scene.surfaces))
+    assert masks.shape == (len(scene.surfaces), *scene.camera.size)
+    assert float(masks.min()) >= 0
+    assert float(masks.sum(0).max()) <= 1 + 1e-6
+
+
+def test_disparity_is_that_of_what_hides_at_least_half():
+    surfaces = (
+        Surface(Plane(-0.5, (0.0, 0.01)), Flat(), Disc(9.0)),
+        Surface(Plane(0.5), Flat(), LEFT_HALF, opacity=0.4),
+        Surface(Plane(0.7), Flat(), Disc(3.0), opacity=0.6),
+    )
+    found = views.disparity(painting.paint(Scene(CENTRAL, surfaces)), CENTRAL)
+    y = torch.arange(24) - 11.5
+    torch.testing.assert_close(found[5:18, 10], -0.5 + 0.01 * y[5:18])
+    assert found[11, 15] == 0.7
+    assert found[0, 0] == 0
+
+
+def test_all_in_focus_is_the_view_through_the_centre():
+    surfaces = (Surface(Plane(-0.5), Noise(), material=Glossy()), Surface(Plane(0.6, (0.01, 0.0)), Noise(), Disc(7.0)))
+    layers = painting.paint(Scene(CENTRAL, surfaces))
+    assert torch.equal(views.all_in_focus(layers, CENTRAL), views.views(layers, CENTRAL)[1, 1])
+    even = Camera((4, 4), CENTRAL.size)
+    layers = painting.paint(Scene(even, surfaces))
+    view, between = views.views(layers, even)[1, 1], views.all_in_focus(layers, even)
+    assert float((view - between).abs().max()) > 0.05
