@@ -17,8 +17,8 @@ from torch import Tensor
 import lfref
 from lfref.bench.evaluation import IDEAL
 from lfref.bench.timing import FFT
-from lfref.report import bench_sections as report_of_causes
-from lfref.report import drawing, front, tables
+from lfref.report import accuracy_time as accuracy_time_plot
+from lfref.report import bench_plots, drawing, tables
 from lfref.simulator import sim30
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "figures"
@@ -32,14 +32,14 @@ DIFFERENCE: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(1e-4, 0.1)}
 def accuracy_time() -> Figure:
     """The front of the scenes without a sensor's effects."""
     rows = tables.read_table(BENCH)
-    return front.accuracy_time(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
+    return accuracy_time_plot.accuracy_time(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
 
 
 def causes() -> Figure:
     """What each cause of error costs, and what the remedies win back."""
     rows = tables.read_table(CAUSES)
     rows["is_base"] = rows["is_base"].astype(str) == "True"
-    return report_of_causes.causes(rows, panels_at=(0.125, 2.0))
+    return bench_plots.error_causes(rows, panels_at=(0.125, 2.0))
 
 
 def cells() -> Figure:

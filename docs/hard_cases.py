@@ -80,4 +80,4 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {"goals": goals, "trials": tria
 
 
 def _number(cell: str) -> str:
-    return cell and ("not finite" if cell == "nan" else tables.cell_for_people("measured", float(cell)))
+    return cell and ("not finite" if cell == "nan" else tables.format_cell("measured", float(cell)))

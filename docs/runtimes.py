@@ -7,8 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from lfref.bench import engine_timing as measurements
-from lfref.report import bench_sections as picture
-from lfref.report import tables
+from lfref.report import bench_plots, tables
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "engines"
 SHOWN = ["engine", "precision", "ratio_to_eager", "min_s", "start_s", "extra_bytes", "loss_db", "agreement_db"]
@@ -24,7 +23,7 @@ def engines() -> Iterator[str]:
         yield f"| {network} | " + " | ".join(tables.heading(column) for column in SHOWN[1:]) + " |"
         yield "|---" * len(SHOWN) + "|"
         for row in group.sort_values("ratio_to_eager", ascending=False, kind="stable").to_dict("records"):
-            yield f"| {' | '.join(tables.cell_for_people(column, row[column]) for column in SHOWN)} |"
+            yield f"| {' | '.join(tables.format_cell(column, row[column]) for column in SHOWN)} |"
     yield ""
     for row in measurements.fastest(rows).itertuples():
         yield f"**{row.network}** runs best on {row.engine} in {row.precision}: {row.ratio_to_eager:.1f} times faster"
@@ -36,7 +35,7 @@ def engines() -> Iterator[str]:
 
 def figure() -> Figure:
     """Speed and loss of every engine."""
-    return picture.engines(tables.read_table(RUN / "engines.csv"))
+    return bench_plots.engines(tables.read_table(RUN / "engines.csv"))
 
 
 IS_MEASURED = (RUN / "engines.csv").is_file()

@@ -76,7 +76,7 @@ def at(slope: float) -> str:
 
 def label(axes: Axes, x: str, y: str, title: str = "") -> None:
     """Names of the axes, in letters as small as those of the cells."""
-    drawing.calm(axes, x, y, "")
+    drawing.style_axes(axes, x, y, "")
     axes.set_title(title, **TITLE)
     axes.tick_params(labelsize=7)
     for axis in (axes.xaxis, axes.yaxis):

@@ -36,11 +36,7 @@ from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import bench_sections, drawing, page, plots, sections, tables
-from lfref.report import bench_sections as picture
-from lfref.report import bench_sections as pictures
-from lfref.report import front as picture_of_front
-from lfref.report import stability_table as pictures_of_stability
+from lfref.report import accuracy_time, bench_plots, drawing, page, plots, sections, stability_table, tables
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes, Scenes
@@ -147,7 +143,7 @@ def causes(config: DictConfig, folder: Path) -> None:
     written = {"causes": measurements.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
     for name, table in written.items():
         tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(picture.causes(by_plane), folder / "causes.png")
+    drawing.save_figure(bench_plots.error_causes(by_plane), folder / "causes.png")
     write_facts(folder, device, [], plan.planes, 1, sim30=sim30.VERSION, scenes=len(scenes), margin=margin)
     log.info("%d causes in %d scenes: %s", measured["cause"].nunique(), len(scenes), folder / "causes.csv")
 
@@ -185,7 +181,7 @@ def engines(config: DictConfig, folder: Path) -> None:
     table = engine_timing.summary(passed, starts)
     for name, rows in {"engines": table, "passes": passed}.items():
         tables.write_table(folder / f"{name}.csv", rows)
-    drawing.save_figure(picture.engines(table), folder / "engines.png")
+    drawing.save_figure(bench_plots.engines(table), folder / "engines.png")
     packages = {package: timing.version(package) for package in PACKAGES}
     write_facts(folder, device, fields.whole, fixed(config), max(repeats.values()), passes=repeats, **packages)
     for row in engine_timing.fastest(table).itertuples():
@@ -281,7 +277,7 @@ def front(config: DictConfig, folder: Path) -> None:
     written = {"bench": bench, "scenes": evaluation.by_scene(judged), "planes": by_plane, "evaluation": judged}
     for name, table in written.items():
         tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(picture_of_front.accuracy_time(bench), folder / "accuracy_time.png")
+    drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
     drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
     write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
     log.info("%d methods on %d scenes: %s", len(methods), judged["scene"].nunique(), folder / "bench.csv")
@@ -388,8 +384,8 @@ def _write(folder: Path, operators: pd.DataFrame, growth: pd.DataFrame) -> None:
     exponents = operator_costs.growth_exponents(growth)
     for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
         tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(bench_sections.operator_costs(operators), folder / "operators.png")
-    drawing.save_figure(bench_sections.growth(growth, exponents), folder / "scaling.png")
+    drawing.save_figure(bench_plots.operator_costs(operators), folder / "operators.png")
+    drawing.save_figure(bench_plots.growth(growth, exponents), folder / "scaling.png")
 
 
 # PART simulate
@@ -427,7 +423,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
         written["aperture"] = simulation_cost.aperture_errors(scenes, planes, n_points, device)
     for name, rows in written.items():
         tables.write_table(folder / f"{name}.csv", rows)
-    drawing.save_figure(pictures.costs_and_distances(pd.DataFrame(costs), by_plane), folder / "simulate.png")
+    drawing.save_figure(bench_plots.simulation(pd.DataFrame(costs), by_plane), folder / "simulate.png")
     write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
     log.info("%d classes of scenes, %d scenes judged: %s", len(classes), len(judged), folder / "simulate.csv")
 
@@ -483,7 +479,7 @@ def _show(folder: Path, rows: list[Row]) -> None:
     facts = timing.facts(torch.device("cpu"))
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
     shown = [row for row in rows if row["component"] in SHOWN] or rows
-    drawing.save_figure(pictures_of_stability.heat_map(pd.DataFrame(shown)), folder / "stability.png")
+    drawing.save_figure(stability_table.heat_map(pd.DataFrame(shown)), folder / "stability.png")
     page.write_page(folder / "index.html", "Hard cases", sections.sections([folder]), facts)
 
 

@@ -36,7 +36,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     """
     device, files, exposure = device_of(config.device), _files(config), refocusing.exposure(config)
     refocuser, asked = _refocuser(config, device)
-    also = [name for name in results.ASKED if config[name]]
+    also = [name for name in results.OPTIONAL if config[name]]
     given = paths(configs.plain(config.input))
     captures = inputs.found(given, config.reader.pattern)
     placed = {name: result_folders.of(folder, name, path, given) for name, path in captures.items()}

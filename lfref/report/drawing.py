@@ -1,6 +1,6 @@
-"""What all plots share: the palette, figures without a display, calm axes, PNG files.
+"""Shared by all plots: the palette, figures without a display, the style of axes, PNG files.
 
-PSNR is capped at 100 dB; where a plot has capped and other values, the empty stretch between them is folded together.
+PSNR is capped at 100 dB; where a plot has capped and other values, the empty stretch between them is shrunk.
 Colours are ones that colour-blind readers tell apart (Tol, "Colour schemes", SRON 2021, scheme "vibrant").
 """
 
@@ -22,7 +22,7 @@ BLACK, GREY, PALE = "#222222", "#767676", "#DDDDDD"
 COLOURS = (BLUE, RED, TEAL, ORANGE, BLACK, CYAN, MAGENTA, GREY)
 MARKERS = ("o", "^", "s", "D", "v", "P", "X", "<", ">", "p", "h", "*")
 MAP = "viridis"
-"""Colours of a map of slopes or disparities."""
+"""Colour map of slopes and disparities."""
 PNG: dict[str, Any] = {
     "format": "png",
     "dpi": 150,
@@ -40,7 +40,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def new_sheet(pixels: np.ndarray) -> Figure:
-    """A figure whose file is an image, pixel for pixel, and what is written on it; [H, W, 3] of uint8."""
+    """A figure whose file has exactly these pixels, [H, W, 3] of uint8, and the texts added to it."""
     height, width = pixels.shape[:2]
     figure = Figure(figsize=(width / PNG["dpi"], height / PNG["dpi"]), dpi=PNG["dpi"], facecolor="white")
     FigureCanvasAgg(figure)
@@ -49,7 +49,7 @@ def new_sheet(pixels: np.ndarray) -> Figure:
 
 
 def save_options(figure: Figure) -> dict[str, Any]:
-    """How a figure is saved: cut to what is drawn, but a sheet as it is."""
+    """Options of `savefig`: a figure is cut to its content, a sheet is not."""
     return PNG if figure.get_layout_engine() else {**PNG, "bbox_inches": None}
 
 
@@ -59,13 +59,13 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(temporary, **save_options(figure))
 
 
-def look(index: int, colours: Sequence[str] = COLOURS) -> dict[str, Any]:
-    """Colour and marker of a series by its place among all of them."""
+def series_style(index: int, colours: Sequence[str] = COLOURS) -> dict[str, Any]:
+    """Colour and marker of series number `index`."""
     return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)]}
 
 
-def calm(axes: Axes, x: str, y: str, title: str, pad: float = 6) -> None:
-    """Title, axis names, a pale grid, and no frame on the top and right."""
+def style_axes(axes: Axes, x: str, y: str, title: str, pad: float = 6) -> None:
+    """Set title and labels; draw a pale grid, and no frame at the top and right."""
     axes.set_title(title, fontsize=10.5, loc="left", color=BLACK, pad=pad)
     axes.set(xlabel=x, ylabel=y)
     axes.tick_params(labelsize=9, color=GREY)
@@ -75,17 +75,14 @@ def calm(axes: Axes, x: str, y: str, title: str, pad: float = 6) -> None:
 
 
 def fold_below_cap(axes: Axes) -> None:
-    """Where some PSNRs are capped and the others lie far below, shrink the empty stretch between them."""
+    """Shrink the empty stretch between capped PSNRs and all others, if these lie far below."""
     values = np.concatenate([line.get_ydata() for line in axes.get_lines() if line.get_marker() not in ("", "None")])
     below = values[values < CAP_DB]
-    if 0 < below.size < values.size and CAP_DB - below.max() > np.ptp(below) + 10:
-        _fold(axes, below.min(), below.max())
-
-
-def _fold(axes: Axes, low: float, high: float) -> None:
-    pad = max(0.08 * (high - low), 1.0)
-    knee, floor = high + pad, low - pad
-    squeeze = 0.15 * (knee - floor) / (CAP_DB - knee)
+    if not 0 < below.size < values.size or CAP_DB - below.max() <= np.ptp(below) + 10:
+        return
+    pad = max(0.08 * np.ptp(below), 1.0)
+    knee, floor = below.max() + pad, below.min() - pad
+    squeeze = 0.15 * (knee - floor) / (CAP_DB - knee)  # the stretch takes 15 % of what is below it
 
     def folded(factor: float) -> Callable[[np.ndarray], np.ndarray]:
         return lambda y: np.where(y > knee, knee + (y - knee) * factor, y)
@@ -94,5 +91,5 @@ def _fold(axes: Axes, low: float, high: float) -> None:
     ticks = [tick for tick in MaxNLocator(6).tick_values(floor, knee) if floor <= tick <= knee]
     axes.set_yticks([*ticks, CAP_DB], [*(f"{tick:g}" for tick in ticks), f"≥ {CAP_DB:g}"])
     axes.set_ylim(floor, CAP_DB + pad / squeeze)
-    # Of values that lie close together the stretch is lower than the pad.
+    # Where values lie close together the stretch is lower than the pad.
     axes.axhspan(knee, CAP_DB - min(pad / squeeze, (CAP_DB - knee) / 3), color=PALE, alpha=0.35, linewidth=0, zorder=0)

@@ -1,4 +1,4 @@
-"""One sheet about a light field: what it shows, how far away that is, and how bright each view is."""
+"""The sheet of `lfref info`: central view, disparity, corner views, and light of each view."""
 
 from typing import Any
 
@@ -13,55 +13,47 @@ from lfref.report import drawing, pictures, tables
 
 WIDTH = 11.0  # inches
 BINS = 80
-BEYOND = 0.15  # of the range, shown of the histogram at either end
+BEYOND = 0.15  # of the range, that the histogram shows beyond either end
 LEAST_RANGE = 0.01  # of the colours, in pixels per view step
-LEAST_LIGHT = 0.8  # of the central view's: where the scale of grey starts, unless views are darker
-SURE = 0.5  # confidence of what the histogram counts
-STRIDE = 4  # pixels: brightness of a view needs no more
+LEAST_LIGHT = 0.8  # of the central view's: black of the grey scale, unless views are darker
+SURE = 0.5  # least confidence of pixels in the histogram
+STRIDE = 4  # pixels: enough samples for the brightness of a view
 
 
-def inspection_sheet(seen: Inspection) -> Figure:
-    """The central view, its disparities as a map and a histogram, the corner views, and the light of all views.
-
-    Args:
-        seen: What was found.
-    """
-    height, width = seen.field.size
+def inspection_sheet(inspection: Inspection) -> Figure:
+    """The central view, its disparities as a map and a histogram, the corner views, and the light of all views."""
+    height, width = inspection.field.size
     # Beside each other two pictures of one shape; below them a row of a fixed height.
     top = min(max((WIDTH / 2 - 0.6) * height / width, 1.2), 7.0)
     figure = drawing.new_figure(WIDTH, top + 3.2)
-    figure.suptitle(tables.drawable(_title(seen), 120), fontsize=11, x=0.01, ha="left")
+    rows, columns = inspection.field.grid
+    title = f"{inspection.field.name}: {rows}x{columns} views of {height}x{width}"
+    figure.suptitle(tables.plot_text(title, 120), fontsize=11, x=0.01, ha="left")
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(top + 0.3, 2.9))[:, 0]
     centre, disparity = above.subplots(1, 2)
-    _draw_view(centre, seen, seen.evidence.reference, "view {}, {}")
-    _draw_disparity(disparity, seen)
+    _draw_view(centre, inspection, inspection.evidence.reference)
+    _draw_disparity(disparity, inspection)
     corners, light, slopes = below.subfigures(1, 3, squeeze=False, width_ratios=(1.35, 1, 1.5))[0]
-    _draw_corners(corners, seen)
-    _draw_light(light.subplots(), seen.field, seen.evidence.reference)
-    _draw_slopes(slopes.subplots(), seen)
+    _draw_corners(corners, inspection)
+    _draw_light(light.subplots(), inspection.field, inspection.evidence.reference)
+    _draw_slopes(slopes.subplots(), inspection)
     return figure
 
 
-def _title(seen: Inspection) -> str:
-    rows, columns = seen.field.grid
-    height, width = seen.field.size
-    return f"{seen.field.name}: {rows}x{columns} views of {height}x{width}"
-
-
-def _exposure(seen: Inspection) -> float:
+def _exposure(inspection: Inspection) -> float:
     """One gain for all views; dark captures are brightened."""
-    return max(1.0, pictures.common_exposure(seen.field.views[seen.evidence.reference].nan_to_num()))
+    return max(1.0, pictures.common_exposure(inspection.field.views[inspection.evidence.reference].nan_to_num()))
 
 
-def _draw_view(axes: Axes, seen: Inspection, place: tuple[int, int], title: str) -> None:
-    axes.imshow(pictures.for_display(seen.field.views[place].clamp(0, None), _exposure(seen)))
-    axes.set_title(title.format(*place), fontsize=9)
+def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int]) -> None:
+    axes.imshow(pictures.for_display(inspection.field.views[view].clamp(0, None), _exposure(inspection)))
+    axes.set_title(f"view {view[0]}, {view[1]}", fontsize=9)
     axes.set_axis_off()
 
 
-def _draw_disparity(axes: Axes, seen: Inspection) -> None:
-    values, opacity = (each.cpu().numpy() for each in (seen.disparity, seen.confidence))
-    low, high = seen.slopes or (float(values.min()), float(values.max()))
+def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
+    values, opacity = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
+    low, high = inspection.slopes or (float(values.min()), float(values.max()))
     look: dict[str, Any] = {"cmap": drawing.MAP, "vmin": low, "vmax": max(high, low + LEAST_RANGE)}
     # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, alpha=0 * opacity, **look)
@@ -69,15 +61,15 @@ def _draw_disparity(axes: Axes, seen: Inspection) -> None:
     if bar.solids is not None:
         bar.solids.set_alpha(1)
     axes.imshow(values, alpha=opacity.clip(0, 1), **look)
-    axes.set_title("disparity, px per view step; pale: unsure", fontsize=9)
+    axes.set_title("disparity, px per view step; pale: low confidence", fontsize=9)
     axes.set_axis_off()
 
 
-def _draw_corners(figure: SubFigure, seen: Inspection) -> None:
-    rows, columns = (sorted({0, n - 1}) for n in seen.field.grid)
+def _draw_corners(figure: SubFigure, inspection: Inspection) -> None:
+    rows, columns = (sorted({0, n - 1}) for n in inspection.field.grid)
     grid = figure.subplots(len(rows), len(columns), squeeze=False)
-    for axes, place in zip(grid.flat, [(v, u) for v in rows for u in columns], strict=True):
-        _draw_view(axes, seen, place, "view {}, {}")
+    for axes, view in zip(grid.flat, [(v, u) for v in rows for u in columns], strict=True):
+        _draw_view(axes, inspection, view)
 
 
 def _draw_light(axes: Axes, field: LightField, reference: tuple[int, int]) -> None:
@@ -96,19 +88,21 @@ def _ends(n: int) -> list[int]:
     return sorted({0, n // 2, n - 1})
 
 
-def _draw_slopes(axes: Axes, seen: Inspection) -> None:
-    sure = seen.disparity[seen.confidence > SURE].flatten().cpu().numpy()
-    drawing.calm(axes, "slope, px per view step", "share of what is sure", "")
-    if seen.slopes is None or not sure.size:
-        axes.set_title("too little is seen to move", fontsize=9, loc="left")
+def _draw_slopes(axes: Axes, inspection: Inspection) -> None:
+    sure = inspection.disparity[inspection.confidence > SURE].flatten().cpu().numpy()
+    drawing.style_axes(axes, "slope, px per view step", "share of confident pixels", "")
+    if inspection.slopes is None or not sure.size:
+        axes.set_title("too little parallax to measure", fontsize=9, loc="left")
         return
-    low, high = seen.slopes
+    low, high = inspection.slopes
     margin = max(BEYOND * (high - low), 0.05)
     shares = np.full(sure.size, 1 / sure.size)
     axes.hist(sure, bins=BINS, range=(low - margin, high + margin), weights=shares, color=drawing.BLUE)
     axes.axvspan(low, high, color=drawing.ORANGE, alpha=0.12)
     for end in (low, high):
         axes.axvline(end, color=drawing.ORANGE, linewidth=1.2)
-    axes.plot(seen.planes.values, [0] * len(seen.planes), "^", color=drawing.BLACK, markersize=4, clip_on=False)
-    axes.set_xlim(min(low - margin, *seen.planes.values), max(high + margin, *seen.planes.values))
+    axes.plot(
+        inspection.planes.values, [0] * len(inspection.planes), "^", color=drawing.BLACK, markersize=4, clip_on=False
+    )
+    axes.set_xlim(min(low - margin, *inspection.planes.values), max(high + margin, *inspection.planes.values))
     axes.set_title(f"range {low:.3g} to {high:.3g} (shaded); \N{BLACK UP-POINTING TRIANGLE} planes=auto", fontsize=9)

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jinja2
 import pandas as pd
@@ -30,18 +30,18 @@ class Section:
     text: str = ""
     """Plain text; an empty line starts a paragraph."""
     figures: Mapping[str, Figure | str | Path] = field(default_factory=dict)
-    """Caption: figure, or a PNG file. The caption also is what a screen reader says for the picture."""
+    """Caption -> figure, or a PNG file; screen readers read the caption too."""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
-    """Caption: table, numbers to the right and with digits that mean something."""
+    """Caption -> table."""
     problem: str = ""
-    """Why there is nothing to show."""
+    """Why the section has no content."""
 
     def __post_init__(self) -> None:
         for picture in self.figures.values():
             if not isinstance(picture, Figure):
                 _read_png(Path(picture))
         for table in self.tables.values():
-            tables.need(table)
+            tables.require(table)
 
 
 class _Png(NamedTuple):
@@ -56,8 +56,8 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
     Args:
         path: HTML file to write, usually `index.html`; an older one is replaced.
         title: Heading of the page.
-        sections: Parts in reading order; with more than three of them the page gets a list of contents.
-        facts: What the reader should know at once (model, data, device, date), shown below the title.
+        sections: In reading order; more than three get a list of contents.
+        facts: Shown below the title, such as device and date.
     """
     page = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.report", "."),
@@ -66,14 +66,11 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    page.filters |= {"heading": tables.heading, "people": _for_people, "png": _png}
+    page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
+    page.filters["png"] = _png
     page.tests["numeric"] = _is_numeric
     text = page.get_template("page.html").render(title=title, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
-
-
-def _for_people(value: Any, column: str = "") -> str:
-    return tables.cell_for_people(column, value)
 
 
 def _is_numeric(column: pd.Series) -> bool:

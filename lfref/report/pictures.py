@@ -1,7 +1,7 @@
-"""Pictures of light fields: methods beside each other, and all planes of a stack.
+"""Pictures of light fields: methods beside each other, all planes of a stack, and the sheet of a simulated scene.
 
-Light is linear, and captures may be dark. One gain, taken from the mean of all views (or of all planes), serves every
-picture of a figure, so that a difference in brightness between two methods stays visible.
+Light is linear, and captures may be dark. All pictures of a figure have one gain, taken from the mean of all views (or
+of all planes), so that a difference in brightness between two methods stays visible.
 """
 
 import math
@@ -20,15 +20,16 @@ from lfref.io import images
 from lfref.report import drawing, tables
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
+"""Value that the gain gives to this percentile of the mean picture."""
 FIGURE_WIDTH = 9.0  # inches
 SHEET_WIDTH, SHEET_COLUMNS = int(FIGURE_WIDTH * drawing.PNG["dpi"]), 4
-"""Pixels along a contact sheet, about, and pictures beside each other."""
+"""Width of a contact sheet in pixels, approximately, and its columns."""
 SHEET_GAP, SHEET_LINE = 14, 30
-"""Pixels between two pictures of a contact sheet, and down a line of text."""
+"""Pixels between two pictures of a contact sheet, and of a line of text."""
 
 
 def common_exposure(mean_image: Tensor) -> float:
-    """The gain for all pictures of a figure: it brings the 99th percentile of the mean image to 0.9.
+    """The gain of all pictures of a figure: it brings the 99th percentile of the mean image to 0.9.
 
     Args:
         mean_image: Mean of all views (or planes), [C, H, W] in [0, 1].
@@ -41,12 +42,12 @@ def common_exposure(mean_image: Tensor) -> float:
 
 
 def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB) -> np.ndarray:
-    """An image as it is shown: times the exposure, cut to [0, 1], then encoded.
+    """An image for a screen: times the exposure, cut to [0, 1], then encoded.
 
     Args:
-        image: [C, H, W] with C 1 or 3; values that are not finite are shown black.
-        exposure: Gain, the same for all pictures that are to be compared; see `common_exposure`.
-        encoding: Of the screen, for linear light; `encoding.NONE` for samples that are encoded already.
+        image: [C, H, W] with C 1 or 3; values that are not finite become black.
+        exposure: Gain, one for all pictures that are compared; see `common_exposure`.
+        encoding: Of the screen; `encoding.NONE` for samples that are encoded already.
 
     Returns:
         Float32 [H, W, 3] in [0, 1].
@@ -57,19 +58,19 @@ def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB)
     array = _array(image, 3)
     if array.shape[0] not in (1, 3):
         raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(array.shape))
-    finite = np.nan_to_num(array * np.float32(exposure), nan=0.0, posinf=0.0, neginf=0.0)
-    shown = images.encoded(np.clip(finite, 0, 1), encoding)
+    clean = np.nan_to_num(array * np.float32(exposure), nan=0.0, posinf=0.0, neginf=0.0)
+    shown = images.encoded(np.clip(clean, 0, 1), encoding)
     return np.broadcast_to(shown.transpose(1, 2, 0), (*array.shape[1:], 3))
 
 
 def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Tensor) -> Figure:
-    """The paper's comparison: a row per method, a column per plane, the mean of all views alone in the middle row.
+    """The paper's comparison: a row per method, a column per plane, and a middle row with the mean of all views.
 
-    Three planes are shown: those of the least and of the greatest slope, and the one nearest to slope 0.
+    Its planes are those of the least and of the greatest slope, and the one nearest to slope 0.
 
     Args:
         stacks: Refocused stack of each method, [N, C, H, W] in [0, 1].
-        planes: What the N planes are.
+        planes: The N planes.
         mean_image: Mean of all views, [C, H, W]; it sets the exposure of all pictures.
 
     Raises:
@@ -85,7 +86,7 @@ def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Te
         if stack.ndim != 4 or len(stack) != len(planes):
             expected = f"the stack of {name!r} must be [N, C, H, W] with N = {len(planes)}"
             raise InputError(expected, got=tuple(stack.shape))
-        line[0].set_ylabel(tables.drawable(name, width=22), fontsize=10)
+        line[0].set_ylabel(tables.plot_text(name, width=22), fontsize=10)
         for axes, plane in zip(line, shown, strict=True):
             _show(axes, planes.labels[plane], for_display(stack[plane], exposure))
     return figure
@@ -98,8 +99,8 @@ def contact_sheet(
 
     Args:
         stack: [N, C, H, W] in [0, 1].
-        labels: One a plane.
-        exposure: Gain for all planes; None takes it from the mean of the planes.
+        labels: One per plane.
+        exposure: Gain of all planes; None: from the mean of the planes.
         encoding: See `for_display`.
 
     Raises:
@@ -109,12 +110,12 @@ def contact_sheet(
         raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(stack)} planes")
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
     shown = [for_display(_sized(image, len(stack)), exposure, encoding) for image in stack]
-    labels = [tables.drawable(label) for label in labels]
+    labels = [tables.plot_text(label) for label in labels]
     return _sheet(shown, labels, f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}")
 
 
 def _sized(image: Tensor, n_pictures: int) -> Tensor:
-    """An image with as many pixels as a sheet of so many has for it."""
+    """An image resized to its cell in a sheet of `n_pictures`."""
     width = SHEET_WIDTH // min(SHEET_COLUMNS, n_pictures) - SHEET_GAP
     size = max(1, round(width * image.shape[-2] / image.shape[-1])), width
     light = image[None].detach().float()
@@ -126,7 +127,7 @@ def _sized(image: Tensor, n_pictures: int) -> Tensor:
 def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Figure:
     """Pictures [H, W, 3] in reading order, their labels above them and a note below.
 
-    They are put together before they are drawn, pixel for pixel: axes of their own would take three times as long.
+    The pixels are put together before drawing: an axes object per picture takes three times as long.
     """
     n_columns, (height, width) = min(SHEET_COLUMNS, len(shown)), shown[0].shape[:2]
     above = SHEET_LINE * (max(label.count("\n") for label in labels) + 1) + SHEET_GAP
@@ -148,7 +149,7 @@ def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Fig
 
 
 def ends_and_middle(planes: FocalPlanes) -> list[int]:
-    """The planes of the least and the greatest slope with the one nearest to slope 0 between; each comes once."""
+    """Indices of the planes of least slope, of slope nearest to 0, and of greatest slope, none of them twice."""
     slopes = planes.slopes
     return [*dict.fromkeys(int(place) for place in (slopes.argmin(), slopes.abs().argmin(), slopes.argmax()))]
 
@@ -172,61 +173,43 @@ def _show(axes: Axes, title: str, image: np.ndarray) -> None:
 
 
 def _array(image: Tensor, ndim: int) -> np.ndarray:
-    """The image as a float32 array with that many axes, off the graph and off the device."""
+    """The image as a float32 array with that many axes."""
     if image.ndim != ndim or not image.numel():
         raise InputError(f"pictures must be tensors with {ndim} axes, [..., C, H, W]", got=tuple(image.shape))
     return image.detach().float().cpu().numpy()
 
 
-# PART contact
-# What was simulated of a scene on one sheet: some views, a map of disparity with its colours, planes of the truth.
-
-COLUMNS = 6
-COLUMN_WIDTH = 2.4  # inches
+SCENE_COLUMNS = 6
+SCENE_COLUMN_WIDTH = 2.4  # inches
 
 
 def view_cells(views: Tensor) -> dict[str, Tensor]:
-    """The central view and those in the corners.
-
-    Args:
-        views: [V, U, C, H, W].
-
-    Returns:
-        Title -> picture, [C, H, W].
-    """
+    """Title -> picture [C, H, W] of the central view and of those in the corners of views [V, U, C, H, W]."""
     last_v, last_u = views.shape[0] - 1, views.shape[1] - 1
-    corners = [(last_v // 2, last_u // 2), (0, 0), (0, last_u), (last_v, 0), (last_v, last_u)]
-    return {f"view {v}, {u}": views[v, u] for v, u in dict.fromkeys(corners)}
+    cells = [(last_v // 2, last_u // 2), (0, 0), (0, last_u), (last_v, 0), (last_v, last_u)]
+    return {f"view {v}, {u}": views[v, u] for v, u in dict.fromkeys(cells)}
 
 
 def plane_cells(stack: Tensor, planes: FocalPlanes) -> dict[str, Tensor]:
-    """Planes of a stack from the first to the last.
-
-    Args:
-        stack: [N, C, H, W].
-        planes: The N planes.
-
-    Returns:
-        Title -> picture, [C, H, W].
-    """
-    shown = np.unique(np.linspace(0, len(planes) - 1, COLUMNS).round().astype(int)).tolist()
-    return {planes.labels[n]: stack[n] for n in shown}
+    """Title -> picture [C, H, W] of up to `SCENE_COLUMNS` planes of a stack, from the first to the last."""
+    indices = np.unique(np.linspace(0, len(planes) - 1, SCENE_COLUMNS).round().astype(int)).tolist()
+    return {planes.labels[n]: stack[n] for n in indices}
 
 
 def views_sheet(cells: Mapping[str, Tensor]) -> Figure:
     """Pictures and maps in reading order.
 
     Args:
-        cells: Title -> picture, [C, H, W], clipped to [0, 1]; or a map, [H, W], shown in colours. All of one size.
+        cells: Title -> picture, [C, H, W], clipped to [0, 1]; or a map, [H, W], drawn in colours. All of one size.
 
     Raises:
-        InputError: There is nothing to show.
+        InputError: There are no cells.
     """
     if not cells:
         raise InputError("a contact sheet needs at least one picture", got="none")
     height, width = next(iter(cells.values())).shape[-2:]
-    n_columns, n_rows = min(COLUMNS, len(cells)), math.ceil(len(cells) / COLUMNS)
-    figure = drawing.new_figure(COLUMN_WIDTH * n_columns, (COLUMN_WIDTH * height / width + 0.3) * n_rows)
+    n_columns, n_rows = min(SCENE_COLUMNS, len(cells)), math.ceil(len(cells) / SCENE_COLUMNS)
+    figure = drawing.new_figure(SCENE_COLUMN_WIDTH * n_columns, (SCENE_COLUMN_WIDTH * height / width + 0.3) * n_rows)
     grid = figure.subplots(n_rows, n_columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()

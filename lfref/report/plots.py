@@ -1,7 +1,4 @@
-"""Plots of training and evaluation, each a matplotlib Figure that needs neither a display nor pyplot's state.
-
-PSNR is capped at 100 dB.
-"""
+"""Plots of training and evaluation. PSNR is capped at 100 dB."""
 
 import math
 from typing import Any
@@ -12,13 +9,14 @@ from matplotlib.figure import Figure
 
 from lfref.errors import InputError
 from lfref.report import drawing, tables
-from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, RED, TEAL, calm, fold_below_cap, new_figure
+from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, RED, TEAL, fold_below_cap, new_figure, style_axes
 
-METHOD_COLOURS = drawing.COLOURS[2:]  # blue and red are for references
+METHOD_COLOURS = drawing.COLOURS[2:]
+"""Blue and red are for references."""
 DASHES = ("-", "--", ":", "-.")
 REFERENCE_COLOURS = {"shift_and_sum": BLUE, "fourier_slice": RED, "exact_fourier": TEAL}
 SERIES = ["method", "reference"]
-"""Columns that tell one line or cloud of points from another."""
+"""Columns whose values name one line or cloud of points."""
 
 LOSS_TERMS = {  # column of Lightning's metrics.csv: name, colour, line width
     "train/loss": ("total", BLACK, 1.8),
@@ -31,7 +29,7 @@ LOSS_TERMS = {  # column of Lightning's metrics.csv: name, colour, line width
 
 
 def training_curves(metrics: pd.DataFrame) -> Figure:
-    """The loss with its terms, and validation MPSNR and MSSIM with the rise above the first validation.
+    """The loss with its terms, and validation MPSNR and MSSIM.
 
     Args:
         metrics: Lightning's metrics.csv: `step`, `val/mpsnr`, `val/mssim`, and those of the losses that it has.
@@ -44,25 +42,25 @@ def training_curves(metrics: pd.DataFrame) -> Figure:
     _draw_losses(figure.add_subplot(grid[:, 0]), metrics)
     _draw_rise(figure.add_subplot(grid[0, 1]), metrics)
     similarity = figure.add_subplot(grid[1, 1])
-    _draw_steps(similarity, tables.some(metrics, "step", "val/mssim"), "val/mssim", color=TEAL)
-    calm(similarity, "Optimiser step", "MSSIM", "Validation MSSIM")
+    _draw_steps(similarity, tables.require_numbers(metrics, "step", "val/mssim"), "val/mssim", color=TEAL)
+    style_axes(similarity, "Optimiser step", "MSSIM", "Validation MSSIM")
     return figure
 
 
 def _draw_losses(axes: Axes, metrics: pd.DataFrame) -> None:
     axes.set_yscale("log", nonpositive="mask")
-    # A run shorter than its logging interval has losses of validation only.
+    # A run shorter than its logging interval has only the losses of validation.
     for column, (label, colour, width) in LOSS_TERMS.items():
         if column in metrics:
             _draw_steps(axes, metrics, column, color=colour, linewidth=width, label=label)
     if not axes.get_lines():
         raise InputError("a training run must have logged a loss", got=f"columns {', '.join(metrics)}")
     axes.figure.legend(loc="outside lower left", ncols=len(LOSS_TERMS), frameon=False, fontsize=9)
-    calm(axes, "Optimiser step", "Loss (log scale)", "Loss and its terms")
+    style_axes(axes, "Optimiser step", "Loss (log scale)", "Loss and its terms")
 
 
 def _draw_rise(axes: Axes, metrics: pd.DataFrame) -> None:
-    kept = tables.some(metrics, "step", "val/mpsnr")
+    kept = tables.require_numbers(metrics, "step", "val/mpsnr")
     values = kept["val/mpsnr"]
     first, best, last, step = values.iloc[0], values.max(), values.iloc[-1], kept["step"][values.idxmax()]
     _draw_steps(axes, kept, "val/mpsnr", color=BLUE)
@@ -70,12 +68,44 @@ def _draw_rise(axes: Axes, metrics: pd.DataFrame) -> None:
     if best > first:
         axes.annotate("", (step, best), (step, first), arrowprops={"arrowstyle": "<->", "color": GREY})
     title = f"Validation MPSNR\nfirst {first:.2f} dB, best {best - first:+.2f} dB, last {last - first:+.2f} dB"
-    calm(axes, "", "MPSNR (dB)", title)
+    style_axes(axes, "", "MPSNR (dB)", title)
 
 
 def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) -> None:
-    kept = tables.complete(metrics, "step", column)
+    kept = tables.with_numbers(metrics, "step", column)
     axes.plot(kept["step"], kept[column], marker="o" if len(kept) < 40 else "", markersize=3.5, **style)
+
+
+KNOWN_METRICS = ("step", "epoch", "val/mpsnr", "val/mssim", *LOSS_TERMS)
+"""Columns of metrics.csv that `training_curves` draws, or that are no metrics."""
+
+
+def other_metrics(metrics: pd.DataFrame) -> Figure | None:
+    """A panel per numeric column that `training_curves` does not draw, such as metrics of a user's configuration.
+
+    Args:
+        metrics: Lightning's metrics.csv with `step`.
+
+    Returns:
+        None where there is no such column.
+    """
+    kept = {
+        column: tables.with_numbers(metrics, "step", column)
+        for column in metrics
+        if column not in KNOWN_METRICS and not pd.api.types.is_bool_dtype(metrics[column])
+    }
+    panels = {column: rows for column, rows in kept.items() if not rows.empty}
+    if not panels:
+        return None
+    n_columns, n_rows = min(3, len(panels)), math.ceil(len(panels) / 3)
+    figure = new_figure(9, 0.4 + 2.2 * n_rows)
+    grid = figure.subplots(n_rows, n_columns, squeeze=False)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    for axes, (column, rows) in zip(grid.flat, panels.items(), strict=False):
+        _draw_steps(axes, rows, column, color=BLUE)
+        style_axes(axes, "Optimiser step", "", tables.plot_text(column, 36))
+    return figure
 
 
 def quality_by_plane(planes: pd.DataFrame) -> Figure:
@@ -87,18 +117,18 @@ def quality_by_plane(planes: pd.DataFrame) -> Figure:
     Raises:
         InputError: One of these columns is missing, or has no number.
     """
-    tables.need(planes, *SERIES, "alpha", "slope")
-    place, planes = "slope" if planes["alpha"].isna().any() else "alpha", _named(planes)
+    tables.require(planes, *SERIES, "alpha", "slope")
+    place, planes = tables.plane_axis(planes), _with_dashes(planes)
     styles, figure = _styles(planes), new_figure(9, 4.6)
     for axes, column in zip(figure.subplots(1, 2), ("psnr_db", "ssim"), strict=True):
-        kept = tables.capped(tables.some(planes, place, column), column)
+        kept = tables.capped(tables.require_numbers(planes, place, column), column)
         for series, group in kept.groupby(SERIES, sort=False):
             means = group.groupby(place)[column].mean()
             axes.plot(means.index, means, markersize=5, **styles[series])
         fold_below_cap(axes)
         if place == "alpha":
             _label_slopes(axes, kept)
-        calm(axes, tables.heading(place), tables.heading(column), "")
+        style_axes(axes, tables.heading(place), tables.heading(column), "")
     handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
@@ -114,45 +144,45 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
     Raises:
         InputError: One of these columns is missing, or has no number.
     """
-    tables.need(planes, "class", *SERIES, "alpha", "slope")
-    place = "slope" if planes["alpha"].isna().any() else "alpha"
-    kept = tables.capped(tables.some(planes, place, "psnr_db"), "psnr_db")
+    tables.require(planes, "class", *SERIES, "alpha", "slope")
+    place = tables.plane_axis(planes)
+    kept = tables.capped(tables.require_numbers(planes, place, "psnr_db"), "psnr_db")
     classes, methods = kept.groupby(["class", "reference"], sort=False), kept["method"].unique().tolist()
     figure = new_figure(9, 1.2 + 3.8 * len(classes))
     panels = figure.subplots(len(classes), squeeze=False)[:, 0]
     for axes, ((name, reference), group) in zip(panels, classes, strict=True):
         for method, line in group.sort_values(place, kind="stable").groupby("method", sort=False):
-            style = drawing.look(methods.index(method)) | {"label": tables.drawable(method, 40)}
+            style = drawing.series_style(methods.index(method)) | {"label": tables.plot_text(method, 40)}
             axes.plot(line[place], line["psnr_db"], markersize=4, linewidth=1.2, **style)
         fold_below_cap(axes)
         if place == "alpha":
             _label_slopes(axes, group)
-        calm(axes, tables.heading(place), tables.heading("psnr_db"), f"{name}, against {reference}")
+        style_axes(axes, tables.heading(place), tables.heading("psnr_db"), f"{name}, against {reference}")
     handles = {line.get_label(): line for axes in panels for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
 
 
-def _named(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with a dash for a name that is missing."""
+def _with_dashes(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with a dash in place of a missing name."""
     return table.fillna(dict.fromkeys(SERIES, tables.DASH))
 
 
 def _styles(table: pd.DataFrame) -> dict[Any, dict[str, Any]]:
-    """How each method and reference is drawn: colour and marker say the method, dashes the reference."""
+    """Style of each method (colour and marker) and reference (dashes)."""
     methods, references = (table[column].unique().tolist() for column in SERIES)
     return {
         (method, reference): {
-            **drawing.look(methods.index(method), METHOD_COLOURS),
+            **drawing.series_style(methods.index(method), METHOD_COLOURS),
             "linestyle": DASHES[references.index(reference) % len(DASHES)],
-            "label": f"{tables.drawable(method, 40)}\nagainst {tables.drawable(reference, 40)}",
+            "label": f"{tables.plot_text(method, 40)}\nagainst {tables.plot_text(reference, 40)}",
         }
         for method, reference in table.groupby(SERIES, sort=False).groups
     }
 
 
 def _label_slopes(axes: Axes, planes: pd.DataFrame) -> None:
-    """Show along the upper edge which slope belongs to alpha; evenly spaced alphas are no evenly spaced slopes."""
+    """Label the upper edge with slopes: even steps of alpha are not even steps of slope."""
     slopes = planes.groupby("alpha")["slope"].first()
     shown = slopes.iloc[:: max(1, math.ceil(len(slopes) / 8))]
     upper = axes.secondary_xaxis("top")
@@ -171,15 +201,15 @@ def scatter(summary: pd.DataFrame) -> Figure:
     Raises:
         InputError: One of these columns is missing, or has no number.
     """
-    tables.need(summary, *SERIES)
-    kept = tables.capped(tables.some(_named(summary), "mpsnr_db", "mssim"), "mpsnr_db")
-    styles = _styles(_named(summary))
+    tables.require(summary, *SERIES)
+    kept = tables.capped(tables.require_numbers(_with_dashes(summary), "mpsnr_db", "mssim"), "mpsnr_db")
+    styles = _styles(_with_dashes(summary))
     figure = new_figure(7.5, 5)
     axes = figure.add_subplot()
     for series, group in kept.groupby(SERIES, sort=False):
         shape = {**styles[series], "color": REFERENCE_COLOURS.get(series[1], ORANGE), "linestyle": ""}
         axes.plot(group["mssim"], group["mpsnr_db"], markersize=6.5, alpha=0.75, **shape)
     fold_below_cap(axes)
-    calm(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), "One point per light field")
+    style_axes(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), "One point per light field")
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure

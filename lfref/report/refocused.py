@@ -1,4 +1,4 @@
-"""A light field that was refocused, with what else is known of it once somebody asks, and how its pictures look."""
+"""A refocused light field: its stack, disparity and all-in-focus picture, computed when first used."""
 
 import dataclasses
 import logging
@@ -28,7 +28,7 @@ SUFFIXES = {"png": ".png", "jpg": ".jpg", "tif": ".tif", "avif": ".avif"}
 
 @dataclass(frozen=True)
 class PictureFiles:
-    """What pictures are written as.
+    """Format of picture files.
 
     Raises:
         InputError: There is no such format, or it has no such depth or quality.
@@ -52,19 +52,12 @@ class PictureFiles:
 
     @property
     def suffix(self) -> str:
-        """Of the files' names."""
+        """Suffix of the files' names."""
         return SUFFIXES[self.format]
 
 
 def mean_of_views(field: LightField) -> Tensor:
-    """The mean of all views, not refocused; samples count as much as they weigh.
-
-    Args:
-        field: The light field.
-
-    Returns:
-        [C, H, W]; black where no sample weighs anything.
-    """
+    """Mean of all views by their weights, not refocused, [C, H, W]; black where all weights are 0."""
     if field.weight is None:
         return field.views.mean(dim=(0, 1))
     weight = field.weight.to(field.views)
@@ -74,77 +67,69 @@ def mean_of_views(field: LightField) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class Refocused:
-    """A light field and what was made of it."""
+    """A light field and its stack."""
 
     field: LightField
     stack: Tensor
     """[N, C, H, W]."""
     planes: FocalPlanes
-    """The N planes."""
     gain: float = 1.0
-    """What all pictures are multiplied by."""
+    """Factor of all pictures."""
     files: PictureFiles = dataclasses.field(default_factory=PictureFiles)
-    """What pictures are written as."""
 
     @cached_property
     def disparity(self) -> DisparityMap:
-        """Disparity and confidence of each pixel of the central view; none where no view has a sample of weight."""
-        found = disparity_map(self.field.views, weights=self._view_weights, positions=self.field.positions)
+        """Disparity and confidence of each pixel of the central view; confidence 0 where no view has weight."""
+        estimate = disparity_map(self.field.views, weights=self._view_weights, positions=self.field.positions)
         if self.field.weight is None:
-            return found
-        is_seen = filling.trusted(self.field.weight).flatten(0, 2).any(0)
-        return DisparityMap(found.disparity, found.confidence * is_seen.to(found.confidence))
+            return estimate
+        has_weight = filling.trusted(self.field.weight).flatten(0, 2).any(0)
+        return DisparityMap(estimate.disparity, estimate.confidence * has_weight.to(estimate.confidence))
 
     @cached_property
     def nearness(self) -> Tensor:
         """Disparity with the sign by which larger is nearer, [H, W]."""
         sign = depth_order(self.field.views, *self.disparity)
         if not sign:
-            remedy = "if the points turn out inside out, give reader.reverse_v=true reader.reverse_u=true"
-            log.warning("%s: smaller disparities are taken for nearer ones; %s", self.field.name, remedy)
+            remedy = "if the points are inside out, give reader.reverse_v=true reader.reverse_u=true"
+            warning = "%s: the depth order is unknown, so smaller disparities count as nearer; %s"
+            log.warning(warning, self.field.name, remedy)
         return (sign or -1) * self.disparity.disparity
 
     @cached_property
-    def rising(self) -> list[int]:
-        """Planes from the least slope to the largest, none of them twice."""
+    def by_slope(self) -> list[int]:
+        """Indices of the planes from the least slope to the largest, none of them twice."""
         return [self.planes.values.index(slope) for slope in sorted(set(self.planes.values))]
 
     @cached_property
     def sharp(self) -> Tensor:
-        """The picture that is sharp everywhere, of the views that show the same point, [C, H, W]."""
+        """The picture that is sharp everywhere, [C, H, W]."""
         if self.field.grid == (1, 1):
-            return all_in_focus(self.stack[self.rising]).image
+            return all_in_focus(self.stack[self.by_slope]).image
         return extended_focus(self.field.views, self.disparity.disparity, self._view_weights, self.field.positions)
 
     @cached_property
-    def focused(self) -> tuple[Tensor, Tensor]:
-        """The slope at which each pixel is sharp, and how sure that is, [H, W] each."""
+    def slope_and_confidence(self) -> tuple[Tensor, Tensor]:
+        """The slope at which each pixel is sharp, and its confidence, [H, W] each."""
         if self.field.grid != (1, 1):
             return self.disparity.disparity, self.disparity.confidence
-        _, index, confidence = all_in_focus(self.stack[self.rising])
-        return index_to_slope(index, self.planes.slopes[self.rising]), confidence
+        _, index, confidence = all_in_focus(self.stack[self.by_slope])
+        return index_to_slope(index, self.planes.slopes[self.by_slope]), confidence
 
     @property
     def _view_weights(self) -> Tensor | None:
-        """How far each view is to be trusted, [V, U]."""
+        """Largest weight of each view, [V, U]."""
         return None if self.field.weight is None else self.field.weight.amax((2, 3, 4))
 
-    def shown(self, image: Tensor) -> NDArray[np.float32]:
-        """An image as all pictures of this light field show it.
-
-        Args:
-            image: [C, H, W].
-
-        Returns:
-            [H, W, 3] in [0, 1].
-        """
+    def encoded(self, image: Tensor) -> NDArray[np.float32]:
+        """An image [C, H, W] with the gain and encoding of all pictures of this light field: [H, W, 3] in [0, 1]."""
         return pictures.for_display(image, self.gain, self.field.picture_encoding)
 
     def picture(self, image: Tensor) -> NDArray[np.float32]:
-        """As `shown`, but grey stays one channel."""
-        return self.shown(image)[..., : image.shape[0]]
+        """As `encoded`, but grey stays one channel."""
+        return self.encoded(image)[..., : image.shape[0]]
 
     def save(self, path: Path, image: Tensor) -> None:
-        """Write an image [C, H, W] under a name without suffix."""
+        """Write an image [C, H, W] to a path without suffix."""
         path = path.with_name(path.name + self.files.suffix)
         images.write_image(path, self.picture(image), bits=self.files.bits, quality=self.files.quality)

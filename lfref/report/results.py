@@ -1,6 +1,6 @@
-"""What people take away from a light field that was refocused: files in a folder, each made by an entry of a table.
+"""Result files of `lfref refocus`: stack, planes, contact sheet, maps, point cloud, video; one function per entry.
 
-Every picture of a light field has the same brightness. What only some results need is computed when first asked for.
+Every picture of a light field has the same brightness.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,21 +18,18 @@ from lfref.refocuser.operators import OperatorRefocuser
 from lfref.report import drawing, pictures
 from lfref.report.refocused import Refocused, mean_of_views
 
-# PART focus
-# The picture of a focus index: where each pixel is sharpest, in colour, and how sure that is, as opacity.
-
 WIDTH = 7.0  # inches
-SURE = 0.1  # confidence from which a slope has a say in the scale of colours
-OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # share of pixels that may be paler than others; confidence that always may
-OUTLIERS = 0.02  # of that say, at either end of the scale
+SCALE_CONFIDENCE = 0.1  # least confidence of pixels that determine the scale of colours
+OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # quantile of confidence that is opaque, and the least confidence that is
+OUTLIERS = 0.02  # share of the confidence that lies beyond either end of the scale
 
 
 def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
-    """A map of slopes with its colour bar, which spans what is sure; what nobody can tell fades to white.
+    """A map of slopes with its colour bar, which spans the confident pixels; the others fade to white.
 
     Args:
         slopes: Slope at which each pixel is sharpest, in pixels per view step, [H, W].
-        confidence: How clearly it is, [0, 1], [H, W].
+        confidence: In [0, 1], [H, W].
 
     Raises:
         InputError: They are no maps of one size.
@@ -44,7 +41,9 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
     height, width = slopes.shape
     figure = drawing.new_figure(WIDTH, 0.4 + (WIDTH - 1) * height / width)
     axes = figure.subplots()
-    values, opacity = slopes.double().cpu().numpy(), _opacity(confidence.double().cpu().numpy())
+    values, sure = slopes.double().cpu().numpy(), confidence.double().cpu().numpy()
+    # Relative to most pixels: of planes close together none is much sharper than the next.
+    opacity = (sure / max(LEAST_OPAQUE, np.quantile(sure, OPAQUE))).clip(0, 1)
     low, high = _scale(values, opacity)
     # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=0 * opacity)
@@ -56,40 +55,36 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
     return figure
 
 
-def _opacity(confidence: NDArray) -> NDArray:
-    """Confidence beside that of most others: of planes close together none is much sharper than the next."""
-    return (confidence / max(LEAST_OPAQUE, np.quantile(confidence, OPAQUE))).clip(0, 1)
-
-
 def _scale(values: NDArray, confidence: NDArray) -> tuple[float, float]:
-    """From the least to the largest value, but for outliers; each counts as much as it is sure."""
-    has_say = (confidence > SURE) | (confidence == confidence.max())
-    order = values[has_say].argsort()
-    ordered, say = values[has_say][order], confidence[has_say][order].cumsum()
-    low, high = np.searchsorted(say, [OUTLIERS * say[-1], (1 - OUTLIERS) * say[-1]])
+    """Least and largest value without outliers: quantiles weighted by confidence."""
+    counts = (confidence > SCALE_CONFIDENCE) | (confidence == confidence.max())
+    order = values[counts].argsort()
+    ordered, weight = values[counts][order], confidence[counts][order].cumsum()
+    low, high = np.searchsorted(weight, [OUTLIERS * weight[-1], (1 - OUTLIERS) * weight[-1]])
     return float(ordered[low]), float(ordered[min(high, len(ordered) - 1)])
 
 
-SURE_OF_RESULTS = 0.5
-"""Confidence from which a pixel becomes a point of the cloud."""
+POINT_CONFIDENCE = 0.5
+"""Least confidence of a pixel that becomes a point of the cloud."""
 SWEEP_SECONDS = 2.5
-"""From the first plane to the last, if that makes between `RATES` frames a second."""
-RATES = (3.0, 25.0)
+"""Time from the first plane to the last, within `FRAME_RATES`."""
+FRAME_RATES = (3.0, 25.0)
+"""Frames per second of the sweep."""
 
 
-def write_results(folder: Path, refocused: Refocused, also: Iterable[str] = ()) -> None:
-    """Write what everybody takes away, and what was asked for besides.
+def write_results(folder: Path, refocused: Refocused, options: Iterable[str] = ()) -> None:
+    """Write the standard results, and those of the options.
 
     Args:
-        folder: Where; it is made.
-        refocused: What is written.
-        also: Names of `ASKED`.
+        folder: It is made.
+        refocused: The light field with its stack.
+        options: Keys of `OPTIONAL`.
 
     Raises:
-        InputError: Something that cannot be made of this light field.
-        FileError: The disk refuses.
+        InputError: A result that this light field has not, such as points of a flat scene.
+        FileError: The folder cannot be written.
     """
-    for result in (*ALWAYS.values(), *(ASKED[name] for name in also)):
+    for result in (*ALWAYS.values(), *(OPTIONAL[name] for name in options)):
         result(folder, refocused)
 
 
@@ -118,7 +113,7 @@ def _mean(folder: Path, refocused: Refocused) -> None:
 
 def _all_in_focus(folder: Path, refocused: Refocused) -> None:
     refocused.save(folder / "all_in_focus", refocused.sharp)
-    drawing.save_figure(focus_map(*refocused.focused), folder / "focus_map.png")
+    drawing.save_figure(focus_map(*refocused.slope_and_confidence), folder / "focus_map.png")
 
 
 def _disparity(folder: Path, refocused: Refocused) -> None:
@@ -133,30 +128,31 @@ def _disparity(folder: Path, refocused: Refocused) -> None:
 
 
 def _write_scaled(folder: Path, disparity: NDArray) -> None:
-    """A PNG of 16 bits whose name says the disparities of its black and its white."""
+    """A PNG of 16 bits; its name holds the disparities of black and white."""
     low, high = np.floor(100 * disparity.min()) / 100, np.floor(100 * disparity.max() + 1) / 100
-    said = f"disparity in px per view step = {low:.2f} + sample / 65535 * {high - low:.2f}"
-    part = images.Part(((disparity - low) / (high - low))[..., None], attributes={"ImageDescription": said})
+    description = f"disparity in px per view step = {low:.2f} + sample / 65535 * {high - low:.2f}"
+    part = images.Part(((disparity - low) / (high - low))[..., None], attributes={"ImageDescription": description})
     images.write_parts(folder / f"disparity_from_{low:.2f}_to_{high:.2f}.png", [part], 16)
 
 
 def _points(folder: Path, refocused: Refocused) -> None:
     disparity, confidence = refocused.disparity
-    if not bool((confidence > SURE_OF_RESULTS).any()):
-        expected = f"{refocused.field.name} must show something whose distance can be told"
+    if not bool((confidence > POINT_CONFIDENCE).any()):
+        expected = f"{refocused.field.name} must have pixels of confident disparity"
         raise InputError(expected, got="nothing for points.ply", remedy="leave points=true out")
     cameras = point_cloud.Cameras.said_by(refocused.field.metadata)
-    places, pixels, unit = point_cloud.points(refocused.nearness, confidence > SURE_OF_RESULTS, cameras)
-    along = OperatorRefocuser("per_pixel", per_pixel)
-    seen = along.stack(refocused.field.views, refocused.field.weight, disparity)[0]
-    colours = _bytes(refocused.shown(seen))
-    known = {"disparity": disparity[pixels].numpy(), "confidence": confidence[pixels].numpy()}
-    point_cloud.write_points(folder / "points.ply", places.numpy(), colours[pixels.numpy()], known, [unit])
+    coordinates, pixels, unit = point_cloud.points(refocused.nearness, confidence > POINT_CONFIDENCE, cameras)
+    # The colour of a point is the mean of all views at its own disparity, not a sample of one view.
+    per_point = OperatorRefocuser("per_pixel", per_pixel)
+    sharp = per_point.stack(refocused.field.views, refocused.field.weight, disparity)[0]
+    colours = _bytes(refocused.encoded(sharp))
+    properties = {"disparity": disparity[pixels].numpy(), "confidence": confidence[pixels].numpy()}
+    point_cloud.write_points(folder / "points.ply", coordinates.numpy(), colours[pixels.numpy()], properties, [unit])
 
 
 def _sweep(folder: Path, refocused: Refocused) -> None:
-    frames = [_bytes(refocused.shown(refocused.stack[n])) for n in refocused.rising]
-    rate = min(max(len(frames) / SWEEP_SECONDS, RATES[0]), RATES[1])
+    frames = [_bytes(refocused.encoded(refocused.stack[n])) for n in refocused.by_slope]
+    rate = min(max(len(frames) / SWEEP_SECONDS, FRAME_RATES[0]), FRAME_RATES[1])
     for suffix in video.WRITERS:
         video.write_video(folder / f"sweep{suffix}", video.there_and_back(frames), rate)
 
@@ -167,11 +163,11 @@ def _bytes(shown: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 Result = Callable[[Path, Refocused], None]
 ALWAYS: dict[str, Result] = {"stack": _stack, "planes": _planes, "sheet": _sheet, "mean": _mean}
-"""Written for everybody."""
-ASKED: dict[str, Result] = {
+"""Results of every run."""
+OPTIONAL: dict[str, Result] = {
     "all_in_focus": _all_in_focus,
     "video": _sweep,
     "disparity": _disparity,
     "points": _points,
 }
-"""Written where the option of that name is true."""
+"""Option of `lfref refocus` -> its result."""

@@ -1,7 +1,4 @@
-"""Hard cases as heat maps: a row a case, a column a formulation and a precision, ours beside the usual ones.
-
-A cell's colour says what became of the trial: right, how far off, no number, or a number where there should be none.
-"""
+"""Hard cases as heat maps: a row per case, a column per formulation and precision; the colour is the outcome."""
 
 import math
 import textwrap
@@ -23,25 +20,25 @@ from lfref.report.page import Section
 COLUMNS = ("component", "case", "precision", "formulation", "times_allowed", "outcome", "holds")
 OURS = "lfref"
 OUTCOMES = {
-    "holds": (TEAL, "within what is allowed"),
-    "inexact": (ORANGE, "beyond: 1 time"),
-    "not finite": (BLACK, "no finite number, or gradient"),
+    "holds": (TEAL, "within the tolerance"),
+    "inexact": (ORANGE, "beyond the tolerance"),
+    "not finite": (BLACK, "value or gradient not finite"),
     "hidden": (MAGENTA, "finite where the input is not"),
-    "refused": (CYAN, "refused, as it may be"),
+    "refused": (CYAN, "refused, as allowed"),
     "error": (GREY, "fails with an error"),
-    "missing": (PALE, "not there yet"),
+    "missing": (PALE, "not installed"),
 }
-"""Colour and meaning of what can become of a trial."""
+"""Outcome of a trial -> colour and meaning."""
 WORST = 6
-"""Decades beyond what is allowed from which all is one red."""
+"""Decades beyond the tolerance at which the red is full."""
 WIDEST = 40
-"""Columns of cells in one picture."""
+"""Most columns of cells in one picture."""
 CELL, HEADER, NAMES = 0.17, 1.35, 2.4
 """Inches: the side of a cell, the room above the cells, and beside them."""
 
 
 def heat_map(trials: pd.DataFrame) -> Figure:
-    """One panel a component, all with the same cases.
+    """One panel per component, all with the same cases.
 
     Args:
         trials: `component, case, precision, formulation, times_allowed, outcome, holds`.
@@ -49,7 +46,7 @@ def heat_map(trials: pd.DataFrame) -> Figure:
     Raises:
         InputError: One of these columns is missing.
     """
-    tables.need(trials, *COLUMNS)
+    tables.require(trials, *COLUMNS)
     panels, cases = dict(list(trials.groupby("component", sort=False))), trials["case"].unique().tolist()
     widths = [len(_columns(panel)) for panel in panels.values()]
     figure = new_figure(NAMES + CELL * sum(widths) + 0.3 * len(widths), HEADER + CELL * len(cases) + 0.6)
@@ -64,15 +61,8 @@ def heat_map(trials: pd.DataFrame) -> Figure:
 
 
 def heat_maps(trials: pd.DataFrame) -> dict[str, Figure]:
-    """All components, those with the same cases side by side, as many as a picture has room for.
-
-    Args:
-        trials: As for `heat_map`.
-
-    Returns:
-        Figures by caption.
-    """
-    tables.need(trials, *COLUMNS)
+    """Caption -> heat map of the components with the same cases, up to `WIDEST` columns each."""
+    tables.require(trials, *COLUMNS)
     panels = dict(list(trials[trials["outcome"] != "missing"].groupby("component", sort=False)))
     return {
         " to ".join(dict.fromkeys((names[0], names[-1]))): heat_map(pd.concat([panels[name] for name in names]))
@@ -81,46 +71,30 @@ def heat_maps(trials: pd.DataFrame) -> dict[str, Figure]:
 
 
 def goals(folder: Path) -> Section:
-    """What was to hold, and what was measured.
-
-    Args:
-        folder: Run folder of `lfref bench group=stability`.
-    """
+    """Acceptance goals and the measured figures, of `lfref bench group=stability`."""
     rows = tables.read_table(folder / "goals.csv")
-    tables.need(rows, "holds")
+    tables.require(rows, "holds")
     text = (
-        f"{(rows['holds'] == 'yes').sum()} of {len(rows)} goals hold. The usual formulation is measured in the same "
-        "way where there is one: torchmetrics for SSIM, the paper's formula as it stands for the loss."
+        f"{(rows['holds'] == 'yes').sum()} of {len(rows)} goals hold. The textbook form is measured in the same way "
+        "where there is one: torchmetrics for SSIM, the paper's formula as it stands for the loss."
     )
-    return Section("What has to hold", text, tables={"Goals": rows})
+    return Section("Acceptance goals", text, tables={"Goals": rows})
 
 
 def hard_cases(folder: Path) -> Section:
-    """The heat maps, and how many trials ended how.
-
-    Args:
-        folder: Run folder of `lfref bench group=stability`.
-    """
+    """The heat maps, and the number of trials by outcome, of `lfref bench group=stability`."""
     trials = tables.read_table(folder / "stability.csv")
     text = (
-        "Every component on every hard case in every precision, against an oracle in float64. Beyond what is allowed "
-        "a cell turns from orange to red; black is NaN or infinity in the value or in the gradient."
+        "Every component on every hard case in every precision, against a reference formula in float64. Beyond the "
+        "tolerance a cell turns from orange to red; black is NaN or infinity in the value or in the gradient."
     )
-    return Section(
-        "Hard cases", text, dict(heat_maps(trials)), {"Trials": counts(trials), "Where ours fails": failures(trials)}
-    )
+    listed = {"Trials": counts(trials), "Our trials that fail": failures(trials)}
+    return Section("Hard cases", text, dict(heat_maps(trials)), listed)
 
 
 def counts(trials: pd.DataFrame) -> pd.DataFrame:
-    """How the trials of each component and formulation ended.
-
-    Args:
-        trials: As for `heat_map`.
-
-    Returns:
-        Columns `component, formulation, trials` and one for each outcome.
-    """
-    tables.need(trials, *COLUMNS)
+    """Number of trials of each component and formulation: `component, formulation, trials`, a column per outcome."""
+    tables.require(trials, *COLUMNS)
     outcomes = trials.groupby(["component", "formulation"], sort=False)["outcome"]
     counted = outcomes.value_counts().unstack(fill_value=0).reindex(outcomes.size().index)
     counted = counted.reindex(columns=[*OUTCOMES], fill_value=0)
@@ -129,35 +103,31 @@ def counts(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def failures(trials: pd.DataFrame) -> pd.DataFrame:
-    """Our own trials that do not hold; one line that says so if all do.
-
-    Args:
-        trials: As for `heat_map`.
-    """
+    """Our own trials that do not hold; a row "none" if all do."""
     kept = ["component", "case", "precision", "outcome", "error", "times_allowed", "note"]
     ours = trials[(trials["formulation"] == OURS) & (trials["holds"] != "yes")]
     return pd.DataFrame({"component": ["none"]}) if ours.empty else ours.reindex(columns=kept)
 
 
 def _pictures(panels: Mapping[str, pd.DataFrame]) -> Iterator[list[str]]:
-    """The names of the panels of each picture: the same cases and formulations, at most `WIDEST` columns."""
+    """The names of the panels of each picture: the same cases and widths, at most `WIDEST` columns."""
     cases = {name: set(panel["case"]) for name, panel in panels.items()}
     widths = {name: len(_columns(panel)) for name, panel in panels.items()}
-    waiting = list(panels)
-    while waiting:
-        first = waiting[0]
+    rest = list(panels)
+    while rest:
+        first = rest[0]
         alike = [
             name
-            for name in waiting
+            for name in rest
             if widths[name] == widths[first] and (cases[name] <= cases[first] or cases[first] <= cases[name])
         ]
-        taken = alike[: max(1, WIDEST // widths[first])]
-        waiting = [name for name in waiting if name not in taken]
-        yield taken
+        group = alike[: max(1, WIDEST // widths[first])]
+        rest = [name for name in rest if name not in group]
+        yield group
 
 
 def _columns(panel: pd.DataFrame) -> pd.DataFrame:
-    """All formulations and precisions: the precisions of one formulation, then those of the next."""
+    """`formulation, precision` of every column of cells: all precisions of one formulation, then of the next."""
     pairs = panel[["formulation", "precision"]].drop_duplicates()
     order = {name: place for place, name in enumerate(pairs["formulation"].unique())}
     return pairs.sort_values("formulation", key=lambda names: names.map(order), kind="stable", ignore_index=True)
@@ -190,7 +160,7 @@ def _draw_panel(axes: Axes, component: str, panel: pd.DataFrame, cases: Sequence
 def _colour(row: Any) -> tuple[float, float, float]:
     if row.outcome != "inexact":
         return to_rgb(OUTCOMES[row.outcome][0])
-    # A miss without a number is as far as can be.
+    # An error without a number counts as the worst.
     return _shade(WORST if math.isnan(row.times_allowed) else math.log10(max(row.times_allowed, 1.0)))
 
 
@@ -203,10 +173,10 @@ def _shade(decades: float) -> tuple[float, float, float]:
 
 
 def _legend(outcomes: set[str]) -> list[Patch]:
-    """What these outcomes look like, one entry a line; those beyond what is allowed in three shades."""
+    """An entry per outcome; three shades for those beyond the tolerance."""
     entries = []
     for outcome in (name for name in OUTCOMES if name in outcomes):
         colour, text = OUTCOMES[outcome]
-        shades = [(_shade(decades), f"{10**decades:,} times what is allowed") for decades in (1, 3, WORST)]
+        shades = [(_shade(decades), f"{10**decades:,} times the tolerance") for decades in (1, 3, WORST)]
         entries += shades if outcome == "inexact" else [(to_rgb(colour), text)]
     return [Patch(color=colour, label=text) for colour, text in entries]

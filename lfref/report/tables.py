@@ -1,4 +1,4 @@
-"""Tables of results: pandas' data frames, written as CSV files and read again, and what a table must have.
+"""Tables of results: pandas' data frames as CSV files, what a table must have, and the text of headings and cells.
 
 An empty cell is NaN (or None); a column of names stays text even where they look like numbers.
 """
@@ -15,15 +15,13 @@ import pandas as pd
 from lfref.errors import FileError, InputError
 from lfref.io import atomic
 
-# PART wording
-# How tables and plots put columns and cells into words: headings, and digits that mean something.
-
 CAP_DB = 100.0
+"""PSNR that plots and tables show as "≥ 100"."""
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
 def heading(column: str) -> str:
-    """What people read above a column or along an axis."""
+    """Heading of a column, or label of an axis; a column that is not in `COLUMNS` has its own name."""
     return COLUMNS.get(column, (column, _plain))[0]
 
 
@@ -32,14 +30,14 @@ def is_text(column: object) -> bool:
     return COLUMNS.get(str(column), ("", _plain))[1] is str
 
 
-def drawable(name: object, width: int = 28) -> str:
-    """A user's name as matplotlib should draw it: wrapped after words and underscores, `$` being no formula."""
+def plot_text(name: object, width: int = 28) -> str:
+    """A user's name for matplotlib: wrapped after words and underscores, `$` being no formula."""
     wrapped = textwrap.fill(str(name).replace("_", "_ "), width).replace("_ ", "_").replace("$", r"\$")
     return f" {wrapped}" if wrapped.startswith("_") else wrapped  # matplotlib hides labels that begin with _
 
 
-def cell_for_people(column: str, value: Any) -> str:
-    """A cell as people read it: digits that mean something, a dash for nothing, a true minus sign."""
+def format_cell(column: str, value: Any) -> str:
+    """Text of a cell: significant digits, a dash for nothing, a true minus sign."""
     is_real = isinstance(value, Real) and not isinstance(value, bool)
     if value is None or value == "" or (is_real and math.isnan(value)):
         return DASH
@@ -49,8 +47,8 @@ def cell_for_people(column: str, value: Any) -> str:
 
 
 def _plain(value: float) -> str:
-    whole = isinstance(value, Integral) or 1e4 <= abs(value) < 1e15
-    return f"{value:,.0f}" if whole else f"{value:.4g}"
+    is_whole = isinstance(value, Integral) or 1e4 <= abs(value) < 1e15
+    return f"{value:,.0f}" if is_whole else f"{value:.4g}"
 
 
 def _decibel(value: float) -> str:
@@ -80,7 +78,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "class": ("Class", str),
     "delta_e": ("\N{GREEK CAPITAL LETTER DELTA}E 2000", "{:.2f}".format),
     "brightness": ("Brightness", "{:.4f}".format),
-    "brightness_error": ("Brightness off by", "{:.4f}".format),
+    "brightness_error": ("Largest brightness error", "{:.4f}".format),
     "exact_psnr_db": ("PSNR against exact (dB)", _decibel),
     "whole_psnr_db": ("PSNR of the whole frame (dB)", _decibel),
     "whole_ssim": ("SSIM of the whole frame", "{:.4f}".format),
@@ -98,7 +96,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "p10_s": ("P10 (s)", _short),
     "p90_s": ("P90 (s)", _short),
     "ratio_to_numpy_fft": ("Speed-up over NumPy FFT", _times),
-    "ratio_to_same_in_numpy": ("Speed-up over the same in NumPy", _times),
+    "ratio_to_same_in_numpy": ("Speed-up over its NumPy twin", _times),
     "first_call_s": ("First call (s)", _short),
     "input": ("Input", str),
     "max_error": ("Largest error", "{:.1e}".format),
@@ -106,7 +104,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "memory_ratio": ("Peak / allowed memory", "{:.2f}".format),
     "scene": ("Scene", str),
     "cause": ("Cause", str),
-    "cost_db": ("Costs (dB)", "{:.2f}".format),
+    "cost_db": ("Cost (dB)", "{:.2f}".format),
     "alone_db": ("PSNR with this error alone (dB)", _decibel),
     "won_db": ("Won back (dB)", "{:.2f}".format),
     "network": ("Network", str),
@@ -116,14 +114,14 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "ratio_to_eager": ("Speed-up over eager fp32", _times),
     "loss_db": ("Lost (dB)", "{:.3f}".format),
     "agreement_db": ("PSNR against eager fp32 (dB)", _decibel),
-    "skipped": ("Left out", str),
+    "skipped": ("Skipped because", str),
     "component": ("Component", str),
     "case": ("Case", str),
     "precision": ("Precision", str),
     "formulation": ("Formulation", str),
     "outcome": ("Outcome", str),
     "error": ("Error", _plain),
-    "times_allowed": ("Times what is allowed", _plain),
+    "times_allowed": ("Error / tolerance", _plain),
     "figure": ("Figure", str),
     "goal": ("Goal", str),
     "measured": ("Measured", "{:.3g}".format),
@@ -133,25 +131,23 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "exponent_views": ("Exponent in views", "{:.2f}".format),
     "exponent_planes": ("Exponent in planes", "{:.2f}".format),
 }
-"""What people read above a column, and how they read its numbers; `str`: it holds names."""
-
-
+"""Column -> its heading, and the text of a cell; `str`: the column holds names."""
 OLD_COLUMNS = {"subject": "network", "asked": "output", "usual": "textbook"}
-"""Names of columns in tables of earlier versions -> names today."""
+"""Column of a table that an earlier version wrote -> its name today."""
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
     """Write a CSV file, all or nothing.
 
     Args:
-        path: File to write; an older one is replaced.
+        path: CSV file; its folder is made.
         rows: A table with at least one row, or its rows.
 
     Raises:
         InputError: There are no rows.
     """
     table = pd.DataFrame(rows)
-    need(table)
+    require(table)
     atomic.write_text(Path(path), table.to_csv(index=False, lineterminator="\n"))
 
 
@@ -168,7 +164,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
         FileError: The file is missing, empty, no CSV, or has a line of another length than its header.
     """
     try:
-        # The Python engine tells a cell that is empty from one that is not there.
+        # The Python engine tells an empty cell from a missing one.
         lines = pd.read_csv(path, header=None, dtype=str, keep_default_na=False, engine="python", encoding="utf-8-sig")
     except pd.errors.EmptyDataError:
         lines = pd.DataFrame()
@@ -185,8 +181,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
             remedy="the file was cut off or edited; write it again",
         )
     names = [OLD_COLUMNS.get(name, name) for name in lines.loc[0]]
-    table = lines.loc[1:].set_axis(names, axis=1).reset_index(drop=True)
-    return table.apply(_numbers_or_text)
+    return lines.loc[1:].set_axis(names, axis=1).reset_index(drop=True).apply(_numbers_or_text)
 
 
 def _numbers_or_text(column: pd.Series) -> pd.Series:
@@ -196,16 +191,8 @@ def _numbers_or_text(column: pd.Series) -> pd.Series:
         return column.mask(column == "")
 
 
-def need(table: pd.DataFrame, *columns: str) -> None:
-    """Refuse a table without rows or without one of these columns.
-
-    Args:
-        table: The table.
-        columns: Names that must occur in it.
-
-    Raises:
-        InputError: The table has no rows, or lacks a column, which is named.
-    """
+def require(table: pd.DataFrame, *columns: str) -> None:
+    """Raise an `InputError` for a table without rows or without one of these columns, which it names."""
     if table.empty:
         raise InputError("a table must have at least one row", got="an empty table")
     for column in columns:
@@ -213,24 +200,16 @@ def need(table: pd.DataFrame, *columns: str) -> None:
             raise InputError(f"the table must have a column {column!r}", got=f"columns {', '.join(table)}")
 
 
-def complete(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
-    """The rows that have a number in each of these columns.
-
-    Raises:
-        InputError: The table has no rows, or lacks one of the columns altogether.
-    """
-    need(table, *columns)
+def with_numbers(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
+    """The rows that have a number in each of these columns; raises as `require` does."""
+    require(table, *columns)
     numbers = {column: pd.to_numeric(table[column], errors="coerce") for column in columns}
     return table.assign(**numbers).dropna(subset=[*columns])
 
 
-def some(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
-    """Like `complete`, for those who cannot go on without a row.
-
-    Raises:
-        InputError: No row has a number in each of these columns.
-    """
-    kept = complete(table, *columns)
+def require_numbers(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
+    """Like `with_numbers`, but raises an `InputError` if there is no such row."""
+    kept = with_numbers(table, *columns)
     if kept.empty:
         raise InputError(
             f"a row of the table must have numbers in {', '.join(map(repr, columns))}", got="none that has"
@@ -238,7 +217,7 @@ def some(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
     return kept
 
 
-def front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
+def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
     """The rows that no other row beats: none is at most as dear and at least as good, and better in one of the two.
 
     Args:
@@ -247,16 +226,21 @@ def front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
         gain: Column that should be large, such as `psnr_db`.
 
     Returns:
-        The front from cheap to dear. Rows equal in both columns are on it together.
+        The front from cheap to dear; rows equal in both columns are on it together.
 
     Raises:
         InputError: The table has no rows, or lacks one of the columns.
     """
-    kept = complete(table, cost, gain).sort_values([cost, gain], ascending=[True, False], kind="stable")
+    kept = with_numbers(table, cost, gain).sort_values([cost, gain], ascending=[True, False], kind="stable")
     is_cheapest = kept[cost] == kept.groupby(gain)[cost].transform("min")
     return kept[is_cheapest & (kept[gain] == kept[gain].cummax())]
 
 
 def capped(table: pd.DataFrame, column: str) -> pd.DataFrame:
-    """The table with PSNR in that column cut at 100 dB; other columns are left as they are."""
+    """The table with PSNR in that column cut at 100 dB; other columns stay as they are."""
     return table.assign(**{column: table[column].clip(upper=CAP_DB)}) if column.endswith("psnr_db") else table
+
+
+def plane_axis(planes: pd.DataFrame) -> str:
+    """Column along which planes are plotted: `alpha`, or `slope` where not all planes have an alpha."""
+    return "slope" if planes["alpha"].isna().any() else "alpha"

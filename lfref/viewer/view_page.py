@@ -106,19 +106,19 @@ def content(shown: Mapping[str, Refocused]) -> dict[str, Any]:
     first = next(iter(shown.values()))
     if any(each.planes != first.planes for each in shown.values()):
         raise InputError("all methods must be refocused to the same planes", got="others")
-    slopes, confidence = (each.detach().double().cpu().numpy() for each in first.focused)
+    slopes, confidence = (each.detach().double().cpu().numpy() for each in first.slope_and_confidence)
     ends = _ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
-        "slopes": [first.planes.values[plane] for plane in first.rising],
-        "titles": [first.planes.titles[plane] for plane in first.rising],
+        "slopes": [first.planes.values[plane] for plane in first.by_slope],
+        "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [
-            {"name": name, "planes": [picture(each.shown(each.stack[plane])) for plane in first.rising]}
+            {"name": name, "planes": [picture(each.encoded(each.stack[plane])) for plane in first.by_slope]}
             for name, each in shown.items()
         ],
-        "start": _start([first.planes.values[plane] for plane in first.rising], slopes, confidence),
+        "start": _start([first.planes.values[plane] for plane in first.by_slope], slopes, confidence),
         "depth": _depth(slopes, confidence),
-        "sharp": picture(first.shown(first.sharp)),
+        "sharp": picture(first.encoded(first.sharp)),
         "map": picture(_greyed(_coloured(slopes, *ends), confidence)),
         "scale": {"low": ends[0], "high": ends[1], "bar": picture(_coloured(_bar(*ends), *ends))},
         "views": _views(first),
@@ -196,7 +196,7 @@ def _views(refocused: Refocused) -> dict[str, Any]:
     kept = [place for place, there in enumerate(is_there) if there]
     return {
         "size": list(images.shape[-2:]),
-        "pictures": [picture(refocused.shown(images[place])) for place in kept],
+        "pictures": [picture(refocused.encoded(images[place])) for place in kept],
         "cameras": [[round(x, 4), round(y, 4)] for y, x in (cameras[place] for place in kept)],
     }
 

@@ -18,7 +18,7 @@ def test_a_figure_that_cannot_be_saved_leaves_the_old_file(tmp_path):
 
 
 def test_series_differ_by_colour_and_marker_and_all_markers_come_before_one_comes_again():
-    looks = [drawing.look(index) for index in range(len(drawing.MARKERS) + 1)]
+    looks = [drawing.series_style(index) for index in range(len(drawing.MARKERS) + 1)]
     assert [look["color"] for look in looks[:9]] == [*drawing.COLOURS, drawing.BLUE]
     assert looks[0]["marker"] == looks[-1]["marker"]
     assert len({(look["color"], look["marker"]) for look in looks}) == len(looks)

@@ -30,14 +30,14 @@ def test_the_sheet_shows_views_disparity_light_and_range():
     assert sum(bar.get_height() for bar in slopes.patches[:80]) == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.parametrize("shape", [(1, 1, 3, 64, 64), (1, 5, 1, 64, 96), (2, 2, 3, 20, 300), (3, 3, 1, 300, 20)])
+@pytest.mark.parametrize("shape", [(1, 1, 3, 64, 64), (1, 5, 1, 20, 96), (3, 3, 1, 96, 20)])
 def test_fields_of_all_shapes_can_be_drawn(shape, tmp_path):
     drawing.save_figure(inspection_sheet(inspect(LightField(torch.rand(shape), "a_$b"))), tmp_path / "sheet.png")
     assert (tmp_path / "sheet.png").stat().st_size > 5000
 
 
 @pytest.mark.parametrize("fill", [0.0, torch.nan])
-def test_a_field_in_which_nothing_is_seen_can_be_drawn(fill, tmp_path):
+def test_a_flat_field_can_be_drawn(fill, tmp_path):
     figure = inspection_sheet(inspect(LightField(torch.full((3, 3, 3, 64, 64), fill))))
     drawing.save_figure(figure, tmp_path / "sheet.png")
-    assert "too little is seen to move" in titles(figure)
+    assert "too little parallax to measure" in titles(figure)

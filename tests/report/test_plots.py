@@ -32,14 +32,14 @@ def points(line):
     return list(zip(line.get_xdata(), line.get_ydata(), strict=True))
 
 
-def named(axes, text):
+def line_of(axes, text):
     return next(line for line in axes.get_lines() if text in line.get_label())
 
 
 def test_training_lines_are_the_rows_without_empty_cells():
     loss, mpsnr, mssim = plots.training_curves(metrics()).axes
-    assert points(named(loss, "total")) == [(step, 1 / (1 + step)) for step in range(5)]
-    assert list(named(loss, "L1").get_ydata()) == [0.1] * 5
+    assert points(line_of(loss, "total")) == [(step, 1 / (1 + step)) for step in range(5)]
+    assert list(line_of(loss, "L1").get_ydata()) == [0.1] * 5
     assert points(mpsnr.get_lines()[0]) == [(1, 20.0), (2, 33.5), (4, 32.25)]
     assert points(mssim.get_lines()[0]) == [(1, 0.5), (2, 0.9), (4, 0.8)]
     assert loss.get_yscale() == "log"
@@ -72,7 +72,7 @@ def test_a_run_without_any_loss_is_refused():
 
 
 @pytest.mark.parametrize("column", ["step", "val/mpsnr", "val/mssim"])
-def test_a_missing_training_column_is_named(column):
+def test_a_missing_training_column_is_line_of(column):
     with pytest.raises(InputError, match=f"'{column}'"):
         plots.training_curves(metrics().drop(columns=column))
 
@@ -81,9 +81,9 @@ def test_quality_is_the_mean_over_light_fields():
     fields = planes("net", "shift_and_sum"), planes("net", "shift_and_sum", "b", lift=2.0)
     rows = pd.concat([*fields, planes("net", "fourier_slice", lift=-5.0)])
     psnr, ssim = plots.quality_by_plane(rows).axes
-    assert points(named(psnr, "against shift_and_sum")) == [(alpha, 31 + alpha) for alpha in ALPHAS]
-    assert points(named(psnr, "against fourier_slice")) == [(alpha, 25 + alpha) for alpha in ALPHAS]
-    assert list(named(ssim, "against shift_and_sum").get_ydata()) == pytest.approx([0.9 + a / 100 for a in ALPHAS])
+    assert points(line_of(psnr, "against shift_and_sum")) == [(alpha, 31 + alpha) for alpha in ALPHAS]
+    assert points(line_of(psnr, "against fourier_slice")) == [(alpha, 25 + alpha) for alpha in ALPHAS]
+    assert list(line_of(ssim, "against shift_and_sum").get_ydata()) == pytest.approx([0.9 + a / 100 for a in ALPHAS])
 
 
 def test_quality_leaves_nan_out_and_shows_slopes_above():
@@ -97,13 +97,13 @@ def test_quality_leaves_nan_out_and_shows_slopes_above():
 def test_planes_without_alphas_lie_at_their_slopes():
     rows = pd.concat([planes("net", "a").assign(alpha=None), planes("net", "b")])
     psnr, _ = plots.quality_by_plane(rows).axes
-    assert points(named(psnr, "against a")) == [(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]
+    assert points(line_of(psnr, "against a")) == [(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]
     assert psnr.get_xlabel() == "Slope (px/view)"
     assert not psnr.child_axes
 
 
 @pytest.mark.parametrize("column", ["method", "reference", "alpha", "slope", "psnr_db", "ssim"])
-def test_a_missing_quality_column_is_named(column):
+def test_a_missing_quality_column_is_line_of(column):
     with pytest.raises(InputError, match=f"'{column}'"):
         plots.quality_by_plane(planes("net", "a").drop(columns=column))
 

@@ -1,4 +1,4 @@
-"""Everything that people take away, read back by other programs: the values are those that were computed."""
+"""Result files, read back by other programs, hold the computed values; focus maps fade where confidence is low."""
 
 import av
 import numpy as np
@@ -29,7 +29,7 @@ def scene():
 @pytest.fixture(scope="module")
 def written(scene, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "a folder"
-    results.write_results(folder, scene, results.ASKED)
+    results.write_results(folder, scene, results.OPTIONAL)
     return folder
 
 
@@ -53,7 +53,7 @@ def test_planes_are_the_stack(scene, written):
     assert torch.equal(stack, scene.stack)
     assert planes == scene.planes
     shown = pixels(written / "planes" / "plane_01_slope_-1_alpha_0.5.png")
-    np.testing.assert_allclose(shown, scene.shown(scene.stack[1]), atol=0.51 / 255)
+    np.testing.assert_allclose(shown, scene.encoded(scene.stack[1]), atol=0.51 / 255)
 
 
 def test_disparity_and_confidence_come_back(scene, written):
@@ -68,7 +68,7 @@ def test_disparity_and_confidence_come_back(scene, written):
     np.testing.assert_allclose(sure, scene.disparity.confidence, atol=0.51 / 65535)
 
 
-def test_the_name_of_the_scaled_disparity_says_its_scale(scene, written):
+def test_the_name_of_the_scaled_disparity_holds_its_scale(scene, written):
     (path,) = written.glob("disparity/disparity_from_*_to_*.png")
     _, _, low, _, high = path.stem.split("_")
     picture = OpenImageIO.ImageBuf(str(path))
@@ -78,10 +78,10 @@ def test_the_name_of_the_scaled_disparity_says_its_scale(scene, written):
     np.testing.assert_allclose(back, scene.disparity.disparity, atol=(float(high) - float(low)) / 65535)
 
 
-def test_points_are_the_sure_pixels_in_the_colours_seen_and_nearer_ones_in_front(scene, written):
+def test_points_are_the_confident_pixels_in_their_colours_and_nearer_ones_in_front(scene, written):
     comments, table = parsed(written / "points.ply")
     disparity, confidence = (values.numpy() for values in scene.disparity)
-    sure = confidence > results.SURE_OF_RESULTS
+    sure = confidence > results.POINT_CONFIDENCE
     assert 0.3 * sure.size < len(table) == sure.sum() < sure.size
     rows, columns = np.nonzero(sure)
     np.testing.assert_allclose(table["x"], columns - 95.5)
@@ -89,16 +89,16 @@ def test_points_are_the_sure_pixels_in_the_colours_seen_and_nearer_ones_in_front
     np.testing.assert_allclose(table["z"], 32 * disparity[sure], rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(table["disparity"], disparity[sure])
     assert "unit: pixel" in comments[1]
-    middle = scene.shown(scene.field.views[3, 3])[sure]
-    seen = np.stack([table[name] for name in ("red", "green", "blue")], -1) / 255
-    assert np.abs(seen - middle).mean() < 0.02
+    middle = scene.encoded(scene.field.views[3, 3])[sure]
+    colours = np.stack([table[name] for name in ("red", "green", "blue")], -1) / 255
+    assert np.abs(colours - middle).mean() < 0.02
 
 
 def test_points_of_known_cameras_are_in_metres(scene, tmp_path):
     cameras = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "10 mm", "focus distance": "2 m"}
     field = LightField(scene.field.views, "metric", metadata=cameras)
-    made = Refocused(field, scene.stack, scene.planes)
-    results.ASKED["points"](tmp_path, made)
+    refocused = Refocused(field, scene.stack, scene.planes)
+    results.OPTIONAL["points"](tmp_path, refocused)
     comments, table = parsed(tmp_path / "points.ply")
     assert "unit: metre" in comments
     depth = 1 / (1 / 2 + table["disparity"].astype(np.float64) / (0.01 * 2 * 192))
@@ -108,18 +108,18 @@ def test_points_of_known_cameras_are_in_metres(scene, tmp_path):
 def test_the_sweep_goes_by_slope_there_and_back(scene, written):
     with av.open(str(written / "sweep.mp4")) as container:
         frames = [frame.reformat(format="rgb24", src_colorspace="ITU709") for frame in container.decode(video=0)]
-    shown = [scene.shown(scene.stack[n]) for n in (1, 2, 0, 2)]
+    shown = [scene.encoded(scene.stack[n]) for n in (1, 2, 0, 2)]
     assert len(frames) == 4
     for frame, expected in zip(frames, shown, strict=True):
-        errors = [np.abs(frame.to_ndarray() / 255 - scene.shown(plane)).mean() for plane in scene.stack]
+        errors = [np.abs(frame.to_ndarray() / 255 - scene.encoded(plane)).mean() for plane in scene.stack]
         assert np.abs(frame.to_ndarray() / 255 - expected).mean() == min(errors) < 0.02
     with av.open(str(written / "sweep.gif")) as container:
         assert len(list(container.decode(video=0))) == 4
 
 
 def test_all_pictures_can_be_jpegs(scene, tmp_path):
-    made = Refocused(scene.field, scene.stack, scene.planes, 1.0, PictureFiles("jpg"))
-    results.write_results(tmp_path / "out", made, ["all_in_focus"])
+    refocused = Refocused(scene.field, scene.stack, scene.planes, 1.0, PictureFiles("jpg"))
+    results.write_results(tmp_path / "out", refocused, ["all_in_focus"])
     written = sorted(path.name for path in (tmp_path / "out").rglob("*.jpg"))
     assert written == [
         "all_in_focus.jpg", "all_views_mean.jpg", "plane_00_slope_0.3_alpha_1.429.jpg",
@@ -129,17 +129,17 @@ def test_all_pictures_can_be_jpegs(scene, tmp_path):
 
 def test_a_single_plane_is_enough(tmp_path):
     views = torch.rand(3, 3, 1, 32, 40)
-    made = Refocused(LightField(views, "grey"), views.mean((0, 1))[None], planes_at_alphas([1]))
-    results.write_results(tmp_path, made, ["all_in_focus", "disparity", "video"])
+    refocused = Refocused(LightField(views, "grey"), views.mean((0, 1))[None], planes_at_alphas([1]))
+    results.write_results(tmp_path, refocused, ["all_in_focus", "disparity", "video"])
     with av.open(str(tmp_path / "sweep.mp4")) as container:
         assert len(list(container.decode(video=0))) == 1
 
 
 def test_a_flat_scene_has_no_point_and_all_else_is_written(tmp_path):
     views = torch.full((3, 3, 3, 32, 40), 0.5)
-    made = Refocused(LightField(views, "wall"), views[:1, 0], FocalPlanes([0]))
-    with pytest.raises(InputError, match="wall must show something whose distance can be told"):
-        results.write_results(tmp_path, made, results.ASKED)
+    refocused = Refocused(LightField(views, "wall"), views[:1, 0], FocalPlanes([0]))
+    with pytest.raises(InputError, match="wall must have pixels of confident disparity"):
+        results.write_results(tmp_path, refocused, results.OPTIONAL)
     assert (tmp_path / "disparity" / "map.png").exists()
     assert (tmp_path / "sweep.gif").exists()
     assert not (tmp_path / "points.ply").exists()
@@ -148,7 +148,66 @@ def test_a_flat_scene_has_no_point_and_all_else_is_written(tmp_path):
 def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
     (tmp_path / "file").write_text("x")
     views = torch.rand(3, 3, 3, 32, 40)[:1, :1].expand(3, 3, -1, -1, -1)
-    made = Refocused(LightField(views, "a"), views[:1, 0], FocalPlanes([0]))
-    for result in (*results.ALWAYS.values(), *results.ASKED.values()):
+    refocused = Refocused(LightField(views, "a"), views[:1, 0], FocalPlanes([0]))
+    for result in (*results.ALWAYS.values(), *results.OPTIONAL.values()):
         with pytest.raises(FileError, match="choose another"):
-            result(tmp_path / "file", made)
+            result(tmp_path / "file", refocused)
+
+
+def drawn_map(slopes: torch.Tensor, confidence: torch.Tensor):
+    figure = results.focus_map(slopes, confidence)
+    _, shown = figure.axes[0].images
+    return figure, shown
+
+
+@pytest.mark.parametrize("most", [1.0, 0.4, 0.1])
+def test_colour_is_the_slope_and_opacity_the_confidence_beside_that_of_most(most):
+    slopes = torch.linspace(-1, 0.5, 21).reshape(3, 7)
+    confidence = torch.linspace(0, most, 21).reshape(3, 7)
+    figure, shown = drawn_map(slopes, confidence)
+    np.testing.assert_allclose(shown.get_array(), slopes, atol=1e-7)
+    opaque = max(0.9 * most, 0.25)
+    np.testing.assert_allclose(shown.get_alpha(), (confidence / opaque).clamp(max=1), atol=1e-6)
+    assert figure.axes[1].get_ylabel() == "slope, px per view step"
+
+
+def test_the_scale_is_that_of_pixels_of_some_confidence():
+    slopes = torch.full((10, 10), 0.25)
+    slopes[:, 5:] = torch.linspace(-1, 1, 50).reshape(10, 5)
+    slopes[0, 0] = 99
+    confidence = torch.full((10, 10), 0.0)
+    confidence[:, 5:] = 0.9
+    _, shown = drawn_map(slopes, confidence)
+    low, high = shown.get_clim()
+    assert -1 <= low < -0.9
+    assert high < 1.1
+
+
+def test_one_slope_everywhere_can_be_drawn_map():
+    _, shown = drawn_map(torch.full((4, 5), 0.5), torch.zeros(4, 5))
+    assert shown.get_clim() == (0.5, 0.5)
+
+
+@pytest.mark.parametrize("shape", [(4,), (1, 4, 5), (5, 4)])
+def test_maps_that_do_not_fit_are_refused(shape):
+    with pytest.raises(InputError, match=r"must be \[H, W\]"):
+        results.focus_map(torch.zeros(shape), torch.zeros(4, 5))
+
+
+def test_a_few_outliers_do_not_stretch_the_scale_however_sure_they_are():
+    slopes = torch.linspace(-1, 1, 1000).reshape(20, 50)
+    confidence = torch.full((20, 50), 0.6)
+    slopes[0, :10], confidence[0, :10] = 40, 0.99
+    _, shown = drawn_map(slopes, confidence)
+    low, high = shown.get_clim()
+    assert -1 < low < -0.9
+    assert 0.9 < high < 1.1
+
+
+def test_pixels_of_low_confidence_hardly_count():
+    slopes = torch.linspace(-1, 1, 1000).reshape(20, 50)
+    slopes[:2] = 5
+    confidence = torch.full((20, 50), 0.9)
+    confidence[:2] = 0.12
+    _, shown = drawn_map(slopes, confidence)
+    assert shown.get_clim()[1] < 1.1

@@ -1,4 +1,4 @@
-"""Run folders are recognised by what lies in them, and a section says what the tables say."""
+"""Run folders are recognised by their files, and sections hold the numbers of the tables."""
 
 import pytest
 
@@ -51,7 +51,7 @@ def benchmark(tmp_path):
         return {"method": method} | times | {"class": kind, "reference": reference, "psnr_db": psnr, "ssim": None}
 
     rows = [row("numpy_fft_4d", 2.0, None, None, None), row("exact", 1.0, 100.0), row("sum", 0.5, 40.0)]
-    planes = [each | {"alpha": alpha, "slope": 1 - 1 / alpha} for each in rows[1:] for alpha in ALPHAS]
+    planes = [row | {"alpha": alpha, "slope": 1 - 1 / alpha} for row in rows[1:] for alpha in ALPHAS]
     tables.write_table(tmp_path / "bench" / "bench.csv", rows)
     tables.write_table(tmp_path / "bench" / "planes.csv", planes)
     return tmp_path / "bench"
@@ -111,6 +111,17 @@ def test_a_training_run_shows_its_last_picture(training):
     assert len(section.figures) == 2
 
 
+def test_metrics_of_a_users_configuration_are_shown_by_their_names(training):
+    known = tables.read_table(training / "log" / "metrics.csv")
+    own = {"val/sharpness": [None, None, None, 3.0, 2.0, 1.0], "note": ["text"] * 6, "val/empty": [None] * 6}
+    tables.write_table(training / "log" / "metrics.csv", known.assign(**own))
+    (section,) = sections.sections([training])
+    (panel,) = section.figures["Other metrics that were logged"].axes
+    assert panel.get_title("left") == "val/sharpness"
+    (line,) = panel.get_lines()
+    assert list(zip(*line.get_data(), strict=True)) == [(3, 3.0), (4, 2.0), (5, 1.0)]
+
+
 def test_an_evaluation_gives_the_means_over_the_light_fields(evaluation):
     (section,) = sections.sections([evaluation])
     assert section.title == "Evaluation"
@@ -129,18 +140,18 @@ def test_an_evaluation_without_pictures_has_its_two_plots(evaluation):
     assert len(section.figures) == 2
 
 
-def test_a_benchmark_shows_what_was_judged_class_by_class_and_plane_by_plane(benchmark):
+def test_a_benchmark_shows_every_class_and_plane(benchmark):
     (section,) = sections.sections([benchmark])
     assert list(section.tables) == ["All figures: ideal"]
     assert section.tables["All figures: ideal"]["method"].tolist() == ["exact", "sum"]
     assert [len(line.get_xdata()) for line in section.figures["By plane"].axes[0].get_lines()] == [3, 3]
-    axes = section.figures["The front"].axes[0]
+    axes = section.figures["Accuracy against time"].axes[0]
     assert {text.get_text() for text in axes.texts} == {"exact", "sum", "NumPy 4-D FFT, 2 s"}
 
 
-def test_what_operators_cost_is_two_tables_and_two_figures(operators):
+def test_costs_of_operators_are_two_tables_and_two_figures(operators):
     (section,) = sections.sections([operators])
-    assert section.title == "What operators cost"
+    assert section.title == "Costs of operators"
     costs, exponents = section.tables.values()
     assert costs["method"].tolist() == ["numpy_fft_4d", "sum"]
     assert costs["extra_bytes"].fillna(0).tolist() == [0, 4_500_000]
@@ -187,8 +198,8 @@ def test_a_folder_of_two_kinds_becomes_two_sections(training, refocusing):
 
 
 def test_all_kinds_make_a_page(training, evaluation, benchmark, operators, refocusing, sweep, tmp_path):
-    made = sections.sections([training, evaluation, benchmark, operators, refocusing, sweep])
-    page.write_page(tmp_path / "index.html", "All", made, {})
+    all_sections = sections.sections([training, evaluation, benchmark, operators, refocusing, sweep])
+    page.write_page(tmp_path / "index.html", "All", all_sections, {})
     text = (tmp_path / "index.html").read_text("utf-8")
     assert text.count("<section") == 6
     assert "net.style=sibling" in text

@@ -1,4 +1,4 @@
-"""CSV tables survive a round trip, broken ones say so, and the front is the one brute force finds."""
+"""Tables survive a round trip as CSV, broken ones say why; cells have significant digits; the Pareto front."""
 
 import math
 import string
@@ -89,29 +89,67 @@ def test_the_front_is_what_brute_force_finds(rows):
     def is_beaten(row):
         return any(other != row and other[0] <= row[0] and other[1] >= row[1] for other in valid)
 
-    found = tables.front(pd.DataFrame(rows, columns=["t", "q"]), "t", "q")
-    assert list(found.itertuples(index=False, name=None)) == sorted(row for row in valid if not is_beaten(row))
+    front = tables.pareto_front(pd.DataFrame(rows, columns=["t", "q"]), "t", "q")
+    assert list(front.itertuples(index=False, name=None)) == sorted(row for row in valid if not is_beaten(row))
 
 
 def test_infinite_accuracy_is_on_the_front():
     table = pd.DataFrame({"t": [1.0, 2.0, 3.0], "q": [30.0, math.inf, 50.0]})
-    assert tables.front(table, "t", "q").index.tolist() == [0, 1]
+    assert tables.pareto_front(table, "t", "q").index.tolist() == [0, 1]
 
 
 def test_a_missing_column_is_named():
     with pytest.raises(InputError, match=r"'median_s'.*method, psnr_db"):
-        tables.front(pd.DataFrame([{"method": "a", "psnr_db": 1.0}]), "median_s", "psnr_db")
+        tables.pareto_front(pd.DataFrame([{"method": "a", "psnr_db": 1.0}]), "median_s", "psnr_db")
 
 
-def test_rows_are_complete_that_have_a_number_in_every_column_asked_for():
+def test_rows_without_a_number_in_every_column_are_left_out():
     table = pd.DataFrame({"a": [1, "2", "x", None, 5], "b": [math.nan, 1.0, 2.0, 3.0, math.inf]})
-    kept = tables.complete(table, "a", "b")
+    kept = tables.with_numbers(table, "a", "b")
     assert kept["a"].tolist() == [2, 5]
     with pytest.raises(InputError, match="must have numbers in 'a'"):
-        tables.some(table[2:4], "a")
+        tables.require_numbers(table[2:4], "a")
 
 
 def test_only_psnr_is_capped():
     table = pd.DataFrame({"method": ["a", "b"], "mpsnr_db": [math.inf, 31.0], "mssim": [101.0, 0.5]})
     assert tables.capped(table, "mpsnr_db")["mpsnr_db"].tolist() == [100.0, 31.0]
     assert tables.capped(table, "mssim")["mssim"].tolist() == [101.0, 0.5]
+
+
+def test_columns_of_earlier_versions_are_read_by_their_names_today(tmp_path):
+    (tmp_path / "goals.csv").write_text("figure,usual\nerror,3\n")
+    assert tables.read_table(tmp_path / "goals.csv").to_dict("list") == {"figure": ["error"], "textbook": [3]}
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "shown"),
+    [
+        ("median_s", 0.00123456, "0.00123"),
+        ("median_s", 0.2, "0.200"),
+        ("median_s", 1541.1, "1541"),
+        ("median_s", 123.4, "123"),
+        ("ratio_to_numpy_fft", 73.4, "73.4\N{MULTIPLICATION SIGN}"),
+        ("first_call_s", 1.5, "1.50"),
+        ("ratio_to_same_in_numpy", 4.0, "4.00\N{MULTIPLICATION SIGN}"),
+        ("max_error", 0.00123, f"1.2e{tables.MINUS}03"),
+        ("extra_bytes", 38_900_000, "38.9"),
+        ("memory_ratio", 0.567, "0.57"),
+        ("exponent_pixels", 1.046, "1.05"),
+        ("slope", -7.0, f"{tables.MINUS}7.000"),
+        ("ssim", 0.98765, "0.9877"),
+        ("mpsnr_db", math.inf, "≥ 100"),
+        ("parameters", 12500768, "12,500,768"),
+        ("anything", 0.123456, "0.1235"),
+        ("anything", math.nan, tables.DASH),
+        ("anything", True, "True"),
+        ("light_field", "IMG_1085", "IMG_1085"),
+    ],
+)
+def test_cells_have_digits_that_mean_something(column, value, shown):
+    assert tables.format_cell(column, value) == shown
+
+
+def test_a_name_with_dollars_is_no_formula():
+    assert tables.plot_text("cost_$x$") == r"cost_\$x\$"
+    assert tables.plot_text("one_two_three", width=9) == "one_two_\nthree"

@@ -32,7 +32,7 @@ def test_planes_rise_and_are_pictures_of_the_stack(held):
     assert held["titles"][3] == "slope 0.5, alpha 2"
     assert [method["name"] for method in held["methods"]] == ["linear", "dim"]
     first = cases.shown()["linear"]
-    wanted = first.shown(first.stack[0])  # slope 1
+    wanted = first.encoded(first.stack[0])  # slope 1
     own, other = (np.abs(pixels(held["methods"][0]["planes"][place]) - wanted).mean() for place in (4, 3))
     assert own < 0.01
     assert other > 2 * own
@@ -42,14 +42,14 @@ def test_depth_is_kept_to_a_thousandth(held):
     depth = held["depth"]
     steps = np.frombuffer(base64.b64decode(depth["disparity"]), "<u2").reshape(96, 128)
     sure = np.frombuffer(base64.b64decode(depth["confidence"]), np.uint8).reshape(96, 128)
-    found, confidence = cases.shown()["linear"].focused
+    found, confidence = cases.shown()["linear"].slope_and_confidence
     kept = depth["low"] + steps / 65535 * (depth["high"] - depth["low"])
     assert np.abs(kept - found.numpy()).max() < 1e-3
     assert np.abs(sure / 255 - confidence.numpy()).max() < 0.003
 
 
 def test_the_colours_of_the_map_are_told_by_its_bar(held):
-    scale, (slopes, confidence) = held["scale"], cases.shown()["linear"].focused
+    scale, (slopes, confidence) = held["scale"], cases.shown()["linear"].slope_and_confidence
     assert -1 <= scale["low"] < scale["high"] <= 1
     bar, shown = pixels(scale["bar"])[4], pixels(held["map"])
     places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
@@ -82,7 +82,7 @@ def test_views_come_with_where_their_cameras_are(held):
     assert views["cameras"][0] == [-2, -2]
     assert views["cameras"][1] == [-1, -2], "x, then y"
     field, _ = cases.scene()
-    assert np.abs(pixels(views["pictures"][1]) - cases.shown()["linear"].shown(field.views[0, 1])).mean() < 0.01
+    assert np.abs(pixels(views["pictures"][1]) - cases.shown()["linear"].encoded(field.views[0, 1])).mean() < 0.01
 
 
 def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():

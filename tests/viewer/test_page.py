@@ -88,7 +88,7 @@ def plane(tab):
 
 def wanted(slope, name="linear"):
     made = cases.shown()[name]
-    return 255 * made.shown(made.stack[cases.PLANES.values.index(slope)])
+    return 255 * made.encoded(made.stack[cases.PLANES.values.index(slope)])
 
 
 def test_a_click_focuses_on_what_was_clicked(opened):
@@ -203,7 +203,7 @@ def test_a_small_aperture_shows_one_view_and_the_viewpoint_moves_it(opened):
         tab.locator("#across").fill(str(across))
         tab.locator("#down").fill(str(down))
         settle(tab)
-        assert np.abs(pixels(tab, "lens") - 255 * shown.shown(field.views[view])).mean() < 3
+        assert np.abs(pixels(tab, "lens") - 255 * shown.encoded(field.views[view])).mean() < 3
     tab.click("#reset")
     assert tab.input_value("#aperture") == "4"
 

@@ -28,4 +28,4 @@ def test_one_scene_tells_all_causes(lfref, tmp_path):
     assert imread(folder / "causes.png").std() > 0.05
     assert json.loads((folder / "machine.json").read_text())["sim30"] == sim30.VERSION
     assert lfref("report", f"output={tmp_path}/report", f"runs=[{folder}]")[0] == 0
-    assert "Where the decibels are" in (tmp_path / "report" / "index.html").read_text()
+    assert "Causes of error" in (tmp_path / "report" / "index.html").read_text()

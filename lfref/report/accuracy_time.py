@@ -1,6 +1,7 @@
-"""Accuracy against time: every method a labelled point, the front of those that nothing beats drawn as a line.
+"""Accuracy against time: every method is a labelled point, and a line joins the Pareto front.
 
-The unit of time is the paper's, NumPy's 4-D FFT of the same views. Labels are placed where they meet nothing else.
+The unit of time is the paper's, NumPy's 4-D FFT of the same views. Labels are placed where they overlap nothing. In a
+module of its own since the placing of labels is a task of its own.
 """
 
 import math
@@ -17,7 +18,7 @@ from matplotlib.transforms import Bbox, BboxBase
 from lfref.bench.timing import FFT
 from lfref.errors import InputError
 from lfref.report import tables
-from lfref.report.drawing import BLUE, CYAN, GREY, RED, calm, fold_below_cap, new_figure
+from lfref.report.drawing import BLUE, CYAN, GREY, RED, fold_below_cap, new_figure, style_axes
 
 SPANS = ["median_s", "p10_s", "p90_s"]
 TURNS = (0, 8, 4, 12, 2, 6, 10, 14, 1, 7, 9, 15)  # sixteenths: where a label goes beside its point, best first
@@ -27,60 +28,45 @@ CENTRED: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "arrow
 
 
 def accuracy_time(rows: pd.DataFrame) -> Figure:
-    """Accuracy against time, a panel a class, every method named, those that no other beats joined by a step line.
+    """A panel per class, a labelled point per method, and a step line along the Pareto front.
 
     Args:
-        rows: `method`, `class`, `reference`, `median_s`, `psnr_db`, a row for each method in each class that it was
-            judged in, and one of method `FFT`, whose time is the unit; `p10_s` and `p90_s` are drawn where they are.
+        rows: `method`, `class`, `reference`, `median_s`, `psnr_db`, a row per method and class, and one of method
+            `FFT`, whose time is the unit; `p10_s` and `p90_s` are drawn where there are some.
 
     Raises:
         InputError: One of these columns is missing, or has no number; or the row of the FFT is missing.
     """
-    unit = unit_seconds(rows)
-    classes = list(_in_units(rows, unit).groupby(["class", "reference"], sort=False, dropna=False))
+    tables.require(rows, "method", "median_s", "class", "reference")
+    fft_s = tables.with_numbers(rows, "median_s").loc[lambda timed: timed["method"] == FFT, "median_s"]
+    if fft_s.empty:
+        raise InputError(f"the table must have the time of {FFT}, which is the unit", got="no such row")
+    unit = float(fft_s.iloc[0])
+    kept = tables.capped(tables.require_numbers(rows, "median_s", "psnr_db"), "psnr_db")
+    kept = kept.reindex(columns=["method", "class", "reference", *SPANS, "psnr_db"])
+    kept = kept[kept["median_s"].between(0, math.inf, inclusive="neither")]
+    in_units = kept.assign(**{column: kept[column] / unit for column in SPANS})
+    classes = list(in_units.groupby(["class", "reference"], sort=False, dropna=False))
     figure = new_figure(9, 1 + 4.4 * len(classes))
     panels = figure.subplots(len(classes), squeeze=False)[:, 0]
     for axes, ((name, reference), methods) in zip(panels, classes, strict=True):
         axes.set_xscale("log")
         _draw_points(axes, methods)
         title = f"{name}, against {reference}: up and to the left is better"
-        calm(axes, "Time, in NumPy's 4-D FFTs of the same views (log scale)", "PSNR (dB)", title, 20)
-        _draw_landmark(axes, unit)
+        style_axes(axes, "Time, in NumPy's 4-D FFTs of the same views (log scale)", "PSNR (dB)", title, 20)
+        axes.axvline(1, color=RED, linestyle="--", linewidth=1.2, zorder=0)
+        name, where = f"NumPy 4-D FFT, {unit:.3g} s", axes.get_xaxis_transform()
+        axes.text(1, 1.01, name, transform=where, ha="center", fontsize=9, color=RED)
         _frame_times(axes)
         fold_below_cap(axes)
-    figure.draw_without_rendering()  # settles the layout, which the labels' places in pixels depend on
+    figure.draw_without_rendering()  # fixes the layout; the labels' places in pixels depend on it
     for axes, (_, methods) in zip(panels, classes, strict=True):
         _label_points(axes, methods)
     return figure
 
 
-def unit_seconds(rows: pd.DataFrame) -> float:
-    """Seconds of NumPy's 4-D FFT in the same run.
-
-    Args:
-        rows: `method`, `median_s`.
-
-    Raises:
-        InputError: One of these columns is missing, or the row of the FFT.
-    """
-    tables.need(rows, "method", "median_s")
-    seconds = tables.complete(rows, "median_s").loc[lambda timed: timed["method"] == FFT, "median_s"]
-    if seconds.empty:
-        raise InputError(f"the table must have the time of {FFT}, which is the unit", got="no such row")
-    return float(seconds.iloc[0])
-
-
-def _in_units(rows: pd.DataFrame, unit: float) -> pd.DataFrame:
-    """The methods that were timed and judged, their times in units."""
-    tables.need(rows, "class", "reference")
-    kept = tables.capped(tables.some(rows, "median_s", "psnr_db"), "psnr_db")
-    kept = kept.reindex(columns=["method", "class", "reference", *SPANS, "psnr_db"])
-    kept = kept[kept["median_s"].between(0, math.inf, inclusive="neither")]
-    return kept.assign(**{column: kept[column] / unit for column in SPANS})
-
-
 def _draw_points(axes: Axes, methods: pd.DataFrame) -> None:
-    best = tables.front(methods, "median_s", "psnr_db")
+    best = tables.pareto_front(methods, "median_s", "psnr_db")
     axes.plot(np.repeat(best["median_s"], 2)[1:], np.repeat(best["psnr_db"], 2)[:-1], color=CYAN, zorder=1)
     for row in methods.itertuples():
         colour = BLUE if row.Index in best.index else GREY
@@ -89,14 +75,8 @@ def _draw_points(axes: Axes, methods: pd.DataFrame) -> None:
         axes.plot(row.median_s, row.psnr_db, "o", color=colour, markersize=7, zorder=3)
 
 
-def _draw_landmark(axes: Axes, seconds: float) -> None:
-    axes.axvline(1, color=RED, linestyle="--", linewidth=1.2, zorder=0)
-    where = axes.get_xaxis_transform()
-    axes.text(1, 1.01, f"NumPy 4-D FFT, {seconds:.3g} s", transform=where, ha="center", fontsize=9, color=RED)
-
-
 def _frame_times(axes: Axes) -> None:
-    """Limits with room for labels and at least a decade and a half, so that labelled ticks are in sight."""
+    """Limits with room for labels, of at least a decade and a half, so that some ticks have labels."""
     times = np.log10(np.concatenate([line.get_xdata() for line in axes.get_lines()]))
     margin = max(0.12 * np.ptp(times), 0.75 - np.ptp(times) / 2, 0.2)
     axes.set_xlim(10 ** (times.min() - margin), 10 ** (times.max() + margin))
@@ -107,28 +87,28 @@ def _frame_times(axes: Axes) -> None:
 
 
 def _label_points(axes: Axes, methods: pd.DataFrame) -> None:
-    """Write each method at the nearest place where it meets no other label, line, point or edge, if there is one."""
+    """Write each method's name at the nearest place where it overlaps no other label, line, point or edge."""
     places = methods[["median_s", "psnr_db"]].to_numpy(float)
     points = axes.transData.transform(places)
-    taken = [Bbox.from_bounds(x - 6, y - 6, 12, 12) for x, y in points]
+    occupied = [Bbox.from_bounds(x - 6, y - 6, 12, 12) for x, y in points]
     paths = [line.get_transform().transform_path(line.get_path()) for line in axes.get_lines()]
     for name, where, point in zip(methods["method"], places, points, strict=True):
-        text = axes.annotate(tables.drawable(name), where, (0, 0), "data", "offset points", **CENTRED)
-        place = _free_place(axes.bbox, point, text.get_window_extent(), taken, paths)
+        text = axes.annotate(tables.plot_text(name), where, (0, 0), "data", "offset points", **CENTRED)
+        place = _free_place(axes.bbox, point, text.get_window_extent(), occupied, paths)
         text.xyann = (np.array(place.p0 + place.p1) / 2 - point) * 72 / axes.figure.dpi
         text.set_in_layout(False)
-        taken.append(place)
+        occupied.append(place)
 
 
-def _free_place(frame: BboxBase, point: np.ndarray, size: BboxBase, taken: list[Bbox], paths: list[MplPath]) -> Bbox:
-    """The box of that size around the point that overlaps least with what is there, and near before far."""
+def _free_place(frame: BboxBase, point: np.ndarray, size: BboxBase, occupied: list[Bbox], paths: list[MplPath]) -> Bbox:
+    """The box of that size around the point with the least overlap; a nearer one costs less."""
     half = np.array([size.width, size.height]) / 2
 
     def cost(place: Bbox) -> float:
         crossed = sum(path.intersects_bbox(place, filled=False) for path in paths)
         away = math.hypot(*np.maximum(abs(np.mean(place.get_points(), axis=0) - point) - half, 0))
         outside = not (frame.contains(*place.p0) and frame.contains(*place.p1))
-        return 10 * place.count_overlaps(taken) + 30 * outside + crossed + away / 50
+        return 10 * place.count_overlaps(occupied) + 30 * outside + crossed + away / 50
 
     centres = [point + towards * (radius + half) for radius in range(9, 140, 10) for towards in DIRECTIONS]
     return min((Bbox([centre - half, centre + half]) for centre in centres), key=cost)

@@ -1,4 +1,4 @@
-"""Heat maps have a cell for every trial, in the colour of what became of it; tables count the trials."""
+"""Heat maps have a cell for every trial, in the colour of its outcome; tables count the trials."""
 
 import numpy as np
 import pandas as pd
@@ -77,12 +77,12 @@ def test_trials_are_counted_by_outcome():
 
 def test_sections_are_made_of_a_run_folder(tmp_path):
     tables.write_table(tmp_path / "stability.csv", ROWS)
-    goal = {"figure": "error", "goal": "at most 1", "measured": 0.5, "usual": None}
+    goal = {"figure": "error", "goal": "at most 1", "measured": 0.5, "textbook": None}
     tables.write_table(tmp_path / "goals.csv", [goal | {"holds": "yes"}, goal | {"holds": "no"}])
     assert "1 of 2 goals" in stability_table.goals(tmp_path).text
     section = stability_table.hard_cases(tmp_path)
     assert list(section.figures) == ["SSIM"]
-    assert set(section.tables) == {"Trials", "Where ours fails"}
+    assert set(section.tables) == {"Trials", "Our trials that fail"}
 
 
 def test_a_table_of_something_else_is_refused():

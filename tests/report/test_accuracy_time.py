@@ -7,17 +7,17 @@ import pytest
 from matplotlib.text import Text
 
 from lfref.errors import InputError
-from lfref.report import drawing, front
+from lfref.report import accuracy_time, drawing
 
 
-def judged(rows):
+def with_class(rows):
     """Methods of one class, and the FFT before them, which took a second."""
     table = pd.DataFrame(rows).assign(**{"class": "ideal", "reference": "truth"})
     return pd.concat([pd.DataFrame([{"method": "numpy_fft_4d", "median_s": 1.0}]), table], ignore_index=True)
 
 
 def bench(n=12):
-    return judged(
+    return with_class(
         {
             "method": f"method_{index} with a rather long name",
             "median_s": 0.1 * (1 + 0.04 * index),
@@ -34,7 +34,7 @@ def points(line):
 
 
 def test_the_empty_stretch_below_the_cap_is_folded():
-    axes = front.accuracy_time(bench(3).assign(psnr_db=[math.nan, 30.0, 40.0, 100.0])).axes[0]
+    axes = accuracy_time.accuracy_time(bench(3).assign(psnr_db=[math.nan, 30.0, 40.0, 100.0])).axes[0]
     low, high, cap = (axes.transData.transform((0.1, psnr))[1] for psnr in (30.0, 40.0, 100.0))
     assert 0 < cap - high < high - low
     there = axes.yaxis.get_transform()
@@ -47,7 +47,7 @@ def test_accuracy_time_draws_every_row_and_the_front_as_steps():
         [("a", 0.1, 30.0), ("b", 0.2, 28.0), ("c", 0.4, 45.0), ("d", 1.0, math.nan), ("e", math.inf, 50.0)],
         columns=["method", "median_s", "psnr_db"],
     )
-    axes = front.accuracy_time(judged(rows)).axes[0]
+    axes = accuracy_time.accuracy_time(with_class(rows)).axes[0]
     steps, *marks, landmark = axes.get_lines()
     assert points(steps) == [(0.1, 30.0), (0.4, 30.0), (0.4, 45.0)]
     assert [points(mark)[0] for mark in marks] == [(0.1, 30.0), (0.2, 28.0), (0.4, 45.0)]
@@ -58,30 +58,32 @@ def test_accuracy_time_draws_every_row_and_the_front_as_steps():
 
 def test_the_unit_of_time_is_the_fft_in_the_same_run():
     rows = bench(2)
-    twice = front.accuracy_time(rows.assign(median_s=2 * rows["median_s"], p10_s=math.nan)).axes[0]
-    once = front.accuracy_time(rows.assign(p10_s=math.nan)).axes[0]
+    twice = accuracy_time.accuracy_time(rows.assign(median_s=2 * rows["median_s"], p10_s=math.nan)).axes[0]
+    once = accuracy_time.accuracy_time(rows.assign(p10_s=math.nan)).axes[0]
     assert [points(line) for line in twice.get_lines()] == [points(line) for line in once.get_lines()]
     assert "NumPy 4-D FFT, 2 s" in {text.get_text() for text in twice.texts}
     with pytest.raises(InputError, match="time of numpy_fft_4d"):
-        front.accuracy_time(rows[1:])
+        accuracy_time.accuracy_time(rows[1:])
 
 
 def test_every_class_has_a_panel_that_says_its_reference():
     rows = bench(2)
-    figure = front.accuracy_time(pd.concat([rows, rows[1:].assign(**{"class": "given", "reference": "exact_fourier"})]))
+    figure = accuracy_time.accuracy_time(
+        pd.concat([rows, rows[1:].assign(**{"class": "capture", "reference": "exact_fourier"})])
+    )
     titles = [axes.get_title("left") for axes in figure.axes]
-    assert [title.partition(":")[0] for title in titles] == ["ideal, against truth", "given, against exact_fourier"]
+    assert [title.partition(":")[0] for title in titles] == ["ideal, against truth", "capture, against exact_fourier"]
 
 
 def test_whiskers_span_the_percentiles():
-    axes = front.accuracy_time(bench(1)).axes[0]
+    axes = accuracy_time.accuracy_time(bench(1)).axes[0]
     assert points(axes.get_lines()[1]) == [(0.1 * 0.99, 31.0), (0.1 * 1.02, 31.0)]
 
 
 @pytest.mark.parametrize("seconds", [1.0, 0.12])
 def test_twelve_crowded_labels_overlap_neither_each_other_nor_points(seconds):
     rows = bench()
-    figure = front.accuracy_time(
+    figure = accuracy_time.accuracy_time(
         rows.assign(median_s=rows["median_s"].where(rows["method"] != "numpy_fft_4d", seconds))
     )
     figure.draw_without_rendering()
@@ -98,10 +100,10 @@ def test_twelve_crowded_labels_overlap_neither_each_other_nor_points(seconds):
 @pytest.mark.parametrize("column", ["method", "class", "reference", "median_s", "psnr_db"])
 def test_a_missing_bench_column_is_named(column):
     with pytest.raises(InputError, match=f"'{column}'"):
-        front.accuracy_time(bench(2).drop(columns=column))
+        accuracy_time.accuracy_time(bench(2).drop(columns=column))
 
 
 def test_an_odd_name_alone_is_drawn(tmp_path):
-    figure = front.accuracy_time(judged([{"method": "_private $x$ $", "median_s": 2e-6, "psnr_db": 100.0}]))
+    figure = accuracy_time.accuracy_time(with_class([{"method": "_private $x$ $", "median_s": 2e-6, "psnr_db": 100.0}]))
     drawing.save_figure(figure, tmp_path / "odd.png")
     assert (tmp_path / "odd.png").read_bytes().startswith(b"\x89PNG")

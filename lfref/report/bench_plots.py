@@ -1,0 +1,230 @@
+"""Plots of `lfref bench`, one function per table: error causes, costs of operators, growth, engines, the simulator."""
+
+import math
+from collections.abc import Collection
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+from lfref.report import drawing, tables
+from lfref.report.drawing import BLUE, CYAN, GREY, ORANGE, PALE, RED, TEAL, new_figure, style_axes
+
+
+def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = None) -> Figure:
+    """Bars for the cost of each cause, marks for what each remedy wins back; panels for the mean and for each plane.
+
+    Args:
+        by_plane: `cause`, `method`, `is_base`, `alpha`, `slope`, `cost_db`, `won_db`; costs are those of base methods,
+            the others are remedies.
+        panels_at: Alphas, or slopes, of the planes that get a panel; None: all. The mean is over all in any case.
+
+    Raises:
+        InputError: One of these columns is missing.
+    """
+    tables.require(by_plane, "cause", "method", "is_base", "alpha", "slope", "cost_db", "won_db")
+    causes = by_plane["cause"].unique().tolist()[::-1]
+    remedies = by_plane.loc[~by_plane["is_base"].astype(bool), "method"].unique().tolist()
+    place = tables.plane_axis(by_plane)
+    means = by_plane.groupby(["cause", "method", "is_base"], sort=False)[["cost_db", "won_db"]].mean().reset_index()
+    kept = by_plane if panels_at is None else by_plane[by_plane[place].isin(panels_at)]
+    panels = {"mean over planes": means}
+    panels |= {f"{tables.heading(place)} {value:g}": rows for value, rows in kept.groupby(place)}
+    figure = new_figure(2 + 2.6 * len(panels), 1.6 + 0.32 * len(causes))
+    all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axes, (title, rows) in zip(all_axes, panels.items(), strict=True):
+        is_base = rows["is_base"].astype(bool)
+        costs = rows[is_base].groupby("cause")["cost_db"].first().reindex(causes)
+        axes.barh(range(len(causes)), costs, height=0.62, color=CYAN, alpha=0.45, label="cost", zorder=1)
+        for index, method in enumerate(remedies):
+            won = rows[~is_base & (rows["method"] == method)].groupby("cause")["won_db"].first().reindex(causes)
+            style = drawing.series_style(index) | {"label": f"won by {tables.plot_text(method, 40)}"}
+            axes.plot(won, range(len(causes)), linestyle="", markersize=5, zorder=3, **style)
+        axes.axvline(0, color=GREY, linewidth=0.8, zorder=2)
+        axes.grid(axis="y", color=PALE)
+        style_axes(axes, "dB", "", title)
+    all_axes[0].set_yticks(range(len(causes)), causes)
+    handles = {line.get_label(): line for axes in all_axes for line in [*axes.containers, *axes.get_lines()]}
+    named = {label: handle for label, handle in handles.items() if not label.startswith("_")}
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    return figure
+
+
+def operator_costs(operators: pd.DataFrame) -> Figure:
+    """Speed and peak memory of every method, one line each, the fastest at the top.
+
+    Args:
+        operators: `method`, `input`, `median_s`, `p10_s`, `p90_s`, `ratio_to_numpy_fft`, `memory_ratio`.
+
+    Raises:
+        InputError: One of these columns is missing, or no method has a time.
+    """
+    tables.require(operators, "method", "input", "memory_ratio")
+    timed = tables.require_numbers(operators, "median_s", "p10_s", "p90_s", "ratio_to_numpy_fft")
+    kept = timed.sort_values("ratio_to_numpy_fft", kind="stable").reset_index(drop=True)
+    figure = new_figure(9, 1.2 + 0.32 * len(kept))
+    speed, memory = figure.subplots(1, 2, sharey=True, width_ratios=(1.4, 1))
+    kinds = np.where(kept["input"] == "float32", "", " (" + kept["input"] + ")")
+    speed.set_yticks(kept.index, (kept["method"] + kinds).str.replace("$", r"\$"))
+
+    ratios = kept["ratio_to_numpy_fft"]
+    fft_s = ratios * kept["median_s"]
+    speed.set_xscale("log")
+    speed.axvline(1, color=RED, linestyle="--", linewidth=1.2)
+    speed.hlines(kept.index, fft_s / kept["p90_s"], fft_s / kept["p10_s"], color=BLUE, lw=1.2, alpha=0.6)
+    speed.plot(ratios, kept.index, "o", color=BLUE, markersize=6)
+    low, high = math.log10(min(ratios.min(), 1)), math.log10(max(ratios.max(), 1))
+    margin = max(0.1 * (high - low), 0.1)
+    speed.set_xlim(10 ** (low - margin), 10 ** (high + margin))
+    _label_log_axis(speed, (1, 2, 5) if high - low < 2 else (1, 3))
+    style_axes(speed, "Times faster than NumPy's 4-D FFT (log scale)", "", "Speed: to the right is better")
+
+    shares = tables.with_numbers(kept, "memory_ratio")["memory_ratio"]
+    memory.axvline(1, color=RED, linestyle="--", linewidth=1.2)
+    memory.barh(shares.index, shares, height=0.5, color=[TEAL if share <= 1 else ORANGE for share in shares])
+    memory.set_axisbelow(True)
+    style_axes(memory, "Peak / (twice the field + the stack)", "", "Memory: to the left is better")
+    return figure
+
+
+def _label_log_axis(axes: Axes, subs: tuple[int, ...]) -> None:
+    """Label a logarithmic x axis with plain numbers at these multiples of each decade."""
+    axes.xaxis.set_major_locator(LogLocator(subs=subs))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
+    """Time against size, a panel per axis, with the fitted powers.
+
+    Args:
+        times: `method`, `axis`, `n`, `min_s`.
+        exponents: `method`, `axis`, `exponent`, fitted to these times.
+
+    Raises:
+        InputError: One of these columns is missing, or has no number.
+    """
+    tables.require(times, "method", "axis")
+    tables.require(exponents, "method", "axis", "exponent")
+    kept = tables.require_numbers(times, "n", "min_s").merge(exponents, on=["method", "axis"])
+    axis_names, methods = kept["axis"].unique(), kept["method"].unique().tolist()
+    figure = new_figure(4 * len(axis_names), 4 + 0.2 * len(methods))
+    panels = figure.subplots(1, len(axis_names), sharey=True, squeeze=False)[0]
+    for axes, axis in zip(panels, axis_names, strict=True):
+        rows = kept[kept["axis"] == axis]
+        for index, method in enumerate(methods):
+            points = rows[rows["method"] == method].sort_values("n")
+            if points.empty:
+                continue
+            style, exponent = drawing.series_style(index), points["exponent"].iloc[0]
+            # The fitted power goes through the middle of the points, in logarithms.
+            middle_n, middle_s = np.exp(np.log(points["n"]).mean()), np.exp(np.log(points["min_s"]).mean())
+            fit = middle_s * (points["n"] / middle_n) ** exponent
+            axes.plot(points["n"], fit, color=style["color"], linewidth=1.2, alpha=0.6)
+            label = f"{tables.plot_text(method, 40)}  {exponent:.2f}".replace("-", tables.MINUS)
+            axes.plot(points["n"], points["min_s"], linestyle="", markersize=4.5, label=label, **style)
+        sizes = sorted(rows["n"].unique())
+        axes.set(xscale="log", yscale="log")
+        axes.set_xticks(sizes, [tables.format_cell("n", size) for size in sizes])
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
+        axes.yaxis.set_major_formatter(EngFormatter(unit="s"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        style_axes(axes, f"Number of {axis}", "", f"Growth with {axis}")
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
+        axes.legend(frameon=False, fontsize=8, title="fitted exponent", title_fontsize=8, **below)
+    panels[0].set_ylabel("Time, fastest run")
+    return figure
+
+
+PRECISION_COLOURS = {"fp32": BLUE, "bf16": TEAL, "int8": ORANGE}
+LEAST_AGREEMENT_DB = 20.0
+"""Decibels of agreement at which bars begin."""
+
+
+def engines(rows: pd.DataFrame) -> Figure:
+    """Two panels per network: speed of every engine, and its loss of accuracy.
+
+    Args:
+        rows: `network`, `engine`, `precision`, `ratio_to_eager`, `loss_db`, `agreement_db`.
+
+    Raises:
+        InputError: One of these columns is missing, or nothing was timed.
+    """
+    tables.require(rows, "network", "engine", "precision", "loss_db", "agreement_db")
+    networks = list(tables.require_numbers(rows, "ratio_to_eager").groupby("network", sort=False))
+    figure = new_figure(8, 0.8 + sum(0.8 + 0.22 * len(group) for _, group in networks))
+    heights = [3 + len(group) for _, group in networks]
+    panels = figure.subplots(len(networks), 2, squeeze=False, width_ratios=(1.5, 1), height_ratios=heights)
+    for (speed, loss), (network, group) in zip(panels, networks, strict=True):
+        ranked = group.sort_values("ratio_to_eager", kind="stable").reset_index(drop=True)
+        ratios, colours = ranked["ratio_to_eager"], ranked["precision"].map(PRECISION_COLOURS)
+        speed.barh(ranked.index, ratios, height=0.62, color=colours)
+        speed.axvline(1, color=GREY, linewidth=0.8)
+        speed.set_yticks(ranked.index, ranked["engine"] + " " + ranked["precision"])
+        speed.set_xlim(0, 1.12 * ratios.max())
+        _label_bars(speed, ratios, [f"{ratio:.1f}" for ratio in ratios])
+        style_axes(speed, "Times faster than eager fp32", "", tables.plot_text(network, 60))
+
+        loss.set_yticks(ranked.index, [""] * len(ranked))
+        loss.margins(x=0.2)
+        if ranked["loss_db"].notna().any():
+            values = ranked["loss_db"]
+            loss.barh(ranked.index, values, height=0.62, color=colours)
+            _label_bars(loss, np.maximum(values, 0), [f"{round(value, 2) + 0.0:.2f}" for value in values])
+            style_axes(loss, "dB", "", "Loss of PSNR: to the left is better")
+        else:
+            # Without training, pictures show nothing: only how near they are to eager float32 counts.
+            values = ranked["agreement_db"].clip(lower=LEAST_AGREEMENT_DB)
+            lengths = values - LEAST_AGREEMENT_DB
+            loss.barh(ranked.index, lengths, left=LEAST_AGREEMENT_DB, height=0.62, color=colours)
+            _label_bars(loss, values, [tables.format_cell("psnr_db", value) for value in values])
+            style_axes(loss, "PSNR, dB", "", "Agreement with eager fp32")
+    handles = [Patch(color=colour, label=precision) for precision, colour in PRECISION_COLOURS.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    return figure
+
+
+def _label_bars(axes: Axes, ends: pd.Series, texts: list[str]) -> None:
+    for place, (end, text) in enumerate(zip(ends, texts, strict=True)):
+        axes.annotate(text, (end, place), (3, 0), textcoords="offset points", va="center", fontsize=8)
+    axes.set_axisbelow(True)
+
+
+def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
+    """Forced over planned time of each class of scenes, and PSNR of refocused views against the truth by plane.
+
+    Args:
+        costs: `scene`, `output`, `forced_over_planned`.
+        planes: `method`, `alpha`, `slope`, `mean_db`, `worst_db`.
+
+    Raises:
+        InputError: One of these columns is missing.
+    """
+    tables.require(costs, "scene", "output", "forced_over_planned")
+    tables.require(planes, "method", "alpha", "slope", "mean_db", "worst_db")
+    scenes = costs["scene"].unique().tolist()[::-1]
+    figure = new_figure(10, 1.5 + 0.3 * max(8, len(scenes)))
+    left, right = figure.subplots(1, 2)
+    left.set_yticks(range(len(scenes)), scenes)
+    for output, colour in {"views": BLUE, "truth": ORANGE}.items():
+        kept = costs[costs["output"] == output]
+        left.plot(kept["forced_over_planned"], kept["scene"].map(scenes.index), "o", color=colour, label=output)
+    left.set_xscale("log")
+    _label_log_axis(left, (1, 3))
+    left.axvline(1, color=RED, linestyle="--", linewidth=1)
+    style_axes(left, "Forced / planned time (log scale)", "", "Time saved by planning")
+    left.legend(frameon=False, fontsize=8)
+
+    place = tables.plane_axis(planes)
+    for index, (method, kept) in enumerate(planes.groupby("method", sort=False)):
+        style = {"color": drawing.series_style(index)["color"], "markersize": 3}
+        right.plot(kept[place], kept["mean_db"], "o-", label=f"{method}, mean", **style)
+        right.plot(kept[place], kept["worst_db"], "o:", label=f"{method}, worst scene", **style)
+    style_axes(right, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
+    # Below the panel: lines cross all of it.
+    right.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))
+    return figure

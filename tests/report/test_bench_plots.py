@@ -1,0 +1,165 @@
+"""Plots of `lfref bench`: bars, points and lines are the numbers of the tables."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lfref.errors import InputError
+from lfref.report import bench_plots, drawing
+
+ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
+
+
+def cause_rows():
+    table = [
+        ("points", "exact", True, 0.5, -1.0, 20.0, 0.0), ("points", "filled", False, 0.5, -1.0, 20.0, 15.0),
+        ("points", "exact", True, 2.0, 0.5, 4.0, 0.0), ("points", "filled", False, 2.0, 0.5, 4.0, -1.0),
+        ("noise", "exact", True, 0.5, -1.0, 3.0, 0.0), ("noise", "filled", False, 0.5, -1.0, 3.0, 1.0),
+        ("noise", "exact", True, 2.0, 0.5, 5.0, 0.0), ("noise", "filled", False, 2.0, 0.5, 5.0, 0.5),
+    ]  # fmt: skip
+    return pd.DataFrame(table, columns=["cause", "method", "is_base", "alpha", "slope", "cost_db", "won_db"])
+
+
+def test_causes_have_a_panel_for_the_mean_and_each_plane():
+    figure = bench_plots.error_causes(cause_rows())
+    assert [axes.get_title("left") for axes in figure.axes] == ["mean over planes", f"{ALPHA} 0.5", f"{ALPHA} 2"]
+    bars = [[bar.get_width() for bar in axes.patches] for axes in figure.axes]
+    assert bars == [[4.0, 12.0], [3.0, 20.0], [5.0, 4.0]]  # the first cause is the uppermost
+    marks = [list(axes.get_lines()[0].get_xdata()) for axes in figure.axes]
+    assert marks == [[0.75, 7.0], [1.0, 15.0], [0.5, -1.0]]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["noise", "points"]
+    assert sorted(text.get_text() for text in figure.legends[0].get_texts()) == ["cost", "won by filled"]
+
+
+def test_some_planes_may_have_panels_and_the_mean_is_over_all():
+    figure = bench_plots.error_causes(cause_rows(), panels_at=[2.0])
+    assert [axes.get_title("left") for axes in figure.axes] == ["mean over planes", f"{ALPHA} 2"]
+    assert [bar.get_width() for bar in figure.axes[0].patches] == [4.0, 12.0]
+
+
+def test_planes_without_alphas_are_named_by_their_slopes_and_remedies_may_be_missing():
+    figure = bench_plots.error_causes(cause_rows().assign(alpha=None).query("is_base"))
+    assert figure.axes[1].get_title("left").endswith("-1")
+    assert [len(axes.patches) for axes in figure.axes] == [2, 2, 2]
+
+
+def cost_rows():
+    def row(method, kind, seconds, memory):
+        times = {"median_s": seconds, "p10_s": 0.9 * seconds, "p90_s": 1.25 * seconds}
+        return {"method": method, "input": kind, "ratio_to_numpy_fft": 2 / seconds, "memory_ratio": memory} | times
+
+    return pd.DataFrame(
+        [
+            row("numpy_fft_4d", "float32", 2.0, None),
+            row("slow $x$", "float32", 4.0, 1.5),
+            row("fast", "float32", 0.1, 0.6),
+            row("fast", "uint8", 0.2, 0.3),
+        ]
+    )
+
+
+def test_the_fastest_operator_is_at_the_top_and_memory_above_its_budget_has_another_colour():
+    untimed = cost_rows()[2:3].assign(method="untimed", median_s=math.nan)
+    speed, memory = bench_plots.operator_costs(pd.concat([cost_rows(), untimed])).axes
+    labels = [label.get_text() for label in speed.get_yticklabels()]
+    assert labels == [r"slow \$x\$", "numpy_fft_4d", "fast (uint8)", "fast"]
+    (points,) = (line for line in speed.get_lines() if line.get_marker() == "o")
+    assert list(zip(*points.get_data(), strict=True)) == [(0.5, 0), (1, 1), (10, 2), (20, 3)]
+    (whiskers,) = speed.collections
+    np.testing.assert_allclose(whiskers.get_segments()[-1], [[20 / 1.25, 3], [20 / 0.9, 3]])
+    assert [bar.get_width() for bar in memory.patches] == [1.5, 0.3, 0.6]
+    above, *within = [bar.get_facecolor() for bar in memory.patches]
+    assert within[0] == within[1] != above
+
+
+def growth_rows(powers):
+    rows = [
+        {"method": method, "axis": axis, "n": n, "median_s": 9.0, "min_s": 0.01 * n**power}
+        for (method, axis), power in powers.items()
+        for n in (32, 4, 8)
+    ]
+    fitted = [{"method": method, "axis": axis, "exponent": power} for (method, axis), power in powers.items()]
+    return pd.DataFrame(rows), pd.DataFrame(fitted)
+
+
+def test_growth_has_a_panel_per_axis_with_the_exponents_in_its_legend():
+    rows, fitted = growth_rows({("a", "pixels"): 1.0, ("b", "pixels"): -0.5, ("a", "views"): 2.0, ("b", "views"): 0.0})
+    panels = bench_plots.growth(rows, fitted).axes
+    assert [axes.get_xlabel() for axes in panels] == ["Number of pixels", "Number of views"]
+    legends = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in panels]
+    assert legends == [["a  1.00", "b  \N{MINUS SIGN}0.50"], ["a  2.00", "b  0.00"]]
+
+
+def test_the_fitted_power_runs_through_its_points():
+    line, points = bench_plots.growth(*growth_rows({("a", "planes"): 1.5})).axes[0].get_lines()
+    assert list(points.get_xdata()) == [4, 8, 32]
+    np.testing.assert_allclose(line.get_ydata(), points.get_ydata())
+
+
+def test_figures_of_one_row_can_be_saved(tmp_path):
+    drawing.save_figure(bench_plots.operator_costs(cost_rows()[:1]), tmp_path / "costs.png")
+    drawing.save_figure(bench_plots.growth(*growth_rows({("_a", "planes"): 1.0})), tmp_path / "growth.png")
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in ("costs.png", "growth.png"))
+
+
+def engine_rows():
+    table = [
+        ("net", "eager", "fp32", 1.0, 0.0, 100.0), ("net", "vino", "int8", 6.0, 0.4, 35.0),
+        ("net", "vino", "bf16", 3.0, -0.02, 47.0), ("net", "graphs", "fp32", None, None, None),
+        ("raw", "eager", "fp32", 1.0, math.nan, 100.0), ("raw", "vino", "int8", 2.0, math.nan, 12.0),
+    ]  # fmt: skip
+    return pd.DataFrame(table, columns=["network", "engine", "precision", "ratio_to_eager", "loss_db", "agreement_db"])
+
+
+def test_every_network_has_speeds_ranked_and_coloured_by_precision():
+    figure = bench_plots.engines(engine_rows())
+    speeds = figure.axes[::2]
+    assert [axes.get_title("left") for axes in speeds] == ["net", "raw"]
+    assert [bar.get_width() for bar in speeds[0].patches] == [1, 3, 6]
+    assert [label.get_text() for label in speeds[0].get_yticklabels()] == ["eager fp32", "vino bf16", "vino int8"]
+    assert len({bar.get_facecolor() for bar in speeds[0].patches}) == 3
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["fp32", "bf16", "int8"]
+
+
+def test_beside_speeds_stands_the_loss_or_without_training_the_agreement():
+    _, loss, _, agreement = bench_plots.engines(engine_rows()).axes
+    assert [bar.get_width() for bar in loss.patches] == [0, -0.02, 0.4]
+    assert [text.get_text() for text in loss.texts] == ["0.00", "-0.02", "0.40"]
+    assert [bar.get_x() + bar.get_width() for bar in agreement.patches] == [100, 20]  # none ends before bars begin
+    assert agreement.get_title("left") == "Agreement with eager fp32"
+
+
+SIMULATION_COSTS = pd.DataFrame(
+    [("plane", "views", 20.0), ("plane", "truth", 30.0), ("all", "views", 1.0)],
+    columns=["scene", "output", "forced_over_planned"],
+)
+SIMULATION_PLANES = pd.DataFrame(
+    {"method": "sum", "alpha": [0.5, 1.0], "slope": [-1.0, 0.0], "mean_db": [30.0, 40.0], "worst_db": [20.0, 35.0]}
+)
+
+
+def test_of_the_simulator_each_scene_has_a_line_and_each_method_two_curves():
+    left, right = bench_plots.simulation(SIMULATION_COSTS, SIMULATION_PLANES).axes
+    assert [label.get_text() for label in left.get_yticklabels()] == ["all", "plane"]
+    views = left.lines[0]
+    assert list(zip(views.get_xdata(), views.get_ydata(), strict=True)) == [(20.0, 1), (1.0, 0)]
+    assert [list(line.get_ydata()) for line in right.lines] == [[30.0, 40.0], [20.0, 35.0]]
+    assert [list(line.get_xdata()) for line in right.lines] == [[0.5, 1.0]] * 2
+    _, right = bench_plots.simulation(SIMULATION_COSTS, SIMULATION_PLANES.assign(alpha=None)).axes
+    assert [list(line.get_xdata()) for line in right.lines] == [[-1.0, 0.0]] * 2
+
+
+@pytest.mark.parametrize(
+    ("plot", "column"),
+    [
+        (lambda: bench_plots.error_causes(cause_rows().drop(columns="won_db")), "won_db"),
+        (lambda: bench_plots.operator_costs(cost_rows().drop(columns="memory_ratio")), "memory_ratio"),
+        (lambda: bench_plots.engines(engine_rows().assign(ratio_to_eager=None)), "ratio_to_eager"),
+        (lambda: bench_plots.simulation(SIMULATION_COSTS, SIMULATION_PLANES.drop(columns="slope")), "slope"),
+    ],
+)
+def test_a_missing_column_is_named(plot, column):
+    with pytest.raises(InputError, match=f"'{column}'"):
+        plot()
