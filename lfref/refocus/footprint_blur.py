@@ -1,6 +1,9 @@
-"""Finished planes blurred by boxes that differ from pixel to pixel: the last step of every operator that has a map.
+"""Finished planes blurred by the boxes of `footprint`: on the CPU by compiled loops, elsewhere by PyTorch.
 
-Letters: `d` disparity, `s` slope; the footprint's.
+Beyond its edge a plane continues by the border rule. Where only samples count it is black there, and so is its
+coverage: the blurred sum over the blurred coverage is the mean of what there is. Every sample has a tap; a running sum
+would drift, and saves little up to boxes as wide as any slope makes them.
+Letters: `y x` row and column, `k` tap, `G` groups of `TAPS` taps, `d` disparity, `s` slope.
 """
 
 import functools
@@ -15,193 +18,31 @@ from torch import Tensor
 
 from lfref.functional import threads
 from lfref.functional.jit import compiled, inlined
-from lfref.functional.row_sums import TAPS, add_taps, rounded_up, set_taps
+from lfref.functional.row_sums import TAPS, Integers, Reals, add_taps, rounded_up, set_taps
 from lfref.refocus import batches, footprint
 from lfref.refocus.footprint import Footprint
 from lfref.refocus.sampling import BORDERS, Border
 
-# PART box_loop
-# The compiled loops that blur a plane by a box: along each row as it is read, then down a ring of such rows.
-#
-# Letters: `y x` row and column, `k` tap, `g` group of `TAPS` taps.
-
-Integers = NDArray[np.int64]
-Reals = NDArray[np.floating]
-
-
-class Box(NamedTuple):
-    """Taps of one width."""
-
-    radius: int
-    """Samples to each side that are read."""
-    weights: Reals
-    """Along a row as down a column; the last group filled up by 0, [G, TAPS]."""
-
-
-class Scratch(NamedTuple):
-    """What one thread works in."""
-
-    line: Reals
-    """A row, continued beyond both ends."""
-    ring: Reals
-    """Rows blurred along themselves, used in turn, one after the other."""
-    total: Reals
-    """A blurred row, [W rounded up]."""
-    starts: Integers
-    """Where taps read, [G, TAPS]."""
-
-
-class Around(NamedTuple):
-    """What stands beyond the edges of a plane."""
-
-    head: Reals
-    """Rows above it, `radius` of them, [radius, W]."""
-    tail: Reals
-    """Rows below it, likewise."""
-    columns: Integers
-    """Column of each place from -radius to W + radius; -1: black, [W + 2 radius]."""
-
-
-@compiled
-def blur(image: Reals, around: Around, box: Box, factors: Reals, kinds: Integers, work: Scratch) -> None:
-    """Blur a plane where it lies.
-
-    Args:
-        image: [H, W].
-        around: What it is continued by.
-        box: The taps.
-        factors: What a blurred row is multiplied by, [kinds, W].
-        kinds: Which of them, for each row, [H].
-        work: To work in; what lies beyond its rows' ends is finite.
-    """
-    for y in range(-box.radius, image.shape[0] + box.radius):
-        _blur_along(y, image, around, box, work)
-        r = y - box.radius
-        if r >= 0:
-            _blur_down(r, box, work)
-            result, row_factors = image[r], factors[kinds[r]]
-            for x in range(result.size):
-                result[x] = work.total[x] * row_factors[x]
-
-
-@compiled
-def add_level(
-    image: Reals, around: Around, box: Box, places: Reals, level: float, unit: float, total: Reals, work: Scratch
-) -> None:
-    """Blur a plane by the box of a level, and add its share to the pixels that blend it.
-
-    Args:
-        image: [H, W].
-        around: What it is continued by.
-        box: The taps.
-        places: Of the pixels' widths among the levels, [H, W].
-        level: In the type of the image, as `unit`: whole numbers would make the loop compute in float64.
-        unit: 1.
-        total: Added to, [H, W].
-        work: As of `blur`.
-    """
-    for y in range(-box.radius, image.shape[0] + box.radius):
-        _blur_along(y, image, around, box, work)
-        r = y - box.radius
-        if r >= 0:
-            result, row = total[r], places[r]
-            if _is_blended(row, level, unit):
-                _blur_down(r, box, work)
-                for x in range(result.size):
-                    result[x] += max(unit - abs(row[x] - level), unit - unit) * work.total[x]
-
-
-@inlined
-def _is_blended(places: Reals, level: float, unit: float) -> bool:
-    """Whether any pixel of a row has a share of a level."""
-    count = 0
-    for x in range(places.size):
-        count += abs(places[x] - level) < unit
-    return count > 0
-
-
-@inlined
-def _blur_along(y: int, image: Reals, around: Around, box: Box, work: Scratch) -> None:
-    """Blur a row along itself, into the ring."""
-    height, n_rows, length = image.shape[0], 2 * box.radius + 1, work.total.size
-    row = around.head[y + box.radius] if y < 0 else (image[y] if y < height else around.tail[y - height])
-    _extend(row, around.columns, box.radius, work.line)
-    for k in range(work.starts.size):
-        work.starts[k // TAPS, k % TAPS] = k if k < n_rows else 0
-    place = (y + box.radius) % n_rows
-    _sum(work.line, work.starts, box.weights, work.ring[place * length : (place + 1) * length])
-
-
-@inlined
-def _blur_down(r: int, box: Box, work: Scratch) -> None:
-    """Blur the rows around row r, all of them in the ring, down the columns."""
-    n_rows, length = 2 * box.radius + 1, work.total.size
-    for k in range(work.starts.size):
-        work.starts[k // TAPS, k % TAPS] = ((r + (k if k < n_rows else 0)) % n_rows) * length
-    _sum(work.ring, work.starts, box.weights, work.total)
-
-
-@inlined
-def _extend(row: Reals, columns: Integers, radius: int, line: Reals) -> None:
-    width = row.size
-    inner = line[radius : radius + width]
-    for x in range(width):
-        inner[x] = row[x]
-    for x in range(radius):
-        left, right = columns[x], columns[radius + width + x]
-        line[x] = row[left] if left >= 0 else 0
-        line[radius + width + x] = row[right] if right >= 0 else 0
-
-
-@inlined
-def _sum(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
-    set_taps(rows, starts[0], weights[0], total)
-    for g in range(1, weights.shape[0]):
-        add_taps(rows, starts[g], weights[g], total)
-
-
-# PART by_torch
-# Planes blurred by boxes, by plain PyTorch operations: on any device, and differentiable.
-#
-# Beyond its edge a plane is what the border rule makes of it. Where only samples count it is black there, and so is its
-# coverage: the blurred sum over the blurred coverage is the mean of what there is.
-
 LEAST_SHARE = 0.125
-"""Share of its own coverage that a pixel must find around it: the taps of a box sum up to nothing in odd places."""
+"""Least share of its own coverage that a pixel needs in the blurred coverage: the fitted taps of a box are negative in
+places, and a quotient by next to nothing would be a dot."""
+WORTH_A_THREAD = 1 << 16
+"""Samples of a stack from which one more thread saves more than it costs."""
 
 
-def boxed(images: Tensor, width: float, border: Border) -> Tensor:
-    """Images blurred by a box along both axes.
-
-    Args:
-        images: Floating point, [..., H, W].
-        width: Of the box in pixels, >= 0.
-        border: How they continue; black where only samples count.
-    """
-    return boxed_along(boxed_along(images, width, border, -1), width, border, -2)
-
-
-def boxed_along(images: Tensor, width: float, border: Border, axis: int) -> Tensor:
-    """The same along one axis, -1 (columns) or -2 (rows)."""
-    weights, length = footprint.taps(width), images.shape[axis]
-    if len(weights) == 1:
-        return images
-    extended = _extended(images, len(weights) // 2, axis, border)
-    total = extended.narrow(axis, 0, length) * weights[0]
-    for k, weight in enumerate(weights[1:], start=1):
-        total = total.add(extended.narrow(axis, k, length), alpha=weight)
-    return total
-
-
-def blurred_torch(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
-    """Planes blurred by a box of another width at every pixel, over the weight of the samples that count.
+def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
+    """Planes blurred by a box of another width at every pixel, [B, N, C, H, W], 0 where there is no coverage.
 
     Args:
-        stack: [B, N, C, H, W].
-        places: Of the widths among the `levels`, [B or 1, N, H, W].
-        border: As of `boxed`.
-        covered: Share of the aperture that has a sample, in the type of the stack, [N, H, W]; None: all of it.
+        stack: Planes as sums over points, float32 or float64, [B, N, C, H, W].
+        widths: Of the boxes, with any sign, in pixels, where the stack is, [B or 1, N, H, W].
+        border: How planes continue beyond their edges.
+        coverage: Share of the aperture that has a sample, [N, H, W]; read where only samples count.
     """
+    places = footprint.place(widths.to(stack.dtype).square())
+    covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
+    if batches.compiler_for(stack, places) == "numba":
+        return blurred_numba(stack, places, border, covered)
     planes = []
     for n, own in enumerate(places.unbind(1)):
         if covered is None:
@@ -212,14 +53,34 @@ def blurred_torch(stack: Tensor, places: Tensor, border: Border, covered: Tensor
     return torch.stack(planes, dim=1)
 
 
-def blended(planes: Tensor, places: Tensor, border: Border) -> Tensor:
-    """Images blurred by a box of another width at every pixel.
+def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
+    """Planes [B, N, C, H, W] that wrap around, blurred if the blur varies; a constant one is part of the spectrum."""
+    if cell.fill == 0 or not cell.varies(slopes):
+        return stack
+    return blurred(stack, cell.widths(slopes), BORDERS["wrap"])
 
-    Args:
-        planes: Floating point, [B, C, H, W].
-        places: Of the widths among the `levels`, [B or 1, H, W].
-        border: As of `boxed`.
-    """
+
+def boxed(images: Tensor, width: float, border: Border, axes: Sequence[int] = (-1, -2)) -> Tensor:
+    """Images [..., H, W] blurred by a box of `width` >= 0 pixels along axes, by plain PyTorch operations."""
+    weights = footprint.taps(width)
+    if len(weights) == 1:
+        return images
+    rule = BORDERS["zero"] if border.counts_only_samples else border
+    for axis in axes:
+        length = images.shape[axis]
+        # By index, not `Border.extend`: a box may be wider than the image.
+        index = rule.indices(len(weights) // 2, length).to(images.device)
+        extended = images.index_select(axis, index.clamp(min=0))
+        if bool((index < 0).any()):
+            extended = extended.masked_fill((index < 0)[(...,) + (None,) * (-1 - axis)], 0)
+        images = extended.narrow(axis, 0, length) * weights[0]
+        for k, weight in enumerate(weights[1:], start=1):
+            images = images.add(extended.narrow(axis, k, length), alpha=weight)
+    return images
+
+
+def blended(planes: Tensor, places: Tensor, border: Border) -> Tensor:
+    """Images [B, C, H, W] blurred by boxes of these places [B or 1, H, W] among the levels, by PyTorch operations."""
     total = torch.zeros_like(planes)
     for level in footprint.spanned(places):
         share = (1 - (places - level).abs()).clamp(min=0)[:, None]
@@ -228,38 +89,9 @@ def blended(planes: Tensor, places: Tensor, border: Border) -> Tensor:
 
 
 def inverse(coverage: Tensor, blurred: Tensor) -> Tensor:
-    """One over the blurred coverage; 0 where a pixel is not covered, or nearly nothing around it is.
-
-    Args:
-        coverage: Share of the aperture that has a sample at each pixel, >= 0, any shape.
-        blurred: The same, blurred as the plane is.
-    """
+    """One over the blurred coverage; 0 where a pixel is not covered, or nearly nothing around it is."""
     counts = (coverage > 0) & (blurred > LEAST_SHARE * coverage)
     return torch.where(counts, 1 / torch.where(counts, blurred, 1.0), 0.0)
-
-
-def _extended(images: Tensor, pad: int, axis: int, border: Border) -> Tensor:
-    """The images with `pad` more samples at both ends of an axis, which may be more than they have."""
-    length = images.shape[axis]
-    if border.counts_only_samples:
-        border = BORDERS["zero"]
-    places = torch.arange(-pad, length + pad, device=images.device)
-    index, weight = border.tap(places, torch.ones_like(places), length)
-    extended = images.index_select(axis, index)
-    if bool(weight.all()):
-        return extended
-    return extended.masked_fill((weight == 0)[(...,) + (None,) * (-1 - axis)], 0)
-
-
-# PART by_numba
-# Planes blurred by boxes on the CPU, at the machine's speed: tables for the compiled loops, and threads.
-#
-# A tap for every sample, not a running sum: it drifts nowhere, and costs less than the sum over the views up to boxes
-# as
-# wide as any slope that is allowed makes them.
-
-WORTH_A_THREAD = 1 << 16
-"""Samples of a stack from which one more thread saves more than it costs."""
 
 
 class RowFactors(NamedTuple):
@@ -271,20 +103,40 @@ class RowFactors(NamedTuple):
     """[H]."""
 
 
-class _Filter(NamedTuple):
-    """A box, and what it reads beyond the edges of a plane."""
+class Box(NamedTuple):
+    """Taps of one width, and what they read beyond the edges of a plane; -1 is black."""
 
-    box: Box
-    above: NDArray
-    """Row that stands at each place above the plane; -1: black, [radius]."""
-    below: NDArray
-    """Likewise below it, [radius]."""
-    columns: NDArray
-    """As of `box_loop.Around`."""
+    radius: int
+    """Samples to each side that are read."""
+    weights: Reals
+    """Along a row as down a column; the last group filled up by 0, [G, TAPS]."""
+    above: Integers
+    """Index of the row at each position above the plane, [radius]."""
+    below: Integers
+    """Index of the row at each position below the plane, [radius]."""
+    columns: Integers
+    """Index of the column at each position from -radius to W + radius, [W + 2 radius]."""
+
+
+class Workspace(NamedTuple):
+    """Memory of one thread."""
+
+    head: Reals
+    """Copies of the rows above the plane, [radius, W]; copies, for the plane is overwritten."""
+    tail: Reals
+    """Copies of the rows below the plane, [radius, W]."""
+    line: Reals
+    """A row, continued beyond both ends."""
+    ring: Reals
+    """The last 2 radius + 1 rows, blurred along themselves, one after the other."""
+    total: Reals
+    """A blurred row, [W rounded up]."""
+    starts: Integers
+    """First sample of each tap, [G, TAPS]."""
 
 
 def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: Sequence[RowFactors]) -> None:
-    """Blur planes where they lie, each by a box of its own; those of width 0 stay as they are.
+    """Blur planes in place on the CPU, each by its own box, then multiply them by their factors; width 0: neither.
 
     Args:
         stack: Float32 or float64, [B, N, C, H, W].
@@ -292,10 +144,11 @@ def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: 
         border: How planes continue; black where only samples count.
         scales: What each is multiplied by when it is blurred, [N].
     """
-    filters = [_filter(width, border, stack.shape[-2:], stack.dtype) for width in widths]
+    boxes = [_box(width, border, stack.shape[-2:], stack.dtype) for width in widths]
 
     def work(b: int, n: int, c: int) -> None:
-        _blur(stack[b, n, c], filters[n], scales[n])
+        image = stack[b, n, c]
+        _blur(image, boxes[n], *scales[n], _workspace(image, boxes[n]))
 
     wide = [n for n, width in enumerate(widths) if width > 0]
     jobs = itertools.product(range(stack.shape[0]), wide, range(stack.shape[2]))
@@ -303,19 +156,23 @@ def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: 
 
 
 def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
-    """Stacks on the CPU; as `by_torch.blurred`."""
+    """As `blurred` on the CPU, by compiled loops; the widths given by their places among the levels."""
     planes, shares = stack.detach().contiguous().numpy(), places.detach().to(stack).contiguous().numpy()
-    used = [footprint.spanned(plane) for plane in places.unbind(1)]
-    every = {level for plane in used for level in plane}
-    filters = {level: _filter(footprint.width(level), border, planes.shape[-2:], planes.dtype) for level in every}
+    levels = [footprint.spanned(plane) for plane in places.unbind(1)]
+    boxes = {
+        level: _box(footprint.width(level), border, planes.shape[-2:], planes.dtype)
+        for level in set(itertools.chain(*levels))
+    }
     n_threads = threads.worthwhile(planes.size, WORTH_A_THREAD)
-    coverage = np.ones((len(used), 1, 1), planes.dtype) if covered is None else covered.numpy()
+    coverage = np.ones((len(levels), 1, 1), planes.dtype) if covered is None else covered.numpy()
     factors, total = np.ones(shares.shape, planes.dtype), np.empty(planes.shape, planes.dtype)
+    real = planes.dtype.type  # whole numbers would make the loop compute in float64
 
     def blend(image: NDArray, b: int, n: int) -> NDArray:
         result = np.zeros_like(image)
-        for level in used[n]:
-            _add_level(image, filters[level], shares[b, n], level, result)
+        for level in levels[n]:
+            box = boxes[level]
+            _add_level(image, box, shares[b, n], real(level), real(1), result, _workspace(image, box))
         return result
 
     def weigh(b: int, n: int) -> None:
@@ -332,79 +189,89 @@ def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor
     return torch.from_numpy(total)
 
 
-def _blur(image: NDArray, way: _Filter, scale: RowFactors) -> None:
-    blur(image, _around(image, way), way.box, *scale, _new_scratch(image, way.box))
+@functools.lru_cache(maxsize=256)
+def _box(width: float, border: Border, size: tuple[int, int], working: np.dtype) -> Box:
+    weights = footprint.taps(width)
+    radius, rule = len(weights) // 2, BORDERS["zero"] if border.counts_only_samples else border
+    filled = np.zeros((-(-len(weights) // TAPS), TAPS), working)
+    filled.flat[: len(weights)] = weights
+    rows, columns = (rule.indices(radius, length).numpy() for length in size)
+    return Box(radius, filled, rows[:radius], rows[radius + size[0] :], columns)
 
 
-def _add_level(image: NDArray, way: _Filter, places: NDArray, level: int, total: NDArray) -> None:
-    at, unit = image.dtype.type(level), image.dtype.type(1)
-    add_level(image, _around(image, way), way.box, places, at, unit, total, _new_scratch(image, way.box))
-
-
-def _around(image: NDArray, way: _Filter) -> Around:
-    black = image.dtype.type(0)
-    head, tail = (np.where(rows[:, None] >= 0, image[rows], black) for rows in (way.above, way.below))
-    return Around(head, tail, way.columns)
-
-
-def _new_scratch(image: NDArray, box: Box) -> Scratch:
-    length = rounded_up(image.shape[1])
-    return Scratch(
-        line=np.zeros(length + 2 * box.radius, image.dtype),
+def _workspace(image: NDArray, box: Box) -> Workspace:
+    length, zero = rounded_up(image.shape[1]), image.dtype.type(0)
+    head, tail = (np.where(rows[:, None] >= 0, image[rows], zero) for rows in (box.above, box.below))
+    return Workspace(
+        head,
+        tail,
+        line=np.zeros(length + 2 * box.radius, image.dtype),  # finite beyond the ends of its row: 0 * NaN is NaN
         ring=np.empty((2 * box.radius + 1) * length, image.dtype),
         total=np.empty(length, image.dtype),
         starts=np.empty(box.weights.shape, np.int64),
     )
 
 
-@functools.lru_cache(maxsize=256)
-def _filter(width: float, border: Border, size: tuple[int, int], working: np.dtype) -> _Filter:
-    weights = footprint.taps(width)
-    radius = len(weights) // 2
-    filled = np.zeros((-(-len(weights) // TAPS), TAPS), working)
-    filled.flat[: len(weights)] = weights
-    rows, columns = (_beyond(radius, length, border) for length in size)
-    return _Filter(Box(radius, filled), rows[:radius], rows[radius + size[0] :], columns)
+@compiled
+def _blur(image: Reals, box: Box, factors: Reals, kinds: Integers, work: Workspace) -> None:
+    """Blur a plane [H, W] in place, and multiply its rows by `factors[kinds]`."""
+    for y in range(-box.radius, image.shape[0] + box.radius):
+        _blur_along(y, image, box, work)
+        r = y - box.radius  # the row whose last neighbour is in the ring now: it is overwritten, and not read again
+        if r >= 0:
+            _blur_down(r, box, work)
+            result, row_factors = image[r], factors[kinds[r]]
+            for x in range(result.size):
+                result[x] = work.total[x] * row_factors[x]
 
 
-def _beyond(radius: int, length: int, border: Border) -> NDArray:
-    """Sample that stands at each place from -radius to length + radius; -1: black."""
-    rule = BORDERS["zero"] if border.counts_only_samples else border
-    places = torch.arange(-radius, length + radius)
-    index, weight = rule.tap(places, torch.ones_like(places), length)
-    return torch.where(weight > 0, index, -1).numpy()
+@compiled
+def _add_level(image: Reals, box: Box, places: Reals, level: float, unit: float, total: Reals, work: Workspace) -> None:
+    """Blur a plane by the box of a level, and add its share to the pixels whose place is less than 1 from it."""
+    for y in range(-box.radius, image.shape[0] + box.radius):
+        _blur_along(y, image, box, work)
+        r = y - box.radius
+        if r >= 0:
+            result, row = total[r], places[r]
+            n_blended = 0  # most rows blend few of the levels: those without any pixel are left out
+            for x in range(row.size):
+                n_blended += abs(row[x] - level) < unit
+            if n_blended > 0:
+                _blur_down(r, box, work)
+                for x in range(result.size):
+                    result[x] += max(unit - abs(row[x] - level), unit - unit) * work.total[x]
 
 
-def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
-    """Planes seen through the cells of the aperture.
-
-    Args:
-        stack: Planes as sums over points, float32 or float64, [B, N, C, H, W].
-        widths: Of the boxes, with any sign, in pixels, where the stack is, [B or 1, N, H, W].
-        border: How planes continue beyond their edges.
-        coverage: Share of the aperture that has a sample, [N, H, W]; read where only samples count.
-
-    Returns:
-        [B, N, C, H, W], 0 where there is no coverage.
-    """
-    places = footprint.place(widths.to(stack.dtype).square())
-    covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
-    if batches.compiler_for(stack, places) == "numba":
-        # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
-        pass
-
-        return blurred_numba(stack, places, border, covered)
-    return blurred_torch(stack, places, border, covered)
+@inlined
+def _blur_along(y: int, image: Reals, box: Box, work: Workspace) -> None:
+    """Blur a row along itself, into the ring."""
+    (height, width), n_rows, length = image.shape, 2 * box.radius + 1, work.total.size
+    row = work.head[y + box.radius] if y < 0 else (image[y] if y < height else work.tail[y - height])
+    inner = work.line[box.radius : box.radius + width]
+    for x in range(width):
+        inner[x] = row[x]
+    for x in range(box.radius):
+        left, right = box.columns[x], box.columns[box.radius + width + x]
+        work.line[x] = row[left] if left >= 0 else 0
+        work.line[box.radius + width + x] = row[right] if right >= 0 else 0
+    # Taps of weight 0 that fill up the last group read the first sample.
+    for k in range(work.starts.size):
+        work.starts[k // TAPS, k % TAPS] = k if k < n_rows else 0
+    place = (y + box.radius) % n_rows
+    _sum(work.line, work.starts, box.weights, work.ring[place * length : (place + 1) * length])
 
 
-def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
-    """Planes that wrap around seen through cells whose blur varies; others have been through their response.
+@inlined
+def _blur_down(r: int, box: Box, work: Workspace) -> None:
+    """Blur the rows around row r, all of them in the ring, down the columns."""
+    n_rows, length = 2 * box.radius + 1, work.total.size
+    for k in range(work.starts.size):
+        work.starts[k // TAPS, k % TAPS] = ((r + (k if k < n_rows else 0)) % n_rows) * length
+    _sum(work.ring, work.starts, box.weights, work.total)
 
-    Args:
-        stack: [B, N, C, H, W].
-        cell: What each view covers of the picture.
-        slopes: Of the planes, float64, [N].
-    """
-    if cell.fill == 0 or not cell.varies(slopes):
-        return stack
-    return blurred(stack, cell.widths(slopes), BORDERS["wrap"])
+
+@inlined
+def _sum(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
+    set_taps(rows, starts[0], weights[0], total)
+    for g in range(1, weights.shape[0]):
+        add_taps(rows, starts[g], weights[g], total)

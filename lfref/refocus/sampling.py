@@ -1,10 +1,10 @@
-"""Reading an image between its samples, one record an interpolation, for whatever reads views.
+"""Reading an image between its samples and beyond its edges: one record for each interpolation and each border rule.
 
 Letters: `t` fraction of a sample.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -13,15 +13,15 @@ from torch.nn import functional as F
 
 from lfref.functional import splines
 
-# PART borders
-# What a view holds beyond its edge, one record a border rule, for whatever reads views.
-#
-# `renormalize` counts only the views that have a sample there; the others make a sample up.
-
 LEFT_OUT, REPLICATED, BLACK, PERIODIC = range(4)
-"""Numbers by which compiled loops know the rules."""
+"""Numbers of the border rules in compiled loops."""
+NEAREST, LINEAR, CUBIC = range(3)
+"""Numbers of the interpolations in compiled loops."""
 ON_VIEW = 1e-9
-"""Pixels by which rounding may put a position beyond the outermost sample."""
+"""Pixels beyond the outermost sample that still count as on it: what rounding of float64 positions can add, with room
+for any size of picture, and far below what can be seen."""
+FARTHEST = 2.0**50
+"""Positions beyond have no fraction left in float64, and soon no index in int64."""
 
 Tap = tuple[Tensor, Tensor]
 """Index of a sample along one axis, and its weight, [P...] each."""
@@ -31,29 +31,29 @@ class Border(NamedTuple):
     """How views continue beyond their edge."""
 
     mode: str
-    """What PyTorch's `pad` calls it."""
+    """What `torch.nn.functional.pad` calls it."""
     tap: Callable[[Tensor, Tensor, int], Tap]
     """(index, weight, length of the axis) -> a tap that exists."""
     counts_only_samples: bool = False
-    """Samples beyond the edge are left out of the sum instead of made up."""
+    """Samples beyond the edge are left out of the mean instead of replaced."""
     number: int | None = None
-    """By which compiled loops know it; None: those that need one leave it to PyTorch."""
+    """Of the rule in compiled loops; None: PyTorch serves it."""
 
     @property
     def is_periodic(self) -> bool:
-        """The continuation is the view itself, over and over."""
+        """Whether the view repeats beyond its edge."""
         return self.mode == "circular"
 
-    def extend(self, view: Tensor, pad: int, axis: int) -> Tensor:
-        """The view with `pad` more samples at both ends of an axis.
+    def indices(self, pad: int, length: int) -> Tensor:
+        """Index of the sample at each position from -pad to length + pad; -1: black, int64, [length + 2 pad]."""
+        positions = torch.arange(-pad, length + pad)
+        index, weight = self.tap(positions, torch.ones_like(positions), length)
+        return torch.where(weight > 0, index, -1)
 
-        Args:
-            view: Images [..., H, W].
-            pad: Samples to add at each end.
-            axis: -1 (columns) or -2 (rows).
-        """
+    def extend(self, view: Tensor, pad: int, axis: int) -> Tensor:
+        """Images [..., H, W] with `pad` more samples at both ends of axis -1 (columns) or -2 (rows)."""
         columns, rows = (pad, 0) if axis == -1 else (0, pad)
-        # torch pads the last two axes of a 4-D tensor in every mode.
+        # PyTorch pads the last two axes of a 4-D tensor in every mode.
         padded = F.pad(view.reshape(1, -1, *view.shape[-2:]), (columns, columns, rows, rows), mode=self.mode)
         return padded.reshape(*view.shape[:-2], *padded.shape[-2:])
 
@@ -79,45 +79,20 @@ BORDERS: dict[str, Border] = {
 }
 
 
-def sampled_span(shift: float, length: int) -> tuple[int, int]:
-    """First and one-past-last output sample x whose position x + shift lies on the view, [0, length - 1].
-
-    Args:
-        shift: In samples.
-        length: Samples along the axis.
-    """
-    return max(0, math.ceil(-shift)), max(0, min(length, math.floor(length - 1 - shift) + 1))
-
-
-def sampled(shifts: list[float], length: int) -> Tensor:
-    """Where each shifted view has a sample: 1 or 0, float64, [len(shifts), length]."""
-    mask = torch.zeros(len(shifts), length, dtype=torch.float64)
-    for row, shift in zip(mask, shifts, strict=True):
-        start, stop = sampled_span(shift, length)
-        row[start:stop] = 1
-    return mask
-
-
-NEAREST, LINEAR, CUBIC = range(3)
-"""Numbers by which compiled loops know them."""
-FARTHEST = 2.0**50
-"""Positions beyond have no fraction left, and soon no index."""
-
-
 class Interpolation(NamedTuple):
     """One way to read an image between its samples."""
 
     weights: Callable | None
-    """(t), a number or a tensor -> weights of samples side by side, read t beyond one of them; None: all are read."""
+    """(t), a number or a tensor -> weights of consecutive samples around a position t beyond one; None: all count."""
     before: int = 0
     """Samples before that one where the weights begin."""
     rounds: bool = False
-    """Whether positions are rounded to whole samples first, halves upwards."""
+    """Positions are rounded to whole samples first, halves upwards."""
     number: int | None = None
-    """By which compiled loops know it; None: those that need one leave it to PyTorch."""
+    """Of the interpolation in compiled loops; None: PyTorch serves it."""
 
     def snap(self, position: float) -> float:
-        """The position that is really read for a wanted one."""
+        """The position that is read instead of a requested one."""
         return math.floor(position + 0.5) if self.rounds else position
 
     def taps(self, position: float) -> list[tuple[int, float]]:
@@ -134,3 +109,14 @@ INTERPOLATIONS: dict[str, Interpolation] = {
     "exact": Interpolation(None),
 }
 """`exact` is trigonometric (Fourier) interpolation, which moves a whole view by one distance."""
+
+
+def sampled_span(shift: float, length: int) -> tuple[int, int]:
+    """First and one-past-last output sample x whose position x + shift lies on the view, [0, length - 1]."""
+    return max(0, math.ceil(-shift)), max(0, min(length, math.floor(length - 1 - shift) + 1))
+
+
+def sampled(shifts: Sequence[float], length: int) -> Tensor:
+    """Where each shifted view has a sample: 1 or 0, float64, [len(shifts), length]."""
+    x, shift = torch.arange(length), torch.tensor(shifts, dtype=torch.float64)[:, None]
+    return ((x >= (-shift).ceil()) & (x <= (length - 1 - shift).floor())).double()

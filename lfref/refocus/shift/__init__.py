@@ -1,1 +1,1 @@
-"""Views shifted as wholes and summed: one slope a plane."""
+"""Views shifted as wholes and summed: one slope for each plane."""

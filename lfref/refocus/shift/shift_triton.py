@@ -1,11 +1,9 @@
 """Shift-and-sum on a GPU as one Triton kernel: each tile of the result is summed over all views for every plane.
 
 A tile's planes read nearly the same samples of the views, so the field comes from memory about once, and from the
-caches after that. The tables of taps are those of the task, as on the CPU; boxes are left to PyTorch.
+caches after that. Boxes are left to PyTorch. TRITON_FIGURES
 Letters: `n` plane, `v u` view row and column, `m` tap, `y x` pixel row and column.
 """
-
-from typing import NamedTuple
 
 import torch
 import triton
@@ -14,63 +12,47 @@ from torch import Tensor
 
 from lfref.refocus import batches
 from lfref.refocus.shift import shift_torch
-from lfref.refocus.shift.shift_torch import Task
+from lfref.refocus.shift.shift_plan import Plan
 
-TILE = (8, 64)  # rows and columns of the result that one program sums
-
-
-class _Axis(NamedTuple):
-    """Taps along one axis of the views."""
-
-    offsets: Tensor
-    """Samples that each view is read at, relative to the output sample, int32, [N, views, M]."""
-    weights: Tensor
-    """[N, views, M]."""
-    spans: Tensor
-    """First and one-past-last output sample that each view counts for, int32, [N, views, 2]."""
-    beyond: Tensor
-    """Sample that stands at each place from -reach to length + reach; -1: black, int32, [length + 2 reach]."""
+TILE = (8, 64)
+"""Rows and columns of the result that one program sums."""
 
 
-def shift_and_sum(views: Tensor, task: Task) -> Tensor:
+def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
     """The sums of the shifted views, over the weight of those that count.
 
     Args:
         views: Light fields on a GPU, floating point, uint8 or uint16, any strides, [B, V, U, C, H, W].
-        task: What is to be summed, by an interpolation of few taps, all rows of views at the same columns.
+        plan: What is to be summed, by an interpolation of few taps, all rows of views at the same columns.
 
     Returns:
         Stacks, float32 (float64 for such views), [B, N, C, H, W].
     """
     n_batch, n_rows, n_columns, n_channels, height, width = views.shape
     working = batches.working_dtype(views.dtype)
-    stack = views.new_empty((n_batch, len(task.planes), n_channels, height, width), dtype=working)
-    rows, columns = (_axis(task, axis, stack) for axis in (0, 1))
-    aperture = torch.tensor(task.aperture, dtype=working, device=views.device)
+    stack = views.new_empty((n_batch, len(plan.planes), n_channels, height, width), dtype=working)
+    aperture, tables = torch.tensor(plan.aperture, dtype=working, device=views.device), []
+    for axis in (0, 1):
+        # Offsets and weights of the taps, [N, views, M]; first and one-past-last output sample that each view counts
+        # for, [N, views, 2]; the sample at each position from -reach to length + reach, -1: black.
+        shifts = [plane.columns[0] if axis else plane.rows for plane in plan.planes]
+        taps = torch.tensor([[plan.interpolation.taps(each) for each in own] for own in shifts], dtype=torch.float64)
+        spans = torch.tensor([[plan.span(each, axis) for each in own] for own in shifts])
+        offsets, weights = (part.contiguous() for part in taps.unbind(-1))
+        indices = plan.border.indices(plan.reach, plan.size[axis])
+        tables += [offsets.to(stack.device, torch.int32), weights.to(stack)]
+        tables += [table.to(stack.device, torch.int32) for table in (spans, indices)]
     grid = (triton.cdiv(width, TILE[1]), triton.cdiv(height, TILE[0]), n_batch * n_channels)
     _sum_tile[grid](
-        views, *views.stride(), stack, aperture, *rows, *columns, 1 / batches.FULL_SCALE.get(views.dtype, 1),
-        height, width, task.reach, n_channels, len(task.planes), n_rows, n_columns,
-        n_taps=rows.offsets.shape[-1], counts_only_samples=task.border.counts_only_samples and not task.blurs,
+        views, *views.stride(), stack, aperture, *tables, 1 / batches.FULL_SCALE.get(views.dtype, 1),
+        height, width, plan.reach, n_channels, len(plan.planes), n_rows, n_columns,
+        n_taps=tables[0].shape[-1], counts_only_samples=plan.border.counts_only_samples and not plan.blurs,
         n_tile_rows=TILE[0], n_tile_columns=TILE[1],
     )  # fmt: skip
-    if not task.blurs:
+    if not plan.blurs:
         return stack
-    planes = zip(stack.unbind(1), task.planes, strict=True)
-    return torch.stack([shift_torch.finished(*plane, task) for plane in planes], dim=1)
-
-
-def _axis(task: Task, axis: int, like: Tensor) -> _Axis:
-    taps_of = task.interpolation.taps
-    planes = [shifts.columns[0] if axis else shifts.rows for shifts in task.planes]
-    taps = torch.tensor([[taps_of(shift) for shift in shifts] for shifts in planes], dtype=torch.float64)
-    spans = [[task.span(shift, axis) for shift in shifts] for shifts in planes]
-    return _Axis(
-        taps[..., 0].to(like.device, torch.int32).contiguous(),
-        taps[..., 1].to(like).contiguous(),
-        torch.tensor(spans, dtype=torch.int32, device=like.device),
-        task.beyond(axis).to(like.device, torch.int32),
-    )
+    planes = zip(stack.unbind(1), plan.planes, strict=True)
+    return torch.stack([shift_torch.finished(*plane, plan) for plane in planes], dim=1)
 
 
 @triton.jit
@@ -81,6 +63,7 @@ def _sum_tile(  # type: ignore[no-untyped-def]
     n_taps: tl.constexpr, counts_only_samples: tl.constexpr, n_tile_rows: tl.constexpr, n_tile_columns: tl.constexpr,
 ):  # fmt: skip
     """One tile of one channel, every plane."""
+    # Offsets of memory are 64-bit throughout: the samples of a field may lie more than 2^31 apart.
     b, c = tl.program_id(2) // n_channels, tl.program_id(2) % n_channels
     y = (tl.program_id(1) * n_tile_rows + tl.arange(0, n_tile_rows))[:, None]
     x = (tl.program_id(0) * n_tile_columns + tl.arange(0, n_tile_columns))[None, :]

@@ -13,15 +13,15 @@ from lfref.simulator.simulate import simulate
 
 
 def test_planes_among_the_disparities_stay_points():
-    seen = DisparityRange(-1.0, -0.4, 0.4)
+    disparities = DisparityRange(-1.0, -0.4, 0.4)
     planes = torch.tensor([-7.0, -3.0, -1.0, 0.0, 0.4, 0.55])
-    assert widths(planes, seen).tolist() == pytest.approx([6.6, 2.6, 0, 0, 0, 0])
+    assert widths(planes, disparities).tolist() == pytest.approx([6.6, 2.6, 0, 0, 0, 0])
 
 
 def test_cells_fade_in():
-    seen = DisparityRange(0.0, 0.0, 0.0)
+    disparities = DisparityRange(0.0, 0.0, 0.0)
     planes = torch.linspace(0.9, 1.5, 61, dtype=torch.float64)
-    steps = widths(planes, seen).diff()
+    steps = widths(planes, disparities).diff()
     assert bool((steps >= 0).all())
     assert float(steps.max()) < 0.06
 

@@ -1,11 +1,15 @@
 """The compiled loops against PyTorch's operations, which are tested against the definition in `test_shift_and_sum`."""
 
+import subprocess
+import sys
+
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.refocus.shift import shift_numba, shift_torch
+from lfref.refocus import lines
+from lfref.refocus.shift import shift_numba, shift_plan, shift_torch
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SLOPES = [-2.3, -1.0, 0.0, 0.3, 0.5, 1.7]
@@ -16,14 +20,15 @@ def in_type(views: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     return (views * full_scale).to(dtype) if full_scale else views.to(dtype)
 
 
-def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", weights=None):
-    planned = shift_torch.plan(slopes, views.shape[1:3], views.shape[-2:], interpolation, border, weights)
-    return shift_numba.shift_and_sum(views, planned), shift_torch.shift_and_sum(views, planned)
+def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", weights=None, widths=None):
+    planes = lines.checked_slopes(slopes, views.shape[1:3], views.shape[-2:], None)
+    plan = shift_plan.plan(planes, views.shape[1:3], views.shape[-2:], interpolation, border, weights, widths)
+    return shift_numba.shift_and_sum(views, plan), shift_torch.shift_and_sum(views, plan)
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
 @pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.uint8, torch.uint16])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.uint8])
 def test_equals_eager(border, interpolation, dtype):
     for grid, size in (((3, 4), (23, 30)), ((2, 9), (40, 33))):
         views = in_type(torch.rand(2, *grid, 2, *size, dtype=torch.float64), dtype)
@@ -32,7 +37,7 @@ def test_equals_eager(border, interpolation, dtype):
         torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 1e-6, rtol=0)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(st.data())
 def test_equals_eager_on_any_grid_size_slope_and_aperture(data):
     grid = data.draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
@@ -59,8 +64,7 @@ def test_equals_eager_through_cells(border, dtype):
     views = in_type(torch.rand(2, 3, 4, 2, 23, 30, dtype=torch.float64), dtype)
     weights = torch.tensor([[0.0, 1, 0.5, 1]]).expand(3, 4)
     widths = [2.3, 0.0, 0.4, 0.3, 0.5, 17.0]
-    planned = shift_torch.plan(SLOPES, (3, 4), (23, 30), "linear", border, weights, widths)
-    fast, slow = shift_numba.shift_and_sum(views, planned), shift_torch.shift_and_sum(views, planned)
+    fast, slow = both(views, SLOPES, "linear", border, weights, widths)
     torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 2e-6, rtol=0)
 
 
@@ -85,7 +89,7 @@ def test_views_in_any_memory_layout_are_read_where_they_lie():
     torch.testing.assert_close(*both(same_view), atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("n_threads", [1, 2, 5])
+@pytest.mark.parametrize("n_threads", [2, 20])
 def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
     monkeypatch.setattr(shift_numba, "WORTH_A_THREAD", 1)
     monkeypatch.setattr(torch, "get_num_threads", lambda: n_threads)
@@ -96,12 +100,6 @@ def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
     assert torch.equal(fast, both(views)[0])
 
 
-def test_more_threads_than_rows_leave_some_idle(monkeypatch):
-    monkeypatch.setattr(shift_numba, "WORTH_A_THREAD", 1)
-    monkeypatch.setattr(torch, "get_num_threads", lambda: 8)
-    torch.testing.assert_close(*both(torch.rand(1, 1, 3, 1, 3, 20), [0.5]), atol=1e-6, rtol=0)
-
-
 def test_samples_that_do_not_count_may_be_anything():
     views = torch.rand(1, 3, 3, 1, 12, 14, dtype=torch.float64)
     views[:, 1, 1, 0, 5, 6] = float("nan")
@@ -109,13 +107,6 @@ def test_samples_that_do_not_count_may_be_anything():
     for slope in (1.0, 0.0, 0.4):
         fast, slow = both(views, [slope])
         torch.testing.assert_close(fast, slow, atol=1e-12, rtol=0, equal_nan=True)
-
-
-def test_views_are_left_as_they_were():
-    views = torch.rand(1, 3, 3, 1, 10, 11)
-    before = views.clone()
-    both(views)
-    assert torch.equal(views, before)
 
 
 def test_derivatives_are_taken_by_eager_operations(monkeypatch):
@@ -137,10 +128,26 @@ def test_plain_views_are_refocused_by_the_kernel(monkeypatch):
     monkeypatch.setattr(
         shift_numba,
         "shift_and_sum",
-        lambda views, planned, room: served.append(views) or shift_torch.shift_and_sum(views, planned),
+        lambda views, plan, room: served.append(views) or shift_torch.shift_and_sum(views, plan),
     )
     shift_and_sum(torch.rand(2, 2, 1, 6, 7), [0.3])
     with torch.no_grad():
         shift_and_sum(torch.rand(2, 2, 1, 6, 7, requires_grad=True), [0.3])
     shift_and_sum(torch.rand(2, 2, 1, 6, 7).half(), [0.3])
     assert len(served) == 3
+
+
+PROGRAM = """
+import torch
+from lfref.refocus.shift import shift_numba
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+shift_and_sum(torch.rand(2, 2, 1, 8, 9), [0.5])
+print(sum(shift_numba.add_band.stats.cache_hits.values()), sum(shift_numba.add_band.stats.cache_misses.values()))
+"""
+
+
+@pytest.mark.slow
+def test_machine_code_is_kept_between_runs(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    runs = [subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True) for _ in "12"]
+    assert [run.stdout.split() for run in runs] == [["0", "1"], ["1", "0"]]

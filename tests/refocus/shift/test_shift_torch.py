@@ -8,21 +8,22 @@ from hypothesis import strategies as st
 
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift import shift_torch
-from lfref.refocus.shift.shift_torch import SEAM, Shifts, Task
+from lfref.refocus.shift.shift_plan import Plan, Shifts
+from lfref.refocus.shift.shift_torch import SEAM
 from tests.refocus.conftest import dirichlet
 
 
 def planned(view, name, border, shift):
-    """The task of shifting one view."""
+    """The plan of shifting one view."""
     shifts = Shifts((INTERPOLATIONS[name].snap(shift),), ((INTERPOLATIONS[name].snap(shift),),))
-    return Task((shifts,), ((1.0,),), view.shape[-2:], INTERPOLATIONS[name], BORDERS[border])
+    return Plan((shifts,), ((1.0,),), view.shape[-2:], INTERPOLATIONS[name], BORDERS[border])
 
 
 def read(view, name, border, shift, axis=-1, start=0.0):
     """The view read at x + shift, onto a sum that is something already."""
-    task, total = planned(view, name, border, shift), torch.full_like(view, start)
-    extended, pad = shift_torch.extended(view, task, axis)
-    shift_torch.add(total, extended, pad, task.planes[0].rows[0], task, axis)
+    plan, total = planned(view, name, border, shift), torch.full_like(view, start)
+    extended, pad = shift_torch.extended(view, plan, axis)
+    shift_torch.add(total, extended, pad, plan.planes[0].rows[0], plan, axis)
     return total
 
 
@@ -66,9 +67,9 @@ def test_cubic_is_keys_convolution_with_the_edge_held(shift):
 def test_cubic_reproduces_parabolas_where_linear_does_not():
     x = torch.arange(16, dtype=torch.float64)
     inner = slice(3, -3)
-    wanted = ((x + 0.4) ** 2)[None, inner]
-    torch.testing.assert_close(read((x**2)[None], "cubic", "edge", 0.4)[:, inner], wanted, atol=1e-12, rtol=0)
-    assert (read((x**2)[None], "linear", "edge", 0.4)[:, inner] - wanted).abs().min() > 0.1
+    expected = ((x + 0.4) ** 2)[None, inner]
+    torch.testing.assert_close(read((x**2)[None], "cubic", "edge", 0.4)[:, inner], expected, atol=1e-12, rtol=0)
+    assert (read((x**2)[None], "linear", "edge", 0.4)[:, inner] - expected).abs().min() > 0.1
 
 
 @pytest.mark.parametrize("length", [16, 17])
