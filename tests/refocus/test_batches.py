@@ -6,6 +6,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch.autograd import forward_ad
 
 from lfref.errors import InputError
 from lfref.refocus import batches
@@ -46,8 +47,8 @@ def test_views_that_are_not_read_are_copied_only_where_they_could_do_harm():
     aperture[0, 1] = 0
     assert batches.without_unread(views, aperture) is views
     views[0, 0, 1, 0, 5, 5] = torch.inf
-    made = batches.without_unread(views, aperture)
-    assert torch.equal(made[0].mean((-3, -2, -1)), aperture.half())
+    masked = batches.without_unread(views, aperture)
+    assert torch.equal(masked[0].mean((-3, -2, -1)), aperture.half())
     assert batches.without_unread(views, torch.ones(2, 3)) is views
 
 
@@ -107,24 +108,6 @@ def test_floating_point_is_not_scaled_and_float32_not_copied():
     assert batches.radiance(views.half()).tolist() == [-0.5, 255.0]
 
 
-@pytest.mark.parametrize(
-    ("dtype", "returned"),
-    [
-        (torch.float16, torch.float16),
-        (torch.bfloat16, torch.bfloat16),
-        (torch.float32, torch.float32),
-        (torch.float64, torch.float64),
-        (torch.uint8, torch.float32),
-        (torch.uint16, torch.float32),
-    ],
-)
-def test_views_keep_their_type_and_floating_point_types_come_back(dtype, returned):
-    views = torch.ones(2, 2, 1, 4, 4).to(dtype)
-    flat = batches.flattened(views)
-    assert flat.dtype == dtype
-    assert batches.restored(batches.radiance(flat[:, 0, :1]), views).dtype == returned
-
-
 @pytest.mark.parametrize("dtype", [torch.bool, torch.int8, torch.int16, torch.int64, torch.complex64])
 def test_types_without_a_full_scale_are_refused(dtype):
     with pytest.raises(InputError, match=rf"uint8 or uint16; got {dtype}; scale other"):
@@ -138,3 +121,41 @@ def test_what_is_not_views_is_refused():
 
 def test_grid_and_size_are_those_of_one_light_field():
     assert batches.grid_and_size(torch.empty(9, 2, 3, 1, 4, 5)) == ((2, 3), (4, 5))
+
+
+PLAIN = torch.rand(2, 3)
+
+
+def test_plain_numbers_are_for_the_compiler_of_their_device(monkeypatch):
+    assert batches.compiler_for(PLAIN, PLAIN.double()) == "numba"
+    monkeypatch.setattr(batches, "COMPILERS", {"meta": "triton"})
+    assert batches.compiler_for(PLAIN) is None
+    assert batches.compiler_for(PLAIN.to("meta")) == "triton"
+
+
+def test_what_is_differentiated_is_for_pytorch():
+    needed = PLAIN.clone().requires_grad_()
+    assert batches.compiler_for(PLAIN, needed) is None
+    with torch.no_grad():
+        assert batches.compiler_for(PLAIN, needed) == "numba"
+    with forward_ad.dual_level():
+        assert batches.compiler_for(forward_ad.make_dual(PLAIN, PLAIN)) is None
+
+
+@pytest.mark.parametrize("transform", [torch.func.vmap, torch.func.grad, torch.compile])
+def test_tensors_that_are_being_transformed_are_for_pytorch(transform):
+    compilers = []
+
+    def read(tensor):
+        compilers.append(batches.compiler_for(tensor))
+        return tensor.sum()
+
+    if transform is torch.compile:
+        torch.compile(read, backend="eager")(PLAIN)
+    else:
+        transform(read)(PLAIN)
+    assert compilers == [None]
+
+
+def test_other_kinds_of_tensor_are_for_pytorch():
+    assert batches.compiler_for(torch.nn.Parameter(PLAIN, requires_grad=False)) is None

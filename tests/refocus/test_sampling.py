@@ -1,5 +1,6 @@
-"""Interpolations: their weights, and that an entry in the table is all that a new one, or a new border, needs."""
+"""Interpolations and borders: weights, padding and spans against the definition; one record is all that one needs."""
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -12,6 +13,7 @@ from lfref.refocus.surface import per_pixel
 
 LOCAL = [name for name, way in INTERPOLATIONS.items() if way.weights is not None]
 SLOPES = [-1.4, 0.0, 0.37, 1.0]
+NUMPY_MODES = {"renormalize": "edge", "edge": "edge", "zero": "constant", "wrap": "wrap"}
 
 
 @given(position=st.floats(-50, 50))
@@ -66,3 +68,44 @@ def test_an_entry_is_all_that_a_new_border_needs(monkeypatch):
         expected = shift_and_sum(views, SLOPES, interpolation, "mirror")
         torch.testing.assert_close(on_flat_maps(views, interpolation, "mirror"), expected, atol=1e-12, rtol=0)
         assert (expected - shift_and_sum(views, SLOPES, interpolation, "edge")).abs().max() > 0.01
+
+
+@pytest.mark.parametrize("name", list(BORDERS))
+@pytest.mark.parametrize("axis", [-1, -2])
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3, 4)])
+def test_extending_is_numpys_padding_along_that_axis_alone(name, axis, batch):
+    view = torch.rand(*batch, 5, 7)
+    widths = [(0, 0)] * view.ndim
+    widths[axis] = (3, 3)
+    expected = np.pad(view.numpy(), widths, mode=NUMPY_MODES[name])
+    np.testing.assert_array_equal(sampling.BORDERS[name].extend(view, 3, axis).numpy(), expected)
+
+
+@pytest.mark.parametrize(
+    ("shift", "span"),
+    [(0.0, (0, 8)), (2.0, (0, 6)), (-2.0, (2, 8)), (0.5, (0, 7)), (-0.5, (1, 8)), (1.25, (0, 6)), (-1.25, (2, 8))],
+)
+def test_the_span_by_hand(shift, span):
+    assert sampling.sampled_span(shift, 8) == span
+
+
+@given(length=st.integers(1, 30), share=st.floats(-1, 1))
+def test_the_span_holds_exactly_the_samples_that_lie_on_the_view(length, share):
+    # Multiples of 1/64, so that x + shift is exact.
+    shift = round(share * length * 64) / 64
+    mask = sampling.sampled([shift], length)[0]
+    assert mask.tolist() == [float(0 <= x + shift <= length - 1) for x in range(length)]
+
+
+def test_masks_stand_in_the_order_of_the_shifts():
+    mask = sampling.sampled([1.0, -2.0, 0.0], 4)
+    assert mask.tolist() == [[1, 1, 1, 0], [0, 0, 1, 1], [1, 1, 1, 1]]
+    assert mask.dtype == torch.float64
+
+
+@pytest.mark.parametrize(
+    ("border", "expected"),
+    [("edge", [0, 0, 0, 1, 2, 3, 3, 3]), ("wrap", [2, 3, 0, 1, 2, 3, 0, 1]), ("zero", [-1, -1, 0, 1, 2, 3, -1, -1])],
+)
+def test_indices_say_which_sample_stands_beyond_the_edge(border, expected):
+    assert BORDERS[border].indices(2, 4).tolist() == expected
