@@ -38,7 +38,6 @@ def accuracy_time() -> Figure:
 def causes() -> Figure:
     """What each cause of error costs, and what the remedies win back."""
     rows = tables.read_table(CAUSES)
-    rows["is_base"] = rows["is_base"].astype(str) == "True"
     return bench_plots.error_causes(rows, panels_at=(0.125, 2.0))
 
 

@@ -34,7 +34,7 @@ def report(config: DictConfig, folder: Path) -> None:
 
 def _facts(runs: list[Path]) -> dict[str, object]:
     """When the page was made, and what the runs noted of their machines."""
-    facts: dict[str, object] = {"made": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
+    facts: dict[str, object] = {"date": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
     for note in (run / "machine.json" for run in runs if (run / "machine.json").is_file()):
         try:
             facts |= json.loads(note.read_text("utf-8"))

@@ -51,7 +51,7 @@ def view(config: DictConfig, folder: Path) -> None:
         if truth is not None:
             shown["truth"] = Refocused(field, _fitting(truth, field, planes), planes, gain)
         place = result_folders.of(folder, name, path, given) / PAGE
-        view_page.write(place, config.title or field.name, _facts(shown), view_page.content(shown))
+        view_page.write(place, config.title or field.name, _facts(shown), view_page.page_content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 
     inputs.each(captures, [one], "viewing")

@@ -27,7 +27,8 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
     """
     tables.require(by_plane, "cause", "method", "is_base", "alpha", "slope", "cost_db", "won_db")
     causes = by_plane["cause"].unique().tolist()[::-1]
-    remedies = by_plane.loc[~by_plane["is_base"].astype(bool), "method"].unique().tolist()
+    by_plane = by_plane.assign(is_base=by_plane["is_base"].astype(str) == "True")  # text when read from a file
+    remedies = by_plane.loc[~by_plane["is_base"], "method"].unique().tolist()
     place = tables.plane_axis(by_plane)
     means = by_plane.groupby(["cause", "method", "is_base"], sort=False)[["cost_db", "won_db"]].mean().reset_index()
     kept = by_plane if panels_at is None else by_plane[by_plane[place].isin(panels_at)]
@@ -36,7 +37,7 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
     figure = new_figure(2 + 2.6 * len(panels), 1.6 + 0.32 * len(causes))
     all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axes, (title, rows) in zip(all_axes, panels.items(), strict=True):
-        is_base = rows["is_base"].astype(bool)
+        is_base = rows["is_base"]
         costs = rows[is_base].groupby("cause")["cost_db"].first().reindex(causes)
         axes.barh(range(len(causes)), costs, height=0.62, color=CYAN, alpha=0.45, label="cost", zorder=1)
         for index, method in enumerate(remedies):

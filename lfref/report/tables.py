@@ -39,6 +39,8 @@ def plot_text(name: object, width: int = 28) -> str:
 def format_cell(column: str, value: Any) -> str:
     """Text of a cell: significant digits, a dash for nothing, a true minus sign."""
     is_real = isinstance(value, Real) and not isinstance(value, bool)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {format_cell(key, part)}" for key, part in value.items())
     if value is None or value == "" or (is_real and math.isnan(value)):
         return DASH
     if not is_real or is_text(column):
@@ -104,6 +106,8 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "memory_ratio": ("Peak / allowed memory", "{:.2f}".format),
     "scene": ("Scene", str),
     "cause": ("Cause", str),
+    "is_base": ("Base method", _plain),
+    "scenes": ("Scenes", _plain),
     "cost_db": ("Cost (dB)", "{:.2f}".format),
     "alone_db": ("PSNR with this error alone (dB)", _decibel),
     "won_db": ("Won back (dB)", "{:.2f}".format),

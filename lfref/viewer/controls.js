@@ -1,4 +1,4 @@
-// What people do with the page: every control changes the state, and the state alone decides what is drawn.
+// Controls of the page: each changes the state, and the drawing depends on the state alone.
 
 const find = (name) => document.getElementById(name);
 const stage = find("stage");
@@ -9,20 +9,20 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const PER_PLANE = 160; // milliseconds of a sweep
 const TO_FOCUS = 250; // milliseconds until a point that was clicked is in focus
 
-const state = { mode: "planes", plane: held.start, left: 0, right: Math.min(1, held.methods.length - 1), wipe: 1 };
-const ends = [0, 1].map((axis) => Math.max(...held.views.cameras.map((camera) => Math.abs(camera[axis]))));
-const whole = { slope: held.slopes[held.start], aperture: 2 * Math.max(...ends), shape: "square", across: 0, down: 0, tiltAcross: 0, tiltDown: 0 };
-const asked = { ...whole };
+const state = { mode: "planes", plane: content.start, left: 0, right: Math.min(1, content.methods.length - 1), wipe: 1 };
+const ends = [0, 1].map((axis) => Math.max(...content.views.cameras.map((camera) => Math.abs(camera[axis]))));
+const whole = { slope: content.slopes[content.start], aperture: 2 * Math.max(...ends), shape: "square", across: 0, down: 0, tiltAcross: 0, tiltDown: 0 };
+const settings = { ...whole };
 let lens = null;
 let motion = 0;
 
-function tell(text) {
-  find("told").textContent = text;
+function report(text) {
+  find("status").textContent = text;
 }
 
 function drawPlanes() {
   const under = Math.floor(state.plane);
-  const over = Math.min(under + 1, held.slopes.length - 1);
+  const over = Math.min(under + 1, content.slopes.length - 1);
   const share = state.plane - under;
   const method = (number, clip) => {
     const planes = drawn[number];
@@ -47,26 +47,26 @@ function drawPlanes() {
   }
 }
 
-const drawn = held.methods.map(() => null);
+const drawn = content.methods.map(() => null);
 
 async function load(number) {
-  if (!drawn[number]) drawn[number] = await Promise.all(held.methods[number].planes.map(decode));
+  if (!drawn[number]) drawn[number] = await Promise.all(content.methods[number].planes.map(decode));
 }
 
 async function draw() {
   const mode = state.mode;
   if (mode === "lens") {
     lens ??= newLens(lensCanvas);
-    const made = await lens;
+    const drawLens = await lens;
     if (state.mode !== mode) return;
-    made(asked);
+    drawLens(settings);
   } else if (mode === "planes") {
     await load(state.left);
     if (state.wipe < 1) await load(state.right);
     if (state.mode !== mode) return;
     drawPlanes();
   } else {
-    const picture = await decode(held[mode]);
+    const picture = await decode(content[mode]);
     if (state.mode !== mode) return;
     context.drawImage(picture, 0, 0, WIDTH, HEIGHT);
   }
@@ -79,12 +79,12 @@ async function draw() {
 function show() {
   const plane = Math.round(state.plane);
   find("plane").value = plane;
-  find("plane_told").textContent = held.titles[plane];
-  find("plane").setAttribute("aria-valuetext", held.titles[plane]);
-  find("slope").value = asked.slope;
-  find("slope_told").textContent = `slope ${asked.slope.toFixed(2)}`;
+  find("plane_text").textContent = content.titles[plane];
+  find("plane").setAttribute("aria-valuetext", content.titles[plane]);
+  find("slope").value = settings.slope;
+  find("slope_text").textContent = `slope ${settings.slope.toFixed(2)}`;
   stage.dataset.plane = plane;
-  stage.dataset.slope = state.mode === "lens" ? asked.slope : held.slopes[plane];
+  stage.dataset.slope = state.mode === "lens" ? settings.slope : content.slopes[plane];
   for (const part of document.querySelectorAll("[data-mode]")) {
     if (part !== stage) part.hidden = part.dataset.mode !== state.mode;
   }
@@ -97,7 +97,7 @@ function stop() {
   find("sweep").setAttribute("aria-pressed", "false");
 }
 
-// From where the focus is to where it shall be, evenly; at once where people want no motion.
+// Move the focus evenly to its target; at once for people who prefer reduced motion.
 function move(values, key, target) {
   stop();
   const from = values[key];
@@ -112,17 +112,17 @@ function move(values, key, target) {
 }
 
 function focusOn(x, y) {
-  const found = slopeAt(x, y);
+  const point = slopeAt(x, y);
   if (state.mode === "sharp" || state.mode === "map") setMode("planes");
-  if (found.is === "unknown") {
-    tell("Nothing there tells how far away it is: the focus stays.");
+  if (point.source === "unknown") {
+    report("The disparity there is unknown: the focus stays.");
     return;
   }
-  const plane = nearestPlane(found.slope);
-  const how = found.is === "around" ? "What is beside it" : "It";
-  const where = held.slopes.length > 1 && (found.slope < held.slopes[0] - 0.5 || found.slope > held.slopes.at(-1) + 0.5);
-  tell(`${how} is sharp at slope ${found.slope.toFixed(2)}; ${where ? "that is beyond the planes, the nearest is" : "nearest plane:"} ${held.titles[plane]}.`);
-  if (state.mode === "lens") move(asked, "slope", found.slope);
+  const plane = nearestPlane(point.slope);
+  const what = point.source === "neighbour" ? "The nearest known point" : "The point";
+  const isBeyond = content.slopes.length > 1 && (point.slope < content.slopes[0] - 0.5 || point.slope > content.slopes.at(-1) + 0.5);
+  report(`${what} is sharp at slope ${point.slope.toFixed(2)}; ${isBeyond ? "that is beyond the planes; nearest plane:" : "nearest plane:"} ${content.titles[plane]}.`);
+  if (state.mode === "lens") move(settings, "slope", point.slope);
   else move(state, "plane", plane);
 }
 
@@ -133,22 +133,22 @@ function sweep() {
   }
   setMode("planes");
   find("sweep").setAttribute("aria-pressed", "true");
-  const last = held.slopes.length - 1;
+  const last = content.slopes.length - 1;
   const start = performance.now() - state.plane * PER_PLANE;
   const step = (now) => {
     const way = ((now - start) / PER_PLANE) % (2 * last || 1);
-    const place = way <= last ? way : 2 * last - way;
-    state.plane = calm.matches ? Math.round(place) : place;
+    const position = way <= last ? way : 2 * last - way;
+    state.plane = calm.matches ? Math.round(position) : position;
     show();
     motion = requestAnimationFrame(step);
   };
   motion = requestAnimationFrame(step);
 }
 
-// The focus goes along from the planes to the lens and back.
+// Planes and lens share the focus.
 function setMode(mode) {
-  if (mode === "lens" && state.mode !== "lens") asked.slope = held.slopes[Math.round(state.plane)];
-  if (mode !== "lens" && state.mode === "lens") state.plane = nearestPlane(asked.slope);
+  if (mode === "lens" && state.mode !== "lens") settings.slope = content.slopes[Math.round(state.plane)];
+  if (mode !== "lens" && state.mode === "lens") state.plane = nearestPlane(settings.slope);
   state.mode = mode;
   document.querySelector(`input[name="mode"][value="${mode}"]`).checked = true;
   if (mode !== "planes") stop();
@@ -158,12 +158,12 @@ function setMode(mode) {
 function step(by) {
   stop();
   if (state.mode === "lens") {
-    const width = held.slopes.at(-1) - held.slopes[0];
-    asked.slope = Math.min(held.slopes.at(-1), Math.max(held.slopes[0], asked.slope + (by * width) / 50));
+    const width = content.slopes.at(-1) - content.slopes[0];
+    settings.slope = Math.min(content.slopes.at(-1), Math.max(content.slopes[0], settings.slope + (by * width) / 50));
   } else {
     if (state.mode !== "planes") setMode("planes");
-    state.plane = Math.min(held.slopes.length - 1, Math.max(0, Math.round(state.plane) + by));
-    tell(held.titles[state.plane]);
+    state.plane = Math.min(content.slopes.length - 1, Math.max(0, Math.round(state.plane) + by));
+    report(content.titles[state.plane]);
   }
   show();
 }
@@ -182,8 +182,8 @@ const KEYS = {
   ArrowDown: () => step(-1),
   ArrowRight: () => step(1),
   ArrowUp: () => step(1),
-  Home: () => step(-held.slopes.length),
-  End: () => step(held.slopes.length),
+  Home: () => step(-content.slopes.length),
+  End: () => step(content.slopes.length),
   " ": sweep,
 };
 stage.addEventListener("keydown", (event) => {
@@ -211,19 +211,19 @@ const LENS = { slope: "slope", aperture: "aperture", across: "across", down: "do
 for (const [name, key] of Object.entries(LENS)) {
   find(name).addEventListener("input", (event) => {
     stop();
-    asked[key] = Number(event.target.value);
+    settings[key] = Number(event.target.value);
     show();
   });
 }
 find("shape").addEventListener("input", (event) => {
-  asked.shape = event.target.value;
+  settings.shape = event.target.value;
   show();
 });
 
 function resetLens() {
-  Object.assign(asked, whole, { slope: held.slopes[Math.round(state.plane)] });
-  for (const [name, key] of Object.entries(LENS)) find(name).value = asked[key];
-  find("shape").value = asked.shape;
+  Object.assign(settings, whole, { slope: content.slopes[Math.round(state.plane)] });
+  for (const [name, key] of Object.entries(LENS)) find(name).value = settings[key];
+  find("shape").value = settings.shape;
   show();
 }
 find("reset").addEventListener("click", resetLens);
@@ -239,7 +239,7 @@ find("save").addEventListener("click", () => {
   });
 });
 
-// What depends on the grid of the views.
+// Ranges that depend on the grid of the views.
 for (const [name, most] of [["aperture", whole.aperture], ["across", ends[0]], ["down", ends[1]]]) {
   find(name).max = most;
   if (name !== "aperture") find(name).min = -most;

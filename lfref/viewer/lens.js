@@ -1,5 +1,5 @@
-// The views through any aperture, from any point of it, focused on any plane, tilted ones too: what shift-and-sum does,
-// in linear light, by the graphics processor; where there is none, by the processor and coarser.
+// Shift-and-sum in linear light through any aperture, from any viewpoint, focused on any plane, tilted ones too: on the
+// graphics processor, or, where there is none, on the processor at half the resolution.
 
 const MOST = 256; // views
 const VERTICES = `#version 300 es
@@ -23,19 +23,19 @@ void main() {
   shown = vec4(mix(12.92 * light, 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, light)), 1.0);
 }`;
 
-// How much of a camera at this place, in view steps from the middle of the aperture, is within it; soft over a step.
+// Distance of a camera from the middle of the aperture, in view steps, in the norm of the aperture's shape.
 const SHAPES = {
   square: (x, y) => Math.max(Math.abs(x), Math.abs(y)),
   disc: (x, y) => Math.hypot(x, y),
   hexagon: (x, y) => Math.max(Math.abs(x), 0.5 * Math.abs(x) + 0.866 * Math.abs(y)),
 };
 
-function weights(asked) {
-  const distance = SHAPES[asked.shape];
-  return held.views.cameras.map(([x, y]) => {
-    const [dx, dy] = [x - asked.across, y - asked.down];
-    if (asked.aperture === 0) return Math.max(0, 1 - Math.abs(dx)) * Math.max(0, 1 - Math.abs(dy));
-    return Math.min(1, Math.max(0, asked.aperture / 2 + 1 - distance(dx, dy)));
+function weights(settings) {
+  const distance = SHAPES[settings.shape];
+  return content.views.cameras.map(([x, y]) => {
+    const [dx, dy] = [x - settings.across, y - settings.down];
+    if (settings.aperture === 0) return Math.max(0, 1 - Math.abs(dx)) * Math.max(0, 1 - Math.abs(dy));
+    return Math.min(1, Math.max(0, settings.aperture / 2 + 1 - distance(dx, dy)));
   });
 }
 
@@ -50,7 +50,7 @@ function compiled(gl, kind, text) {
 function glLens(canvas, images) {
   const gl = canvas.getContext("webgl2", { preserveDrawingBuffer: true, antialias: false });
   if (!gl || !gl.getExtension("EXT_color_buffer_float") || images.length > MOST) return null;
-  const [height, width] = held.views.size;
+  const [height, width] = content.views.size;
   const program = gl.createProgram();
   for (const [kind, text] of [[gl.VERTEX_SHADER, VERTICES], [gl.FRAGMENT_SHADER, PIXELS]]) {
     gl.attachShader(program, compiled(gl, kind, text));
@@ -70,29 +70,29 @@ function glLens(canvas, images) {
     gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, width, height, 1, gl.RGBA, gl.UNSIGNED_BYTE, image);
   });
   for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D_ARRAY, side, gl.CLAMP_TO_EDGE);
-  for (const way of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D_ARRAY, way, gl.LINEAR);
+  for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D_ARRAY, filter, gl.LINEAR);
   gl.activeTexture(gl.TEXTURE1);
   gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-  for (const way of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, way, gl.NEAREST);
-  const place = (name) => gl.getUniformLocation(program, name);
-  gl.uniform1i(place("views"), 0);
-  gl.uniform1i(place("cameras"), 1);
-  gl.uniform1i(place("n"), images.length);
-  gl.uniform2f(place("size"), WIDTH, HEIGHT);
-  const focus = place("focus");
-  return (asked) => {
-    const cameras = weights(asked).flatMap((weight, k) => [...held.views.cameras[k], weight, 0]);
+  for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
+  const uniform = (name) => gl.getUniformLocation(program, name);
+  gl.uniform1i(uniform("views"), 0);
+  gl.uniform1i(uniform("cameras"), 1);
+  gl.uniform1i(uniform("n"), images.length);
+  gl.uniform2f(uniform("size"), WIDTH, HEIGHT);
+  const focus = uniform("focus");
+  return (settings) => {
+    const cameras = weights(settings).flatMap((weight, k) => [...content.views.cameras[k], weight, 0]);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, images.length, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(cameras));
-    gl.uniform3f(focus, asked.slope, asked.tiltAcross, asked.tiltDown);
+    gl.uniform3f(focus, settings.slope, settings.tiltAcross, settings.tiltDown);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   };
 }
 
-const COARSE = 2; // pixels along the side of one, without a graphics processor
+const COARSE = 2; // pixels along the side of one without a graphics processor
 
 function plainLens(canvas, images) {
-  const [height, width] = held.views.size.map((length) => Math.ceil(length / COARSE));
+  const [height, width] = content.views.size.map((length) => Math.ceil(length / COARSE));
   [canvas.width, canvas.height] = [width, height];
   const scratch = document.createElement("canvas");
   [scratch.width, scratch.height] = [width, height];
@@ -105,27 +105,27 @@ function plainLens(canvas, images) {
     return reading.getImageData(0, 0, width, height).data;
   });
   const context = canvas.getContext("2d");
-  return (asked) => {
-    const made = context.createImageData(width, height);
+  return (settings) => {
+    const output = context.createImageData(width, height);
     const light = new Float32Array(4 * width * height);
-    weights(asked).forEach((weight, k) => {
-      if (weight > 0) add(light, views[k], held.views.cameras[k], weight, asked, width, height, linear);
+    weights(settings).forEach((weight, k) => {
+      if (weight > 0) add(light, views[k], content.views.cameras[k], weight, settings, width, height, linear);
     });
     for (let p = 0; p < light.length; p += 4) {
       for (let c = 0; c < 3; c++) {
         const value = light[p + c] / Math.max(light[p + 3], 1e-6);
-        made.data[p + c] = 255 * (value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055);
+        output.data[p + c] = 255 * (value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055);
       }
-      made.data[p + 3] = 255;
+      output.data[p + 3] = 255;
     }
-    context.putImageData(made, 0, 0);
+    context.putImageData(output, 0, 0);
   };
 }
 
-function add(light, view, [cx, cy], weight, asked, width, height, linear) {
+function add(light, view, [cx, cy], weight, settings, width, height, linear) {
   for (let y = 0; y < height; y++) {
     for (let x = 0; x < width; x++) {
-      const slope = asked.slope + asked.tiltAcross * (x / width - 0.5) + asked.tiltDown * (y / height - 0.5);
+      const slope = settings.slope + settings.tiltAcross * (x / width - 0.5) + settings.tiltDown * (y / height - 0.5);
       const column = Math.round(x + (slope * cx * width) / WIDTH);
       const row = Math.round(y + (slope * cy * height) / HEIGHT);
       if (column < 0 || row < 0 || column >= width || row >= height) continue;
@@ -137,8 +137,8 @@ function add(light, view, [cx, cy], weight, asked, width, height, linear) {
 }
 
 async function newLens(canvas) {
-  const images = await Promise.all(held.views.pictures.map(decode));
-  [canvas.height, canvas.width] = held.views.size;
+  const images = await Promise.all(content.views.pictures.map(decode));
+  [canvas.height, canvas.width] = content.views.size;
   const isPlain = new URLSearchParams(location.hash.slice(1)).has("plain");
   const draw = isPlain ? null : glLens(canvas, images);
   canvas.dataset.by = draw ? "webgl" : "canvas";

@@ -1,15 +1,15 @@
 "use strict";
-// What the page holds, and its pictures, each decoded once, when it is first needed.
+// Content of the page; each picture is decoded once, when it is first needed.
 
-const held = JSON.parse(document.getElementById("held").textContent);
-const [HEIGHT, WIDTH] = held.size;
+const content = JSON.parse(document.getElementById("content").textContent);
+const [HEIGHT, WIDTH] = content.size;
 const decoded = new Map();
 
 function decode(uri) {
   if (!decoded.has(uri)) {
     const image = new Image();
     image.src = uri;
-    // A bitmap stays decoded; of an image the browser may throw that away again.
+    // A bitmap stays decoded; the browser may drop the pixels of an image and decode it again.
     decoded.set(uri, image.decode().then(() => createImageBitmap(image)));
   }
   return decoded.get(uri);
@@ -19,35 +19,35 @@ function bytes(text) {
   return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 }
 
-// How far away each pixel is, and how sure that is.
+// Disparity and confidence of each pixel.
 const depth = {
-  steps: new Uint16Array(bytes(held.depth.disparity).buffer),
-  sure: bytes(held.depth.confidence),
+  steps: new Uint16Array(bytes(content.depth.disparity).buffer),
+  confidence: bytes(content.depth.confidence),
 };
-const SURE = held.depth.sure; // of 255
+const SURE = content.depth.least_confidence; // of 255
 const AROUND = 6; // pixels
 
 function slopeOf(pixel) {
-  return held.depth.low + (depth.steps[pixel] / 65535) * (held.depth.high - held.depth.low);
+  return content.depth.low + (depth.steps[pixel] / 65535) * (content.depth.high - content.depth.low);
 }
 
-// The slope of a point, in pixels of the picture; of the surest pixel around where the point itself tells nothing.
+// Slope at a pixel of the picture: its own, or that of the most confident pixel around it, or unknown.
 function slopeAt(x, y) {
   let best = y * WIDTH + x;
-  if (depth.sure[best] >= SURE) return { slope: slopeOf(best), is: "known" };
+  if (depth.confidence[best] >= SURE) return { slope: slopeOf(best), source: "pixel" };
   for (let row = Math.max(0, y - AROUND); row <= Math.min(HEIGHT - 1, y + AROUND); row++) {
     for (let column = Math.max(0, x - AROUND); column <= Math.min(WIDTH - 1, x + AROUND); column++) {
       const pixel = row * WIDTH + column;
-      if (depth.sure[pixel] > depth.sure[best]) best = pixel;
+      if (depth.confidence[pixel] > depth.confidence[best]) best = pixel;
     }
   }
-  return { slope: slopeOf(best), is: depth.sure[best] >= SURE ? "around" : "unknown" };
+  return { slope: slopeOf(best), source: depth.confidence[best] >= SURE ? "neighbour" : "unknown" };
 }
 
 function nearestPlane(slope) {
   let best = 0;
-  held.slopes.forEach((each, plane) => {
-    if (Math.abs(each - slope) < Math.abs(held.slopes[best] - slope)) best = plane;
+  content.slopes.forEach((planeSlope, plane) => {
+    if (Math.abs(planeSlope - slope) < Math.abs(content.slopes[best] - slope)) best = plane;
   });
   return best;
 }

@@ -204,7 +204,7 @@ def test_bench_measures_what_operators_cost(lfref, workplace):
     assert json.loads((folder / "machine.json").read_text())["repeats"] == 1
     assert all((folder / picture).stat().st_size > 1000 for picture in ("operators.png", "scaling.png"))
     assert lfref("report", f"output={workplace}/costs", f"runs=[{folder}]")[0] == 0
-    assert "What operators cost" in (workplace / "costs" / "index.html").read_text()
+    assert "Costs of operators" in (workplace / "costs" / "index.html").read_text()
 
 
 BODY = slice(140, 215), slice(250, 380)

@@ -19,7 +19,7 @@ def field(tmp_path):
 
 def held(folder):
     text = (folder / "index.html").read_text()
-    return text, json.loads(re.search(r'id="held">(.*?)</script>', text).group(1))
+    return text, json.loads(re.search(r'id="content">(.*?)</script>', text).group(1))
 
 
 def test_a_light_field_becomes_a_page(lfref, field, tmp_path):
@@ -34,7 +34,7 @@ def test_a_light_field_becomes_a_page(lfref, field, tmp_path):
 
 
 def test_the_truth_is_shown_beside_the_methods(lfref, field, tmp_path):
-    stack = 0.5 * cases.shown()["linear"].stack[:2]
+    stack = 0.5 * cases.methods()["linear"].stack[:2]
     write.write_stack(tmp_path / "truth.exr", stack, FocalPlanes([1.0, -1.0]))
     status, errors = lfref("view", field, f"truth={tmp_path}/truth.exr", WORDS[2], f"output={tmp_path}/run")
     assert status == 0, errors

@@ -143,6 +143,7 @@ def test_columns_of_earlier_versions_are_read_by_their_names_today(tmp_path):
         ("anything", 0.123456, "0.1235"),
         ("anything", math.nan, tables.DASH),
         ("anything", True, "True"),
+        ("anything", {"bytes_s": 1e-5, "rounds": 3}, f"bytes_s 1e{tables.MINUS}05, rounds 3"),
         ("light_field", "IMG_1085", "IMG_1085"),
     ],
 )

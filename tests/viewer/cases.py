@@ -21,11 +21,11 @@ def scene(grid=(5, 5), size=(96, 128)):
     """Views, and the true disparity of each pixel."""
     wall = Surface(Plane(FAR), Noise((0.5, 0.4, 0.3), (0.3, 0.3, 0.3)))
     disc = Surface(Plane(NEAR), Noise((0.3, 0.5, 0.4), (0.3, 0.3, 0.3)), Disc(28.0))
-    made = simulate(Scene(Camera(grid, size), (wall, disc)), outputs=("views", "disparity"))
-    return LightField(made.views.clamp(0, 1), "disc <before> a wall"), made.disparity
+    simulated = simulate(Scene(Camera(grid, size), (wall, disc)), outputs=("views", "disparity"))
+    return LightField(simulated.views.clamp(0, 1), "disc <before> a wall"), simulated.disparity
 
 
-def shown(**options):
+def methods(**options):
     field, _ = scene(**options)
     stack = shift_and_sum(field.views, PLANES.slopes)
     stacks = {"linear": stack, "dim": 0.6 * stack}

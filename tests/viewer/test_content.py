@@ -1,4 +1,4 @@
-"""What the page holds is what was refocused: pictures, cameras, and how far away each pixel is."""
+"""Content of the page: pictures of the stack, cameras, disparity and its colours."""
 
 import base64
 import dataclasses
@@ -17,8 +17,8 @@ Image = pytest.importorskip("PIL.Image")
 
 
 @pytest.fixture(scope="module")
-def held():
-    return view_page.content(cases.shown())
+def content():
+    return view_page.page_content(cases.methods())
 
 
 def pixels(uri):
@@ -27,36 +27,39 @@ def pixels(uri):
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))), np.float64) / 255
 
 
-def test_planes_rise_and_are_pictures_of_the_stack(held):
-    assert held["slopes"] == [-1.0, -0.5, 0.0, 0.5, 1.0]
-    assert held["titles"][3] == "slope 0.5, alpha 2"
-    assert [method["name"] for method in held["methods"]] == ["linear", "dim"]
-    first = cases.shown()["linear"]
-    wanted = first.encoded(first.stack[0])  # slope 1
-    own, other = (np.abs(pixels(held["methods"][0]["planes"][place]) - wanted).mean() for place in (4, 3))
+def test_planes_rise_and_are_pictures_of_the_stack(content):
+    assert content["slopes"] == [-1.0, -0.5, 0.0, 0.5, 1.0]
+    assert content["titles"][3] == "slope 0.5, alpha 2"
+    assert [method["name"] for method in content["methods"]] == ["linear", "dim"]
+    first = cases.methods()["linear"]
+    expected = first.encoded(first.stack[0])  # slope 1
+    own, other = (np.abs(pixels(content["methods"][0]["planes"][place]) - expected).mean() for place in (4, 3))
     assert own < 0.01
     assert other > 2 * own
 
 
-def test_depth_is_kept_to_a_thousandth(held):
-    depth = held["depth"]
+def test_disparity_is_exact_to_a_thousandth(content):
+    depth = content["depth"]
     steps = np.frombuffer(base64.b64decode(depth["disparity"]), "<u2").reshape(96, 128)
     sure = np.frombuffer(base64.b64decode(depth["confidence"]), np.uint8).reshape(96, 128)
-    found, confidence = cases.shown()["linear"].slope_and_confidence
+    disparity, confidence = cases.methods()["linear"].slope_and_confidence
     kept = depth["low"] + steps / 65535 * (depth["high"] - depth["low"])
-    assert np.abs(kept - found.numpy()).max() < 1e-3
+    assert np.abs(kept - disparity.numpy()).max() < 1e-3
     assert np.abs(sure / 255 - confidence.numpy()).max() < 0.003
 
 
-def test_the_colours_of_the_map_are_told_by_its_bar(held):
-    scale, (slopes, confidence) = held["scale"], cases.shown()["linear"].slope_and_confidence
+def test_the_map_has_the_colours_of_its_bar(content):
+    scale, (slopes, confidence) = content["scale"], cases.methods()["linear"].slope_and_confidence
     assert -1 <= scale["low"] < scale["high"] <= 1
-    bar, shown = pixels(scale["bar"])[4], pixels(held["map"])
+    bar, shown = pixels(scale["bar"])[4], pixels(content["map"])
     places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
-    told = bar[np.rint(places * (len(bar) - 1)).astype(int)]
-    is_sure, is_unknown = confidence.numpy() >= view_page.SURE, confidence.numpy() < view_page.SURE / 50
-    assert np.median(np.abs(told - shown)[is_sure]) < 0.02
-    assert is_sure.any()
+    expected = bar[np.rint(places * (len(bar) - 1)).astype(int)]
+    is_known, is_unknown = (
+        confidence.numpy() >= view_page.LEAST_CONFIDENCE,
+        confidence.numpy() < view_page.LEAST_CONFIDENCE / 50,
+    )
+    assert np.median(np.abs(expected - shown)[is_known]) < 0.02
+    assert is_known.any()
     assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - view_page.GREY)) < 0.05
 
 
@@ -67,7 +70,7 @@ def test_the_map_spans_the_planes_where_slopes_lie_among_them(planes, ends):
     assert view_page._ends(np.array([[-0.5, 2.0]]), planes) == ends
 
 
-def test_where_nobody_can_tell_the_map_is_grey():
+def test_the_map_is_grey_where_disparity_is_unknown():
     colours, confidence = np.ones((2, 3, 3)) * [1.0, 0.0, 0.2], np.array([[0, 0.05, 0.1], [1, 1, 0]])
     greyed = view_page._greyed(colours, confidence)
     assert np.allclose(greyed[[0, 1], [0, 2]], 0.5)
@@ -75,14 +78,14 @@ def test_where_nobody_can_tell_the_map_is_grey():
     assert np.allclose(greyed[0, 2], [1, 0, 0.2])
 
 
-def test_views_come_with_where_their_cameras_are(held):
-    views = held["views"]
+def test_views_come_with_their_cameras(content):
+    views = content["views"]
     assert views["size"] == [96, 128]
     assert len(views["pictures"]) == len(views["cameras"]) == 25
     assert views["cameras"][0] == [-2, -2]
     assert views["cameras"][1] == [-1, -2], "x, then y"
     field, _ = cases.scene()
-    assert np.abs(pixels(views["pictures"][1]) - cases.shown()["linear"].encoded(field.views[0, 1])).mean() < 0.01
+    assert np.abs(pixels(views["pictures"][1]) - cases.methods()["linear"].encoded(field.views[0, 1])).mean() < 0.01
 
 
 def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
@@ -90,27 +93,27 @@ def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
     weight, positions = torch.ones(5, 5, 1, 96, 128), torch.zeros(5, 5, 2, dtype=torch.float64)
     weight[0, 1] = 0
     positions[4, 4] = torch.tensor([1.25, -0.5])
-    made = dataclasses.replace(
-        cases.shown()["linear"], field=dataclasses.replace(field, weight=weight, positions=positions)
+    refocused = dataclasses.replace(
+        cases.methods()["linear"], field=dataclasses.replace(field, weight=weight, positions=positions)
     )
-    views = view_page._views(made)
+    views = view_page._views(refocused)
     assert len(views["pictures"]) == 24
     assert views["cameras"][-1] == [-0.5, 1.25]
 
 
 def test_many_large_views_are_made_smaller(monkeypatch):
     monkeypatch.setattr(view_page, "MOST_VIEW_PIXELS", 25 * 96 * 128 // 4)
-    assert view_page.content(cases.shown())["views"]["size"] == [48, 64]
+    assert view_page.page_content(cases.methods())["views"]["size"] == [48, 64]
 
 
-def test_the_first_plane_is_where_most_of_the_scene_is(held):
-    assert held["slopes"][held["start"]] in (-0.5, 1.0)
+def test_the_first_plane_is_where_most_of_the_scene_is(content):
+    assert content["slopes"][content["start"]] in (-0.5, 1.0)
 
 
 def test_methods_of_other_planes_are_refused():
-    shown = cases.shown()
+    shown = cases.methods()
     shown["dim"] = dataclasses.replace(shown["dim"], planes=FocalPlanes([0.0, 1.0, 2.0, 3.0, 4.0]))
     with pytest.raises(InputError, match="the same planes"):
-        view_page.content(shown)
+        view_page.page_content(shown)
     with pytest.raises(InputError, match="at least one method"):
-        view_page.content({})
+        view_page.page_content({})

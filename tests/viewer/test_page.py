@@ -1,4 +1,4 @@
-"""The page in a browser: from disk, by mouse, keyboard and finger, wide and narrow, with nothing asked of anybody."""
+"""The page in a browser: from disk, by mouse, keyboard and finger, wide and narrow, without the network."""
 
 import re
 import shutil
@@ -13,35 +13,37 @@ playwright = pytest.importorskip("playwright.sync_api")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
 SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-"""Graphics by the processor: what tests run on has no other."""
+"""Graphics by the processor: test machines have no other."""
 
 
 @pytest.fixture(scope="module")
 def browser():
     with playwright.sync_playwright() as started:
-        made = started.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
-        yield made
-        made.close()
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    made = tmp_path_factory.mktemp("view") / "index.html"
-    view_page.write(made, "A disc <script>alert(1)</script>", {"views": "5 x 5"}, view_page.content(cases.shown()))
-    return made
+    path = tmp_path_factory.mktemp("view") / "index.html"
+    view_page.write(
+        path, "A disc <script>alert(1)</script>", {"views": "5 x 5"}, view_page.page_content(cases.methods())
+    )
+    return path
 
 
 @pytest.fixture
 def opened(browser, path):
-    """Function (options of the page) -> the page, drawn; at the end nothing was said or asked for."""
-    said, asked, contexts = [], [], []
+    """Function (options of the page) -> the page; in the end it has logged no message and loaded nothing."""
+    messages, requests, contexts = [], [], []
 
     def open_(fragment="", **options):
         contexts.append(browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | options))
         tab = contexts[-1].new_page()
-        tab.on("console", lambda message: said.append(message.text))
-        tab.on("pageerror", lambda error: said.append(str(error)))
-        tab.on("request", lambda request: asked.append(request.url))
+        tab.on("console", lambda message: messages.append(message.text))
+        tab.on("pageerror", lambda error: messages.append(str(error)))
+        tab.on("request", lambda request: requests.append(request.url))
         tab.goto(path.as_uri() + fragment)
         tab.wait_for_selector("#stage[data-drawn=planes]")
         return tab
@@ -49,13 +51,13 @@ def opened(browser, path):
     yield open_
     for each in contexts:
         each.close()
-    assert said == []
-    assert [url for url in asked if not url.startswith(("data:", "blob:", path.as_uri()))] == []
+    assert messages == []
+    assert [url for url in requests if not url.startswith(("data:", "blob:", path.as_uri()))] == []
 
 
 def pixels(tab, canvas="flat"):
     """What a canvas shows, [H, W, 3] of 0 to 255."""
-    told = tab.evaluate(
+    values = tab.evaluate(
         """async (name) => {
           const from = document.getElementById(name), made = document.createElement("canvas");
           [made.width, made.height] = [from.width, from.height];
@@ -66,7 +68,7 @@ def pixels(tab, canvas="flat"):
         }""",
         canvas,
     )
-    return np.array(told[2], np.float64).reshape(told[0], told[1], 4)[..., :3]
+    return np.array(values[2], np.float64).reshape(values[0], values[1], 4)[..., :3]
 
 
 def click(tab, x, y):
@@ -86,20 +88,20 @@ def plane(tab):
     return int(tab.get_attribute("#stage", "data-plane"))
 
 
-def wanted(slope, name="linear"):
-    made = cases.shown()[name]
-    return 255 * made.encoded(made.stack[cases.PLANES.values.index(slope)])
+def expected_plane(slope, name="linear"):
+    refocused = cases.methods()[name]
+    return 255 * refocused.encoded(refocused.stack[cases.PLANES.values.index(slope)])
 
 
 def test_a_click_focuses_on_what_was_clicked(opened):
     tab = opened()
     click(tab, 64, 48)
     assert plane(tab) == 4
-    assert "nearest plane: slope 1" in tab.inner_text("#told")
-    assert np.abs(pixels(tab) - wanted(1.0)).mean() < 3
+    assert "nearest plane: slope 1" in tab.inner_text("#status")
+    assert np.abs(pixels(tab) - expected_plane(1.0)).mean() < 3
     click(tab, 8, 12)
     assert plane(tab) == 1
-    assert np.abs(pixels(tab) - wanted(-0.5)).mean() < 3
+    assert np.abs(pixels(tab) - expected_plane(-0.5)).mean() < 3
     assert tab.locator("#mark").is_visible()
 
 
@@ -116,13 +118,13 @@ def test_the_plane_under_a_click_is_the_nearest_one_wherever_there_is_texture(op
     assert (np.array(found) == nearest).mean() >= 0.95
 
 
-def test_where_nothing_tells_how_far_it_is_the_page_says_so(opened):
+def test_a_click_on_unknown_disparity_keeps_the_focus(opened):
     tab = opened()
-    tab.evaluate("() => depth.sure.fill(0)")
+    tab.evaluate("() => depth.confidence.fill(0)")
     before = plane(tab)
     click(tab, 64, 48)
     assert plane(tab) == before
-    assert "Nothing there tells" in tab.inner_text("#told")
+    assert "disparity there is unknown" in tab.inner_text("#status")
 
 
 def test_the_slider_and_the_keyboard_move_the_focus(opened):
@@ -130,8 +132,8 @@ def test_the_slider_and_the_keyboard_move_the_focus(opened):
     tab.locator("#plane").fill("0")
     settle(tab)
     assert plane(tab) == 0
-    assert tab.inner_text("#plane_told") == "slope -1, alpha 0.5"
-    assert np.abs(pixels(tab) - wanted(-1.0)).mean() < 3
+    assert tab.inner_text("#plane_text") == "slope -1, alpha 0.5"
+    assert np.abs(pixels(tab) - expected_plane(-1.0)).mean() < 3
     tab.locator("#stage").focus()
     for key, expected in (
         ("ArrowRight", 1),
@@ -148,13 +150,13 @@ def test_the_slider_and_the_keyboard_move_the_focus(opened):
 def test_a_sweep_goes_through_the_planes_until_it_is_stopped(opened):
     tab = opened()
     tab.click("#sweep")
-    seen = set()
+    planes = set()
     for _ in range(200):
         tab.wait_for_timeout(30)
-        seen.add(plane(tab))
-        if len(seen) == 5:
+        planes.add(plane(tab))
+        if len(planes) == 5:
             break
-    assert seen == {0, 1, 2, 3, 4}
+    assert planes == {0, 1, 2, 3, 4}
     tab.locator("#stage").focus()
     tab.keyboard.press(" ")
     assert tab.get_attribute("#sweep", "aria-pressed") == "false"
@@ -170,7 +172,7 @@ def test_the_wipe_shows_two_methods_beside_each_other(opened):
     settle(tab)
     made = pixels(tab)
     for half, name in ((np.s_[:, :60], "linear"), (np.s_[:, 68:], "dim")):
-        assert np.abs(made[half] - wanted(-0.5, name)[half]).mean() < 3
+        assert np.abs(made[half] - expected_plane(-0.5, name)[half]).mean() < 3
 
 
 @pytest.mark.parametrize(("fragment", "by"), [("", "webgl"), ("#plain", "canvas")])
@@ -180,7 +182,7 @@ def test_the_lens_sums_the_views_as_shift_and_sum_does(opened, fragment, by):
     tab.check("input[value=lens]")
     tab.wait_for_selector("#stage[data-drawn=lens]")
     assert tab.get_attribute("#lens", "data-by") == by
-    own, other = (np.abs(coarse(pixels(tab, "lens")) - coarse(wanted(slope))).mean() for slope in (1.0, -0.5))
+    own, other = (np.abs(coarse(pixels(tab, "lens")) - coarse(expected_plane(slope))).mean() for slope in (1.0, -0.5))
     assert own < 3
     assert other > 2 * own
 
@@ -198,7 +200,7 @@ def test_a_small_aperture_shows_one_view_and_the_viewpoint_moves_it(opened):
     tab.locator("#slope").fill("0")
     tab.locator("#aperture").fill("0")
     field, _ = cases.scene()
-    shown = cases.shown()["linear"]
+    shown = cases.methods()["linear"]
     for across, down, view in ((0, 0, (2, 2)), (2, -1, (1, 4))):
         tab.locator("#across").fill(str(across))
         tab.locator("#down").fill(str(down))
@@ -235,7 +237,7 @@ def test_a_narrow_screen_and_a_finger_do(opened):
     assert plane(tab) == 4
 
 
-def test_who_wants_no_motion_gets_none(opened):
+def test_reduced_motion_moves_the_focus_at_once(opened):
     tab = opened(reduced_motion="reduce")
     box = tab.locator("#stage").bounding_box()
     tab.locator("#plane").fill("0")
