@@ -12,7 +12,7 @@ from lfref.cli import config as configs
 from lfref.cli.command import log, paths, progress
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.functional.threads import ahead
-from lfref.io import atomic, field_formats, images
+from lfref.io import atomic, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
@@ -125,10 +125,10 @@ def _numbered(path: Path) -> list[tuple[str, int]]:
 
 def _inside(path: Path) -> list[Path]:
     """A path, or the light fields in the folder that it is."""
-    if not path.is_dir() or field_formats.is_field(path):
+    if not path.is_dir() or reader.is_field(path):
         return [path]
     with atomic.file_errors(path, "read"):
-        entries = sorted((child for child in path.iterdir() if field_formats.is_field(child)), key=_numbered)
+        entries = sorted((child for child in path.iterdir() if reader.is_field(child)), key=_numbered)
     # Pictures that are no lenslet images are views by names that nobody knows: the reader says what to do.
     return entries if entries and all(map(_is_whole, entries)) else [path]
 
@@ -136,7 +136,7 @@ def _inside(path: Path) -> list[Path]:
 def _is_whole(path: Path) -> bool:
     # What is damaged is told when it is read, so that it does not stop the others.
     with suppress(FileError):
-        if field_formats.of(path).name == "eslf":
+        if reader.format_of(path).name == "eslf":
             with images.open_image(path) as source:
                 return bool(min(source.spec().width, source.spec().height) >= LENSLET_SIDE)
     return True

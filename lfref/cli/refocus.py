@@ -16,7 +16,7 @@ from lfref.cli.refocusing import Planes, planes_of
 from lfref.errors import InputError, LfrefError
 from lfref.geometry import FocalPlanes
 from lfref.io.run import Run
-from lfref.io.scratch import room
+from lfref.io.scratch import allocator
 from lfref.lightfield import LightField
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, in_bands
@@ -53,7 +53,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
         if n_rows is None:
             stack = refocusing.stack(refocuser, field, planes.slopes, device)
         else:
-            stack = in_bands(refocuser, field, planes.slopes, n_rows, room(scratch), device)
+            stack = in_bands(refocuser, field, planes.slopes, n_rows, allocator(scratch), device)
         return Refocused(field, stack, planes, refocusing.gain(field, exposure), files), corrections
 
     def write(name: str, made: Made) -> None:

@@ -6,7 +6,6 @@ they are.
 """
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,8 @@ from numpy.typing import NDArray
 from lfref.errors import FileError
 from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.io import grid, images
+from lfref.io.options import ReadOptions
+from lfref.io.scratch import allocator
 
 VIEW = re.compile(r"view_(\d+)_(\d+)")
 PLANE = re.compile(r"plane_(\d+)")
@@ -25,23 +26,16 @@ def _view_name(cell: grid.Cell) -> str:
     return f"view_{cell[0]:02d}_{cell[1]:02d}"
 
 
-def _plane_name(index: int) -> str:
-    return f"plane_{index:02d}"
-
-
-def _part_names(source: OpenImageIO.ImageInput) -> list[str]:
-    """Names of all parts, in the order of the file."""
-    names: list[str] = []
-    while source.seek_subimage(len(names), 0):
-        names.append(str(source.spec().getattribute("oiio:subimagename") or ""))
+def _numbered_parts(source: OpenImageIO.ImageInput, pattern: re.Pattern[str]) -> dict[tuple[int, ...], int]:
+    """Numbers in the names of the parts that follow a pattern -> index of the part."""
+    numbered, index = {}, 0
+    while source.seek_subimage(index, 0):
+        name = str(source.spec().getattribute("oiio:subimagename") or "")
+        if match := pattern.fullmatch(name):
+            numbered[tuple(int(number) for number in match.groups())] = index
+        index += 1
     source.geterror()  # the end of the file counts as an error
-    return names
-
-
-def _numbered(names: Iterable[str], pattern: re.Pattern[str]) -> dict[tuple[int, ...], int]:
-    """Numbers in the part names that follow the pattern -> index of the part."""
-    matches = ((index, pattern.fullmatch(name)) for index, name in enumerate(names))
-    return {tuple(int(number) for number in match.groups()): index for index, match in matches if match}
+    return numbered
 
 
 def holds_views(path: Path) -> bool:
@@ -51,7 +45,7 @@ def holds_views(path: Path) -> bool:
         FileError: The file cannot be read.
     """
     with images.open_image(path) as source:
-        return bool(_numbered(_part_names(source), VIEW))
+        return bool(_numbered_parts(source, VIEW))
 
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
@@ -66,39 +60,30 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
         InputError: NaN or infinity, a value beyond half, or another depth or channel count.
         FileError: The folder or the disk refuses.
     """
-    cells = np.ndindex(views.shape[:2])
-    parts = [images.Part(views[cell].transpose(1, 2, 0), _view_name((cell[0], cell[1]))) for cell in cells]
+    cells = [(row, column) for row, column in np.ndindex(views.shape[:2])]
+    parts = [images.Part(views[cell].transpose(1, 2, 0), _view_name(cell)) for cell in cells]
     images.write_parts(path, parts, bits)
 
 
-def read_views(path: Path, selection: grid.Selection) -> NDArray:
-    """The chosen views of a light field.
-
-    Args:
-        path: The file.
-        selection: Views to keep; None keeps all.
-
-    Returns:
-        Samples, float32, [V, U, C, H, W].
+def decode_views(path: Path, options: ReadOptions) -> NDArray:
+    """The chosen views of a light field, float32, [V, U, C, H, W].
 
     Raises:
         FileError: The file cannot be read, a view is missing, or views differ in size.
         InputError: The window of views leaves the grid.
     """
     with images.open_image(path) as source:
-        parts = _numbered(_part_names(source), VIEW)
-        cells = {(row, column): part for (row, column), part in parts.items()}
+        cells = {(row, column): part for (row, column), part in _numbered_parts(source, VIEW).items()}
         if not cells:
             raise FileError(f"{path} must hold parts named view_RR_CC", remedy="write it with lfref.write")
         stored = grid.Grid(grid.extent(cells), cells)
-        grid.check_holes(stored, _view_name, path, selection.holes)
-        window = selection.window(stored.shape, path)
+        grid.check_holes(stored, _view_name, path, options.holes)
         return grid.gather(
             stored,
-            window,
+            options.window(stored.shape, path),
             lambda part: images.read_part(source, path, part),
             lambda part: f"{path}:{part}",
-            selection.room,
+            allocator(options.scratch),
         )
 
 
@@ -115,55 +100,39 @@ def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | No
         InputError: NaN or infinity, a value beyond half, or another depth or channel count.
         FileError: The folder or the disk refuses.
     """
-    # As text: an EXR attribute that is a number keeps 24 bits of it.
-    attributes: list[dict[str, str | float]] = [{"slope": repr(slope)} for slope in planes.values]
-    for said, alpha in zip(attributes, planes.alphas or (), strict=False):
-        said |= {"alpha": repr(alpha), "convention": str(planes.convention)}
-    parts = [
-        images.Part(plane.transpose(1, 2, 0), _plane_name(index), said)
-        for index, (plane, said) in enumerate(zip(stack, attributes, strict=True))
-    ]
+    parts = []
+    for index, (picture, slope) in enumerate(zip(stack, planes.values, strict=True)):
+        # As text: an EXR attribute that is a number keeps 24 bits of it.
+        attributes: dict[str, str | float] = {"slope": repr(slope)}
+        if planes.alphas is not None:
+            attributes |= {"alpha": repr(planes.alphas[index]), "convention": str(planes.convention)}
+        parts.append(images.Part(picture.transpose(1, 2, 0), f"plane_{index:02d}", attributes))
     images.write_parts(path, parts, bits)
 
 
 def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
-    """A refocused stack and its planes.
-
-    Args:
-        path: The file.
-
-    Returns:
-        Stack, float32, [N, C, H, W], and its planes.
+    """A refocused stack, float32, [N, C, H, W], and its planes.
 
     Raises:
         FileError: The file cannot be read, a plane is missing or does not say its slope, or planes differ in size.
     """
     with images.open_image(path) as source:
-        parts = _numbered(_part_names(source), PLANE)
-        cells = {(0, index): part for (index,), part in parts.items()}
+        cells = {(0, index): part for (index,), part in _numbered_parts(source, PLANE).items()}
         if not cells:
             raise FileError(f"{path} must hold parts named plane_NN", remedy="write it with lfref.io.write.write_stack")
         stored = grid.Grid(grid.extent(cells), cells)
-        grid.check_holes(stored, lambda cell: _plane_name(cell[1]), path, allowed=False)
-        n_planes = len(cells)
-        planes = _planes([source.spec(cells[0, index]) for index in range(n_planes)], path)
-        window = slice(0, 1), slice(0, n_planes)
+        grid.check_holes(stored, lambda cell: f"plane_{cell[1]:02d}", path, allowed=False)
+        specs = [source.spec(cells[0, index]) for index in range(len(cells))]
+        window = slice(0, 1), slice(0, len(cells))
         stack = grid.gather(
             stored, window, lambda part: images.read_part(source, path, part), lambda part: f"{path}:{part}"
         )
-    return stack[0], planes
-
-
-def _planes(specs: list[OpenImageIO.ImageSpec], path: Path) -> FocalPlanes:
-    """The planes that the parts say they are."""
     convention = specs[0].getattribute("convention")
-    # Slopes of lfref 0.1 were numbers, and so rounded: its alphas say the planes.
+    # lfref 0.1 wrote slopes as numbers, which EXR rounded: its alphas are exact.
     has_exact_slopes = all(isinstance(spec.getattribute("slope"), str) for spec in specs)
-    said = [spec.getattribute("slope" if has_exact_slopes else "alpha") for spec in specs]
     try:
-        numbers = [float(str(value)) for value in said]
-        if has_exact_slopes:
-            return FocalPlanes(numbers, convention)
-        return planes_at_alphas(numbers, str(convention))
+        values = [float(str(spec.getattribute("slope" if has_exact_slopes else "alpha"))) for spec in specs]
+        planes = FocalPlanes(values, convention) if has_exact_slopes else planes_at_alphas(values, str(convention))
     except ValueError as error:
         raise FileError(f"{path} must say the slope of each plane", got=error, remedy="write it again") from error
+    return stack[0], planes

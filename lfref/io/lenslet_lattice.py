@@ -1,7 +1,8 @@
-"""Views read out of a lenslet image between its pixels, and lenslets of any lattice brought onto a square one.
+"""The lattice of lenslets in front of a sensor, and views sampled from it between the pixels.
 
-Letters: `V U` view rows and columns, `C` channels, `i j` row and column of a lenslet, `y x` of a pixel. Between pixels
-a cubic is read (Keys, "Cubic convolution interpolation for digital image processing", 1981).
+A lattice tells where each lenslet stands in pixels of the lenslet image; sampling brings any lattice onto a square one.
+Letters: `V U` view rows and columns, `C` channels, `i j` row and column of a lenslet, `y x` of a pixel (whole numbers
+at the centres). Interpolation is cubic (Keys, "Cubic convolution interpolation for digital image processing", 1981).
 """
 
 import math
@@ -11,11 +12,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.nn.functional import embedding_bag
-
-# PART lattice
-# The lattice of lenslets in front of a sensor: where each one stands, in pixels of the lenslet image.
-#
-# Letters: `i j` row and column of a lenslet, `y x` pixel row and column, whole numbers at the centres of pixels.
 
 Pair = tuple[float, float]
 """Of rows and columns, or (y, x) in pixels."""
@@ -59,29 +55,18 @@ class Lattice:
         return "hexagonal" if self.is_hexagonal else "square"
 
     def centres(self, i: NDArray, j: NDArray) -> tuple[NDArray, NDArray]:
-        """Where lenslets stand.
-
-        Args:
-            i: Rows, whole numbers, any shape.
-            j: Columns, likewise.
-
-        Returns:
-            `y` and `x` in pixels, float64, of their common shape.
-        """
+        """Centres `y` and `x` in pixels, float64, of the lenslets in rows `i` and columns `j`, which broadcast."""
         along = j + (i % 2) / 2 if self.is_hexagonal else np.asarray(j)
         y, x = (self.origin[k] + i * self.rows[k] + along * self.columns[k] for k in (0, 1))
         return y, x
 
     def steps(self) -> tuple[Pair, Pair]:
-        """One pixel (y, x) along the rows' succession, and one along a row: the directions of `v` and `u`."""
-        pitch = self.pitch
-        return (self.rows[0] / pitch[0], self.rows[1] / pitch[0]), (
-            self.columns[0] / pitch[1],
-            self.columns[1] / pitch[1],
-        )
+        """The directions (y, x) of `v` (from row to row) and of `u` (along a row), one pixel long."""
+        (row_y, row_x), (column_y, column_x), (down, along) = self.rows, self.columns, self.pitch
+        return (row_y / down, row_x / down), (column_y / along, column_x / along)
 
     def within(self, size: tuple[int, int], reach: Pair) -> tuple[range, range]:
-        """A block of lenslets that lie wholly in a picture, as large as may be.
+        """A large block of lenslets that lie wholly in a picture.
 
         Args:
             size: Height and width of the picture, in pixels.
@@ -90,16 +75,21 @@ class Lattice:
         Returns:
             Rows and columns of lenslets; either is empty where there is no room.
         """
-        i, j = self.candidates(size)
+        i, j = self.numbers_around(size)
         y, x = self.centres(i[:, None], j[None, :])
-        inside = (abs(2 * y - size[0] + 1) <= size[0] - 2 * reach[0] - 1 + 1e-6) & (
-            abs(2 * x - size[1] + 1) <= size[1] - 2 * reach[1] - 1 + 1e-6
-        )
-        top, bottom, left, right = _block(inside)
-        return range(i[0] + top, i[0] + bottom), range(j[0] + left, j[0] + right)
+        # Twice the distance from the picture's middle; the millionth of a pixel is rounding.
+        inside = abs(2 * y - size[0] + 1) <= size[0] - 2 * reach[0] - 1 + 1e-6
+        inside &= abs(2 * x - size[1] + 1) <= size[1] - 2 * reach[1] - 1 + 1e-6
+        top, bottom, left, right = 0, len(i), 0, len(j)
+        # The side with the largest share outside gives way first: a lattice that is hardly turned loses few lenslets.
+        while top < bottom and left < right and not (block := inside[top:bottom, left:right]).all():
+            worst = int(np.argmin([edge.mean() for edge in (block[0], block[-1], block[:, 0], block[:, -1])]))
+            top, bottom = top + (worst == 0), bottom - (worst == 1)
+            left, right = left + (worst == 2), right - (worst == 3)
+        return range(i[0] + top, i[0] + max(top, bottom)), range(j[0] + left, j[0] + max(left, right))
 
-    def candidates(self, size: tuple[int, int]) -> tuple[NDArray, NDArray]:
-        """Rows and columns that may lie in a picture: all of those that its corners lie between."""
+    def numbers_around(self, size: tuple[int, int]) -> tuple[NDArray, NDArray]:
+        """Numbers of all rows and columns that may lie in a picture, and some beyond."""
         steps = np.array([self.rows, self.columns]).T
         corners = np.array([(y, x) for y in (0, size[0]) for x in (0, size[1])]) - self.origin
         numbers = np.linalg.solve(steps, corners.T)
@@ -121,47 +111,29 @@ def upright(pitch: Pair, offset: Pair, rotation: float = 0.0, is_hexagonal: bool
     return Lattice(offset, rows, (pitch[1] * sine, pitch[1] * cosine), is_hexagonal)
 
 
-def _block(inside: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """First row, end of rows, first column, end of columns of a block that is inside throughout.
-
-    The side with the largest share outside gives way first: a lattice that is hardly turned loses few lenslets.
-    """
-    top, bottom, left, right = 0, inside.shape[0], 0, inside.shape[1]
-    while top < bottom and left < right and not (block := inside[top:bottom, left:right]).all():
-        shares = [edge.mean() for edge in (block[0], block[-1], block[:, 0], block[:, -1])]
-        worst = int(np.argmin(shares))
-        top, bottom = top + (worst == 0), bottom - (worst == 1)
-        left, right = left + (worst == 2), right - (worst == 3)
-    return top, max(top, bottom), left, max(left, right)
-
-
 TAPS = 4
 ASPECT = 0.002
-"""By how much, relatively, the distances of rows and columns may differ before columns are resampled."""
+"""Relative difference of row and column distances below which pixels count as square: a pixel in 500."""
 
 
 def n_views(pitch: float) -> int:
-    """How many views fit in a lenslet.
+    """Views along an axis that fit in a lenslet of a pitch in pixels, at least 1.
 
-    Args:
-        pitch: Of the lenslets, in pixels, at least 1.
-
-    Returns:
-        The pitch itself where it is whole: pixels are views then; else the largest odd number, whose middle view looks
-        through the centres of the lenslets.
+    The pitch itself where it is whole: pixels are views then; else the largest odd number, whose middle view looks
+    through the centres of the lenslets.
     """
     whole = math.floor(pitch)
     return whole if whole == pitch else whole - 1 + whole % 2
 
 
-def read_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window: tuple[slice, slice]) -> NDArray:
+def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window: tuple[slice, slice]) -> NDArray:
     """The views of a lenslet image.
 
     Args:
         image: Linear light, floating point, [H, W, C].
-        lattice: Where the lenslets stand.
+        lattice: The lattice of its lenslets.
         grid: Rows and columns of views that a lenslet has.
-        window: Which of them to read.
+        window: Rows and columns of views to sample.
 
     Returns:
         Views, float32, one pixel a lenslet; pixels are square, [V, U, C, H', W'], H' or W' 0 where no lenslet lies
@@ -175,18 +147,18 @@ def read_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window: 
     views = np.empty((*(len(range(grid[k])[window[k]]) for k in (0, 1)), image.shape[2], *y.shape), np.float32)
     for v, u in np.ndindex(views.shape[:2]):
         down, right = window[0].start + v - reach[0], window[1].start + u - reach[1]
-        one = between(padded, y + down * v_y + right * u_y, x + down * v_x + right * u_x)
-        views[v, u] = one.transpose(2, 0, 1)
+        samples = interpolate(padded, y + down * v_y + right * u_y, x + down * v_x + right * u_x)
+        views[v, u] = samples.transpose(2, 0, 1)
     return squared(views, lattice, i)
 
 
-def between(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.float32]:
-    """A picture between its pixels.
+def interpolate(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.float32]:
+    """Samples of a picture between its pixels.
 
     Args:
         padded: The picture with 1 pixel more above and on the left, 3 below and on the right, [H + 4, W + 4, C].
         y: Rows in the picture itself, in [0, H - 1] but for rounding, [I, J].
-        x: Columns, likewise.
+        x: Columns, in [0, W - 1] but for rounding, [I, J].
 
     Returns:
         Samples, [I, J, C].
@@ -207,21 +179,14 @@ def between(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.f
 
 
 def _split(positions: NDArray, length: int) -> tuple[NDArray[np.intp], NDArray]:
-    """Whole pixels, and what is left; positions that rounding took out of the picture are put back."""
+    """Whole pixels and fractions; positions that rounding took out of the picture are put back."""
     kept = positions.clip(0, length - 1)
     whole = np.floor(kept).astype(np.intp)
     return whole, kept - whole
 
 
 def taps(t: NDArray) -> NDArray[np.float32]:
-    """Weights of the samples at -1, 0, 1 and 2 for positions t in [0, 1).
-
-    Args:
-        t: Any shape.
-
-    Returns:
-        Weights, [4, ...].
-    """
+    """Keys's weights of the samples at -1, 0, 1 and 2 for positions t in [0, 1), [4, ...]."""
     weights = (
         t * (-0.5 + t * (1 - 0.5 * t)),
         1 + t * t * (1.5 * t - 2.5),
@@ -236,27 +201,25 @@ def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray
 
     Args:
         views: One sample a lenslet, [..., I, J].
-        lattice: Where the lenslets stand.
+        lattice: The lattice of the lenslets.
         i: Numbers of their rows, [I].
 
     Returns:
-        Views, [..., I, W']; as they are where they already are square and no row stands half a step further.
+        Views, [..., I, W']; unchanged where pixels are square already and no row stands half a step further.
     """
     pitch = lattice.pitch
     if not lattice.is_hexagonal and abs(pitch[0] / pitch[1] - 1) < ASPECT:
         return views
     late = (i % 2) / 2 * lattice.is_hexagonal
     last = views.shape[-1] - 1 + late.min(initial=0)
-    places = np.arange(late.max(initial=0), last + 1e-9, pitch[0] / pitch[1])
-    resampled = [_row(views[..., k, :], places - late[k]) for k in range(len(i))]
-    return np.stack(resampled, axis=-2) if resampled else views
-
-
-def _row(samples: NDArray[np.float32], positions: NDArray) -> NDArray[np.float32]:
-    """Samples of a row between its lenslets, [..., J] -> [..., W']."""
-    whole, t = _split(positions, samples.shape[-1])
-    weights = taps(t)
-    ends = [(0, 0)] * (samples.ndim - 1) + [(1, 2)]
+    columns = np.arange(late.max(initial=0), last + 1e-9, pitch[0] / pitch[1])
     # Straight on beyond the ends, so that slopes do not end in a step.
-    padded = np.pad(samples, ends, mode="reflect", reflect_type="odd")
-    return np.sum([weights[k] * padded[..., whole + k] for k in range(TAPS)], axis=0, dtype=np.float32)
+    ends = [(0, 0)] * (views.ndim - 1) + [(1, 2)]
+    padded = np.pad(views, ends, mode="reflect", reflect_type="odd") if len(i) else views
+    rows = []
+    for k in range(len(i)):
+        whole, t = _split(columns - late[k], views.shape[-1])
+        weights = taps(t)
+        row = padded[..., k, :]
+        rows.append(np.sum([weights[n] * row[..., whole + n] for n in range(TAPS)], axis=0, dtype=np.float32))
+    return np.stack(rows, axis=-2) if rows else views

@@ -1,8 +1,10 @@
-"""ESLF images of a lenslet camera: one PNG or TIFF whose every 14x14 block of pixels is one lenslet.
+"""Lenslet images as views: ESLF images, whose lenslets are aligned with the pixels, and those of any other lattice.
 
-View (v, u) of lenslet (y, x) is pixel (14 y + v, 14 x + u). A lenslet has no central view, since 14 is even.
-Images whose lenslets are not aligned with the pixels are read by `lenslets`, where options say how they stand.
+In an ESLF image every block of 14x14 pixels is one lenslet: view (v, u) of lenslet (y, x) is pixel (14 y + v,
+14 x + u). A lenslet has no central view, since 14 is even. Other lattices are resampled (`lenslet_lattice`); a white
+image of the camera shows them (`lenslet_search`), and evens out the brightness of the views.
 Source: the Stanford Lytro light field archive, and Srinivasan et al. 2017 for the window of 7x7 views from 4.
+Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
 """
 
 from dataclasses import replace
@@ -12,153 +14,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref import encoding as encodings
-from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError
-from lfref.io import grid, images, lenslet_lattice, lenslet_search, view_folders
-from lfref.io import view_folders as folders
-from lfref.io.lenslet_lattice import Lattice, Pair
-from lfref.io.options import Lenslets
+from lfref.io import images, lenslet_lattice, lenslet_search, view_folders
+from lfref.io.lenslet_lattice import Lattice
+from lfref.io.options import LENSLET, ReadOptions
 
-# PART reading
-# Lenslet images of any lattice read as views, evened out by a white image of the camera if there is one.
-#
-# Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
-
-BRIGHT = 99.0
-"""Percentile of a white image that counts as white."""
+DEFAULT_VIEWS = 7
+"""Views to keep along each axis by default: the outer ones are dark and vignetted."""
+WHITE_PERCENTILE = 99.0
+"""Percentile of a white image that counts as white; the brightest samples are defects."""
 DARK = 0.25
-"""Share of white below which a sample is trusted less: what is divided by it multiplies the noise."""
+"""Share of white below which the weight falls: dividing by so little multiplies the noise by more than 4."""
+SAME_PITCH = 0.01
+"""Largest relative difference between the option `pitch` and the pitch in an image of a scene."""
 
-AGREE = 0.01
-"""How far, relatively, a pitch that is said may be from the one that an image of a scene shows."""
 
-
-def read_views(path: Path, selection: grid.Selection, usual: tuple[int, int]) -> NDArray[np.float32]:
+def decode_lenslets(path: Path, options: ReadOptions) -> NDArray:
     """The chosen views of a lenslet image.
 
-    Args:
-        path: The image.
-        selection: Views to keep, what is said about the lenslets, and how samples stand for light; what no file says
-            is linear, as sensors are.
-        usual: Views to keep where nothing is asked for, at most.
-
     Returns:
-        Samples that stand for light as those of the file, a weight as the last channel if there is one,
+        Samples in the file's own type (float32 of lenslets that are not aligned), weight as the last channel,
         [V, U, C, H, W].
 
     Raises:
-        FileError: An image cannot be read, the white image shows no lattice or does not fit, or no lenslet lies wholly
-            in the image.
-        InputError: The window of views leaves the lenslets, or the options do not say the pitch.
+        FileError: The file cannot be read, is one view of many, is smaller than one lenslet, or has lenslets of another
+            size or none; or the white image does not fit.
+        InputError: The window of views leaves the lenslet, or lenslets are described in two ways.
     """
+    if view_folders.is_view(path):
+        got, remedy = "one view of a folder of views", f"read {path.parent}"
+        raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
+    if options.describes_lenslets:
+        if options.lenslet != LENSLET:
+            got, remedy = f"both, lenslet {options.lenslet}", "leave reader.lenslet out"
+            raise InputError("lenslets have whole pixels (lenslet), or pitch or white say", got=got, remedy=remedy)
+        return _resampled_views(path, options)
+    lenslet = options.lenslet
+    rows, columns = options.window((lenslet, lenslet), path, options.views or (DEFAULT_VIEWS, DEFAULT_VIEWS))
     image = images.read_image(path)
-    encoding = _encoding(selection.encoding, path)
-    white = None if selection.lenslets.white is None else _white(selection, image, path)
-    light = _light(image, encoding)
-    lattice = _lattice(selection.lenslets, light, white)
-    angular = lenslet_lattice.n_views(lattice.pitch[0]), lenslet_lattice.n_views(lattice.pitch[1])
-    kept = selection.views or (min(usual[0], angular[0]), min(usual[1], angular[1]))
-    window = replace(selection, views=kept).window(angular, path)
-    views = lenslet_lattice.read_views(light, lattice, angular, window)
-    if not views.size:
-        got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "check reader.pitch and reader.offset"
-        raise FileError(f"{path} must hold whole lenslets of {lattice.pitch[1]:.4g} pixels", got=got, remedy=remedy)
-    if white is not None:
-        views = evened(views, lenslet_lattice.read_views(white, lattice, angular, window))
-    return _recoded(views, encoding)
+    if min(image.shape[:2]) < lenslet:
+        got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
+        raise FileError(f"{path} must hold lenslets of {lenslet}x{lenslet}", got=got, remedy=remedy)
+    lenslet_search.check_pitch(image, lenslet, path)
+    return unpack(image, lenslet)[rows, columns]
 
 
-def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Views as a camera that is as bright everywhere would have seen them.
-
-    Args:
-        views: Linear light, a weight as the last channel if C is 2 or 4, [V, U, C, H, W].
-        white: What white looks like there, 1 where it is brightest, as many colours or one, [V, U, C', H, W].
-
-    Returns:
-        Views, and a weight that falls from 1 to 0 where white is dark, if it is so anywhere.
-    """
-    n_colours = _n_colours(views.shape[2])
-    trust = (white.min(axis=2, keepdims=True) / DARK).clip(0, 1)
-    colours: NDArray[np.float32] = np.divide(views[:, :, :n_colours], np.maximum(white, DARK / 10), dtype=np.float32)
-    weight = views[:, :, n_colours:] * trust if n_colours < views.shape[2] else trust
-    return _joined(colours, weight) if weight.min() < 1 else colours
-
-
-def _n_colours(n_channels: int) -> int:
-    """Of an image whose second or fourth channel, if there is one, is a weight."""
-    return n_channels - 1 + n_channels % 2
-
-
-def _encoding(asked: str, path: Path) -> Encoding:
-    """How the samples of a lenslet image stand for light."""
-    return encodings.parsed(asked) if asked != "file" else view_folders.encoding_of(path) or encodings.LINEAR
-
-
-def _light(image: NDArray, encoding: Encoding) -> NDArray[np.float32]:
-    """Linear light, and the weight as it is, [H, W, C]."""
-    n_colours = _n_colours(image.shape[2])
-    return _joined(images.decoded(image[..., :n_colours], encoding), images.to_float(image[..., n_colours:]))
-
-
-def _recoded(views: NDArray[np.float32], encoding: Encoding) -> NDArray[np.float32]:
-    """Views whose colours stand for light as those of the file do, [V, U, C, H, W]."""
-    n_colours = _n_colours(views.shape[2])
-    return _joined(images.encoded(views[:, :, :n_colours], encoding), views[:, :, n_colours:])
-
-
-def _joined(colours: NDArray, weight: NDArray) -> NDArray[np.float32]:
-    """Colours and a weight, which may have no channel, as float32; channels are the third axis."""
-    return np.concatenate([colours, weight], axis=2, dtype=np.float32)
-
-
-def _white(selection: grid.Selection, image: NDArray, image_path: Path) -> NDArray[np.float32]:
-    """The white image in linear light, white about 1, [H, W, 1 or as many colours as the image]."""
-    path = selection.lenslets.white
-    assert path is not None
-    white = images.read_image(path)
-    white = white[..., : _n_colours(white.shape[2])]
-    if white.shape[:2] != image.shape[:2] or white.shape[2] not in (1, _n_colours(image.shape[2])):
-        expected = f"{path} must be a white image as large as {image_path}, in grey or as many colours"
-        got = f"{white.shape[0]}x{white.shape[1]} in {white.shape[2]} for {image.shape[0]}x{image.shape[1]}"
-        raise FileError(expected, got=got, remedy="set reader.white to one of the same camera")
-    light = images.decoded(white, _encoding(selection.encoding, path))
-    level = np.percentile(light.reshape(-1, light.shape[2])[:: max(1, light.size // 10**6)], BRIGHT, axis=0)
-    if not (level > 0).all():
-        raise FileError(f"{path} must be a white image", got="a black one", remedy="set reader.white to a brighter one")
-    return np.divide(light, level, dtype=np.float32)
-
-
-def _lattice(said: Lenslets, image: NDArray, white: NDArray | None) -> Lattice:
-    """Where the lenslets stand, by what is said, and what a white image shows, or else the image itself."""
-    if None not in (said.pitch, said.offset):
-        return said.described()
-    if white is not None and said.white is not None:
-        return said.over(lenslet_search.lattice_of(white.mean(axis=2), said.white))
-    return said.described() if said.pitch is None or _are_whole(said.pitch) else _by_itself(said, image)
-
-
-def _are_whole(pitch: Pair) -> bool:
-    """Whether lenslets of a pitch are cut along pixels, as files are whose lenslets begin in the corner."""
-    return all(float(length).is_integer() for length in pitch)
-
-
-def _by_itself(said: Lenslets, image: NDArray) -> Lattice:
-    """The lattice that is said, and of what is not said, what lenslets that are dark at their borders show."""
-    found = lenslet_search.seen(image[..., : _n_colours(image.shape[2])].mean(axis=2))
-    described = said.described()
-    if found is None or found.is_hexagonal != described.is_hexagonal:
-        return described
-    agree = all(abs(a / b - 1) < AGREE for a, b in zip(found.pitch, described.pitch, strict=True))
-    return said.over(found) if agree else described
-
-
-DEFAULT_VIEWS = (7, 7)
-"""Views to keep where nothing is asked for: the outer ones are dark and vignetted."""
-
-
-def unpack(image: NDArray, lenslet: int = grid.LENSLET) -> NDArray:
-    """The views of an ESLF image, without copying it.
+def unpack(image: NDArray, lenslet: int = LENSLET) -> NDArray:
+    """The views of an ESLF image, without a copy.
 
     Args:
         image: Samples of any type; rows and columns beyond a multiple of the lenslet are left out, [H, W, C].
@@ -178,35 +80,108 @@ def unpack(image: NDArray, lenslet: int = grid.LENSLET) -> NDArray:
     return whole.reshape(rows, lenslet, columns, lenslet, -1).transpose(1, 3, 4, 0, 2)
 
 
-def read_eslf(path: Path, selection: grid.Selection) -> NDArray:
-    """The chosen views of an ESLF file.
+def _resampled_views(path: Path, options: ReadOptions) -> NDArray[np.float32]:
+    """Views of lenslets that are not aligned with the pixels."""
+    image = images.read_image(path)
+    n_colours = _n_colours(image.shape[2])
+    # What no header tells is linear, as sensors are.
+    tone = view_folders.encoding_of(path, options.encoding, encodings.LINEAR)
+    white = None if options.white is None else _white_image(options.white, options, image, path)
+    # Only linear light may be mixed and divided.
+    colours, weight = images.decoded(image[..., :n_colours], tone), images.to_float(image[..., n_colours:])
+    light = np.concatenate([colours, weight], axis=2, dtype=np.float32)
+    lattice = _lattice(options, light, white)
+    angular = lenslet_lattice.n_views(lattice.pitch[0]), lenslet_lattice.n_views(lattice.pitch[1])
+    default = min(DEFAULT_VIEWS, angular[0]), min(DEFAULT_VIEWS, angular[1])
+    window = options.window(angular, path, options.views or default)
+    views = lenslet_lattice.sample_views(light, lattice, angular, window)
+    if not views.size:
+        got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "check reader.pitch and reader.offset"
+        raise FileError(f"{path} must hold whole lenslets of {lattice.pitch[1]:.4g} pixels", got=got, remedy=remedy)
+    if white is not None:
+        views = evened(views, lenslet_lattice.sample_views(white, lattice, angular, window))
+    # `read` decodes all formats alike: give back samples of the file's encoding.
+    samples = images.encoded(views[:, :, :n_colours], tone)
+    return np.concatenate([samples, views[:, :, n_colours:]], axis=2, dtype=np.float32)
+
+
+def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Views as a camera of even brightness would have seen them.
 
     Args:
-        path: The file.
-        selection: Views to keep (None: 7x7), size of a lenslet, and how lenslets stand that are not aligned.
+        views: Linear light, a weight as the last channel if C is 2 or 4, [V, U, C, H, W].
+        white: White in the same places, 1 where it is brightest, as many colours or one, [V, U, C', H, W].
 
     Returns:
-        Samples in the file's own type (float32 of lenslets that are not aligned), alpha as the last channel,
-        [V, U, C, H, W].
+        Views, and a weight that falls from 1 to 0 where white is dark, if it is so anywhere.
+    """
+    n_colours = _n_colours(views.shape[2])
+    trust = (white.min(axis=2, keepdims=True) / DARK).clip(0, 1)
+    colours: NDArray[np.float32] = np.divide(views[:, :, :n_colours], np.maximum(white, DARK / 10), dtype=np.float32)
+    weight = views[:, :, n_colours:] * trust if n_colours < views.shape[2] else trust
+    return np.concatenate([colours, weight], axis=2, dtype=np.float32) if weight.min() < 1 else colours
+
+
+def _n_colours(n_channels: int) -> int:
+    """Channels without the weight, which is the second or fourth."""
+    return n_channels - 1 + n_channels % 2
+
+
+def _white_image(path: Path, options: ReadOptions, image: NDArray, image_path: Path) -> NDArray[np.float32]:
+    """The white image in linear light, white about 1, [H, W, 1 or as many colours as the image]."""
+    white = images.read_image(path)
+    white = white[..., : _n_colours(white.shape[2])]
+    if white.shape[:2] != image.shape[:2] or white.shape[2] not in (1, _n_colours(image.shape[2])):
+        expected = f"{path} must be a white image as large as {image_path}, in grey or as many colours"
+        got = f"{white.shape[0]}x{white.shape[1]} in {white.shape[2]} for {image.shape[0]}x{image.shape[1]}"
+        raise FileError(expected, got=got, remedy="set reader.white to one of the same camera")
+    light = images.decoded(white, view_folders.encoding_of(path, options.encoding, encodings.LINEAR))
+    # A million samples are enough for a percentile.
+    some = light.reshape(-1, light.shape[2])[:: max(1, light.size // 10**6)]
+    level = np.percentile(some, WHITE_PERCENTILE, axis=0)
+    if not (level > 0).all():
+        raise FileError(f"{path} must be a white image", got="a black one", remedy="set reader.white to a brighter one")
+    return np.divide(light, level, dtype=np.float32)
+
+
+def _lattice(options: ReadOptions, image: NDArray, white: NDArray | None) -> Lattice:
+    """The lattice: options first, then what the white image shows, then the image itself."""
+    if white is not None and options.white is not None and None in (options.pitch, options.offset):
+        return overridden(lenslet_search.lattice_of(white.mean(axis=2), options.white), options)
+    described = lattice_of_options(options)
+    # Files with whole pitches were cut by a tool, and begin in the corner.
+    if options.offset is not None or all(float(length).is_integer() for length in options.pitch or ()):
+        return described
+    shown = lenslet_search.find_lattice(image[..., : _n_colours(image.shape[2])].mean(axis=2))
+    if shown is None or shown.is_hexagonal != described.is_hexagonal:
+        return described
+    agrees = all(abs(a / b - 1) < SAME_PITCH for a, b in zip(shown.pitch, described.pitch, strict=True))
+    return overridden(shown, options) if agrees else described
+
+
+def lattice_of_options(options: ReadOptions) -> Lattice:
+    """The lattice that the options alone describe.
 
     Raises:
-        FileError: The file cannot be read, is one view of many, is smaller than one lenslet, or has lenslets of another
-            size or none.
-        InputError: The window of views leaves the lenslet, or lenslets are described in two ways.
+        InputError: They do not tell the pitch.
     """
-    if folders.is_view(path):
-        got, remedy = "one view of a folder of views", f"read {path.parent}"
-        raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
-    if not selection.lenslets.are_aligned:
-        if selection.lenslet != grid.LENSLET:
-            got, remedy = f"both, lenslet {selection.lenslet}", "leave reader.lenslet out"
-            raise InputError("lenslets have whole pixels (lenslet), or pitch or white say", got=got, remedy=remedy)
-        return read_views(path, selection, DEFAULT_VIEWS)
-    views = selection.views or DEFAULT_VIEWS
-    rows, columns = replace(selection, views=views).window((selection.lenslet, selection.lenslet), path)
-    image = images.read_image(path)
-    if min(image.shape[:2]) < selection.lenslet:
-        got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
-        raise FileError(f"{path} must hold lenslets of {selection.lenslet}x{selection.lenslet}", got=got, remedy=remedy)
-    lenslet_search.check(image, selection.lenslet, path)
-    return unpack(image, selection.lenslet)[rows, columns]
+    if options.pitch is None:
+        remedy = "set reader.pitch, or reader.white to an image that shows the lenslets"
+        raise InputError("a lenslet image needs the pitch of its lenslets", got="none", remedy=remedy)
+    rows, columns = options.pitch
+    offset = options.offset or ((rows - 1) / 2, (columns - 1) / 2)
+    return lenslet_lattice.upright(options.pitch, offset, options.rotation or 0.0, options.lattice == "hexagonal")
+
+
+def overridden(lattice: Lattice, options: ReadOptions) -> Lattice:
+    """A lattice from an image, changed as the options tell."""
+    if options.pitch is None and options.rotation is None and options.lattice in (None, lattice.name):
+        return replace(lattice, origin=options.offset or lattice.origin)
+    described = replace(
+        options,
+        pitch=options.pitch or lattice.pitch,
+        offset=options.offset or lattice.origin,
+        rotation=lattice.rotation if options.rotation is None else options.rotation,
+        lattice=options.lattice or lattice.name,
+    )
+    return lattice_of_options(described)

@@ -1,11 +1,11 @@
-"""Reading light fields and refocused stacks, whatever form they are stored in.
+"""Reading light fields and refocused stacks, in whatever format they are stored.
 
-A folder is read as sub-aperture views, a picture as a lenslet image, an EXR file as one part a view, an array as it is.
+A folder holds sub-aperture views, an image file lenslets, an EXR file one part a view, an array file all at once.
+`read` goes: options -> format -> samples as stored -> light. An entry of `FORMATS` is all that a format needs.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,17 +15,132 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref import encoding as encodings
-from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import cameras, exr, field_formats, images, metadata, options, view_folders
-from lfref.io import grid as grids
-from lfref.io import options as described
+from lfref.io import arrays, cameras, exr, images, lenslets, metadata, view_folders
 from lfref.io import scratch as scratches
-from lfref.io.scratch import Room
+from lfref.io.options import LENSLET, ReadOptions
 from lfref.lightfield import LightField
 
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
+
+
+class Format(NamedTuple):
+    """A format of light fields."""
+
+    name: str
+    """In the metadata of a light field."""
+    title: str
+    """In messages, with its article."""
+    magics: tuple[bytes, ...]
+    """First bytes of a file: one of these. A folder has none."""
+    suffixes: tuple[str, ...]
+    """Of file names, in small letters; "" for a folder."""
+    decode: Callable[[Path, ReadOptions], NDArray]
+    """The chosen views: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
+    holds_views: Callable[[Path], bool] = Path.is_file
+    """Whether a file or folder with such a suffix is a light field."""
+    options: tuple[str, ...] = ()
+    """Options of `read` for this format and not for all."""
+
+
+FOLDER = Format(
+    "folder",
+    "a folder of views",
+    (),
+    ("",),
+    view_folders.decode_folder,
+    view_folders.is_field,
+    ("pattern", "grid", "holes"),
+)
+# Not JPEG: its losses mix neighbouring pixels, which are neighbouring views.
+_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
+FORMATS = (
+    Format(
+        "eslf",
+        "an ESLF image (PNG, TIFF, BMP ...)",
+        tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
+        tuple(suffix for image_format in _LENSLETS for suffix in image_format.suffixes),
+        lenslets.decode_lenslets,
+        options=("lenslet", "pitch", "offset", "rotation", "lattice", "white"),
+    ),
+    Format("exr", "an EXR file", *images.FORMATS["exr"], exr.decode_views, exr.holds_views, ("holes",)),
+    Format(
+        "array",
+        "an array (NPY, NPZ, MAT, HDF5)",
+        tuple(arrays.OPENERS),
+        (".npy", ".npz", ".mat", ".h5", ".hdf5"),
+        arrays.decode_array,
+        arrays.holds_views,
+        ("grid", "axes", "variable"),
+    ),
+)
+"""Of files; a file has the first format whose magic bytes it starts with."""
+TITLES = ", ".join(known.title for known in (*FORMATS, FOLDER))
+UNSUPPORTED = {
+    "a raw container of a Lytro camera (.lfp, .lfr)": (
+        (b"\x89LFP\r\n\x1a\n",),
+        "unpack it with plenopticam and read its folder viewpoints_*, or with LFToolbox and read its *__Decoded.mat",
+    ),
+    "a compressed archive": (
+        (b"\x1f\x8b", b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07", b"BZh", b"\xfd7zXZ\0"),
+        "unpack it and read what is in it",
+    ),
+}
+"""Files that other tools unpack -> their first bytes (one of these), and the remedy."""
+
+
+def format_of(path: Path) -> Format:
+    """The format of a light field: a folder, or what the first bytes of a file tell.
+
+    Raises:
+        FileError: The path is missing, cannot be read, or has none of the formats.
+    """
+    if path.is_dir():
+        return FOLDER
+    head = images.read_head(path)
+    for known in FORMATS:
+        if head.startswith(known.magics):
+            return known
+    got, remedy = images.described_head(head), "convert it"
+    for title, (magics, unpacking) in UNSUPPORTED.items():
+        if head.startswith(magics):
+            got, remedy = title, unpacking
+    raise FileError(f"{path} must be a light field: {TITLES}", got=got, remedy=remedy)
+
+
+def is_field(path: Path) -> bool:
+    """Whether a path looks like a light field, by its name and those of the files in it.
+
+    Raises:
+        FileError: The path cannot be read.
+    """
+    if path.name.startswith("."):
+        return False
+    formats = [FOLDER] if path.is_dir() else [known for known in FORMATS if path.suffix.lower() in known.suffixes]
+    return path.exists() and any(known.holds_views(path) for known in formats)
+
+
+def find(path: str | Path) -> list[Path]:
+    """The light fields of a data folder.
+
+    Args:
+        path: A light field, or a folder whose files and folders are light fields.
+
+    Returns:
+        The path itself if it is one light field, else those right below it, sorted.
+
+    Raises:
+        FileError: There is none.
+    """
+    path = Path(path)
+    if is_field(path):
+        return [path]
+    fields = sorted(child for child in path.iterdir() if is_field(child)) if path.is_dir() else []
+    if not fields:
+        got, remedy = "none" if path.exists() else "no such file or folder", "check the path"
+        raise FileError(f"{path} must hold light fields: {TITLES}", got=got, remedy=remedy)
+    return fields
 
 
 def read(
@@ -36,7 +151,7 @@ def read(
     reverse_v: bool = False,
     reverse_u: bool = False,
     pattern: str | None = None,
-    lenslet: int = grids.LENSLET,
+    lenslet: int = LENSLET,
     pitch: float | Sequence[float] | None = None,
     offset: Sequence[float] | None = None,
     rotation: float | None = None,
@@ -62,7 +177,7 @@ def read(
         reverse_v: Whether the rows of views run upwards in the file.
         reverse_u: Whether the columns of views run to the left in the file.
         pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row), or a
-            regular expression with the named groups `row` and `column`, or `index`; None knows what `names` says.
+            regular expression with the named groups `row` and `column`, or `index`; None: as `view_folders` knows.
         lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
         pitch: Of lenslets that are not aligned: pixels between neighbours, also a fraction, or [rows, columns].
         offset: Their centre [y, x] of any lenslet, from the middle of the first pixel; None: what dark borders of
@@ -76,8 +191,8 @@ def read(
         axes: What the axes of an array are, as `vuhwc`: view row and column, pixel row and column, channel, or `n` for
             views row by row; None: what its shape leaves no doubt about.
         variable: Which array of a file of several; None: the only one that may be a light field, or `LF`.
-        positions: Where the cameras stood: a CSV or JSON file as `positions` reads it, or `names` for the names of a
-            Stanford gantry's files; None: on an even grid.
+        positions: Positions of the cameras: a CSV or JSON file as `cameras` describes it, or `names` for the names of a
+            Stanford gantry's files; None: an even grid.
         spacing: View steps from row to row and from column to column, both above 0, if they are not alike.
         encoding: How samples stand for light: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB
             for integers and linear for floating point; `none` leaves them as they are, as the paper does.
@@ -100,101 +215,78 @@ def read(
         >>> lfref.read(path).views.shape
         torch.Size([3, 3, 3, 24, 32])
     """
-    options.check(views=views, start=start, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern, lenslet=lenslet)
-    options.check(size=size, grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing)
-    options.check(rotation=rotation, white=white, encoding=encoding, scratch=scratch)
+    options = ReadOptions.parse(
+        views=views, start=start, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern, lenslet=lenslet,
+        pitch=pitch, offset=offset, rotation=rotation, lattice=lattice, white=white, size=size, grid=grid, holes=holes,
+        axes=axes, variable=variable, positions=positions, spacing=spacing, encoding=encoding, scratch=scratch,
+    )  # fmt: skip
     path = Path(path)
-    kept = (views, views) if isinstance(views, int) else views
-    lenslets = described.parsed(pitch, offset, rotation, lattice, white)
-    room = scratches.room(None if scratch is None else Path(scratch))
-    selection = grids.Selection(
-        kept, start, pattern, lenslet, grid, holes, axes, variable, lenslets=lenslets, encoding=encoding, room=room
-    )
-    form = field_formats.of(path)
-    field_formats.check_options(path, form, selection)
-    whole = form.read_views(path, selection)
-    samples = _cut(whole, size, path)
-    present = _present(samples)
-    coded, turned = _encoding(encoding, path, whole), _Turned(reverse_v, reverse_u)
-    said = metadata.of(path) | {"path": str(path), "format": form.name} | _told(whole, samples, present, coded)
-    field = _light_field(turned.samples(samples), path, said, coded, room)
-    places = cameras.of(path, selection, present, positions, spacing)
-    return field if places is None else replace(field, positions=torch.from_numpy(turned.places(places)))
-
-
-class _Turned(NamedTuple):
-    """Which axes of the views run the other way in the file."""
-
-    v: bool
-    u: bool
-
-    def samples(self, stored: NDArray) -> NDArray:
-        """The views as we count them, [V, U, ...]."""
-        return stored[:: -1 if self.v else 1, :: -1 if self.u else 1]
-
-    def places(self, stored: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Positions, which grow with rows and columns whichever way round those stand, [V, U, 2]."""
-        return self.samples(stored) * (-1 if self.v else 1, -1 if self.u else 1)
-
-
-def _told(whole: NDArray, samples: NDArray, present: NDArray[np.bool_], coded: Encoding) -> dict[str, str]:
-    """Metadata of the samples that are kept of whole views."""
-    said = {"bits": BITS[samples.dtype.name], "encoding": str(coded)}
+    form = format_of(path)
+    _check_options(path, form, options)
+    whole = form.decode(path, options)
+    samples = _cropped(whole, options, path)
+    n_colours = samples.shape[2] - 1 + samples.shape[2] % 2
+    has_weight = n_colours < samples.shape[2]
+    present = np.ones(samples.shape[:2], bool)
+    if has_weight:
+        present &= samples[:, :, -1].any(axis=(2, 3))
+    # Integers of unknown encoding are pictures; floats are light.
+    default = encodings.LINEAR if samples.dtype.kind == "f" else encodings.SRGB
+    tone = view_folders.encoding_of(path, options.encoding, default)
+    entries = metadata.read_metadata(path) | {"path": str(path), "format": form.name}
+    entries |= {"bits": BITS[samples.dtype.name], "encoding": str(tone)}
     if not present.all():
-        said["missing"] = f"{(~present).sum()} of {present.size} views"
+        entries["missing"] = f"{(~present).sum()} of {present.size} views"
     if whole.shape != samples.shape:
-        said["cut from"] = f"{whole.shape[-2]}x{whole.shape[-1]} pixels"
-    return said
+        entries["cut from"] = f"{whole.shape[-2]}x{whole.shape[-1]} pixels"
+
+    # Reversed axes: the first view in the file is our last, and its position changes its sign.
+    signs = (-1 if reverse_v else 1), (-1 if reverse_u else 1)
+    samples = samples[:: signs[0], :: signs[1]]
+    stood = cameras.camera_positions(path, options, present)
+    if stood is not None:
+        stood = stood[:: signs[0], :: signs[1]] * signs
+    allocate = None if options.scratch is None else scratches.allocator(options.scratch)
+    return LightField(
+        _converted(samples[:, :, :n_colours], lambda view: images.decoded(view, tone), allocate),
+        path.absolute().name if path.is_dir() else path.stem,
+        _converted(samples[:, :, n_colours:], images.to_float, allocate) if has_weight else None,
+        entries,
+        is_linear=tone.is_known,
+        positions=None if stood is None else torch.from_numpy(stood),
+    )
 
 
-def _present(samples: NDArray) -> NDArray[np.bool_]:
-    """Which views have any weight, [V, U]."""
-    if samples.shape[2] % 2:
-        return np.ones(samples.shape[:2], bool)
-    return np.asarray(samples[:, :, -1].any(axis=(2, 3)))
+def _check_options(path: Path, form: Format, options: ReadOptions) -> None:
+    """Refuse options for other formats: people would think that they helped."""
+    for name in options.changed():
+        titles = [known.title for known in (*FORMATS, FOLDER) if name in known.options]
+        if titles and form.title not in titles:
+            expected = f"{name} (reader.{name}) concerns {' and '.join(titles)}"
+            raise InputError(expected, got=f"{form.title}, {path}", remedy=f"leave reader.{name} out")
 
 
-def _cut(samples: NDArray, size: tuple[int, int] | None, path: Path) -> NDArray:
+def _cropped(samples: NDArray, options: ReadOptions, path: Path) -> NDArray:
     """The top left corner of each view."""
     height, width = samples.shape[-2:]
-    rows, columns = size or (height, width)
+    rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
         raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
     return samples[..., :rows, :columns]
 
 
-def _encoding(asked: str, path: Path, samples: NDArray) -> Encoding:
-    """The encoding asked for, or what the file says, or what such samples usually have."""
-    if asked != "file":
-        return encodings.parsed(asked)
-    usual = encodings.LINEAR if samples.dtype.kind == "f" else encodings.SRGB
-    return view_folders.encoding_of(path) or usual
-
-
-def _light_field(samples: NDArray, path: Path, metadata: dict[str, str], coded: Encoding, room: Room) -> LightField:
-    """The light field whose second or fourth channel, if there is one, is the weight."""
-    name = path.absolute().name if path.is_dir() else path.stem
-    n_colours = samples.shape[2] - 1 + samples.shape[2] % 2
-    weight = _made(samples[:, :, n_colours:], images.to_float, room) if n_colours < samples.shape[2] else None
-    views = _made(samples[:, :, :n_colours], lambda view: images.decoded(view, coded), room)
-    return LightField(views, name, weight, metadata, is_linear=coded.is_known)
-
-
-def _made(samples: NDArray, make: Callable[[NDArray], NDArray], room: Room) -> Tensor:
-    """What is made of each view, float32."""
-    if room is np.zeros:
-        return torch.from_numpy(make(samples))
-    made = room(samples.shape, np.float32)
+def _converted(samples: NDArray, convert: Callable[[NDArray], NDArray], allocate: scratches.Allocator | None) -> Tensor:
+    """Samples as float32, view by view where they lie on a disk."""
+    if allocate is None:
+        return torch.from_numpy(convert(samples))
+    converted = allocate(samples.shape, np.float32)
     for cell in np.ndindex(samples.shape[:2]):
-        made[cell] = make(samples[cell])
-    return torch.from_numpy(made)
+        converted[cell] = convert(samples[cell])
+    return torch.from_numpy(converted)
 
 
 def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:
     """Read a refocused stack that `write_stack` wrote as an EXR file.
-
-    Args:
-        path: The file.
 
     Returns:
         Stack, float32, [N, C, H, W], and its N planes.
@@ -204,25 +296,3 @@ def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:
     """
     stack, planes = exr.read_planes(Path(path))
     return torch.from_numpy(images.to_float(stack)), planes
-
-
-def find(path: str | Path) -> list[Path]:
-    """The light fields of a data folder.
-
-    Args:
-        path: A light field, or a folder whose files and folders are light fields.
-
-    Returns:
-        The path itself if it is one light field, else those right below it, sorted.
-
-    Raises:
-        FileError: There is none.
-    """
-    path = Path(path)
-    if field_formats.is_field(path):
-        return [path]
-    found = sorted(child for child in path.iterdir() if field_formats.is_field(child)) if path.is_dir() else []
-    if not found:
-        got, remedy = "none" if path.exists() else "no such file or folder", "check the path"
-        raise FileError(f"{path} must hold light fields: {field_formats.TITLES}", got=got, remedy=remedy)
-    return found

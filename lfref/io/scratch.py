@@ -1,4 +1,4 @@
-"""Room for arrays: in memory, or on a disk where they are larger than that."""
+"""Arrays in memory, or in a nameless file where they are larger than memory; for the reader and for refocusers."""
 
 import math
 import os
@@ -11,31 +11,30 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfref.io import atomic
 
-Room = Callable[[tuple[int, ...], DTypeLike], NDArray]
+Allocator = Callable[[tuple[int, ...], DTypeLike], NDArray]
 """(shape, type) -> an array of zeros."""
 
 
-def room(folder: Path | None) -> Room:
-    """What makes room.
+def allocator(folder: Path | None) -> Allocator:
+    """The function that allocates arrays.
 
     Args:
-        folder: Where files may lie that have no name and are gone with the arrays, or with the process; None: memory.
+        folder: Folder for files that have no name and vanish with the arrays, or with the process; None: memory.
 
     Returns:
-        Its arrays are as any others; of one on a disk, only what is used at a time is held in memory.
+        The allocator. Of an array on a disk only the part in use is held in memory.
     """
+    if folder is None:
+        return np.zeros
 
     def on_disk(shape: tuple[int, ...], kind: DTypeLike) -> NDArray:
-        with atomic.file_errors(folder or Path(), "written"), tempfile.TemporaryFile(dir=folder) as file:
-            # All of it now: a disk that is full later would end the process without a word.
-            _reserve(file.fileno(), max(1, math.prod(shape) * np.dtype(kind).itemsize))
+        n_bytes = max(1, math.prod(shape) * np.dtype(kind).itemsize)
+        with atomic.file_errors(folder, "written"), tempfile.TemporaryFile(dir=folder) as file:
+            # Reserve all of it now: a disk that is full later would end the process without a message.
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, n_bytes)
+            else:
+                os.truncate(file.fileno(), n_bytes)
             return np.memmap(file, kind, "r+", shape=shape)
 
-    return np.zeros if folder is None else on_disk
-
-
-def _reserve(descriptor: int, size: int) -> None:
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(descriptor, 0, size)
-    else:
-        os.truncate(descriptor, size)
+    return on_disk

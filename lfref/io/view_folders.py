@@ -1,4 +1,8 @@
-"""Writing folders of images, all of it or nothing, in the place of nothing but an older one of ours.
+"""Folders of sub-aperture views: naming patterns -> arrangement on the grid -> decoding; and writing such folders.
+
+Known names are those of the Stanford gantry (`out_RR_CC_Y_X.png`), the HCI benchmark (`input_Cam000.png`), numbers
+behind letters (`v03_u04`, `row3_col4`), a row and a column (`03_04`, `view-3-4`, `NAME_03x04`), and plain numbers
+(`000.png`): those are views of a square grid, row by row, where nothing speaks against it.
 
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
@@ -12,19 +16,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import OpenImageIO
 from numpy.typing import NDArray
 
-from lfref import encoding
+from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError
 from lfref.io import atomic, grid, images, ownership
-
-# PART names
-# How the files of views are named: which number of a name is the row, the column, or the place in row-major order.
-#
-# Known are the Stanford gantry (`out_RR_CC_Y_X.png`), the HCI benchmark (`input_Cam000.png`), numbers behind letters
-# (`v03_u04`, `row3_col4`), a row and a column (`03_04`, `view-3-4`, `NAME_03x04`) and plain numbers (`000.png`).
+from lfref.io.options import ReadOptions
+from lfref.io.scratch import allocator
 
 _ROW, _COLUMN = r"(?P<row>\d{1,3})", r"(?P<column>\d{1,3})"
 _V, _U = rf"(?:row|r|v|t)[_-]?{_ROW}", rf"(?:column|col|c|u|s)[_-]?{_COLUMN}"
@@ -36,30 +35,34 @@ PATTERNS: dict[str, str] = {
     # Numbers of more digits are dates and counters of cameras, those right behind letters belong to a name.
     "row_column": rf"^(?P<name>|.*[^a-zA-Z\d]){_ROW}[_x-]{_COLUMN}\.\w+$",
 }
-"""Name of a pattern -> its expression; a file is of the first that it follows."""
-ASKED: dict[str, str] = {
+"""Name of a pattern -> regular expression; a file has the first pattern that it matches."""
+AMBIGUOUS_PATTERNS: dict[str, str] = {
     "column_row": rf"^(?P<name>|.*[^a-zA-Z\d]){_COLUMN}[_x-]{_ROW}\.\w+$",
     "index": r"^(?P<name>|.*\D)(?P<index>\d+)\.\w+$",
 }
-"""Those that names alone do not tell: `column_row` from `row_column`, `index` from unrelated pictures."""
-GROUPS = (("row", "column"), ("index",))
-"""The named groups that a pattern may have."""
+"""Further patterns that names alone do not tell: `column_row` from `row_column`, `index` from unrelated pictures."""
+FEWEST_NUMBERED = 9
+"""Numbered pictures that are no views are rarely this many and a square number at once."""
+ROW_RATIO = 1.5
+"""A view must differ from the one below it this many times more than from the next one to count as one row."""
+LARGEST_NUMBERED = 2500
+"""Height and width, in pixels, from which numbered pictures may as well be lenslet images of several scenes."""
+GAMMAS = (0.1, 10.0)
+"""Smallest and largest exponent in a header that is plausible."""
+N_WRITERS = 4
+"""Images that are compressed at the same time, and held in memory."""
 
 
-class Found(NamedTuple):
-    """A file that follows a pattern."""
+class NamedFile(NamedTuple):
+    """A file that matches a pattern."""
 
     path: Path
     match: re.Match[str]
 
     @property
-    def field(self) -> tuple[str, str]:
-        """What the files of one light field have in common."""
-        return self.match.re.pattern, self.match.groupdict().get("name") or ""
-
-    def numbers(self, groups: Iterable[str]) -> tuple[int, ...]:
-        """What the name says its row and column, or its index, are."""
-        return tuple(int(self.match[group]) for group in groups)
+    def groups(self) -> tuple[str, ...]:
+        """The named groups that tell where the view belongs: `row` and `column`, or `index`."""
+        return _groups(self.match.re)
 
     def renamed(self, numbers: Mapping[str, int]) -> str:
         """The name that the file would have with other numbers."""
@@ -70,189 +73,183 @@ class Found(NamedTuple):
         return name
 
 
-def numbering(regex: re.Pattern[str]) -> tuple[str, ...]:
-    """Which groups of a pattern say where a view belongs."""
+def _groups(regex: re.Pattern[str]) -> tuple[str, ...]:
     return tuple(group for group in ("row", "column", "index") if group in regex.groupindex)
 
 
 def compiled(pattern: str) -> re.Pattern[str]:
-    """A user's pattern, once it is known to be usable.
+    """The regular expression of the option `pattern`.
 
     Args:
-        pattern: A name of `PATTERNS` or `ASKED`, or a regular expression.
+        pattern: A name of `PATTERNS` or `AMBIGUOUS_PATTERNS`, or a regular expression.
 
     Raises:
         InputError: It is neither, or has other groups than a row and a column, or an index.
     """
-    known = PATTERNS | ASKED
+    known = PATTERNS | AMBIGUOUS_PATTERNS
     expected = f"pattern (reader.pattern) must be {', '.join(known)} or a regular expression"
     try:
         regex = re.compile(known.get(pattern, pattern))
     except re.error as error:
         raise InputError(expected, got=f"{pattern!r} ({error})") from error
-    if numbering(regex) not in GROUPS:
+    if _groups(regex) not in (("row", "column"), ("index",)):
         raise InputError(f"{expected} with the named groups row and column, or index", got=repr(pattern))
     return regex
 
 
-def following(files: Iterable[Path], patterns: Iterable[re.Pattern[str]]) -> list[list[Found]]:
-    """The files that follow patterns, those of one light field together.
+def fields_of(files: Iterable[Path], patterns: Iterable[str | re.Pattern[str]]) -> list[list[NamedFile]]:
+    """The files that match a pattern, those of one light field (one pattern, one name) together.
 
     Args:
         files: Paths of files.
-        patterns: A file is of the first that it follows.
+        patterns: A file has the first that it matches.
     """
-    fields: dict[tuple[str, str], list[Found]] = {}
-    patterns = list(patterns)
+    fields: dict[tuple[str, str], list[NamedFile]] = {}
+    expressions = [re.compile(pattern) for pattern in patterns]
     for path in files:
-        matches = (pattern.search(path.name) for pattern in patterns)
-        if match := next(filter(None, matches), None):
-            found = Found(path, match)
-            fields.setdefault(found.field, []).append(found)
+        match = next(filter(None, (expression.search(path.name) for expression in expressions)), None)
+        if match:
+            key = match.re.pattern, match.groupdict().get("name") or ""
+            fields.setdefault(key, []).append(NamedFile(path, match))
     return list(fields.values())
 
 
-def known(files: Iterable[Path]) -> list[list[Found]]:
-    """The light fields whose names leave no doubt, as `following`."""
-    return following(files, map(re.compile, PATTERNS.values()))
+def known_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
+    """The light fields whose names alone tell where each view belongs."""
+    return fields_of(files, PATTERNS.values())
 
 
-def numbered(files: Iterable[Path]) -> list[list[Found]]:
-    """The files that are numbered through, as `following`; a picture on its own counts only if there are no others."""
-    fields = following(files, [re.compile(ASKED["index"])])
+def numbered_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
+    """The files that are numbered through; a picture on its own counts only if there are no others."""
+    fields = fields_of(files, [AMBIGUOUS_PATTERNS["index"]])
     return [field for field in fields if len(field) > 1] or fields
 
 
-def is_numbered(files: Iterable[Path]) -> bool:
-    """Whether the names of a light field are of no pattern but that they are numbered through."""
-    return not known(files)
+def _looks_like_views(field: list[NamedFile]) -> bool:
+    """Whether numbered pictures count as views without the option `pattern`: a square number of them, and small."""
+    numbers = {int(file.match["index"]) for file in field}
+    if len(numbers) < len(field) or len(numbers) < FEWEST_NUMBERED:
+        return False
+    if square(min(numbers), max(numbers), len(numbers)) is None:
+        return False
+    return min(images.image_size(field[0].path)) < LARGEST_NUMBERED
 
 
-def by_numbers(found: list[Found], groups: tuple[str, ...]) -> dict[tuple[int, ...], Found]:
-    """Numbers in the name -> file, each only once.
+def image_files(folder: Path) -> list[Path]:
+    """The image files of a folder, by suffix, hidden ones left out, sorted.
 
     Raises:
-        InputError: A group of a user's pattern is no number.
-        FileError: Two files have the same numbers.
+        FileError: The folder cannot be read.
     """
-    numbers: dict[tuple[int, ...], Found] = {}
-    for one in found:
-        try:
-            key = one.numbers(groups)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"groups of pattern must be numbers in {one.path}", got=error) from error
-        if key in numbers:
-            got, remedy = f"{numbers[key].path.name} and {one.path.name}", "remove one of them, or give reader.pattern"
-            raise FileError(f"{one.path.parent} must hold each view once", got=got, remedy=remedy)
-        numbers[key] = one
-    return numbers
+    with atomic.file_errors(folder, "read"):
+        files = [path for path in folder.iterdir() if path.suffix.lower() in images.SUFFIXES and path.is_file()]
+    return sorted(path for path in files if not path.name.startswith("."))
 
 
-# PART arrangements
-# From the names of views to their rows and columns: numbers of rows and columns, or places in row-major order.
+def is_field(folder: Path) -> bool:
+    """Whether a folder holds files that are named like sub-aperture views."""
+    files = image_files(folder)
+    return bool(known_fields(files)) or any(map(_looks_like_views, numbered_fields(files)))
+
+
+def is_view(path: Path) -> bool:
+    """Whether a file is named like a view, unambiguously, and has others beside it."""
+    fields = known_fields(image_files(path.parent))
+    return any(len(field) > 1 and path in [file.path for file in field] for field in fields)
 
 
 class Arrangement(NamedTuple):
-    """Where the files of a light field belong."""
+    """Places of a light field's files on the grid."""
 
-    cells: dict[grid.Cell, Found]
+    cells: dict[grid.Cell, NamedFile]
     """File at each row and column from 0."""
     shape: tuple[int, int]
-    """Rows and columns of the grid, of which some may be missing."""
+    """Rows and columns of the grid; some views may be missing."""
     name_of: Callable[[grid.Cell], str]
-    """What the file at a row and column would be called."""
+    """Name that the file at a row and column should have."""
 
 
-def of(folder: Path, found: list[Found], selection: grid.Selection) -> Arrangement:
-    """Where the files of a light field belong.
+def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arrangement:
+    """Places of the files on the grid.
 
     Args:
         folder: Of the files, for messages.
-        found: The files, all of one pattern.
-        selection: Whether the pattern was asked for, and the grid.
+        field: The files, all of one pattern.
+        options: Of which `pattern` and `grid` count.
 
     Raises:
         FileError: Two files are the same view, or names leave open where views belong.
-        InputError: Names that hold no numbers, or a grid that does not fit.
+        InputError: A group of the pattern is no number, or a grid that does not fit.
     """
-    return ARRANGEMENTS[numbering(found[0].match.re)](folder, found, selection)
+    groups = field[0].groups
+    numbered: dict[tuple[int, ...], NamedFile] = {}
+    for file in field:
+        try:
+            key = tuple(int(file.match[group]) for group in groups)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"groups of pattern must be numbers in {file.path}", got=error) from error
+        if key in numbered:
+            got = f"{numbered[key].path.name} and {file.path.name}"
+            remedy = "remove one of them, or give reader.pattern"
+            raise FileError(f"{file.path.parent} must hold each view once", got=got, remedy=remedy)
+        numbered[key] = file
+    if groups == ("index",):
+        shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
+        cells = {divmod(index - base, shape[1]): file for (index,), file in numbered.items()}
+        return Arrangement(cells, shape, lambda cell: field[0].renamed({"index": base + shape[1] * cell[0] + cell[1]}))
 
-
-def _by_row_and_column(folder: Path, found: list[Found], selection: grid.Selection) -> Arrangement:
-    """Views at their rows and columns, counted from the smallest, in steps of what all of them have in common."""
-    numbered = by_numbers(found, ("row", "column"))
-    if selection.pattern is None:
-        _check_row(folder, found)
+    # `cam_1_01` to `cam_1_81` may be a row of 81 views, or a camera's 9x9 numbered through: ambiguous unless the
+    # numbers of row and column are equally wide.
+    is_one_row = len({row for row, _ in numbered}) == 1
+    is_even = all(len(file.match["row"]) == len(file.match["column"]) for file in field)
+    if options.pattern is None and is_one_row and not is_even and math.isqrt(len(field)) ** 2 == len(field) > 1:
+        got = f"{len(field)} views named like {field[0].path.name}"
+        remedy = "give reader.pattern=index for a square grid row by row, or reader.pattern=row_column for one row"
+        raise FileError(f"{folder} must say its rows and columns", got=got, remedy=remedy)
+    # Rows and columns may begin at any number and count in any common step.
     top, left = min(row for row, _ in numbered), min(column for _, column in numbered)
     step = math.gcd(*(number for row, column in numbered for number in (row - top, column - left))) or 1
-    cells = {((row - top) // step, (column - left) // step): one for (row, column), one in numbered.items()}
+    cells = {((row - top) // step, (column - left) // step): file for (row, column), file in numbered.items()}
 
     def name_of(cell: grid.Cell) -> str:
-        return found[0].renamed({"row": top + step * cell[0], "column": left + step * cell[1]})
+        return field[0].renamed({"row": top + step * cell[0], "column": left + step * cell[1]})
 
     return Arrangement(cells, grid.extent(cells), name_of)
 
 
-def _check_row(folder: Path, found: list[Found]) -> None:
-    """Refuse a single row of a square number of views unless its numbers are as wide as each other.
-
-    `cam_1_01` to `cam_1_81` may be a row of 81 views, or a camera's 9x9 numbered through.
-    """
-    is_row = len({one.match["row"] for one in found}) == 1
-    is_even = all(len(one.match["row"]) == len(one.match["column"]) for one in found)
-    if is_row and not is_even and math.isqrt(len(found)) ** 2 == len(found) > 1:
-        got = f"{len(found)} views named like {found[0].path.name}"
-        remedy = "give reader.pattern=index for a square grid row by row, or reader.pattern=row_column for one row"
-        raise FileError(f"{folder} must say its rows and columns", got=got, remedy=remedy)
-
-
-def _row_major(folder: Path, found: list[Found], selection: grid.Selection) -> Arrangement:
-    """Views that are numbered through row by row, of a square grid unless another is asked for."""
-    numbered = by_numbers(found, ("index",))
-    shape, base = _square_or_asked(folder, found, [index for (index,) in numbered], selection.grid)
-    cells = {divmod(index - base, shape[1]): one for (index,), one in numbered.items()}
-    return Arrangement(cells, shape, lambda cell: found[0].renamed({"index": base + shape[1] * cell[0] + cell[1]}))
-
-
-def _square_or_asked(
-    folder: Path, found: list[Found], numbers: list[int], asked: tuple[int, int] | None
+def _square_or_option(
+    folder: Path, field: list[NamedFile], numbers: list[int], shape: tuple[int, int] | None
 ) -> tuple[tuple[int, int], int]:
     """Rows and columns of a grid that is numbered through, and its first number."""
     first, last, count = min(numbers), max(numbers), len(numbers)
-    if asked is not None:
-        n_views = asked[0] * asked[1]
+    if shape is not None:
+        n_views = shape[0] * shape[1]
         base = first if last - first + 1 == n_views else min(first, 1)
-        if min(asked) < 1 or last - base >= n_views:
+        if min(shape) < 1 or last - base >= n_views:
             got, remedy = f"{count} views numbered {first} to {last}", "set reader.grid to fit"
-            raise InputError(f"{folder} must hold {asked[0]}x{asked[1]} views", got=got, remedy=remedy)
-        return (asked[0], asked[1]), base
-    if found_square := square(first, last, count):
-        side, base = found_square
+            raise InputError(f"{folder} must hold {shape[0]}x{shape[1]} views", got=got, remedy=remedy)
+        return shape, base
+    if side_and_base := square(first, last, count):
+        side, base = side_and_base
         return (side, side), base
     side = math.isqrt(last - first) + 1
     present = set(numbers)
     absent = next(index for index in range(first, first + side**2) if index not in present)
     expected = f"{folder} must hold a square number of views, {side}x{side} for numbers up to {last}"
-    got = f"{count}, no {found[0].renamed({'index': absent})}"
+    got = f"{count}, no {field[0].renamed({'index': absent})}"
     raise FileError(expected, got=got, remedy="add the missing views, or give reader.grid=[rows,columns]")
 
 
-ARRANGEMENTS: dict[tuple[str, ...], Callable[[Path, list[Found], grid.Selection], Arrangement]] = {
-    ("row", "column"): _by_row_and_column,
-    ("index",): _row_major,
-}
-
-
 def square(first: int, last: int, count: int) -> tuple[int, int] | None:
-    """The square grid that views make which are numbered through from 0 or 1, or from any number without holes.
+    """The square grid of views that are numbered through from 0 or 1, or from any number without holes.
 
-    A grid with holes that is like itself turned upside down has its ends as far from its middle: first + last says
-    the side, and whether numbers begin at 0 or at 1, since no two squares differ by 2.
+    A grid with holes that looks the same upside down has its ends equally far from its middle: first + last tells the
+    side, and whether numbers begin at 0 or at 1, since no two squares differ by 2.
 
     Args:
         first: Smallest number.
         last: Largest number.
-        count: How many views there are.
+        count: Number of views.
 
     Returns:
         Rows (or columns), and the number of the first view; None: no such grid.
@@ -267,50 +264,8 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
     return None
 
 
-# PART views
-# Folders of sub-aperture views: which file is the view at which row and column.
-#
-# How names say it stands in `names`. Files that are only numbered through are taken for the views of a square grid, row
-# by row, where nothing speaks against it.
-
-SUFFIXES = [suffix for picture in images.FORMATS.values() for suffix in picture.suffixes]
-FEWEST_NUMBERED = 9
-"""Pictures that are numbered through and are no views are rarely so many and a square number at once."""
-ROW_RATIO = 1.5
-"""How much more unlike a view the one below it must be than the next one, for pictures to be taken for one row."""
-LARGEST_NUMBERED = 2500
-"""Height and width, in pixels, from which numbered pictures may as well be lenslet images of several scenes."""
-
-
-def image_files(folder: Path) -> list[Path]:
-    """The image files of a folder, by suffix, hidden ones left out, sorted.
-
-    Raises:
-        FileError: The folder cannot be read.
-    """
-    with atomic.file_errors(folder, "read"):
-        files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
-    return sorted(path for path in files if not path.name.startswith("."))
-
-
-def is_field(folder: Path) -> bool:
-    """Whether a folder holds files that are named like sub-aperture views."""
-    files = image_files(folder)
-    return bool(known(files)) or any(_is_numbered_field(found) for found in numbered(files))
-
-
-def is_view(path: Path) -> bool:
-    """Whether a file is named like a view, beyond doubt, and has others beside it."""
-    fields = known(image_files(path.parent))
-    return any(len(found) > 1 and path in [one.path for one in found] for found in fields)
-
-
-def read_views(folder: Path, selection: grid.Selection) -> NDArray:
+def decode_folder(folder: Path, options: ReadOptions) -> NDArray:
     """The chosen views of a folder.
-
-    Args:
-        folder: The folder.
-        selection: Views to keep (None: all) and the pattern of their names (None: one that `names` knows).
 
     Returns:
         Samples in the files' own type, alpha as the last channel, [V, U, C, H, W].
@@ -319,74 +274,30 @@ def read_views(folder: Path, selection: grid.Selection) -> NDArray:
         FileError: The folder is empty or holds two light fields, a view is missing, damaged or unlike the others.
         InputError: The pattern is not usable, or the window of views leaves the grid.
     """
-    stored = stored_grid(folder, selection)
-    if selection.pattern is None and selection.grid is None:
+    stored = stored_grid(folder, options)
+    if options.pattern is None and options.grid is None:
         _check_square(folder, stored)
-    return grid.gather(stored, selection.window(stored.shape, folder), images.read_image, str, selection.room)
+    allocate = allocator(options.scratch)
+    return grid.gather(stored, options.window(stored.shape, folder), images.read_image, str, allocate)
 
 
-def stored_grid(folder: Path, selection: grid.Selection) -> grid.Grid[Path]:
-    """Which file is the view at which row and column; arguments and errors as `read_views`."""
-    found = _one_field(folder, selection.pattern)
-    cells, shape, name_of = of(folder, found, selection)
-    stored = grid.Grid(shape, {cell: one.path for cell, one in cells.items()})
-    grid.check_holes(stored, name_of, folder, selection.holes)
+def stored_grid(folder: Path, options: ReadOptions) -> grid.Grid[Path]:
+    """Path of the view at each row and column; errors as `decode_folder`."""
+    cells, shape, name_of = arrange(folder, _only_field(folder, options.pattern), options)
+    stored = grid.Grid(shape, {cell: file.path for cell, file in cells.items()})
+    grid.check_holes(stored, name_of, folder, options.holes)
     return stored
 
 
-def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
-    """Refuse a row of pictures, as of a moving camera, that was taken for a square grid because of their number.
-
-    From the last view of a row to the first of the next it is a step in a row of pictures, and a long way in a grid;
-    to the last of the next row it is the other way round.
-    """
-    n_rows, n_columns = stored.shape
-    cells = (n_rows // 2 - 1, n_columns - 1), (n_rows // 2, 0), (n_rows // 2, n_columns - 1)
-    paths = [stored.cells.get(cell) for cell in cells]
-    if None in paths or not is_numbered(stored.cells.values()):
-        return
-    last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
-    if not last.shape == first_below.shape == last_below.shape:
-        return  # which of them is unlike the others is said where all are read
-    if np.abs(last_below - last).mean() > ROW_RATIO * np.abs(first_below - last).mean():
-        got, n_views = f"{len(stored.cells)} pictures that look like one row", len(stored.cells)
-        remedy = f"set reader.pattern=index and reader.grid=[1,{n_views}], or reader.grid=[{n_rows},{n_columns}]"
-        raise FileError(f"{folder} must hold a square grid of views, row by row", got=got, remedy=remedy)
-
-
-def positions(folder: Path, selection: grid.Selection) -> NDArray[np.float64]:
-    """Where the names say that the cameras of the chosen views stood, as those of the Stanford gantry do.
-
-    Args:
-        folder: The folder.
-        selection: As `read_views`.
-
-    Returns:
-        Positions along the rows and the columns in the names' own unit, NaN where a view is missing, [V, U, 2].
-
-    Raises:
-        FileError: As `read_views`, or the names say no positions.
-    """
-    if not folder.is_dir():
-        remedy = "give a CSV or JSON file as reader.positions"
-        raise FileError(f"{folder} must be a folder for positions=names", got="a file", remedy=remedy)
-    found = {one.path: one.match.groupdict() for one in _one_field(folder, selection.pattern)}
-    stored = stored_grid(folder, selection)
-    said = np.full((*stored.shape, 2), np.nan)
-    for cell, path in stored.cells.items():
-        if "v" not in found[path] or "u" not in found[path]:
-            remedy = "give a CSV or JSON file as reader.positions"
-            raise FileError(f"{path} must be named out_RR_CC_Y_X for positions=names", got=path.name, remedy=remedy)
-        said[cell] = float(found[path]["v"]), float(found[path]["u"])
-    return said[selection.window(stored.shape, folder)]
-
-
-def _one_field(folder: Path, pattern: str | None) -> list[Found]:
+def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
     """The files of the only light field in a folder."""
     files = image_files(folder)
     if not files:
-        raise FileError(f"{folder} must hold images", got="none", remedy=f"put in {', '.join(SUFFIXES)} files")
-    fields = _guessed(files) if pattern is None else following(files, [compiled(pattern)])
+        raise FileError(f"{folder} must hold images", got="none", remedy=f"put in {', '.join(images.SUFFIXES)} files")
+    if pattern is not None:
+        fields = fields_of(files, [compiled(pattern)])
+    else:
+        fields = known_fields(files) or [field for field in numbered_fields(files) if _looks_like_views(field)]
     if not fields:
         got = f"{len(files)} images named like {files[0].name}"
         remedy = "give reader.pattern: index (row by row), or a regular expression with groups row and column"
@@ -397,61 +308,77 @@ def _one_field(folder: Path, pattern: str | None) -> list[Found]:
     return fields[0]
 
 
-def _guessed(files: list[Path]) -> list[list[Found]]:
-    """The light fields whose names say where their views belong, else those that are numbered through."""
-    return known(files) or [found for found in numbered(files) if _is_numbered_field(found)]
+def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
+    """Refuse a row of pictures, as of a moving camera, that seemed a square grid because of their number.
+
+    From the last view of a row to the first of the next it is a step in a row of pictures, and a long way in a grid;
+    to the last of the next row it is the other way round.
+    """
+    n_rows, n_columns = stored.shape
+    cells = (n_rows // 2 - 1, n_columns - 1), (n_rows // 2, 0), (n_rows // 2, n_columns - 1)
+    paths = [stored.cells.get(cell) for cell in cells]
+    if None in paths or known_fields(stored.cells.values()):
+        return
+    last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
+    if not last.shape == first_below.shape == last_below.shape:
+        return  # `gather` names the view that is unlike the others
+    if np.abs(last_below - last).mean() > ROW_RATIO * np.abs(first_below - last).mean():
+        got, n_views = f"{len(stored.cells)} pictures that look like one row", len(stored.cells)
+        remedy = f"set reader.pattern=index and reader.grid=[1,{n_views}], or reader.grid=[{n_rows},{n_columns}]"
+        raise FileError(f"{folder} must hold a square grid of views, row by row", got=got, remedy=remedy)
 
 
-def _is_numbered_field(found: list[Found]) -> bool:
-    """Whether numbered pictures may be taken for views without being asked: a square number of them, and small."""
-    numbers = [one.numbers(("index",)) for one in found]
-    if len(set(numbers)) < len(numbers):
-        return False
-    first, last = min(numbers)[0], max(numbers)[0]
-    if square(first, last, len(numbers)) is None or len(numbers) < FEWEST_NUMBERED:
-        return False
-    return min(images.image_size(found[0].path)) < LARGEST_NUMBERED
-
-
-# PART headers
-# What files say about their samples, without reading them.
-
-GAMMAS = (0.1, 10.0)
-"""Least and greatest exponent that is believed."""
-
-
-def encoding_of(path: Path) -> Encoding | None:
-    """How a file's samples stand for light, as its header says (PNG: sRGB and gAMA chunks; EXIF of JPEG and TIFF).
-
-    Args:
-        path: An image file, or a folder of views, whose first file speaks for all.
+def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64]:
+    """Camera positions that the names of the chosen views tell, as those of the Stanford gantry do.
 
     Returns:
-        The encoding; None where nothing is said, or nothing that we know.
+        Positions along the rows and the columns in the names' own unit, NaN where a view is missing, [V, U, 2].
 
     Raises:
+        FileError: As `decode_folder`, or the names tell no positions.
+    """
+    remedy = "give a CSV or JSON file as reader.positions"
+    if not folder.is_dir():
+        raise FileError(f"{folder} must be a folder for positions=names", got="a file", remedy=remedy)
+    arrangement = arrange(folder, _only_field(folder, options.pattern), options)
+    positions = np.full((*arrangement.shape, 2), np.nan)
+    for cell, file in arrangement.cells.items():
+        groups = file.match.groupdict()
+        if "v" not in groups or "u" not in groups:
+            expected = f"{file.path} must be named out_RR_CC_Y_X for positions=names"
+            raise FileError(expected, got=file.path.name, remedy=remedy)
+        positions[cell] = float(groups["v"]), float(groups["u"])
+    return positions[options.window(arrangement.shape, folder)]
+
+
+def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
+    """The encoding of a file's samples: the option, else the file's header, else the default.
+
+    Headers that tell are the sRGB and gAMA chunks of PNG and the EXIF of JPEG and TIFF.
+
+    Args:
+        path: A file, or a folder of views, whose first image counts for all.
+        option: As `encoding` of `lfref.read`; `file`: as the header tells.
+        default: For headers that tell nothing, or nothing that we know.
+
+    Raises:
+        InputError: The option names no encoding.
         FileError: The file is missing or damaged.
     """
+    if option != "file":
+        return encodings.parsed(option)
     files = image_files(path)[:1] if path.is_dir() else [path]
     if not files or images.format_of_head(images.read_head(files[0])) is None:
-        return None
+        return default
     with images.open_image(files[0]) as source:
         spec = source.spec()
-    return _told(spec)
-
-
-def _told(spec: OpenImageIO.ImageSpec) -> Encoding | None:
     space = spec.get_string_attribute("oiio:ColorSpace").lower()
     gamma = spec.get_float_attribute("oiio:Gamma", 0.0)
     if space.startswith(("lin", "scene_linear")):
-        return encoding.LINEAR
+        return encodings.LINEAR
     if GAMMAS[0] <= gamma <= GAMMAS[1] and gamma != 1:
-        return encoding.parsed(f"gamma:{gamma:.4g}")
-    return encoding.SRGB if space.startswith("srgb") else None
-
-
-AT_ONCE = 4
-"""Images that are compressed at the same time, and held in memory."""
+        return encodings.parsed(f"gamma:{gamma:.4g}")
+    return encodings.SRGB if space.startswith("srgb") else default
 
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
@@ -476,32 +403,28 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
 def write_images(
     path: Path, named: Iterable[tuple[str, NDArray]], kind: str, bits: int | None, quality: int = images.QUALITY
 ) -> None:
-    """Write PNG or JPEG images as a folder, which takes the place of an older one of its kind.
+    """Write images as a folder, which replaces an older one of its kind.
 
     Args:
         path: The folder.
         named: Name and image, floating point, [C, H, W], of each file.
-        kind: As `marks.check_folder`.
-        bits: 8 (default) or 16, which PNG has.
-        quality: Of JPEG images, from 1 to 100.
+        kind: Of the ownership mark: `views` or `planes`.
+        bits: As `images.write_image`.
+        quality: Of JPEG and AVIF images, from 1 to 100.
 
     Raises:
         InputError: NaN or infinity, or another depth or channel count.
         FileError: The disk refuses, or the folder holds anything but such a folder of ours.
     """
     ownership.check_folder(path, kind)
-    with atomic.replacing_folder(path) as partial:
-        _write_all(((partial / name, image.transpose(1, 2, 0)) for name, image in named), bits, quality)
+    with atomic.replacing_folder(path) as partial, ThreadPoolExecutor(N_WRITERS) as pool:
+        # A few at a time: compression is most of the work, and releases the interpreter's lock.
+        running = deque[Future[None]]()
+        for name, image in named:
+            if len(running) == N_WRITERS:
+                running.popleft().result()
+            channels_last = image.transpose(1, 2, 0)
+            running.append(pool.submit(images.write_image, partial / name, channels_last, bits=bits, quality=quality))
+        for future in running:
+            future.result()
         ownership.write_mark(partial, kind, ownership.digests(partial, ownership.files_below(partial)))
-
-
-def _write_all(named: Iterable[tuple[Path, NDArray]], bits: int | None, quality: int) -> None:
-    """Write images, a few at a time: compression is most of the work, and lets go of the interpreter's lock."""
-    under_way = deque[Future[None]]()
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        for path, image in named:
-            if len(under_way) == AT_ONCE:
-                under_way.popleft().result()
-            under_way.append(pool.submit(images.write_image, path, image, bits=bits, quality=quality))
-        for file in under_way:
-            file.result()

@@ -6,7 +6,6 @@ Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TypeVar
 
 import torch
 from numpy.typing import NDArray
@@ -16,10 +15,11 @@ from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import exr, field_formats, images, view_folders
+from lfref.io import exr, images, view_folders
 from lfref.lightfield import LightField
 
-Writer = TypeVar("Writer")
+VIEW_WRITERS = {"": view_folders.write_views, ".exr": exr.write_views}
+"""Suffix of a path -> (path, views, bits) -> None."""
 
 
 def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Path:
@@ -45,10 +45,11 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
         >>> torch.equal(lfref.read(path).views, field.views)
         True
     """
-    views = _stored(field.views, Path(path), field.picture_encoding)
+    path = Path(path)
+    views = _samples(field.views, path, field.picture_encoding)
     samples = views if field.weight is None else torch.cat([views, field.weight.to(views)], dim=2)
-    _writer(VIEW_WRITERS, Path(path))(Path(path), _array(samples, field.views.shape[2]), bits)
-    return Path(path)
+    VIEW_WRITERS[_suffix(path)](path, _array(samples, field.views.shape[2]), bits)
+    return path
 
 
 def write_stack(
@@ -67,7 +68,7 @@ def write_stack(
         stack: Refocused images, floating point, [N, C, H, W] with C 1 or 3.
         planes: The N planes.
         bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
-        encoding: What pictures are encoded by; EXR files hold the stack as it is.
+        encoding: Encoding of pictures; EXR files hold the stack as it is.
 
     Returns:
         The path.
@@ -77,16 +78,16 @@ def write_stack(
             cannot be written.
         FileError: The disk refuses, or the path holds anything but such a stack as `write_stack` left it.
     """
+    path = Path(path)
     if stack.ndim != 4 or len(stack) != len(planes):
         raise InputError(f"stack must be [N, C, H, W] with N = {len(planes)} planes", got=f"shape {list(stack.shape)}")
-    shown = _stored(stack, Path(path), encoding)
-    _writer(STACK_WRITERS, Path(path))(Path(path), _array(shown, stack.shape[1]), planes, bits)
-    return Path(path)
-
-
-def _stored(light: Tensor, path: Path, encoding: Encoding) -> Tensor:
-    """Light as the file shall hold it: pictures, which a folder consists of, are encoded."""
-    return light if path.suffix else encoding.encode(light)
+    suffix = _suffix(path)
+    samples = _array(_samples(stack, path, encoding), stack.shape[1])
+    if suffix == ".exr":
+        exr.write_planes(path, samples, planes, bits)
+    else:
+        write_pictures(path, samples, planes, bits=bits)
+    return path
 
 
 def write_pictures(
@@ -98,14 +99,14 @@ def write_pictures(
     bits: int | None = None,
     quality: int = images.QUALITY,
 ) -> Path:
-    """Write the planes of a stack as pictures, as they are to be shown.
+    """Write the planes of a stack as pictures, already encoded for the screen.
 
     Args:
         path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, or without alpha where none reaches.
-        pictures: What is shown, floating point, clipped to [0, 1], N times [C, H, W] with C 1 or 3.
+        pictures: Floating point, clipped to [0, 1], N times [C, H, W] with C 1 or 3.
         planes: The N planes.
         suffix: One of `images.DEPTHS`.
-        bits: As the format has them.
+        bits: As `images.write_image`.
         quality: Of JPEG and AVIF, from 1 to 100.
 
     Returns:
@@ -122,31 +123,19 @@ def write_pictures(
     return Path(path)
 
 
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in VIEW_WRITERS:
+        raise InputError(f"{path} must end in .exr, or have no suffix for a folder", remedy="choose another name")
+    return suffix
+
+
+def _samples(light: Tensor, path: Path, encoding: Encoding) -> Tensor:
+    """Samples of a file: pictures, which a folder consists of, are encoded."""
+    return light if path.suffix else encoding.encode(light)
+
+
 def _array(samples: Tensor, n_colours: int) -> NDArray:
-    """Samples as float32 in numpy."""
     if n_colours not in (1, 3):
         raise InputError("only 1 or 3 channels can be written", got=n_colours)
     return samples.detach().to("cpu", torch.float32).numpy()
-
-
-def _writer(writers: dict[str, Writer], path: Path) -> Writer:
-    """What writes a path of this suffix."""
-    if path.suffix.lower() not in writers:
-        known = " or ".join(filter(None, writers))
-        raise InputError(f"{path} must end in {known}, or have no suffix for a folder", remedy="choose another name")
-    return writers[path.suffix.lower()]
-
-
-def _write_stack_folder(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None) -> None:
-    write_pictures(path, stack, planes, bits=bits)
-
-
-VIEW_WRITERS = {
-    suffix: form.write_views
-    for form in (field_formats.FOLDER, *field_formats.FORMATS)
-    if form.write_views is not None
-    for suffix in form.suffixes
-}
-"""Suffix of a path -> (path, views, bits) -> None."""
-STACK_WRITERS = {"": _write_stack_folder, ".exr": exr.write_planes}
-"""Suffix of a path -> (path, stack, planes, bits) -> None."""

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
-from lfref.io.scratch import Room
+from lfref.io.scratch import Allocator
 from lfref.lightfield import LightField
 from lfref.refocus import batches
 
@@ -153,7 +153,7 @@ def name_apart(refocusers: Iterable[Refocuser]) -> None:
 
 
 def in_bands(
-    refocuser: Refocuser, field: LightField, slopes: Tensor, n_rows: int, room: Room, device: torch.device
+    refocuser: Refocuser, field: LightField, slopes: Tensor, n_rows: int, allocate: Allocator, device: torch.device
 ) -> Tensor:
     """The stack of a light field larger than memory, refocused band by band; equal to the whole to the bit.
 
@@ -162,7 +162,7 @@ def in_bands(
         field: Its views may lie on a disk.
         slopes: Of the planes, in pixels per view step, float64, [N].
         n_rows: Rows of pixels of a band, at least 1.
-        room: Where the stack lies.
+        allocate: Allocates the stack.
         device: Where bands are refocused.
 
     Returns:
@@ -182,7 +182,7 @@ def in_bands(
     height, width = field.size
     # All bands are read with equal height, so that operators plan the same sums for each.
     n_read = min(height, n_rows + 2 * reach)
-    stack = torch.from_numpy(room((len(slopes), field.views.shape[2], height, width), "float32"))
+    stack = torch.from_numpy(allocate((len(slopes), field.views.shape[2], height, width), "float32"))
     for first in range(0, height, n_rows):
         last = min(first + n_rows, height)
         top = min(max(first - reach, 0), height - n_read)

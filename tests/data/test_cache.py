@@ -238,7 +238,7 @@ def copied_reader(tmp_path):
 
 def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
     names = {file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent)}
-    assert names >= {"read", "field_formats", "images", "lenslets", "exr", "grid", "view_folders"}
+    assert names >= {"read", "images", "lenslets", "exr", "grid", "view_folders"}
     assert names.isdisjoint({"write"})
 
 

@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import cameras, grid, read
+from lfref.io import cameras, read
+from lfref.io.options import ReadOptions
 
-UNEVEN = cameras.even((3, 3)) + 0.1 * np.random.default_rng(0).standard_normal((3, 3, 2))
+UNEVEN = cameras.even_positions((3, 3)) + 0.1 * np.random.default_rng(0).standard_normal((3, 3, 2))
 ALL = np.ones((3, 3), bool)
 
 
@@ -34,25 +35,28 @@ def steps(said: np.ndarray) -> tuple[float, float]:
 @pytest.mark.parametrize("first", [0, 1, 100])
 @pytest.mark.parametrize("header", ["row,column,v,u", "view,v,u", "row, column, v, u"])
 def test_tables_are_read_from_whatever_number_they_begin(tmp_path, header, first):
-    np.testing.assert_allclose(cameras.read(table(tmp_path / "a.csv", header, UNEVEN, first)), UNEVEN)
+    np.testing.assert_allclose(cameras.read_positions(table(tmp_path / "a.csv", header, UNEVEN, first)), UNEVEN)
 
 
 def test_columns_of_a_table_may_stand_in_any_order(tmp_path):
     (tmp_path / "a.csv").write_text("u,note,column,v,row\n5,x,0,6,0\n7,y,1,8,0\n")
-    assert cameras.read(tmp_path / "a.csv").tolist() == [[[6, 5], [8, 7]]]
+    assert cameras.read_positions(tmp_path / "a.csv").tolist() == [[[6, 5], [8, 7]]]
 
 
 def test_json_is_an_array_or_a_list_of_records(tmp_path):
     (tmp_path / "a.json").write_text(json.dumps(UNEVEN.tolist()))
-    np.testing.assert_array_equal(cameras.read(tmp_path / "a.json"), UNEVEN)
+    np.testing.assert_array_equal(cameras.read_positions(tmp_path / "a.json"), UNEVEN)
     records = [{"view": n, "v": v, "u": u} for n, (v, u) in enumerate(UNEVEN.reshape(9, 2))]
     (tmp_path / "a.json").write_text(json.dumps(records[::-1]))
-    np.testing.assert_array_equal(cameras.read(tmp_path / "a.json"), UNEVEN)
+    np.testing.assert_array_equal(cameras.read_positions(tmp_path / "a.json"), UNEVEN)
 
 
 def test_views_that_are_left_out_are_not_known(tmp_path):
     (tmp_path / "a.csv").write_text("row,column,v,u\n0,0,0,0\n0,1,0,1\n1,0,1,0\n")
-    assert np.isnan(cameras.read(tmp_path / "a.csv")).tolist() == [[[False] * 2] * 2, [[False] * 2, [True] * 2]]
+    assert np.isnan(cameras.read_positions(tmp_path / "a.csv")).tolist() == [
+        [[False] * 2] * 2,
+        [[False] * 2, [True] * 2],
+    ]
 
 
 @pytest.mark.parametrize(
@@ -81,7 +85,7 @@ def test_views_that_are_left_out_are_not_known(tmp_path):
 def test_what_is_no_table_of_positions_is_one_line(tmp_path, contents, one_line):
     (tmp_path / "a.csv").write_text(contents)
     with pytest.raises(FileError) as caught:
-        cameras.read(tmp_path / "a.csv")
+        cameras.read_positions(tmp_path / "a.csv")
     one_line(caught.value, tmp_path / "a.csv", "row,column,v,u")
 
 
@@ -89,7 +93,7 @@ def test_a_missing_table_and_one_of_bytes_are_one_line(tmp_path, one_line):
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
     for name in ("a.csv", "b.csv"):
         with pytest.raises(FileError) as caught:
-            cameras.read(tmp_path / name)
+            cameras.read_positions(tmp_path / name)
         one_line(caught.value, tmp_path / name)
 
 
@@ -107,13 +111,13 @@ def test_unit_direction_and_origin_change_nothing(scale, signs, shift):
 
 
 def test_rows_and_columns_of_unlike_steps_keep_their_ratio():
-    values = cameras.normalised(cameras.even((5, 4), (30.0, 36.0)), np.ones((5, 4), bool), "a")
-    np.testing.assert_allclose(values, cameras.even((5, 4), (30 / 33, 36 / 33)))
+    values = cameras.normalised(cameras.even_positions((5, 4), (30.0, 36.0)), np.ones((5, 4), bool), "a")
+    np.testing.assert_allclose(values, cameras.even_positions((5, 4), (30 / 33, 36 / 33)))
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (1, 5), (4, 1), (1, 1)])
 def test_an_even_grid_is_no_positions_at_all(shape):
-    assert cameras.normalised(-31.5 * cameras.even(shape) + 7, np.ones(shape, bool), "a") is None
+    assert cameras.normalised(-31.5 * cameras.even_positions(shape) + 7, np.ones(shape, bool), "a") is None
 
 
 def test_a_row_of_cameras_has_steps_along_it_alone():
@@ -128,12 +132,12 @@ def test_a_row_of_cameras_has_steps_along_it_alone():
 )
 def test_missing_views_need_no_position_and_stand_on_the_grid(present):
     said = np.where(
-        present[..., None], 12.0 * cameras.even((5, 5)) + 0.3 * np.sin(np.arange(50)).reshape(5, 5, 2), np.nan
+        present[..., None], 12.0 * cameras.even_positions((5, 5)) + 0.3 * np.sin(np.arange(50)).reshape(5, 5, 2), np.nan
     )
     values = cameras.normalised(said, present, "a")
     assert np.isfinite(values).all()
-    np.testing.assert_array_equal(values[~present], cameras.even((5, 5))[~present])
-    np.testing.assert_allclose(values[present], cameras.even((5, 5))[present], atol=0.1)
+    np.testing.assert_array_equal(values[~present], cameras.even_positions((5, 5))[~present])
+    np.testing.assert_allclose(values[present], cameras.even_positions((5, 5))[present], atol=0.1)
 
 
 def test_a_view_without_a_position_is_named(one_line):
@@ -203,5 +207,5 @@ def test_options_that_do_not_fit_are_one_line(view_folder, tmp_path, monkeypatch
 def test_names_of_a_file_are_no_positions(tmp_path, one_line):
     np.save(tmp_path / "a.npy", np.zeros((3, 3, 6, 7), np.uint8))
     with pytest.raises(LfrefError) as caught:
-        cameras.of(tmp_path / "a.npy", grid.Selection(), ALL, "names", None)
+        cameras.camera_positions(tmp_path / "a.npy", ReadOptions(positions="names"), ALL)
     one_line(caught.value, tmp_path / "a.npy", "reader.positions")

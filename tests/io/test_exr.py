@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError
 from lfref.geometry import even_planes, planes_at_alphas
-from lfref.io import exr, grid, images
+from lfref.io import exr, images
+from lfref.io.options import ReadOptions
 
-ALL = grid.Selection()
+ALL = ReadOptions()
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def folder(tmp_path_factory):
 def test_views_come_back_exactly(folder, shape, bits, seed):
     views = np.random.default_rng(seed).normal(size=shape).astype({16: np.float16, 32: np.float32}[bits])
     exr.write_views(folder / "a.exr", views, bits)
-    back = exr.read_views(folder / "a.exr", ALL)
+    back = exr.decode_views(folder / "a.exr", ALL)
     assert back.dtype == np.float32
     np.testing.assert_array_equal(back, views)
 
@@ -35,7 +36,7 @@ def test_views_come_back_exactly(folder, shape, bits, seed):
 def test_more_than_ten_rows_keep_their_order(tmp_path):
     views = np.arange(12, dtype=np.float32).reshape(12, 1, 1, 1, 1)
     exr.write_views(tmp_path / "a.exr", views)
-    np.testing.assert_array_equal(exr.read_views(tmp_path / "a.exr", ALL), views)
+    np.testing.assert_array_equal(exr.decode_views(tmp_path / "a.exr", ALL), views)
 
 
 @settings(max_examples=25, deadline=None)
@@ -66,7 +67,7 @@ def test_a_missing_view_is_named(tmp_path, one_line):
         path, [images.Part(np.zeros((1, 1, 3)), name) for name in ("view_00_00", "view_00_01", "view_01_00")]
     )
     with pytest.raises(FileError) as caught:
-        exr.read_views(path, ALL)
+        exr.decode_views(path, ALL)
     one_line(caught.value, path, "view_01_01")
 
 
@@ -74,7 +75,7 @@ def test_views_of_different_channel_counts_are_refused(tmp_path, one_line):
     path = tmp_path / "a.exr"
     images.write_parts(path, [images.Part(np.zeros((1, 1, 1 + 2 * n)), f"view_00_{n:02d}") for n in range(2)])
     with pytest.raises(FileError) as caught:
-        exr.read_views(path, ALL)
+        exr.decode_views(path, ALL)
     one_line(caught.value, path, "alike")
 
 
@@ -84,7 +85,7 @@ def test_a_stack_is_no_light_field_and_the_other_way_round(tmp_path, one_line):
     assert not exr.holds_views(tmp_path / "s.exr")
     assert exr.holds_views(tmp_path / "v.exr")
     with pytest.raises(FileError) as caught:
-        exr.read_views(tmp_path / "s.exr", ALL)
+        exr.decode_views(tmp_path / "s.exr", ALL)
     one_line(caught.value, tmp_path / "s.exr", "view_RR_CC")
     with pytest.raises(FileError) as caught:
         exr.read_planes(tmp_path / "v.exr")
@@ -107,7 +108,7 @@ def test_every_truncation_of_many_parts_is_found(tmp_path, one_line):
     for cut in {0, 3, 50, 500, *range(1000, len(whole), 1999), *range(len(whole) - 12, len(whole))}:
         path.write_bytes(whole[:cut])
         with pytest.raises(FileError) as caught:
-            exr.read_views(path, ALL)
+            exr.decode_views(path, ALL)
         one_line(caught.value, path)
 
 
@@ -119,7 +120,7 @@ def test_no_damaged_byte_of_a_header_raises_anything_but_a_file_error(tmp_path, 
     for position in range(0, len(whole), 3):
         path.write_bytes(whole[:position] + b"\xff" + whole[position + 1 :])
         try:
-            exr.read_views(path, ALL)
+            exr.decode_views(path, ALL)
         except FileError as error:
             one_line(error, path)
             refused += 1
@@ -135,7 +136,7 @@ def test_nan_is_neither_written_nor_read(tmp_path, one_line):
     with pytest.raises(InputError) as caught:
         exr.write_views(path, views)
     one_line(caught.value, path, "finite")
-    assert np.isfinite(exr.read_views(path, ALL)).all()
+    assert np.isfinite(exr.decode_views(path, ALL)).all()
 
 
 def test_planes_written_by_lfref_0_1_are_read_by_their_alphas(tmp_path):

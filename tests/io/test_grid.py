@@ -5,38 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError
 from lfref.io import grid
 
 PATH = Path("field")
-
-
-@pytest.mark.parametrize(
-    ("n_views", "count", "start", "first"),
-    [
-        (14, 7, None, 4),
-        (14, 7, 3, 3),
-        (14, 7, 7, 7),
-        (9, 7, None, 1),
-        (9, 9, None, 0),
-        (14, 14, None, 0),
-        (9, 1, None, 4),
-    ],
-)
-def test_the_window_is_central_unless_it_is_told_its_start(n_views, count, start, first):
-    rows, columns = grid.Selection((count, count), start).window((n_views, n_views), PATH)
-    assert rows == columns == slice(first, first + count)
-
-
-def test_no_number_of_views_keeps_all():
-    assert grid.Selection().window((3, 5), PATH) == (slice(0, 3), slice(0, 5))
-
-
-@pytest.mark.parametrize(("count", "start"), [(0, None), (-1, None), (8, None), (7, 1), (3, -1), (3, 5)])
-def test_a_window_that_leaves_the_grid_is_refused(count, start, one_line):
-    with pytest.raises(InputError) as caught:
-        grid.Selection((count, count), start).window((7, 7), PATH)
-    one_line(caught.value, PATH, "among the 7", f"views {count}", "reader.views and reader.start")
 
 
 def test_a_hole_is_named_even_in_a_grid_of_billions(one_line):

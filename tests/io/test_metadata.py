@@ -1,4 +1,4 @@
-"""What pictures and Lytro's JSON files say of the camera, and that damage to it harms nothing."""
+"""Metadata of light fields, from every source, damaged ones included."""
 
 import json
 from pathlib import Path
@@ -74,7 +74,7 @@ def test_exif_of_the_first_view_is_kept(tmp_path, suffix):
 def test_json_of_lytro_is_found_wherever_tools_wrap_it(view_folder, wrapped):
     folder = view_folder({(0, column): f"a_0_{column}.png" for column in range(2)})
     (folder / "IMG_0001.json").write_text(json.dumps(wrapped))
-    assert metadata.of(folder) == SAID
+    assert metadata.read_metadata(folder) == SAID
     assert SAID.items() <= read.read(folder).metadata.items()
 
 
@@ -82,7 +82,7 @@ def test_json_beside_a_picture_is_its_own(tmp_path):
     images.write_image(tmp_path / "IMG_0001.png", np.zeros((28, 28, 3)))
     (tmp_path / "IMG_0001.json").write_text(json.dumps(ILLUM))
     (tmp_path / "IMG_0002.json").write_text(json.dumps({**ILLUM, "camera": {"model": "other"}}))
-    assert metadata.of(tmp_path / "IMG_0001.png") == SAID
+    assert metadata.read_metadata(tmp_path / "IMG_0001.png") == SAID
 
 
 def grouped(place: h5py.Group, plain: dict) -> None:
@@ -108,7 +108,7 @@ def test_the_light_field_toolbox_keeps_what_the_camera_said(tmp_path, is_new):
             raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
     else:
         scipy.io.savemat(path, {"LF": field, "LFMetadata": ILLUM})
-    assert metadata.of(path) == SAID
+    assert metadata.read_metadata(path) == SAID
     assert SAID.items() <= read.read(path).metadata.items()
 
 
@@ -116,23 +116,66 @@ def test_what_json_does_not_say_is_left_out(view_folder):
     folder = view_folder({(0, 0): "a_0_0.png"})
     lens = {"fNumber": "wide", "focalLength": None}
     (folder / "a.json").write_text(json.dumps({"camera": {}, "devices": {"lens": lens, "sensor": 3}}))
-    assert metadata.of(folder) == {}
+    assert metadata.read_metadata(folder) == {}
 
 
 @pytest.mark.parametrize("contents", [b"", b"{", b"[" * 100_000, b"\xff\xfe", b"null", b'{"camera": 1, "devices": 2}'])
 def test_damaged_json_keeps_nothing_from_being_read(view_folder, contents):
     folder = view_folder({(0, 0): "a_0_0.png"})
     (folder / "a.json").write_bytes(contents)
-    assert metadata.of(folder) == {}
+    assert metadata.read_metadata(folder) == {}
     assert read.read(folder).grid == (1, 1)
 
 
 def test_pictures_that_say_nothing_add_nothing(view_folder):
-    assert metadata.of(view_folder({(0, 0): "a_0_0.png"})) == {}
+    assert metadata.read_metadata(view_folder({(0, 0): "a_0_0.png"})) == {}
 
 
 def test_json_deeper_than_any_of_lytro_is_not_followed():
     plain: dict = dict(ILLUM)
     for _ in range(20):
         plain = {"frame": plain}
-    assert list(metadata._frames(plain)) == []
+    assert list(metadata._lytro_frames(plain)) == []
+
+
+PLAIN = {"camera": {"model": "ILLUM"}, "iso": 80.0}
+
+
+@pytest.fixture(params=["old", "new"])
+def path(request, tmp_path):
+    path = tmp_path / "a.mat"
+    if request.param == "old":
+        scipy.io.savemat(path, {"Said": PLAIN, "LF": np.zeros((2, 2))})
+        return path
+    with h5py.File(path, "w", userblock_size=512) as file:
+        model = file.create_dataset(
+            "Said/camera/model", data=np.array([[ord(letter)] for letter in "ILLUM"], np.uint16)
+        )
+        model.attrs["MATLAB_class"] = np.bytes_("char")
+        file.create_dataset("Said/iso", data=np.array([[80.0]]))
+        file.create_dataset("LF", data=np.zeros((2, 2)))
+        file["Said/linked"] = h5py.ExternalLink(str(path), "/LF")
+        file["Linked"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
+    return path
+
+
+def test_a_structure_is_a_dictionary(path):
+    assert metadata.read_struct(path, "Said") == PLAIN
+
+
+@pytest.mark.parametrize("name", ["LF", "Other", "Linked"])
+def test_what_is_no_structure_in_the_file_is_nothing(path, name):
+    assert metadata.read_struct(path, name) == {}
+
+
+def test_long_arrays_are_left_out(tmp_path):
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+        file.create_dataset("Said/long", data=np.zeros(metadata.MAX_SAMPLES + 1))
+        file.create_dataset("Said/short", data=np.arange(3.0))
+    with (tmp_path / "a.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
+    said = metadata.read_struct(tmp_path / "a.mat", "Said")
+    assert said["long"] is None
+    assert said["short"].tolist() == [0, 1, 2]

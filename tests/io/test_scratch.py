@@ -14,7 +14,7 @@ from lfref.lightfield import LightField
 
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_room_is_an_array_of_zeros(tmp_path, on_disk):
-    made = scratch.room(tmp_path if on_disk else None)((3, 4, 5), "float32")
+    made = scratch.allocator(tmp_path if on_disk else None)((3, 4, 5), "float32")
     assert isinstance(made, np.memmap) == on_disk
     assert (made.shape, made.dtype) == ((3, 4, 5), np.float32)
     assert not made.any()
@@ -25,14 +25,14 @@ def test_room_is_an_array_of_zeros(tmp_path, on_disk):
 
 def test_a_full_disk_and_a_missing_folder_are_told(tmp_path, monkeypatch):
     with pytest.raises(FileError, match="cannot be written; got no such file or directory"):
-        scratch.room(tmp_path / "nowhere")((1,), "uint8")
+        scratch.allocator(tmp_path / "nowhere")((1,), "uint8")
 
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
     with pytest.raises(FileError, match="got no space left on device; free some space"):
-        scratch.room(tmp_path)((1,), "uint8")
+        scratch.allocator(tmp_path)((1,), "uint8")
 
 
 @pytest.mark.parametrize("name", ["a folder", "one.exr"])

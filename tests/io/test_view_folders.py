@@ -1,5 +1,6 @@
-"""Folders of views: each name in its place, each fault named."""
+"""Folders of views: names, arrangements on the grid, what files say of their encoding, and what is read."""
 
+import itertools
 import struct
 from pathlib import Path
 
@@ -9,8 +10,160 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from lfref import encoding
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import grid, images, read, view_folders
+from lfref.io import images, read, view_folders
+from lfref.io.options import ReadOptions
+
+SAID = {
+    "out_03_14_-776.880371_-3355.331299_.png": (
+        "gantry",
+        {"row": "03", "column": "14", "v": "-776.880371", "u": "-3355.331299"},
+    ),
+    "input_Cam080.png": ("HCI", {"index": "080"}),
+    "v3_u14.png": ("v_u", {"row": "3", "column": "14"}),
+    "scene_row03col14.png": ("v_u", {"row": "03", "column": "14"}),
+    "S14_T3.png": ("u_v", {"row": "3", "column": "14"}),
+    "3_14.png": ("row_column", {"row": "3", "column": "14"}),
+    "view-03-14.tif": ("row_column", {"row": "03", "column": "14"}),
+    "2067_03_14.png": ("row_column", {"row": "03", "column": "14"}),
+    "IMG_20190101_03x14.jpg": ("row_column", {"row": "03", "column": "14"}),
+}
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_a_name_is_of_the_first_pattern_that_it_follows(name):
+    ((found,),) = view_folders.known_fields([Path(name)])
+    pattern, said = SAID[name]
+    assert found.match.re.pattern == view_folders.PATTERNS[pattern]
+    assert said.items() <= found.match.groupdict().items()
+
+
+@pytest.mark.parametrize(
+    "name", ["0001.png", "IMG_20190101_0001.png", "depth.png", "IMG_1085_eslf.png", "a_1_2345.png", "start1_s2.png"]
+)
+def test_other_names_leave_it_open(name):
+    assert view_folders.known_fields([Path(name)]) == []
+
+
+def test_a_picture_on_its_own_is_left_out_beside_numbered_ones():
+    numbered = [Path(f"a{index}.png") for index in range(3)]
+    (field,) = view_folders.numbered_fields([Path("depth1.png"), *numbered])
+    assert [found.path for found in field] == numbered
+    assert len(view_folders.numbered_fields([Path("depth1.png")])) == 1
+
+
+def test_a_missing_view_is_named_as_widely_as_the_others():
+    ((found,),) = view_folders.known_fields([Path("s_08_09.png")])
+    assert found.renamed({"row": 3, "column": 12}) == "s_03_12.png"
+
+
+def test_a_user_names_a_pattern_or_writes_one(one_line):
+    assert view_folders.compiled("column_row").pattern == view_folders.AMBIGUOUS_PATTERNS["column_row"]
+    assert view_folders.compiled(r"(?P<index>\d+)").groupindex.keys() == {"index"}
+    for wrong in ("(", "columns", r"(?P<row>\d)"):
+        with pytest.raises(InputError) as caught:
+            view_folders.compiled(wrong)
+        one_line(caught.value, "reader.pattern", "row_column", repr(wrong)[1:-1])
+
+
+def test_the_same_numbers_twice_are_refused(one_line):
+    (found,) = view_folders.known_fields([Path("f/s_1_2.png"), Path("f/s_01_02.png")])
+    with pytest.raises(FileError) as caught:
+        view_folders.arrange(Path("f"), found, ReadOptions())
+    one_line(caught.value, "s_1_2.png and s_01_02.png", "once")
+
+
+FOLDER = Path("f")
+
+
+def found(numbers, name="{}.png"):
+    (field,) = view_folders.fields_of(
+        [FOLDER / name.format(number) for number in numbers], [view_folders.compiled("index")]
+    )
+    return field
+
+
+@pytest.mark.parametrize(("side", "first"), itertools.product(range(1, 18), (0, 1, 7)))
+def test_all_numbers_of_a_square_make_it_from_wherever_they_begin(side, first):
+    assert view_folders.square(first, first + side**2 - 1, side**2) == (side, first)
+
+
+@pytest.mark.parametrize(("side", "base"), itertools.product((3, 5, 9, 17), (0, 1)))
+def test_a_cross_and_a_diagonal_say_how_large_their_square_is(side, base):
+    rows, columns = np.indices((side, side))
+    middle = side // 2
+    for shape in (
+        (rows == middle) | (columns == middle),
+        rows == columns,
+        (rows == columns) & (rows % (side - 1) > 0) | (rows == middle),
+    ):
+        numbers = np.flatnonzero(shape) + base
+        assert view_folders.square(int(numbers.min()), int(numbers.max()), len(numbers)) == (side, base)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 8, 15, 80])
+def test_other_numbers_make_none(count):
+    assert view_folders.square(0, count - 1, count) is None
+
+
+def test_a_grid_that_is_asked_for_is_filled_row_by_row():
+    arranged = view_folders.arrange(FOLDER, found(range(1, 7)), ReadOptions(grid=(2, 3)))
+    assert arranged.shape == (2, 3)
+    assert {cell: one.path.name for cell, one in arranged.cells.items()} == {
+        divmod(index, 3): f"{index + 1}.png" for index in range(6)
+    }
+    assert arranged.name_of((1, 2)) == "6.png"
+
+
+def test_numbers_that_leave_the_grid_asked_for_are_refused(one_line):
+    with pytest.raises(InputError) as caught:
+        view_folders.arrange(FOLDER, found(range(8)), ReadOptions(grid=(2, 3)))
+    one_line(caught.value, FOLDER, "2x3", "8 views numbered 0 to 7", "reader.grid")
+
+
+def test_a_number_that_is_no_square_names_the_first_that_is_missing(one_line):
+    with pytest.raises(FileError) as caught:
+        view_folders.arrange(FOLDER, found([0, 1, 2, 4, 5, 6, 7], "a{:03d}.png"), ReadOptions())
+    one_line(caught.value, FOLDER, "a003.png", "reader.grid=[rows,columns]")
+
+
+def picture(path, space=None, kind="uint8"):
+    """A 4x4 picture that says so about itself."""
+    spec = OpenImageIO.ImageSpec(4, 4, 3, kind)
+    if space:
+        spec.attribute("oiio:ColorSpace", space)
+    output = OpenImageIO.ImageOutput.create(str(path))
+    assert output.open(str(path), spec)
+    assert output.write_image(np.full((4, 4, 3), 100, np.uint8) if kind == "uint8" else np.full((4, 4, 3), 0.5, "f4"))
+    assert output.close()
+
+
+@pytest.mark.parametrize(
+    ("space", "said"), [("sRGB", "srgb"), ("lin_rec709_scene", "linear"), ("Gamma1.8", "gamma:1.8")]
+)
+def test_chunks_of_a_png_are_believed(tmp_path, space, said):
+    folder = tmp_path / "field"
+    folder.mkdir()
+    for column in range(2):
+        picture(folder / f"a_00_{column:02d}.png", space)
+    assert str(view_folders.encoding_of(folder / "a_00_00.png", "file", encoding.NONE)) == said
+    field = read.read(folder)
+    assert field.metadata["encoding"] == said
+    assert field.is_linear
+    assert not read.read(folder, encoding="none").is_linear
+
+
+def test_a_tiff_says_nothing_and_its_floating_point_numbers_are_light(tmp_path):
+    folder = tmp_path / "field"
+    folder.mkdir()
+    for column in range(2):
+        picture(folder / f"a_00_{column:02d}.tif", kind="float")
+    assert view_folders.encoding_of(folder / "a_00_00.tif", "file", encoding.NONE) is encoding.NONE
+    field = read.read(folder)
+    assert field.metadata["encoding"] == "linear"
+    assert field.views.unique().tolist() == [0.5]
+
 
 PIXEL = b"BM" + struct.pack("<IIIIiiHHIIiiIIB3x", 58, 0, 54, 40, 1, 1, 1, 24, 0, 4, 0, 0, 0, 0, 9)
 """A BMP of one pixel, which is written in no time."""
@@ -335,16 +488,16 @@ def test_a_gantry_says_where_its_cameras_stood(view_folder):
         {cell: f"out_{cell[0]:02d}_{cell[1]:02d}_{v:.6f}_{u:.6f}_.png" for cell, (v, u) in said.items()}
     )
     np.testing.assert_array_equal(
-        view_folders.positions(folder, grid.Selection()),
+        view_folders.positions_in_names(folder, ReadOptions()),
         [[said[row, column] for column in range(3)] for row in range(3)],
     )
-    window = view_folders.positions(folder, grid.Selection((2, 2), start=1))
+    window = view_folders.positions_in_names(folder, ReadOptions((2, 2), start=1))
     np.testing.assert_array_equal(window[0, 0], said[1, 1])
 
 
 def test_names_without_positions_are_refused_where_positions_are_asked_for(view_folder, one_line):
     with pytest.raises(FileError) as caught:
-        view_folders.positions(view_folder(names(NAMINGS["HCI"])), grid.Selection())
+        view_folders.positions_in_names(view_folder(names(NAMINGS["HCI"])), ReadOptions())
     one_line(caught.value, "input_Cam000.png", "out_RR_CC_Y_X", "reader.positions")
 
 
@@ -361,7 +514,7 @@ def test_no_names_end_in_a_traceback_or_a_grid_larger_than_its_views(tmp_path_fa
     for name in found:
         (folder / name).write_bytes(PIXEL)
     try:
-        stored = view_folders.stored_grid(folder, grid.Selection(holes=holes))
+        stored = view_folders.stored_grid(folder, ReadOptions(holes=holes))
     except LfrefError as error:
         assert "\n" not in str(error)  # noqa: PT017
     else:

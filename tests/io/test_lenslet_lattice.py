@@ -1,0 +1,141 @@
+"""The lattice of lenslets, and views sampled from it."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfref.io import lenslet_lattice, lenslets
+from lfref.io.lenslet_lattice import HEXAGONAL_ROWS, upright
+from tests.io.lenslet_drawing import lenslet_image, made, scene
+
+
+def test_a_level_square_lattice_stands_at_multiples_of_its_pitch():
+    y, x = upright((14.0, 12.0), (6.5, 5.5)).centres(np.array([0, 3]), np.array([0, 2]))
+    np.testing.assert_allclose((y, x), ((6.5, 48.5), (5.5, 29.5)))
+
+
+def test_all_neighbours_in_a_hexagonal_lattice_are_equally_near():
+    y, x = made(10.0, 7.0, is_hexagonal=True).centres(np.array([0, 0, 1, 1, -1, -1]), np.array([1, -1, 0, -1, 0, -1]))
+    here = made(10.0, 7.0, is_hexagonal=True).centres(np.array(0), np.array(0))
+    np.testing.assert_allclose(np.hypot(y - here[0], x - here[1]), 10)
+
+
+def test_rows_that_fall_to_the_right_are_turned_by_more_than_nothing():
+    lattice = made(10.0, 30.0)
+    y, x = lattice.centres(np.array(0), np.array(2))
+    assert (float(y) - 6.3, float(x) - 7.9) == pytest.approx((10, 20 * math.cos(math.radians(30))))
+    assert lattice.rotation == pytest.approx(30)
+
+
+def test_directions_are_a_pixel_long_and_follow_the_lattice():
+    down, along = made(rotation=20.0).steps()
+    assert math.hypot(*down) == pytest.approx(1)
+    assert along == pytest.approx((math.sin(math.radians(20)), math.cos(math.radians(20))))
+    assert down[0] * along[0] + down[1] * along[1] == pytest.approx(0)
+
+
+def test_a_whole_number_of_aligned_lenslets_is_used_to_the_last():
+    rows, columns = upright((14.0, 14.0), (6.5, 6.5)).within((14 * 5, 14 * 7), (6.5, 6.5))
+    assert (rows, columns) == (range(5), range(7))
+
+
+@given(st.floats(3, 20), st.floats(-10, 10), st.floats(-30, 30), st.floats(-30, 30), st.booleans(), st.floats(60, 200))
+def test_a_block_lies_in_the_picture_and_leaves_little_of_it_out(pitch, rotation, top, left, is_hexagonal, side):
+    lattice, size = made(pitch, rotation, is_hexagonal, (top, left)), (round(side), 150)
+    rows, columns = lattice.within(size, (1.0, 1.0))
+    if len(rows) and len(columns):
+        y, x = lattice.centres(np.array(rows)[:, None], np.array(columns)[None, :])
+        assert y.min() > 0.99
+        assert x.min() > 0.99
+        assert y.max() < size[0] - 1.99
+        assert x.max() < size[1] - 1.99
+    # What a turned rectangle loses on each side, and a lenslet more.
+    lost = 2 * math.sin(math.radians(abs(rotation))) * 200 + 4 * pitch + 2
+    assert len(rows) >= (size[0] - lost) / (pitch * (HEXAGONAL_ROWS if is_hexagonal else 1))
+    assert len(columns) >= (size[1] - lost) / pitch
+
+
+def test_a_picture_too_small_for_a_lenslet_has_none():
+    rows, columns = made().within((10, 200), (6.0, 6.0))
+    assert len(rows) * len(columns) == 0
+
+
+ALL = slice(0, 13)
+
+
+def expected(views, lattice, window, reach=6):
+    """The scene at the places of the views' pixels, from the first lenslet that is used on."""
+    rows, columns = lattice.within((220, 260), (reach, reach))
+    first = lattice.pitch[1] / lattice.pitch[0] * (columns[0] + 0.5 * lattice.is_hexagonal)
+    y, x = rows[0] + np.arange(views.shape[3]), first + np.arange(views.shape[4])
+    v, u = (np.arange(cut.start, cut.stop) - reach for cut in window)
+    return scene(y[:, None], x, v[:, None, None, None], u[:, None, None])
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.3, -4.0])
+def test_views_come_back_from_behind_square_lenslets(rotation):
+    lattice, window = made(rotation=rotation), (slice(3, 10), slice(3, 10))
+    image = lenslet_image(lattice, (220, 260))
+    views = lenslet_lattice.sample_views(image[..., None], lattice, (13, 13), window)
+    assert views.shape[:3] == (7, 7, 1)
+    np.testing.assert_allclose(views[:, :, 0], expected(views, lattice, window), atol=2e-4)
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.3])
+def test_views_from_behind_hexagonal_lenslets_have_square_pixels(rotation):
+    lattice, window = made(rotation=rotation, is_hexagonal=True), (slice(4, 9), slice(4, 9))
+    image = lenslet_image(lattice, (220, 260))
+    views = lenslet_lattice.sample_views(image[..., None], lattice, (13, 13), window)
+    error = abs(views[:, :, 0] - expected(views, lattice, window))
+    # Cubics between lenslets of a wave 11 lenslets long.
+    assert error.max() < 6e-3
+
+
+def test_rectangular_lenslets_give_square_pixels_too():
+    lattice, window = upright((13.2, 15.5), (6.3, 7.9), 0.3), (slice(4, 9), slice(4, 9))
+    image = lenslet_image(lattice, (220, 260))
+    views = lenslet_lattice.sample_views(image[..., None], lattice, (13, 13), window)
+    assert abs(views[:, :, 0] - expected(views, lattice, window)).max() < 6e-3
+
+
+def test_whole_pitches_that_are_aligned_are_the_pixels_themselves():
+    image = np.random.default_rng(0).random((14 * 5 + 3, 14 * 6, 3), np.float32)
+    window = (slice(4, 11), slice(2, 9))
+    views = lenslet_lattice.sample_views(image, upright((14.0, 14.0), (6.5, 6.5)), (14, 14), window)
+    np.testing.assert_allclose(views, lenslets.unpack(image)[window], atol=1e-6)
+
+
+def test_channels_do_not_mix():
+    lattice = made()
+    image = np.stack([lenslet_image(lattice, (120, 140)), np.full((120, 140), 0.25), np.ones((120, 140))], axis=-1)
+    views = lenslet_lattice.sample_views(image, lattice, (13, 13), (ALL, ALL))
+    np.testing.assert_allclose(views[:, :, 1], 0.25, rtol=1e-6)
+    np.testing.assert_allclose(views[:, :, 2], 1, rtol=1e-6)
+    alone = lenslet_lattice.sample_views(image[..., :1], lattice, (13, 13), (ALL, ALL))
+    np.testing.assert_array_equal(views[:, :, :1], alone)
+
+
+def test_between_pixels_quadratics_are_exact():
+    y, x = np.mgrid[:12, :15].astype(float)
+    picture = np.stack([0.1 * y**2 - 0.3 * y * x, 1 + 0.2 * x**2], axis=-1)
+    padded = np.pad(picture, ((1, 3), (1, 3), (0, 0)), mode="edge").astype(np.float32)
+    at_y, at_x = np.random.default_rng(0).uniform(1, 9, (2, 6, 7))
+    samples = lenslet_lattice.interpolate(padded, at_y, at_x)
+    expected = np.stack([0.1 * at_y**2 - 0.3 * at_y * at_x, 1 + 0.2 * at_x**2], axis=-1)
+    np.testing.assert_allclose(samples, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("pitch", "count"), [(14, 14), (14.29, 13), (15.4, 15), (10.01, 9), (9.93, 9), (2, 2), (2.5, 1)]
+)
+def test_a_lenslet_has_its_pixels_as_views_or_an_odd_number(pitch, count):
+    assert lenslet_lattice.n_views(pitch) == count
+
+
+def test_no_lenslet_in_the_picture_gives_no_view():
+    views = lenslet_lattice.sample_views(np.zeros((10, 300, 1)), made(), (13, 13), (ALL, ALL))
+    assert views.size == 0
+    assert lenslet_lattice.sample_views(np.zeros((10, 300, 1)), made(is_hexagonal=True), (13, 13), (ALL, ALL)).size == 0
