@@ -46,9 +46,9 @@ def gains() -> Iterator[str]:
     rivals = [name for name, ratio in units.items() if name != LEARNED and ratio * MOST_UNITS >= 1]
     for run, kind, title in (
         ("bench", "ideal", "sim30, thirty without a sensor"),
-        ("bench", "corrected", "sim30, seven with a sensor, put right"),
+        ("bench", "corrected", "sim30, seven with a sensor, corrected"),
         ("varied", "ideal", "drawn at random, without a sensor"),
-        ("varied", "corrected", "drawn at random, with a sensor, put right"),
+        ("varied", "corrected", "drawn at random, with a sensor, corrected"),
     ):
         judged = tables.read_table(RUNS / run / "evaluation.csv")
         judged = judged[(judged["class"] == kind) & ~((kind == "corrected") & (judged["scene"] == CLIPPED))]

@@ -44,7 +44,7 @@ def bench() -> Iterator[str]:
     """Time and accuracy of every operator setting, from the table of `lfref bench`."""
     facts = json.loads((RUNS / "bench" / "machine.json").read_text())
     rows = tables.read_table(RUNS / "bench" / "bench.csv")
-    yield "| method | time, in NumPy's 4-D FFTs | PSNR against truth, dB | worst scene | Delta E | sensor | put right |"
+    yield "| method | time, in NumPy's 4-D FFTs | PSNR against truth, dB | worst scene | Delta E | sensor | corrected |"
     yield "|---|---|---|---|---|---|---|"
     for method, classes in rows.groupby("method", sort=False):
         units = 1 / classes["ratio_to_numpy_fft"].iloc[0]
@@ -56,18 +56,18 @@ def bench() -> Iterator[str]:
     yield ""
     yield f"Truth: what a lens would have photographed, 30 scenes of sim30 (version {facts['sim30']}), the paper's"
     yield f"16 planes, {facts['margin']} px of the border left out; sensor, the {rows['scenes'].min():.0f} scenes that"
-    yield "have one, as they are and put right by `correct=auto`. Time: a light field of"
+    yield "have one, as they are and corrected by `correct=auto`. Time: a light field of"
     yield f"{facts['views']}, NumPy's FFT {rows['median_s'].iloc[0]:.2f} s;"
     yield f"{facts['processor']}, {facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']},"
     yield f"{facts['repeats']} rounds."
 
 
 def corrected() -> Iterator[str]:
-    """What the best method makes of scenes with a sensor: as they are, put right, and with a white picture."""
+    """What the best method makes of scenes with a sensor: as they are, corrected, and with a white picture."""
     read, white = (tables.read_table(RUNS / run / "scenes.csv") for run in ("bench", "white"))
     best = read.groupby(["scene", "class"])["psnr_db"].max().unstack().dropna(subset="sensor")
     best["white"] = white[white["class"] == "corrected"].groupby("scene")["psnr_db"].max()
-    yield "| scene | as it is, dB | put right, dB | with a white picture, dB | without a sensor, dB |"
+    yield "| scene | as it is, dB | corrected, dB | with a white picture, dB | without a sensor, dB |"
     yield "|---|---|---|---|---|"
     columns = ["sensor", "corrected", "white", "ideal"]
     for scene, row in [*best.sort_values("sensor").iterrows(), ("mean", best.mean())]:

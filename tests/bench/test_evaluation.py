@@ -14,14 +14,12 @@ from lfref.captures.correct import correct
 from lfref.encoding import LINEAR, SRGB
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes, planes_at_alphas
+from lfref.geometry import planes_at_alphas
 from lfref.io.read import read
 from lfref.lightfield import LightField
-from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.developed import developed
@@ -93,12 +91,6 @@ def test_operators_refocus_a_disc_scene_through_a_disc():
     torch.testing.assert_close(case.stack(small, SLOPES), small(case.light, SLOPES))
 
 
-def test_networks_ignore_the_aperture():
-    network = NetworkRefocuser(RefNet(n_planes=2, grid=(3, 3), widths=(4,), stem_width=4), FocalPlanes(SLOPES))
-    case = EvaluationCase("ideal", LightField(torch.rand(3, 3, 3, 20, 24)), torch.rand(2), "truth", apertures.disc)
-    torch.testing.assert_close(case.stack(network, SLOPES), network(case.light))
-
-
 def test_captures_are_compared_with_exact_refocusing():
     field = LightField(torch.rand(3, 3, 3, 16, 18), "a")
     (case,) = evaluation.capture_cases([field], SLOPES)
@@ -163,12 +155,6 @@ def test_the_dense_integral_is_nearer_to_the_truth_than_the_kept_views(scene):
     cut, whole = case.stack(EXACT, HOLD_OUT_SLOPES), EXACT(case.light, HOLD_OUT_SLOPES)
     for reference in (scene.truth, case.truth):
         assert float((psnr(inner(cut), inner(reference)) - psnr(inner(whole), inner(reference))).min()) > 0.3
-
-
-def test_weights_of_samples_follow_the_kept_views(scene):
-    weight = (torch.rand(9, 9, 1, 72, 88) > 0.1).float()
-    (case,) = evaluation.hold_out_cases([LightField(scene.views, weight=weight)], 3, HOLD_OUT_SLOPES)
-    assert torch.equal(case.light.weight, weight[1::3, 1::3])
 
 
 def test_weights_of_the_end_views_help_on_a_real_capture(lytro):

@@ -55,10 +55,6 @@ def test_only_a_gpu_is_waited_for(monkeypatch):
     assert waited == [torch.device("cuda", 1)] * 2
 
 
-def test_the_result_of_a_timed_run_can_be_kept(clock):
-    assert timing.result_and_seconds(lambda: "stack", CPU) == ("stack", 0)
-
-
 def test_all_take_turns_in_every_round():
     calls = []
 
@@ -102,19 +98,8 @@ def test_a_package_that_is_not_installed_has_no_version():
     assert timing.version("no-such-package") is None
 
 
-def test_a_gpu_is_called_by_its_name(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: f"card {device.index}")
-    assert timing.facts(torch.device("cuda", 1))["device"] == "card 1"
-
-
 def test_the_processor_is_named_with_its_vector_instructions(monkeypatch):
     listing = "processor : 0\nmodel name\t: Some CPU @ 2 GHz\nmodel name\t: Another\n"
     monkeypatch.setattr(Path, "is_file", lambda path: True)
     monkeypatch.setattr(Path, "read_text", lambda path: listing)
     assert timing.processor() == f"Some CPU @ 2 GHz ({torch.backends.cpu.get_cpu_capability()})"
-
-
-def test_without_a_listing_the_platform_is_asked(monkeypatch):
-    monkeypatch.setattr(Path, "is_file", lambda path: False)
-    monkeypatch.setattr("platform.processor", lambda: "arm")
-    assert timing.processor().startswith("arm (")

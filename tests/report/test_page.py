@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import pandas as pd
 import pytest
 
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError
 from lfref.report import drawing, page, tables
 from lfref.report.page import Section
 
@@ -116,13 +116,6 @@ def test_more_than_three_sections_get_a_contents_list_whose_links_lead_somewhere
     assert set(targets) <= {section["id"] for section in outline.all("section")}
 
 
-def test_it_fits_a_phone_and_the_dark(tmp_path):
-    text = written(tmp_path, [])
-    assert 'name="viewport" content="width=device-width, initial-scale=1"' in text
-    assert "@media (prefers-color-scheme: dark)" in text
-    assert not Outline(text).all("dl")
-
-
 @pytest.mark.parametrize("content", [None, b"", b"GIF89a and more than twenty-four bytes", b"\x89PNG\r\n\x1a\n"])
 def test_a_picture_that_is_no_png_is_refused_and_leaves_no_page(tmp_path, content):
     file = tmp_path / "picture.png"
@@ -131,8 +124,3 @@ def test_a_picture_that_is_no_png_is_refused_and_leaves_no_page(tmp_path, conten
     with pytest.raises(FileError, match=r"picture\.png"):
         written(tmp_path, [Section("Plots", figures={"broken": file})])
     assert not (tmp_path / "index.html").exists()
-
-
-def test_an_empty_table_is_refused(tmp_path):
-    with pytest.raises(InputError, match="at least one row"):
-        written(tmp_path, [Section("Part", tables={"none": pd.DataFrame()})])

@@ -97,11 +97,6 @@ def test_a_brighter_method_stays_brighter():
     )
 
 
-def test_one_method_stands_above_the_mean():
-    figure = pictures.comparison({"only": stack(1)}, FocalPlanes([0.5]), torch.full((3, H, W), 0.09))
-    assert [title for title, _ in images(figure)] == ["slope 0.5", "mean of all views, not refocused"]
-
-
 def test_a_stack_that_does_not_fit_the_planes_is_named():
     with pytest.raises(InputError, match=r"'net'.*N = 16"):
         pictures.comparison({"net": stack(4)}, PAPER, torch.zeros(3, H, W))
@@ -160,16 +155,6 @@ def test_a_large_picture_is_averaged_in_light_and_not_thinned():
     assert np.abs(row - 255 * screen(0.5)).max() <= 3
 
 
-def test_the_contact_sheet_takes_one_exposure_from_the_mean_of_its_planes():
-    _, values, _ = on_sheet(pictures.contact_sheet(stack(3), ["a", "b", "c"]))
-    assert values == [round(255 * screen(light)) for light in (0.0, 0.9, 1.0)]
-
-
-def test_the_contact_sheet_wants_a_label_for_each_plane():
-    with pytest.raises(InputError, match="2 for 3 planes"):
-        pictures.contact_sheet(stack(3), ["a", "b"])
-
-
 PICTURE = torch.rand(3, 4, 6)
 
 
@@ -213,8 +198,3 @@ def test_more_than_a_row_of_cells_goes_on_in_the_next():
     figure = pictures.views_sheet({str(n): PICTURE for n in range(8)})
     rows = [axes.get_subplotspec().rowspan.start for axes in figure.axes if axes.get_title()]
     assert rows == [0] * 6 + [1] * 2
-
-
-def test_a_sheet_without_cells_is_refused():
-    with pytest.raises(InputError, match="at least one picture"):
-        pictures.views_sheet({})

@@ -53,12 +53,6 @@ def test_the_rise_above_the_first_validation_is_marked():
     assert (arrow.xy, arrow.xyann) == ((2, 33.5), (2, 20.0))
 
 
-def test_a_single_validation_has_no_arrow(tmp_path):
-    figure = plots.training_curves(metrics().query("step < 2"))
-    assert not [child for child in figure.axes[1].get_children() if isinstance(child, Annotation)]
-    drawing.save_figure(figure, tmp_path / "one.png")
-
-
 def test_a_run_too_short_for_training_losses_shows_those_of_validation():
     short = metrics()[5:].drop(columns=["train/loss", "train/l1"]).assign(**{"val/loss": [3.0, 2.0, 1.0]})
     loss, mpsnr, _ = plots.training_curves(short).axes
@@ -159,13 +153,3 @@ def test_every_class_has_a_panel_with_a_line_for_every_method():
     for axes, lift in ((ideal, 0.0), (sensor, -10.0)):
         assert [points(line) for line in axes.get_lines()] == [[(alpha, 30 + alpha + lift) for alpha in ALPHAS]] * 2
     assert [axes.get_title("left") for axes in (ideal, sensor)] == ["ideal, against truth", "sensor, against truth"]
-
-
-def test_planes_without_alphas_stand_at_their_slopes():
-    axes = plots.psnr_by_plane(classes().assign(alpha=math.nan)).axes[0]
-    assert list(axes.get_lines()[0].get_xdata()) == [-7.0, -1.0, 0.0, 0.5]
-
-
-def test_planes_without_a_class_are_refused():
-    with pytest.raises(InputError, match="'class'"):
-        plots.psnr_by_plane(planes("sum", "truth"))

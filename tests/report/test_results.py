@@ -12,7 +12,7 @@ from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.io.read import read_stack
 from lfref.lightfield import LightField
 from lfref.report import results
-from lfref.report.refocused import PictureFiles, Refocused
+from lfref.report.refocused import Refocused
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.io.test_ply import parsed
@@ -115,16 +115,6 @@ def test_the_sweep_goes_by_slope_there_and_back(scene, written):
         assert np.abs(frame.to_ndarray() / 255 - expected).mean() == min(errors) < 0.02
     with av.open(str(written / "sweep.gif")) as container:
         assert len(list(container.decode(video=0))) == 4
-
-
-def test_all_pictures_can_be_jpegs(scene, tmp_path):
-    refocused = Refocused(scene.field, scene.stack, scene.planes, 1.0, PictureFiles("jpg"))
-    results.write_results(tmp_path / "out", refocused, ["all_in_focus"])
-    written = sorted(path.name for path in (tmp_path / "out").rglob("*.jpg"))
-    assert written == [
-        "all_in_focus.jpg", "all_views_mean.jpg", "plane_00_slope_0.3_alpha_1.429.jpg",
-        "plane_01_slope_-1_alpha_0.5.jpg", "plane_02_slope_-0.6_alpha_0.625.jpg",
-    ]  # fmt: skip
 
 
 def test_a_single_plane_is_enough(tmp_path):
