@@ -274,7 +274,7 @@ def _addable(place: Place) -> list[str]:
 
 def _arguments(node: Any) -> list[str]:
     target = _child(node, "_target_") if "_target_" in _names(node) else None
-    return list(inspect.signature(parts.found(target)).parameters) if target else []
+    return list(inspect.signature(parts.resolve(target)).parameters) if target else []
 
 
 def _check_kind(override: Override, default: Any) -> None:

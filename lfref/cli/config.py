@@ -36,7 +36,7 @@ def build(config: Any, **arguments: Any) -> Any:
     """
     node = plain(config)
     parts.check(node)
-    return parts.made(node, **arguments)
+    return parts.build(node, **arguments)
 
 
 def plain(config: Any) -> Any:

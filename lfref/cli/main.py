@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 
 import lfref
+from lfref import extensions
 from lfref.cli import arguments
 from lfref.cli.exit_codes import fail, patient_pipes, said_on_signals
 from lfref.errors import InputError
@@ -27,6 +28,12 @@ COMMANDS = {
 
 def main() -> None:
     """Run a command; status 0 if it worked, 1 if it failed, 2 if it does not exist."""
+    try:
+        sys.argv[1:], packages = allowed_packages(sys.argv[1:])
+        for package in packages:
+            extensions.allow(package)
+    except InputError as error:
+        fail(next(iter(sys.argv[1:]), "--allow"), error, status=2)
     name = sys.argv[1] if len(sys.argv) > 1 else "--help"
     if name in SAID:
         with patient_pipes():
@@ -49,6 +56,28 @@ def main() -> None:
         module.main()
 
 
+def allowed_packages(words: list[str]) -> tuple[list[str], list[str]]:
+    """A command line without its `--allow PACKAGE` (or `--allow=PACKAGE`), and these packages.
+
+    Raises:
+        InputError: `--allow` without a package.
+    """
+    rest, packages, queue = [], [], list(words)
+    while queue:
+        word = queue.pop(0)
+        if word == "--":  # only paths follow
+            rest += [word, *queue]
+            break
+        option, equals, value = word.partition("=")
+        if option != "--allow":
+            rest.append(word)
+        elif not equals and not queue:
+            raise InputError("--allow takes a package", got="nothing", remedy="give a name such as --allow mypkg")
+        else:
+            packages += (value if equals else queue.pop(0)).split(",")
+    return rest, packages
+
+
 def usage() -> str:
     """The commands and how to learn more about each."""
     commands = "\n".join(f"  {name:<9} {what}" for name, what in COMMANDS.items())
@@ -58,7 +87,8 @@ lfref COMMAND [PATH ...] [KEY=VALUE ...]
 
 {commands}
 
-lfref COMMAND --help shows examples, --cfg job its configuration; --multirun runs KEY=A,B,C in turn."""
+lfref COMMAND --help shows examples, --cfg job its configuration; --multirun runs KEY=A,B,C in turn.
+--allow PACKAGE lets a configuration name the classes and functions of an installed package of yours."""
 
 
 SAID: dict[str, Callable[[], str]] = {

@@ -1,33 +1,27 @@
-"""What a configuration may make: a fixed table, since configuration is untrusted input.
+"""Which objects a configuration may build: configuration is untrusted input.
 
-A `_target_` must stand in it letter by letter: no name is walked through, and nothing beyond the table is imported.
-To add a component is to add its name to its group.
+A `_target_` must be in the table of our parts, belong to a family of library classes (optimisers, schedules, callbacks,
+loggers, metrics), or come from a package that the user trusts (`lfref.extensions`). Names outside these are never
+imported. To add a part of ours, add its name to its group.
 """
 
 import difflib
 import functools
 import importlib
-from collections.abc import Callable, Iterator
+import inspect
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from lfref.errors import InputError, LfrefError
+from lfref import extensions
+from lfref.errors import InputError, LfrefError, first_line
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 
 APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
-OPTIMISERS = ("Adadelta", "Adagrad", "Adam", "AdamW", "Adamax", "ASGD", "NAdam", "RAdam", "RMSprop", "Rprop", "SGD")
-SCHEDULES = (
-    "ConstantLR", "CosineAnnealingLR", "CosineAnnealingWarmRestarts", "ExponentialLR", "LinearLR", "MultiStepLR",
-    "OneCycleLR", "PolynomialLR", "StepLR",
-)  # fmt: skip
-CALLBACKS = (
-    "DeviceStatsMonitor", "EMAWeightAveraging", "EarlyStopping", "LearningRateMonitor", "ModelCheckpoint",
-    "ModelSummary", "RichModelSummary", "RichProgressBar", "TQDMProgressBar", "Timer",
-)  # fmt: skip
 
-LATER: dict[str, tuple[str, ...]] = {
+TABLE: dict[str, tuple[str, ...]] = {
     "operators": (
         "lfref.bench.numpy_baselines.fourier_slice_numpy",
         "lfref.refocus.surface.tilt_shift",
@@ -44,11 +38,6 @@ LATER: dict[str, tuple[str, ...]] = {
         "lfref.refocuser.operators.focus",
     ),
     "apertures": tuple(f"lfref.refocus.apertures.{name}" for name in APERTURES),
-    "optimisers": tuple(f"torch.optim.{name}" for name in OPTIMISERS),
-    "schedules": tuple(f"torch.optim.lr_scheduler.{name}" for name in SCHEDULES),
-}
-"""Functions and classes that get their options here and the rest of their arguments later: `_partial_: true`."""
-NOW: dict[str, tuple[str, ...]] = {
     "refocusers": ("lfref.refocuser.operators.OperatorRefocuser", "lfref.refocuser.networks.learned"),
     "planes": (
         *(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
@@ -86,20 +75,76 @@ NOW: dict[str, tuple[str, ...]] = {
     "callbacks": (
         *(f"lfref.train.callbacks.{name}" for name in ("HeadInitialization", "StackPictures")),
         *(f"lfref.train.callbacks.{name}" for name in ("BestCheckpoint", "StepGuard")),
-        *(f"lightning.pytorch.callbacks.{name}" for name in CALLBACKS),
     ),
-    "loggers": (
-        "lfref.train.callbacks.CSVLogger",
-        *(f"lightning.pytorch.loggers.{name}Logger" for name in ("TensorBoard", "Wandb")),
+    "loggers": ("lfref.train.callbacks.CSVLogger",),
+}
+"""Our own parts by group, and the trainer."""
+GROUPS = {name: group for group, names in TABLE.items() for name in names}
+
+
+class Family(NamedTuple):
+    """The public classes of a library module that have one base class."""
+
+    group: str
+    base: str
+    left_out: Mapping[str, str]
+    """Class -> reason why a configuration may not name it."""
+
+
+BASE = "is only a base class"
+FUNCTIONS = "takes functions, which a configuration cannot give"
+ELSEWHERE = "writes a file outside the run folder"
+FAMILIES = {
+    "torch.optim": Family("optimisers", "Optimizer", {"Optimizer": BASE}),
+    "torch.optim.lr_scheduler": Family(
+        "schedules",
+        "LRScheduler",
+        {
+            "LRScheduler": BASE,
+            "LambdaLR": FUNCTIONS,
+            "MultiplicativeLR": FUNCTIONS,
+            "ChainedScheduler": "takes schedules that exist already",
+            "SequentialLR": "takes schedules that exist already",
+            "ReduceLROnPlateau": "is stepped by a metric, not by epochs",
+        },
+    ),
+    "lightning.pytorch.callbacks": Family(
+        "callbacks",
+        "Callback",
+        {
+            **dict.fromkeys(("Callback", "Checkpoint", "BaseFinetuning", "ProgressBar", "BasePredictionWriter"), BASE),
+            **dict.fromkeys(("LambdaCallback", "ThroughputMonitor", "BackboneFinetuning"), FUNCTIONS),
+            **dict.fromkeys(("BatchSizeFinder", "LearningRateFinder", "SpikeDetection"), ELSEWHERE),
+            "ModelPruning": "renames weights, so that no checkpoint could be loaded",
+        },
+    ),
+    "lightning.pytorch.loggers": Family(
+        "loggers",
+        "Logger",
+        {
+            "Logger": BASE,
+            "CSVLogger": "is replaced by lfref.train.callbacks.CSVLogger, which a resumed run continues",
+            "LitLogger": ELSEWHERE,
+        },
+    ),
+    **dict.fromkeys(
+        ("torchmetrics.image", "torchmetrics.regression"),
+        Family("metrics", "Metric", {"MemorizationInformedFrechetInceptionDistance": "downloads weights"}),
     ),
 }
-"""What is made at once."""
-GROUPS = {name: group for group, names in (LATER | NOW).items() for name in names}
-LATER_NAMES = frozenset(name for names in LATER.values() for name in names)
+"""Module -> its classes that a configuration may name; they count as long as they are defined in that library."""
+DEFERRED = ("operators", "apertures", "optimisers", "schedules")
+"""Groups whose parts get their options from the configuration and the other arguments later: `_partial_: true`."""
 WRITERS = ("trainers", "callbacks", "loggers")
-"""Groups that write where their arguments say: into the run folder, and nowhere else."""
+"""Groups whose parts write files: all paths that they are given must lie in the run folder."""
 PLACES = ("dirpath", "save_dir", "folder", "default_root_dir")
 ARGUMENTS = {
+    "lightning.pytorch.loggers.CometLogger": (
+        "workspace", "project", "experiment_key", "mode", "online", "prefix", "name", "tags", "offline_directory",
+    ),
+    "lightning.pytorch.loggers.MLFlowLogger": (
+        "experiment_name", "run_name", "tags", "save_dir", "log_model", "prefix", "run_id", "synchronous",
+    ),
     "lightning.pytorch.loggers.WandbLogger": (
         "save_dir", "project", "name", "offline", "log_model", "version", "id", "group", "tags", "entity", "notes",
         "job_type", "prefix", "mode",
@@ -108,76 +153,136 @@ ARGUMENTS = {
         "save_dir", "name", "version", "log_graph", "default_hp_metric", "prefix", "sub_dir", "max_queue", "flush_secs",
     ),
 }  # fmt: skip
-"""Arguments of what would hand all others on to other libraries, which open and run things by their names."""
+"""Loggers that pass arguments on to libraries that open files and addresses: the arguments that they may have."""
+MOVED = {
+    "lfref.captures.auto_planes.AutoPlanes": "lfref.captures.inspect.AutoPlanes",
+    "lfref.data.labels.OperatorLabels": "lfref.data.label_sources.OperatorLabels",
+    "lfref.data.labels.RenderedLabels": "lfref.data.label_sources.RenderedLabels",
+    "lfref.data.sources.SimulatedSource": "lfref.data.field_sources.SimulatedSource",
+    "lfref.refocus.anywhere.surface.tilt_shift": "lfref.refocus.surface.tilt_shift",
+    "lfref.refocus.fourier.layered_refocusing.refocus_by_layers": (
+        "lfref.refocus.fourier.disparity_layers.refocus_by_layers"
+    ),
+    "lfref.simulator.chance.random_sensor.RandomSensor": "lfref.simulator.scenes.RandomSensor",
+    "lfref.simulator.effects.chromatic.Chromatic": "lfref.simulator.effects.displacement.Chromatic",
+    "lfref.simulator.effects.clipping.Clipping": "lfref.simulator.effects.response.Clipping",
+    "lfref.simulator.effects.demosaic.Demosaic": "lfref.simulator.effects.mosaic.Demosaic",
+    "lfref.simulator.effects.exposure.Exposure": "lfref.simulator.effects.response.Exposure",
+    "lfref.simulator.effects.misalignment.Misalignment": "lfref.simulator.effects.displacement.Misalignment",
+    "lfref.simulator.effects.quantisation.Quantisation": "lfref.simulator.effects.response.Quantisation",
+    "lfref.simulator.effects.tone_curve.ToneCurve": "lfref.simulator.effects.response.ToneCurve",
+    "lfref.simulator.effects.white_balance.WhiteBalance": "lfref.simulator.effects.response.WhiteBalance",
+    "lfref.train.guard.BestCheckpoint": "lfref.train.callbacks.BestCheckpoint",
+    "lfref.train.guard.StepGuard": "lfref.train.callbacks.StepGuard",
+    "lfref.train.log.CSVLogger": "lfref.train.callbacks.CSVLogger",
+    "lfref.train.refining.Refining": "lfref.train.modules.Refining",
+    "lfref.train.refocusing.Refocusing": "lfref.train.modules.Refocusing",
+}
+"""Names of version 0.3 -> today's: configurations and run folders of earlier versions keep working."""
 
 
 def check(node: Any, folder: Path | None = None) -> None:
-    """Refuse a configuration that would make anything but entries of the table. Nothing is imported for that.
+    """Refuse a configuration that would build anything else. Of our own and the libraries' parts, nothing is imported.
 
     Args:
         node: Plain containers, resolved.
-        folder: The run folder, in which whatever writes must write; None leaves that out.
+        folder: The run folder, where all parts that write must write; None skips this check.
 
     Raises:
         InputError: A `_target_`, an argument or a path that is not allowed.
     """
-    children = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
     if isinstance(node, dict):
-        _check_keys(node)
-        if folder is not None and GROUPS.get(node.get("_target_", "")) in WRITERS:
-            _check_places(node, folder)
-    for child in children:
+        special = {key for key in node if _is_special(key)}
+        if special:
+            _check_part(node, special, folder)
+    for child in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
         check(child, folder)
 
 
-def made(node: Any, **arguments: Any) -> Any:
-    """What a checked configuration describes.
+def build(node: Any, **arguments: Any) -> Any:
+    """The objects that a checked configuration describes.
 
     Args:
         node: Plain containers.
-        **arguments: Further arguments, made already; they go before those of the node.
-    """
-    if isinstance(node, list):
-        return [made(each) for each in node]
-    if not isinstance(node, dict):
-        return node
-    parts = {key: made(value) for key, value in node.items() if not _is_special(key) and key not in arguments}
-    return called(node["_target_"], parts | arguments) if "_target_" in node else parts | arguments
-
-
-def called(name: str, arguments: dict[str, Any]) -> Any:
-    """An entry of the table with its arguments.
+        **arguments: Further arguments as objects; they take precedence over those of the node.
 
     Raises:
-        InputError: They do not fit.
-        LfrefError: As the object raises it.
+        InputError: Arguments that do not fit.
+        LfrefError: As the part raises it.
     """
-    target = found(name)
+    if isinstance(node, list):
+        return [build(child) for child in node]
+    if not isinstance(node, dict):
+        return node
+    values = {key: build(value) for key, value in node.items() if not _is_special(key) and key not in arguments}
+    values |= arguments
+    if "_target_" not in node:
+        return values
+    name = node["_target_"]
+    part = resolve(name)
     try:
-        return functools.partial(target, **arguments) if name in LATER_NAMES else target(**arguments)
+        return functools.partial(part, **values) if node.get("_partial_", False) else part(**values)
     except LfrefError:
         raise
     except Exception as error:
-        got = f"{name.rpartition('.')[2]}: {_first_line(error)}"
+        got = f"{name.rpartition('.')[2]}: {first_line(error)}"
         raise InputError("the configuration must fit what it describes", got=got) from error
 
 
-def found(name: str) -> Callable[..., Any]:
-    """The entry of the table of that name.
+def group_of(name: object) -> str | None:
+    """The group of a part, `extensions` for those of the user's packages; None if a configuration may not name it."""
+    if not isinstance(name, str):
+        return None
+    name = MOVED.get(name, name)
+    module, _, attribute = name.rpartition(".")
+    if name in GROUPS:
+        return GROUPS[name]
+    if module in FAMILIES and attribute.isidentifier() and not attribute.startswith("_"):
+        family = FAMILIES[module]
+        return None if attribute in family.left_out else family.group
+    return "extensions" if extensions.is_trusted(name) else None
+
+
+def resolve(name: str) -> Callable[..., Any]:
+    """The class or function of a part.
 
     Raises:
-        InputError: There is none.
+        InputError: There is none of that name.
     """
-    if name not in GROUPS:
+    name = MOVED.get(name, name)
+    group = group_of(name)
+    if group is None:
         raise _unknown(name)
+    if group == "extensions":
+        return extensions.load(name)
     module, _, attribute = name.rpartition(".")
-    target: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
-    return target
+    part: Any = getattr(importlib.import_module(module), attribute, None)
+    if name not in GROUPS:
+        # A module of a library also holds what it imports: only its own classes count.
+        base = getattr(importlib.import_module(BASES[group]), FAMILIES[module].base)
+        own = module.partition(".")[0]
+        if not inspect.isclass(part) or not issubclass(part, base) or part.__module__.partition(".")[0] != own:
+            raise _unknown(name)
+    return part
+
+
+BASES = {
+    "optimisers": "torch.optim",
+    "schedules": "torch.optim.lr_scheduler",
+    "callbacks": "lightning.pytorch.callbacks",
+    "loggers": "lightning.pytorch.loggers",
+    "metrics": "torchmetrics",
+}
+"""Where the base classes of the families are defined."""
 
 
 def _unknown(name: object) -> InputError:
+    module, _, attribute = str(name).rpartition(".")
+    if module in FAMILIES and attribute in FAMILIES[module].left_out:
+        reason = f"{attribute} {FAMILIES[module].left_out[attribute]}"
+        return InputError("_target_ must be a component that lfref knows", got=repr(name), remedy=reason)
     near = difflib.get_close_matches(str(name), GROUPS, 1)
-    remedy = f"perhaps {near[0]}" if near else "all stand in lfref/cli/parts.py"
+    remedy = extensions.remedy(name) or (f"perhaps {near[0]}" if near else "docs/extending.md shows how to add yours")
     return InputError("_target_ must be a component that lfref knows", got=repr(name), remedy=remedy)
 
 
@@ -185,19 +290,28 @@ def _is_special(key: Any) -> bool:
     return isinstance(key, str) and key.startswith("_") and key.endswith("_")
 
 
-def _check_keys(node: dict[Any, Any]) -> None:
+def _check_part(node: dict[Any, Any], special: set[str], folder: Path | None) -> None:
     name = node.get("_target_")
-    special = [key for key in node if _is_special(key)]
-    if not special:
-        return
-    if not isinstance(name, str) or name not in GROUPS:
+    group = group_of(name)
+    if group is None:
         raise _unknown(name)
-    if node.get("_partial_", False) is not (name in LATER_NAMES) or {*special} - {"_target_", "_partial_"}:
-        expected = f"{name} must be given with" + ("" if name in LATER_NAMES else "out") + " _partial_: true"
+    deferred = node.get("_partial_", False)
+    # A package of the user's decides itself which of its parts get arguments later.
+    is_expected = isinstance(deferred, bool) if group == "extensions" else deferred is (group in DEFERRED)
+    if not is_expected or special - {"_target_", "_partial_"}:
+        expected = f"{name} must be given with" + ("" if group in DEFERRED else "out") + " _partial_: true"
         raise InputError(expected + ", and nothing else between underscores", got=", ".join(sorted(special)))
-    unknown = {*node} - {*special, *ARGUMENTS.get(name, node)}
+    unknown = {*node} - {*special, *ARGUMENTS.get(str(name), node)}
     if unknown:
-        raise InputError(f"{name} must have some of {', '.join(ARGUMENTS[name])}", got=", ".join(sorted(unknown)))
+        raise InputError(f"{name} must have some of {', '.join(ARGUMENTS[str(name)])}", got=", ".join(sorted(unknown)))
+    if folder is not None and (group in WRITERS or (group == "extensions" and _writes(extensions.load(str(name))))):
+        _check_places(node, folder)
+
+
+def _writes(part: Callable[..., Any]) -> bool:
+    """Whether a user's part is a logger or a callback of Lightning, found without importing Lightning."""
+    names = {f"{base.__module__.partition('.')[0]}.{base.__name__}" for base in getattr(part, "__mro__", ())}
+    return bool(names & {"lightning.Logger", "lightning.Callback"})
 
 
 def _check_places(node: dict[str, Any], folder: Path) -> None:
@@ -215,7 +329,3 @@ def _texts(node: Any, key: str = "") -> Iterator[tuple[str, str]]:
     pairs = node.items() if isinstance(node, dict) else ((key, each) for each in node) if isinstance(node, list) else ()
     for name, value in pairs:
         yield from _texts(value, str(name))
-
-
-def _first_line(error: object) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from lfref import extensions
 from lfref.errors import CheckpointError, InputError
 from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import tensor_files
@@ -19,7 +20,9 @@ from lfref.nets.network import Network
 from lfref.nets.refnet import RefNet
 
 NETWORKS: dict[str, type[Network]] = {RefNet.name: RefNet}
-"""Networks that checkpoints may hold, by name."""
+"""Networks of ours that checkpoints may hold, by name."""
+CLASS = "class"
+"""Key of the class of a network from another package, which must declare it, or be allowed (`lfref.extensions`)."""
 FORMAT = 2
 FORMATS = (1, FORMAT)
 """Formats that can be read; 1 kept alphas in place of slopes."""
@@ -35,7 +38,9 @@ def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> di
         planes: What its planes are.
         is_linear: Whether it reads linear light, or samples as files hold them.
     """
-    arguments = {"name": network.name, **network.config}
+    made = type(network)
+    foreign = {} if NETWORKS.get(network.name) is made else {CLASS: f"{made.__module__}.{made.__qualname__}"}
+    arguments = {"name": network.name, **foreign, **network.config}
     return {"format": FORMAT, "network": arguments, "planes": planes.as_dict(), "is_linear": is_linear}
 
 
@@ -136,9 +141,10 @@ def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, Fo
     try:
         arguments = dict(entry["network"])
         name = arguments.pop("name", None)
-        if name not in NETWORKS:
+        made: Any = extensions.load_class(arguments.pop(CLASS)) if CLASS in arguments else NETWORKS.get(name)
+        if not (isinstance(made, type) and issubclass(made, Network)):
             raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
-        network, planes = NETWORKS[name](**arguments), planes_from(entry["planes"])
+        network, planes = made(**arguments), planes_from(entry["planes"])
         check_number(network, planes)
     except CheckpointError:
         raise

@@ -1,5 +1,6 @@
 """Configuration is untrusted: only entries of the table are made, and nothing else is even imported."""
 
+import importlib
 import inspect
 import re
 
@@ -36,7 +37,7 @@ DANGEROUS: dict[str, list[str]] = {
     "lfref.cli.command.sys.exit": [],
     "lfref.cli.main.importlib.import_module": ["antigravity"],
     "lfref.cli.main.main": [],
-    "lfref.cli.parts.found": ["os.system"],
+    "lfref.cli.parts.resolve": ["os.system"],
     "lfref.cli.parts.importlib.import_module": ["antigravity"],
     "lfref.data.cache.cached": ["{victim}", "{{}}", "{sentinel}"],
     "lfref.nets.checkpoint.save": WRITE,
@@ -56,7 +57,9 @@ DANGEROUS: dict[str, list[str]] = {
     "lightning.pytorch.trainer.connectors.signal_connector.call": [["touch", "{sentinel}"]],
     "lightning.pytorch.callbacks.LambdaCallback": [],
     "lightning.pytorch.cli.LightningCLI": [],
-    "lightning.pytorch.loggers.MLFlowLogger": [],
+    "lightning.pytorch.loggers.mlflow.MLFlowLogger": [],
+    "lightning.pytorch.loggers.LitLogger": [],
+    "lightning.pytorch.callbacks.SpikeDetection": [],
     "lightning.pytorch.Trainer.save_checkpoint": WRITE,
     "lightning.fabric.utilities.cloud_io._load": REMOVE,
     "torch.load": REMOVE,
@@ -150,7 +153,7 @@ def test_nothing_dangerous_is_reached_however_it_is_wrapped(target, untouched):
 
 def test_many_are_tried():
     assert len(DANGEROUS) >= 60
-    assert not {*DANGEROUS} & {*parts.GROUPS}
+    assert not {*DANGEROUS} & {*parts.GROUPS, *parts.MOVED}
 
 
 @pytest.mark.parametrize(
@@ -187,12 +190,12 @@ def test_a_misspelt_target_gets_the_nearest():
 
 @pytest.mark.parametrize("name", sorted(NAMED))
 def test_every_target_of_our_configuration_stands_in_the_table(name):
-    assert name in parts.GROUPS
+    assert parts.group_of(name) not in (None, "extensions")
 
 
 @pytest.mark.parametrize("name", sorted(parts.GROUPS))
 def test_every_entry_of_the_table_is_what_it_says(name):
-    entry = parts.found(name)
+    entry = parts.resolve(name)
     assert inspect.isclass(entry) or inspect.isfunction(entry)
     assert entry.__name__ == name.rpartition(".")[2]
     # Lightning and torch offer theirs one floor above where they are defined.
@@ -203,7 +206,11 @@ def test_every_entry_of_the_table_is_what_it_says(name):
 @pytest.mark.parametrize("group", parts.WRITERS)
 def test_what_writes_must_write_into_the_run_folder(group, tmp_path):
     run = tmp_path / "run"
-    for name in parts.NOW[group]:
+    libraries = {
+        "callbacks": ["ModelCheckpoint", "OnExceptionCheckpoint"],
+        "loggers": ["WandbLogger", "TensorBoardLogger"],
+    }
+    for name in [*parts.TABLE[group], *(f"lightning.pytorch.{group}.{each}" for each in libraries.get(group, ()))]:
         for place in (str(run), str(run / "a" / "b")):
             parts.check({"_target_": name, "save_dir": place}, run)
         for key in (*parts.PLACES, "version", "filename"):
@@ -237,3 +244,40 @@ def test_parts_are_made_and_given_on():
 def test_arguments_that_are_made_already_go_before_those_of_the_configuration():
     planes = configs.build({"_target_": "lfref.geometry.FocalPlanes", "slopes": [5]}, slopes=[1.0, 2.0])
     assert planes.values == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("name", sorted(parts.MOVED))
+def test_names_of_earlier_versions_lead_to_parts_of_today(name):
+    assert parts.group_of(name) in parts.TABLE
+    assert parts.resolve(name).__name__ == name.rpartition(".")[2]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "torch.optim.Muon",
+        "torch.optim.lr_scheduler.CyclicLR",
+        "lightning.pytorch.callbacks.StochasticWeightAveraging",
+        "lightning.pytorch.callbacks.OnExceptionCheckpoint",
+        "lightning.pytorch.loggers.MLFlowLogger",
+        "lightning.pytorch.loggers.CometLogger",
+        "torchmetrics.image.UniversalImageQualityIndex",
+        "torchmetrics.regression.MeanAbsoluteError",
+    ],
+)
+def test_classes_of_libraries_are_parts_by_their_family(name):
+    part = parts.resolve(name)
+    assert (part.__name__, part.__module__.partition(".")[0]) == (name.rpartition(".")[2], name.partition(".")[0])
+
+
+@pytest.mark.parametrize("module", sorted(parts.FAMILIES))
+def test_every_class_of_a_family_is_a_part_or_left_out_for_a_reason(module):
+    family = parts.FAMILIES[module]
+    base = getattr(importlib.import_module(parts.BASES[family.group]), family.base)
+    for attribute, value in vars(importlib.import_module(module)).items():
+        name = f"{module}.{attribute}"
+        if inspect.isclass(value) and issubclass(value, base) and not attribute.startswith("_"):
+            assert (parts.group_of(name) == family.group) is (attribute not in family.left_out)
+        elif not attribute.startswith("_"):
+            with pytest.raises(InputError, match="must be a component that lfref knows"):
+                parts.resolve(name)
