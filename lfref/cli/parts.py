@@ -166,7 +166,6 @@ MOVED = {
     "lfref.simulator.chance.random_sensor.RandomSensor": "lfref.simulator.scenes.RandomSensor",
     "lfref.simulator.effects.chromatic.Chromatic": "lfref.simulator.effects.displacement.Chromatic",
     "lfref.simulator.effects.clipping.Clipping": "lfref.simulator.effects.response.Clipping",
-    "lfref.simulator.effects.demosaic.Demosaic": "lfref.simulator.effects.mosaic.Demosaic",
     "lfref.simulator.effects.exposure.Exposure": "lfref.simulator.effects.response.Exposure",
     "lfref.simulator.effects.misalignment.Misalignment": "lfref.simulator.effects.displacement.Misalignment",
     "lfref.simulator.effects.quantisation.Quantisation": "lfref.simulator.effects.response.Quantisation",
