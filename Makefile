@@ -90,10 +90,10 @@ $(VENV)/checks: $(VENV)/installed
 	touch $@
 
 test: lint site $(VENV)/checks
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n auto
 
 quick: install
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n auto -m "not slow"
 
 clean:
 	rm -rf runs outputs multirun .pytest_cache .ruff_cache .mypy_cache .hypothesis
