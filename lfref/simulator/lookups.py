@@ -91,15 +91,9 @@ def clip_premultiplied(rgba: Tensor) -> Tensor:
 
 @inlined
 def cubic_sample(samples: Floats, start: int, rows: int, columns: int, i: float, j: float) -> Quadruple:
-    """Four channels of a bitmap at one point.
+    """Four channels at column i and row j of a bitmap of `rows` x `columns` samples, whose first value is at `start`.
 
-    Args:
-        samples: Bitmaps one after the other, the channels of a sample side by side, [all].
-        start: Index of the bitmap's first value.
-        rows: Of the bitmap.
-        columns: Of the bitmap.
-        i: Column.
-        j: Row.
+    `samples` holds bitmaps one after the other, the channels of a sample side by side.
     """
     column, row = np.floor(i), np.floor(j)
     across, down = _cubic_weights_of_one(np.float32(i - column)), _cubic_weights_of_one(np.float32(j - row))

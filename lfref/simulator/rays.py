@@ -227,13 +227,9 @@ def composite_over(rgba: Floats, begin: int, stop: int, radiance: Floats) -> Non
 
 @compiled
 def composite_by_depth(rgba: Floats, disparities: Float64s, order: Integers, radiance: Floats) -> None:
-    """Lay layers over one another, at each pixel in the order of their disparities.
+    """Fill `radiance` [3, W] with layers, at each pixel in the order of their disparities [K, W].
 
-    Args:
-        rgba: The layers, 0 where they are not visible, [K, 4, W].
-        disparities: Disparity of each layer at each pixel, [K, W].
-        order: Scratch memory, [K].
-        radiance: Filled, [3, W].
+    `rgba` [K, 4, W] is 0 where a layer is not visible; `order` [K] is scratch memory.
     """
     one = rgba.dtype.type(1)
     for x in range(radiance.shape[1]):
@@ -268,14 +264,7 @@ def composite_crossing(
     way times the gradient of the difference; the share of the cell in which a layer is the nearer one grows linearly
     from 0 to 1 as its lead goes from -spread / 2 to spread / 2. All
     light of a layer passes the shares of the others before it.
-
-    Args:
-        rgba: The layers, 0 where they are not visible, [K, 4, W].
-        at: Where they are met, as by `intersect`, [K, 5, W].
-        crosses: Pairs of layers that cross, [K, K].
-        row: The rays.
-        passed: Scratch memory, [W].
-        radiance: Filled, [3, W].
+    `rgba` [K, 4, W] is 0 where a layer is not visible, `at` [K, 5, W] as by `intersect`; `passed` [W] is scratch.
     """
     radiance[:] = 0
     for k in range(len(rgba)):

@@ -69,15 +69,9 @@ def trimmed(samples: NDArray[np.float32]) -> TrimmedBitmap:
 def composite_shifted(
     bitmap: TrimmedBitmap, across: ShiftTaps, down: ShiftTaps, picture: Float32s, top: int, end: int
 ) -> None:
-    """Lay a surface over the rows from `top` to before `end` of all views.
+    """Lay a surface over the rows from `top` to before `end` of all views, `picture` [V, U, 3, H, W].
 
-    Args:
-        bitmap: Of the surface.
-        across: Look-ups of the view columns.
-        down: Look-ups of the view rows.
-        picture: Radiance behind the surface; changed, [V, U, 3, H, W].
-        top: First row.
-        end: One past the last row.
+    `across` are the look-ups of the view columns, `down` of the view rows.
     """
     lines = np.zeros((bitmap.samples.shape[0], 2, bitmap.samples.shape[2] // 2 + 2 * PAD), np.float32)
     row = np.empty((2, picture.shape[4]), np.float32)

@@ -27,12 +27,7 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.truth_cells import CellRenderer, render_eagerly
 
 
-def stack(
-    layers: Sequence[Layer],
-    camera: Camera,
-    slopes: geometry.Slopes,
-    n_cells: int | None = None,
-) -> Tensor:
+def stack(layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, n_cells: int | None = None) -> Tensor:
     """Photograph layers at each slope.
 
     Args:

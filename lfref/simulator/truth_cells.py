@@ -71,14 +71,12 @@ class CellRenderer:
         cells = plane.cells
         aperture = ApertureCells(cells.p.numpy(), cells.q.numpy(), cells.weights.numpy(), plane.cell_width, plane.slope)
         picture = np.zeros((3, *plane.camera.size), self.dtype)
+        traced = self._traced_layers(plane)
         if plane.is_sorted:
-            composite = functools.partial(truth_loops.composite_sorted, self._traced_layers(plane))
+            composite = functools.partial(truth_loops.composite_sorted, traced)
         else:
             shifted = self._shifted_layers(plane, [layer for layer in plane.layers if not layer.is_traced])
-            if plane.traced:
-                composite = functools.partial(truth_loops.composite_mixed, *shifted, self._traced_layers(plane))
-            else:
-                composite = functools.partial(truth_loops.composite_shifted, *shifted)
+            composite = functools.partial(truth_loops.composite_fixed, *shifted, traced)
         n_look_ups = len(plane.layers) * aperture.weights.size * picture[0].size
         n_threads = threads.worthwhile(n_look_ups, WORTH_A_THREAD)
         work = functools.partial(composite, aperture, picture)

@@ -77,37 +77,7 @@ class TracedLayers(NamedTuple):
 
 
 @compiled
-def composite_shifted(
-    shifted: BlurredLayers, positions: CellPositions, cells: ApertureCells, picture: Floats, top: int, end: int
-) -> None:
-    """Composite the rows from `top` to before `end` of a picture through every cell.
-
-    Args:
-        shifted: The layers, all only shifted.
-        positions: Where they are read through each cell.
-        cells: Of the aperture.
-        picture: Filled in these rows, [3, H, W].
-        top: First row.
-        end: One past the last row.
-    """
-    lines, spans = _allocate_lines(shifted)
-    # The total is float64: thousands of cells are added up.
-    radiance, total = np.zeros((3, picture.shape[2]), picture.dtype), np.zeros((3, picture.shape[2]))
-    for y in range(top, end):
-        total[:] = 0
-        for j in range(cells.q.size):
-            _interpolate_lines(shifted, positions, j, y, lines, spans)
-            for i in range(cells.p.size):
-                if cells.weights[j, i] > 0:
-                    radiance[:] = 0
-                    for k in range(len(lines)):
-                        _composite_line(lines[k], positions.columns[k, i], spans[k], radiance)
-                    _add_weighted(cells.weights[j, i], radiance, total)
-        picture[:, y] = total
-
-
-@compiled
-def composite_mixed(
+def composite_fixed(
     shifted: BlurredLayers,
     positions: CellPositions,
     traced: TracedLayers,
@@ -116,8 +86,9 @@ def composite_mixed(
     top: int,
     end: int,
 ) -> None:
-    """The same for layers of which some are only shifted and the rays to others are followed."""
+    """Fill the rows from `top` to before `end` of a picture [3, H, W], for layers in a fixed order from far to near."""
     lines, spans = _allocate_lines(shifted)
+    # The total is float64: thousands of cells are added up.
     radiance, total = np.zeros((3, picture.shape[2]), picture.dtype), np.zeros((3, picture.shape[2]))
     rgba, at = np.zeros((4, picture.shape[2]), picture.dtype), np.zeros((5, picture.shape[2]))
     for y in range(top, end):
@@ -125,6 +96,7 @@ def composite_mixed(
         for j in range(cells.q.size):
             _interpolate_lines(shifted, positions, j, y, lines, spans)
             for i in range(cells.p.size):
+                # Cells outside of a disc are shut.
                 if cells.weights[j, i] > 0:
                     radiance[:] = 0
                     for k in traced.order:
@@ -173,15 +145,10 @@ def _add_weighted(weight: float, radiance: Floats, total: Floats) -> None:
 
 @compiled
 def blur_layer(samples: Floats, down: Floats, across: Floats, result: Floats, first: Integers, last: Integers) -> None:
-    """Filter a layer along both axes where it is not transparent, and sort its columns by phase.
+    """Filter a layer [4, rows, columns] along both axes, its ends going on, and sort its columns by phase.
 
-    Args:
-        samples: Premultiplied RGBA, its ends going on beyond it, [4, rows, columns].
-        down: Taps along a column, symmetric, odd in number.
-        across: Taps along a row, symmetric, odd in number.
-        result: Filled, [4, rows, o, columns / o].
-        first: Filled: first column of pixels in each row that is not transparent, [rows].
-        last: Filled: one past the last such column, [rows].
+    Taps are symmetric and odd in number. Filled: `result` [4, rows, o, columns / o], and for each row the first column
+    of pixels that is not transparent and one past the last.
     """
     n_phases, n_columns = result.shape[2:]
     side, half = across.size // 2, down.size // 2
@@ -254,16 +221,9 @@ def _sort_by_phase(row: Floats, line: Floats, first: int) -> None:
 def filter_at_pixels(
     samples: Floats, down: Floats, across: Floats, top: int, left: int, n_phases: int, result: Floats
 ) -> None:
-    """Add the values of a separable filter at pixels.
+    """Add a separable filter's values at pixels to `result` [C, H, W]; samples are [C, h, w].
 
-    Args:
-        samples: [C, h, w].
-        down: Taps along a column.
-        across: Taps along a row.
-        top: Row of samples that the first tap reads for the first pixel.
-        left: Column of samples that the first tap reads for the first pixel.
-        n_phases: Samples per pixel.
-        result: Changed, [C, H, W].
+    For the first pixel the first tap reads row `top` and column `left`; each further pixel is `n_phases` samples on.
     """
     row = np.zeros(samples.shape[2], samples.dtype)
     line = np.zeros((n_phases, samples.shape[2] // n_phases), samples.dtype)
@@ -368,19 +328,9 @@ def _rays_of_row(cells: ApertureCells, i: int, j: int, y: int, picture: Floats) 
 def trace_row(
     layers: RayLayers, blurs: BlurTables, atlas: Atlas, k: int, row: RayRow, at: Float64s, rgba: Floats
 ) -> tuple[int, int]:
-    """A traced layer at a row of pixels as seen through a cell.
+    """Fill `at` [5, W] (as `rays.intersect`) and `rgba` [4, W] with traced layer k at a row of pixels through a cell.
 
-    Args:
-        layers: Their tables.
-        blurs: Their blurs.
-        atlas: Their bitmaps, [h, w, 4] each.
-        k: Index of the layer.
-        row: The rays.
-        at: Filled where the layer is visible, as by `rays.intersect`, [5, W].
-        rgba: Filled there with premultiplied colours and opacity, [4, W].
-
-    Returns:
-        First pixel at which it may be visible, and one past the last.
+    Returns the first pixel at which it may be visible, and one past the last; the others are not filled.
     """
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:

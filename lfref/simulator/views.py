@@ -159,15 +159,9 @@ def _traced_drawer(
 
 @compiled
 def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
-    """Lay layers over the rows from `top` to before `end` of all pictures, one after the other.
+    """Lay layers over the rows from `top` to before `end` of all pictures [V, U, 3, H, W], one after the other.
 
-    Args:
-        layers: Their tables.
-        atlas: Their bitmaps: planar [4, h, w] where they face the camera, else [h, w, 4].
-        points: Of the aperture.
-        picture: Radiance behind the layers; changed, [V, U, 3, H, W].
-        top: First row.
-        end: One past the last row.
+    The atlas has bitmaps [4, h, w] of layers that face the camera, and [h, w, 4] of others.
     """
     at = np.empty((5, picture.shape[4]))
     rgba, mirrored = np.empty((2, 4, picture.shape[4]), picture.dtype)

@@ -61,7 +61,7 @@ def test_only_pixels_asked_for_are_followed():
 def test_what_lies_in_a_box_is_reached(geometry, p, q, y, centre, half):
     row = RayRow(p, q, -14.5, y, 0.0, 0.0)
     at, box = met(geometry, row), (centre[0] - half, centre[1] - half, centre[0] + half, centre[1] + half)
-    is_within = (abs(at[0] - centre[0]) <= half) & (abs(at[1] - centre[1]) <= half)
+    is_within = (abs(at[0] - centre[0]) <= half - 1e-9) & (abs(at[1] - centre[1]) <= half - 1e-9)
     begin, stop = rays.visible_pixels(tables(geometry, box), 0, row, WIDTH)
     assert 0 <= begin <= stop <= WIDTH or (begin, stop) == (0, 0)
     assert not is_within[:begin].any()

@@ -24,10 +24,7 @@ CAMERA = Camera(grid=(3, 3), size=(24, 30))
 SLOPES = [-0.5, 0.0, 0.5]
 CARDS = Scene(
     CAMERA,
-    (
-        Surface(Plane(-0.5), Flat((0.2, 0.3, 0.4))),
-        Surface(Plane(0.5, (0.01, 0.0)), Flat((0.8, 0.1, 0.1)), Disc(7)),
-    ),
+    (Surface(Plane(-0.5), Flat((0.2, 0.3, 0.4))), Surface(Plane(0.5, (0.01, 0.0)), Flat((0.8, 0.1, 0.1)), Disc(7))),
 )
 
 

@@ -254,10 +254,7 @@ def test_a_filter_as_a_matrix_is_the_filter_of_the_loop():
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [
-        ({"slopes": [9.0]}, "half the"),
-        ({"slopes": [0.0], "n_cells": 0}, "n_cells must be at least 1"),
-    ],
+    [({"slopes": [9.0]}, "half the"), ({"slopes": [0.0], "n_cells": 0}, "n_cells must be at least 1")],
 )
 def test_what_cannot_be_photographed_is_refused(options, message):
     camera = Camera(size=(32, 32))

@@ -9,7 +9,7 @@ from lfref.simulator.rays import AtlasEntry, RayRow
 from lfref.simulator.scene import Surface
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
-from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, BlurTables, CellPositions
+from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, BlurTables, CellPositions, TracedLayers
 
 ROWS, COLUMNS, PHASES = 14, 16, 2
 WIDTH = 20
@@ -65,8 +65,10 @@ def test_cells_are_looked_up_between_samples_and_composited():
     positions = CellPositions(random.uniform(0, 3, (2, 2)), random.uniform(0, 3, (2, 3)))
     weights = np.array([[0.1, 0.3, 0.0], [0.2, 0.1, 0.3]])
     picture, cells = np.empty((3, 5, 6)), ApertureCells(np.zeros(3), np.zeros(2), weights, 0.0, 0.0)
-    truth_loops.composite_shifted(layers, positions, cells, picture, 0, 2)
-    truth_loops.composite_shifted(layers, positions, cells, picture, 2, 5)
+    tables, blurs = rays.ray_layers([], [], [], []), BlurTables(np.zeros((0, 2)), np.zeros(0))
+    traced = TracedLayers(tables, blurs, rays.atlas([]), np.arange(2), np.zeros((2, 2), np.bool_))
+    for top, end in ((0, 2), (2, 5)):
+        truth_loops.composite_fixed(layers, positions, traced, cells, picture, top, end)
     expected = np.zeros((3, 5, 6))
     for j, i in np.ndindex(2, 3):
         far, near = (linear(pictures[k], positions.rows[k, j], positions.columns[k, i]) for k in (0, 1))
@@ -90,7 +92,7 @@ def constant(value, opacity=1.0):
     return AtlasEntry(samples, samples[..., 3], -3, -2)
 
 
-def traced(layer, entries, levels, box=EVERYWHERE, mirrored=-1):
+def trace(layer, entries, levels, box=EVERYWHERE, mirrored=-1):
     tables = rays.ray_layers([layer], [(-9.0, 9.0)], [box], [(0, mirrored)])
     at, rgba = np.zeros((5, WIDTH)), np.full((4, WIDTH), np.nan, np.float32)
     blurs = BlurTables(np.array([levels], float), np.array([1.0]))
@@ -100,7 +102,7 @@ def traced(layer, entries, levels, box=EVERYWHERE, mirrored=-1):
 
 def test_pixels_read_between_the_copies_that_suit_how_far_they_are_out_of_focus():
     layer = Layer(Surface(Plane(0.0, (0.1, 0.0)), Flat()), None)
-    (begin, stop), rgba = traced(layer, [constant(value) for value in (0.0, 1.0, 3.0)], [0, 1, 2])
+    (begin, stop), rgba = trace(layer, [constant(value) for value in (0.0, 1.0, 3.0)], [0, 1, 2])
     e = np.abs(1 - 0.1 * (np.arange(WIDTH) - 9.5))
     assert (begin, stop) == (0, WIDTH)
     np.testing.assert_allclose(rgba[0], np.interp(e, [0, 1, 2], [0, 1, 3]), atol=1e-6)
@@ -109,15 +111,15 @@ def test_pixels_read_between_the_copies_that_suit_how_far_they_are_out_of_focus(
 
 def test_only_pixels_that_may_be_visible_are_filled():
     layer = Layer(Surface(Plane(0.0), Flat()), None)
-    (begin, stop), rgba = traced(layer, [constant(0.5)], [0, 0], (-2.0, -1.0, 3.0, 1.0))
+    (begin, stop), rgba = trace(layer, [constant(0.5)], [0, 0], (-2.0, -1.0, 3.0, 1.0))
     assert np.isfinite(rgba[:, begin:stop]).all()
     assert np.isnan(rgba[:, :begin]).all()
     assert begin <= 7.5 <= 12.5 <= stop < WIDTH
-    assert traced(layer, [constant(0.5)], [0, 0], (-2.0, 5.0, 3.0, 9.0))[0] == (0, 0)
+    assert trace(layer, [constant(0.5)], [0, 0], (-2.0, 5.0, 3.0, 9.0))[0] == (0, 0)
 
 
 def test_highlights_and_reflections_are_added_in_proportion_to_opacity():
     highlight, reflection = Highlight(1.0, 0.5, 0.0, 2.0, 0.0, 0.5, 0.0), Reflection(None, 0.5, 0.0)
     layer = Layer(Surface(Plane(1.0), Flat()), None, highlight=highlight, reflection=reflection)
-    _, rgba = traced(layer, [constant(0.25, 0.5), constant(0.8)], [0, 0], mirrored=1)
+    _, rgba = trace(layer, [constant(0.25, 0.5), constant(0.8)], [0, 0], mirrored=1)
     assert rgba[:3, 10].tolist() == pytest.approx([0.25 + 0.5 + 0.2, 0.25 + 0.25 + 0.2, 0.25 + 0.2])
