@@ -1,4 +1,4 @@
-"""Structural similarity of images, computed through 1 - SSIM without cancellation.
+"""Structural similarity (SSIM) of images, computed through 1 - SSIM without cancellation.
 
 Letters: `x y` prediction and target, `d = x - y` and `s = x + y`; `mu` and `var` are their local Gaussian mean and
 variance, `P` a plane (one channel of one image). With the constants of Wang et al. (2004),
@@ -8,10 +8,13 @@ variance, `P` a plane (one channel of one image). With the constants of Wang et 
 which holds the digits that 1 minus a number near 1 loses. Window and borders are those of torchmetrics
 (Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel). All of it is computed in float64
 and rounded once, also under autocast: a flat plane adds up the same rounding in every pixel.
+
+From top to bottom: the public functions; values and derivatives of planes for PyTorch (`plane_values`; `formula` is the
+same by PyTorch's own operations, for GPUs and second derivatives); the compiled loops, which work row by row so that
+everything between stays in the caches.
 """
 
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,19 +29,170 @@ from lfref.functional import threads
 from lfref.functional.jit import compiled
 from lfref.functional.psnr import check_data_range, image_pair
 
-# PART ssim_kernel
-# The compiled form of 1 - SSIM and of its gradient, row by row in float64: all that is between stays in the caches.
-#
-# A Gaussian mean with reflection, and its adjoint, are bands of 11 weights that depend on the place; one loop serves
-# both. Letters: `x y` planes, `d = x - y`, `s = x + y`, `a b` as in `ssim`, `H W` rows and columns, `q` one of the four
-# fields d, s, d^2, s^2, each centred by its plane's mean first; `g` derivatives of 1 - SSIM.
-
+K1, K2 = 0.01, 0.03
 RADIUS = 5
 """Pixels that the window reaches to each side."""
 SIGMA = 1.5
 TAPS = 2 * RADIUS + 1
+PIXELS_PER_THREAD = 1 << 17
+"""Pixels from which one more thread saves more than it costs."""
 
 Reals = NDArray[np.floating]
+
+
+def ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+    """Structural similarity of each image, averaged over its pixels and channels.
+
+    Args:
+        prediction: Images, [..., C, H, W], H and W at least 6 pixels.
+        target: Images of the same shape.
+        data_range: Difference between white and black, finite and above 0.
+
+    Returns:
+        SSIM, [-1, 1], 1 for identical images, float32 or the images' wider type, [...].
+
+    Raises:
+        InputError: The images are not comparable or too small, or data_range is not usable.
+
+    Example:
+        >>> image = torch.rand(3, 16, 16)
+        >>> float(ssim(image, image))
+        1.0
+    """
+    return 1 - one_minus_ssim(prediction, target, data_range)
+
+
+def one_minus_ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+    """1 - SSIM, in [0, 2], accurate also where the images hardly differ: the training loss. Arguments as `ssim`."""
+    check_data_range(data_range)
+    x, y = image_pair(prediction, target)
+    height, width = x.shape[-2:]
+    if min(height, width) <= RADIUS:  # reflection cannot extend the image by the window's radius
+        expected = f"SSIM needs images of at least {RADIUS + 1} x {RADIUS + 1} pixels"
+        raise InputError(expected, got=f"{height} x {width}", remedy="use larger crops")
+    constants = (K1 * data_range) ** 2, (K2 * data_range) ** 2
+    with torch.autocast(x.device.type, enabled=False):
+        values = plane_values(x.reshape(-1, height, width), y.reshape(-1, height, width), *constants)
+    return values.reshape(x.shape[:-2]).mean(-1).to(x.dtype)
+
+
+def plane_values(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
+    """1 - SSIM of each plane of x and y [P, H, W] with stabilisers C1 and C2; float64, [P], differentiable twice."""
+    if x.device.type != "cpu":
+        return formula(x, y, C1, C2)
+    needs_gradient = [torch.is_grad_enabled() and planes.requires_grad for planes in (x, y)]
+    values, *_ = _Values.apply(x, y, C1, C2, *needs_gradient)
+    return values
+
+
+def formula(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
+    """The same as `plane_values`, by PyTorch's own operations."""
+    x, y = x.double(), y.double()
+    # Each plane is centred by its mean first, or the squares of a bright plane would swamp its variance. The result
+    # does not depend on what was subtracted, so no gradient need flow through it.
+    centre_x, centre_y = (planes.detach().mean((-2, -1), keepdim=True) for planes in (x, y))
+    centre_d, centre_s = centre_x - centre_y, centre_x + centre_y
+    fields = torch.cat((x - y - centre_d, x + y - centre_s))
+    padded = F.pad(fields, (RADIUS,) * 4, mode="reflect")
+    # Planes as channels of one image: a depthwise convolution gives the local means of the fields and their squares.
+    stacked = torch.cat((padded, padded.square()))[None]
+    n_planes, weights = stacked.shape[1], torch.from_numpy(window()).to(stacked)
+    rows = F.conv2d(stacked, weights.expand(n_planes, 1, 1, -1), groups=n_planes)
+    mean, square = F.conv2d(rows, weights[:, None].expand(n_planes, 1, -1, 1), groups=n_planes)[0].chunk(2)
+    var_d, var_s = (square - mean.square()).clamp(min=0).chunk(2)
+    mean_d, mean_s = mean.chunk(2)
+    mu_d, mu_s = mean_d + centre_d, mean_s + centre_s
+    # mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2; numerators and denominators carry a factor of 2.
+    squared = mu_d.square()
+    a = 2 * squared / (mu_s.square() + squared + 2 * C1)
+    b = 2 * var_d / (var_s + var_d + 2 * C2)
+    return (a + b - a * b).mean((-2, -1))
+
+
+@torch.library.custom_op("lfref::one_minus_ssim", mutates_args=(), device_types="cpu")
+def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bool) -> tuple[Tensor, Tensor, Tensor]:
+    """Values and gradients in one go: a separate backward pass would take all steps to the values once more."""
+    results = _empty_results(x, y, C1, C2, for_x, for_y)
+    pair = [planes.contiguous().numpy() for planes in (x, y)]
+    tables, (values, *gradients) = tables_of(x.shape[1], x.shape[2], C1, C2), [result.numpy() for result in results]
+
+    def work(first: int, last: int) -> None:
+        x_part, y_part, *outputs = (array[first:last] for array in (*pair, values, *gradients))
+        if for_x or for_y:
+            set_values_and_gradients(x_part, y_part, tables, *outputs)
+        else:
+            set_values(x_part, y_part, tables, outputs[0])
+
+    # A thread computes whole planes, so the number of threads changes no digit.
+    n_threads = min(threads.worthwhile(x.numel(), PIXELS_PER_THREAD), max(len(x), 1))
+    threads.share(work, threads.bands(len(x), n_threads), n_threads)
+    return results
+
+
+@_compiled.register_fake
+def _empty_results(
+    x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bool
+) -> tuple[Tensor, Tensor, Tensor]:
+    values, no_gradient = x.new_empty(len(x), dtype=torch.float64), (len(x), 0, 0)
+    g_x, g_y = (x.new_empty(x.shape if needed else no_gradient) for needed in (for_x, for_y))
+    return values, g_x, g_y
+
+
+class _Values(torch.autograd.Function):
+    """The compiled values, with the compiled gradient."""
+
+    @staticmethod
+    def forward(x: Tensor, y: Tensor, C1: float, C2: float, *needed: bool) -> tuple[Tensor, Tensor, Tensor]:
+        values, g_x, g_y = _compiled(x, y, C1, C2, *needed)
+        return values, g_x, g_y
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor, Tensor]) -> None:
+        x, y, *ctx.constants = inputs[:4]
+        ctx.mark_non_differentiable(*output[1:])
+        ctx.set_materialize_grads(False)
+        ctx.save_for_backward(x, y, *output[1:])
+
+    @staticmethod
+    def backward(ctx: Any, weights: Tensor | None, *_: None) -> Any:
+        if weights is None:
+            return (None,) * 6
+        gradients = _Gradients.apply(*ctx.saved_tensors, weights, *ctx.constants)
+        pairs = zip(gradients, ctx.needs_input_grad, strict=False)
+        return *(gradient if needed else None for gradient, needed in pairs), None, None, None, None
+
+
+class _Gradients(torch.autograd.Function):
+    """The weighted gradient; its own derivative, which is rarely needed, comes from `formula`."""
+
+    @staticmethod
+    def forward(
+        x: Tensor, y: Tensor, g_x: Tensor, g_y: Tensor, weights: Tensor, C1: float, C2: float
+    ) -> tuple[Tensor, Tensor]:
+        shares = weights[:, None, None].to(x)
+        return g_x * shares, g_y * shares
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
+        x, y, _, _, weights, *ctx.constants = inputs
+        ctx.save_for_backward(x, y, weights)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *further: Tensor) -> Any:
+        with torch.enable_grad():
+            x, y, weights = (tensor.detach().requires_grad_() for tensor in ctx.saved_tensors)
+            both = torch.autograd.grad(formula(x, y, *ctx.constants), (x, y), weights, create_graph=True)
+        # A gradient that was not needed is empty, and has no derivative.
+        needed = [(first, second) for first, second in zip(both, further, strict=True) if first.shape == second.shape]
+        gradients, seconds = zip(*needed, strict=True)
+        g_x, g_y, g_weights = torch.autograd.grad(gradients, (x, y, weights), seconds)
+        return g_x, g_y, None, None, g_weights, None, None
+
+
+# The compiled loops. A Gaussian mean with reflection, and its adjoint, are bands of 11 weights that depend on the
+# place; one loop serves both. `q` is one of the four fields d, s, d^2, s^2, each centred by its plane's mean; `g` are
+# derivatives of 1 - SSIM.
 
 
 class Bands(NamedTuple):
@@ -50,11 +204,11 @@ class Bands(NamedTuple):
     """Of its adjoint, [n, 11]."""
 
 
-class Plan(NamedTuple):
-    """What the loops need besides the images."""
+class Tables(NamedTuple):
+    """Inputs of the loops besides the images."""
 
     rows: Bands
-    """Along the columns' direction, [H, 11]."""
+    """Down the columns, [H, 11]."""
     mean: Reals
     """Along a row, a tap after the other, [11, W]."""
     adjoint: Reals
@@ -63,18 +217,18 @@ class Plan(NamedTuple):
     C2: float
 
 
-class Scratch(NamedTuple):
-    """What one thread works in."""
+class Workspace(NamedTuple):
+    """Memory of one thread."""
 
     fields: Reals
     """A row of the four fields, continued by zeros beyond its ends, [4, 5 + W + 5]."""
     ring: Reals
-    """The last 11 rows, summed along themselves, used in turn, [11, 4, W]."""
+    """The last 11 rows, filtered along themselves, used in turn, [11, 4, W]."""
     row: Reals
-    """A row summed along both axes, [4, W]."""
+    """A row filtered along both axes, [4, W]."""
 
 
-def window_of_ssim_kernel() -> NDArray[np.float64]:
+def window() -> NDArray[np.float64]:
     """Normalised Gaussian weights of one axis, [11]."""
     weights = np.exp(-(np.arange(-RADIUS, RADIUS + 1.0) ** 2) / (2 * SIGMA**2))
     return weights / weights.sum()
@@ -82,83 +236,60 @@ def window_of_ssim_kernel() -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=32)
 def bands(n: int) -> Bands:
-    """The weights of an axis.
-
-    Args:
-        n: Its length, above `RADIUS` pixels.
-    """
+    """The weights of an axis of n pixels, more than `RADIUS`."""
     places, mean = np.arange(n), np.zeros((n, n))
-    for offset, weight in zip(range(-RADIUS, RADIUS + 1), window_of_ssim_kernel(), strict=True):
+    for offset, weight in zip(range(-RADIUS, RADIUS + 1), window(), strict=True):
         mean[places, n - 1 - abs(n - 1 - abs(places + offset))] += weight
-    return Bands(_band(mean), _band(mean.T))
+    padded = [np.pad(matrix, ((0, 0), (RADIUS, RADIUS))) for matrix in (mean, mean.T)]
+    diagonals = [np.stack([matrix[i, i : i + TAPS] for i in range(n)]) for matrix in padded]
+    return Bands(diagonals[0], diagonals[1])
 
 
-def _band(matrix: NDArray) -> NDArray:
-    """The 11 diagonals of a matrix, row by row, [n, n] -> [n, 11]."""
-    padded = np.pad(matrix, ((0, 0), (RADIUS, RADIUS)))
-    return np.stack([padded[i, i : i + TAPS] for i in range(len(matrix))])
-
-
-def plan_of_ssim_kernel(height: int, width: int, C1: float, C2: float) -> Plan:
+def tables_of(height: int, width: int, C1: float, C2: float) -> Tables:
     """The tables for planes of one size."""
     across = bands(width)
-    return Plan(bands(height), np.ascontiguousarray(across.mean.T), np.ascontiguousarray(across.adjoint.T), C1, C2)
+    return Tables(bands(height), np.ascontiguousarray(across.mean.T), np.ascontiguousarray(across.adjoint.T), C1, C2)
 
 
 @compiled
-def set_values(x: Reals, y: Reals, plan: Plan, values: Reals) -> None:
-    """1 - SSIM of each plane.
-
-    Args:
-        x: Planes, [P, H, W].
-        y: Planes, [P, H, W].
-        plan: Of their size.
-        values: Is set, float64, [P].
-    """
+def set_values(x: Reals, y: Reals, tables: Tables, values: Reals) -> None:
+    """1 - SSIM of each plane [P, H, W] into `values`, float64, [P]."""
     _, height, width = x.shape
-    scratch = _scratch(width)
+    workspace = _workspace(width)
     for p in range(len(x)):
         centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
-        scratch.ring[:] = 0
+        workspace.ring[:] = 0
         for i in range(height + RADIUS):
             if i < height:
-                _center(x[p, i], y[p, i], centres, scratch.fields)
-                _filter_row(scratch.fields, plan.mean, scratch.ring[i % TAPS])
+                _center(x[p, i], y[p, i], centres, workspace.fields)
+                _filter_row(workspace.fields, tables.mean, workspace.ring[i % TAPS])
             if i >= RADIUS:
-                _filter_columns(scratch.ring, plan.rows.mean[i - RADIUS], i - RADIUS, scratch.row)
-                _add_values(scratch.row, plan, centres, total)
+                _filter_columns(workspace.ring, tables.rows.mean[i - RADIUS], i - RADIUS, workspace.row)
+                _add_values(workspace.row, tables, centres, total)
         values[p] = total.sum() / (height * width)
 
 
 @compiled
-def set_values_and_gradients(x: Reals, y: Reals, plan: Plan, values: Reals, g_x: Reals, g_y: Reals) -> None:
-    """1 - SSIM of each plane, and its gradient.
-
-    Args:
-        x: Planes, [P, H, W].
-        y: Planes, [P, H, W].
-        plan: Of their size.
-        values: Is set, float64, [P].
-        g_x: Is set, [P, H, W]; or [P, 0, 0].
-        g_y: Is set, [P, H, W]; or [P, 0, 0].
-    """
+def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, g_x: Reals, g_y: Reals) -> None:
+    """1 - SSIM of each plane, and its gradient into `g_x` and `g_y`: [P, H, W], or [P, 0, 0] where none is needed."""
     _, height, width = x.shape
-    means, slopes = _scratch(width), _scratch(width)
+    means, slopes = _workspace(width), _workspace(width)
     for p in range(len(x)):
         centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
         means.ring[:], slopes.ring[:] = 0, 0
-        # Rows come in, those whose neighbours have come are compared, and those whose neighbours have been go out.
+        # Three rows at work: row i enters, row `middle` has all its neighbours and is compared, and row `last` has the
+        # derivatives of all its neighbours and gets its gradient.
         for i in range(height + 2 * RADIUS):
             middle, last = i - RADIUS, i - 2 * RADIUS
             if i < height:
                 _center(x[p, i], y[p, i], centres, means.fields)
-                _filter_row(means.fields, plan.mean, means.ring[i % TAPS])
+                _filter_row(means.fields, tables.mean, means.ring[i % TAPS])
             if 0 <= middle < height:
-                _filter_columns(means.ring, plan.rows.mean[middle], middle, means.row)
-                _add_values_and_set_slopes(means.row, plan, centres, total, slopes.fields[:, RADIUS:])
-                _filter_row(slopes.fields, plan.adjoint, slopes.ring[middle % TAPS])
+                _filter_columns(means.ring, tables.rows.mean[middle], middle, means.row)
+                _add_values_and_set_slopes(means.row, tables, centres, total, slopes.fields[:, RADIUS:])
+                _filter_row(slopes.fields, tables.adjoint, slopes.ring[middle % TAPS])
             if last >= 0:
-                _filter_columns(slopes.ring, plan.rows.adjoint[last], last, slopes.row)
+                _filter_columns(slopes.ring, tables.rows.adjoint[last], last, slopes.row)
                 for sign, g in ((1, g_x), (-1, g_y)):
                     if g.size:
                         _combine(x[p, last], y[p, last], centres, slopes.row, sign, g[p, last])
@@ -166,13 +297,13 @@ def set_values_and_gradients(x: Reals, y: Reals, plan: Plan, values: Reals, g_x:
 
 
 @compiled
-def _scratch(width: int) -> Scratch:
-    return Scratch(np.zeros((4, width + 2 * RADIUS)), np.zeros((TAPS, 4, width)), np.empty((4, width)))
+def _workspace(width: int) -> Workspace:
+    return Workspace(np.zeros((4, width + 2 * RADIUS)), np.zeros((TAPS, 4, width)), np.empty((4, width)))
 
 
 @compiled
 def _mean(plane: Reals) -> float:
-    """Mean of a plane, column by column: many short sums at once."""
+    """Mean of a plane; many sums at once, one a column, are faster and lose less to rounding."""
     total = np.zeros(plane.shape[1])
     for row in plane:
         for j in range(len(row)):
@@ -211,13 +342,13 @@ def _filter_columns(ring: Reals, band: Reals, i: int, result: Reals) -> None:
         for j in range(len(total)):
             value = 0.0
             for k in range(TAPS):
-                # Rows beyond the ends have weight 0; what lies in their places is another row, or zeros.
+                # Rows beyond the ends have weight 0; in their places of the ring is another row, or zeros.
                 value += band[k] * ring[(i + k + TAPS - RADIUS) % TAPS, q, j]
             total[j] = value
 
 
 @compiled
-def _add_values(row: Reals, plan: Plan, centres: tuple[float, float], total: Reals) -> None:
+def _add_values(row: Reals, tables: Tables, centres: tuple[float, float], total: Reals) -> None:
     """a + b - ab of a row."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
     for j in range(len(total)):
@@ -225,24 +356,24 @@ def _add_values(row: Reals, plan: Plan, centres: tuple[float, float], total: Rea
         squared_d, squared_s = (mean_d + centre_d) ** 2, (mean_s + centre_s) ** 2
         var_d, var_s = _positive(row[2, j] - mean_d * mean_d), _positive(row[3, j] - mean_s * mean_s)
         # mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2; numerators and denominators carry a factor of 2.
-        a = 2 * squared_d / (squared_s + squared_d + 2 * plan.C1)
-        b = 2 * var_d / (var_s + var_d + 2 * plan.C2)
+        a = 2 * squared_d / (squared_s + squared_d + 2 * tables.C1)
+        b = 2 * var_d / (var_s + var_d + 2 * tables.C2)
         total[j] += a + b - a * b
 
 
 @compiled
 def _add_values_and_set_slopes(
-    row: Reals, plan: Plan, centres: tuple[float, float], total: Reals, slopes: Reals
+    row: Reals, tables: Tables, centres: tuple[float, float], total: Reals, slopes: Reals
 ) -> None:
     """a + b - ab of a row, and the derivatives of its mean with respect to the four local means, [4, W]."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
-    share = 1 / (len(plan.rows.mean) * len(total))
+    share = 1 / (len(tables.rows.mean) * len(total))
     for j in range(len(total)):
         mean_d, mean_s = row[0, j], row[1, j]
         mu_d, mu_s = mean_d + centre_d, mean_s + centre_s
         raw_d, raw_s = row[2, j] - mean_d * mean_d, row[3, j] - mean_s * mean_s
         var_d, var_s = _positive(raw_d), _positive(raw_s)
-        luminance, structure = mu_s * mu_s + mu_d * mu_d + 2 * plan.C1, var_s + var_d + 2 * plan.C2
+        luminance, structure = mu_s * mu_s + mu_d * mu_d + 2 * tables.C1, var_s + var_d + 2 * tables.C2
         a, b = 2 * mu_d * mu_d / luminance, 2 * var_d / structure
         total[j] += a + b - a * b
         g_a, g_b = 2 * share * (1 - b) / luminance, share * (1 - a) / structure
@@ -256,7 +387,7 @@ def _add_values_and_set_slopes(
 
 @compiled
 def _positive(value: float) -> float:
-    """The value, 0 instead of one below; not a number stays so."""
+    """The value, 0 instead of a negative one; NaN stays NaN."""
     return 0.0 if value < 0 else value
 
 
@@ -269,214 +400,3 @@ def _combine(x: Reals, y: Reals, centres: tuple[float, float], fields: Reals, si
         g_d = fields[0, j] + 2 * (first - second - centre_d) * fields[2, j]
         g_s = fields[1, j] + 2 * (first + second - centre_s) * fields[3, j]
         g[j] = g_s + sign * g_d
-
-
-# PART ssim_planes
-# 1 - SSIM of planes, differentiable: the formula in PyTorch, and the compiled one that stands in for it on the CPU.
-#
-# Both compute in float64, whatever the images' type, so that only the result is rounded. Letters: as in `ssim`.
-
-WORTH_A_THREAD = 1 << 17
-"""Pixels from which one more thread saves more than it costs."""
-
-
-def plane_values(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    """1 - SSIM of each plane.
-
-    Args:
-        x: Planes, float32 or float64, [P, H, W].
-        y: Planes of the same shape and type.
-        C1: Stabiliser of the luminance.
-        C2: Stabiliser of contrast and structure.
-
-    Returns:
-        Float64, [P]; differentiable twice.
-    """
-    if x.device.type != "cpu":
-        return formula(x, y, C1, C2)
-    asked = [torch.is_grad_enabled() and each.requires_grad for each in (x, y)]
-    values, *_ = _Values.apply(x, y, C1, C2, *asked)
-    return values
-
-
-def formula(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    """What `plane_values` returns, by PyTorch's own operations."""
-    (mu_d, mu_s), (var_d, var_s) = _local_statistics(x.double(), y.double())
-    # mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2; numerators and denominators carry a factor of 2.
-    squared = mu_d.square()
-    a = 2 * squared / (mu_s.square() + squared + 2 * C1)
-    b = 2 * var_d / (var_s + var_d + 2 * C2)
-    return (a + b - a * b).mean((-2, -1))
-
-
-def _local_statistics(x: Tensor, y: Tensor) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
-    """Local means and variances of x - y and x + y, each [P, H, W]: ((mu_d, mu_s), (var_d, var_s)).
-
-    Each is centred by its plane's mean first, or the squares of a bright plane would swamp its variance. The result
-    does not depend on what was subtracted, so no gradient need flow through it.
-    """
-    centre_x, centre_y = (planes.detach().mean((-2, -1), keepdim=True) for planes in (x, y))
-    centre_d, centre_s = centre_x - centre_y, centre_x + centre_y
-    mean, square = _window_means(torch.cat((x - y - centre_d, x + y - centre_s)))
-    variance = (square - mean.square()).clamp(min=0)
-    mu_d, mu_s = mean.chunk(2)
-    return (mu_d + centre_d, mu_s + centre_s), variance.chunk(2)
-
-
-def _window_means(planes: Tensor) -> tuple[Tensor, ...]:
-    """Gaussian local means of the planes and of their squares, [P, H, W] -> two of [P, H, W]."""
-    padded = F.pad(planes, (RADIUS,) * 4, mode="reflect")
-    # Planes as channels of one image: a depthwise convolution.
-    stacked = torch.cat((padded, padded.square()))[None]
-    n_planes, window = stacked.shape[1], torch.from_numpy(window_of_ssim_kernel()).to(stacked)
-    rows = F.conv2d(stacked, window.expand(n_planes, 1, 1, -1), groups=n_planes)
-    both = F.conv2d(rows, window[:, None].expand(n_planes, 1, -1, 1), groups=n_planes)
-    return both[0].chunk(2)
-
-
-@torch.library.custom_op("lfref::one_minus_ssim", mutates_args=(), device_types="cpu")
-def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bool) -> tuple[Tensor, Tensor, Tensor]:
-    """Values and, on the way, their gradient: made apart, it would take all steps to the values once more."""
-    results = _room(x, y, C1, C2, for_x, for_y)
-    planes = [each.contiguous().numpy() for each in (x, y)]
-    plan, (values, *gradients) = plan_of_ssim_kernel(x.shape[1], x.shape[2], C1, C2), [each.numpy() for each in results]
-
-    def work(first: int, last: int) -> None:
-        part = slice(first, last)
-        parts = [each[part] for each in planes]
-        if for_x or for_y:
-            set_values_and_gradients(*parts, plan, values[part], *(each[part] for each in gradients))
-        else:
-            set_values(*parts, plan, values[part])
-
-    _share(work, x)
-    return results
-
-
-@_compiled.register_fake
-def _room(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bool) -> tuple[Tensor, Tensor, Tensor]:
-    values, nothing = x.new_empty(len(x), dtype=torch.float64), (len(x), 0, 0)
-    g_x, g_y = (x.new_empty(x.shape if asked else nothing) for asked in (for_x, for_y))
-    return values, g_x, g_y
-
-
-def _share(work: Callable[[int, int], None], planes: Tensor) -> None:
-    """Call `work` with first and last plane: plain threads, as many as PyTorch has, each with its share of planes.
-
-    Which thread computes a plane changes no digit of it.
-    """
-    n_threads = min(threads.worthwhile(planes.numel(), WORTH_A_THREAD), max(len(planes), 1))
-    threads.share(work, threads.bands(len(planes), n_threads), n_threads)
-
-
-class _Values(torch.autograd.Function):
-    """The compiled values, with the compiled gradient."""
-
-    @staticmethod
-    def forward(x: Tensor, y: Tensor, C1: float, C2: float, *asked: bool) -> tuple[Tensor, Tensor, Tensor]:
-        values, g_x, g_y = _compiled(x, y, C1, C2, *asked)
-        return values, g_x, g_y
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor, Tensor]) -> None:
-        x, y, *ctx.constants = inputs[:4]
-        ctx.mark_non_differentiable(*output[1:])
-        ctx.set_materialize_grads(False)
-        ctx.save_for_backward(x, y, *output[1:])
-
-    @staticmethod
-    def backward(ctx: Any, weights: Tensor | None, *_: None) -> Any:
-        if weights is None:
-            return (None,) * 6
-        gradients = _Gradients.apply(*ctx.saved_tensors, weights, *ctx.constants)
-        asked = zip(gradients, ctx.needs_input_grad, strict=False)
-        return *(gradient if needed else None for gradient, needed in asked), None, None, None, None
-
-
-class _Gradients(torch.autograd.Function):
-    """The weighted gradient; its own, rarely asked for, comes from the formula."""
-
-    @staticmethod
-    def forward(
-        x: Tensor, y: Tensor, g_x: Tensor, g_y: Tensor, weights: Tensor, C1: float, C2: float
-    ) -> tuple[Tensor, Tensor]:
-        shares = weights[:, None, None].to(x)
-        return g_x * shares, g_y * shares
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
-        x, y, _, _, weights, *ctx.constants = inputs
-        ctx.save_for_backward(x, y, weights)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *further: Tensor) -> Any:
-        with torch.enable_grad():
-            x, y, weights = (tensor.detach().requires_grad_() for tensor in ctx.saved_tensors)
-            both = torch.autograd.grad(formula(x, y, *ctx.constants), (x, y), weights, create_graph=True)
-        # A gradient that was not asked for is empty, and has none of its own.
-        asked = [(first, second) for first, second in zip(both, further, strict=True) if first.shape == second.shape]
-        gradients, seconds = zip(*asked, strict=True)
-        g_x, g_y, g_weights = torch.autograd.grad(gradients, (x, y, weights), seconds)
-        return g_x, g_y, None, None, g_weights, None, None
-
-
-K1, K2 = 0.01, 0.03
-
-
-def ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
-    """Structural similarity of each image, averaged over its pixels and channels.
-
-    Args:
-        prediction: Images, [..., C, H, W], H and W at least 6 pixels.
-        target: Images of the same shape.
-        data_range: Difference between white and black, finite and above 0.
-
-    Returns:
-        SSIM, [-1, 1], 1 for identical images, float32 or the images' wider type, [...].
-
-    Raises:
-        InputError: The images are not comparable or too small, or data_range is not usable.
-
-    Example:
-        >>> image = torch.rand(3, 16, 16)
-        >>> float(ssim(image, image))
-        1.0
-    """
-    return 1 - one_minus_ssim(prediction, target, data_range)
-
-
-def one_minus_ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
-    """The complement of `ssim`, accurate also where the images hardly differ; this is the training loss.
-
-    Args:
-        prediction: Images, [..., C, H, W], H and W at least 6 pixels.
-        target: Images of the same shape.
-        data_range: Difference between white and black, finite and above 0.
-
-    Returns:
-        1 - SSIM, [0, 2], 0 for identical images, float32 or the images' wider type, [...].
-
-    Raises:
-        InputError: The images are not comparable or too small, or data_range is not usable.
-    """
-    check_data_range(data_range)
-    x, y = image_pair(prediction, target)
-    _check_size(x)
-    constants = (K1 * data_range) ** 2, (K2 * data_range) ** 2
-    with torch.autocast(x.device.type, enabled=False):
-        values = plane_values(_planes(x), _planes(y), *constants)
-    return values.reshape(x.shape[:-2]).mean(-1).to(x.dtype)
-
-
-def _check_size(images: Tensor) -> None:
-    """Refuse images that reflection cannot extend by the window's radius."""
-    height, width = images.shape[-2:]
-    if min(height, width) <= RADIUS:
-        expected = f"SSIM needs images of at least {RADIUS + 1} x {RADIUS + 1} pixels"
-        raise InputError(expected, got=f"{height} x {width}", remedy="use larger crops")
-
-
-def _planes(images: Tensor) -> Tensor:
-    """The planes of all images, [P, H, W]."""
-    return images.reshape(-1, *images.shape[-2:])

@@ -1,3 +1,5 @@
+"""Compiled loops are kept for later runs, and compiled anew when anything they use has changed."""
+
 import os
 import subprocess
 import sys
@@ -84,3 +86,30 @@ def test_machine_code_serves_on_when_files_are_only_newer_or_others_have_changed
     for file in (loops / "loops").glob("*.py"):
         os.utime(file)
     assert result(loops) == (11, 1)
+
+
+def package(folder, **texts):
+    (folder / "house").mkdir()
+    for name, text in {"__init__": "", **texts}.items():
+        (folder / "house" / f"{name}.py").write_text(text)
+    return folder / "house"
+
+
+def test_every_kind_of_import_is_found(tmp_path):
+    house = package(
+        tmp_path,
+        a="import house.b\nfrom house import c as other, nothing\nfrom house.d import (\n    X,  # why\n    Y,\n)\n"
+        "def f():\n    from house import e\nimport os\nfrom elsewhere import g\ntext = 'from house import g'\n",
+        **dict.fromkeys("bcdeg", ""),
+    )
+    names = [file.stem for file in jit.imported(house / "a.py", house)]
+    assert sorted(names) == ["__init__", "b", "c", "d", "e"]
+
+
+def test_the_digest_follows_imports_of_imports_and_circles(tmp_path):
+    house = package(tmp_path, a="from house import b", b="from house import c", c="from house import a", d="")
+    before = jit.digest(house / "a.py", house)
+    for name, changes in (("d", False), ("c", True)):
+        (house / f"{name}.py").write_text("from house import a  # changed")
+        jit.digest.cache_clear()
+        assert (jit.digest(house / "a.py", house) != before) is changes

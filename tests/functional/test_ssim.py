@@ -1,19 +1,19 @@
-"""ssim.py: against a slow float64 loop, torchmetrics and skimage, and accurate where the usual form is not."""
+"""SSIM against a slow float64 loop, torchmetrics, skimage and PyTorch's own operations; derivatives; tables."""
 
 import math
 
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from skimage.metrics import structural_similarity
 from torch.autograd import gradcheck, gradgradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from lfref.errors import InputError
-from lfref.functional import ssim as ssim_planes
-from lfref.functional.ssim import one_minus_ssim, ssim
+from lfref.functional import ssim as ssim_module
+from lfref.functional.ssim import RADIUS, TAPS, bands, formula, one_minus_ssim, plane_values, ssim, window
 
 
 def images(*shape: int, dtype: torch.dtype = torch.float32, seed: int = 0) -> torch.Tensor:
@@ -69,25 +69,6 @@ def test_ssim_agrees_with_torchmetrics(name: str) -> None:
     x, y = benign_pairs()[name]
     expected = structural_similarity_index_measure(x, y, data_range=1.0, reduction="none")
     torch.testing.assert_close(ssim(x, y), expected, rtol=0, atol=1e-5)
-
-
-@pytest.mark.parametrize("name", benign_pairs())
-def test_ssim_agrees_with_skimage_before_its_crop(name: str) -> None:
-    x, y = (image[0].double().numpy() for image in benign_pairs()[name])
-    options = {"channel_axis": 0, "gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
-    # skimage averages only where the window fits; its map, away from the border, is compared by cropping ours.
-    _, full = structural_similarity(x, y, data_range=1.0, full=True, **options)
-    inner = full[:, 5:-5, 5:-5].mean()
-    ours = _inner_mean(*(torch.from_numpy(image) for image in (x, y)))
-    assert ours == pytest.approx(inner, abs=1e-5)
-
-
-def _inner_mean(x: torch.Tensor, y: torch.Tensor) -> float:
-    """Mean SSIM over the pixels whose window needs no reflection."""
-    (mu_d, mu_s), (var_d, var_s) = ssim_planes._local_statistics(x, y)
-    luminance = 1 - 2 * mu_d**2 / (mu_s**2 + mu_d**2 + 2e-4)
-    structure = 1 - 2 * var_d / (var_s + var_d + 18e-4)
-    return (luminance * structure)[:, 5:-5, 5:-5].mean().item()
 
 
 @pytest.mark.parametrize("data_range", [1.0, 255.0])
@@ -237,3 +218,109 @@ def test_images_that_cannot_be_compared_are_refused() -> None:
         ssim(images(8, 8), images(8, 8))
     with pytest.raises(InputError, match="floating point"):
         ssim(torch.ones(3, 8, 8, dtype=torch.uint8), torch.ones(3, 8, 8, dtype=torch.uint8))
+
+
+C1, C2 = 1e-4, 9e-4
+
+
+def planes(*shape: int, dtype: torch.dtype = torch.float64, seed: int = 0) -> torch.Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64).to(dtype)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("shape", [(1, 6, 6), (3, 6, 30), (2, 31, 7), (4, 40, 52)])
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+def test_values_and_gradients_are_those_of_the_formula(dtype, shape, offset) -> None:
+    pair = [(offset + planes(*shape, seed=seed)).to(dtype).requires_grad_() for seed in (0, 1)]
+    weights = torch.linspace(0.5, 2, len(pair[0]), dtype=torch.float64)
+    values = [function(*pair, C1, C2) for function in (plane_values, formula)]
+    torch.testing.assert_close(*values, rtol=1e-10, atol=1e-13)
+    gradients = [torch.autograd.grad(each, pair, weights) for each in values]
+    for ours, theirs in zip(*gradients, strict=True):
+        accuracy = 1e-6 if dtype == torch.float32 else 1e-9
+        torch.testing.assert_close(ours, theirs, rtol=accuracy, atol=accuracy * theirs.abs().max().item())
+
+
+def test_first_and_second_derivatives_match_differences() -> None:
+    pair = [planes(2, 7, 6, seed=seed).requires_grad_() for seed in (0, 1)]
+    assert gradcheck(lambda x, y: plane_values(x, y, C1, C2), pair)
+    assert gradgradcheck(lambda x, y: plane_values(x, y, C1, C2), pair, fast_mode=True)
+
+
+def test_functional_gradients_are_the_same() -> None:
+    x, y = planes(2, 7, 6).requires_grad_(), planes(2, 7, 6, seed=1)
+    (expected,) = torch.autograd.grad(plane_values(x, y, C1, C2).sum(), x)
+    assert torch.equal(torch.func.grad(lambda x: plane_values(x, y, C1, C2).sum())(x.detach()), expected)
+
+
+@pytest.mark.parametrize("asked", [(False, False), (True, False), (False, True), (True, True)])
+def test_the_compiled_operation_keeps_pytorchs_rules(asked) -> None:
+    x, y = planes(2, 7, 6), planes(2, 6, 7, seed=1).mT
+    tests = ("test_schema", "test_faketensor")
+    results = torch.library.opcheck(ssim_module._compiled, (x, y, C1, C2, *asked), test_utils=tests)
+    assert set(results.values()) == {"SUCCESS"}
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_derivatives_by_one_of_the_two_are_those_by_both(which) -> None:
+    pair = [planes(2, 7, 6, seed=seed).requires_grad_() for seed in (0, 1)]
+    alone = [each if place == which else each.detach() for place, each in enumerate(pair)]
+    first = torch.autograd.grad(plane_values(*pair, C1, C2).sum(), pair, create_graph=True)[which]
+    (first_alone,) = torch.autograd.grad(plane_values(*alone, C1, C2).sum(), pair[which], create_graph=True)
+    assert torch.equal(first_alone, first)
+    second, second_alone = (torch.autograd.grad(each.square().sum(), pair[which])[0] for each in (first, first_alone))
+    torch.testing.assert_close(second_alone, second, rtol=1e-12, atol=1e-15)
+
+
+def test_a_graph_may_be_walked_twice() -> None:
+    x, y = planes(2, 7, 6).requires_grad_(), planes(2, 7, 6, seed=1)
+    values = plane_values(x, y, C1, C2)
+    once, twice = (torch.autograd.grad(values, x, weights, retain_graph=True)[0] for weights in torch.eye(2).double())
+    torch.testing.assert_close(once + twice, torch.autograd.grad(values.sum(), x)[0], rtol=1e-14, atol=0)
+    assert float(once[1].abs().max()) == float(twice[0].abs().max()) == 0
+
+
+def test_threads_change_no_digit(monkeypatch) -> None:
+    monkeypatch.setattr(ssim_module, "PIXELS_PER_THREAD", 1)
+    x, y = planes(5, 9, 8, dtype=torch.float32).requires_grad_(), planes(5, 9, 8, dtype=torch.float32, seed=1)
+    results = []
+    for n_threads in (1, 2, 4, 9):
+        monkeypatch.setattr(torch, "get_num_threads", lambda n_threads=n_threads: n_threads)
+        values = plane_values(x, y, C1, C2)
+        results.append((values, *torch.autograd.grad(values.sum(), x)))
+    for others in results[1:]:
+        assert all(torch.equal(*each) for each in zip(results[0], others, strict=True))
+
+
+def test_nothing_that_is_not_finite_leaves_its_plane() -> None:
+    x, y = planes(3, 8, 8), planes(3, 8, 8, seed=1)
+    x[1, 3, 3], y[1, 4, 4] = torch.nan, torch.inf
+    x.requires_grad_()
+    values = plane_values(x, y, C1, C2)
+    (gradient,) = torch.autograd.grad(values.sum(), x)
+    assert values.isfinite().tolist() == gradient.isfinite().all((1, 2)).tolist() == [True, False, True]
+
+
+def filtered(values: np.ndarray, band: np.ndarray) -> np.ndarray:
+    """What the loops compute along one axis."""
+    padded = np.pad(values, RADIUS)
+    return np.array([band[i] @ padded[i : i + TAPS] for i in range(len(values))])
+
+
+def test_the_window_is_a_normalised_gaussian_of_sigma_one_and_a_half() -> None:
+    assert window().sum() == pytest.approx(1, abs=1e-15)
+    np.testing.assert_allclose(window() / window()[RADIUS], np.exp(-(np.arange(-5.0, 6) ** 2) / 4.5), rtol=1e-14)
+
+
+@pytest.mark.parametrize("length", [6, 7, 11, 24])
+def test_the_mean_reflects_at_both_ends(length: int) -> None:
+    values = np.random.default_rng(0).random(length)
+    padded = F.pad(torch.from_numpy(values)[None, None], (RADIUS, RADIUS), mode="reflect")[0, 0].numpy()
+    np.testing.assert_allclose(filtered(values, bands(length).mean), np.convolve(padded, window(), "valid"), rtol=1e-13)
+
+
+@pytest.mark.parametrize("length", [6, 7, 11, 24])
+def test_the_adjoint_is_one(length: int) -> None:
+    first, second = np.random.default_rng(0).random((2, length))
+    mean, adjoint = bands(length)
+    assert filtered(first, mean) @ second == pytest.approx(first @ filtered(second, adjoint), rel=1e-13)
