@@ -85,16 +85,7 @@ class Fields(NamedTuple):
 def network_case(
     name: str, network: Network, fields: Fields, planes: FocalPlanes, is_trained: bool, device: torch.device
 ) -> NetworkCase:
-    """A network that reads views.
-
-    Args:
-        name: In the tables.
-        network: Without training, its last layer is set so that its pictures are as bright as these scenes.
-        fields: With its grid of views.
-        planes: Of its stacks.
-        is_trained: Whether its pictures mean something.
-        device: Where it runs.
-    """
+    """A network that reads views; without training its last layer is set for pictures as bright as these scenes."""
     if not is_trained:
         first = fields.calibration[0]
         network.prime(first.views[None], planes.slopes, first.photograph(planes.values)[None])
@@ -107,14 +98,7 @@ def network_case(
 
 @torch.no_grad()
 def refiner_case(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, device: torch.device) -> NetworkCase:
-    """The network of a refined method; a pass gets as many planes at once as in use.
-
-    Args:
-        refiner: Trained.
-        fields: Of any grid of views.
-        planes: Of the stacks.
-        device: Where the network runs.
-    """
+    """The network of a refined method; a pass gets as many planes at once as in use."""
     n_samples = int(refiner.refiner.config["n_features"]) * math.prod(fields.whole[0].size)
     most = max(1, refined.AT_ONCE // n_samples)
     # All parts have the same number of planes, since an engine is prepared for one shape.
@@ -173,13 +157,8 @@ def choices(engines: Sequence[str] | None = None, precisions: Sequence[str] | No
 def start(case: NetworkCase, engine: str, precision: str) -> StartedEngine:
     """Prepare a network for an engine and make the first stack.
 
-    Args:
-        case: The network.
-        engine: A key of `ENGINES`.
-        precision: One of its own.
-
     Raises:
-        InputError: The engine cannot do that here.
+        InputError: The engine cannot run this network in this precision here.
     """
     device = case.device
     # A tiny network first: what an engine loads once counts neither as time nor as memory.

@@ -243,38 +243,20 @@ def evaluate(
 
 
 def by_plane(rows: pd.DataFrame) -> pd.DataFrame:
-    """Every plane over all scenes of a class.
-
-    Args:
-        rows: Of `evaluate`.
-
-    Returns:
-        Columns `class, method, reference, alpha, slope`, means of `COLUMNS`, and `worst_psnr_db, worst_scene`.
-    """
+    """Means over all scenes of a class: `SERIES, alpha, slope, COLUMNS, worst_psnr_db, worst_scene`."""
     return _means_and_worst(rows, [*SERIES, "alpha", "slope"], "worst_scene", "scene")
 
 
 def by_scene(rows: pd.DataFrame) -> pd.DataFrame:
-    """Every scene over all its planes.
-
-    Args:
-        rows: Of `evaluate`.
-
-    Returns:
-        Columns `class, method, reference, scene`, means of `COLUMNS`, and `worst_psnr_db, worst_slope`.
-    """
+    """Means over all planes of a scene: `SERIES, scene, COLUMNS, worst_psnr_db, worst_slope`."""
     return _means_and_worst(rows, [*SERIES, "scene"], "worst_slope", "slope")
 
 
 def by_class(rows: pd.DataFrame) -> pd.DataFrame:
-    """Every class over all its scenes and planes.
+    """Means over all scenes and planes of a class: `SERIES, COLUMNS, worst_psnr_db, worst_scene, scenes`.
 
-    Args:
-        rows: Of `evaluate`.
-
-    Returns:
-        Columns `class, method, reference, scenes`, means of `COLUMNS`; the mean PSNR of the worst scene,
-        `worst_psnr_db, worst_scene`; `brightness_error`, the largest distance of a plane's brightness from 1.
+    `worst_psnr_db` is the mean PSNR of the worst scene; `brightness_error` the largest distance of a plane's brightness
+    from 1.
     """
     scenes = _means_and_worst(by_scene(rows), SERIES, "worst_scene", "scene")
     groups = rows.assign(brightness_error=(rows["brightness"] - 1).abs()).groupby(SERIES, sort=False)

@@ -74,11 +74,7 @@ def as_uint8(views: Tensor) -> Tensor:
 
 @torch.no_grad()
 def first_calls(cases: Iterable[MethodCase], slopes: Tensor) -> pd.DataFrame:
-    """Time the first call of every method, which compiles, plans and fills caches, and compare its stack with exact.
-
-    Args:
-        cases: Not called before.
-        slopes: In pixels per view step, [N].
+    """Time of the first call, which compiles, plans and fills caches, and errors of its stack at these slopes [N].
 
     Returns:
         Columns `first_call_s, psnr_db, max_error`, means over the light fields, errors in the interior. Errors are
@@ -161,16 +157,7 @@ def peaks(cases: Iterable[MethodCase], slopes: Tensor) -> pd.DataFrame:
 
 
 def operators_table(cases: Sequence[MethodCase], n_planes: int, *measurements: pd.DataFrame) -> pd.DataFrame:
-    """Sizes and measurements of every method side by side.
-
-    Args:
-        cases: The first one on the views of which the FFT was taken.
-        n_planes: Planes of the stacks.
-        *measurements: Results of the functions above.
-
-    Returns:
-        Columns `KEY` and `COLUMNS`, the FFT's row first.
-    """
+    """Sizes and measurements (of the functions above) side by side: `KEY` and `COLUMNS`, the FFT's row first."""
     fft = MethodCase(OperatorRefocuser(FFT, exact_fourier), cases[0].views.cpu())
     rows = []
     for case in (fft, *cases):
@@ -280,18 +267,10 @@ def growth_times(
     rounds: int,
     warmup: int = 0,
 ) -> pd.DataFrame:
-    """Time methods on random views of all sizes; all sizes of one method take turns.
-
-    Args:
-        methods: On `device`.
-        sizes: Axis -> its sizes, as from `Scales.sizes`.
-        channels: C of the views.
-        device: For the views.
-        rounds: Counted runs of each method at each size.
-        warmup: Runs before them that do not count.
+    """Time methods on random views of all sizes (axis -> sizes); all sizes of one method take turns.
 
     Returns:
-        Columns `method, axis, n, median_s, min_s`.
+        Columns `method, axis, n, median_s, min_s`, of the runs after the warm-up.
     """
     distinct = dict.fromkeys(size for steps in sizes.values() for size in steps)
     fields = {size: torch.rand(*size.views, channels, *size.pixels, device=device) for size in distinct}
@@ -311,15 +290,9 @@ def growth_times(
 
 
 def growth_exponents(times: pd.DataFrame) -> pd.DataFrame:
-    """Least squares of log t on log n, for every method and axis.
+    """Least squares of log t on log n of `growth_times`: columns `method, axis, exponent`.
 
     The fastest runs are fitted, not the medians: other work on a machine only adds time.
-
-    Args:
-        times: Of `growth_times`.
-
-    Returns:
-        Columns `method, axis, exponent`.
     """
     groups = times.groupby(["method", "axis"], sort=False)
     rows = [(*key, np.polyfit(np.log(group["n"]), np.log(group["min_s"]), 1)[0]) for key, group in groups]

@@ -35,14 +35,7 @@ OUTPUTS = {"views": ("views",), "truth": ("truth",), "views and truth": ("views"
 def costs(
     scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device, rounds: Iterable[int], warmup: int = 1
 ) -> list[Row]:
-    """Time planned against forced simulation of every scene, all in turns.
-
-    Args:
-        scenes: By class.
-        slopes: Of the truth's planes in pixels per view step, [N].
-        device: For rendering.
-        rounds: One item per round.
-        warmup: Number of first rounds that do not count.
+    """Time planned against forced simulation of every scene (by class), all in turns; the first rounds warm up.
 
     Returns:
         Rows `scene, output, planned_s, forced_s, forced_over_planned` with medians in seconds.
@@ -67,12 +60,7 @@ def costs(
 
 
 def passes(scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device) -> list[Row]:
-    """Time of every pass that runs for views and truth.
-
-    Args:
-        scenes: By class.
-        slopes: Of the truth's planes in pixels per view step, [N].
-        device: For rendering.
+    """Time of every pass that runs for views and truth of scenes (by class).
 
     Returns:
         Rows `scene, pass, milliseconds, share`; the shares of a scene add up to 1.
@@ -105,14 +93,14 @@ class RandomPatches(Dataset[int]):
 
 
 def rates(scenes: Scenes, n_scenes: int, slopes: Tensor, device: torch.device, n_workers: int = 0) -> list[Row]:
-    """Random scenes simulated per second, one patch each, after the first ones.
+    """Random scenes of the size of a patch simulated per second, after the first ones.
 
     Args:
-        scenes: Source, of the size of a patch.
+        scenes: Source.
         n_scenes: Number of scenes.
         slopes: Of the truth's planes in pixels per view step, [N].
         device: For rendering.
-        n_workers: Processes of one thread that share them; 0: this process, with all its threads.
+        n_workers: Processes of one thread that share the scenes; 0: this process, with all its threads.
 
     Returns:
         Rows `output, n_scenes, n_workers, per_second`.
@@ -134,12 +122,6 @@ def distances(
     scenes: Iterable[tuple[str, Scene]], methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
 ) -> list[Row]:
     """PSNR of refocused views against the truth, in linear light and without the sensor's effects.
-
-    Args:
-        scenes: Names and scenes.
-        methods: That refocus the views.
-        planes: Of the stacks.
-        device: Of the computation.
 
     Returns:
         Rows `scene, method, alpha, slope, psnr_db`.
@@ -163,14 +145,7 @@ def distances(
 
 
 def by_plane(rows: Iterable[Row]) -> pd.DataFrame:
-    """Mean and worst distance from the truth over scenes.
-
-    Args:
-        rows: Of `distances`.
-
-    Returns:
-        Columns `method, alpha, slope, mean_db, worst_db, worst_scene`.
-    """
+    """Mean and worst PSNR of `distances` over scenes: `method, alpha, slope, mean_db, worst_db, worst_scene`."""
     table = pd.DataFrame(rows)
     groups = table.groupby(["method", "alpha", "slope"], sort=False, dropna=False)["psnr_db"]
     worst = table["scene"][groups.idxmin()].to_numpy()
@@ -181,13 +156,7 @@ def by_plane(rows: Iterable[Row]) -> pd.DataFrame:
 def aperture_errors(
     scenes: Iterable[tuple[str, Scene]], planes: FocalPlanes, n_points: int, device: torch.device
 ) -> list[Row]:
-    """PSNR of truths against the mean over very many points of the aperture.
-
-    Args:
-        scenes: Names and scenes.
-        planes: Of the truths.
-        n_points: Points along a side of the aperture.
-        device: For rendering.
+    """PSNR of truths against the mean over very many points of the aperture, `n_points` along a side.
 
     Returns:
         Rows `scene, psnr_db, worst_plane`, the PSNR that of the worst plane.

@@ -53,15 +53,6 @@ def test_the_warm_up_field_is_small_and_allows_the_same_slopes(slope):
     assert Workload(shift_and_sum, (3, 3, 1, 6, 7), torch.float32, (0.5,)).small().shape == (3, 3, 1, 6, 7)
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.uint8])
-def test_views_are_random_radiance_of_the_type(dtype):
-    views = Workload(holding, (2, 3, 1, 16, 16), dtype, (0.0,)).views(CPU)
-    assert (views.shape, views.dtype) == ((2, 3, 1, 16, 16), dtype)
-    share = views / (1 if dtype.is_floating_point else 255)
-    assert 0 <= share.min() < 0.1
-    assert 0.9 < share.max() <= 1
-
-
 def test_without_the_proc_of_linux_there_is_no_figure(monkeypatch, tmp_path):
     monkeypatch.setattr(memory, "PROCESS", tmp_path)
     assert memory.peak(Workload(holding, (1, 1, 3, 16, 16), torch.float32, (0.0,)), CPU) is None

@@ -124,11 +124,6 @@ def test_times_on_all_light_fields_count_together(fields, calls):
     assert table["median_s"].to_dict() == {("numpy_fft_4d", "float32"): 5.5, ("sum", "float32"): 7.5}
 
 
-def test_nothing_to_time_is_the_users_mistake():
-    with pytest.raises(InputError):
-        operator_costs.times([], SLOPES, range(3))
-
-
 def test_peaks_are_empty_where_memory_cannot_be_measured(cases, monkeypatch):
     peak = Peak(3000, 1000)
     monkeypatch.setattr(memory, "peak", lambda workload, device: peak if workload.dtype == torch.float32 else None)
@@ -152,19 +147,6 @@ def test_the_table_joins_sizes_and_measurements(cases):
     assert table["planes"].astype(object).fillna("none").tolist() == ["none", 16, 16, 16]
     sizes = table[["device", "n_views", "height", "width", "channels"]].drop_duplicates()
     assert sizes.to_numpy().tolist() == [["cpu", 9, 20, 24, 3]]
-
-
-def test_methods_run_without_gradients(views):
-    with_gradients = []
-
-    def operator(views, slopes):
-        with_gradients.append(torch.is_grad_enabled())
-        return exact_fourier(views, slopes)
-
-    case = MethodCase(OperatorRefocuser("watched", operator), views)
-    operator_costs.first_calls([case], SLOPES)
-    operator_costs.times([case], SLOPES, range(1))
-    assert with_gradients == [False] * 2
 
 
 def test_multiply_adds_of_the_papers_case():

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from lfref.bench.stability import catalogue
 from lfref.bench.stability.catalogue import FIELDS, IMAGES, NETWORK_VIEWS, Demand
 
 KINDS = {"images": IMAGES, "fields": FIELDS, "network views": NETWORK_VIEWS}
@@ -60,8 +59,3 @@ def test_vignetted_views_are_black_in_their_outer_corners_only():
     assert bool((views[0, 0, :, 0, 0] == 0).all())
     assert bool((views[-1, -1, :, -1, -1] == 0).all())
     assert bool((views[:, :, :, 7, 9] > 0).all())
-
-
-def test_the_large_case_is_one_image_of_a_whole_stack():
-    (large,) = [case for case in IMAGES if case.is_large]
-    assert large.make(torch.bfloat16)[0].shape == catalogue.LARGE
