@@ -82,12 +82,6 @@ def test_a_gpu_is_waited_for_only_where_passes_are_timed(monkeypatch, timed, wai
     assert len(waited) == waits
 
 
-def test_a_plan_runs_any_number_of_times():
-    calls = []
-    plan = planner.plan([Pass("count", (), "n", lambda: calls.append(0) or len(calls))], ["n"])
-    assert [plan.run()["n"] for _ in range(3)] == [1, 2, 3]
-
-
 def test_a_result_is_let_go_once_nothing_needs_it():
     class Large:
         alive = 0
@@ -131,9 +125,3 @@ def test_an_explanation_reads_as_a_table():
 def test_what_cannot_be_planned_is_refused(passes, wanted, message):
     with pytest.raises(InputError, match=message):
         planner.plan(passes, wanted)
-
-
-def test_a_result_asked_for_twice_is_made_once():
-    plan = planner.plan(PASSES, ["b", "b"])
-    assert plan.run() == {"b": 11}
-    assert len(plan.stages) == 2

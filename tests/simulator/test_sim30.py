@@ -47,12 +47,6 @@ def test_every_effect_is_there_and_most_of_them_without_others():
     assert sum(not effects for effects in shown) >= 15
 
 
-def test_what_else_there_is():
-    assert any(surface.opacity < 1 for surface in SURFACES)
-    assert any(surface.motion != (0, 0) for surface in SURFACES)
-    assert {scene.camera.aperture for scene in sim30.SCENES.values()} == {"square", "disc"}
-
-
 def test_the_papers_planes_fit_in_either_convention():
     camera = sim30.CAMERA
     for planes in (PAPER, planes_at_alphas(PAPER.alphas, "parallel")):

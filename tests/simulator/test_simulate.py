@@ -54,18 +54,6 @@ def test_views_and_truth_are_those_of_the_painted_layers():
     torch.testing.assert_close(found.truth, truth.stack(layers, CAMERA, SLOPES))
 
 
-def test_effects_that_are_off_are_skipped_for_a_reason():
-    rows = {row.name: row for row in simulate(CARDS, outputs=["views"], timed=True).rows}
-    assert rows["noise"].state == "skipped"
-    assert rows["noise"].why
-    assert rows["noise"].milliseconds is None
-    assert rows["view"].milliseconds > 0
-
-
-def test_nothing_is_timed_unasked():
-    assert {row.milliseconds for row in simulate(CARDS, outputs=["views"]).rows} == {None}
-
-
 @pytest.fixture
 def painted(monkeypatch):
     """How far the surfaces of scenes were painted, a number for each time that it was done."""
@@ -97,13 +85,6 @@ def test_a_slope_beyond_the_reach_has_it_painted_again(painted):
     simulation.run(["truth"], [-0.2])
     assert painted == [0.0, 0.5]
     assert torch.equal(beyond.truth, simulate(scene, outputs=["truth"], slopes=SLOPES).truth)
-
-
-def test_what_is_painted_is_taken_and_said_so():
-    simulation = Simulation(CARDS)
-    simulation.run(["views"])
-    ran = {row.name for row in simulation.run(["disparity"]).rows if row.state == "run"}
-    assert ran == {"take what is painted", "find disparity"}
 
 
 @pytest.mark.slow

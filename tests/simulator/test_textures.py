@@ -56,10 +56,6 @@ def test_the_key_fixes_the_colours_and_a_larger_canvas_shows_the_same(texture):
     torch.testing.assert_close(larger[:, 8:-8, 10:-10], colours, atol=1e-6, rtol=0)
 
 
-def test_other_keys_are_other_noise():
-    assert not torch.allclose(Noise().paint(CANVAS, (1, 2)), Noise().paint(CANVAS, (1, 3)))
-
-
 def test_flat_is_its_colour_and_waves_have_the_mean_of_theirs():
     torch.testing.assert_close(Flat((0.1, 0.5, 1.0)).paint(CANVAS).mean((1, 2)), torch.tensor([0.1, 0.5, 1.0]))
     for texture in (Checker(8.0), Stripes(8.0), Gradient(32.0)):

@@ -185,14 +185,6 @@ def test_blur_keeps_the_light_of_what_lies_in_the_middle(n_cells):
     torch.testing.assert_close(light, painted_light.expand_as(light), atol=0, rtol=1e-4)
 
 
-def test_a_surface_in_focus_is_as_sharp_as_the_view():
-    camera = Camera(size=(32, 32))
-    layers = painting.paint(Scene(camera, (FAR, Surface(Plane(0.5), Checker(6.0)))), reach=1.0)
-    torch.testing.assert_close(
-        truth.stack(layers, camera, [0.5])[0], views.views(layers, camera)[3, 3], atol=1e-6, rtol=0
-    )
-
-
 def test_nothing_to_see_is_black():
     camera = Camera(size=(32, 34))
     far = Surface(Plane(0.0), Flat(), Disc(4.0, (300.0, 0.0)))

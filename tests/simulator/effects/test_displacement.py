@@ -34,13 +34,6 @@ def test_beyond_the_edge_the_outermost_sample_is_held(length):
     assert float(matrix.abs().sum()) == 2
 
 
-def test_near_the_edge_only_samples_nearby_count():
-    matrix = displacement.matrix(torch.tensor([-9.0, 9.0], dtype=torch.float64), 20)
-    assert bool((matrix[0, :5] != 0).all())
-    assert not matrix[0, 5:].any()
-    torch.testing.assert_close(matrix[1], matrix[0].flip(0))
-
-
 @given(position=st.floats(-12, 12))
 @settings(max_examples=40, deadline=None)
 def test_brightness_is_kept_everywhere(position):
@@ -77,11 +70,6 @@ def test_rows_and_columns_are_read_where_each_says():
 EQUAL, NONE = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 
 
-def test_size_1_is_the_identity():
-    views = torch.rand(3, 4, 3, 9, 10)
-    assert torch.equal(disperse(views, EQUAL, NONE), views)
-
-
 def test_each_colours_radius_shrinks_by_its_magnification():
     y, x = geometry.angular_offsets(41)[:, None], geometry.angular_offsets(50)
     views = (x**2 + y**2).expand(2, 2, 3, 41, 50)
@@ -104,15 +92,6 @@ def test_each_colours_disparity_is_added_to_the_surfaces():
     for channel, extra in enumerate(more):
         expected = slanted(disparity + extra)
         torch.testing.assert_close(made[:, :, channel, 5:-5, 5:-5], expected[..., 5:-5, 5:-5])
-
-
-def test_a_wave_moves_as_by_fouriers_shift():
-    wave = torch.cos(2 * torch.pi * 3 * torch.arange(60, dtype=torch.float64) / 60)
-    made = disperse(wave.expand(1, 3, 3, 5, 60), EQUAL, (0.5, 0.0, 0.0))
-    phases = fourier.shift_phases(fourier.half_frequencies(60), torch.tensor([0.5, 0, -0.5], dtype=torch.float64))
-    expected = torch.fft.irfft(torch.fft.rfft(wave) * phases, n=60)
-    torch.testing.assert_close(made[0, :, 0, 2, 8:-8], expected[:, 8:-8], atol=2e-7, rtol=0)
-    assert torch.equal(made[:, :, 1:], wave.expand(1, 3, 2, 5, 60))
 
 
 def test_the_reason_names_what_is_equal():

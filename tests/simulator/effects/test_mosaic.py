@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.simulator.effects.mosaic import PATTERNS, Mosaic, demosaicked, mosaicked
+from lfref.simulator.effects.mosaic import PATTERNS, demosaicked, mosaicked
 
 
 @pytest.mark.parametrize("pattern", list(PATTERNS))
@@ -29,11 +29,6 @@ def test_grey_stays_as_it_is():
 def test_views_too_small_to_demosaic_are_refused(size):
     with pytest.raises(InputError, match=f"at least 3x3 pixels; got {size[0]}x{size[1]}"):
         mosaicked(torch.rand(1, 1, 3, *size), "RGGB")
-
-
-def test_no_pattern_is_inert():
-    assert Mosaic(None).inert((3, 2)) == "every pixel sees three colours"
-    assert Mosaic().inert((3, 2)) is None
 
 
 SIZES = [(8, 10), (7, 9), (3, 3)]
@@ -72,15 +67,6 @@ def test_green_at_red_is_corrected_by_half_of_reds_laplacian():
         near = samples[y - 1, x] + samples[y + 1, x] + samples[y, x - 1] + samples[y, x + 1]
         far = samples[y - 2, x] + samples[y + 2, x] + samples[y, x - 2] + samples[y, x + 2]
         assert float(made[1, y, x]) == pytest.approx(float(near / 4 + (samples[y, x] - far / 4) / 2))
-
-
-def test_blue_at_red_is_corrected_by_three_quarters_of_reds_laplacian():
-    raw = torch.rand(1, 1, 1, 12, 12, dtype=torch.float64)
-    samples, made = raw[0, 0, 0], demosaicked(raw, "RGGB")[0, 0]
-    for y, x in ((4, 4), (6, 2)):
-        corners = samples[y - 1 : y + 2 : 2, x - 1 : x + 2 : 2].mean()
-        far = samples[y - 2, x] + samples[y + 2, x] + samples[y, x - 2] + samples[y, x + 2]
-        assert float(made[2, y, x]) == pytest.approx(float(corners + 0.75 * (samples[y, x] - far / 4)))
 
 
 def test_red_at_green_takes_the_reds_beside_it():

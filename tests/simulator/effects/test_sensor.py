@@ -8,46 +8,23 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.encoding import CURVES
 from lfref.errors import InputError
 from lfref.simulator import planner
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
+from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor, effect_chain, recorded, sensor_passes
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.planner import Pass
+from tests.simulator import drawing
 
 ORDER = [
     "chromatic", "vignetting", "misalignment", "crosstalk", "exposure", "mosaic", "noise", "clipping", "quantisation",
     "demosaic", "white_balance", "tone_curve",
 ]  # fmt: skip
 
-
-def colour(low, high, neutral):
-    return st.just((neutral,) * 3) | st.tuples(*[st.floats(low, high)] * 3)
-
-
-def number(high):
-    return st.just(0.0) | st.floats(0, high)
-
-
-SENSORS = st.builds(
-    Sensor,
-    chromatic=st.none() | st.builds(Chromatic, colour(0.9, 1.1, 1.0), colour(-0.5, 0.5, 0.0)),
-    vignetting=st.none() | st.builds(Vignetting, number(1), number(2)),
-    misalignment=st.none() | st.builds(Misalignment, number(1)),
-    crosstalk=st.none() | st.builds(Crosstalk, number(1 / 3)),
-    exposure=st.none() | st.builds(Exposure, st.just(1.0) | st.floats(0, 4)),
-    mosaic=st.none() | st.builds(Mosaic, st.none() | st.sampled_from(list(PATTERNS))),
-    noise=st.none() | st.builds(Noise, number(0.1), number(0.01)),
-    clipping=st.none() | st.just(Clipping()),
-    quantisation=st.none() | st.builds(Quantisation, st.none() | st.integers(1, 16)),
-    white_balance=st.none() | st.builds(WhiteBalance, colour(0, 3, 1.0)),
-    tone_curve=st.none() | st.builds(ToneCurve, st.sampled_from(list(CURVES)), st.just(1.0) | st.floats(1, 3)),
-)
 
 FULL = Sensor(
     Chromatic((1.01, 1.0, 0.99)), Vignetting(0.5, 0.5), Misalignment(0.1), Crosstalk(0.1), Exposure(1.3), Mosaic(),
@@ -67,7 +44,7 @@ def planned(sensor, radiance, seed=0, output="views", force=False):
     return planner.plan([render, *passes], [output], force)
 
 
-@given(sensor=SENSORS, seed=st.integers(0, 2**32), grid=st.sampled_from([(3, 2), (1, 1), (1, 4)]))
+@given(sensor=drawing.SENSORS, seed=st.integers(0, 2**32), grid=st.sampled_from([(3, 2), (1, 1), (1, 4)]))
 @settings(max_examples=40, deadline=None)
 def test_planned_is_forced_draw_for_draw(sensor, seed, grid):
     radiance = 1.2 * torch.rand(*grid, 3, 6, 7, generator=torch.Generator().manual_seed(seed))
@@ -127,12 +104,6 @@ def test_another_effect_does_not_change_what_noise_draws():
         draws.append(views[1] - views[0])
     torch.testing.assert_close(draws[1], draws[0], atol=1e-6, rtol=0)
     torch.testing.assert_close(draws[2], draws[0], atol=1e-6, rtol=0)
-
-
-def test_everything_is_off_by_default_and_passes_the_radiance_on():
-    radiance = torch.rand(2, 2, 3, 6, 6)
-    assert not any(vars(Sensor()).values())
-    assert recorded(radiance, Sensor(), 4) is radiance
 
 
 def test_an_effect_in_the_wrong_field_is_refused():

@@ -56,9 +56,3 @@ def test_what_gets_through_is_the_overlap_of_rim_and_grid(displacement):
 
 def test_a_rim_that_does_not_move_clips_nothing():
     assert torch.equal(clipped_pupil(blank(3, 7, 3, 5, 6), 0.0), blank(3, 7, 1, 5, 6))
-
-
-def test_both_gains_multiply():
-    views = torch.rand(3, 3, 3, 6, 6, dtype=torch.float64)
-    made = Vignetting(0.5, 0.7).apply(views, torch.Generator())
-    torch.testing.assert_close(made, views * falloff(views, 0.5) * clipped_pupil(views, 0.7))
