@@ -168,13 +168,6 @@ def test_rare_disparities_count_by_the_root_of_how_often_they_occur():
     assert often / rarely == pytest.approx(math.sqrt(99), rel=1e-4)
 
 
-def test_pixels_without_confidence_do_not_count():
-    disparity, confidence = torch.tensor([0.0, 0.8]), torch.tensor([1.0, 0.0])
-    known = wiener_filters.prior_of_map(disparity, confidence)
-    assert share_near(known, 0.8) < 0.02
-    assert share_near(known, 0.0) > 0.9
-
-
 @pytest.mark.parametrize("values", [[math.nan], [0.0, math.inf], []])
 def test_maps_with_holes_are_refused(values):
     with pytest.raises(InputError, match="disparities must be finite"):
@@ -197,17 +190,3 @@ def test_power_by_hand():
         pixel = (math.sin(math.pi * 0.3) / (math.pi * 0.3)) * (math.sin(math.pi * x) / (math.pi * x))
         fading = (1 + (0.3**2 + x**2) / wiener_filters.OUTER**2) ** (-wiener_filters.DECAY / 2)
         assert power == pytest.approx(aliased * fading * pixel**2, rel=1e-12)
-
-
-def test_power_is_that_of_natural_pictures_between_the_lowest_and_the_pixel():
-    k = torch.tensor([0.05, 0.1], dtype=torch.float64)
-    near, far = Prior((0.0,), (1.0,)).power(torch.zeros(2, dtype=torch.float64), k) / torch.sinc(k).square()
-    assert math.log2(near / far) == pytest.approx(wiener_filters.DECAY, abs=0.1)
-    assert float(Prior((0.0,), (1.0,)).power(torch.zeros(1), torch.zeros(1))) == 1
-
-
-def test_power_has_no_side():
-    known, k = Prior((0.0,), (1.0,)), torch.linspace(-1.4, 1.4, 29, dtype=torch.float64)
-    power = known.power(k[:, None], k)
-    for other in (power.flip(0), power.flip(1), power.mT):
-        torch.testing.assert_close(power, other, atol=1e-15, rtol=0)

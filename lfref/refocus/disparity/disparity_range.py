@@ -24,8 +24,6 @@ WINDOW = 5
 """Reduced pixels that are taken to be at one disparity."""
 OUTLIERS = 0.04
 """Share of the gradients' energy beyond either end of the range."""
-FAINTEST = 1e-12
-"""Energy of gradients below which the views are flat: rounding of float32."""
 
 
 class DisparityRange(NamedTuple):
@@ -59,10 +57,11 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
     row, column = (_middlemost(counts) for counts in (is_open.sum(1), is_open.sum(0)))
     moments = _moments(views[row, is_open[row]], cameras[row, is_open[row]], factor)
     moments = moments + _moments(views[is_open[:, column], column], cameras[is_open[:, column], column], factor)
-    if not FAINTEST <= float(moments[1].sum()) < math.inf:
+    flat = 1e-12  # energy of the gradients of flat views: rounding of float32
+    if not flat <= float(moments[1].sum()) < math.inf:
         return DisparityRange(0.0, 0.0, 0.0)
     local = F.avg_pool2d(moments[None], WINDOW, 1, WINDOW // 2)[0].flatten(1)
-    disparity, order = (local[0] / local[1].clamp(min=FAINTEST)).sort()
+    disparity, order = (local[0] / local[1].clamp(min=flat)).sort()
     below = local[1][order].cumsum(0) / local[1].sum()
     low, high = (
         float(disparity[min(int((below < share).sum()), len(order) - 1)]) for share in (OUTLIERS, 1 - OUTLIERS)

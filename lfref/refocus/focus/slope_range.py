@@ -30,10 +30,9 @@ PIXELS = 25_000
 """Pixels of a reduced view, about."""
 REACH = 3
 """View steps from the centre that are read: farther views are moved too far by disparities of many pixels."""
-BLACK = 0.1
-"""Views darker than this share of the reference's root of light show nothing."""
-BLACK_CORNER = 0.15
-"""Pixels in the corners darker than this share of it are vignetted: their edge stands still, and looks like motion."""
+BLACK = 0.15
+"""Share of the reference's mean root of light below which views, and pixels in their corners, show nothing: the edge of
+a black corner stands still, and looks like motion."""
 TRUSTED = 0.5
 """Mean weight of the samples of a reduced pixel from which it is used."""
 EVEN = 0.03
@@ -142,7 +141,7 @@ def _cross(present: Tensor, cameras: Tensor) -> list[tuple[int, int]]:
 def _unlit(pictures: Tensor) -> Tensor:
     """Views without light, and black corners of the optics, bool, [K, h, w]."""
     light = pictures.mean((1, 2))
-    black = pictures < BLACK_CORNER * light[0]
+    black = pictures < BLACK * light[0]
 
     def run(axis: int) -> Tensor:
         """Black with all pixels before it, or after it, along an axis."""

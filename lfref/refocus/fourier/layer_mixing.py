@@ -31,8 +31,6 @@ LANES = 16
 """Frequencies of a row that pass every step of the loops together: one machine instruction serves them all."""
 SPARE = 2
 """Pixels of a period beyond the reach of shifts, for the support of interpolation and blur."""
-NEGLIGIBLE = 1e-12
-"""Relative size of singular values and factors that float64 cannot tell from 0."""
 
 
 class Matrices(NamedTuple):
@@ -68,8 +66,9 @@ def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]
     """
     # The singular value decomposition writes the weights as few products of a row and a column (one for a square),
     # so that D becomes few products of sums over the rows and sums over the columns.
+    negligible = 1e-12  # of singular values and factors: float64 cannot tell it from 0
     left, strength, right = torch.linalg.svd(aperture, full_matrices=False)
-    rank = int((strength > NEGLIGIBLE * strength[0]).sum())
+    rank = int((strength > negligible * strength[0]).sum())
     sums = []
     for frequencies, weights in (
         (fourier.frequencies(size[0]), left[:, :rank] * strength[:rank]),
@@ -79,12 +78,12 @@ def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]
         angle = 2 * torch.pi * turns[..., None] * frequencies
         sums.append(weights.T.to(torch.complex128) @ torch.polar(torch.ones_like(angle), angle))
     down, across = sums
-    if not torch.allclose(aperture, aperture.flip(0, 1), rtol=NEGLIGIBLE, atol=0):
+    if not torch.allclose(aperture, aperture.flip(0, 1), rtol=negligible, atol=0):
         return Matrices(down, across)
     # The imaginary part of the product cancels; its real part is down.real across.real - down.imag across.imag.
     rows, columns = torch.cat([down.real, -down.imag], -2), torch.cat([across.real, across.imag], -2)
     # Terms that vanish are dropped: rows and columns that are symmetric themselves have no imaginary part.
-    counts = (rows.abs().amax((0, 1, 3)) > NEGLIGIBLE) & (columns.abs().amax((0, 1, 3)) > NEGLIGIBLE)
+    counts = (rows.abs().amax((0, 1, 3)) > negligible) & (columns.abs().amax((0, 1, 3)) > negligible)
     return Matrices(rows[..., counts, :], columns[..., counts, :])
 
 

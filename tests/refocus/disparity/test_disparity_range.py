@@ -38,13 +38,6 @@ def test_one_row_or_column_of_views_is_enough(grid):
     assert disparity_range(smooth_views(1.0, grid)).middle == pytest.approx(1.0, rel=0.25)
 
 
-def test_integers_are_scaled():
-    views = smooth_views(1.0)
-    views = (views - views.min()) / (views.max() - views.min())
-    found = disparity_range((255 * views).round().to(torch.uint8))
-    assert found.middle == pytest.approx(disparity_range(views).middle, abs=0.02)
-
-
 @pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50)])
 def test_nothing_seen_is_0(views):
     assert disparity_range(views) == (0.0, 0.0, 0.0)

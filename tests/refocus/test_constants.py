@@ -1,0 +1,181 @@
+"""Constants of the estimators: results on one scene are those recorded with the present values.
+
+A constant that moves by a factor of two, either way, moves at least one of the figures by more than the tolerance. Who
+changes one on purpose records the figures anew (`python -m tests.refocus.test_constants` prints them).
+"""
+
+from unittest import mock
+
+import pytest
+import torch
+
+from lfref.refocus import batches, occlusion_aware, wiener, wiener_filters
+from lfref.refocus.disparity import cost_volume, disparity_map, disparity_range, matching
+from lfref.refocus.disparity.cost_volume import grey_views
+from lfref.refocus.focus import slope_range
+from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.focus.slope_range import CoarseDisparity, reduce_views
+from lfref.refocus.fourier import disparity_layers, layer_energies, layer_mixing
+from lfref.refocus.fourier.exact import exact_fourier
+from tests.refocus.conftest import layered_views
+
+FULL = batches.checked_weights(None, (7, 7))
+
+
+def scene(size=(72, 80), noise=0.004, contrast=1.0):
+    """A disc in front of a plane, with noise, float32."""
+    torch.manual_seed(11)
+    views = contrast * layered_views(0.87, -0.38, size)[0].float()
+    return views + noise * torch.randn(views.shape)
+
+
+def ramp():
+    """Coarse disparity that rises, with strays, less sure to the left."""
+    torch.manual_seed(7)
+    disparity = torch.linspace(-1, 1, 60) + 0.04 * torch.randn(60, 60)
+    disparity[::7, ::9] += 1.5
+    return CoarseDisparity(disparity, torch.linspace(0, 1, 60).expand(60, 60), 1)
+
+
+def depth_steps(views):
+    disparity = disparity_map.disparity_map(views, -0.6, 1.1).disparity
+    grey, rough = views.mean(2, keepdim=True)[3:4], disparity + 0.1 * torch.randn(disparity.shape)
+    ends = ((-0.5, 1.0), (-1.3, 1.7), (-1.6, 2.4))
+    steps = [disparity_map._steps_to_front(grey, rough, *pair) for pair in ends]
+    faint = [disparity_map._steps_to_front(share * grey, disparity, *ends[0]) for share in (0.15, 0.22)]
+    rim = disparity_map._steps_to_front(grey[..., :66], disparity[:, :66], *ends[0])
+    # Few pixels that are sure, but enough; and too few.
+    sure, orders = torch.zeros(disparity.numel()), []
+    for count in (20, 45):
+        sure[torch.linspace(0, len(sure) - 1, count).long()] = 1
+        orders.append(disparity_map.depth_order(views, disparity, sure.reshape(disparity.shape)))
+    return [*map(len, steps), steps[0].abs().sum(), *map(len, faint), len(rim), *orders]
+
+
+def energies(views):
+    faint_light = scene(noise=0.01) + 0.19 * layered_views(-2.0, 1.9)[0].float()
+    large = views.repeat_interleave(5, -1).repeat_interleave(5, -2)
+    fields = (views, large, scene(noise=0.1), faint_light)
+    estimated = [layer_energies.estimate_energies(field, 5, FULL) for field in fields]
+    return [*(layers.disparities[[0, -1]] for layers in estimated), estimated[0].shares[:2]]
+
+
+def layers(views):
+    ridge = disparity_layers.RIDGE
+    fitted = disparity_layers.disparity_layers(views, [-0.4, 0.2, 0.9], ridge=ridge)
+    return [(fitted.view(3, 3) - views[3, 3]).std(), *layer_mixing.make_frame("edge", (61, 61), 4.0).first]
+
+
+def filtered(views):
+    prior = wiener_filters.prior_of_map(torch.tensor([-0.4] * 95 + [0.9] * 5))
+    impulse = torch.zeros(3, 3, 1, 81, 81, dtype=torch.float64)
+    impulse[1, 1, 0, 40, 40] = 1
+    stack = wiener.wiener(impulse, [0.3], prior)
+    k = torch.tensor([0.0, 0.005, 0.1], dtype=torch.float64)
+    reach = (stack.abs() > 1e-9).sum().double()
+    return [len(prior.shares), prior.shares[0], prior.shares[8], stack.std(), reach, *prior.power(k, k)]
+
+
+def edges(views):
+    gap = torch.full((60, 80), -0.6)
+    gap[:, 40:] = -0.44
+    maps = [gap, 0.5 * gap, 2 * gap, torch.linspace(0, 3.5, 80).expand(60, 80)]
+    return [occlusion_aware.edge_shares(disparity, torch.tensor([-0.5, 0.3, 1.4])).mean() for disparity in maps]
+
+
+def volume(views):
+    light, flat = (grey_views(field, torch.ones(7, 7)) for field in (views, torch.full_like(views, 0.5)))
+    noise = cost_volume.noise(light, matching.slopes_between(-1, 1))
+    return [noise, cost_volume.spread(light, 0.004).mean(), 1e3 * cost_volume.spread(flat, 0.0).mean()]
+
+
+def matched(views):
+    light = grey_views(views, torch.ones(7, 7))
+    slopes = matching.slopes_between(-0.8, 1.2)
+    labels, confidence = matching.best_slopes(light, slopes, 0.02, 1.0)
+    refined = matching.refine(light, labels, 0.004, -0.8, 1.2)
+    far = matching.refine(light, torch.full_like(labels, -0.15), 0.004, -0.8, 1.2)
+    paths = matching.aggregate(torch.rand(9, 20, 24), torch.rand(20, 24))
+    coarse = labels + 0.1 * torch.randn(labels.shape)
+    rough = matching.refine(light, coarse, 0.004, -0.8, 1.2) - coarse
+    return [len(slopes), labels.std(), confidence.mean(), refined.std(), far.std(), paths.std(), rough.std()]
+
+
+def ranges(views):
+    large = views.repeat_interleave(4, -1).repeat_interleave(4, -2)
+    found = [*disparity_range.disparity_range(views), *disparity_range.disparity_range(large)]
+    ends = []
+    for low in (0.0, -2.0):  # spectra that know less, or something else, than reduced views
+        narrow = layer_energies.Energies(torch.tensor([low, low + 0.1], dtype=torch.float64), torch.full((2,), 0.5))
+        with mock.patch.object(layer_energies, "estimate_energies", return_value=narrow):
+            ends += disparity_map.estimate_range(0.05 * views + torch.linspace(0, 1, 80), FULL)
+            ends += disparity_map.estimate_range(views, FULL)
+            ends += disparity_map.estimate_range(scene(noise=0.3), FULL)
+    maps = [disparity_map.coarse_disparity(torch.rand(2, 2, 1, side, side), 0.0, 0.4) for side in (200, 260)]
+    return [*ends, *found, *(torch.equal(disparity[::2], disparity[1::2]) for disparity in maps)]
+
+
+def reduced(views):
+    x, offsets = torch.linspace(-1, 1, 80).square(), torch.arange(-3, 4)[:, None, None, None].square() / 9
+    corners = views.clone() + 0.2
+    corners[..., :12, :12] *= 0.01
+    corners[..., -12:, -12:] *= 0.05
+    trust = torch.ones(7, 7, 1, 250, 350)
+    trust[..., ::3, :] = 0
+    maps = [reduce_views(views * (1 - gain * x * offsets)) for gain in (0.05, 0.1)]
+    maps += [reduce_views(corners), reduce_views(torch.rand(7, 7, 1, 250, 350), trust, pixels=slope_range.PIXELS)]
+    n_views = len(reduce_views(torch.rand(14, 14, 1, 8, 8)).indices)
+    means = [(each.pictures[..., -9:].mean(), each.weights.mean()) for each in maps]
+    return [*sum(means, ()), maps[3].factor, n_views]
+
+
+def coarse(views):
+    found = slope_range.disparity_of_reduced(reduce_views(views))
+    flat = slope_range.disparity_of_reduced(reduce_views(0.3 + 1e-3 * views))
+    wide = slope_range.disparity_of_reduced(reduce_views(layered_views(8.2, 8.2)[0]))
+    agreed = []
+    for correlation in (-0.45, -0.55):
+        with mock.patch.object(slope_range, "axis_correlation", return_value=correlation):
+            agreed.append(slope_range.seems_reversed(None))
+    surfaces = slope_range.on_surfaces(ramp()).float().mean()
+    sure = [found.confidence.mean(), flat.confidence.mean()]
+    return [found.disparity.mean(), *sure, wide.disparity.median(), *slope_range.slope_range(ramp()), surfaces, *agreed]
+
+
+def sharp(views):
+    slopes = torch.linspace(-0.6, 1.1, 6)
+    found, faint = (all_in_focus(exact_fourier(light, slopes)) for light in (views, 0.5 + 0.02 * views))
+    return [found.index.mean(), found.confidence.mean(), faint.confidence.mean(), found.index[:6].mean()]
+
+
+FIGURES = [depth_steps, energies, layers, filtered, edges, volume, matched, ranges, reduced, coarse, sharp]
+# fmt: off
+RECORDED = {
+    "depth_steps": [7, 45, 4, 10.149, 0, 2, 15, 0, 1],
+    "energies": [-0.875, 1.375, -2.875, 4.125, -0.625, 1.125, -0.875, 2.125, 0.012757, 0.66607],
+    "layers": [0.015149, 7, 7],
+    "filtered": [24, 0.0020833, 0.0020833, 0.00083774, 961, 1, 0.6023, 0.0012369],
+    "edges": [0.12222, 0, 0.066667, 0],
+    "volume": [0.0062529, 3.9432e-05, 0.001],
+    "matched": [21, 0.51989, 0.79368, 0.51442, 0.026946, 2.4456, 0.089988],
+    "ranges": [-0.19413, 0.19869, -0.55296, 1.0111, -0.53321, 0.1, -2, -0.9, -2, -0.9, -2, -0.9, -0.54008,
+        -0.065969, 1.2133, -2.6127, -0.76877, 5.442, 0, 1],
+    "reduced": [0.71212, 1, 0.71589, 1, 0.7401, 0.96597, 0.69872, 0.328, 2, 13],
+    "coarse": [-0.075796, 0.91237, 0.0028269, 8.1484, -0.047073, 1.0694, 0.43028, 0, 1],
+    "sharp": [1.5751, 0.9189, 0.33883, 0.73505],
+}
+# fmt: on
+
+
+def figures(function):
+    return torch.cat([torch.as_tensor(figure).double().flatten() for figure in function(scene())]).tolist()
+
+
+@pytest.mark.parametrize("function", FIGURES)
+def test_results_are_those_recorded_with_the_present_constants(function):
+    assert figures(function) == pytest.approx(RECORDED[function.__name__], rel=2e-3, abs=1e-9)
+
+
+if __name__ == "__main__":
+    for each in FIGURES:
+        print(f'    "{each.__name__}": [{", ".join(f"{figure:.5g}" for figure in figures(each))}],')
