@@ -65,7 +65,7 @@ def occlusion_aware(
         first, *_, last = energies.disparities.tolist()
         disparity = coarse_disparity(field, first, last) if known_disparity is None else known_disparity
         stack, shares = refocus_by_energies(field, planes, energies, aperture), edge_shares(disparity, planes)
-        # The estimate is the costly part: it is made of the planes only in which some pixel takes it.
+        # The estimate is the costly part: only planes in which some pixel takes it are estimated.
         needed = shares.amax((1, 2)).cpu() > 0
         if bool(needed.any()):
             estimate = wiener(field, planes[needed], wiener_filters.prior_of_map(disparity), aperture)

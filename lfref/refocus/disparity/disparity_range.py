@@ -21,7 +21,7 @@ SMALLEST = 32
 REDUCTION = 4
 """Largest factor of the reduction: disparities of some pixels must become a fraction of one."""
 WINDOW = 5
-"""Reduced pixels that are taken to be at one disparity."""
+"""Side of the window that shares one disparity, in reduced pixels."""
 OUTLIERS = 0.04
 """Share of the gradients' energy beyond either end of the range."""
 

@@ -6,7 +6,7 @@ as faint as one view; the skirt lets the edge itself win where nothing else is t
 Stacks should come from interpolation that blurs no plane more than another (`exact_fourier`, or `exact` shift-and-sum):
 linear interpolation pulls the index towards slopes whose shifts are whole. Limits: within about two radii of a depth
 edge the stronger texture takes the weaker one's place, with high confidence; at borders, where views end or wrap round,
-planes out of focus look sharp, so sharpness there is taken from just within (colours are the planes' own).
+planes out of focus look sharp, so sharpness there is that of pixels just within (colours are the planes' own).
 Letters: `n` plane, `y x` pixel row and column, `F` noise floor.
 Source: Nayar, Nakagawa, "Shape from Focus", 1994; its Gaussian peak is the parabola through log E.
 """

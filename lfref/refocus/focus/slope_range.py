@@ -36,7 +36,7 @@ a black corner stands still, and looks like motion."""
 TRUSTED = 0.5
 """Mean weight of the samples of a reduced pixel from which it is used."""
 EVEN = 0.03
-"""Gain of a view, alike in opposite ones, up to which it is taken for parallax of smooth shading and left."""
+"""Gain of a view, alike in opposite ones, up to which it may be parallax of smooth shading, and is left."""
 WINDOW = 2
 """Reduced pixels to each side that share one disparity in a fit."""
 SKIRT = 0.05
@@ -155,7 +155,7 @@ def _unlit(pictures: Tensor) -> Tensor:
 def _evened(pictures: Tensor, weights: Tensor, steps: Tensor) -> Tensor:
     """Pictures divided by their smooth gain over the first one, where that is too uneven to be parallax.
 
-    Vignetting and exposure would be taken for motion of shading.
+    Vignetting and exposure would look like motion of shading.
     """
     # The gain is 1 + a quadratic polynomial, fitted on blocks, weighted by the light.
     size = min(pictures.shape[1], 8), min(pictures.shape[2], 12)

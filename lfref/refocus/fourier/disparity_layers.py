@@ -1,14 +1,14 @@
-"""Fourier disparity layers: views as a sum of shifted layers, from which any photograph of the scene can be made.
+"""Fourier disparity layers: views as a sum of shifted layers, from which any photograph of the scene follows.
 
 `L^[v, u](k) = sum_d f_d^(k) exp(-2 pi i d ((u - u0) kx + (v - v0) ky))`, the f_d by one ridge regression a frequency:
 `(G + ridge / p) f = B`, where `B_d` is exact refocusing at disparity d, `G_de = D(d - e)` the response of the aperture
 (see `layer_mixing`) and p the share of the light that each layer is expected to hold.
-What layers cannot explain (occlusion, gloss, reflections, disparities between theirs) is missing from pictures that are
-made of them alone (`Layers.refocus`, `Layers.view`).
+What layers cannot explain (occlusion, gloss, reflections, disparities between theirs) is missing from pictures of
+layers alone (`Layers.refocus`, `Layers.view`).
 
 `refocus_by_layers` keeps it. Each view stands for a cell of the aperture, within which light at disparity d moves by
 |s - d| pixels; exact refocusing E, a sum of points, lacks the factor `c(s - d)` of the cell. Layers say how much light
-of each frequency is at which disparity; the rest is taken to be at the mean disparity m:
+of each frequency is at which disparity; the rest counts as light at the mean disparity m:
 `I^_s = c(s - m) E_s + sum_d (c(s - d) - c(s - m)) D(s - d) f_d^`.
 So layers only correct what the cells do: without area (`fill` 0) this is exact refocusing, whatever the layers are.
 Letters: `u v` view column and row, `N` planes, `K` layers, `h w` height and width of a period, `kx ky` frequency in

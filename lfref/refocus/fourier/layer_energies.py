@@ -20,7 +20,7 @@ from lfref.functional import fourier
 from lfref.refocus import batches
 
 REACH = 4.0
-"""Largest disparity that is looked for, in pixels per view step; scenes beyond it need disparities given."""
+"""Largest disparity that is tried, in pixels per view step; callers give the disparities of scenes beyond it."""
 STEP = 0.25
 """Distance of the layers that are tried, in pixels per view step."""
 LEAST_SHARE = 0.01
@@ -30,7 +30,7 @@ OVER_NOISE = 3
 N_STEPS = 8
 """Steps of the expectation maximisation."""
 LOWEST, HIGHEST = 1 / 24, 0.4
-"""Frequencies that are looked at, in cycles per pixel: below, all layers look alike; above, views alias."""
+"""Lowest and highest frequency that is read, in cycles per pixel: below, all layers look alike; above, views alias."""
 
 
 class Energies(NamedTuple):

@@ -1,6 +1,6 @@
 """Spectra of layers mixed by a small matrix at each frequency: the arithmetic of `disparity_layers`.
 
-A layer at disparity d, seen through weights w_uv with the focus at s, is multiplied at each frequency by the transform
+A layer at disparity d, behind weights w_uv with the focus at s, is multiplied at each frequency by the transform
 of the aperture, and, where each view stands for a cell `fill` view steps wide, by that of the cell; with e = s - d:
 
     D(e) = sum_uv w_uv exp(2 pi i e ((u - u0) kx + (v - v0) ky)),   c(e) = sinc(fill e kx) sinc(fill e ky).
