@@ -6,8 +6,8 @@ point if s is its disparity. Every view has one vote, a soft one: its difference
 it is. So the views from which a nearer surface hides the point outvote nobody, wherever in the aperture they are, and a
 bright edge weighs no more than weak texture. The reference is first the mean of the central views, then the mean of all
 weighted by `sigma^2 / (e^2 + sigma^2)`: less noise, and no view is special.
-`sigma^2` (the spread, one number a pixel) is the sum of noise, which is measured, and of the errors of interpolation and
-of the slopes' distance, which grow with the gradient.
+`sigma^2` (the spread, one number a pixel) is the sum of noise, which is measured, and of the errors of interpolation
+and of the slopes' distance, which grow with the gradient.
 Letters: `s` slope in pixels per view step, `N` slopes, `K` views that are read, `k` view, `v u` its row and column from
 the angular centre, `y x` pixel row and column, `p q` position in a view along y and x, `t` fraction of a sample.
 Source: Black, Rangarajan, "On the Unification of Line Processes, Outlier Rejection, and Robust Statistics", 1996.
