@@ -1,8 +1,7 @@
-"""How samples stand for light: tone curves, and what says which one a file has.
+"""Encodings of light: the tone curve between linear light and the samples of files.
 
-Sums of light are means of linear values: what files hold is decoded when it is read, and pictures are encoded again
-when they are written. Below 0 every curve is continued so that nothing is undefined. Source of `srgb`: IEC 61966-2-1,
-1999.
+Only linear values may be averaged: samples are decoded when a file is read, and pictures encoded when they are written.
+Below 0 every curve is continued so that nothing is undefined. Source of `srgb`: IEC 61966-2-1, 1999.
 """
 
 import math
@@ -19,33 +18,18 @@ REMEDY = "say linear, srgb, gamma:2.2 or another exponent, none, or file for wha
 
 
 def srgb(light: Tensor, gamma: float) -> Tensor:
-    """Encode for a standard screen; `gamma` is not used.
-
-    Args:
-        light: Linear, any shape.
-        gamma: Not used.
-    """
+    """Encode linear light for a standard screen; `gamma` is not used."""
     return torch.where(light <= 0.0031308, 12.92 * light, 1.055 * light.clamp(min=1e-3) ** (1 / 2.4) - 0.055)
 
 
 def from_srgb(samples: Tensor, gamma: float) -> Tensor:
-    """Undo `srgb`; `gamma` is not used.
-
-    Args:
-        samples: Encoded for a standard screen, any shape.
-        gamma: Not used.
-    """
+    """Undo `srgb`; `gamma` is not used."""
     return torch.where(samples <= 0.04045, samples / 12.92, ((samples.clamp(min=0.04) + 0.055) / 1.055) ** 2.4)
 
 
 def power(values: Tensor, exponent: float) -> Tensor:
-    """Raise to a power, negative values as their mirror image.
-
-    Args:
-        values: Any shape.
-        exponent: Above 0.
-    """
-    # The power of 0 is 0, but its slope need not be finite.
+    """Raise to a power above 0; negative values are the mirror image."""
+    # At 0 the gradient of a power below 1 is infinite: 0 is cut out.
     size = values.abs()
     return torch.where(size > 0, values.sign() * size.clamp(min=1e-30) ** exponent, 0.0)
 
@@ -66,14 +50,14 @@ CURVES: dict[str, Curve] = {
 
 @dataclass(frozen=True)
 class Encoding:
-    """A tone curve by name; as text it is what `parsed` reads."""
+    """A tone curve by name; its text is what `parsed` reads."""
 
     curve: str = "linear"
     """A key of `CURVES`."""
     gamma: float | None = None
     """Exponent of the curve `gamma`."""
     is_known: bool = True
-    """False: samples are taken for light as they are, whatever they stand for, and left so."""
+    """False: samples pass for light as they are, and stay so."""
 
     def __str__(self) -> str:
         if not self.is_known:
@@ -81,34 +65,26 @@ class Encoding:
         return self.curve if self.gamma is None else f"{self.curve}:{self.gamma:g}"
 
     def encode(self, light: Tensor) -> Tensor:
-        """Samples that stand for linear light.
-
-        Args:
-            light: Linear, any shape.
-        """
+        """Samples of linear light, any shape."""
         return CURVES[self.curve].encode(light, self.gamma or 1.0)
 
     def decode(self, samples: Tensor) -> Tensor:
-        """Linear light that samples stand for.
-
-        Args:
-            samples: Any shape.
-        """
+        """Linear light of samples, any shape."""
         return CURVES[self.curve].decode(samples, self.gamma or 1.0)
 
 
 LINEAR, SRGB, NONE = Encoding(), Encoding("srgb"), Encoding(is_known=False)
-_NAMED = {str(each): each for each in (LINEAR, SRGB, NONE)}
+_NAMED = {str(encoding): encoding for encoding in (LINEAR, SRGB, NONE)}
 
 
 def parsed(text: str) -> Encoding:
-    """The encoding that a text names.
+    """The encoding of a name.
 
     Args:
         text: `linear`, `srgb`, `gamma:EXPONENT` with an exponent in [0.1, 10], or `none`, which decodes nothing.
 
     Raises:
-        InputError: It names none.
+        InputError: The text names no encoding.
 
     Example:
         >>> parsed("gamma:2").decode(torch.tensor(0.5))

@@ -1,7 +1,7 @@
 """The angular grid and the focus parameter: alpha <-> slope, view offsets, and their legal ranges.
 
 Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
-Planes are slopes; alphas and even ranges are ways to write them, which are turned into slopes here and nowhere else.
+Planes are slopes; alphas and even ranges are other ways to write them, and become slopes here and nowhere else.
 Source: Ng, "Light Field Photography with a Hand-held Plenoptic Camera", 2005 (convention `ng`).
 """
 
@@ -20,7 +20,7 @@ Slopes = Tensor | Sequence[float]
 
 
 class Convention(NamedTuple):
-    """One meaning of alpha: how it becomes a slope, and back."""
+    """One meaning of alpha: its conversion to a slope, and back."""
 
     to_slope: Callable[[float], float]
     to_alpha: Callable[[float], float]
@@ -34,7 +34,7 @@ CONVENTIONS: dict[str, Convention] = {
 
 
 def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
-    """Slopes of the focal planes that these alphas name.
+    """Slopes of the focal planes at these alphas.
 
     Args:
         alphas: Relative focal distances, finite and above 0, [N].
@@ -82,14 +82,7 @@ def even_slopes(n_planes: int, first: float = -1.0, last: float = 1.0) -> Tensor
 
 
 def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
-    """The alphas as plain numbers, once they are known to be usable.
-
-    Args:
-        alphas: Should be finite and above 0, at least one.
-
-    Raises:
-        InputError: They are not, or are no list of numbers.
-    """
+    """The alphas as plain numbers; at least one, finite and above 0, else an `InputError`."""
     try:
         values = tuple(float(alpha) for alpha in alphas)
     except (TypeError, ValueError) as error:
@@ -105,29 +98,17 @@ def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
 
 
 def angular_offsets(n_views: int) -> Tensor:
-    """Distance of each view from the angular centre, u - u0 with u0 = (n - 1) / 2.
-
-    Args:
-        n_views: Number of views along one angular axis.
-
-    Returns:
-        Offsets in view steps, float64, [n_views].
-    """
+    """Offset of each view from the angular centre, u - u0 with u0 = (n - 1) / 2, in view steps, float64, [n_views]."""
     return torch.arange(n_views, dtype=torch.float64) - (n_views - 1) / 2
 
 
 def corner_shift(slopes: Tensor, grid: Sequence[float]) -> float:
-    """Largest shift, in pixels along one axis, that any view undergoes at these slopes.
-
-    Args:
-        slopes: Slopes in pixels per view step, [N].
-        grid: Number of view rows and columns (V, U).
-    """
+    """Largest shift of any view of a grid (V, U) at these slopes, in pixels along one axis."""
     return float(slopes.abs().max()) * (max(grid) - 1) / 2
 
 
 def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -> Tensor:
-    """The slopes as float64 on the CPU, once they are known to be usable.
+    """The slopes as float64 on the CPU, after a check that they fit the views.
 
     Args:
         slopes: Slopes in pixels per view step, [N] (or one number).
@@ -162,12 +143,12 @@ def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -
 class FocalPlanes:
     """The planes of a refocused stack: slopes, in the order of the stack.
 
-    Alphas and even ranges are ways to write them: see `planes_at_alphas` and `even_planes`. Planes are equal whose
-    slopes are, however they were written.
+    Alphas and even ranges are other ways to write them: see `planes_at_alphas` and `even_planes`. Planes are equal if
+    their slopes are, however they were written.
 
     Args:
         slopes: Finite, in pixels per view step, at least one, [N].
-        convention: Meaning of the alphas that they were written as, a key of `CONVENTIONS`; None: as slopes.
+        convention: Meaning of alpha if the planes were written as alphas, a key of `CONVENTIONS`; None: as slopes.
 
     Raises:
         InputError: Slopes that cannot be used, or an unknown convention.
@@ -180,7 +161,7 @@ class FocalPlanes:
     values: tuple[float, ...]
     """The slopes as plain numbers."""
     convention: str | None = field(compare=False)
-    """As which alphas they were written, if any."""
+    """Meaning of alpha if the planes were written as alphas."""
 
     def __init__(self, slopes: Slopes, convention: str | None = None) -> None:
         # A grid of one view shifts nothing: only the numbers are checked.
@@ -199,39 +180,35 @@ class FocalPlanes:
 
     @property
     def alphas(self) -> tuple[float, ...] | None:
-        """Alphas of planes that were written as such, to 12 digits; None of others."""
+        """Alphas of planes that were written as alphas, to 12 digits; None of others."""
         if self.convention is None:
             return None
         return tuple(float(f"{CONVENTIONS[self.convention].to_alpha(slope):.12g}") for slope in self.values)
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What each plane is called, as it was written: `alpha 0.125` or `slope -2`."""
+        """Label of each plane, as it was written: `alpha 0.125` or `slope -2`."""
         if self.alphas is None:
             return tuple(f"slope {slope:.4g}" for slope in self.values)
         return tuple(f"alpha {alpha:g}" for alpha in self.alphas)
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """What each plane is, in both ways: `slope -7, alpha 0.125`; a slope that no alpha reaches stands alone."""
-        return tuple(", ".join((f"slope {slope:.4g}", *self._alpha(slope))) for slope in self.values)
-
-    def _alpha(self, slope: float) -> tuple[str, ...]:
-        """The alpha of a slope, by the convention that planes were written in, else `ng`; none where there is none."""
-        alpha = CONVENTIONS[self.convention or "ng"].to_alpha(slope)
-        return (f"alpha {alpha:.4g}",) if 0 < alpha < math.inf else ()
+        """Both labels of each plane: `slope -7, alpha 0.125`; a slope that no alpha reaches stands alone."""
+        to_alpha = CONVENTIONS[self.convention or "ng"].to_alpha
+        pairs = ((slope, to_alpha(slope)) for slope in self.values)
+        return tuple(
+            f"slope {slope:.4g}, alpha {alpha:.4g}" if 0 < alpha < math.inf else f"slope {slope:.4g}"
+            for slope, alpha in pairs
+        )
 
     def has_slopes(self, slopes: Slopes) -> bool:
-        """Whether slopes are these planes, but for rounding to float32.
-
-        Args:
-            slopes: In pixels per view step, [N].
-        """
-        asked = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").reshape(-1)
-        return len(asked) == len(self) and torch.allclose(asked, self.slopes, rtol=1e-6, atol=1e-6)
+        """Whether slopes [N] are these planes, but for rounding to float32."""
+        values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").reshape(-1)
+        return len(values) == len(self) and torch.allclose(values, self.slopes, rtol=1e-6, atol=1e-6)
 
     def as_dict(self) -> dict[str, object]:
-        """Plain containers that `planes_from` makes planes of again, as a checkpoint stores them."""
+        """Plain containers for a checkpoint; `planes_from` reads them."""
         return {"slopes": list(self.values), "convention": self.convention}
 
 
@@ -256,11 +233,7 @@ def even_planes(n: int = 16, first: float = -1.0, last: float = 1.0) -> FocalPla
 
 
 def planes_from(plain: Mapping[str, Any]) -> FocalPlanes:
-    """Planes from plain containers: `slopes` and `convention`, or, of lfref 0.1, `alphas` and `convention`.
-
-    Raises:
-        InputError: They describe no planes.
-    """
+    """Planes from plain containers: `slopes` and `convention`, or in files of lfref 0.1 `alphas` and `convention`."""
     if "alphas" in plain and "slopes" not in plain:
         return planes_at_alphas(plain["alphas"], plain.get("convention", "ng"))
     return FocalPlanes(plain.get("slopes", ()), plain.get("convention"))

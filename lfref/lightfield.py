@@ -15,27 +15,13 @@ from lfref.errors import InputError
 
 
 def check_axes(views: Tensor) -> None:
-    """Refuse what has not the axes of a light field.
-
-    Args:
-        views: Should be [..., V, U, C, H, W], no axis empty.
-
-    Raises:
-        InputError: Another number of axes, or an empty one.
-    """
+    """Refuse views without the axes [..., V, U, C, H, W], or with an empty one."""
     if views.ndim < 5 or 0 in views.shape:
         raise InputError("views must be [..., V, U, C, H, W] with no axis empty", got=f"shape {list(views.shape)}")
 
 
 def check_views(views: Tensor) -> None:
-    """Refuse what is not a light field of radiances.
-
-    Args:
-        views: Should be floating point, [..., V, U, C, H, W], no axis empty.
-
-    Raises:
-        InputError: Another number of axes, an empty axis, or another type.
-    """
+    """Refuse views that are not floating point, [..., V, U, C, H, W], no axis empty."""
     check_axes(views)
     if not views.is_floating_point():
         raise InputError("views must be floating point in [0, 1]", got=views.dtype, remedy="scale integers to [0, 1]")
@@ -43,7 +29,7 @@ def check_views(views: Tensor) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LightField:
-    """Views of one scene from a grid of positions.
+    """Views of one scene from a grid of camera positions.
 
     Example:
         >>> field = LightField(torch.rand(7, 7, 3, 32, 48), name="noise")
@@ -56,24 +42,28 @@ class LightField:
     name: str = ""
     """Short name, used for files and table rows."""
     weight: Tensor | None = None
-    """How far each sample is to be trusted, in [0, 1], [V, U, 1, H, W]; None means fully everywhere."""
+    """Trust in each sample, in [0, 1], [V, U, 1, H, W]; None means 1 everywhere."""
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """Where the field came from and how it was read."""
+    """Source of the field, and how it was read."""
     is_linear: bool = True
-    """Whether the views hold linear light; False: samples encoded as a file has them, whose means are no light."""
+    """Whether the views hold linear light; False: encoded samples, whose means are no light."""
     positions: Tensor | None = None
-    """Of the cameras, (v, u) in view steps from the angular centre, float64, [V, U, 2]; None: an even grid."""
+    """Camera positions (v, u) from the angular centre in view steps, float64, [V, U, 2]; None: an even grid."""
 
     def __post_init__(self) -> None:
         check_views(self.views)
         if self.views.ndim != 5:
             raise InputError("one light field is [V, U, C, H, W]", got=f"shape {list(self.views.shape)}")
         n_rows, n_columns, _, height, width = self.views.shape
-        expected = (n_rows, n_columns, 1, height, width)
-        if self.weight is not None and self.weight.shape != expected:
-            raise InputError(f"weight must be {list(expected)}", got=f"shape {list(self.weight.shape)}")
+        shape = (n_rows, n_columns, 1, height, width)
+        if self.weight is not None and self.weight.shape != shape:
+            raise InputError(f"weight must be {list(shape)}", got=f"shape {list(self.weight.shape)}")
         if self.positions is not None:
-            self._check_positions(self.positions)
+            fits = self.positions.shape == (n_rows, n_columns, 2)
+            if not fits or not bool(self.positions.isfinite().all()):
+                got = "NaN or infinity" if fits else f"shape {list(self.positions.shape)}"
+                expected = f"positions must be {[n_rows, n_columns, 2]}, finite, (v, u) in view steps"
+                raise InputError(expected, got=got)
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -87,15 +77,11 @@ class LightField:
 
     @property
     def picture_encoding(self) -> Encoding:
-        """What pictures made of the views are encoded by: for a screen, or not at all where they already are."""
+        """Encoding for pictures of the views: sRGB, or none where the views are encoded already."""
         return encoding.SRGB if self.is_linear else encoding.NONE
 
     def to(self, device: torch.device) -> "LightField":
-        """The same light field on a device.
-
-        Args:
-            device: Where its tensors go.
-        """
+        """The same light field with views and weight on a device."""
         weight = None if self.weight is None else self.weight.to(device)
         return replace(self, views=self.views.to(device), weight=weight)
 
@@ -119,9 +105,3 @@ class LightField:
         window = (..., slice(top, top + height), slice(left, left + width))
         weight = None if self.weight is None else self.weight[window]
         return replace(self, views=self.views[window], weight=weight)
-
-    def _check_positions(self, positions: Tensor) -> None:
-        expected = (*self.grid, 2)
-        if positions.shape != expected or not bool(positions.isfinite().all()):
-            got = f"shape {list(positions.shape)}" if positions.shape != expected else "NaN or infinity"
-            raise InputError(f"positions must be {list(expected)}, finite, (v, u) in view steps", got=got)

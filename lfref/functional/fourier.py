@@ -1,6 +1,6 @@
 """Exact sub-pixel shifts in the Fourier domain: frequencies and phase ramps.
 
-Phases are made in float64, whatever the data are: at 500 pixels float32 phases cost three digits.
+Phases are computed in float64, whatever the data are: at 500 pixels float32 phases cost three digits.
 The Nyquist bin of an even size belongs to both signs of its frequency, so its phase is the mean of the two, the
 real part; that is what makes the shifted signal real and the shift the trigonometric interpolation.
 """
@@ -36,7 +36,7 @@ def shift_phases(frequencies: Tensor, shifts: Tensor) -> Tensor:
 
 
 def real_at_nyquist(factors: Tensor, frequencies: Tensor) -> Tensor:
-    """The factors of a real signal's spectrum, the mean of both signs taken where they share a bin.
+    """Factors of a real signal's spectrum; at the Nyquist bin, which both signs share, the mean of the two.
 
     Args:
         factors: Complex, conjugate at the negative frequency, [..., K].
@@ -56,10 +56,10 @@ def is_fast(length: int) -> bool:
 
 
 def next_fast_length(least: int) -> int:
-    """The first length from `least` on at which FFTs are fast."""
+    """The smallest length, at least `least`, at which FFTs are fast."""
     return next(filter(is_fast, itertools.count(least)))
 
 
 def next_fast_even(least: int) -> int:
-    """The first even length from `least` on at which FFTs are fast."""
+    """The smallest even length, at least `least`, at which FFTs are fast."""
     return 2 * next_fast_length(-(-least // 2))

@@ -1,7 +1,7 @@
-"""Pictures filtered by the pixels around each: pictures shifted against each other instead of window by window.
+"""Filters over neighbouring pixels: box means and maxima, binomial and Gaussian means.
 
-PyTorch's pooling reads each window anew, and its padding copies each picture; along one axis after the other, all
-pixels at once, it takes a fraction of the time.
+Boxes are computed by shifting whole pictures against each other, one axis after the other, which takes a fraction of
+the time of PyTorch's pooling: that reads each window anew.
 """
 
 import math
@@ -12,39 +12,33 @@ from torch.nn import functional as F
 
 
 def box_mean(images: Tensor, window: int) -> Tensor:
-    """The mean of a square around each pixel, as far as it lies within the picture.
+    """Mean of a square around each pixel; near the border, of the part within the picture.
 
     Args:
         images: Floating point, [..., H, W].
         window: Pixels along the side of the square, odd.
-
-    Returns:
-        As large as the images.
     """
     for axis in (-2, -1):
         sums, counts = images.clone(), images.new_ones(images.shape[axis])
-        each = counts.clone()
+        ones = counts.clone()
         for apart in range(1, window // 2 + 1):
             _add(sums, images, apart, axis)
-            _add(counts, each, apart, -1)
+            _add(counts, ones, apart, -1)
         images = sums / (counts if axis == -1 else counts[:, None])
     return images
 
 
 def box_max(images: Tensor, window: int) -> Tensor:
-    """The largest value of a square around each pixel, as far as it lies within the picture.
+    """Largest value of a square around each pixel; near the border, of the part within the picture.
 
     Args:
         images: Floating point, [..., H, W].
         window: Pixels along the side of the square, odd.
-
-    Returns:
-        As large as the images.
     """
     reach = window // 2
     for axis, beyond in ((-2, (0, 0, reach, reach)), (-1, (reach, reach))):
         images, span = F.pad(images, beyond, value=-torch.inf), 1
-        # The largest of twice as many pixels each time.
+        # Each pass doubles the pixels under the maximum.
         while span < window:
             apart = min(span, window - span)
             length = images.shape[axis] - apart
@@ -54,14 +48,11 @@ def box_max(images: Tensor, window: int) -> Tensor:
 
 
 def binomial(images: Tensor, apart: int = 1) -> Tensor:
-    """Half of each pixel and a quarter of its two neighbours, across and down; beyond an edge is what lies at it.
+    """Half of each pixel and a quarter of its two neighbours, across and down; edge pixels repeat beyond the edge.
 
     Args:
         images: Floating point, [..., H, W].
-        apart: Pixels from each to its neighbours.
-
-    Returns:
-        As large as the images.
+        apart: Distance of the neighbours in pixels.
     """
     for axis in (-2, -1):
         smooth, beyond = images / 2, min(apart, images.shape[axis])
@@ -74,19 +65,15 @@ def binomial(images: Tensor, apart: int = 1) -> Tensor:
 
 
 def _add(sums: Tensor, images: Tensor, apart: int, axis: int, share: float = 1.0) -> None:
-    """Add to each pixel, in place, its two neighbours `apart` from it along an axis, as far as there are such."""
+    """Add to each pixel, in place, its two neighbours at a distance of `apart` along an axis, where they exist."""
     length = images.shape[axis] - apart
     if length > 0:
         sums.narrow(axis, apart, length).add_(images.narrow(axis, 0, length), alpha=share)
         sums.narrow(axis, 0, length).add_(images.narrow(axis, apart, length), alpha=share)
 
 
-# PART windows
-# Local means under a Gaussian window.
-
-
 def smoothed(images: Tensor, sigma: float) -> Tensor:
-    """Gaussian local means; beyond the border the outermost pixel goes on.
+    """Gaussian local means; edge pixels repeat beyond the edge.
 
     Args:
         images: [B, H, W].

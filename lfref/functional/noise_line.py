@@ -1,7 +1,7 @@
-"""How the variance of noise, a x + b, grows with the light x: from what is rough even where views are flattest.
+"""The noise line: variance a x + b of the noise at light x, measured in the flattest blocks of a light field's views.
 
-Samples of which some are interpolated, as after demosaicing, have noise that neighbours share; what is measured then is
-the part that changes from pixel to pixel, which is less.
+The noise of interpolated samples, as after demosaicing, is correlated between neighbours; only the part that changes
+from pixel to pixel is measured then, which is less.
 Source: Immerkaer, "Fast Noise Variance Estimation", 1996 (the filter); Foi et al., "Practical Poissonian-Gaussian Noise
 Modeling and Fitting for Single-Image Raw-Data", 2008 (the model).
 """
@@ -12,21 +12,24 @@ from torch.nn import functional as F
 
 from lfref.lightfield import LightField
 
-BLOCK = 8  # pixels along the side of a block
-BINS = 8  # levels of light, with as many blocks each
-FLAT = 0.1  # share of the blocks of a level that are flat
-FLAT_VARIANCE = 0.539  # of the noise: what the flattest tenth of blocks has where there is nothing else
-LEAST_BLOCKS = 20  # a level
-ENERGY = 36.0  # of the filter's weights, squared
-SAMPLES = 1 << 19  # that are looked at, about
+BLOCK = 8
+"""Side of a block in pixels."""
+BINS = 8
+"""Levels of light, with equal numbers of blocks."""
+FLAT = 0.1
+"""Share of a level's blocks that count as flat."""
+FLAT_VARIANCE = 0.539
+"""Mean variance of the flattest tenth of blocks of pure noise, in variances of the noise."""
+LEAST_BLOCKS = 20
+"""Blocks of a level, at least."""
+ENERGY = 36.0
+"""Sum of the filter's squared weights."""
+SAMPLES = 1 << 19
+"""Samples to look at, about."""
 
 
 def measured(field: LightField) -> tuple[float, float]:
-    """Variance for each unit of light, a, and in the dark, b; both 0 where views are too small to tell.
-
-    Args:
-        field: Views [V, U, C, H, W].
-    """
+    """Variance for each unit of light, a, and in the dark, b; both 0 where views are too small for a measurement."""
     pictures = _chosen(field)
     if min(pictures.shape[-2:]) < BLOCK + 2:
         return 0.0, 0.0
@@ -36,11 +39,12 @@ def measured(field: LightField) -> tuple[float, float]:
 
 
 def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and rough variance of all blocks of pictures, each in one row.
+    """Mean light and variance of all blocks of pictures, each in one row.
 
     Args:
         pictures: [B, H, W], at least 10 x 10 pixels.
     """
+    # Second differences along both axes remove what is smooth.
     across = pictures[..., 2:] - 2 * pictures[..., 1:-1] + pictures[..., :-2]
     rough = across[:, 2:] - 2 * across[:, 1:-1] + across[:, :-2]
     variance = F.avg_pool2d(rough.square()[None], BLOCK)[0] / ENERGY
@@ -49,7 +53,7 @@ def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _chosen(field: LightField) -> Tensor:
-    """Some of the views' channels as pictures, those that count, [B, H, W]."""
+    """Channels of some evenly spread views as pictures, [B, H, W]; of fully weighted views if there are any."""
     n_rows, n_columns, n_channels, height, width = field.views.shape
     count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
     views = field.views.flatten(0, 1)
@@ -61,23 +65,23 @@ def _chosen(field: LightField) -> Tensor:
 
 
 def _flattest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
-    """Light and variance of the flattest blocks at several levels of light, at most [BINS] each."""
+    """Light and variance of the flattest blocks at each level of light, at most [BINS] both."""
     n_bins = max(1, min(BINS, len(light) // LEAST_BLOCKS))
     order = light.argsort()
     levels = [(light[part], variance[part]) for part in order.tensor_split(n_bins) if len(part)]
-    found = []
+    flattest = []
     for own_light, own_variance in levels:
         n_flat = max(1, int(FLAT * len(own_variance)))
         flat = own_variance.argsort()[:n_flat]
-        found.append((own_light[flat].mean(), own_variance[flat].mean() / FLAT_VARIANCE))
-    if not found:
+        flattest.append((own_light[flat].mean(), own_variance[flat].mean() / FLAT_VARIANCE))
+    if not flattest:
         return light.new_zeros(0), light.new_zeros(0)
-    lights, variances = zip(*found, strict=True)
+    lights, variances = zip(*flattest, strict=True)
     return torch.stack(lights), torch.stack(variances)
 
 
 def _line(light: Tensor, variance: Tensor) -> tuple[float, float]:
-    """The line that none of the levels lies far below, with no negative part."""
+    """The line a x + b below which no level lies far, with a and b at least 0."""
     if not len(light) or not float(variance.max()) > 0:
         return 0.0, 0.0
     x, y = light.double(), variance.double()

@@ -111,7 +111,7 @@ def normalised_mse(prediction: Tensor, target: Tensor, data_range: float = 1.0) 
 
 
 def image_pair(prediction: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
-    """Both images in one type, float32 or wider, once they are known to be comparable.
+    """Both images in one type, float32 or wider, after a check that they are comparable.
 
     Args:
         prediction: Images, [..., C, H, W].
@@ -121,12 +121,12 @@ def image_pair(prediction: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
         InputError: The shapes differ, an axis is missing or empty, or the numbers are not real floating point.
     """
     if prediction.shape != target.shape:
-        raise InputError("prediction and target must have one shape", got=_both(prediction.shape, target.shape))
+        raise InputError("prediction and target must have one shape", got=f"{prediction.shape} and {target.shape}")
     if prediction.ndim < 3 or prediction.numel() == 0:
         raise InputError("images must be [..., C, H, W] and not empty", got=list(prediction.shape))
     if not (prediction.is_floating_point() and target.is_floating_point()):
         remedy = "convert to float and scale first, 8-bit images by 1/255"
-        raise InputError("images must be floating point", got=_both(prediction.dtype, target.dtype), remedy=remedy)
+        raise InputError("images must be floating point", got=f"{prediction.dtype} and {target.dtype}", remedy=remedy)
     common = working_type(prediction, target)
     return prediction.to(common), target.to(common)
 
@@ -137,15 +137,6 @@ def working_type(prediction: Tensor, target: Tensor) -> torch.dtype:
 
 
 def check_data_range(data_range: float) -> None:
-    """Refuse a data range that is not finite or not above 0.
-
-    Raises:
-        InputError: It is not.
-    """
+    """Refuse a data range that is not finite or not above 0."""
     if not (math.isfinite(data_range) and data_range > 0):
         raise InputError("data_range must be finite and above 0", got=data_range, remedy="radiance in [0, 1] has 1.0")
-
-
-def _both(first: object, second: object) -> str:
-    """Two values, as an error message shows them."""
-    return f"{first} and {second}"

@@ -1,7 +1,8 @@
-"""Compiled: weighted sums of stretches of a row, several in one pass.
+"""Compiled weighted sums of eight stretches of a row in one pass: the inner loop of shift-and-sum and of blurs.
 
 A stretch is `total.size` samples of `rows` from a start on, so that a filter along the row, or along a column of rows
-that lie one after the other, is a table of starts and weights.
+that lie one after the other, is a table of starts and weights. The sums are written out because Numba vectorises plain
+sums of eight products, but not a loop over them.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ Reals = NDArray[np.floating]
 
 
 def rounded_up(width: int) -> int:
-    """Length of a row of some width, so that no loop ends in single steps."""
+    """A width rounded up to whole vectors, so that no loop ends in single steps."""
     return width + -width % VECTOR
 
 
@@ -48,7 +49,7 @@ def set_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> Non
 
 @compiled
 def add_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
-    """The same, added to what is there."""
+    """The weighted sum of `TAPS` stretches of `rows`, added to `total`."""
     n = total.size
     r0, r1, r2, r3 = (
         rows[starts[0] : starts[0] + n],

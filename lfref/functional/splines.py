@@ -1,6 +1,8 @@
-"""Cubic splines through images: sharper between samples than cubic convolution, at the price of a pass before.
+"""Cubic interpolation: splines through images (`coefficients`), and the weights of cubic convolution (`weights`).
 
-Source: Unser, "Splines: A Perfect Fit for Signal and Image Processing", 1999.
+Splines are sharper between samples than cubic convolution, at the price of a pass over the image beforehand.
+Sources: Unser, "Splines: A Perfect Fit for Signal and Image Processing", 1999; Keys, "Cubic convolution interpolation
+for digital image processing", 1981.
 """
 
 from typing import TypeVar
@@ -12,30 +14,27 @@ from torch import Tensor
 from lfref.functional.jit import compiled
 
 POLE = 3**0.5 - 2
-"""Of the filter that turns samples into coefficients."""
+"""Pole of the recursive filter that turns samples into coefficients."""
 REACH = 16
-"""Samples after which its powers are below float32's precision."""
+"""Samples after which powers of the pole are below float32's precision."""
 
 
 def coefficients(images: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Coefficients of the splines through the samples of images, which are mirrored at their outermost samples.
-
-    Args:
-        images: [K, H, W].
-    """
-    made = images.copy()
-    for image in made:
+    """Coefficients of the splines through images [K, H, W], which are mirrored at their outermost samples."""
+    result = images.copy()
+    for image in result:
         _filter_columns(image)
         _filter_rows(image)
-    return made
+    return result
 
 
 @compiled
 def _filter_rows(image: NDArray[np.float32]) -> None:
-    """Both passes of the filter along each row, in place."""
+    """Both passes of the filter along each row, in place: forwards, then backwards."""
     height, width = image.shape
     for y in range(height if width > 1 else 0):
         line, first, power = image[y], np.float64(0), 1.0
+        # The forward pass starts with the mirrored samples before the first.
         for x in range(REACH):
             period = 2 * width - 2
             place = x % period
@@ -75,18 +74,13 @@ def _filter_columns(image: NDArray[np.float32]) -> None:
             image[y, x] = POLE * (image[y + 1, x] - image[y, x])
 
 
-# PART cubic
-# Cubic convolution: the weights that read a signal between its samples.
-#
-# Source: Keys, "Cubic convolution interpolation for digital image processing", 1981.
-
 Fraction = TypeVar("Fraction", float, Tensor)
 
 
 def weights(t: Fraction) -> tuple[Fraction, Fraction, Fraction, Fraction]:
-    """Weights of the samples at -1, 0, 1 and 2 for a position t between 0 and 1: Keys' kernel with a = -1/2.
+    """Keys's weights of the samples at -1, 0, 1 and 2 for a position t between 0 and 1.
 
-    It is the a that reproduces quadratics.
+    His parameter a is -1/2, the value that reproduces quadratics.
 
     Args:
         t: A number, also within a compiled loop, or a tensor of any shape.

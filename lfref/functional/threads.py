@@ -1,4 +1,4 @@
-"""Plain threads for work which lets go of the interpreter's lock: as many as asked for, gone when it is done."""
+"""Plain threads for work that releases the interpreter's lock; they end with the work."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator
@@ -12,7 +12,7 @@ _END: Any = object()
 
 
 def worthwhile(size: int, worth_a_thread: int) -> int:
-    """How many threads work of some size is worth: at most as many as PyTorch has, at least 1.
+    """Number of threads for work of some size: at least 1, at most as many as PyTorch has.
 
     Args:
         size: Of the work.
@@ -22,17 +22,17 @@ def worthwhile(size: int, worth_a_thread: int) -> int:
 
 
 def bands(length: int, n_bands: int) -> list[tuple[int, int]]:
-    """First item and one past the last of so many parts of a row of items, about as long as each other."""
+    """`n_bands` parts of a row of items, about equally long: first item and one past the last of each."""
     return list(itertools.pairwise(round(length * i / n_bands) for i in range(n_bands + 1)))
 
 
 def share(work: Callable[..., None], jobs: Iterable[tuple[Any, ...]], n_threads: int) -> None:
-    """Do all jobs, each once, in any order.
+    """Do all jobs, each once, in any order; errors of `work` are raised here.
 
     Args:
-        work: Does one; what it raises is raised here.
+        work: Does one job.
         jobs: The arguments of each.
-        n_threads: How many work at once, the calling thread among them.
+        n_threads: Threads at work, the calling one among them.
     """
     waiting = list(jobs)
     n_others, queue = min(n_threads, len(waiting)) - 1, iter(waiting)
@@ -52,13 +52,12 @@ def share(work: Callable[..., None], jobs: Iterable[tuple[Any, ...]], n_threads:
 
 
 def ahead(items: Iterable[Item]) -> Iterator[Item]:
-    """The same items in the same order, the next one made by a thread of its own while one is used.
+    """The same items in the same order; a thread computes the next item while one is in use.
 
-    Steps that are wrapped so one around the other, reading, computing, writing, work at once on items that follow each
-    other, and no more than one item waits between two of them.
+    Nested steps (reading, computing, writing) then work at the same time, and at most one item waits between two steps.
 
     Args:
-        items: What making one raises is raised where it would be used.
+        items: An error in computing an item is raised where the item would be used.
 
     Example:
         >>> list(threads.ahead(n * n for n in range(4)))
