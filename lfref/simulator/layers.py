@@ -70,7 +70,7 @@ class Layer:
     is_traced: bool = False
     """Whether its rays are followed one by one; otherwise every view is a shifted copy."""
     is_sorted: bool = False
-    """Whether it crosses another layer, so that their order is found at each pixel."""
+    """Whether it crosses another layer, so that they are sorted at each pixel."""
 
     @property
     def device(self) -> torch.device:

@@ -98,7 +98,7 @@ class Schedule:
             else Outcome(work.name, "run", why, self.milliseconds.get(work.makes))
             for work, _, is_skipped, why in self.stages
         ]
-        return rows + [Outcome(work.name, "skipped", "nothing asked for needs it", None) for work in self.unneeded]
+        return rows + [Outcome(work.name, "skipped", "no requested result needs it", None) for work in self.unneeded]
 
 
 def plan(passes: Iterable[Pass], outputs: Sequence[str], force: bool = False) -> Schedule:
@@ -116,7 +116,7 @@ def plan(passes: Iterable[Pass], outputs: Sequence[str], force: bool = False) ->
         InputError: No output, a result that no pass or two passes make, or passes that need each other in a circle.
     """
     if isinstance(outputs, str) or not outputs:
-        raise InputError("at least one result must be wanted, as a list of names", got=repr(outputs))
+        raise InputError("outputs must be a list of at least one name", got=repr(outputs))
     makers: dict[str, Pass] = {}
     for work in passes:
         if work.makes in makers:

@@ -1,4 +1,4 @@
-"""sim30: thirty fixed scenes that span what the simulator knows, the counterpart of the 30 Scenes test set.
+"""sim30: thirty fixed scenes with everything that the simulator can show, the counterpart of the 30 Scenes test set.
 
 Their disparities lie among the slopes of the paper's planes in either convention, most of them between -1 and 0.5
 pixels per view step. Figures are comparable between equal `VERSION`s.
@@ -29,7 +29,7 @@ ROUND = dataclasses.replace(CAMERA, aperture="disc")
 DAY = Light()
 IDEAL = Sensor()
 
-# What several scenes are made of.
+# Parts that several scenes share.
 STONE = Noise((0.45, 0.43, 0.40), (0.25, 0.25, 0.25), exponent=1.2)
 MOSS = Noise((0.25, 0.40, 0.20), (0.18, 0.22, 0.15), exponent=1.4, hardness=0.5)
 BARK = Noise((0.35, 0.25, 0.17), (0.20, 0.16, 0.12), exponent=1.1, hardness=0.6)
@@ -55,7 +55,7 @@ CARDS = (
     Surface(Plane(-0.3), CLOTH, Polygon(((-75, -40), (-5, -50), (5, 35), (-70, 45)))),
     Surface(Plane(0.25), LINES, Disc(30, (45, 8))),
 )
-"""What the optics and sensor are shown with."""
+"""Surfaces of the scenes that show optics and sensor."""
 LAMPS = (
     Surface(Plane(-0.9), PAPER, Disc(4, (-60, -30)), Emissive(6)),
     Surface(Plane(-0.9), Flat((1.0, 0.6, 0.2)), Disc(3, (-10, -45)), Emissive(8)),
@@ -71,7 +71,7 @@ def _scene(name: str, *surfaces: Surface, camera: Camera = CAMERA, light: Light 
 SCENES: dict[str, Scene] = {
     scene.name: scene
     for scene in (
-        # Matte planes that face the camera, and what hides what.
+        # Matte planes that face the camera and hide each other.
         _scene("plane", Surface(Plane(-1 / 3), STONE)),
         _scene("stripes", Surface(Plane(-0.6), LINES)),
         _scene("edge", WALL, Surface(Plane(0.0), CLOTH, Polygon(((0, -200), (300, -200), (300, 200), (0, 200))))),
@@ -88,7 +88,7 @@ SCENES: dict[str, Scene] = {
         _scene("crossing", Surface(Plane(-0.3, (0.006, 0.0)), STONE), Surface(Plane(-0.3, (-0.006, 0.001)), CLOTH)),
         _scene("dome", Surface(BALL, CLOTH)),
         _scene("hollow", Surface(Dome(0.2, -0.9, 80), STONE), *LEAVES[2:]),
-        # What does more with light.
+        # Materials, light, opacity and motion.
         _scene("gloss", Surface(Plane(-0.4), BARK, material=Glossy(strength=0.6, width=14, drift=4)), *LEAVES[:1]),
         _scene("apple", WALL, Surface(BALL, Flat((0.55, 0.08, 0.06)), Disc(52, (10, 5)), SHINE)),
         _scene("window", GARDEN, Surface(Plane(0.1), PAPER, Disc(55), Glass(0.3, LINES, -1.0), opacity=0.1)),
@@ -97,7 +97,7 @@ SCENES: dict[str, Scene] = {
         _scene("bokeh", WALL, *LAMPS, *TWIGS[1:], camera=ROUND, light=Light(0.4), sensor=Sensor(clipping=Clipping())),
         _scene("veil", WALL, LEAVES[0], Surface(Plane(0.3), CLOTH, Disc(50, (10, 0)), opacity=0.5)),
         _scene("running", WALL, Surface(Plane(0.1), CLOTH, Disc(30, (-15, 0)), motion=(14.0, 3.0)), *TWIGS[:1]),
-        # What optics and sensor do.
+        # Optics and sensor.
         _scene("vignetting", *CARDS, sensor=Sensor(vignetting=Vignetting(field=0.6, cats_eye=0.5))),
         _scene(
             "colours",
@@ -161,9 +161,9 @@ def _aliased(scene: Scene) -> Scene:
 VERSIONS: dict[str, dict[str, Scene]] = {"1": SCENES, "2": {name: _aliased(scene) for name, scene in SCENES.items()}}
 """All versions of the set, their scenes by name."""
 VERSION = "d8d1d6f245da"
-"""Of the pictures of version 1: to be set anew when they change, which tests/data/test_versions.py finds."""
+"""Identifies the pictures of version 1. Change it when they change: tests/simulator/test_sim30.py compares them."""
 VERSION_2 = "19e864d2ff0b"
-"""The same for version 2."""
+"""Identifies the pictures of version 2."""
 
 
 def scenes(name: str | None = None, camera: Camera | None = None, version: int = 1) -> Fixed:
@@ -171,12 +171,12 @@ def scenes(name: str | None = None, camera: Camera | None = None, version: int =
 
     Args:
         name: A key of `SCENES`; None takes all.
-        camera: Looks at them instead of their own, and shows more or less of them.
+        camera: Replaces their own camera, and shows more or less of them.
         version: 1, band-limited textures, or 2, aliased ones.
 
     Raises:
         InputError: There is no such scene, or no such version.
     """
     known = chosen("version of sim30", str(version), VERSIONS)
-    found = tuple(known.values()) if name is None else (chosen("sim30 scene", name, known),)
-    return Fixed(tuple(dataclasses.replace(scene, camera=camera or scene.camera) for scene in found))
+    selected = tuple(known.values()) if name is None else (chosen("sim30 scene", name, known),)
+    return Fixed(tuple(dataclasses.replace(scene, camera=camera or scene.camera) for scene in selected))

@@ -42,7 +42,7 @@ def test_what_nothing_asked_for_needs_does_not_run():
     plan = planner.plan(PASSES, ["b"])
     assert plan.run() == {"b": 11}
     assert [stage.work.name for stage in plan.stages] == ["source", "first"]
-    unneeded = {name for name, state in states(plan).items() if state == ("skipped", "nothing asked for needs it")}
+    unneeded = {name for name, state in states(plan).items() if state == ("skipped", "no requested result needs it")}
     assert unneeded == {"second", "third", "aside", "other"}
 
 
@@ -50,7 +50,7 @@ def test_an_inert_pass_passes_its_main_input_on_and_needs_no_other():
     plan = planner.plan(PASSES, ["c", "d"])
     assert plan.run() == {"c": 11, "d": 111}
     assert states(plan)["second"] == ("skipped", "it adds 0")
-    assert states(plan)["aside"] == ("skipped", "nothing asked for needs it")
+    assert states(plan)["aside"] == ("skipped", "no requested result needs it")
 
 
 def test_forced_all_that_is_needed_runs():
@@ -118,8 +118,8 @@ def test_an_explanation_reads_as_a_table():
         ([SOURCE, Pass("twin", (), "a", lambda: 2)], ["a"], "only one pass may make 'a'; got source and twin"),
         ([adding("egg", ("hen",), "egg", 1), adding("hen", ("egg",), "hen", 1)], ["hen"], "circle; got .*egg -> hen"),
         ([adding("self", ("s",), "s", 1)], ["s"], "circle; got s -> s"),
-        (PASSES, [], "at least one result"),
-        (PASSES, "d", "as a list of names"),
+        (PASSES, [], "at least one name"),
+        (PASSES, "d", "a list of at least one"),
     ],
 )
 def test_what_cannot_be_planned_is_refused(passes, wanted, message):

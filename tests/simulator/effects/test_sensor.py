@@ -92,7 +92,7 @@ def test_raw_samples_can_be_asked_for():
     radiance = torch.rand(2, 2, 3, 6, 6)
     plan = planned(FULL, radiance, output="views after quantisation")
     assert plan.run()["views after quantisation"].shape == (2, 2, 1, 6, 6)
-    assert [row.name for row in plan.explain() if row.why == "nothing asked for needs it"] == ORDER[9:]
+    assert [row.name for row in plan.explain() if row.why == "no requested result needs it"] == ORDER[9:]
 
 
 def test_another_effect_does_not_change_what_noise_draws():
