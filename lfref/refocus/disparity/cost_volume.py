@@ -110,7 +110,7 @@ def steepness(image: Tensor) -> Tensor:
     return neighbours.smoothed(squares[None], 1.0)[0]
 
 
-class Shifts(NamedTuple):
+class ViewTaps(NamedTuple):
     """How each view is read at one slope: cubic taps along both axes, and where it has samples."""
 
     rows: Integers
@@ -137,7 +137,7 @@ def disagreements(views: GreyViews, slopes: Tensor, spread: Reals, rows: Integer
     chosen = np.arange(height) if rows is None else rows
     shares = np.empty((len(slopes), len(chosen), width), np.float32)
     shifts = [
-        Shifts(*_taps(slope * views.positions[:, 0], height), *_taps(slope * views.positions[:, 1], width))
+        ViewTaps(*_taps(slope * views.positions[:, 0], height), *_taps(slope * views.positions[:, 1], width))
         for slope in slopes.tolist()
     ]
     n_threads = threads.worthwhile(len(chosen) * width, 1 << 12)  # pixels of a slope from which one more thread pays
@@ -156,7 +156,7 @@ def _taps(shifts: NDArray, length: int) -> tuple[Integers, Reals, Integers]:
     taps = [INTERPOLATIONS["cubic"].taps(float(shift)) for shift in shifts]
     starts = np.array([view[0][0] for view in taps], np.int64)
     weights = np.array([[weight for _, weight in view] for view in taps], np.float32)
-    # Shifts that are whole but for rounding have the span of whole ones.
+    # ViewTaps that are whole but for rounding have the span of whole ones.
     near = np.where(np.abs(shifts - np.round(shifts)) < 1e-5, np.round(shifts), shifts)
     begins, ends = np.ceil(-near).clip(0, length), np.floor(length - 1 - near).clip(-1, length - 1) + 1
     return starts, weights, np.stack([begins, ends], 1).astype(np.int64)
@@ -164,7 +164,7 @@ def _taps(shifts: NDArray, length: int) -> tuple[Integers, Reals, Integers]:
 
 @compiled
 def disagree(
-    samples: Reals, middle: Integers, shifts: Shifts, spread: Reals, rows: Integers, shares: Reals
+    samples: Reals, middle: Integers, shifts: ViewTaps, spread: Reals, rows: Integers, shares: Reals
 ) -> None:  # pragma: no cover - compiled
     """One slope, some rows [R] of the cost volume: shares [R, W] are written, each in [0, 1]."""
     n_views, _, width = samples.shape
@@ -217,7 +217,7 @@ def disagree(
 
 
 @inlined
-def _move(view: Reals, shifts: Shifts, k: int, y: int, line: Reals, moved: Reals) -> None:
+def _move(view: Reals, shifts: ViewTaps, k: int, y: int, line: Reals, moved: Reals) -> None:
     """Row y of a shifted view where it has samples: first four rows to a line, then four columns of it to a sample."""
     height, width = view.shape
     top, (a, b, c, d) = y + shifts.rows[k], shifts.row_weights[k]

@@ -1,5 +1,7 @@
 """From the cost volume to one disparity a pixel: semi-global matching, then a refinement between the slopes tried.
 
+The solver of `disparity_map`, apart from it because its compiled loops are a story of their own.
+
 1. `best_slopes`. Costs C(p, n) of label n (slope s_n) at pixel p are aggregated along lines from eight directions r:
    `L_r(p, n) = C(p, n) + min(L_r(q, n), L_r(q, n +- 1) + CHANGE, M_q + jump(p)) - M_q`, q = p - r the pixel before and
    M_q its least L_r.

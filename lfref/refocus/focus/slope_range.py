@@ -245,7 +245,7 @@ def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
     best, *others = [fit for part in parts for fit in fit_slopes(light, weights, reduced.steps, part, most, pad)]
     for fit in others:
         is_better = fit.unexplained < best.unexplained
-        best = Fit(*(torch.where(is_better, new, old) for new, old in zip(fit, best, strict=True)))
+        best = SlopeFit(*(torch.where(is_better, new, old) for new, old in zip(fit, best, strict=True)))
     # Variance of r: what is unexplained, over the information of all pixels of the window.
     error = (best.unexplained + FLOOR) / (best.information * (2 * WINDOW + 1) ** 2).clamp(min=1e-12)
     confidence = torch.where(best.freedom > 0, 1 / (1 + error / UNSURE**2), 0.0)
@@ -254,7 +254,7 @@ def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
     return CoarseDisparity(reduced.factor * torch.where(known, best.disparity, middle), confidence, reduced.factor)
 
 
-class Fit(NamedTuple):
+class SlopeFit(NamedTuple):
     """Least squares at each reduced pixel, each [h, w]."""
 
     unexplained: Tensor
@@ -266,7 +266,7 @@ class Fit(NamedTuple):
     """Number of views less one."""
 
 
-def fit_slopes(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, most: float, pad: int) -> list[Fit]:
+def fit_slopes(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, most: float, pad: int) -> list[SlopeFit]:
     """Fit r after the shift by each of S slopes, in closed form from moments over the views.
 
     Args:
@@ -297,7 +297,7 @@ def fit_slopes(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, mo
     unexplained = (left + 2 * r * lean + r * r * rise).clamp(min=0) / freedom.clamp(min=1e-3)
     unexplained = torch.where(freedom > 0.5, unexplained, torch.inf)
     disparity = slopes.to(r.dtype)[:, None, None] + r
-    return [Fit(*maps) for maps in zip(unexplained, disparity, rise, freedom, strict=True)]
+    return [SlopeFit(*maps) for maps in zip(unexplained, disparity, rise, freedom, strict=True)]
 
 
 def _moments(light: Tensor, weights: Tensor, offsets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
