@@ -1,4 +1,7 @@
-"""Plots of `lfref bench`, one function per table: error causes, costs of operators, growth, engines, the simulator."""
+"""Plots of `lfref bench`, one function per table: error causes, costs of operators, growth, engines, the simulator.
+
+A missing column, or a table without numbers, raises an `InputError` that names it.
+"""
 
 import math
 from collections.abc import Collection
@@ -21,9 +24,6 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
         by_plane: `cause`, `method`, `is_base`, `alpha`, `slope`, `cost_db`, `won_db`; costs are those of base methods,
             the others are remedies.
         panels_at: Alphas, or slopes, of the planes that get a panel; None: all. The mean is over all in any case.
-
-    Raises:
-        InputError: One of these columns is missing.
     """
     tables.require(by_plane, "cause", "method", "is_base", "alpha", "slope", "cost_db", "won_db")
     causes = by_plane["cause"].unique().tolist()[::-1]
@@ -59,9 +59,6 @@ def operator_costs(operators: pd.DataFrame) -> Figure:
 
     Args:
         operators: `method`, `input`, `median_s`, `p10_s`, `p90_s`, `ratio_to_numpy_fft`, `memory_ratio`.
-
-    Raises:
-        InputError: One of these columns is missing, or no method has a time.
     """
     tables.require(operators, "method", "input", "memory_ratio")
     timed = tables.require_numbers(operators, "median_s", "p10_s", "p90_s", "ratio_to_numpy_fft")
@@ -104,9 +101,6 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     Args:
         times: `method`, `axis`, `n`, `min_s`.
         exponents: `method`, `axis`, `exponent`, fitted to these times.
-
-    Raises:
-        InputError: One of these columns is missing, or has no number.
     """
     tables.require(times, "method", "axis")
     tables.require(exponents, "method", "axis", "exponent")
@@ -151,9 +145,6 @@ def engines(rows: pd.DataFrame) -> Figure:
 
     Args:
         rows: `network`, `engine`, `precision`, `ratio_to_eager`, `loss_db`, `agreement_db`.
-
-    Raises:
-        InputError: One of these columns is missing, or nothing was timed.
     """
     tables.require(rows, "network", "engine", "precision", "loss_db", "agreement_db")
     networks = list(tables.require_numbers(rows, "ratio_to_eager").groupby("network", sort=False))
@@ -201,9 +192,6 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     Args:
         costs: `scene`, `output`, `forced_over_planned`.
         planes: `method`, `alpha`, `slope`, `mean_db`, `worst_db`.
-
-    Raises:
-        InputError: One of these columns is missing.
     """
     tables.require(costs, "scene", "output", "forced_over_planned")
     tables.require(planes, "method", "alpha", "slope", "mean_db", "worst_db")

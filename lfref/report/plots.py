@@ -1,4 +1,7 @@
-"""Plots of training and evaluation. PSNR is capped at 100 dB."""
+"""Plots of training and evaluation; PSNR is capped at 100 dB.
+
+A missing column, or one without numbers, raises an `InputError` that names it.
+"""
 
 import math
 from typing import Any
@@ -33,9 +36,6 @@ def training_curves(metrics: pd.DataFrame) -> Figure:
 
     Args:
         metrics: Lightning's metrics.csv: `step`, `val/mpsnr`, `val/mssim`, and those of the losses that it has.
-
-    Raises:
-        InputError: One of these columns is missing, or has no number; or there is no loss.
     """
     figure = new_figure(9, 4.8)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1))
@@ -113,9 +113,6 @@ def quality_by_plane(planes: pd.DataFrame) -> Figure:
 
     Args:
         planes: `method`, `reference`, `alpha`, `slope`, `psnr_db`, `ssim`, a row a plane of each light field.
-
-    Raises:
-        InputError: One of these columns is missing, or has no number.
     """
     tables.require(planes, *SERIES, "alpha", "slope")
     place, planes = tables.plane_axis(planes), _with_dashes(planes)
@@ -140,9 +137,6 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
     Args:
         planes: `class`, `method`, `reference`, `alpha`, `slope`, `psnr_db`, a row for each plane of each method in each
             class.
-
-    Raises:
-        InputError: One of these columns is missing, or has no number.
     """
     tables.require(planes, "class", *SERIES, "alpha", "slope")
     place = tables.plane_axis(planes)
@@ -197,9 +191,6 @@ def scatter(summary: pd.DataFrame) -> Figure:
 
     Args:
         summary: Of an evaluation: `method`, `reference`, `mpsnr_db`, `mssim`.
-
-    Raises:
-        InputError: One of these columns is missing, or has no number.
     """
     tables.require(summary, *SERIES)
     kept = tables.capped(tables.require_numbers(_with_dashes(summary), "mpsnr_db", "mssim"), "mpsnr_db")
