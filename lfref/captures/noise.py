@@ -51,7 +51,7 @@ def find(evidence: Evidence) -> Noise:
     Args:
         evidence: Of the light field.
     """
-    return Noise(*noise_line.measured(evidence.field))
+    return Noise(*noise_line.measure(evidence.field))
 
 
 NOISE = Correction(Noise, "flat parts of views", find, needs_light=True)

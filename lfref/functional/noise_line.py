@@ -28,7 +28,7 @@ SAMPLES = 1 << 19
 """Samples to look at, about."""
 
 
-def measured(field: LightField) -> tuple[float, float]:
+def measure(field: LightField) -> tuple[float, float]:
     """Variance for each unit of light, a, and in the dark, b; both 0 where views are too small for a measurement."""
     pictures = _chosen(field)
     if min(pictures.shape[-2:]) < BLOCK + 2:

@@ -1,4 +1,4 @@
-"""A run of `lfref train` as it lies on the disk: the folder, and what each file in it is.
+"""The run folder of `lfref train` on the disk, and the files in it.
 
 RUN/config.yaml, overrides.yaml, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv, pictures/*.png
 """
@@ -19,16 +19,16 @@ CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.t
 CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
 
 _NEXT_OVERRIDE = re.compile(r"\s+(?=~|\+{0,2}[\w./@:-]+=)")
-"""Between two overrides of the older file, which joined them by spaces; values hold spaces too."""
+"""Space between two overrides in the older file; values hold spaces too."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder, and the checkpoint in it that was asked for."""
+    """A run folder, and the checkpoint in it that the user chose, if any."""
 
     folder: Path
     chosen: Path | None = None
-    """The checkpoint that `of` was given; None where it was given the folder."""
+    """The checkpoint that `of` got; None where it got the folder."""
 
     @classmethod
     def of(cls, path: str | Path) -> "Run":
@@ -60,62 +60,42 @@ class Run:
 
     @property
     def config(self) -> dict[str, Any]:
-        """The configuration, resolved, as plain containers.
-
-        Raises:
-            FileError: It is missing or damaged.
-        """
+        """The configuration, resolved, as plain containers."""
         return _read_yaml(self.folder / CONFIG, dict)
 
     @property
-    def told(self) -> str:
-        """What was said on the command line, in one line; the name where that was not kept."""
+    def title(self) -> str:
+        """The overrides of the command line in one line; the name where no file holds them."""
         notes = (self.folder / OVERRIDES, self.folder / OLD_OVERRIDES)
         return " ".join(self.overrides) if any(note.is_file() for note in notes) else self.name
 
     @property
     def overrides(self) -> list[str]:
-        """What was said on the command line, one `key=value` an entry.
-
-        Raises:
-            FileError: It was not kept, or is damaged.
-        """
+        """The overrides of the command line, one `key=value` an entry."""
         old = self.folder / OLD_OVERRIDES
         if (self.folder / OVERRIDES).exists() or not old.is_file():
             return _read_yaml(self.folder / OVERRIDES, list)
-        return [each for each in _NEXT_OVERRIDE.split(old.read_text("utf-8").strip()) if each]
+        return [override for override in _NEXT_OVERRIDE.split(old.read_text("utf-8").strip()) if override]
 
     @property
     def best(self) -> Path:
-        """Checkpoint of the best validation.
-
-        Raises:
-            CheckpointError: There is none.
-        """
+        """Checkpoint of the best validation."""
         return self._checkpoint("best")
 
     @property
     def last(self) -> Path:
-        """Checkpoint of the last epoch that was finished.
-
-        Raises:
-            CheckpointError: There is none.
-        """
-        # A run that is killed while it writes its first ones may have the best alone, which comes before the last.
+        """Checkpoint of the last finished epoch."""
+        # A run that is killed while it writes its first ones may have only the best, which is written before the last.
         return self._checkpoint("last", "best")
 
     @property
     def has_checkpoints(self) -> bool:
-        """Whether training came as far as writing one."""
+        """Whether training wrote a checkpoint."""
         return any((self.folder / CHECKPOINTS).glob("*.ckpt"))
 
     @property
     def metrics(self) -> list[dict[str, float | None]]:
-        """The rows that training logged, in order; cells that are empty are None.
-
-        Raises:
-            FileError: Nothing was logged.
-        """
+        """The rows that training logged, in order; empty cells are None."""
         path = self.folder / METRICS
         with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.DictReader(file) if None not in row and None not in row.values()]
@@ -128,7 +108,7 @@ class Run:
 
     @property
     def is_finished(self) -> bool:
-        """Whether training went on for as long as the configuration says."""
+        """Whether training reached the length in the configuration."""
         return self.has_checkpoints and is_trained(self.last, self.config.get("trainer", {}))
 
     def _checkpoint(self, *names: str) -> Path:
@@ -136,8 +116,8 @@ class Run:
         for path in (folder / f"{name}.ckpt" for name in names):
             if path.is_file():
                 return path
-        found = ", ".join(sorted(each.name for each in folder.glob("*.ckpt"))) or "none"
-        raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got=found)
+        existing = ", ".join(sorted(file.name for file in folder.glob("*.ckpt"))) or "none"
+        raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got=existing)
 
 
 def run_name(path: Path) -> str:
@@ -147,52 +127,37 @@ def run_name(path: Path) -> str:
 
 
 def write_overrides(folder: Path, overrides: list[str]) -> None:
-    """Keep what was said on the command line.
-
-    Raises:
-        FileError: It cannot be written.
-    """
+    """Write the overrides of the command line."""
     atomic.write_text(folder / OVERRIDES, yaml.safe_dump(overrides, width=10_000, allow_unicode=True))
 
 
 def epochs_done(checkpoint: Path) -> int:
-    """Epochs of training behind a checkpoint.
-
-    Raises:
-        CheckpointError: It is damaged, or of no training.
-    """
+    """Epochs of training behind a checkpoint."""
     return int(_progress(checkpoint)["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"])
 
 
 def steps_done(checkpoint: Path) -> int:
-    """Steps of the optimiser behind a checkpoint.
-
-    Raises:
-        CheckpointError: It is damaged, or of no training.
-    """
+    """Steps of the optimiser behind a checkpoint."""
     return int(_progress(checkpoint)["global_step"])
 
 
 def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
-    """Whether a checkpoint has the epochs or steps that a trainer is set to.
+    """Whether a checkpoint has the epochs or steps of a trainer.
 
     Args:
         checkpoint: Of a training run.
-        trainer: Its configuration: `max_epochs`, `max_steps`; absent or -1 sets no end.
-
-    Raises:
-        CheckpointError: It is damaged, or of no training.
+        trainer: Configuration of the trainer: `max_epochs`, `max_steps`; absent or -1 sets no end.
     """
     done = {"max_epochs": epochs_done(checkpoint), "max_steps": steps_done(checkpoint)}
-    wanted = {name: trainer.get(name) for name in done}
-    return any(length is not None and 0 <= length <= done[name] for name, length in wanted.items())
+    lengths = {name: trainer.get(name) for name in done}
+    return any(length is not None and 0 <= length <= done[name] for name, length in lengths.items())
 
 
 def _progress(checkpoint: Path) -> dict[str, Any]:
-    """What a checkpoint says of its training; the tensors stay on the disk."""
+    """Contents of a checkpoint with its training state; the tensors stay on the disk."""
     try:
         contents = torch.load(checkpoint, map_location="cpu", weights_only=True, mmap=True)
-    # Over a foreign file the unpickler raises whatever it stumbles on.
+    # Over a foreign file the unpickler raises any error.
     except Exception as error:
         raise CheckpointError(f"{checkpoint} is damaged or no checkpoint") from error
     if not (isinstance(contents, dict) and {"loops", "global_step", "optimizer_states"} <= contents.keys()):

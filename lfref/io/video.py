@@ -1,8 +1,8 @@
-"""Writing films, all of them or nothing: MP4 that every browser plays, and GIF with a palette of its own.
+"""Writing films, whole or not at all: MP4 that every browser plays, and GIF with a palette of its own.
 
-MP4 is H.264 in 4:2:0 with even sides, its colours converted and labelled by BT.709; its frames may be made as it is
-written, and one of them is held at a time. A GIF has 256 colours, chosen from all of its frames, and never ends. A film
-takes the place of nothing: its name must be free.
+MP4 is H.264 in 4:2:0 with even sides, its colours converted and labelled by BT.709; frames are written as they come,
+one in memory at a time. A GIF has 256 colours, chosen from all of its frames, and repeats for ever. A film never
+replaces a file.
 """
 
 import itertools
@@ -34,14 +34,14 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
     """Write a film.
 
     Args:
-        path: A name in `.mp4` or `.gif` that is free; folders above it are made.
-        frames: Pictures as they are shown, RGB, uint8, all of one shape [H, W, 3]. MP4 repeats the last row or column
-            of an odd side; a GIF is at most `GIF_SIDE` pixels long and wide.
+        path: A new file, `.mp4` or `.gif`; missing parent folders are created.
+        frames: Pictures encoded for the screen, RGB, uint8, all of one shape [H, W, 3]. MP4 repeats the last row or
+            column of an odd side; a GIF is at most `GIF_SIDE` pixels long and wide.
         rate: Frames a second, above 0; a GIF rounds each frame's time to 1/100 s.
 
     Raises:
         InputError: Another suffix, no frame, frames of another shape or type, or a rate that cannot be used.
-        FileError: The disk refuses, the name is taken, or PyAV has not the encoder.
+        FileError: The disk refuses, the name is taken, or PyAV lacks the encoder.
 
     Example:
         >>> frames = [np.full((32, 48, 3), level, np.uint8) for level in (0, 128, 255)]
@@ -63,11 +63,7 @@ def there_and_back(frames: Frames) -> Frames:
 
 
 def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """The frames, one by one, once each is known to be like the first.
-
-    Raises:
-        InputError: None, or one of another shape or type.
-    """
+    """The frames, one by one, after a check that each is like the first."""
     first: tuple[int, ...] | None = None
     for frame in frames:
         first = first or frame.shape
@@ -81,7 +77,7 @@ def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -> None:
-    import av  # its libraries take a third of a second, which only films cost
+    import av  # takes a third of a second to import
 
     try:
         write, options = WRITERS[path.suffix.lower()]
@@ -97,7 +93,7 @@ def _write_mp4(container: "av.container.OutputContainer", frames: Iterator[Frame
     padded = (np.pad(frame, [(0, side % 2) for side in frame.shape[:2]] + [(0, 0)], "edge") for frame in frames)
     first = next(padded)
     stream: Any = container.add_stream("libx264", rate=rate, options=X264)
-    _shape(stream, first, "yuv420p")
+    (stream.height, stream.width), stream.pix_fmt = first.shape[:2], "yuv420p"
     for name, value in BT709.items():
         setattr(stream.codec_context, name, value)
     for frame in _frames(itertools.chain([first], padded)):
@@ -117,7 +113,7 @@ def _write_gif(container: "av.container.OutputContainer", frames: Iterator[Frame
 
 
 def _paletted(frames: Frames) -> Iterator["av.VideoFrame"]:
-    """The frames in the 256 colours that suit all of them best, reduced to the size of a GIF."""
+    """The frames in the 256 colours that suit all of them best, at most `GIF_SIDE` pixels long."""
     import av
 
     factor = min(1.0, GIF_SIDE / max(frames[0].shape))
@@ -151,14 +147,10 @@ def _frames(frames: Iterable[Frame]) -> Iterator["av.VideoFrame"]:
     return (av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24") for frame in frames)
 
 
-def _shape(stream: Any, frame: Frame, pix_fmt: str) -> None:
-    (stream.height, stream.width), stream.pix_fmt = frame.shape[:2], pix_fmt
-
-
 WRITERS: dict[
     str, tuple[Callable[["av.container.OutputContainer", Iterator[Frame], Fraction], None], dict[str, str]]
 ] = {
     ".mp4": (_write_mp4, {"movflags": "faststart"}),
     ".gif": (_write_gif, {}),
 }
-"""Suffix -> what writes frames of that kind into an open container, and options of the container."""
+"""Suffix -> function that writes frames into an open container, and options of the container."""

@@ -152,7 +152,7 @@ def refiner_inputs(
     inner = half.stack(grey, weight, slopes, positions) - grey_sums
 
     # 5. What the light field says of all planes: noise, range of the disparities, frame of the views, central view.
-    shot, read = noise_line.measured(light)
+    shot, read = noise_line.measure(light)
     aperture = views.new_ones(light.grid) if base.aperture is None else base.aperture(light.grid)
     n_views = float(aperture.sum().square() / aperture.square().sum())  # equal views that average noise as much
     depth = disparity[None, None]

@@ -140,7 +140,7 @@ def _points(folder: Path, refocused: Refocused) -> None:
     if not bool((confidence > POINT_CONFIDENCE).any()):
         expected = f"{refocused.field.name} must have pixels of confident disparity"
         raise InputError(expected, got="nothing for points.ply", remedy="leave points=true out")
-    cameras = point_cloud.Cameras.said_by(refocused.field.metadata)
+    cameras = point_cloud.Cameras.from_metadata(refocused.field.metadata)
     coordinates, pixels, unit = point_cloud.points(refocused.nearness, confidence > POINT_CONFIDENCE, cameras)
     # The colour of a point is the mean of all views at its own disparity, not a sample of one view.
     per_point = OperatorRefocuser("per_pixel", per_pixel)

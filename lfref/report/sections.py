@@ -162,7 +162,7 @@ def sweep(folder: Path) -> Section:
         values = tables.read_table(path).get("val/mpsnr", pd.Series(dtype=float)).dropna()
         # A job that failed before its first validation has no values.
         first = None if values.empty else values.iloc[0]
-        rows.append({"job": Run(path.parent.parent).told, "first_mpsnr_db": first, "best_mpsnr_db": values.max()})
+        rows.append({"job": Run(path.parent.parent).title, "first_mpsnr_db": first, "best_mpsnr_db": values.max()})
     ranked = pd.DataFrame(rows).sort_values("best_mpsnr_db", ascending=False, kind="stable")
     text = "Validation MPSNR of each job against its own labels, best first."
     return Section(f"Sweep: {folder.name}", text, tables={"Jobs": ranked})

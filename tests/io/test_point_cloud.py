@@ -83,7 +83,7 @@ def test_points_that_cameras_saw_come_back_in_metres():
     # How far the picture of each point moves from a camera to its neighbour, less that of a point at the focus.
     x = columns * depth / f
     nearness = f * (x / depth - (x - baseline) / depth) - f * baseline / focus
-    places, pixels, unit = point_cloud.points(nearness, torch.ones(height, width), Cameras.said_by(HCI))
+    places, pixels, unit = point_cloud.points(nearness, torch.ones(height, width), Cameras.from_metadata(HCI))
     expected = torch.stack([x, -rows[:, None] * depth / f, -depth], -1).reshape(-1, 3)
     torch.testing.assert_close(places, expected.float())
     assert pixels.all()
@@ -92,9 +92,9 @@ def test_points_that_cameras_saw_come_back_in_metres():
 
 def test_points_of_a_corner_stand_where_those_of_the_whole_do():
     nearness = torch.rand(40, 60, generator=torch.Generator().manual_seed(2))
-    whole = point_cloud.points(nearness, torch.ones(40, 60), Cameras.said_by(HCI)).places.reshape(40, 60, 3)
+    whole = point_cloud.points(nearness, torch.ones(40, 60), Cameras.from_metadata(HCI)).positions.reshape(40, 60, 3)
     cut = HCI | {"cut from": "40x60 pixels"}
-    corner = point_cloud.points(nearness[:20, :35], torch.ones(20, 35), Cameras.said_by(cut)).places
+    corner = point_cloud.points(nearness[:20, :35], torch.ones(20, 35), Cameras.from_metadata(cut)).positions
     torch.testing.assert_close(corner, whole[:20, :35].reshape(-1, 3))
 
 
@@ -126,9 +126,9 @@ def test_what_is_beyond_infinity_is_left_out():
     ],
 )
 def test_cameras_that_are_not_known_are_none(changed):
-    assert Cameras.said_by(HCI) is not None
-    assert Cameras.said_by(HCI | changed) is None
-    assert Cameras.said_by({}) is None
+    assert Cameras.from_metadata(HCI) is not None
+    assert Cameras.from_metadata(HCI | changed) is None
+    assert Cameras.from_metadata({}) is None
 
 
 def test_maps_that_do_not_fit_are_refused():

@@ -71,9 +71,9 @@ def test_overrides_of_an_older_run_are_read_from_one_line(folder):
         "+sweep=a", "net.widths=[8, 8]", "~callbacks.best", "data.path='a b/c d'", "+method@methods.x=shift_and_sum",
         "++net.x=1",
     ]  # fmt: skip
-    assert Run.of(folder).told == line.strip()
+    assert Run.of(folder).title == line.strip()
     (folder / "overrides.txt").unlink()
-    assert Run.of(folder).told == "my run"
+    assert Run.of(folder).title == "my run"
 
 
 @pytest.mark.parametrize(

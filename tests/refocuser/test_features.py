@@ -162,7 +162,7 @@ def test_noise_is_what_the_mean_of_the_views_keeps_of_it():
 @pytest.mark.parametrize(("texture", "keeps"), [(0.02, 1.0), (0.0, 0.0)])
 def test_noise_is_limited_by_what_is_rough_about_the_picture_and_by_what_views_differ(texture, keeps, monkeypatch):
     # Noise is measured much too large: the limits decide. White noise that all views share is rough, but no noise.
-    monkeypatch.setattr("lfref.functional.noise_line.measured", lambda light: (0.0, 1e4))
+    monkeypatch.setattr("lfref.functional.noise_line.measure", lambda light: (0.0, 1e4))
     own = texture * torch.randn(5, 5, 3, 120, 120)
     noise = 10 ** (2 * (of(LightField(0.5 + own), STILL)["noise"] - 1.5))
     assert float(noise.mean()) == pytest.approx(keeps * texture / 5, rel=0.1, abs=1e-5)
