@@ -19,7 +19,7 @@ from lfref.bench import memory, timing
 from lfref.bench.accuracy import Row
 from lfref.data.field_sources import SimulatedField
 from lfref.engines import runtimes
-from lfref.engines.engine import BF16, FP32, INT8, Inputs, Job, Run
+from lfref.engines.engine import BF16, FP32, INT8, Inputs, Run, Workload
 from lfref.engines.runtimes import ENGINES
 from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
@@ -62,14 +62,14 @@ class NetworkCase:
     """Inputs of other scenes that scale int8."""
 
     @property
-    def job(self) -> Job:
+    def workload(self) -> Workload:
         """The network as engines take it."""
-        return Job(self.network, self.fields[0].parts[0], self.calibration)
+        return Workload(self.network, self.fields[0].parts[0], self.calibration)
 
     @property
     def device(self) -> torch.device:
         """Where it runs."""
-        return self.job.device
+        return self.workload.device
 
 
 class Fields(NamedTuple):
@@ -163,11 +163,11 @@ def start(case: NetworkCase, engine: str, precision: str) -> StartedEngine:
     device = case.device
     # A tiny network first: what an engine loads once counts neither as time nor as memory.
     tiny = (torch.rand(1, 1, 32, 32, device=device),)
-    job = Job(nn.Conv2d(1, 1, 3).eval().to(device), tiny, [tiny])
-    _or_input_error(lambda: runtimes.prepared(engine, precision, job)(*tiny))
+    workload = Workload(nn.Conv2d(1, 1, 3).eval().to(device), tiny, [tiny])
+    _or_input_error(lambda: runtimes.prepare(engine, precision, workload)(*tiny))
 
     before = memory.resident(device)
-    prepare = functools.partial(runtimes.prepared, engine, precision, case.job)
+    prepare = functools.partial(runtimes.prepare, engine, precision, case.workload)
     run, prepare_s = _or_input_error(lambda: timing.result_and_seconds(prepare, device))
     first = functools.partial(timing.seconds, functools.partial(case.fields[0].stack, run), device)
     first_s, most = _or_input_error(lambda: memory.highest(first, device))

@@ -19,8 +19,8 @@ from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import FP32, INT8, Inputs
 from lfref.engines.files import file_formats
 from lfref.errors import InputError, LfrefError
-from lfref.export import checked, graphs, parity
-from lfref.export.checked import Wanted
+from lfref.export import graphs, parity
+from lfref.export.export_file import ExportFile
 from lfref.export.graphs import Exportable
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
@@ -40,7 +40,7 @@ def export(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     refocuser, planes = _refocuser(config), fixed(config)
-    wanted = Wanted(folder / _name(config, refocuser), config.format, config.precision, lfref.__version__)
+    wanted = ExportFile(folder / _name(config, refocuser), config.format, config.precision, lfref.__version__)
     grid = refocuser.grid or tuple(configs.plain(config.grid))
     subject = graphs.exportable(refocuser, planes, grid)
     fields, patches = _fields(config, grid)
@@ -53,7 +53,7 @@ def export(config: DictConfig, folder: Path) -> None:
         if wanted.precision == INT8:
             _need_faster(draft, dataclasses.replace(wanted, precision=FP32), subject, largest, refocuser)
 
-    rows = checked.write_checked(wanted, refocuser, subject, fields, further)
+    rows = wanted.write_checked(refocuser, subject, fields, further)
     for engine, found in pd.DataFrame(rows).groupby("engine", sort=False):
         most, least = found["max_error"].max(), found["psnr_db"].min()
         log.info("%s: off by %.2g at most, %.1f dB at least, in %d cases", engine, most, least, len(found))
@@ -93,15 +93,15 @@ def _fields(config: DictConfig, grid: Sequence[int]) -> tuple[list[LightField], 
     return tried, drawn[len(sizes) :]
 
 
-def _need_faster(draft: Path, full: Wanted, subject: Exportable, inputs: Inputs, refocuser: Refocuser) -> None:
+def _need_faster(draft: Path, full: ExportFile, subject: Exportable, inputs: Inputs, refocuser: Refocuser) -> None:
     """Whole numbers cost accuracy: a file that gains no time by them is of no use.
 
     Raises:
         LfrefError: It is not faster than float32.
     """
     with tempfile.TemporaryDirectory() as folder:
-        paths = {INT8: draft, FP32: checked.drafted(Path(folder), full, refocuser, subject)}
-        runs = {precision: file_formats.opened(path)[0] for precision, path in paths.items()}
+        paths = {INT8: draft, FP32: full.write_draft(Path(folder), refocuser, subject)}
+        runs = {precision: file_formats.read(path)[0] for precision, path in paths.items()}
         watches = {
             precision: functools.partial(timing.seconds, functools.partial(run, *inputs), CPU)
             for precision, run in runs.items()

@@ -70,7 +70,7 @@ def train(config: DictConfig, folder: Path) -> None:
     data = configs.build(config.data)
     module = _module(config, data)
     try:
-        with failures.explained(folder):
+        with failures.one_line_errors(folder):
             trainer = _trainer(config)
             trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
     except SystemExit as stopped:

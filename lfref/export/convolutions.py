@@ -1,10 +1,10 @@
-"""Shift-and-sum as convolutions, which every runtime has: for fixed slopes its taps are numbers.
+"""Shift-and-sum as convolutions, which every runtime has: for fixed slopes the taps of interpolation are constants.
 
-Along rows and then along columns each plane is a convolution over the views, with zeros beyond the edges; what lfref
-reads there instead concerns a few samples at each edge and a few pixels beside them, so that it is added as a product
-with a small matrix. Then the sum is seen through cells, and divided by the coverage.
+Each plane is a convolution over the views along rows, then along columns, with zeros beyond the edges. The border rule
+of lfref instead concerns only `q` samples at each edge and `P` pixels beside it: that difference is added as a product
+with a small matrix. Then each plane is blurred by the box of its cells, and divided by its coverage.
 Letters: `V U` view rows and columns, `u` view along one axis, `N` planes, `C H W` channel, pixel row and column, `L`
-pixels along one axis, `K` taps, `q` samples at an edge, `P` pixels beside it.
+pixels along one axis, `G` groups of a convolution, `M` outputs of a group.
 """
 
 import math
@@ -25,7 +25,7 @@ BORDERS_OF_GRAPHS = ("renormalize", "edge", "zero")
 
 @dataclass(frozen=True)
 class Sum:
-    """What shift-and-sum is asked for."""
+    """The options of shift-and-sum; see `lfref.shift_and_sum`."""
 
     slopes: tuple[float, ...]
     """Of the planes, in pixels per view step, [N]."""
@@ -34,19 +34,15 @@ class Sum:
     interpolation: str = "linear"
     border: str = "renormalize"
     fill: float = 0.0
-    """Side of the cell that each view stands for, in view steps."""
     disparity: float = 0.0
-    """At which cells do not blur, in pixels per view step."""
     weights: tuple[tuple[float, ...], ...] | None = None
     """Of each view, [V, U]; None: all alike."""
 
     def __post_init__(self) -> None:
-        way = chosen("interpolation", self.interpolation, INTERPOLATIONS)
         chosen("border", self.border, dict.fromkeys(BORDERS_OF_GRAPHS))
-        if way.weights is None:
-            raise InputError(
-                "what is exported must read few samples", got=self.interpolation, remedy="take cubic interpolation"
-            )
+        if chosen("interpolation", self.interpolation, INTERPOLATIONS).weights is None:
+            got, remedy = self.interpolation, "take cubic interpolation"
+            raise InputError("an exported sum must read few samples a pixel", got=got, remedy=remedy)
 
     @property
     def aperture(self) -> Tensor:
@@ -55,34 +51,31 @@ class Sum:
         return torch.as_tensor(batches.checked_weights(weights, self.grid), dtype=torch.float64)
 
     def shifts(self, axis: int) -> list[list[float]]:
-        """How far each plane shifts the views along an axis of the grid, in pixels, [N, u]."""
-        way = INTERPOLATIONS[self.interpolation]
+        """Shift of each view along an axis of the grid in each plane, in pixels, [N, u]."""
+        snap = INTERPOLATIONS[self.interpolation].snap
         offsets = geometry.angular_offsets(self.grid[axis]).tolist()
-        return [[way.snap(slope * offset) for offset in offsets] for slope in self.slopes]
+        return [[snap(slope * offset) for offset in offsets] for slope in self.slopes]
 
     @property
     def widths(self) -> list[float]:
-        """Of the box that each plane is blurred by, in pixels, [N]."""
+        """Width of the box by which each plane is blurred, in pixels, [N]."""
         return [self.fill * abs(slope - self.disparity) for slope in self.slopes]
 
 
 class SumOfViews(nn.Module):
-    """Views [B, V, U, C, H, W] -> stack [B, N, C, H, W], float32.
-
-    Args:
-        asked: What is summed.
-    """
+    """Views [B, V, U, C, H, W] -> stack [B, N, C, H, W], float32."""
 
     order: Tensor
 
-    def __init__(self, asked: Sum) -> None:
+    def __init__(self, options: Sum) -> None:
         super().__init__()
-        groups = _alike(asked)
+        groups = _groups(options)
+        # Planes are computed group by group, then put back in their order.
         order = [plane for planes in groups for plane in planes]
-        self.parts = nn.ModuleList(_Planes(asked, planes) for planes in groups)
+        self.parts = nn.ModuleList(_Planes(options, planes) for planes in groups)
         self.register_buffer("order", torch.tensor([order.index(plane) for plane in range(len(order))]))
-        self.boxes = nn.ModuleList(_Box(width, BORDERS[asked.border]) for width in asked.widths)
-        self.counts_only_samples = BORDERS[asked.border].counts_only_samples
+        self.boxes = nn.ModuleList(_Box(width, BORDERS[options.border]) for width in options.widths)
+        self.counts_only_samples = BORDERS[options.border].counts_only_samples
 
     def forward(self, views: Tensor) -> Tensor:
         """Refocus."""
@@ -101,51 +94,47 @@ class SumOfViews(nn.Module):
 
 
 class _Planes(nn.Module):
-    """The sums of some planes, whose views shift about as far, and their coverage.
-
-    [B, V * U, H, W] -> [B, N, H, W] and [N, H, W].
-    """
+    """Sum and coverage of a group of planes: [B, V * U, H, W] -> [B, N, H, W] and [N, H, W]."""
 
     aperture: Tensor
     rows: Tensor
     columns: Tensor
 
-    def __init__(self, asked: Sum, planes: Sequence[int]) -> None:
+    def __init__(self, options: Sum, planes: Sequence[int]) -> None:
         super().__init__()
-        rows, columns = ([asked.shifts(axis)[plane] for plane in planes] for axis in (0, 1))
-        ways = INTERPOLATIONS[asked.interpolation], BORDERS[asked.border]
-        aperture = asked.aperture
-        # Along a row every view has its weight; what comes of it is added up down the columns as it is.
+        rows, columns = ([options.shifts(axis)[plane] for plane in planes] for axis in (0, 1))
+        ways = INTERPOLATIONS[options.interpolation], BORDERS[options.border]
+        aperture = options.aperture
+        # The weights of the views enter along rows; along columns the row sums are added as they are.
         shifts = [(columns[n], aperture[v].tolist()) for v in range(len(aperture)) for n in range(len(planes))]
         self.across = _Along(-1, shifts, len(aperture), *ways)
         self.down = _Along(-2, [(row, [1.0] * len(row)) for row in rows], len(planes), *ways)
         self.register_buffer("aperture", aperture.float())
-        for name, told in (("rows", rows), ("columns", columns)):
-            self.register_buffer(name, torch.tensor([[_left_out(shift) for shift in plane] for plane in told]))
+        for name, axis_shifts in (("rows", rows), ("columns", columns)):
+            # Pixels at both ends of an axis that have no sample in a view: as `lfref.refocus.sampling.sampled_span`.
+            ends = [[(max(0, math.ceil(-s)), max(0, math.ceil(s))) for s in plane] for plane in axis_shifts]
+            self.register_buffer(name, torch.tensor(ends))
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Add up."""
+        """Sum, and share of the aperture that has a sample."""
         n_rows = len(self.aperture)
         along_rows = self.across(images)
         height, width = along_rows.shape[-2:]
         by_plane = along_rows.reshape(-1, n_rows, along_rows.shape[1] // n_rows, height, width).transpose(1, 2)
-        return self.down(by_plane.reshape(-1, along_rows.shape[1], height, width)), self._coverage(images)
-
-    def _coverage(self, images: Tensor) -> Tensor:
-        """Share of the aperture that has a sample, [N, H, W]."""
-        rows, columns = (_sampled(ends, images.shape[axis]) for axis, ends in ((-2, self.rows), (-1, self.columns)))
-        return rows.transpose(1, 2) @ self.aperture @ columns
+        sums = self.down(by_plane.reshape(-1, along_rows.shape[1], height, width))
+        rows, columns = _sampled(self.rows, height), _sampled(self.columns, width)
+        return sums, rows.transpose(1, 2) @ self.aperture @ columns
 
 
 class _Along(nn.Module):
     """Convolutions along one axis, in groups of inputs: [B, G * u, H, W] -> [B, G * M, H, W].
 
     Args:
-        axis: -1 (columns) or -2 (rows).
-        shifts: Of the inputs of each output in pixels, and their weights, [G * M] times [u] each.
-        n_groups: Groups, G, of as many outputs.
-        way: Interpolation.
-        border: What is read beyond the edges.
+        axis: -1 (along rows of pixels) or -2 (along columns).
+        shifts: For each output, shifts of its inputs in pixels and their weights, [G * M] times [u] each.
+        n_groups: G.
+        interpolation: Gives the taps.
+        border: Gives the samples beyond the edges.
     """
 
     kernel: Tensor
@@ -156,18 +145,18 @@ class _Along(nn.Module):
         axis: int,
         shifts: Sequence[tuple[Sequence[float], Sequence[float]]],
         n_groups: int,
-        way: Interpolation,
+        interpolation: Interpolation,
         border: Border,
     ) -> None:
         super().__init__()
-        reach = max(abs(place) for line, _ in shifts for shift in line for place, _ in way.taps(shift))
+        reach = max(abs(place) for line, _ in shifts for shift in line for place, _ in interpolation.taps(shift))
         kernel = torch.zeros(len(shifts), len(shifts[0][0]), 2 * reach + 1, dtype=torch.float64)
-        edges = torch.zeros(2, len(shifts), len(shifts[0][0]), n_taps := len(way.taps(0.0)), reach + n_taps)
+        edges = torch.zeros(2, len(shifts), len(shifts[0][0]), n_taps := len(interpolation.taps(0.0)), reach + n_taps)
         for place, (line, weights) in enumerate(shifts):
             for view, (shift, weight) in enumerate(zip(line, weights, strict=True)):
-                for tap, of_sample in way.taps(shift):
+                for tap, of_sample in interpolation.taps(shift):
                     kernel[place, view, tap + reach] += weight * of_sample
-                edges[:, place, view] = weight * _at_edges(shift, way, border, n_taps, reach + n_taps)
+                edges[:, place, view] = weight * _edge_matrices(shift, interpolation, border, n_taps, reach + n_taps)
         self.axis, self.n_groups = axis, n_groups
         self.padding = (0, reach) if axis == -1 else (reach, 0)
         self.register_buffer("kernel", kernel.float().unsqueeze(axis - 1 if axis == -1 else -1))
@@ -178,18 +167,18 @@ class _Along(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Convolve."""
-        made = F.conv2d(images, self.kernel, padding=self.padding, groups=self.n_groups)
-        length = made.shape[self.axis]
+        sums = F.conv2d(images, self.kernel, padding=self.padding, groups=self.n_groups)
+        length = sums.shape[self.axis]
         first = images.narrow(self.axis, 0, self.n_taps)
         last = images.narrow(self.axis, length - self.n_taps, self.n_taps)
         rest = length - self.n_beside
-        head = made.narrow(self.axis, 0, self.n_beside) + self._beside(first, self.edges[0])
-        made = torch.cat([head, made.narrow(self.axis, self.n_beside, rest)], self.axis)
-        tail = made.narrow(self.axis, rest, self.n_beside) + self._beside(last, self.edges[1])
-        return torch.cat([made.narrow(self.axis, 0, rest), tail], self.axis)
+        head = sums.narrow(self.axis, 0, self.n_beside) + self._beside(first, self.edges[0])
+        sums = torch.cat([head, sums.narrow(self.axis, self.n_beside, rest)], self.axis)
+        tail = sums.narrow(self.axis, rest, self.n_beside) + self._beside(last, self.edges[1])
+        return torch.cat([sums.narrow(self.axis, 0, rest), tail], self.axis)
 
     def _beside(self, samples: Tensor, matrices: Tensor) -> Tensor:
-        """What samples at an edge add beside it."""
+        """What q samples at an edge add to the P pixels beside it."""
         by_group = samples.transpose(-1, self.axis).unflatten(1, (self.n_groups, -1))  # [B, G, u, L, q]
         added = by_group.transpose(2, 3).flatten(3) @ matrices  # [B, G, L, M * P]
         return added.unflatten(-1, (-1, self.n_beside)).transpose(2, 3).flatten(1, 2).transpose(-1, self.axis)
@@ -215,39 +204,35 @@ class _Box(nn.Module):
         return F.conv2d(F.conv2d(extended, self.taps), self.taps.transpose(-1, -2))
 
 
-def _alike(asked: Sum) -> list[list[int]]:
-    """Planes in groups that reach about as far, so that no kernel is much longer than what it holds."""
+def _groups(options: Sum) -> list[list[int]]:
+    """Planes in groups whose views shift about as far, so that no kernel is much longer than its taps need."""
     groups: dict[int, list[int]] = {}
-    for plane, lines in enumerate(zip(asked.shifts(0), asked.shifts(1), strict=True)):
+    for plane, lines in enumerate(zip(options.shifts(0), options.shifts(1), strict=True)):
         reach = max(abs(shift) for line in lines for shift in line)
         groups.setdefault(math.ceil(math.log2(reach + 1)), []).append(plane)
     return list(groups.values())
 
 
-def _left_out(shift: float) -> tuple[int, int]:
-    """How many pixels at each end of an axis have no sample in a view that is shifted: as `borders.sampled_span`."""
-    return max(0, math.ceil(-shift)), max(0, math.ceil(shift))
-
-
 def _sampled(ends: Tensor, length: int) -> Tensor:
-    """Where views have a sample, 1 or 0, float32: ends [N, u, 2] as of `_left_out` -> [N, u, L]."""
+    """Where views have a sample, 1 or 0, float32: pixels without one at both ends [N, u, 2] -> [N, u, L]."""
     places = torch.arange(length, device=ends.device)
     return ((places >= ends[..., :1]) & (places < length - ends[..., 1:])).float()
 
 
-def _at_edges(shift: float, way: Interpolation, border: Border, n_samples: int, n_beside: int) -> Tensor:
-    """What is read at the edges less what a convolution with zeros beyond them makes, float64.
+def _edge_matrices(shift: float, interpolation: Interpolation, border: Border, n_samples: int, n_beside: int) -> Tensor:
+    """What the border rule reads at the edges minus what zeros beyond them give, float64.
 
     Returns:
-        For the first and the last samples, how much each adds to the pixels beside the edge, [2, q, P].
+        For the first and the last q samples, the weight of each in the P pixels beside the edge, [2, q, P].
     """
+    # On an axis long enough that its two edges do not touch.
     length = 4 * n_beside
     places = torch.arange(length)
     whole, zeros = torch.zeros(2, length, length, dtype=torch.float64)
     counts = sampled([shift], length)[0] if border.counts_only_samples else torch.ones(length, dtype=torch.float64)
-    for tap, weight in way.taps(shift):
+    for tap, weight in interpolation.taps(shift):
         for matrix, rule in ((whole, border), (zeros, BORDERS["zero"])):
             index, kept = rule.tap(places + tap, torch.full((length,), weight, dtype=torch.float64), length)
             matrix.index_put_((index, places), kept * (counts if matrix is whole else 1.0), accumulate=True)
-    apart = whole - zeros
-    return torch.stack([apart[:n_samples, :n_beside], apart[-n_samples:, -n_beside:]])
+    difference = whole - zeros
+    return torch.stack([difference[:n_samples, :n_beside], difference[-n_samples:, -n_beside:]])

@@ -1,7 +1,7 @@
-"""What is exported of each kind of refocuser, and what its file says of it.
+"""Refocusers as graphs that other runtimes compute, with the entries of their manifest.
 
-A network that reads views is exported as it is, and shift-and-sum as convolutions. Of a refiner the network is: what it
-reads is made by lfref, by methods that no other runtime has.
+A network that reads views is exported as it is, and shift-and-sum as convolutions. Of a refiner only the network is
+exported: lfref computes its features by methods that no other runtime has.
 Letters: those of `lfref.engines.files.manifest`.
 """
 
@@ -29,8 +29,8 @@ from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser
 
-EXAMPLE = (2, 36, 44)
-"""Light fields or planes, height and width that a module is followed with: no special case of any of them."""
+N, HEIGHT, WIDTH = 2, 36, 44
+"""Light fields or planes, height and width with which a module is traced: no special case of any of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,18 +38,18 @@ class Exportable:
     """A refocuser as a graph."""
 
     graph: Graph
-    told: Mapping[str, Any]
+    manifest_entries: Mapping[str, Any]
     """Of the `Manifest`: name, planes, is_linear, config."""
     inputs: Callable[[Sequence[LightField]], Inputs]
-    """What the graph is given of light fields of one size."""
-    wanted: Callable[..., Tensor]
-    """What lfref makes of such inputs."""
+    """(light fields of one size) -> inputs of the graph."""
+    reference: Callable[..., Tensor]
+    """(inputs) -> what lfref computes of them."""
     exact: Callable[..., Tensor]
     """The same in float64."""
     rounding: float = 1e-6
-    """How far the graph itself may be from that, in light: additions of another order."""
-    before: Callable[..., Tensor] | None = None
-    """Of such inputs the pictures that a refiner corrects."""
+    """Distance in light between the graph and lfref that the order of additions explains."""
+    uncorrected: Callable[..., Tensor] | None = None
+    """(inputs) -> the pictures that a refiner corrects."""
 
 
 def exportable(refocuser: Refocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
@@ -57,100 +57,111 @@ def exportable(refocuser: Refocuser, planes: FocalPlanes, grid: tuple[int, int])
 
     Args:
         refocuser: A network, a refiner or shift-and-sum, on the CPU.
-        planes: That an operator is fixed to, and a refiner is tried with.
-        grid: View rows and columns (V, U), likewise.
+        planes: Planes of an operator, and those with which a refiner is tried.
+        grid: View rows and columns (V, U) of an operator, and those with which a refiner is tried.
 
     Raises:
-        InputError: It is none of these, or has options that no graph does.
+        InputError: It is none of these, or has options that no graph has.
     """
-    for kind, made in KINDS.items():
-        if isinstance(refocuser, kind):
-            return made(refocuser, planes, grid)
-    raise _unknown(refocuser.name)
+    if isinstance(refocuser, NetworkRefocuser):
+        return _network(refocuser)
+    if isinstance(refocuser, RefinedRefocuser):
+        return _refiner(refocuser, planes.slopes)
+    allowed = {"interpolation", "border", "fill", "disparity"}
+    if (
+        isinstance(refocuser, OperatorRefocuser)
+        and refocuser.function is shift_and_sum
+        and refocuser.options.keys() <= allowed
+    ):
+        return _shift_and_sum(refocuser, planes, grid)
+    raise InputError(
+        "what is exported must be a network, a refiner, or shift-and-sum with fixed options",
+        got=refocuser.name,
+        remedy="take method=learned, shift_and_sum, shift_and_sum_cubic or shift_and_sum_cubic_fill",
+    )
 
 
-class _Stack(nn.Module):
-    """A network that is given nothing but views."""
+class _ViewsOnly(nn.Module):
+    """A network that is called with nothing but views."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()
         self.network = network
 
     def forward(self, views: Tensor) -> Tensor:
-        """Refocus."""
-        made: Tensor = self.network(views)
-        return made
+        stack: Tensor = self.network(views)
+        return stack
 
 
-def _of_network(refocuser: NetworkRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
-    network = refocuser.network
-    if refocuser.planes is None or refocuser.grid is None:
+def _network(refocuser: NetworkRefocuser) -> Exportable:
+    network, planes, grid = refocuser.network, refocuser.planes, refocuser.grid
+    if planes is None or grid is None:
         raise InputError("a network that is exported must make planes of its own of one grid", got=refocuser.name)
-    (n_rows, n_columns), n_channels = refocuser.grid, int(network.config["channels"])
-    n_fields, height, width = EXAMPLE
-    views, stack = ("B", n_rows, n_columns, n_channels, "H", "W"), ("B", len(refocuser.planes), n_channels, "H", "W")
-    example = torch.rand(n_fields, n_rows, n_columns, n_channels, height, width)
-    config = {"network": {"name": network.name, **network.config}}
-    told = {"planes": _planes(refocuser.planes), "is_linear": refocuser.is_linear, "config": config}
-    graph = Graph(_Stack(network).eval(), {VIEWS: views}, stack, (example,))
-    return Exportable(graph, {"name": refocuser.name, **told}, _views, network, _doubled(network))
+    channels = int(network.config["channels"])
+    graph = Graph(
+        _ViewsOnly(network).eval(),
+        {VIEWS: ("B", *grid, channels, "H", "W")},
+        ("B", len(planes), channels, "H", "W"),
+        (torch.rand(N, *grid, channels, HEIGHT, WIDTH),),
+    )
+    entries = {
+        "name": refocuser.name,
+        "planes": _planes(planes),
+        "is_linear": refocuser.is_linear,
+        "config": {"network": {"name": network.name, **network.config}},
+    }
+    return Exportable(graph, entries, _views, network, functools.partial(_in_float64, network))
 
 
-def _of_refiner(refocuser: RefinedRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
-    refiner, slopes = refocuser.refiner, planes.slopes
-    n_features, n_channels = (int(refiner.config[name]) for name in ("n_features", "channels"))
-    pictures = ("N", n_channels, "H", "W")
-    axes = {FEATURES: ("N", n_features, "H", "W"), "pictures": pictures, "error_scale": ("N", 1, "H", "W")}
-    n_planes, height, width = EXAMPLE
-    example = tuple(torch.rand(n_planes, n_of_each, height, width) for _, n_of_each, *_ in axes.values())
+def _refiner(refocuser: RefinedRefocuser, slopes: Tensor) -> Exportable:
+    refiner = refocuser.refiner
+    channels = int(refiner.config["channels"])
+    lengths = {FEATURES: int(refiner.config["n_features"]), "pictures": channels, "error_scale": 1}
+    graph = Graph(
+        refiner,
+        {name: ("N", length, "H", "W") for name, length in lengths.items()},
+        ("N", channels, "H", "W"),
+        tuple(torch.rand(N, length, HEIGHT, WIDTH) for length in lengths.values()),
+    )
 
     @torch.no_grad()
     def inputs(fields: Sequence[LightField]) -> Inputs:
         parts = [next(refiner_inputs(field, slopes, refocuser.base, refocuser.names)) for field in fields]
         return tuple(torch.cat(part).float().contiguous() for part in zip(*parts, strict=True))
 
+    def pictures(features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
+        return pictures
+
     config = refined.payload(refiner, refocuser.base, refocuser.names)
-    graph = Graph(refiner, axes, ("N", n_channels, "H", "W"), example)
-    return Exportable(
-        graph, {"name": refocuser.name, "config": config}, inputs, refiner, _doubled(refiner), before=_pictures
-    )
+    exact = functools.partial(_in_float64, refiner)
+    entries = {"name": refocuser.name, "config": config}
+    return Exportable(graph, entries, inputs, refiner, exact, uncorrected=pictures)
 
 
-def _pictures(features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-    return pictures
-
-
-def _of_operator(refocuser: OperatorRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
-    operator, options = refocuser.operator, dict(getattr(refocuser.operator, "keywords", {}))
-    unknown = {*options} - {"interpolation", "border", "fill", "disparity"}
-    if getattr(operator, "func", operator) is not shift_and_sum or unknown:
-        raise _unknown(refocuser.name)
-    weights = None if refocuser.aperture is None else refocuser.aperture(grid)
-    if weights is not None:
-        options["weights"] = tuple(map(tuple, weights.tolist()))
-    n_fields, height, width = EXAMPLE
-    # Kernels are longer than so few pixels where planes are far from focus.
+def _shift_and_sum(refocuser: OperatorRefocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
+    options = dict(refocuser.options)
+    if refocuser.aperture is not None:
+        options["weights"] = tuple(map(tuple, refocuser.aperture(grid).tolist()))
+    # Far from focus, kernels are longer than the usual example.
     reach = int(max(map(abs, planes.values)) * max(grid))
-    views = torch.rand(n_fields, *grid, 3, height + reach, width + reach)
-    module = SumOfViews(Sum(planes.values, grid, **options)).eval()
-    graph = Graph(module, {VIEWS: ("B", *grid, "C", "H", "W")}, ("B", len(planes), "C", "H", "W"), (views,))
-    told = {"planes": _planes(planes), "config": {"operator": shift_and_sum.__name__, "options": options}}
-    wanted = functools.partial(refocuser, slopes=planes.slopes)
+    graph = Graph(
+        SumOfViews(Sum(planes.values, grid, **options)).eval(),
+        {VIEWS: ("B", *grid, "C", "H", "W")},
+        ("B", len(planes), "C", "H", "W"),
+        (torch.rand(N, *grid, 3, HEIGHT + reach, WIDTH + reach),),
+    )
+    config = {"operator": shift_and_sum.__name__, "options": options}
+    entries = {"name": refocuser.name, "planes": _planes(planes), "config": config}
 
     def exact(views: Tensor) -> Tensor:
-        return wanted(views.double())
+        return refocuser(views.double(), planes.slopes)
 
-    return Exportable(graph, {"name": refocuser.name, **told}, _views, wanted, exact, rounding=1e-5)
+    return Exportable(graph, entries, _views, functools.partial(refocuser, slopes=planes.slopes), exact, rounding=1e-5)
 
 
-def _doubled(module: nn.Module) -> Callable[..., Tensor]:
-    """What a module makes in float64."""
-
-    def made(*inputs: Tensor) -> Tensor:
-        stack: Tensor = copy.deepcopy(module).double()(*(each.double() for each in inputs))
-        return stack
-
-    return made
+def _in_float64(module: nn.Module, *inputs: Tensor) -> Tensor:
+    stack: Tensor = copy.deepcopy(module).double()(*(tensor.double() for tensor in inputs))
+    return stack
 
 
 def _views(fields: Sequence[LightField]) -> Inputs:
@@ -159,18 +170,3 @@ def _views(fields: Sequence[LightField]) -> Inputs:
 
 def _planes(planes: FocalPlanes) -> dict[str, Any]:
     return planes.as_dict() | {"alphas": None if planes.alphas is None else list(planes.alphas)}
-
-
-def _unknown(name: str) -> InputError:
-    return InputError(
-        "what is exported must be a network, a refiner, or shift-and-sum with fixed options",
-        got=name,
-        remedy="take method=learned, shift_and_sum, shift_and_sum_cubic or shift_and_sum_cubic_fill",
-    )
-
-
-KINDS: dict[type[Refocuser], Callable[[Any, FocalPlanes, tuple[int, int]], Exportable]] = {
-    NetworkRefocuser: _of_network,
-    RefinedRefocuser: _of_refiner,
-    OperatorRefocuser: _of_operator,
-}

@@ -1,4 +1,4 @@
-"""Whether a file makes the pictures of what it was made of: scenes, odd sizes, degenerate frames, several at once."""
+"""Comparison of a file with what it was made of: scenes, odd sizes, several fields at once, flat frames."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
 
 from lfref.engines.engine import BF16, FP16, FP32, INT8, Inputs, Run
 from lfref.export.graphs import Exportable
@@ -14,14 +13,14 @@ from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 
 FLAT = {"black": 0.0, "grey": 0.5, "white": 1.0}
-"""Light of frames that show nothing."""
+"""Light of frames without any content."""
 FLAT_DB = 25.0
-"""Least PSNR of these in low precision: what a network that normalises makes of them it makes of its own roundings."""
+"""Least PSNR of flat frames in low precision: a network that normalises amplifies its own rounding there."""
 NOISE = 1e-4
-"""How far float32 is from float64 where pictures of a flat frame are but a network's roundings, made large."""
+"""Distance of float32 from float64 beyond which pictures of a flat frame are amplified rounding."""
 CLOSER_DB, CORRECTED_DB = 6.0, 90.0
-"""How much nearer to what a refiner makes a file of it must be than the pictures that it corrects, unless these are as
-near as the latter: corrections are small, and a file without any would be near enough to many scenes."""
+"""A refiner's file must be 6 dB nearer to the refiner than the uncorrected pictures are, unless these are within 90 dB:
+corrections are small, and a file without any would pass on many scenes."""
 Row = dict[str, Any]
 
 
@@ -33,7 +32,7 @@ class Tolerance(NamedTuple):
     psnr_db: float = 0.0
     """Least PSNR."""
     own: float = 0.0
-    """How many times as far it may be of a flat frame as float32 is from float64, where that is noise."""
+    """On flat frames that are amplified rounding: largest distance as a multiple of float32's from float64."""
 
 
 TOLERANCES = {
@@ -45,96 +44,89 @@ TOLERANCES = {
 """By precision."""
 
 
-class Case(NamedTuple):
-    """Something to refocus."""
+class ParityCase(NamedTuple):
+    """Light fields to refocus at once."""
 
     name: str
-    """Of the scene, or of what is wrong with it."""
+    """Of the scene, or of what is special."""
     n_fields: int
     size: tuple[int, int]
     """Height and width, in pixels."""
     inputs: Inputs
-    """What the graph is given."""
+    """Inputs of the graph."""
 
 
-def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[Case]:
-    """What a file is tried on: each light field, four at once, and frames that show nothing.
+def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityCase]:
+    """Each light field, four orientations of the first at once, and flat frames.
 
     Args:
         subject: What is exported.
-        fields: Of as many sizes as it shall be tried at.
+        fields: Of as many sizes as the file is tried with.
     """
-    for field in fields:
-        yield _case(field.name, [field], subject)
     first = fields[0]
-    turned = [first.views.flip(axes) for axes in ((), (-1,), (-2,), (-1, -2))]
-    yield _case("turned", [replace(first, views=views) for views in turned], subject)
-    for name, light in FLAT.items():
-        yield _case(name, [replace(first, views=torch.full_like(first.views, light))], subject)
-
-
-def _case(name: str, fields: Sequence[LightField], subject: Exportable) -> Case:
-    return Case(name, len(fields), fields[0].size, subject.inputs(fields))
+    turned = [replace(first, views=first.views.flip(axes)) for axes in ((), (-1,), (-2,), (-1, -2))]
+    groups = [(field.name, [field]) for field in fields] + [("turned", turned)]
+    groups += [(name, [replace(first, views=torch.full_like(first.views, light))]) for name, light in FLAT.items()]
+    for name, group in groups:
+        yield ParityCase(name, len(group), group[0].size, subject.inputs(group))
 
 
 @torch.no_grad()
-def rows(subject: Exportable, runs: Mapping[str, Run], tried: Iterable[Case]) -> Iterator[Row]:
-    """How far each engine is from what was exported, case by case.
+def rows(subject: Exportable, runs: Mapping[str, Run], cases: Iterable[ParityCase]) -> Iterator[Row]:
+    """Compare each engine with what was exported, case by case.
 
     Args:
         subject: What was exported.
         runs: The file, by the names of the engines that run it.
-        tried: Of `cases`.
+        cases: Of `cases`.
 
     Yields:
         `engine, case, n_fields, height, width, max_error, psnr_db, own_error, before_db`; a stack that is not finite
-        has an infinite error. `own_error` is how far, of flat frames, the subject in float32 is from itself in float64,
-        else 0; `before_db` the PSNR of the pictures that a refiner corrects against what it makes of them, else 0.
+        has an infinite error. `own_error`: on flat frames, distance of the subject in float32 from itself in float64;
+        else 0. `before_db`: PSNR of the pictures that a refiner corrects against its own; else 0.
     """
-    for case in tried:
-        stack = subject.wanted(*case.inputs)
+    for case in cases:
+        stack = subject.reference(*case.inputs)
         own = float((subject.exact(*case.inputs) - stack).abs().max()) if case.name in FLAT else 0.0
-        before = 0.0 if subject.before is None else float(psnr(subject.before(*case.inputs), stack).min())
+        before = 0.0
+        if subject.uncorrected is not None:
+            before = float(psnr(subject.uncorrected(*case.inputs), stack).min())
         for engine, run in runs.items():
-            made = run(*case.inputs)
-            place = {"engine": engine, "case": case.name, "n_fields": case.n_fields}
-            size = dict(zip(("height", "width"), case.size, strict=True))
-            yield place | size | _apart(made, stack) | {"own_error": own, "before_db": before}
+            result = run(*case.inputs)
+            error, psnr_db = math.inf, -math.inf
+            if result.shape == stack.shape and bool(result.isfinite().all()):
+                error, psnr_db = float((result - stack).abs().max()), float(psnr(result, stack).min())
+            yield {
+                "engine": engine,
+                "case": case.name,
+                "n_fields": case.n_fields,
+                "height": case.size[0],
+                "width": case.size[1],
+                "max_error": error,
+                "psnr_db": psnr_db,
+                "own_error": own,
+                "before_db": before,
+            }
 
 
-def worst(found: Iterable[Row], tolerance: Tolerance) -> Row | None:
-    """The row that is farthest beyond a tolerance; None: all hold it.
-
-    Args:
-        found: Of `rows`.
-        tolerance: That they should hold.
-    """
-    beyond = [row for row in found if not _holds(row, tolerance)]
+def worst(rows: Iterable[Row], tolerance: Tolerance) -> Row | None:
+    """The row of `rows` that violates a tolerance most; None: none does."""
+    beyond = [row for row in rows if not _holds(row, tolerance)]
     return max(beyond, key=lambda row: row["max_error"], default=None)
 
 
-def own_noise(found: Iterable[Row]) -> dict[str, float]:
-    """Frames of which a subject makes noise of its own, case -> how far it is from itself in float64.
-
-    Args:
-        found: Of `rows`.
-    """
-    return {row["case"]: row["own_error"] for row in found if row["own_error"] > NOISE}
+def own_noise(rows: Iterable[Row]) -> dict[str, float]:
+    """Flat frames on which the subject itself makes noise: case -> distance of float32 from float64."""
+    return {row["case"]: row["own_error"] for row in rows if row["own_error"] > NOISE}
 
 
 def _holds(row: Row, tolerance: Tolerance) -> bool:
-    error, least = tolerance.error, tolerance.psnr_db
+    error, least_db = tolerance.error, tolerance.psnr_db
     if row["own_error"] > NOISE:
         error = max(error, tolerance.own * row["own_error"])
     if row["case"] in FLAT:
-        # Where float32 is already as far from float64 as that, no precision can be held to it.
-        least = min(least, FLAT_DB) if row["own_error"] < 10 ** (-FLAT_DB / 20) else -math.inf
+        # Where float32 itself is that far from float64, low precision cannot be held to anything.
+        least_db = min(least_db, FLAT_DB) if row["own_error"] < 10 ** (-FLAT_DB / 20) else -math.inf
     if 0 < row["before_db"] < CORRECTED_DB:
-        least = max(least, row["before_db"] + CLOSER_DB)
-    return bool(math.isfinite(row["max_error"]) and row["max_error"] <= error and row["psnr_db"] >= least)
-
-
-def _apart(made: Tensor, wanted: Tensor) -> Row:
-    if made.shape != wanted.shape or not bool(made.isfinite().all()):
-        return {"max_error": math.inf, "psnr_db": -math.inf}
-    return {"max_error": float((made - wanted).abs().max()), "psnr_db": float(psnr(made, wanted).min())}
+        least_db = max(least_db, row["before_db"] + CLOSER_DB)
+    return bool(math.isfinite(row["max_error"]) and row["max_error"] <= error and row["psnr_db"] >= least_db)

@@ -54,7 +54,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     if path is None:
         return learned(device=device)
     path = RunFolder.of(path).best if Path(path).is_dir() else Path(path)
-    if file_formats.of(path) is not None:
+    if file_formats.format_of(path) is not None:
         return load_exported(path).to(torch.device(device))
     contents = checkpoint.read(path)
     if refined.KIND in contents["lfref"]:
@@ -70,7 +70,7 @@ def load_exported(path: Path) -> Refocuser:
         CheckpointError: Another file, or one whose manifest is wrong.
         InputError: A package is missing that runs it.
     """
-    run, manifest = file_formats.opened(path)
+    run, manifest = file_formats.read(path)
     try:
         if manifest.reads_views:
             network, planes = ExportedNetwork(run, manifest), planes_from(manifest.planes or {})

@@ -1,4 +1,8 @@
-"""What happens around the training steps: a living start for the head, pictures, and ranks that agree."""
+"""Callbacks, logger and checkpoint files of a training.
+
+`StepGuard` keeps numbers that are not finite out of weights and checkpoints; `HeadInitialization` starts the last
+convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run.
+"""
 
 import csv
 import functools
@@ -20,33 +24,30 @@ from lfref.data.patch_data import Batch
 from lfref.errors import InputError, LfrefError
 from lfref.io import images, tensor_files
 
-# PART guard
-# Training that survives numbers that are not finite: such steps are not taken, and never reach a checkpoint.
-#
-# A step whose loss or gradient is not finite leaves weights, moments of the optimiser and running statistics as they
-# were, is counted, and is logged with the patches it came from. All processes of a distributed run decide alike.
-
 log = logging.getLogger(__name__)
 
 COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
-"""What is logged, as `train/NAME`, and kept across a resume; processes decide alike, but each draws its own patches."""
+"""Counts that are logged as `train/NAME` and kept across a resume -> how processes combine them."""
 LEAST_SCALE = 1.0
-"""Scale of float16's loss below which overflow is no explanation any more."""
+"""Scale of float16's loss below which a gradient that is not finite is no overflow."""
 
 
-class Seen(NamedTuple):
-    """What is kept of a batch until the step that it leads to."""
+class BatchRecord(NamedTuple):
+    """What is kept of a batch until its step."""
 
     where: list[str]
+    """Name of each patch."""
     is_finite: dict[str, Tensor]
-    """Of each kind of images, for each patch, [P]."""
+    """For each kind of images, whether those of each patch are finite, [P]."""
 
 
 class StepGuard(Callback):
     """Skips steps whose loss or gradient is not finite, and stops after too many in a row.
 
-    A gradient counts as finite if float32 holds its norm: Adam squares its entries. Under float16, gradients that
-    overflow are the loss scaler's business, which then tries a smaller scale; they are counted apart.
+    A skipped step leaves weights, moments of the optimiser and running statistics unchanged, is counted, and is logged
+    with the patches that caused it; all processes of a distributed run decide alike. A gradient counts as finite if
+    float32 holds its norm, since Adam squares its entries. Under float16, overflow is left to the loss scaler, which
+    then tries a smaller scale, and is counted separately.
 
     Args:
         patience: Steps skipped in a row after which training stops, at least 1.
@@ -60,30 +61,30 @@ class StepGuard(Callback):
             raise InputError("patience must be at least 1", got=patience)
         self.patience = patience
         self.skipped = 0
-        """Steps that were not taken."""
+        """Skipped steps."""
         self.overflowed = 0
-        """Steps that the loss scaler of float16 gave up."""
+        """Steps that the loss scaler of float16 skipped."""
         self.in_a_row = 0
-        """Steps skipped since the last one that was taken."""
+        """Steps skipped since the last one that was not."""
         self.resampled = 0
-        """Patches that were drawn again because they were flat."""
-        self._window: list[Seen] = []
+        """Flat patches that were replaced by others."""
+        self._window: list[BatchRecord] = []
         self._losses: list[Tensor] = []
         self._statistics: list[Tensor] = []
 
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Mapping[str, Any], batch_index: int) -> None:
-        """Remember the batch, and before the first of a step the running statistics."""
+        """Record the batch, and before the first of a step the running statistics."""
         if not self._window:
             self._statistics = [buffer.clone() for buffer in module.buffers()]
-        self._window.append(Seen(batch["where"], finite_patches(batch)))
+        self._window.append(BatchRecord(batch["where"], finite_patches(batch)))
         self.resampled += batch["resampled"]
 
     def on_before_backward(self, trainer: Trainer, module: Any, loss: Tensor) -> None:
-        """Remember the loss."""
+        """Record the loss."""
         self._losses.append(loss.detach())
 
     def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: torch.optim.Optimizer) -> None:
-        """Take the gradients away if one of them or the loss is not finite: an optimiser passes over what has none.
+        """Remove the gradients if one of them or the loss is not finite: optimisers skip weights without a gradient.
 
         Raises:
             LfrefError: The weights are not finite, or too many steps in a row were skipped.
@@ -94,13 +95,15 @@ class StepGuard(Callback):
             self.in_a_row = 0
             return
         what = "gradient" if is_loss_finite else "loss"
-        blame = "; ".join(blamed(window)) or f"{what} of {_places(window)}"
+        places = ", ".join(place for batch in window for place in batch.where)
+        cause = "; ".join(not_finite(window)) or f"{what} of {places}"
         optimizer.zero_grad(set_to_none=True)
         for buffer, value in zip(module.buffers(), self._statistics, strict=True):
             buffer.copy_(value)
         refuse_corrupted(module.state_dict(), "train from the last checkpoint with a lower learning rate")
-        could_overflow = bool(is_loss_finite) and _loss_scale(trainer) >= LEAST_SCALE
-        self._count(trainer, blame, is_overflow=trainer.strategy.reduce_boolean_decision(could_overflow))
+        scaler = getattr(trainer.precision_plugin, "scaler", None)  # float16 has one
+        could_overflow = bool(is_loss_finite) and scaler is not None and scaler.get_scale() >= LEAST_SCALE
+        self._count(trainer, cause, is_overflow=trainer.strategy.reduce_boolean_decision(could_overflow))
 
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Log the counts."""
@@ -123,7 +126,7 @@ class StepGuard(Callback):
         """Go on counting."""
         vars(self).update(state)
 
-    def _count(self, trainer: Trainer, blame: str, is_overflow: bool) -> None:
+    def _count(self, trainer: Trainer, cause: str, is_overflow: bool) -> None:
         if is_overflow:
             self.overflowed += 1
             log.debug("step %d overflowed float16; the loss scaler tries a smaller scale", trainer.global_step)
@@ -131,11 +134,11 @@ class StepGuard(Callback):
         self.skipped += 1
         self.in_a_row += 1
         place = trainer.current_epoch, trainer.global_step
-        log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, blame)
+        log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, cause)
         if self.in_a_row >= self.patience:
             raise LfrefError(
                 f"training needs steps with a finite loss and gradient; got none in {self.in_a_row} steps",
-                remedy=f"at last for the {blame}; lower optimizer.lr or set trainer.gradient_clip_val=1",
+                remedy=f"last cause: {cause}; lower optimizer.lr or set trainer.gradient_clip_val=1",
             )
 
 
@@ -150,7 +153,7 @@ class BestCheckpoint(ModelCheckpoint):
         return super().check_monitor_top_k(trainer, current)
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take up the best score; Lightning's own forgets it where the run folder has moved since."""
+        """Restore the best score; Lightning's own forgets it if the run folder has moved since."""
         own = {name: self._here(state_dict[name]) for name in ("best_model_path", "kth_best_model_path")}
         best = {self._here(path): score for path, score in state_dict["best_k_models"].items()}
         super().load_state_dict(state_dict | own | {"best_k_models": best, "dirpath": self.dirpath})
@@ -160,11 +163,7 @@ class BestCheckpoint(ModelCheckpoint):
 
 
 def finite_patches(batch: Mapping[str, Any]) -> dict[str, Tensor]:
-    """Whether the images of each patch are finite, [P] each, by their name: views and labels, or features and pictures.
-
-    Args:
-        batch: Of patches; what has more than one axis are images, [P, ...].
-    """
+    """For each tensor of images in a batch, [P, ...], whether those of each patch are finite, [P]."""
     images = {name: each for name, each in batch.items() if isinstance(each, Tensor) and each.ndim > 1}
     return {name: each.isfinite().flatten(1).all(1) for name, each in images.items()}
 
@@ -175,13 +174,13 @@ def gradient_norm(module: nn.Module) -> Tensor:
     return nn.utils.get_total_norm(gradients) if gradients else torch.zeros(())
 
 
-def blamed(window: list[Seen]) -> list[str]:
-    """The patches whose images are not finite, by name."""
+def not_finite(window: list[BatchRecord]) -> list[str]:
+    """Names of the images that are not finite, with those of their patches."""
     return [
         f"{name} of {place}"
-        for seen in window
-        for name, is_finite in seen.is_finite.items()
-        for place, is_good in zip(seen.where, is_finite.tolist(), strict=True)
+        for batch in window
+        for name, is_finite in batch.is_finite.items()
+        for place, is_good in zip(batch.where, is_finite.tolist(), strict=True)
         if not is_good
     ]
 
@@ -197,18 +196,8 @@ def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
             raise LfrefError(f"weights must be finite; {name} is not", remedy=remedy)
 
 
-def _places(window: list[Seen]) -> str:
-    return ", ".join(place for seen in window for place in seen.where)
-
-
-def _loss_scale(trainer: Trainer) -> float:
-    """Scale of the loss under float16, 0 where it has none."""
-    scaler = getattr(trainer.precision_plugin, "scaler", None)
-    return 0.0 if scaler is None else scaler.get_scale()
-
-
 class HeadInitialization(Callback):
-    """Lets the network start itself on the first batch, for RefNet so that no output channel is born dead."""
+    """Primes the network on the first finite batch: of RefNet, so that no output channel starts dead."""
 
     def __init__(self) -> None:
         self._is_due = False
@@ -219,20 +208,23 @@ class HeadInitialization(Callback):
 
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
         """Act once, on the first batch that is finite in every process."""
-        if not (self._is_due and trainer.strategy.reduce_boolean_decision(_is_finite(batch))):
+        if not self._is_due:
+            return
+        is_finite = all(bool(each.all()) for each in finite_patches(batch).values())
+        if not trainer.strategy.reduce_boolean_decision(is_finite):
             return
         self._is_due = False
-        # Every process adds what it saw, so that all take the same start, that of the whole batch.
+        # Sums over the processes: all start alike, as with the whole batch.
         total = functools.partial(trainer.strategy.reduce, reduce_op="sum")
         module.net.prime(batch["views"], batch["slopes"], batch["labels"], total)
 
 
 class StackPictures(Callback):
-    """Shows label and prediction of the first held-out patch at a few planes after each validation.
+    """Writes a picture of label and prediction of the first held-out patch after each validation.
 
     Args:
         folder: Where the PNG files go; loggers that take images get them too.
-        slopes: Planes to show, in pixels per view step; the nearest there are.
+        slopes: In pixels per view step; the nearest planes are shown.
     """
 
     def __init__(self, folder: str, slopes: Sequence[float] = (-7.0, 0.0, 0.5)) -> None:
@@ -271,7 +263,7 @@ class RankAgreement(Callback):
         self.fingerprint = fingerprint
 
     def setup(self, trainer: Trainer, pl_module: Any, stage: str) -> None:
-        """Compare with rank 0; every rank hears of a difference, so that none waits for one that has left."""
+        """Compare with rank 0; every rank learns of a difference, so that none waits for one that has ended."""
         differs = torch.tensor(float(trainer.strategy.broadcast(self.fingerprint) != self.fingerprint))
         if trainer.strategy.reduce(differs.to(trainer.strategy.root_device), reduce_op="sum") > 0:
             raise InputError(
@@ -279,10 +271,6 @@ class RankAgreement(Callback):
                 got="different ones",
                 remedy="start one run at a time instead of a sweep that draws for every process",
             )
-
-
-def _is_finite(batch: Batch) -> bool:
-    return all(bool(each.all()) for each in finite_patches(batch).values())
 
 
 def nearest(slopes: Sequence[float], slope: float) -> int:
@@ -305,19 +293,15 @@ def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:
 
 
 def log_picture(logger: Any, picture: Tensor, step: int) -> None:
-    """Hand a picture [C, H, W] to a logger that takes pictures (wandb, tensorboard); others are left alone."""
+    """Give a picture [C, H, W] to a logger that takes pictures (wandb, tensorboard)."""
     if hasattr(logger, "log_image"):
         logger.log_image("val/stack", [picture], step=step)
     elif hasattr(logger.experiment, "add_image"):
         logger.experiment.add_image("val/stack", picture, step)
 
 
-# PART log
-# The log of a run as a CSV file, which a resumed run goes on with.
-
-
 class _Continued(ExperimentWriter):
-    """Lightning's writer deletes the log that it finds; this one goes on below it."""
+    """Lightning's writer deletes an existing log; this one appends to it."""
 
     def _check_log_dir_exists(self) -> None:
         path = Path(self.metrics_file_path)
@@ -327,31 +311,22 @@ class _Continued(ExperimentWriter):
 
 
 class CSVLogger(loggers.CSVLogger):
-    """Lightning's logger of that name, but for what is in the file already: that stays."""
+    """Lightning's CSV logger, except that it keeps an existing log, which a resumed run continues."""
 
     @property
     @rank_zero_experiment
     def experiment(self) -> _ExperimentWriter:
-        """The writer of the file, made when it is first needed."""
+        """The writer of the file."""
         if self._experiment is None:
             self._experiment = _Continued(log_dir=self.log_dir)
         return self._experiment
 
 
-# PART storage
-# Checkpoints on disk that are either whole or absent, and hold nothing that could run code.
-
-
 class AtomicCheckpointIO(TorchCheckpointIO):
-    """Writes to a temporary name and renames: a run that is killed leaves the last whole checkpoint."""
+    """Writes checkpoints under a temporary name and renames them: a killed run leaves the last whole one."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
-        """Write a checkpoint.
-
-        Args:
-            checkpoint: Plain containers and tensors.
-            path: File to replace.
-            storage_options: Not used; Lightning's signature.
+        """Write plain containers and tensors to a file, which is replaced as a whole or not at all.
 
         Raises:
             FileError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""What ends a fit from outside, in one line: a full disk, a data process that died or stands still."""
+"""Failures that end a training from outside, as one line: a full disk, a data process that died or hangs."""
 
 import multiprocessing
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from pathlib import Path
 from lfref.errors import CheckpointError, LfrefError, first_line
 from lfref.io import atomic
 
-KNOWN = {
+KNOWN: dict[str, tuple[type[LfrefError], str, str]] = {
     "DataLoader worker": (
         LfrefError,
         "a process that prepares batches has died",
@@ -25,30 +25,30 @@ KNOWN = {
         "leave net as it was in the run that is resumed",
     ),
 }
-"""How the message of a RuntimeError begins -> what is raised instead: its class, what it says, and the remedy."""
+"""Start of the message of a RuntimeError -> the error that is raised instead: class, expectation, remedy."""
 
 
 @contextmanager
-def explained(folder: Path) -> Iterator[None]:
-    """Turn what a library raises in a fit into an error of one line.
+def one_line_errors(folder: Path) -> Iterator[None]:
+    """Replace what libraries raise while a network is trained by errors of one line.
 
     Args:
-        folder: The run folder, which all that is written goes to.
+        folder: The run folder, to which all files are written.
 
     Raises:
         FileError: The disk refuses.
-        LfrefError: A data process died or stood still.
+        LfrefError: A data process died or hangs.
         CheckpointError: A checkpoint does not fit the network.
     """
     try:
         with atomic.file_errors(folder, "written"):
             yield
     except RuntimeError as error:
-        known = next((told for start, told in KNOWN.items() if str(error).startswith(start)), None)
+        known = next((entry for start, entry in KNOWN.items() if str(error).startswith(start)), None)
         if known is None:
             raise
-        # One that stands still would not even end, and be waited for at the exit of this process.
+        # A process that hangs would never end, and this one would wait for it at its exit.
         for process in multiprocessing.active_children():
             process.kill()
-        kind, expected, remedy = known
-        raise kind(expected, got=first_line(error), remedy=remedy) from error
+        error_class, expected, remedy = known
+        raise error_class(expected, got=first_line(error), remedy=remedy) from error

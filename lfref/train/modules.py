@@ -1,4 +1,4 @@
-"""The training of networks that make whole stacks of views: the network, its loss, its metrics."""
+"""LightningModules: a network with its loss, metrics, optimiser and schedule, also across a resume."""
 
 import abc
 import csv
@@ -29,64 +29,16 @@ from lfref.nets.refiner import Refiner
 from lfref.refocuser import refined as refined_refocuser
 from lfref.refocuser.features import check_names
 
-# PART resume
-# Going on with a run: its schedule fitted to what is set now, and its log cut where the checkpoint stands.
-
-
-def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
-    """Replace the settings of optimiser and schedule in a checkpoint; the moments stay.
-
-    The new schedule is run to where the old one stood, so that the rate is what it would be had it been set so from
-    the start. Nothing changes where the settings are the same.
-
-    Args:
-        checkpoint: As Lightning wrote it; changed in place.
-        optimizer: A new one with the settings of now; its parameters count for nothing.
-        schedule: Of that optimiser.
-        n_steps: Times that the schedule was stepped so far.
-    """
-    if schedule is not None:
-        for _ in range(n_steps):
-            optimizer.step()  # the schedule warns where it comes first
-            schedule.step()
-    checkpoint["lr_schedulers"] = [] if schedule is None else [schedule.state_dict()]
-    (settings,) = optimizer.param_groups
-    for group in (group for saved in checkpoint["optimizer_states"] for group in saved["param_groups"]):
-        group.update({name: value for name, value in settings.items() if name != "params"})
-
-
-def cut_log(path: Path, step: int) -> None:
-    """Forget what was logged at a step and after it, and a line that was cut off.
-
-    Args:
-        path: `metrics.csv`; may be missing.
-        step: Steps behind the checkpoint that training goes on from; 0 forgets everything.
-
-    Raises:
-        FileError: The file cannot be read or written.
-    """
-    if step == 0 or not path.exists():
-        path.unlink(missing_ok=True)
-        return
-    with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
-        header, *lines = list(csv.reader(file)) or [[]]
-    at = header.index("step") if "step" in header else None
-    kept = [line for line in lines if at is not None and len(line) == len(header) and int(line[at]) < step]
-    with atomic.replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([header, *kept])
-
-
-# PART fitting
-# What every training module has in common: its optimiser and schedule, also across a resume.
-
-OptimizerFactory = Callable[[Iterator[nn.Parameter]], torch.optim.Optimizer]
-SchedulerFactory = Callable[[torch.optim.Optimizer], LRScheduler]
+OptimizerFactory = Callable[[Iterator[nn.Parameter]], Optimizer]
+SchedulerFactory = Callable[[Optimizer], LRScheduler]
 RESERVED = frozenset({"loss", "mpsnr", "mssim", "gain", *TERMS})
 """Values that validation logs anyway."""
+METRICS = "metrics."
+"""Prefix of the weights of further metrics (LPIPS has some), which are no part of a checkpoint."""
 
 
 class Fitting(LightningModule, abc.ABC):
-    """Fits a network.
+    """Trains a network.
 
     Args:
         net: The network.
@@ -99,7 +51,7 @@ class Fitting(LightningModule, abc.ABC):
     """
 
     interval: ClassVar[str] = "epoch"
-    """What the schedule is stepped by: each epoch, or each step."""
+    """When the schedule is stepped: each epoch, or each step."""
 
     def __init__(
         self,
@@ -118,6 +70,15 @@ class Fitting(LightningModule, abc.ABC):
         self.metric_names = list(metrics or {})
         self.metrics: Any = nn.ModuleList((metrics or {}).values())
 
+    @abc.abstractmethod
+    def payload(self) -> dict[str, Any]:
+        """What a checkpoint must hold besides the weights, so that `lfref.load` can use them."""
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        """The network's output."""
+        output: Tensor = self.net(*inputs)
+        return output
+
     def update_metrics(self, images: Tensor, truth: Tensor) -> None:
         """Update the further metrics with validation images and log them.
 
@@ -130,14 +91,10 @@ class Fitting(LightningModule, abc.ABC):
             metric.update(*pair)
             self.log(f"val/{name}", metric)
 
-    @abc.abstractmethod
-    def payload(self) -> dict[str, Any]:
-        """What a checkpoint must hold besides the weights, so that `lfref.load` can use them."""
-
-    def forward(self, *inputs: Tensor) -> Tensor:
-        """The network's."""
-        made: Tensor = self.net(*inputs)
-        return made
+    def log_stage(self, stage: str, values: Mapping[str, Tensor], batch_size: int) -> None:
+        """Log values as `STAGE/NAME`: of `train` each step, of `val` their mean over the epoch."""
+        named = {f"{stage}/{name}": value for name, value in values.items()}
+        self.log_dict(named, on_step=stage == "train", on_epoch=stage == "val", batch_size=batch_size, sync_dist=True)
 
     def configure_optimizers(self) -> dict[str, Any]:  # type: ignore[override]
         """The optimiser over all parameters of the network, and its schedule.
@@ -150,100 +107,28 @@ class Fitting(LightningModule, abc.ABC):
         return {"optimizer": optimizer} | ({"lr_scheduler": stepped} if schedule else {})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Add what `lfref.load` needs; leave out weights of metrics (LPIPS), which are no part of the model."""
+        """Add what `lfref.load` needs; leave out the weights of metrics."""
         checkpoint["lfref"] = self.payload()
-        for name in [name for name in checkpoint["state_dict"] if name.startswith("metrics.")]:
-            del checkpoint["state_dict"][name]
+        state = checkpoint["state_dict"]
+        checkpoint["state_dict"] = {name: value for name, value in state.items() if not name.startswith(METRICS)}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Go on with the rate and the schedule that are set now; a checkpoint brings those of its own run."""
-        own = {name: value for name, value in self.state_dict().items() if name.startswith("metrics.")}
+        """Continue with today's settings of optimiser and schedule; a checkpoint holds those of its own run."""
+        own = {name: value for name, value in self.state_dict().items() if name.startswith(METRICS)}
         checkpoint["state_dict"] |= own
-        done = {
+        n_steps = {
             "epoch": checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"],
             "step": checkpoint["global_step"],
         }
-        made = self._optimization(iter([nn.Parameter(torch.zeros(()))]))
-        refit(checkpoint, *made, done[self.interval])
+        optimizer, schedule = self._optimization(iter([nn.Parameter(torch.zeros(()))]))
+        refit(checkpoint, optimizer, schedule, n_steps[self.interval])
 
-    def log_stage(self, stage: str, values: Mapping[str, Tensor], batch_size: int) -> None:
-        """Log values as `STAGE/NAME`: of training each step, of validation their mean over the epoch.
-
-        Args:
-            stage: `train` or `val`.
-            values: By name.
-            batch_size: What they are means over.
-        """
-        named = {f"{stage}/{name}": value for name, value in values.items()}
-        self.log_dict(named, on_step=stage == "train", on_epoch=stage == "val", batch_size=batch_size, sync_dist=True)
-
-    def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[torch.optim.Optimizer, LRScheduler | None]:
+    def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[Optimizer, LRScheduler | None]:
         try:
             optimizer = self.optimizer(parameters)
             return optimizer, self.scheduler(optimizer) if self.scheduler else None
         except (TypeError, ValueError, ZeroDivisionError) as error:
             raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
-
-
-# PART refining
-# The training of refiners: planes that a method has made, and what is missing to them.
-
-
-class Refining(Fitting):
-    """Trains a refiner.
-
-    Args:
-        net: Features, pictures and error scale -> better pictures.
-        loss: Of refined pictures, truth, pictures and error scale.
-        recipe: Of the planes that it learns from; its method and features go into every checkpoint.
-        optimizer: Makes the optimiser from the parameters.
-        scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
-        metrics: Further metrics of refined planes by name, logged as `val/NAME`.
-
-    Raises:
-        InputError: Corrections cannot be mixed of the features of the recipe.
-    """
-
-    interval = "step"
-
-    def __init__(
-        self,
-        net: Refiner,
-        loss: RelativeError,
-        recipe: Recipe,
-        optimizer: OptimizerFactory,
-        scheduler: SchedulerFactory | None = None,
-        metrics: Mapping[str, Metric] | None = None,
-    ) -> None:
-        super().__init__(net, optimizer, scheduler, metrics)
-        check_names(recipe.features, net.n_candidates)
-        self.loss = loss
-        self.recipe = recipe
-
-    def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
-        """The loss of one batch."""
-        return self._loss(batch, self(batch["features"], batch["pictures"], batch["error_scale"]), "train")
-
-    def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
-        """The loss, PSNR and what it gained, of one held-out light field, logged."""
-        made = self(batch["features"], batch["pictures"], batch["error_scale"])
-        self._loss(batch, made, "val")
-        truth = batch["pictures"] + batch["missing"]
-        # Pixels that may not be corrected count as right.
-        refined, given = (torch.where(batch["error_scale"] > 0, each, truth) for each in (made, batch["pictures"]))
-        after, before = (psnr(each, truth).mean() for each in (refined, given))
-        self.update_metrics(refined, truth)
-        values = {"val/mpsnr": after, "val/gain": after - before}
-        self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
-
-    def payload(self) -> dict[str, Any]:
-        """What builds the refiner again, its method and its features."""
-        return refined_refocuser.payload(self.net, self.recipe.base, self.recipe.features)
-
-    def _loss(self, batch: PlaneBatch, made: Tensor, stage: str) -> Tensor:
-        loss: Tensor = self.loss(made, batch["pictures"] + batch["missing"], batch["pictures"], batch["error_scale"])
-        self.log_stage(stage, {"loss": loss}, len(made))
-        return loss
 
 
 class Refocusing(Fitting):
@@ -252,7 +137,7 @@ class Refocusing(Fitting):
     Args:
         net: Views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
         loss: Named weighted terms.
-        planes: What the planes of the labels are; goes into every checkpoint.
+        planes: Planes of the labels; goes into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
         is_linear: Whether the data is linear light, or samples as files hold them; goes into every checkpoint.
@@ -295,7 +180,7 @@ class Refocusing(Fitting):
         return stack
 
     def payload(self) -> dict[str, Any]:
-        """What builds the network again, and what its planes are."""
+        """What builds the network again, and its planes."""
         return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
@@ -303,3 +188,104 @@ class Refocusing(Fitting):
         total = self.loss.total(terms)
         self.log_stage(stage, {"loss": total, **terms}, len(labels))
         return total
+
+
+class Refining(Fitting):
+    """Trains a refiner to correct the planes of a classical method.
+
+    Args:
+        net: Features, pictures and error scale -> better pictures.
+        loss: Of refined pictures, truth, pictures and error scale.
+        recipe: Of the set of planes; its method and features go into every checkpoint.
+        optimizer: Makes the optimiser from the parameters.
+        scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
+        metrics: Further metrics of refined planes by name, logged as `val/NAME`.
+
+    Raises:
+        InputError: Corrections cannot be mixed of the features of the recipe.
+    """
+
+    interval = "step"
+
+    def __init__(
+        self,
+        net: Refiner,
+        loss: RelativeError,
+        recipe: Recipe,
+        optimizer: OptimizerFactory,
+        scheduler: SchedulerFactory | None = None,
+        metrics: Mapping[str, Metric] | None = None,
+    ) -> None:
+        super().__init__(net, optimizer, scheduler, metrics)
+        check_names(recipe.features, net.n_candidates)
+        self.loss = loss
+        self.recipe = recipe
+
+    def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
+        """The loss of one batch."""
+        return self._loss(batch, self(batch["features"], batch["pictures"], batch["error_scale"]), "train")
+
+    def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
+        """Log loss, PSNR and its gain over the pictures, of one held-out light field."""
+        output = self(batch["features"], batch["pictures"], batch["error_scale"])
+        self._loss(batch, output, "val")
+        truth = batch["pictures"] + batch["missing"]
+        # Pixels that may not be corrected count as right.
+        refined, given = (torch.where(batch["error_scale"] > 0, each, truth) for each in (output, batch["pictures"]))
+        after, before = (psnr(each, truth).mean() for each in (refined, given))
+        self.update_metrics(refined, truth)
+        values = {"val/mpsnr": after, "val/gain": after - before}
+        self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
+
+    def payload(self) -> dict[str, Any]:
+        """What builds the refiner again, its method and its features."""
+        return refined_refocuser.payload(self.net, self.recipe.base, self.recipe.features)
+
+    def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
+        truth = batch["pictures"] + batch["missing"]
+        loss: Tensor = self.loss(output, truth, batch["pictures"], batch["error_scale"])
+        self.log_stage(stage, {"loss": loss}, len(output))
+        return loss
+
+
+def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
+    """Replace the settings of optimiser and schedule in a checkpoint; the moments stay.
+
+    The new schedule is stepped to where the old one stood, so that the rate is what it would be with these settings
+    from the start. Nothing changes where the settings are the same.
+
+    Args:
+        checkpoint: As Lightning wrote it; changed in place.
+        optimizer: A new one with today's settings; its parameters do not matter.
+        schedule: Of that optimiser.
+        n_steps: Steps of the schedule so far.
+    """
+    if schedule is not None:
+        for _ in range(n_steps):
+            optimizer.step()  # a schedule that is stepped first warns
+            schedule.step()
+    checkpoint["lr_schedulers"] = [] if schedule is None else [schedule.state_dict()]
+    (settings,) = optimizer.param_groups
+    for group in (group for saved in checkpoint["optimizer_states"] for group in saved["param_groups"]):
+        group.update({name: value for name, value in settings.items() if name != "params"})
+
+
+def cut_log(path: Path, step: int) -> None:
+    """Remove what was logged at a step and after it, and a line that was cut off.
+
+    Args:
+        path: `metrics.csv`; may be missing.
+        step: Step of the checkpoint from which training continues; 0 removes everything.
+
+    Raises:
+        FileError: The file cannot be read or written.
+    """
+    if step == 0 or not path.exists():
+        path.unlink(missing_ok=True)
+        return
+    with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
+        header, *lines = list(csv.reader(file)) or [[]]
+    at = header.index("step") if "step" in header else None
+    kept = [line for line in lines if at is not None and len(line) == len(header) and int(line[at]) < step]
+    with atomic.replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([header, *kept])

@@ -11,7 +11,7 @@ from lfref.bench import engine_timing
 from lfref.bench.engine_timing import FieldInputs, Fields, NetworkCase
 from lfref.data.field_sources import SimulatedSource
 from lfref.engines import runtimes
-from lfref.engines.engine import Way
+from lfref.engines.engine import Preparation
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.nets.refiner import Refiner
@@ -141,7 +141,7 @@ def test_an_engine_that_cannot_run_says_why_in_one_line(monkeypatch):
     def stumble(job):
         raise RuntimeError("operator aten::frobnicate is unknown\nand a page of it")
 
-    monkeypatch.setitem(runtimes.ENGINES, "broken", {"fp32": Way(stumble)})
+    monkeypatch.setitem(runtimes.ENGINES, "broken", {"fp32": Preparation(stumble)})
     with pytest.raises(InputError) as refused:
         engine_timing.start(convolution(), "broken", "fp32")
     assert str(refused.value).endswith("got operator aten::frobnicate is unknown")

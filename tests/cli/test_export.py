@@ -12,7 +12,7 @@ import torch
 from lfref.bench import timing
 from lfref.cli import export
 from lfref.errors import LfrefError
-from lfref.export.checked import Wanted
+from lfref.export.export_file import ExportFile
 from lfref.nets import checkpoint
 from lfref.refocuser.load import load
 from tests.conftest import ROOT
@@ -83,9 +83,9 @@ def test_an_operator_is_fixed_to_its_planes_grid_and_aperture(lfref, tmp_path):
 )
 def test_whole_numbers_are_kept_only_where_they_are_faster(spent, is_kept, tmp_path, monkeypatch):
     monkeypatch.setattr(timing, "in_turns", lambda watches, rounds, warmup: spent)
-    monkeypatch.setattr(export.checked, "drafted", lambda folder, *rest: folder / "net.onnx")
-    monkeypatch.setattr(export.file_formats, "opened", lambda path: (lambda *inputs: None, None))
-    wanted = Wanted(tmp_path / "net", "onnx", "fp32", "1.2.3")
+    monkeypatch.setattr(ExportFile, "write_draft", lambda file, folder, *rest: folder / "net.onnx")
+    monkeypatch.setattr(export.file_formats, "read", lambda path: (lambda *inputs: None, None))
+    wanted = ExportFile(tmp_path / "net", "onnx", "fp32", "1.2.3")
     refused = (
         nullcontext() if is_kept else pytest.raises(LfrefError, match=r"faster than fp32; got 0\.91 times as fast")
     )

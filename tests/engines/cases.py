@@ -1,8 +1,8 @@
-"""Small networks with odd sizes, as jobs: a RefNet, which reads views, and a refiner."""
+"""Small networks with odd sizes, as workloads: a RefNet, which reads views, and a refiner."""
 
 import torch
 
-from lfref.engines.engine import Job
+from lfref.engines.engine import Workload
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 
@@ -14,7 +14,7 @@ def refnet(device="cpu"):
     network = RefNet(n_planes=2, grid=(3, 3), widths=(16, 8), stem_width=16).eval().requires_grad_(False)
     patches = [(torch.rand(1, 3, 3, 3, *PATCH),) for _ in range(3)]
     network.prime(patches[0][0], None, 0.5 + 0.1 * torch.rand(1, 2, 3, *PATCH))
-    return _job(network, (torch.rand(1, 3, 3, 3, *SIZE),), patches, device)
+    return _workload(network, (torch.rand(1, 3, 3, 3, *SIZE),), patches, device)
 
 
 def refiner(device="cpu"):
@@ -27,12 +27,12 @@ def refiner(device="cpu"):
         (torch.randn(4, 5, *size), torch.rand(4, 3, *size), 0.05 * torch.rand(4, 1, *size))
         for size in (SIZE, PATCH, PATCH, PATCH)
     ]
-    return _job(network, drawn[0], drawn[1:], device)
+    return _workload(network, drawn[0], drawn[1:], device)
 
 
-def _job(network, example, patches, device):
+def _workload(network, example, patches, device):
     moved = tuple(each.to(device) for each in example)
-    return Job(network.to(device), moved, [tuple(each.to(device) for each in patch) for patch in patches])
+    return Workload(network.to(device), moved, [tuple(each.to(device) for each in patch) for patch in patches])
 
 
-JOBS = {"refnet": refnet, "refiner": refiner}
+WORKLOADS = {"refnet": refnet, "refiner": refiner}

@@ -40,7 +40,7 @@ def test_views_are_refocused_without_pytorch(packages, tmp_path):
     (tmp_path / "refocus.py").write_text(script)
     subject = graphs.exportable(cases.operator(interpolation="cubic"), cases.SLOPES, cases.GRID)
     axes = {"inputs": subject.graph.inputs, "output": subject.graph.output}
-    manifest = Manifest(**axes, precision="fp32", sha256="", version="1", **subject.told)
+    manifest = Manifest(**axes, precision="fp32", sha256="", version="1", **subject.manifest_entries)
     file_formats.write(tmp_path / "net.onnx", "onnx", subject.graph, manifest)
     views = (255 * cases.field((40, 52)).views).round().to(torch.uint8)
     (folder := tmp_path / "views").mkdir()

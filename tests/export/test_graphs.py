@@ -37,18 +37,18 @@ def test_inputs_have_the_axes_that_are_told(kind):
 
 def test_networks_and_operators_say_their_planes():
     for refocuser in (cases.network(), cases.operator()):
-        told = graphs.exportable(refocuser, cases.PLANES, cases.GRID).told
+        told = graphs.exportable(refocuser, cases.PLANES, cases.GRID).manifest_entries
         assert planes_from(told["planes"]) == cases.PLANES
         assert told["planes"]["alphas"] == [0.5, 1.0, 2.0]
-    assert "planes" not in graphs.exportable(cases.refiner(), cases.PLANES, cases.GRID).told
+    assert "planes" not in graphs.exportable(cases.refiner(), cases.PLANES, cases.GRID).manifest_entries
 
 
 def test_an_aperture_is_exported_with_its_operator():
     refocuser = cases.operator(interpolation="cubic", fill=1.0).through(lambda grid: apertures.gaussian(grid, 1.0))
     subject = graphs.exportable(refocuser, cases.SLOPES, cases.GRID)
     views = cases.FIELDS[0].views[None]
-    torch.testing.assert_close(subject.graph.module(views), subject.wanted(views), atol=3e-6, rtol=0)
-    assert len(subject.told["config"]["options"]["weights"]) == 3
+    torch.testing.assert_close(subject.graph.module(views), subject.reference(views), atol=3e-6, rtol=0)
+    assert len(subject.manifest_entries["config"]["options"]["weights"]) == 3
 
 
 @pytest.mark.parametrize(

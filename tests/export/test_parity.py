@@ -28,7 +28,7 @@ def test_cases_are_every_size_four_at_once_and_flat_frames():
 
 def test_how_far_an_engine_is_off_is_told_case_by_case():
     exact = subject()
-    runs = {"same": exact.wanted, "off": lambda views: exact.wanted(views) + 0.01}
+    runs = {"same": exact.reference, "off": lambda views: exact.reference(views) + 0.01}
     rows = list(parity.rows(exact, runs, parity.cases(exact, cases.FIELDS[:1])))
     assert [row["engine"] for row in rows[:2]] == ["same", "off"]
     assert all(row["max_error"] == 0 and row["psnr_db"] == 100 for row in rows[::2])
@@ -45,9 +45,13 @@ def test_noise_that_a_network_makes_itself_is_no_fault_of_a_file():
     subject = graphs.exportable(cases.untrained(), cases.PLANES, cases.GRID)
 
     def doubled(views):
-        return subject.wanted(views) + 2 * (subject.exact(views).float() - subject.wanted(views))
+        return subject.reference(views) + 2 * (subject.exact(views).float() - subject.reference(views))
 
-    runs = {"doubled": doubled, "far": lambda views: subject.wanted(views) + 1e3, "nan": lambda views: views.mean() / 0}
+    runs = {
+        "doubled": doubled,
+        "far": lambda views: subject.reference(views) + 1e3,
+        "nan": lambda views: views.mean() / 0,
+    }
     rows = list(parity.rows(subject, runs, parity.cases(subject, cases.FIELDS[:1])))
     assert parity.own_noise(rows).keys() == {"black"}
     assert all(row["own_error"] == 0 for row in rows if row["case"] not in parity.FLAT)
@@ -76,7 +80,7 @@ def test_a_file_that_corrects_nothing_is_told_however_small_corrections_are():
     subject = graphs.exportable(cases.refiner(), cases.PLANES, cases.GRID)
 
     def towards(share):
-        return lambda *inputs: inputs[1] + share * (subject.wanted(*inputs) - inputs[1])
+        return lambda *inputs: inputs[1] + share * (subject.reference(*inputs) - inputs[1])
 
     tried = list(parity.cases(subject, cases.FIELDS[:1]))
     runs = {"nothing": towards(0.0), "too little": towards(0.4), "about": towards(0.9), "same": towards(1.0)}
@@ -89,7 +93,7 @@ def test_a_file_that_corrects_nothing_is_told_however_small_corrections_are():
 
 def test_stacks_that_are_not_finite_or_of_another_shape_are_off_by_more_than_anything():
     exact = subject()
-    runs = {"nan": lambda views: exact.wanted(views) * math.nan, "less": lambda views: exact.wanted(views)[:, :1]}
+    runs = {"nan": lambda views: exact.reference(views) * math.nan, "less": lambda views: exact.reference(views)[:, :1]}
     rows = list(parity.rows(exact, runs, parity.cases(exact, cases.FIELDS[:1])))
     assert all(row["max_error"] == math.inf for row in rows)
     assert parity.worst(rows, Tolerance(psnr_db=1)) is not None

@@ -57,7 +57,7 @@ def answer(address, body=None):
 def model(tmp_path_factory):
     subject = graphs.exportable(cases.network(), cases.PLANES, cases.GRID)
     axes = {"inputs": subject.graph.inputs, "output": subject.graph.output}
-    manifest = Manifest(**axes, precision="fp32", sha256="", version="1", **subject.told)
+    manifest = Manifest(**axes, precision="fp32", sha256="", version="1", **subject.manifest_entries)
     file_formats.write(path := tmp_path_factory.mktemp("model") / "net.onnx", "onnx", subject.graph, manifest)
     return path
 

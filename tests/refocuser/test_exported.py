@@ -15,7 +15,7 @@ pytest.importorskip("onnxruntime")
 
 def written(folder, kind="network", **told):
     subject = graphs.exportable(cases.SUBJECTS[kind](), cases.PLANES, cases.GRID)
-    given = {"precision": "fp32", "sha256": "0", "version": "1.2.3"} | dict(subject.told) | told
+    given = {"precision": "fp32", "sha256": "0", "version": "1.2.3"} | dict(subject.manifest_entries) | told
     path = folder / "net.onnx"
     file_formats.write(
         path, "onnx", subject.graph, Manifest(inputs=subject.graph.inputs, output=subject.graph.output, **given)

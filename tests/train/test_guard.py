@@ -103,7 +103,7 @@ def test_accumulated_steps_are_skipped_as_a_whole(batch_norm, data, trainer, cap
 def test_training_stops_after_too_many_in_a_row(module, data, trainer, tmp_path):
     last = BestCheckpoint(tmp_path, monitor="val/mpsnr", mode="max")
     fit = trainer(max_epochs=1, enable_checkpointing=True, callbacks=[Poison("labels", range(3)), StepGuard(2), last])
-    with pytest.raises(LfrefError, match=r"got none in 2 steps; at last for the labels of .*; lower optimizer\.lr"):
+    with pytest.raises(LfrefError, match=r"got none in 2 steps; last cause: labels of .*; lower optimizer\.lr"):
         fit.fit(module, datamodule=data)
     assert not list(tmp_path.glob("*.ckpt"))
 

@@ -21,8 +21,8 @@ from lfref.bench.stability import textbook_formulas as textbook
 from lfref.bench.stability.trials import OURS, Component, Formulation, Precision, Tolerance, TrialResult
 from lfref.engines.engine import FP32
 from lfref.engines.files.file_formats import FORMATS
-from lfref.export import checked, graphs
-from lfref.export.checked import Wanted
+from lfref.export import graphs
+from lfref.export.export_file import ExportFile
 from lfref.functional.psnr import inverse_psnr, psnr
 from lfref.functional.ssim import one_minus_ssim
 from lfref.geometry import even_planes
@@ -293,8 +293,8 @@ def file_components() -> list[Component]:
         ours, exact = (NetworkRefocuser(network, planes) for network in networks)
         graph = graphs.exportable(ours, planes, catalogue.NETWORK_GRID)
         with tempfile.TemporaryDirectory() as folder:
-            order = Wanted(Path(folder, "network"), name, FP32, str(timing.version("lfref")))
-            forms = {OURS: load(checked.drafted(Path(folder), order, ours, graph))}
+            order = ExportFile(Path(folder, "network"), name, FP32, str(timing.version("lfref")))
+            forms = {OURS: load(order.write_draft(Path(folder), ours, graph))}
         title = f"exported network, {name}"
         components.append(Component(title, catalogue.NETWORK_VIEWS, forms, exact, _file_tolerance, has_gradient=False))
     return components

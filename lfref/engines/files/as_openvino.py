@@ -1,39 +1,42 @@
-"""OpenVINO files: NAME.xml, which says what is computed, and NAME.bin beside it, the weights.
+"""OpenVINO files: NAME.xml, the graph, and NAME.bin beside it, the weights.
 
-Neither can run anything, but the one must be of the other: its SHA-256 stands in the first.
+Neither can run code, but the weights must be those of the graph: their SHA-256 stands in NAME.xml.
 """
 
 import hashlib
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from lfref.engines import by_openvino
 from lfref.engines.engine import BF16, FP16, FP32, INT8, Run
 from lfref.engines.files import as_onnx
-from lfref.engines.files.manifest import KEY, Graph, Manifest, parsed
+from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
 from lfref.errors import CheckpointError
 from lfref.io import atomic
 
-WEIGHTS = "lfref_weights"
-"""Under which the SHA-256 of the other file stands."""
+PRECISIONS = (FP32, FP16, BF16, INT8)
+"""fp16 weights are stored in half precision; bf16 is only said to the runtime."""
+PACKAGES = (*by_openvino.PACKAGES, *as_onnx.PACKAGES)
+WEIGHTS_KEY = "lfref_weights"
+"""Key of the SHA-256 of the weights."""
 
 
 def write(path: Path, graph: Graph, manifest: Manifest) -> None:
-    """Write a model.
-
-    Args:
-        path: The file, `NAME.xml`; its weights go to `NAME.bin`.
-        graph: What it shall do.
-        manifest: What it shall say of itself; its precision is one of `PRECISIONS`.
+    """Write a model as `NAME.xml` and `NAME.bin`.
 
     Raises:
         FileError: The disk refuses.
     """
     import openvino
 
-    model = PRECISIONS[manifest.precision](graph)
+    with tempfile.TemporaryDirectory() as folder:
+        # By way of ONNX, which knows free axes: what OpenVINO traces knows only the sizes of the trace.
+        onnx_path = Path(folder, "model.onnx")
+        onnx_path.write_bytes(as_onnx.to_model(graph).SerializeToString())
+        model = openvino.convert_model(onnx_path)
+    if manifest.precision == INT8:
+        model = by_openvino.quantise(model, graph.patches)
     for port, (name, axes) in zip(model.inputs, graph.inputs.items(), strict=True):
         port.get_tensor().set_names({name})
         port.get_node().set_friendly_name(name)
@@ -41,23 +44,20 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     model.validate_nodes_and_infer_types()
     model.set_rt_info(manifest.text(), KEY)
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder, "model.xml")
-        for _ in range(2):  # the second time it knows its weights
-            openvino.save_model(model, made, compress_to_fp16=manifest.precision == FP16)
-            model.set_rt_info(_digest(made.with_suffix(".bin")), WEIGHTS)
+        draft = Path(folder, "model.xml")
+        for _ in range(2):  # the digest of the weights is known after the first time
+            openvino.save_model(model, draft, compress_to_fp16=manifest.precision == FP16)
+            model.set_rt_info(_digest(draft.with_suffix(".bin")), WEIGHTS_KEY)
         for suffix in (".bin", ".xml"):
             with atomic.replacing(path.with_suffix(suffix)) as partial:
-                partial.write_bytes(made.with_suffix(suffix).read_bytes())
+                partial.write_bytes(draft.with_suffix(suffix).read_bytes())
 
 
-def opened(path: Path) -> tuple[Run, Manifest]:
-    """A model, ready to run, and what it says of itself.
-
-    Args:
-        path: A file that `write` wrote.
+def read(path: Path) -> tuple[Run, Manifest]:
+    """A model that `write` wrote, ready to run, and its manifest.
 
     Raises:
-        CheckpointError: Another file, its weights are missing or of another one, or this runtime cannot run it.
+        CheckpointError: Another file, its weights are missing or others, or this runtime cannot run it.
     """
     import openvino
 
@@ -66,13 +66,14 @@ def opened(path: Path) -> tuple[Run, Manifest]:
         raise CheckpointError(f"{path} must have its weights beside it, {weights.name}", remedy="copy both")
     try:
         model = openvino.Core().read_model(path, weights)
-        manifest, told = (parsed(path, _told(model, KEY)), _told(model, WEIGHTS))
-        if told != _digest(weights):
+        manifest, sha256 = parse(path, _metadata(model, KEY)), _metadata(model, WEIGHTS_KEY)
+        if sha256 != _digest(weights):
             raise CheckpointError(f"{weights} must be the weights of {path.name}", got="others", remedy="copy both")
-        run = by_openvino.compiled(model, _computed_in(manifest.precision))
+        precision = by_openvino.beside_int8() if manifest.precision == INT8 else manifest.precision
+        run = by_openvino.compile_model(model, BF16 if precision == BF16 else FP32)
     except CheckpointError:
         raise
-    # Over a foreign file the library raises whatever it stumbles on.
+    # On a foreign file the library raises whatever it likes; its last line says most.
     except Exception as error:
         got = (str(error).strip() or type(error).__name__).splitlines()[-1][:200]
         raise CheckpointError(f"{path} must be a model of OpenVINO", got=got, remedy="export it anew") from error
@@ -82,32 +83,7 @@ def opened(path: Path) -> tuple[Run, Manifest]:
     return run, manifest
 
 
-def _plain(graph: Graph) -> Any:
-    """By way of ONNX, which knows of free axes; what is traced knows but the sizes that it was traced with."""
-    import openvino
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "model.onnx")
-        path.write_bytes(as_onnx.model_of(graph).SerializeToString())
-        return openvino.convert_model(path)
-
-
-def _int8(graph: Graph) -> Any:
-    return by_openvino.quantised(_plain(graph), graph.patches)
-
-
-PRECISIONS: dict[str, Callable[[Graph], Any]] = {FP32: _plain, FP16: _plain, BF16: _plain, INT8: _int8}
-"""Each (graph) -> model. Weights of fp16 are kept in half precision; bf16 and int8 are said to the runtime."""
-PACKAGES = (*by_openvino.PACKAGES, *as_onnx.PACKAGES)
-
-
-def _computed_in(precision: str) -> str:
-    if precision == INT8:
-        return by_openvino.around_int8()
-    return BF16 if precision == BF16 else FP32
-
-
-def _told(model: Any, key: str) -> str | None:
+def _metadata(model: Any, key: str) -> str | None:
     return str(model.get_rt_info(key).astype(str)) if model.has_rt_info(key) else None
 
 

@@ -1,4 +1,4 @@
-"""The table of formats that networks are exported to, by name."""
+"""The table of file formats to which networks are exported, by name."""
 
 import importlib.util
 from collections.abc import Callable, Mapping
@@ -11,70 +11,58 @@ from lfref.engines.files.manifest import Graph, Manifest
 from lfref.errors import CheckpointError, InputError, chosen
 
 
-class Format(NamedTuple):
-    """One kind of file."""
+class NetworkFormat(NamedTuple):
+    """A file format of networks."""
 
     suffix: str
-    """Of its name."""
+    """Of the file name."""
     precisions: tuple[str, ...]
-    """That it can be of."""
+    """Precisions that it can hold."""
     packages: tuple[str, ...]
-    """What must be installed."""
+    """Packages that must be installed."""
     write: Callable[[Path, Graph, Manifest], None]
-    opened: Callable[[Path], tuple[Run, Manifest]]
+    read: Callable[[Path], tuple[Run, Manifest]]
     engine: str
-    """That it is opened by."""
+    """The engine by which it is run."""
     others: Mapping[str, Callable[[Path], Run]] = {}
-    """Further engines that read it, by name; each is the package that it needs."""
+    """Further engines that run it, by the name of the package that each needs."""
 
     @property
     def lacking(self) -> list[str]:
-        """What must be installed and is not."""
+        """Packages that are not installed."""
         return [name for name in self.packages if importlib.util.find_spec(name) is None]
 
 
-FORMATS: dict[str, Format] = {
-    "onnx": Format(
-        ".onnx",
-        tuple(as_onnx.PRECISIONS),
-        as_onnx.PACKAGES,
-        as_onnx.write,
-        as_onnx.opened,
-        "onnxruntime",
-        {"openvino": as_onnx.by_openvino},
+FORMATS: dict[str, NetworkFormat] = {
+    "onnx": NetworkFormat(
+        ".onnx", as_onnx.PRECISIONS, as_onnx.PACKAGES, as_onnx.write, as_onnx.read, "onnxruntime",
+        {"openvino": as_onnx.run_by_openvino},
     ),
-    "pt2": Format(".pt2", as_pt2.PRECISIONS, as_pt2.PACKAGES, as_pt2.write, as_pt2.opened, "pytorch"),
-    "openvino": Format(
-        ".xml", tuple(as_openvino.PRECISIONS), as_openvino.PACKAGES, as_openvino.write, as_openvino.opened, "openvino"
+    "pt2": NetworkFormat(".pt2", as_pt2.PRECISIONS, as_pt2.PACKAGES, as_pt2.write, as_pt2.read, "pytorch"),
+    "openvino": NetworkFormat(
+        ".xml", as_openvino.PRECISIONS, as_openvino.PACKAGES, as_openvino.write, as_openvino.read, "openvino"
     ),
-}
+}  # fmt: skip
 
 
-def of(path: Path) -> Format | None:
-    """The format of a file by its suffix; None: none of these.
-
-    Args:
-        path: Of the file.
-    """
+def format_of(path: Path) -> NetworkFormat | None:
+    """The format of a file by its suffix; None: none of these."""
     return next((each for each in FORMATS.values() if each.suffix == path.suffix.lower()), None)
 
 
-def opened(path: Path) -> tuple[Run, Manifest]:
-    """A file, ready to run, and what it says of itself.
-
-    Args:
-        path: With the suffix of one of `FORMATS`.
+def read(path: Path) -> tuple[Run, Manifest]:
+    """A file with the suffix of one of `FORMATS`, ready to run, and its manifest.
 
     Raises:
         CheckpointError: It cannot be read.
         InputError: A package is missing.
     """
-    found = of(path)
-    assert found is not None, path
+    file_format = format_of(path)
+    assert file_format is not None, path
     if not path.is_file():
         raise CheckpointError(f"no file at {path}", remedy="give what lfref export wrote")
-    _need(found)
-    return found.opened(path)
+    _check_packages(file_format)
+    return file_format.read(path)
 
 
 def write(path: Path, name: str, graph: Graph, manifest: Manifest) -> None:
@@ -83,35 +71,32 @@ def write(path: Path, name: str, graph: Graph, manifest: Manifest) -> None:
     Args:
         path: With the suffix of the format.
         name: A key of `FORMATS`.
-        graph: What it shall do.
-        manifest: What it shall say of itself.
+        graph: The network.
+        manifest: What the file says of itself; its precision decides about the file.
 
     Raises:
-        InputError: There is no such format, it can't be of that precision, or a package is missing.
+        InputError: There is no such format, it has no such precision, or a package is missing.
         FileError: The disk refuses.
     """
-    found = chosen("format", name, FORMATS)
-    chosen(f"precision of {name}", manifest.precision, dict.fromkeys(found.precisions))
-    _need(found)
-    found.write(path, graph, manifest)
+    file_format = chosen("format", name, FORMATS)
+    chosen(f"precision of {name}", manifest.precision, dict.fromkeys(file_format.precisions))
+    _check_packages(file_format)
+    file_format.write(path, graph, manifest)
 
 
 def engines(path: Path) -> dict[str, Run]:
-    """A file by every engine that is installed.
-
-    Args:
-        path: What `write` wrote.
+    """A file that `write` wrote, ready to run by every engine that is installed.
 
     Raises:
-        CheckpointError: The first of them cannot run it.
+        CheckpointError: The first engine cannot run it.
     """
-    found = of(path)
-    assert found is not None, path
-    others = {name: run for name, run in found.others.items() if importlib.util.find_spec(name) is not None}
-    return {found.engine: opened(path)[0]} | {name: run(path) for name, run in others.items()}
+    file_format = format_of(path)
+    assert file_format is not None, path
+    others = {name: run for name, run in file_format.others.items() if importlib.util.find_spec(name) is not None}
+    return {file_format.engine: read(path)[0]} | {name: run(path) for name, run in others.items()}
 
 
-def _need(found: Format) -> None:
-    if found.lacking:
+def _check_packages(file_format: NetworkFormat) -> None:
+    if absent := file_format.lacking:
         remedy = "pip install 'lfref[export]'"
-        raise InputError("this format needs a package", got=f"no {' and no '.join(found.lacking)}", remedy=remedy)
+        raise InputError("this format needs a package", got=f"no {' and no '.join(absent)}", remedy=remedy)

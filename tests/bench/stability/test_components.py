@@ -7,7 +7,7 @@ import torch
 
 from lfref.bench.stability import catalogue, components, trials
 from lfref.bench.stability.trials import OURS, PRECISIONS
-from lfref.engines.files.file_formats import FORMATS, Format
+from lfref.engines.files.file_formats import FORMATS, NetworkFormat
 from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS
 
 IMAGES = {component.name: component for component in components.image_components()}
@@ -115,7 +115,7 @@ def test_exported_files_equal_their_network_and_refuse_nan(name, monkeypatch, fe
 
 
 def test_formats_that_are_not_installed_are_missing_and_not_tried(monkeypatch):
-    absent = Format(".absent", ("fp32",), ("json", "no_such_runtime"), None, None, "absent")
+    absent = NetworkFormat(".absent", ("fp32",), ("json", "no_such_runtime"), None, None, "absent")
     monkeypatch.setattr(components, "FORMATS", {"absent": absent})
     assert components.file_components() == []
     (row,) = components.missing_formats()

@@ -19,16 +19,18 @@ class Stack(nn.Module):
 
 
 def views():
-    job = cases.refnet()
+    workload = cases.refnet()
     axes = {"views": ("B", 3, 3, 3, "H", "W")}
-    return Graph(Stack(job.network).eval(), axes, ("B", 2, 3, "H", "W"), (torch.rand(2, 3, 3, 3, 24, 28),), job.patches)
+    return Graph(
+        Stack(workload.network).eval(), axes, ("B", 2, 3, "H", "W"), (torch.rand(2, 3, 3, 3, 24, 28),), workload.patches
+    )
 
 
 def refiner():
-    job = cases.refiner()
+    workload = cases.refiner()
     axes = {"features": ("N", 5, "H", "W"), "pictures": ("N", 3, "H", "W"), "error_scale": ("N", 1, "H", "W")}
-    example = tuple(each[:2, :, :24, :28].contiguous() for each in job.example)
-    return Graph(job.network, axes, ("N", 3, "H", "W"), example, job.patches)
+    example = tuple(each[:2, :, :24, :28].contiguous() for each in workload.example)
+    return Graph(workload.network, axes, ("N", 3, "H", "W"), example, workload.patches)
 
 
 GRAPHS = {"views": views, "refiner": refiner}

@@ -1,13 +1,17 @@
 """What a file says of itself comes back as it was said; anything else is a line."""
 
+import copy
 import json
 from pathlib import Path
 
 import pytest
+import torch
+from torch import nn
 
 from lfref.engines.files import manifest
 from lfref.engines.files.manifest import Manifest
 from lfref.errors import CheckpointError
+from tests.engines.files import cases
 
 PATH = Path("net.onnx")
 MADE = Manifest(
@@ -24,7 +28,7 @@ MADE = Manifest(
 
 
 def test_what_was_said_comes_back():
-    assert manifest.parsed(PATH, MADE.text()) == MADE
+    assert manifest.parse(PATH, MADE.text()) == MADE
     assert MADE.reads_views
 
 
@@ -46,5 +50,22 @@ def test_what_was_said_comes_back():
 )
 def test_what_cannot_be_is_a_line(text, said):
     with pytest.raises(CheckpointError, match=said) as error:
-        manifest.parsed(PATH, text)
+        manifest.parse(PATH, text)
     assert "\n" not in str(error.value)
+
+
+def test_free_axes_are_those_that_are_letters():
+    assert cases.views().free == ({0: "B", 4: "H", 5: "W"},)
+    assert cases.refiner().free == ({0: "N", 2: "H", 3: "W"},) * 3
+
+
+def test_a_digest_is_of_names_shapes_and_values():
+    module = nn.Sequential(nn.Conv2d(2, 3, 1), nn.ReLU())
+    known = manifest.digest(module)
+    assert manifest.digest(copy.deepcopy(module)) == known
+    other = copy.deepcopy(module)
+    with torch.no_grad():
+        other[0].bias[0] += 1e-3
+    assert manifest.digest(other) != known
+    assert manifest.digest(nn.Sequential(nn.Identity(), module[0])) != known
+    assert manifest.digest(copy.deepcopy(module).to(memory_format=torch.channels_last)) == known

@@ -7,7 +7,7 @@ import torch
 
 from lfref.engines import engine as engines
 from lfref.engines import runtimes
-from lfref.engines.engine import Job, Way
+from lfref.engines.engine import Preparation, Workload
 from lfref.engines.runtimes import ENGINES
 from lfref.errors import InputError
 from tests.engines import cases
@@ -18,58 +18,60 @@ ALLOWED = {"fp32": 1e-5, "bf16": 0.1, "int8": 0.3}
 """Root mean square of what changes, beside the standard deviation of what the network adds or draws."""
 
 
-def prepared(engine, precision, job):
+def prepared(engine, precision, workload):
     """The engine, or a skip that says why it can't be had."""
-    lacking = runtimes.way(engine, precision).lacking(job.device)
+    lacking = ENGINES[engine][precision].lacking(workload.device)
     if lacking is not None:
         pytest.skip(str(lacking))
-    return runtimes.prepared(engine, precision, job)
+    return runtimes.prepare(engine, precision, workload)
 
 
-def error(job, stack):
+def error(workload, stack):
     """Root mean square of the change beside that of what the network makes of its pictures."""
     with torch.no_grad():
-        exact = job.network(*job.example)
-    made = exact - (job.example[1] if len(job.example) > 1 else exact.mean())
+        exact = workload.network(*workload.example)
+    made = exact - (workload.example[1] if len(workload.example) > 1 else exact.mean())
     return float((stack - exact).square().mean().sqrt() / made.square().mean().sqrt())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("network", cases.JOBS)
+@pytest.mark.parametrize("network", cases.WORKLOADS)
 @pytest.mark.parametrize(("engine", "precision"), EVERY)
 def test_an_engine_computes_what_the_network_computes(engine, precision, network, monkeypatch):
     # GPUs multiply float32 with ten bits in convolutions unless they are told otherwise.
     monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
-    job = cases.JOBS[network]("cuda" if "cuda" in engine and torch.cuda.is_available() else "cpu")
-    before = copy.deepcopy(job.network.state_dict())
-    run = prepared(engine, precision, job)
-    first, again = run(*job.example), run(*job.example)
-    assert (first.shape, first.dtype) == (job.network(*job.example).shape, torch.float32)
-    assert error(job, first) < ALLOWED[precision]
+    workload = cases.WORKLOADS[network]("cuda" if "cuda" in engine and torch.cuda.is_available() else "cpu")
+    before = copy.deepcopy(workload.network.state_dict())
+    run = prepared(engine, precision, workload)
+    first, again = run(*workload.example), run(*workload.example)
+    assert (first.shape, first.dtype) == (workload.network(*workload.example).shape, torch.float32)
+    assert error(workload, first) < ALLOWED[precision]
     if precision != "fp32":
-        assert error(job, first) > 1e-5, "it is no other precision"
+        assert error(workload, first) > 1e-5, "it is no other precision"
     # Results are the caller's: another pass doesn't write into them.
-    run(*(0.5 * each for each in job.example))
+    run(*(0.5 * each for each in workload.example))
     torch.testing.assert_close(first, again, rtol=0, atol=1e-6)
-    assert all(torch.equal(value, before[name]) for name, value in job.network.state_dict().items())
+    assert all(torch.equal(value, before[name]) for name, value in workload.network.state_dict().items())
 
 
 def test_an_engine_that_cannot_run_here_says_in_a_line_what_it_lacks():
-    def told(way):
-        return str(way.lacking(CPU))
+    def told(preparation):
+        return str(preparation.lacking(CPU))
 
-    assert Way(None).lacking(CPU) is None
+    assert Preparation(None).lacking(CPU) is None
     expected = "this engine needs a package; got no nothing_like_it; pip install 'lfref[export]'"
-    assert told(Way(None, packages=("torch", "nothing_like_it"))) == expected
-    assert told(Way(None, devices=("cuda",))) == "this engine runs on cuda; got cpu"
-    assert told(Way(None, programs=("no-such-compiler",))).startswith("this engine needs a C++ compiler; got none")
-    assert Way(None, programs=("no-such-compiler", "sh")).lacking(CPU) is None
+    assert told(Preparation(None, packages=("torch", "nothing_like_it"))) == expected
+    assert told(Preparation(None, devices=("cuda",))) == "this engine runs on cuda; got cpu"
+    assert told(Preparation(None, programs=("no-such-compiler",))).startswith(
+        "this engine needs a C++ compiler; got none"
+    )
+    assert Preparation(None, programs=("no-such-compiler", "sh")).lacking(CPU) is None
 
 
 def test_what_is_missing_is_an_error_where_it_is_asked_for(monkeypatch):
     monkeypatch.setattr(engines.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="got no openvino and no nncf; pip install"):
-        runtimes.prepared("openvino", "int8", cases.refnet())
+        runtimes.prepare("openvino", "int8", cases.refnet())
 
 
 @pytest.mark.parametrize(
@@ -81,20 +83,20 @@ def test_what_is_missing_is_an_error_where_it_is_asked_for(monkeypatch):
 )
 def test_an_engine_or_precision_that_is_not_there_is_told(engine, precision, said):
     with pytest.raises(InputError, match=said):
-        runtimes.prepared(engine, precision, cases.refnet())
+        runtimes.prepare(engine, precision, cases.refnet())
 
 
 def test_a_network_in_training_and_whole_numbers_without_patches_are_refused():
-    job = cases.refnet()
+    workload = cases.refnet()
     with pytest.raises(InputError, match="got training mode"):
-        runtimes.prepared("eager", "fp32", Job(copy.deepcopy(job.network).train(), job.example))
+        runtimes.prepare("eager", "fp32", Workload(copy.deepcopy(workload.network).train(), workload.example))
     pytest.importorskip("onnxruntime")
     with pytest.raises(InputError, match="got no patches"):
-        runtimes.prepared("onnxruntime", "int8", Job(job.network, job.example))
+        runtimes.prepare("onnxruntime", "int8", Workload(workload.network, workload.example))
 
 
 def test_inputs_of_another_shape_or_type_are_refused_by_every_engine_alike():
-    run = runtimes.prepared("eager", "fp32", cases.refiner())
+    run = runtimes.prepare("eager", "fp32", cases.refiner())
     rest = torch.rand(4, 3, 31, 45), torch.rand(4, 1, 31, 45)
     with pytest.raises(InputError, match=r"prepared for 4x5x31x45 float32, .*, 4x1x31x45 float32; got 4x5x31x44"):
         run(torch.rand(4, 5, 31, 44), *rest)
@@ -103,20 +105,20 @@ def test_inputs_of_another_shape_or_type_are_refused_by_every_engine_alike():
 
 
 def test_an_engine_takes_no_gradients():
-    job = cases.refnet()
-    job.network.requires_grad_(True)
-    assert not runtimes.prepared("channels_last", "bf16", job)(*job.example).requires_grad
+    workload = cases.refnet()
+    workload.network.requires_grad_(True)
+    assert not runtimes.prepare("channels_last", "bf16", workload)(*workload.example).requires_grad
 
 
 @pytest.mark.slow
 def test_two_networks_compiled_one_after_the_other_keep_their_own_weights():
-    jobs = [cases.refnet(), cases.refnet()]
-    runs = [prepared("compile", "fp32", job) for job in jobs]
-    for job, run in [*zip(jobs, runs, strict=True), (jobs[0], runs[0])]:
-        assert error(job, run(*job.example)) < ALLOWED["fp32"]
-    assert error(jobs[0], jobs[1].network(*jobs[0].example)) > 0.1
+    workloads = [cases.refnet(), cases.refnet()]
+    runs = [prepared("compile", "fp32", workload) for workload in workloads]
+    for workload, run in [*zip(workloads, runs, strict=True), (workloads[0], runs[0])]:
+        assert error(workload, run(*workload.example)) < ALLOWED["fp32"]
+    assert error(workloads[0], workloads[1].network(*workloads[0].example)) > 0.1
 
 
 def test_whole_numbers_are_for_inner_convolutions_of_more_than_a_pixel():
     kernels = {"stem": (3, 3), "wide": (1, 1), "inner": (3, 3), "row": (1, 5), "head": (1, 1)}
-    assert engines.left_in_float(kernels) == ["stem", "wide", "head"]
+    assert engines.float_convolutions(kernels) == ["stem", "wide", "head"]

@@ -50,7 +50,7 @@ def test_a_file_computes_what_it_was_made_of_at_any_size(name, precision, kind, 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_file_says_what_it_holds(name, tmp_path):
     path, graph = written(tmp_path, name)
-    _, manifest = file_formats.opened(path)
+    _, manifest = file_formats.read(path)
     assert manifest == cases.manifest(graph)
     assert manifest.reads_views
 
@@ -62,7 +62,7 @@ def test_a_foreign_file_is_a_line(name, content, tmp_path):
     path.write_bytes(content)
     path.with_suffix(".bin").write_bytes(content)
     with pytest.raises(CheckpointError) as told:
-        file_formats.opened(path)
+        file_formats.read(path)
     assert "\n" not in str(told.value)
 
 
@@ -74,12 +74,12 @@ def test_a_truncated_file_is_a_line(name, tmp_path):
             content = place.read_bytes()
             place.write_bytes(content[: len(content) * 3 // 4])
     with pytest.raises(CheckpointError):
-        file_formats.opened(path)
+        file_formats.read(path)
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(CheckpointError, match="no file at"):
-        file_formats.opened(tmp_path / "net.onnx")
+        file_formats.read(tmp_path / "net.onnx")
 
 
 def test_weights_of_another_model_are_refused(tmp_path):
@@ -87,10 +87,10 @@ def test_weights_of_another_model_are_refused(tmp_path):
     weights = path.with_suffix(".bin")
     weights.write_bytes(weights.read_bytes()[:-4] + b"\1\2\3\4")
     with pytest.raises(CheckpointError, match=r"net\.bin must be the weights of net\.xml"):
-        file_formats.opened(path)
+        file_formats.read(path)
     weights.unlink()
     with pytest.raises(CheckpointError, match="beside it"):
-        file_formats.opened(path)
+        file_formats.read(path)
 
 
 def altered(path, change):
@@ -129,7 +129,7 @@ def test_what_an_archive_pickles_is_never_unpickled(archive, tmp_path, member):
 
     altered(archive, told)
     with pytest.raises(CheckpointError):
-        file_formats.opened(archive)
+        file_formats.read(archive)
     assert not (tmp_path / "made").exists()
 
 
@@ -139,7 +139,7 @@ def test_members_of_one_name_are_refused(archive):
     with zipfile.ZipFile(archive, "a") as changed, pytest.warns(UserWarning, match="Duplicate"):
         changed.writestr(name, b"other")
     with pytest.raises(CheckpointError, match="members of one name"):
-        file_formats.opened(archive)
+        file_formats.read(archive)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_what_an_archive_would_call_is_looked_at_before(archive, key, value, tmp
     altered(archive, changed)
     assert found
     with pytest.raises(CheckpointError, match="must hold plain weights"):
-        file_formats.opened(archive)
+        file_formats.read(archive)
     assert not (tmp_path / "made").exists()
 
 
@@ -181,20 +181,20 @@ def test_an_archive_that_grows_when_it_is_unpacked_is_refused(archive):
     with zipfile.ZipFile(archive, "a", zipfile.ZIP_DEFLATED) as changed:
         changed.writestr("net/data/weights/bomb", bytes(2**20))
     with pytest.raises(CheckpointError, match="compressed members"):
-        file_formats.opened(archive)
+        file_formats.read(archive)
 
 
 def test_an_archive_with_code_for_the_processor_is_refused(archive):
     with zipfile.ZipFile(archive, "a") as changed:
         changed.writestr("net/data/aotinductor/model/code.so", b"\x7fELF")
     with pytest.raises(CheckpointError, match="aotinductor"):
-        file_formats.opened(archive)
+        file_formats.read(archive)
 
 
 def test_an_archive_of_torch_that_is_not_ours_says_so(tmp_path):
     torch.export.save(torch.export.export(torch.nn.ReLU(), (torch.rand(2),)), tmp_path / "net.pt2")
     with pytest.raises(CheckpointError):
-        as_pt2.opened(tmp_path / "net.pt2")
+        as_pt2.read(tmp_path / "net.pt2")
 
 
 def onnx_with(path, change):
@@ -227,7 +227,7 @@ def test_a_model_that_is_changed_is_refused(change, said, tmp_path):
     path, _ = written(tmp_path, "onnx")
     onnx_with(path, change)
     with pytest.raises(CheckpointError, match=said):
-        as_onnx.opened(path)
+        as_onnx.read(path)
 
 
 def test_precisions_that_a_format_has_not_are_told(tmp_path):
@@ -242,4 +242,4 @@ def test_a_package_that_is_missing_is_told(tmp_path, monkeypatch):
     path, _ = written(tmp_path, "onnx")
     monkeypatch.setattr(file_formats.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(LfrefError, match="no onnx and no onnxscript and no onnxruntime; pip install"):
-        file_formats.opened(path)
+        file_formats.read(path)

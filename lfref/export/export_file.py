@@ -1,0 +1,175 @@
+"""Writing a refocuser to a file, which gets its name only once its pictures have been compared.
+
+Files are models of other runtimes (`lfref.engines.files`), or safetensors: weights alone, from which lfref builds the
+same network on any device.
+"""
+
+import json
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from lfref.engines.engine import BF16, FP16, FP32, Run
+from lfref.engines.files import file_formats
+from lfref.engines.files.file_formats import FORMATS
+from lfref.engines.files.manifest import Manifest, digest
+from lfref.errors import InputError, LfrefError, chosen
+from lfref.export import parity
+from lfref.export.graphs import Exportable
+from lfref.export.parity import TOLERANCES, Row, Tolerance
+from lfref.io import atomic
+from lfref.io.tensor_files import SUFFIX
+from lfref.lightfield import LightField
+from lfref.nets import checkpoint
+from lfref.refocuser import refined
+from lfref.refocuser.load import load
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.refocuser import Refocuser
+
+SAFETENSORS = "safetensors"
+WEIGHT_TYPES = {FP32: torch.float32, FP16: torch.float16, BF16: torch.bfloat16}
+"""Precision of safetensors -> type of the weights in the file; computation is in float32."""
+PRECISIONS = {SAFETENSORS: tuple(WEIGHT_TYPES)} | {name: each.precisions for name, each in FORMATS.items()}
+"""Format -> its precisions."""
+REPORT = ".parity.json"
+
+
+@dataclass(frozen=True)
+class ExportFile:
+    """The file to write.
+
+    Raises:
+        InputError: There is no such format, or it has no such precision.
+    """
+
+    path: Path
+    """Without a suffix."""
+    format: str
+    """A key of `PRECISIONS`."""
+    precision: str
+    version: str
+    """Of lfref."""
+
+    def __post_init__(self) -> None:
+        precisions = chosen("format", self.format, PRECISIONS)
+        chosen(f"precision of {self.format}", self.precision, dict.fromkeys(precisions))
+
+    @property
+    def file(self) -> Path:
+        """The path with the suffix of the format."""
+        suffix = SUFFIX if self.format == SAFETENSORS else FORMATS[self.format].suffix
+        return self.path.with_name(self.path.name + suffix)
+
+    def tolerance(self, subject: Exportable) -> Tolerance:
+        """How far its pictures may be off; the same arithmetic in PyTorch need only allow for its rounding."""
+        is_pytorch = self.format in (SAFETENSORS, "pt2") and self.precision == FP32
+        return Tolerance(error=subject.rounding) if is_pytorch else TOLERANCES[self.precision]
+
+    def write_draft(self, folder: Path, refocuser: Refocuser, subject: Exportable) -> Path:
+        """Write the file to a folder, unchecked; `subject` is the refocuser as a graph.
+
+        Raises:
+            InputError: The refocuser cannot be written in this format.
+        """
+        path = folder / self.file.name
+        if self.format == SAFETENSORS:
+            write_weights(path, refocuser, self.precision, self.version)
+            return path
+        graph = subject.graph
+        manifest = Manifest(
+            inputs=graph.inputs,
+            output=graph.output,
+            precision=self.precision,
+            sha256=digest(graph.module),
+            version=self.version,
+            **subject.manifest_entries,
+        )
+        file_formats.write(path, self.format, graph, manifest)
+        return path
+
+    def write_checked(
+        self,
+        refocuser: Refocuser,
+        subject: Exportable,
+        fields: Sequence[LightField],
+        check_draft: Callable[[Path], None],
+    ) -> list[Row]:
+        """Write the file, compare its pictures, and give it its name.
+
+        Args:
+            refocuser: What is exported.
+            subject: The same as a graph, with patches if int8 is to be calibrated.
+            fields: Light fields on which the file is tried.
+            check_draft: Raises an error if the file must not get its name for another reason.
+
+        Returns:
+            The comparison, which is also written to `NAME.SUFFIX.parity.json`.
+
+        Raises:
+            LfrefError: The pictures differ; only the comparison is left then.
+            InputError: The refocuser cannot be written in this format.
+            FileError: The disk refuses.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            draft = self.write_draft(Path(folder), refocuser, subject)
+            engines = {"lfref": weights_run(draft)} if self.format == SAFETENSORS else file_formats.engines(draft)
+            rows = list(parity.rows(subject, engines, parity.cases(subject, fields)))
+            tolerance = self.tolerance(subject)
+            worst = parity.worst(rows, tolerance)
+            summary = {"file": self.file.name, "precision": self.precision, "tolerance": tolerance._asdict()}
+            report = json.dumps(summary | {"holds": worst is None, "cases": rows}, indent=1, default=str)
+            atomic.write_text(self.file.with_name(self.file.name + REPORT), report + "\n")
+            if worst is not None:
+                limit = f"at least {tolerance.psnr_db:g} dB" if tolerance.psnr_db else f"within {tolerance.error:g}"
+                raise LfrefError(
+                    f"{self.file.name} must make the pictures of what it was made of, {limit}",
+                    got=f"{worst['max_error']:.2g}, {worst['psnr_db']:.1f} dB ({worst['engine']}, {worst['case']})",
+                    remedy="no file was left; take another format or precision",
+                )
+            check_draft(draft)
+            # The file itself comes last, after its weights: others wait for it.
+            for part in sorted(Path(folder).iterdir(), key=lambda path: path == draft):
+                with atomic.replacing(self.path.with_name(part.name)) as partial:
+                    partial.write_bytes(part.read_bytes())
+        return rows
+
+
+def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str) -> None:
+    """Write the weights of a network or a refiner as `NAME.safetensors`.
+
+    Raises:
+        InputError: It has no weights, or there is no such precision.
+        FileError: The disk refuses.
+    """
+    dtype = chosen("precision of safetensors", precision, WEIGHT_TYPES)
+    module: nn.Module
+    if isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
+        module, is_linear = refocuser.network, refocuser.is_linear is not False
+        entry = checkpoint.payload(refocuser.network, refocuser.planes, is_linear)
+    elif isinstance(refocuser, RefinedRefocuser):
+        module, entry = refocuser.refiner, refined.payload(refocuser.refiner, refocuser.base, refocuser.names)
+    else:
+        raise InputError("safetensors must be of a network", got=refocuser.name, remedy="take onnx, pt2 or openvino")
+    state: dict[str, Tensor] = {}
+    for name, weight in module.state_dict().items():
+        state[checkpoint.PREFIX + name] = weight.to(dtype) if weight.is_floating_point() else weight
+    notes = {"version": version, "precision": precision}
+    checkpoint.write_weights(path, {"lfref": entry, "state_dict": state}, notes)
+
+
+def weights_run(path: Path) -> Run:
+    """The network of a file that `write_weights` wrote, ready to run.
+
+    Raises:
+        CheckpointError: Another file.
+    """
+    refocuser = load(path)
+    if isinstance(refocuser, RefinedRefocuser):
+        return refocuser.refiner
+    assert isinstance(refocuser, NetworkRefocuser)
+    return refocuser.network
