@@ -13,7 +13,7 @@ from torch import Tensor
 
 import lfref
 from lfref import geometry
-from lfref.refocus.homography import Cameras
+from lfref.refocus.homography import PinholeCameras
 from lfref.simulator import simulate
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc, Polygon
@@ -82,7 +82,7 @@ def slanted_page() -> Tensor:
     return _views(CAMERA, Surface(Plane(0.0, (0.0, SLANT)), _page(TEXT, (SIZE[1], SIZE[0]), 10)))
 
 
-def turned(views: Tensor) -> tuple[Tensor, Cameras]:
+def turned(views: Tensor) -> tuple[Tensor, PinholeCameras]:
     """The views of the page as cameras see it that are each turned a little, and these cameras.
 
     A pinhole of focal length f that stands at (-p, -q, 0) and whose picture goes back by c p sees the depth Z at the
@@ -102,15 +102,15 @@ def turned(views: Tensor) -> tuple[Tensor, Cameras]:
         for v in range(GRID[0])
         for u in range(GRID[1])
     ]
-    cameras = Cameras(intrinsics, rotation, (rotation @ places[..., None])[..., 0])
+    cameras = PinholeCameras(intrinsics, rotation, (rotation @ places[..., None])[..., 0])
     return torch.stack(seen).unflatten(0, GRID), cameras
 
 
-def pinhole() -> Cameras:
+def pinhole() -> PinholeCameras:
     """The camera in the middle, not turned."""
     height, width = SIZE
     intrinsics = [[FOCAL, 0, (width - 1) / 2], [0, FOCAL, (height - 1) / 2], [0, 0, 1]]
-    return Cameras(torch.tensor(intrinsics, dtype=torch.float64), torch.eye(3), torch.zeros(3))
+    return PinholeCameras(torch.tensor(intrinsics, dtype=torch.float64), torch.eye(3), torch.zeros(3))
 
 
 def page_plane() -> Tensor:

@@ -1,7 +1,7 @@
 """The adjoint of a linear refocusing operator: stacks back to views, each sample to the views that it was read from.
 
-`<A views, stack> = <views, A* stack>`. It is what iterative reconstruction is made of: a light field from its focal
-stack by least squares (`views += step * A*(measured - A views)`), or the normal equations of any fit to a stack.
+`<A views, stack> = <views, A* stack>`, as iterative reconstruction needs it: a light field from its focal stack by
+least squares (`views += step * A*(measured - A views)`), or the normal equations of any fit to a stack.
 """
 
 from collections.abc import Callable
@@ -17,15 +17,15 @@ def adjoint(operator: Callable[[Tensor], Tensor], stack: Tensor, like: Tensor) -
 
     Args:
         operator: Linear, views [..., V, U, C, H, W] -> stack [..., N, C, H, W]; slopes and options already bound.
-        stack: Stacks of the shape that the operator makes of the views, [..., N, C, H, W].
-        like: Any tensor with the shape and type of the views, [..., V, U, C, H, W]; one without data (device `meta`)
-            will do, and then the device is that of the stack.
+        stack: Stacks of the shape that the operator returns for the views, [..., N, C, H, W].
+        like: Any tensor with the shape and type of the views, [..., V, U, C, H, W]; of device `meta` (without data)
+            the result is on the device of the stack.
 
     Returns:
         Views, type (float32 for integers) and device of `like`, [..., V, U, C, H, W]; differentiable in the stack.
 
     Raises:
-        InputError: Another shape of stack than the operator makes, or an operator that is not linear.
+        InputError: Another shape of stack than the operator returns, or an operator that is not linear.
 
     Example:
         >>> views, stack = torch.rand(3, 3, 1, 24, 24), torch.rand(2, 1, 24, 24)
@@ -37,12 +37,12 @@ def adjoint(operator: Callable[[Tensor], Tensor], stack: Tensor, like: Tensor) -
     device = stack.device if like.is_meta else like.device
     with torch.inference_mode(False), torch.enable_grad():
         views = torch.zeros(like.shape, dtype=dtype, device=device, requires_grad=True)
-        made = operator(views)
-    if made.shape != stack.shape:
+        forward = operator(views)
+    if forward.shape != stack.shape:
         raise InputError(
-            f"a stack must be {list(made.shape)}, as the operator makes of views {list(like.shape)}",
+            f"a stack must be {list(forward.shape)}, as the operator returns for views {list(like.shape)}",
             got=f"shape {list(stack.shape)}",
         )
-    if bool(made.any()):
+    if bool(forward.any()):
         raise InputError("an operator must be linear to have an adjoint", got="light where all views are black")
-    return torch.autograd.grad(made, views, stack.to(made), create_graph=stack.requires_grad)[0]
+    return torch.autograd.grad(forward, views, stack.to(forward), create_graph=stack.requires_grad)[0]

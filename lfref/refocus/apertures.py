@@ -2,7 +2,8 @@
 
 Sizes are in view steps and every view owns a cell of 1 x 1, so that seven views span a diameter of 7. A view that
 the edge of an aperture crosses counts by the share of its cell that the aperture covers. Operators divide by the sum.
-Letters: `V U` view rows and columns.
+Every function takes the `grid` (V, U) of view rows and columns and returns weights, float64, [V, U]; what of an
+aperture lies off the grid is lost. Sizes that are not finite or not above 0 are an InputError.
 """
 
 import math
@@ -18,14 +19,7 @@ from lfref.refocus import batches
 
 
 def full(grid: Sequence[int]) -> Tensor:
-    """All views alike.
-
-    Args:
-        grid: Number of view rows and columns (V, U).
-
-    Returns:
-        Ones, float64, [V, U].
-    """
+    """All views alike."""
     return torch.ones(tuple(grid), dtype=torch.float64)
 
 
@@ -33,14 +27,7 @@ def disc(grid: Sequence[int], diameter: float | None = None) -> Tensor:
     """A round aperture about the angular centre.
 
     Args:
-        grid: Number of view rows and columns (V, U).
-        diameter: In view steps, above 0; None takes the largest disc on the grid. What lies off the grid is lost.
-
-    Returns:
-        Share of each cell that the disc covers, [0, 1], float64, [V, U].
-
-    Raises:
-        InputError: The diameter is not finite or not above 0.
+        diameter: In view steps; None: the largest disc on the grid.
     """
     radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
     return cells.of_disc(_edges(grid[0]), _edges(grid[1]), radius)
@@ -50,14 +37,7 @@ def square(grid: Sequence[int], side: float | None = None) -> Tensor:
     """A square aperture about the angular centre.
 
     Args:
-        grid: Number of view rows and columns (V, U).
-        side: In view steps, above 0; None takes the largest square on the grid. What lies off the grid is lost.
-
-    Returns:
-        Share of each cell that the square covers, [0, 1], float64, [V, U].
-
-    Raises:
-        InputError: The side is not finite or not above 0.
+        side: In view steps; None: the largest square on the grid.
     """
     half = torch.tensor([_checked("side", min(grid) if side is None else side) / 2], dtype=torch.float64)
     rows, columns = (cells.overlap(-half, half, _edges(n_views)) for n_views in grid)
@@ -68,16 +48,9 @@ def polygon(grid: Sequence[int], blades: int, diameter: float | None = None, rot
     """A regular polygon about the angular centre, as the blades of a diaphragm leave open.
 
     Args:
-        grid: Number of view rows and columns (V, U).
         blades: Corners, >= 3.
-        diameter: Of the circle through the corners, in view steps, above 0; None takes the largest on the grid.
-        rotation: Angle of one corner, clockwise from the right, in degrees.
-
-    Returns:
-        Share of each cell that the polygon covers, [0, 1], float64, [V, U].
-
-    Raises:
-        InputError: Too few blades, a diameter that is not finite or not above 0, or a rotation that is not finite.
+        diameter: Of the circle through the corners, in view steps; None: the largest on the grid.
+        rotation: Angle of one corner, clockwise from the right, in degrees, finite.
     """
     if not (isinstance(blades, int) and blades >= 3):
         raise InputError("blades must be a whole number of at least 3", got=repr(blades))
@@ -91,14 +64,7 @@ def gaussian(grid: Sequence[int], sigma: float) -> Tensor:
     """An aperture that fades out from the angular centre.
 
     Args:
-        grid: Number of view rows and columns (V, U).
-        sigma: Standard deviation in view steps, above 0.
-
-    Returns:
-        Weights proportional to exp(-r^2 / (2 sigma^2)) at distance r, of sum 1, float64, [V, U].
-
-    Raises:
-        InputError: Sigma is not finite or not above 0.
+        sigma: Standard deviation in view steps. Weights are proportional to exp(-r^2 / (2 sigma^2)), of sum 1.
     """
     width = _checked("sigma", sigma)
     rows, columns = ((-(geometry.angular_offsets(n_views) / width).square() / 2).softmax(0) for n_views in grid)
@@ -109,14 +75,7 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
     """Any aperture: the weight of each view written out.
 
     Args:
-        grid: Number of view rows and columns (V, U).
-        rows: Weights >= 0, one list for each view row, [V, U].
-
-    Returns:
-        The weights, float64, CPU, [V, U].
-
-    Raises:
-        InputError: They are not one number for each view, finite, >= 0 and not all zero.
+        rows: Weights, finite, >= 0 and not all zero, one list for each view row, [V, U].
     """
     try:
         weights = torch.as_tensor(rows, dtype=torch.float64, device="cpu")
@@ -132,7 +91,6 @@ def _edges(n_views: int) -> Tensor:
 
 
 def _checked(name: str, size: float) -> float:
-    """The size, once it is known to be finite and above 0."""
     if not (math.isfinite(size) and size > 0):
         raise InputError(f"{name} must be finite and above 0, in view steps", got=size)
     return float(size)

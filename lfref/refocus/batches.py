@@ -1,4 +1,4 @@
-"""What all operators do to their arguments: any batch dimensions, checked weights, a type that can be computed in."""
+"""What all operators do to their arguments: any batch dimensions, checked weights, the type and code that compute."""
 
 import importlib.util
 
@@ -8,30 +8,21 @@ from torch import Tensor
 from lfref.errors import InputError
 from lfref.lightfield import check_axes
 
-# PART backend
-# Which code computes: loops compiled by Numba on the CPU, by Triton on a GPU, else PyTorch, which differentiates.
-
 COMPILERS = {"cpu": "numba"} | ({"cuda": "triton"} if importlib.util.find_spec("triton") else {})
 """The compiler that serves each type of device."""
+FULL_SCALE = {torch.uint8: 255, torch.uint16: 65535}
+"""Integer types that views may have, and the integer that is radiance 1."""
 
 
 def compiler_for(*tensors: Tensor) -> str | None:
-    """`numba` or `triton` where compiled loops can serve, None where PyTorch's operations have to.
-
-    Args:
-        *tensors: What is to be computed with, all on one device.
-    """
+    """`numba` or `triton` where compiled loops can serve for tensors on one device, None where PyTorch has to."""
     return COMPILERS.get(tensors[0].device.type) if all(map(is_plain, tensors)) else None
 
 
 def is_plain(tensor: Tensor) -> bool:
-    """Whether code outside PyTorch may read these numbers: not while traced, nor where derivatives are asked for.
-
-    Args:
-        tensor: Any.
-    """
-    is_asked_for = tensor.requires_grad and torch.is_grad_enabled()
-    if torch.compiler.is_compiling() or type(tensor) is not Tensor or is_asked_for:
+    """Whether code outside PyTorch may read these numbers: not while traced, nor where derivatives are needed."""
+    is_differentiated = tensor.requires_grad and torch.is_grad_enabled()
+    if torch.compiler.is_compiling() or type(tensor) is not Tensor or is_differentiated:
         return False
     try:
         tensor.data_ptr()
@@ -40,19 +31,8 @@ def is_plain(tensor: Tensor) -> bool:
     return torch.autograd.forward_ad.unpack_dual(tensor).tangent is None
 
 
-FULL_SCALE = {torch.uint8: 255, torch.uint16: 65535}
-"""Integer types that views may have, and the integer that is radiance 1."""
-
-
 def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
-    """The aperture as weights that sum to 1.
-
-    Args:
-        weights: Weight of each view, finite and >= 0, [V, U]; None weighs all views alike.
-        grid: Number of view rows and columns (V, U).
-
-    Returns:
-        Normalised weights, float64, CPU, [V, U].
+    """Weights of views, [V, U], scaled to a sum of 1, float64, CPU; None weighs all views alike.
 
     Raises:
         InputError: Another shape, a weight that is negative or not finite, or weights that sum to zero.
@@ -70,12 +50,7 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
 
 
 def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
-    """The views, those of weight 0 black if what they hold could do harm: 0 times NaN is NaN.
-
-    Args:
-        views: Light fields, [B, V, U, C, H, W].
-        aperture: Weight of each view, [V, U].
-    """
+    """Views [B, V, U, C, H, W]; those of weight 0 in the aperture [V, U] are black if 0 times them could be NaN."""
     unread = (aperture == 0).nonzero().tolist()
     if not unread or not views.is_floating_point():
         return views
@@ -86,12 +61,9 @@ def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
 
 
 def radiance(views: Tensor) -> Tensor:
-    """Views as numbers that can be computed with: float32 or float64, integers scaled to [0, 1].
+    """Views of any shape as float32 or float64, integers scaled to [0, 1].
 
     Operators call it on a part of the field at a time, so that integer views need no float copy of the whole.
-
-    Args:
-        views: Floating point, uint8 or uint16, any shape.
     """
     if views.dtype in FULL_SCALE:
         return views.to(torch.float32).div_(FULL_SCALE[views.dtype])
@@ -104,14 +76,7 @@ def working_dtype(dtype: torch.dtype) -> torch.dtype:
 
 
 def check(views: Tensor) -> None:
-    """Refuse what no operator reads.
-
-    Args:
-        views: Should be floating point, uint8 or uint16, [..., V, U, C, H, W].
-
-    Raises:
-        InputError: No tensor, another number of axes, an empty axis, or another type.
-    """
+    """Raise an InputError unless views are a tensor [..., V, U, C, H, W] of floating point, uint8 or uint16."""
     if not isinstance(views, Tensor):
         raise InputError("views must be a tensor or a LightField", got=type(views), remedy="torch.from_numpy(views)")
     check_axes(views)
@@ -124,36 +89,18 @@ def check(views: Tensor) -> None:
 
 
 def flattened(views: Tensor) -> Tensor:
-    """Light fields of any batch dimensions behind a single one; `restored` gives their stacks the dimensions back.
-
-    Args:
-        views: Floating point, uint8 or uint16, [..., V, U, C, H, W].
-
-    Returns:
-        In the type that they have, [B, V, U, C, H, W]; whoever reads a part passes it through `radiance`.
-
-    Raises:
-        InputError: As `check`.
-    """
+    """Checked views [..., V, U, C, H, W] as [B, V, U, C, H, W], in their own type: `radiance` converts parts."""
     check(views)
     return views.reshape(-1, *views.shape[-5:])
 
 
 def restored(stacks: Tensor, views: Tensor) -> Tensor:
-    """Stacks with the batch dimensions and the type of the views that they are made of.
-
-    Args:
-        stacks: Made of `flattened(views)`, [B, N, C, H, W].
-        views: [..., V, U, C, H, W].
-
-    Returns:
-        In the type of the views, float32 for integers, [..., N, C, H, W].
-    """
+    """Stacks [B, N, C, H, W] of `flattened(views)` with the batch dimensions and `stack_dtype` of the views."""
     return stacks.reshape(*views.shape[:-5], *stacks.shape[1:]).to(stack_dtype(views))
 
 
 def stack_dtype(views: Tensor) -> torch.dtype:
-    """The type that stacks of these views have: theirs, float32 for integers."""
+    """The type of stacks of these views: their own, float32 for integers."""
     return views.dtype if views.is_floating_point() else torch.float32
 
 

@@ -1,5 +1,7 @@
 """Our linear operators as deepinv's physics, so that its solvers, priors and networks invert them; needs `deepinv`.
 
+It stands alone because `deepinv` is an optional package.
+
 deepinv's signals x are light fields, its measurements y stacks; `A` is the operator, `A_adjoint` its exact adjoint, and
 `A_dagger` deepinv's own least squares solver with both.
 Source: Tachella et al., "DeepInverse: a Python package for solving imaging inverse problems with deep learning", 2025.

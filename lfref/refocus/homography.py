@@ -17,10 +17,12 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches, lines
-from lfref.refocus.gather import Places, mean_of_views
+from lfref.refocus.gather import ViewMap, mean_of_views
 
-FLATTEST = 1e-12  # smallest to largest singular value of a matrix that still counts as invertible
-NOT_A_ROTATION = 1e-4  # error of R'R that rounding to float32 in a calibration file explains
+FLATTEST = 1e-12
+"""Least ratio of the smallest to the largest singular value of an invertible matrix: above rounding of float64."""
+NOT_A_ROTATION = 1e-4
+"""Error of R'R that rounding to a few digits in a calibration file explains."""
 
 
 def homography(
@@ -35,7 +37,7 @@ def homography(
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
         matrices: From the output pixel (x, y, 1) to the view's pixel (x w, y w, w), with w > 0 in front of the
-            camera, [N, V, U, 3, 3], or [V, U, 3, 3] for one plane. Those of views of weight 0 are not looked at.
+            camera, [N, V, U, 3, 3], or [V, U, 3, 3] for one plane. Those of views of weight 0 may be anything.
         interpolation: `nearest`, `linear` or `cubic`.
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`. Points behind a camera
             (w <= 0) have no sample under any of them.
@@ -46,7 +48,7 @@ def homography(
         A pixel that no weighted view covers is 0.
 
     Raises:
-        InputError: Views, matrices, weights or names that cannot be used, or a plane that no view sees.
+        InputError: Views, matrices, weights or names that cannot be used, or a plane in front of no camera.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -56,7 +58,20 @@ def homography(
     """
     batch = batches.flattened(views)
     aperture = batches.checked_weights(weights, (batch.shape[1], batch.shape[2]))
-    planes = [Places(matrices=each) for each in _checked_matrices(matrices, aperture, batch.device)]
+    values = torch.as_tensor(matrices, dtype=torch.float64, device=batch.device)
+    expected = (*aperture.shape, 3, 3)
+    if values.ndim not in (4, 5) or values.shape[-4:] != expected or len(values) == 0:
+        raise InputError(
+            f"matrices must be {list(expected)} or [N, {', '.join(map(str, expected))}]",
+            got=f"shape {list(values.shape)}",
+        )
+    values = values.reshape(-1, *expected)
+    used = values.detach()[:, (aperture > 0).to(batch.device)]
+    if not bool(used.isfinite().all()):
+        raise InputError("matrices must be finite", remedy="give views without a calibration the weight 0")
+    if not bool(_is_invertible(used).all()):
+        raise InputError("matrices must be invertible", got="a singular one", remedy="a plane may not meet a camera")
+    planes = [ViewMap(matrices=of_views) for of_views in values]
     stack, coverage = mean_of_views(batch, aperture, planes, interpolation, border)
     if not bool(coverage.flatten(1).any(1).all()):
         raise InputError(
@@ -81,7 +96,7 @@ def slope_homographies(slopes: Slopes, grid: tuple[int, int], positions: Tensor 
     Raises:
         InputError: No slope, one that is not finite, or positions that cannot be used.
     """
-    # A grid of one view never shifts: how far these reach depends on a size that is not known here.
+    # The size is unknown here, so how far these reach cannot be checked: a grid of one view never shifts.
     planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))[:, None, None]
     rows, columns = (lines.even(grid) if positions is None else lines.checked_positions(positions, grid)).unbind(-1)
     matrices = torch.eye(3, dtype=torch.float64).repeat(len(planes), *grid, 1, 1)
@@ -90,7 +105,7 @@ def slope_homographies(slopes: Slopes, grid: tuple[int, int], positions: Tensor 
 
 
 @dataclass(frozen=True, eq=False)
-class Cameras:
+class PinholeCameras:
     """Calibrated pinhole cameras: a world point X is at pixel K (R X + t), homogeneous."""
 
     intrinsics: Tensor
@@ -107,8 +122,22 @@ class Cameras:
             expected = (*self.grid, *shape)
             if value.shape != expected or not bool(value.isfinite().all()):
                 raise InputError(f"{name} must be finite, {list(expected)}", got=f"shape {list(value.shape)}")
-        _check_intrinsics(self.intrinsics)
-        _check_rotation(self.rotation)
+        intrinsics, rotation = self.intrinsics.detach(), self.rotation.detach()
+        if not bool((intrinsics[..., 2, :] == intrinsics.new_tensor([0, 0, 1])).all()):
+            raise InputError(
+                "the last row of the intrinsics must be (0, 0, 1)", remedy="divide the matrix by its last entry"
+            )
+        if not bool(_is_invertible(intrinsics).all()):
+            raise InputError("intrinsics must be invertible", got="a singular matrix", remedy="check the focal lengths")
+        error, determinant = (
+            (rotation.mT @ rotation - torch.eye(3).to(rotation)).abs().max(),
+            torch.linalg.det(rotation),
+        )
+        if float(error) > NOT_A_ROTATION or bool((determinant < 0).any()):
+            raise InputError(
+                "rotation must be orthonormal, without scale or mirror",
+                got=f"R'R - 1 of up to {float(error):g}, determinants from {float(determinant.min()):g}",
+            )
 
     @property
     def grid(self) -> tuple[int, ...]:
@@ -116,7 +145,9 @@ class Cameras:
         return tuple(self.intrinsics.shape[:-2])
 
 
-def plane_homographies(cameras: Cameras, reference: Cameras, planes: Tensor, size: tuple[int, int]) -> Tensor:
+def plane_homographies(
+    cameras: PinholeCameras, reference: PinholeCameras, planes: Tensor, size: tuple[int, int]
+) -> Tensor:
     """Homographies that planes of the scene induce between a reference picture and each view.
 
     Args:
@@ -135,48 +166,14 @@ def plane_homographies(cameras: Cameras, reference: Cameras, planes: Tensor, siz
         raise InputError("the reference must be a single camera", got=f"cameras {list(reference.grid)}")
     to_ray = reference.rotation.mT @ torch.linalg.inv(reference.intrinsics)
     centre = -reference.rotation.mT @ reference.translation
-    # A pixel p at depth z is X = centre + z to_ray p. On the plane 1/z is linear in p, which makes the homography.
-    inverse_depth = _inverse_depths(planes, to_ray, centre, size)
-    inverse_depth = inverse_depth.reshape(-1, *(1 for _ in cameras.grid), 1, 3)
-    turned, offset = cameras.rotation @ to_ray, cameras.rotation @ centre + cameras.translation
-    return cameras.intrinsics @ (turned + offset[..., None] * inverse_depth)
-
-
-def _check_intrinsics(intrinsics: Tensor) -> None:
-    last_row = intrinsics.detach()[..., 2, :]
-    if not bool((last_row == last_row.new_tensor([0, 0, 1])).all()):
-        raise InputError(
-            "the last row of the intrinsics must be (0, 0, 1)", remedy="divide the matrix by its last entry"
-        )
-    if not bool(_is_invertible(intrinsics.detach()).all()):
-        raise InputError("intrinsics must be invertible", got="a singular matrix", remedy="check the focal lengths")
-
-
-def _check_rotation(rotation: Tensor) -> None:
-    rotation = rotation.detach()
-    error = (rotation.mT @ rotation - torch.eye(3).to(rotation)).abs().max()
-    if float(error) > NOT_A_ROTATION or bool((torch.linalg.det(rotation) < 0).any()):
-        raise InputError(
-            "rotation must be orthonormal, without scale or mirror",
-            got=f"R'R - 1 of up to {float(error):g}, determinants from {float(torch.linalg.det(rotation).min()):g}",
-        )
-
-
-def _is_invertible(matrices: Tensor) -> Tensor:
-    values = torch.linalg.svdvals(matrices)
-    return values[..., -1] > FLATTEST * values[..., 0]
-
-
-def _inverse_depths(planes: Tensor, to_ray: Tensor, centre: Tensor, size: tuple[int, int]) -> Tensor:
-    """Row vectors q with 1/z = q.(x, y, 1) on each plane, [N, 3]."""
     values = torch.as_tensor(planes, dtype=torch.float64, device=to_ray.device)
     if values.ndim != 2 or values.shape[-1] != 4 or len(values) == 0 or not bool(values.isfinite().all()):
         raise InputError("planes must be finite, [N, 4]: a normal and a distance", got=f"shape {list(values.shape)}")
+    # A pixel p at depth z is X = centre + z to_ray p. On the plane 1/z = q.p is linear in p: the homography.
     normals, distances = values[:, :3], values[:, 3]
-    inverse_depths = normals @ to_ray / (distances - normals @ centre)[:, None]
-    height, width = size
-    corners = [[x, y, 1.0] for x in (0, width - 1) for y in (0, height - 1)]
-    nearness = inverse_depths.detach() @ inverse_depths.new_tensor(corners).mT
+    inverse_depth = normals @ to_ray / (distances - normals @ centre)[:, None]
+    corners = [[x, y, 1.0] for x in (0, size[1] - 1) for y in (0, size[0] - 1)]
+    nearness = inverse_depth.detach() @ inverse_depth.new_tensor(corners).mT
     # Beyond its horizon a plane lies behind reference and view alike: w is above 0 there and would show a ghost.
     if not bool(((nearness > 0) & nearness.isfinite()).all()):
         raise InputError(
@@ -184,21 +181,11 @@ def _inverse_depths(planes: Tensor, to_ray: Tensor, centre: Tensor, size: tuple[
             got=f"an inverse depth of {float(nearness.min()):g} in a corner",
             remedy="check the sign of the distance, or point the reference away from the plane's horizon",
         )
-    return inverse_depths
+    inverse_depth = inverse_depth.reshape(-1, *(1 for _ in cameras.grid), 1, 3)
+    turned, offset = cameras.rotation @ to_ray, cameras.rotation @ centre + cameras.translation
+    return cameras.intrinsics @ (turned + offset[..., None] * inverse_depth)
 
 
-def _checked_matrices(matrices: Tensor, aperture: Tensor, device: torch.device) -> Tensor:
-    """The matrices as float64 where the views are, [N, V, U, 3, 3], once they are known to be usable."""
-    values = torch.as_tensor(matrices, dtype=torch.float64, device=device)
-    expected = (*aperture.shape, 3, 3)
-    if values.ndim not in (4, 5) or values.shape[-4:] != expected or len(values) == 0:
-        raise InputError(
-            f"matrices must be {list(expected)} or [N, {', '.join(map(str, expected))}]",
-            got=f"shape {list(values.shape)}",
-        )
-    used = values.detach().reshape(-1, *expected)[:, (aperture > 0).to(device)]
-    if not bool(used.isfinite().all()):
-        raise InputError("matrices must be finite", remedy="give views without a calibration the weight 0")
-    if not bool(_is_invertible(used).all()):
-        raise InputError("matrices must be invertible", got="a singular one", remedy="a plane may not meet a camera")
-    return values.reshape(-1, *expected)
+def _is_invertible(matrices: Tensor) -> Tensor:
+    values = torch.linalg.svdvals(matrices)
+    return values[..., -1] > FLATTEST * values[..., 0]

@@ -1,6 +1,6 @@
-"""Where the cameras of the views stand, as what a shift separates into: lines of views, each at one height.
+"""Positions of the cameras as what a shift separates into: lines of views, each at one height.
 
-An even grid has its rows, at the same columns all. Cameras elsewhere are lines if each row of them stands at one
+An even grid has its rows, all with the same columns. Cameras elsewhere are lines if each row of them stands at one
 height; otherwise every view is a line of its own.
 Letters: `v u` camera position downwards and to the right, in view steps; `R` lines, `M` views of each.
 """
@@ -25,26 +25,18 @@ class Lines(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of lines, and of views in each, (R, M): what views [V, U, ...] are reshaped to."""
+        """(R, M), what views [V, U, ...] are reshaped to."""
         return len(self.rows), self.columns.shape[1]
 
     @property
     def extent(self) -> tuple[float, float]:
-        """The grid (V, U) that reaches as far; of an even grid its own."""
+        """The even grid (V, U) that reaches as far, which need not be whole."""
         rows, columns = (1 + 2 * float(offsets.abs().max()) for offsets in self)
         return rows, columns
 
 
 def lines(grid: tuple[int, int], positions: Tensor | None = None) -> Lines:
-    """The lines of cameras.
-
-    Args:
-        grid: Number of view rows and columns (V, U).
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Raises:
-        InputError: Positions of another shape, or not finite.
-    """
+    """The lines of cameras of a grid (V, U), at positions [V, U, 2] or, without any, evenly spaced."""
     if positions is None:
         return Lines(geometry.angular_offsets(grid[0]), geometry.angular_offsets(grid[1])[None])
     v, u = checked_positions(positions, grid).unbind(-1)
@@ -59,14 +51,10 @@ def even(grid: tuple[int, int]) -> Tensor:
 
 
 def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
-    """The positions as float64 on the CPU, [V, U, 2], once they are known to be usable.
-
-    Args:
-        positions: Should be finite, [V, U, 2].
-        grid: Number of view rows and columns (V, U).
+    """The positions as float64 on the CPU, [V, U, 2].
 
     Raises:
-        InputError: They are not.
+        InputError: Another shape, or a position that is not finite.
     """
     values = torch.as_tensor(positions, dtype=torch.float64, device="cpu").detach()
     if tuple(values.shape) != (*grid, 2):
@@ -77,15 +65,5 @@ def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
 
 
 def checked_slopes(slopes: Slopes, grid: tuple[int, int], size: tuple[int, int], positions: Tensor | None) -> Tensor:
-    """As `geometry.checked_slopes`, for cameras anywhere.
-
-    Args:
-        slopes: Slopes in pixels per view step, [N] (or one number).
-        grid: Number of view rows and columns (V, U).
-        size: Height and width (H, W) of a view in pixels.
-        positions: As of `lines`.
-
-    Raises:
-        InputError: Slopes or positions that cannot be used.
-    """
+    """As `geometry.checked_slopes`, for cameras anywhere."""
     return geometry.checked_slopes(slopes, lines(grid, positions).extent, size)

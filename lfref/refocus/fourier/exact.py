@@ -12,55 +12,6 @@ from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint, footprint_blur, lines
 
-# PART spectra
-# Refocusing in the Fourier domain: every view's 2-D spectrum times a factor for its row and one for its column.
-#
-# `I^(k) = sum_v R[v](ky) sum_u C[u](kx) L^[v, u](k)`. What the factors are is the operator's: exact phase ramps, or
-# what
-# a slice of the 4-D spectrum reads. Their being separable makes it a pass over the views of a row, then one over rows.
-# Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel.
-
-
-def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor) -> Tensor:
-    """Sum of the filtered views, for every plane.
-
-    Args:
-        views: Light fields, [B, V, U, C, H, W], taken as periodic.
-        rows: Factors of the view rows at the frequencies of `fft`, complex, [N, V, H].
-        columns: Factors of the view columns at the frequencies of `rfft`, complex, [N, U, W // 2 + 1], or of the views
-            of each row, [N, V or 1, U, W // 2 + 1].
-        weights: Factor of each view, [V, U].
-
-    Returns:
-        Stacks, float32 or float64, [B, N, C, H, W].
-    """
-    size, working = (views.shape[-2], views.shape[-1]), batches.working_dtype(views.dtype)
-    dtype = fourier.complex_dtype(working)
-    rows, columns = rows.to(views.device, dtype), columns.to(views.device, dtype)
-    columns = columns.unsqueeze(1) if columns.ndim == 3 else columns
-    views, weights = batches.without_unread(views, weights), weights.to(views.device, working)
-    shape = (views.shape[0], *views.shape[3:5], size[1] // 2 + 1)
-    planes = [rows.new_zeros(shape) for _ in rows]
-    for v, (view_row, row_weights) in enumerate(zip(views.unbind(1), weights, strict=True)):
-        # One view row at a time: its spectra are all that is held beside the planes.
-        spectra = torch.fft.rfft2(batches.radiance(view_row))
-        of_row = columns[:, v if columns.shape[1] > 1 else 0] * row_weights[:, None]
-        for plane, row_factors, column_factors in zip(planes, rows[:, v], of_row, strict=True):
-            plane.addcmul_(_row_sum(spectra, column_factors), row_factors[:, None])
-    # Each spectrum is given up as its image is made: all of both together would be the peak of memory.
-    stack = views.new_empty((views.shape[0], len(planes), views.shape[3], *size), dtype=working)
-    for n in reversed(range(len(planes))):
-        stack[:, n] = torch.fft.irfft2(planes.pop(), s=size)
-    return stack
-
-
-def _row_sum(spectra: Tensor, factors: Tensor) -> Tensor:
-    """Views of one row, [B, U, C, H, K], times their factors, [U, K], added up."""
-    total = spectra[:, 0] * factors[0]
-    for spectrum, factor in zip(spectra.unbind(1)[1:], factors[1:], strict=True):
-        total.addcmul_(spectrum, factor)
-    return total
-
 
 def exact_fourier(
     views: Tensor,
@@ -78,7 +29,7 @@ def exact_fourier(
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
             over the aperture.
-        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+        disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
@@ -104,3 +55,42 @@ def exact_fourier(
     views_of_lines = batch.reshape(len(batch), *cameras.shape, *batch.shape[3:])
     stack = filter_and_sum(views_of_lines, rows, columns, aperture.reshape(cameras.shape))
     return batches.restored(footprint_blur.periodic(stack, cell, planes), views)
+
+
+def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor) -> Tensor:
+    """Sum of the filtered views, `I^(k) = sum_v R[v](ky) sum_u C[u](kx) w_uv L^[v, u](k)`, for every plane.
+
+    What the factors R and C are is the operator's: exact phase ramps, or what a slice of the 4-D spectrum reads. Since
+    they are separable, each plane takes a pass over the views of a row, then one over rows.
+
+    Args:
+        views: Light fields, [B, V, U, C, H, W], taken as periodic.
+        rows: Factors of the view rows at the frequencies of `fft`, complex, [N, V, H].
+        columns: Factors of the view columns at the frequencies of `rfft`, complex, [N, U, W // 2 + 1], or of the views
+            of each row, [N, V or 1, U, W // 2 + 1].
+        weights: Factor of each view, [V, U].
+
+    Returns:
+        Stacks, float32 or float64, [B, N, C, H, W].
+    """
+    size, working = (views.shape[-2], views.shape[-1]), batches.working_dtype(views.dtype)
+    dtype = fourier.complex_dtype(working)
+    rows, columns = rows.to(views.device, dtype), columns.to(views.device, dtype)
+    columns = columns.unsqueeze(1) if columns.ndim == 3 else columns
+    views, weights = batches.without_unread(views, weights), weights.to(views.device, working)
+    shape = (views.shape[0], *views.shape[3:5], size[1] // 2 + 1)
+    planes = [rows.new_zeros(shape) for _ in rows]
+    for v, (view_row, row_weights) in enumerate(zip(views.unbind(1), weights, strict=True)):
+        # One view row at a time: its spectra are all that is held beside the planes.
+        spectra = torch.fft.rfft2(batches.radiance(view_row)).unbind(1)
+        of_row = columns[:, v if columns.shape[1] > 1 else 0] * row_weights[:, None]
+        for plane, row_factors, column_factors in zip(planes, rows[:, v], of_row, strict=True):
+            total = spectra[0] * column_factors[0]
+            for spectrum, factor in zip(spectra[1:], column_factors[1:], strict=True):
+                total.addcmul_(spectrum, factor)
+            plane.addcmul_(total, row_factors[:, None])
+    # Each spectrum is given up as its image is written: all of both together would be the peak of memory.
+    stack = views.new_empty((views.shape[0], len(planes), views.shape[3], *size), dtype=working)
+    for n in reversed(range(len(planes))):
+        stack[:, n] = torch.fft.irfft2(planes.pop(), s=size)
+    return stack

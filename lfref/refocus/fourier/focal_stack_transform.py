@@ -7,8 +7,6 @@ Letters: `u v` view column and row, `j` plane, each counted from its middle, `kx
 Source: Nava, Marichal-Hernandez, Rodriguez-Ramos, "The Discrete Focal Stack Transform", 2008.
 """
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
@@ -17,9 +15,10 @@ from lfref.errors import InputError
 from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint, footprint_blur
-from lfref.refocus.footprint import Footprint
 
-BAND = 8  # rows of the spectra that become planes at a time, so that the padded sums stay small beside the stack
+BAND = 8
+"""Rows of the spectra that become planes at a time, so that the padded sums stay small beside the stack; the result
+does not depend on it."""
 
 
 def focal_stack_transform(
@@ -45,7 +44,7 @@ def focal_stack_transform(
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
             over the aperture.
-        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+        disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
 
     Returns:
@@ -61,10 +60,35 @@ def focal_stack_transform(
         >>> torch.allclose(stack, lfref.exact_fourier(views, lfref.even_planes(9, -2, 2).slopes), atol=1e-5)
         True
     """
-    batch = batches.flattened(views)
-    cell = footprint.checked(fill, disparity, views)
-    stack = _stack(batch, geometry.even_slopes(n_planes, first, last), weights, cell)
-    return batches.restored(stack, views)
+    batch, cell = batches.flattened(views), footprint.checked(fill, disparity, views)
+    grid, size = batches.grid_and_size(batch)
+    slopes = geometry.checked_slopes(geometry.even_slopes(n_planes, first, last), grid, size)
+    aperture = batches.checked_weights(weights, grid)
+    device, dtype = views.device, fourier.complex_dtype(views.dtype)
+    ky, kx = fourier.frequencies(size[0]), fourier.half_frequencies(size[1])
+    rows = fourier.shift_phases(ky, slopes[:, None] * geometry.angular_offsets(grid[0])) * cell.responses(slopes, ky)
+    before, between, after = _chirps(slopes, grid[1], kx)
+    after = after * cell.responses(slopes, kx)[:, :, None]
+    rows, before, between, after = (factors.to(device, dtype) for factors in (rows, before, between, after))
+    # Spectra of the planes in bands of rows, [B, N, C, h, W // 2 + 1].
+    factors = rows[..., None].split(BAND, dim=-2)
+    shape = (len(batch), n_planes, batch.shape[3])
+    bands = [rows.new_zeros(*shape, part.shape[-2], len(kx)) for part in factors]
+    for v, view_row in enumerate(batches.without_unread(batch, aperture).unbind(1)):
+        # One view row at a time: its spectra are all that is held beside the planes.
+        spectra = torch.fft.rfft2(batches.radiance(view_row))
+        weighted = before * aperture[v].to(rows)[:, None, None, None]
+        for band, part, factor in zip(bands, spectra.split(BAND, dim=-2), factors, strict=True):
+            padded = torch.fft.fft(part * weighted, n=len(between), dim=1)
+            band.addcmul_(torch.fft.ifft(padded * between, dim=1)[:, :n_planes], factor[:, v, None])
+    stack = torch.cat([band.mul_(after) for band in bands], dim=-2)
+    # The columns were shifted by one sign of the Nyquist bin. With the rows transformed back, that bin holds a real
+    # signal times its factor, so the mean of both signs is the real part, which not every inverse transform takes.
+    planes = [
+        torch.fft.irfft(fourier.real_at_nyquist(torch.fft.ifft(plane, dim=-2), kx.to(device)), n=size[1])
+        for plane in stack.unbind(1)
+    ]
+    return batches.restored(footprint_blur.periodic(torch.stack(planes, dim=1), cell, slopes), views)
 
 
 def at_slopes(
@@ -74,14 +98,7 @@ def at_slopes(
     fill: float = 0.0,
     disparity: float | Tensor = 0.0,
 ) -> Tensor:
-    """The same for slopes that are given, once they are known to be evenly spaced.
-
-    Args:
-        views: As in `focal_stack_transform`.
-        slopes: Focus in pixels per view step, evenly spaced, [N].
-        weights: As in `focal_stack_transform`.
-        fill: As in `focal_stack_transform`.
-        disparity: As in `focal_stack_transform`.
+    """`focal_stack_transform` at slopes [N] that must be evenly spaced, with its other arguments.
 
     Raises:
         InputError: Slopes that are not evenly spaced, or what `focal_stack_transform` refuses.
@@ -99,69 +116,19 @@ def at_slopes(
     return focal_stack_transform(views, len(values), first, last, weights, fill, disparity)
 
 
-class _Chirps(NamedTuple):
-    """Factors that carry out the sum over u for all planes: `exp(2 pi i s (u - u0) kx)` as a convolution."""
+def _chirps(slopes: Tensor, n_views: int, kx: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Factors that carry out `sum_u exp(2 pi i s (u - u0) kx)` for all planes as a convolution, complex128.
 
-    before: Tensor
-    """Of the views, complex, [U, 1, 1, W // 2 + 1]."""
-    between: Tensor
-    """Of their transforms along u, padded to M, complex, [M, 1, 1, W // 2 + 1]."""
-    after: Tensor
-    """Of the planes, complex, [N, 1, 1, W // 2 + 1]; the same for all rows of views, so left to the end."""
-
-    def planes(self, spectra: Tensor, weights: Tensor) -> Tensor:
-        """Weighted views of one row, [B, U, C, h, W // 2 + 1], as planes, [B, N, C, h, W // 2 + 1], but for `after`."""
-        before = self.before * weights[:, None, None, None]
-        padded = torch.fft.fft(spectra * before, n=len(self.between), dim=1)
-        return torch.fft.ifft(padded * self.between, dim=1)[:, : len(self.after)]
-
-
-def _stack(views: Tensor, slopes: Tensor, weights: Tensor | None, cell: Footprint) -> Tensor:
-    grid, size = batches.grid_and_size(views)
-    slopes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
-    device, dtype = views.device, fourier.complex_dtype(views.dtype)
-    rows = fourier.shift_phases(fourier.frequencies(size[0]), slopes[:, None] * geometry.angular_offsets(grid[0]))
-    rows = rows * cell.responses(slopes, fourier.frequencies(size[0]))
-    chirps = _chirps(slopes, grid[1], size[1])
-    seen = cell.responses(slopes, fourier.half_frequencies(size[1]))[:, :, None]
-    chirps = _Chirps(*(each.to(device, dtype) for each in chirps._replace(after=chirps.after * seen)))
-    spectra = _sum_of_rows(batches.without_unread(views, aperture), rows.to(device, dtype), chirps, aperture)
-    stack = torch.stack([_image(plane, size[1]) for plane in spectra.unbind(1)], dim=1)
-    return footprint_blur.periodic(stack, cell, slopes)
-
-
-def _sum_of_rows(views: Tensor, rows: Tensor, chirps: _Chirps, weights: Tensor) -> Tensor:
-    """Spectra of the planes, [B, N, C, H, W // 2 + 1]; `rows` are the factors of the view rows, [N, V, H]."""
-    shape, (n_planes, *_, n_bins) = views.shape, chirps.after.shape
-    factors = rows[..., None].split(BAND, dim=-2)
-    bands = [rows.new_zeros(shape[0], n_planes, shape[3], part.shape[-2], n_bins) for part in factors]
-    for v, view_row in enumerate(views.unbind(1)):
-        # One view row at a time: its spectra are all that is held beside the planes.
-        spectra = torch.fft.rfft2(batches.radiance(view_row))
-        for band, part, factor in zip(bands, spectra.split(BAND, dim=-2), factors, strict=True):
-            band.addcmul_(chirps.planes(part, weights[v].to(rows)), factor[:, v, None])
-    return torch.cat([band.mul_(chirps.after) for band in bands], dim=-2)
-
-
-def _image(spectrum: Tensor, width: int) -> Tensor:
-    """The picture with a spectrum [..., H, W // 2 + 1] whose columns were shifted by one sign of the Nyquist bin.
-
-    With the rows transformed back, that bin holds a real signal times its factor, so the mean of both signs is the
-    real part. It is taken here because no inverse transform promises to ignore the imaginary one.
+    They are multiplied with the views, [U, 1, 1, K], with the views' transforms along u padded to M, [M, 1, 1, K], and
+    with the planes, [N, 1, 1, K]: the last are the same for all rows of views, so left to the end.
     """
-    columns = torch.fft.ifft(spectrum, dim=-2)
-    half = fourier.half_frequencies(width).to(spectrum.device)
-    return torch.fft.irfft(fourier.real_at_nyquist(columns, half), n=width)
-
-
-def _chirps(slopes: Tensor, n_views: int, width: int) -> _Chirps:
-    n_planes, frequencies = len(slopes), fourier.half_frequencies(width)[None, None, :]
+    n_planes, frequencies = len(slopes), kx[None, None, :]
     middle, step = (slopes[0] + slopes[-1]) / 2, (slopes[-1] - slopes[0]) / max(n_planes - 1, 1)
     u, j = (geometry.angular_offsets(n)[:, None, None, None] for n in (n_views, n_planes))
     padded = fourier.next_fast_length(n_views + n_planes - 1)
     lag = torch.arange(padded, dtype=torch.float64)[:, None, None, None]
     lag = torch.where(lag < n_planes, lag, lag - padded) + j[0] - u[0]
-    return _Chirps(
+    return (
         _turned(frequencies * (middle * u + step * u**2 / 2)),
         torch.fft.fft(_turned(-frequencies * step * lag**2 / 2), dim=0),
         _turned(frequencies * step * j**2 / 2),
@@ -169,6 +136,6 @@ def _chirps(slopes: Tensor, n_views: int, width: int) -> _Chirps:
 
 
 def _turned(turns: Tensor) -> Tensor:
-    """exp(2 pi i turns); whole turns are taken off first, for the squares make many of them."""
+    """exp(2 pi i turns); whole turns are taken off first, since the squares are large."""
     angle = 2 * torch.pi * (turns - turns.round())
     return torch.polar(torch.ones_like(angle), angle)

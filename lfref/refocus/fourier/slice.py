@@ -4,9 +4,13 @@
 aperture with black views (M bins for U views) makes the bins finer. The angular transform and the kernel's reading
 are both sums, over views and over bins, and their order is free: carried out over the bins first, they leave one
 factor for each view and frequency, so that the padded 4-D spectrum (some 500 MB in the paper's case) never exists.
-Global by nature: every pixel of the result depends on every pixel of the views.
-Letters: `u v` view column and row, `k` frequency in cycles per pixel, `m` angular bin, `M` padded angular size.
-Source: Ng, "Fourier Slice Photography", 2005.
+Reading a spectrum with kernel c multiplies the views by the transform of c, so the views are divided by it first;
+leaving that out makes the picture turn brighter with the slope. Every pixel of the result depends on every pixel of the
+views. Methods: `fourier_slice_linear` is Ng's own, linear and without padding, `fourier_slice` the gridded one.
+Letters: `u v` view column and row, `k` frequency in cycles per pixel, `m` angular bin, `M` padded angular size, `t`
+distance in bins, `W` kernel width in bins, `sigma` oversampling M / N (padded over original size).
+Sources: Ng, "Fourier Slice Photography", 2005; Beatty, Nishimura, Pauly, "Rapid gridding reconstruction with a minimal
+oversampling ratio", 2005, eq. 5 (beta).
 """
 
 import math
@@ -23,14 +27,6 @@ from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint, footprint_blur
 from lfref.refocus.fourier import exact
 
-# PART gridding
-# Interpolation kernels for reading a spectrum between its bins, and what they do to the views.
-#
-# Reading a spectrum with kernel c multiplies the views by the transform of c, so the views are divided by it first;
-# leaving that out makes the picture turn brighter with the slope.
-# Letters: `t` distance in bins, `W` kernel width in bins, `sigma` oversampling (padded over original size).
-# Source: Beatty, Nishimura, Pauly, "Rapid gridding reconstruction with a minimal oversampling ratio", 2005, eq. 5.
-
 
 class Kernel(NamedTuple):
     """A kernel and its transform."""
@@ -44,28 +40,15 @@ class Kernel(NamedTuple):
 
 
 def linear(width: int, sigma: float) -> Kernel:
-    """Linear interpolation between the two nearest bins, as in Ng 2005; interpolates, so it divides by nothing.
-
-    Args:
-        width: Ignored: linear interpolation spans two bins.
-        sigma: Ignored.
-    """
+    """Linear interpolation between the two nearest bins, as in Ng 2005, whatever the arguments; divides by nothing."""
     return Kernel(2, lambda t: (1 - t.abs()).clamp(min=0), torch.ones_like)
 
 
 def kaiser_bessel(width: int, sigma: float) -> Kernel:
-    """The Kaiser-Bessel kernel with Beatty's beta.
-
-    Args:
-        width: Bins that it spans, >= 2.
-        sigma: Oversampling, >= 1.
-
-    Raises:
-        InputError: Width below 2 or oversampling below 1.
-    """
+    """The Kaiser-Bessel kernel with Beatty's beta; width >= 2 bins, oversampling sigma >= 1."""
     if width < 2 or sigma < 1:
         raise InputError("a Kaiser-Bessel kernel needs width >= 2 and padding >= 1", got=f"{width} and {sigma:g}")
-    beta = math.pi * math.sqrt((width / sigma) ** 2 * (sigma - 0.5) ** 2 - 0.8) if width > 1.8 else 0.0
+    beta = math.pi * math.sqrt((width / sigma) ** 2 * (sigma - 0.5) ** 2 - 0.8)
 
     def weight(t: Tensor) -> Tensor:
         inside = (1 - (2 * t / width) ** 2).clamp(min=0)
@@ -104,7 +87,7 @@ def fourier_slice(
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
             over the aperture.
-        disparity: Of what is seen, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
+        disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
 
     Returns:
@@ -121,11 +104,11 @@ def fourier_slice(
     """
     if not (math.isfinite(padding) and padding >= 1):
         raise InputError("padding must be finite and at least 1", got=padding)
-    batch, make = batches.flattened(views), chosen("kernel", kernel, KERNELS)
+    batch, kernel_of = batches.flattened(views), chosen("kernel", kernel, KERNELS)
     grid, size = batches.grid_and_size(batch)
     planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
     padded = [math.ceil(padding * n_views) for n_views in grid]
-    readers = [make(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
+    readers = [kernel_of(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
     axes = zip(grid, padded, readers, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
     rows, columns = (
         fourier.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) * cell.responses(planes, k)
@@ -136,16 +119,10 @@ def fourier_slice(
 
 
 def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor:
-    """Share of each view in what a slice reads, taken along one angular axis.
+    """Share of each of U views in what a slice reads among M padded bins of one angular axis, complex128, [N, U, K].
 
-    Args:
-        crossing: s k, minus the angular frequency in cycles per view where the slice crosses, [N, K].
-        n_views: Views along the axis, U.
-        padded: Angular bins along the axis, M.
-        kernel: Reads between bins.
-
-    Returns:
-        Factors, near exp(2 pi i s k (u - u0)), complex128, [N, U, K].
+    The slice crosses the axis at minus `crossing` = s k, [N, K], in cycles per view; the factors are near
+    exp(2 pi i s k (u - u0)).
     """
     offsets = geometry.angular_offsets(n_views)
     position = -crossing[..., None] * padded

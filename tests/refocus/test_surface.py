@@ -13,7 +13,7 @@ from torch.autograd import gradcheck, gradgradcheck
 from lfref.errors import InputError
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.surface import per_pixel, tilt_shift
-from tests.refocus.anywhere.test_sampling import slow_sample
+from tests.refocus.test_gather import slow_sample
 
 BORDERS = ["renormalize", "edge", "zero", "wrap"]
 LOCAL = ["nearest", "linear", "cubic"]
@@ -150,13 +150,6 @@ def test_derivatives_by_slope_and_tilt_are_right():
     assert gradcheck(lambda s, t: tilt_shift(views, s, t, "cubic"), (slope, tilt), check_forward_ad=True)
 
 
-def test_the_forward_derivative_by_the_views_is_the_operator_itself():
-    views, tangent = torch.rand(2, 3, 3, 1, 6, 7, 2, dtype=torch.float64).unbind(-1)
-    slope_map = torch.rand(6, 7) - 0.5
-    _, derivative = torch.func.jvp(lambda x: per_pixel(x, slope_map), (views,), (tangent,))
-    torch.testing.assert_close(derivative, per_pixel(tangent, slope_map), atol=1e-14, rtol=0)
-
-
 def test_gradients_find_the_slope_of_a_plane():
     views = slanted_views(0.3, (0.0, 0.0), (3, 3), (20, 24))
     truth = smooth_texture(torch.arange(24).double(), torch.arange(20).double()[:, None])
@@ -164,17 +157,6 @@ def test_gradients_find_the_slope_of_a_plane():
     error = (per_pixel(views, slope_map, "cubic")[0] - truth).square().sum()
     (gradient,) = torch.autograd.grad(error, slope_map)
     assert (gradient[2:-2, 2:-2] < 0).double().mean() > 0.9
-
-
-@given(a=st.floats(-2, 2), b=st.floats(-2, 2), seed=st.integers(0, 99))
-@settings(max_examples=20, deadline=None)
-def test_is_linear_in_the_views(a, b, seed):
-    torch.manual_seed(seed)
-    one, two = torch.rand(2, 3, 2, 1, 5, 6, dtype=torch.float64)
-    slope_map = torch.rand(5, 6, dtype=torch.float64) * 2 - 1
-    combined = per_pixel(a * one + b * two, slope_map, "cubic")
-    expected = a * per_pixel(one, slope_map, "cubic") + b * per_pixel(two, slope_map, "cubic")
-    torch.testing.assert_close(combined, expected, atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
@@ -191,36 +173,6 @@ def test_pixels_without_any_view_are_black():
     slope_map = torch.tensor([2.0, 2, 2, 0, 0, 0, -2, -2]).expand(3, 8)
     image = per_pixel(torch.ones(1, 3, 1, 3, 8), slope_map, weights=weights)[0]
     assert image[0, 0].tolist() == [0, 0, 1, 1, 1, 1, 0, 0]
-
-
-def test_views_of_weight_0_are_never_read():
-    views = torch.rand(2, 2, 1, 6, 6)
-    expected = per_pixel(views, torch.full((6, 6), 0.4), weights=torch.tensor([[1.0, 1.0], [0.0, 1.0]]))
-    views[1, 0] = math.nan
-    spoilt = per_pixel(views, torch.full((6, 6), 0.4), weights=torch.tensor([[1.0, 1.0], [0.0, 1.0]]))
-    assert torch.equal(spoilt, expected)
-
-
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
-def test_type_and_batch_dimensions_follow_the_input(dtype, channels):
-    views = torch.rand(2, 3, 3, 4, channels, 9, 8).to(dtype)
-    maps = torch.rand(2, 9, 8)
-    stack = per_pixel(views, maps)
-    assert stack.dtype == dtype
-    assert stack.shape == (2, 3, 2, channels, 9, 8)
-    torch.testing.assert_close(stack[1, 2], per_pixel(views[1, 2], maps))
-    torch.testing.assert_close(stack[:, :, 1:], per_pixel(views, maps[1]))
-    torch.testing.assert_close(stack, per_pixel(views.double(), maps).to(dtype), atol=1e-6, rtol=8e-3)
-
-
-@pytest.mark.parametrize(("dtype", "scale"), [(torch.uint8, 255), (torch.uint16, 65535)])
-def test_integer_views_are_their_share_of_full_scale(dtype, scale):
-    views = torch.randint(scale + 1, (2, 3, 3, 3, 7, 8)).to(dtype)
-    maps = torch.rand(2, 7, 8)
-    stack = per_pixel(views, maps)
-    assert stack.dtype == torch.float32
-    torch.testing.assert_close(stack, per_pixel(views.to(torch.float32) / scale, maps), atol=2.4e-7, rtol=0)
 
 
 @pytest.mark.parametrize(

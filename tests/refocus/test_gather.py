@@ -1,0 +1,313 @@
+"""Views read at any position: samples against the definition in plain Python, means, compiled loop against PyTorch."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.autograd import gradcheck, gradgradcheck
+
+from lfref.errors import InputError
+from lfref.refocus import batches, gather
+from lfref.refocus.gather import ViewMap, mean_of_views
+from lfref.refocus.homography import homography
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.surface import per_pixel
+
+LOCAL = ["nearest", "linear", "cubic"]
+
+
+def sample(images, x, y, interpolation="linear", border="renormalize"):
+    return gather.sample(images, x, y, INTERPOLATIONS[interpolation], BORDERS[border])
+
+
+def keys(distance: float) -> float:
+    """Keys' cubic kernel, a = -1/2, piece by piece as in the paper."""
+    distance = abs(distance)
+    if distance < 1:
+        return 1.5 * distance**3 - 2.5 * distance**2 + 1
+    return -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2 if distance < 2 else 0.0
+
+
+KERNELS = {"nearest": lambda d: float(d == 0), "linear": lambda d: max(0.0, 1 - abs(d)), "cubic": keys}
+
+
+def slow_sample(image: np.ndarray, x: float, y: float, interpolation: str, border: str) -> np.ndarray | None:
+    """The definition: every pixel of the endless continuation of the image times the kernel; None where none is."""
+    height, width = image.shape[-2:]
+    if interpolation == "nearest":
+        x, y = math.floor(x + 0.5), math.floor(y + 0.5)
+    if border == "renormalize" and not (0 <= x <= width - 1 and 0 <= y <= height - 1):
+        return None
+    kernel, total = KERNELS[interpolation], np.zeros(image.shape[:-2])
+    for row in range(math.floor(y) - 2, math.floor(y) + 4):
+        for column in range(math.floor(x) - 2, math.floor(x) + 4):
+            if border == "zero" and not (0 <= row < height and 0 <= column < width):
+                continue
+            if border == "wrap":
+                pixel = image[..., row % height, column % width]
+            else:
+                pixel = image[..., min(max(row, 0), height - 1), min(max(column, 0), width - 1)]
+            total += kernel(y - row) * kernel(x - column) * pixel
+    return total
+
+
+def doubles(*values: float) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("border", list(BORDERS))
+@pytest.mark.parametrize("interpolation", LOCAL)
+def test_equals_the_slow_reference_on_and_beyond_the_image(interpolation, border):
+    image = torch.rand(2, 5, 7, dtype=torch.float64)
+    x, y = torch.rand(60, dtype=torch.float64) * 20 - 7, torch.rand(60, dtype=torch.float64) * 16 - 6
+    samples, has_sample = sample(image, x, y, interpolation, border)
+    for i, (column, row) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
+        slow = slow_sample(image.numpy(), column, row, interpolation, border)
+        assert bool(has_sample[i]) == (slow is not None)
+        if slow is not None:
+            np.testing.assert_allclose(samples[:, i].numpy(), slow, atol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(4,), (2, 3), (2, 1, 3)])
+def test_samples_stand_where_the_positions_stand_behind_the_batch(shape):
+    images = torch.rand(3, 2, 4, 5)
+    x, y = torch.rand(shape, dtype=torch.float64) * 4, torch.rand(shape, dtype=torch.float64) * 3
+    samples, has_sample = sample(images, x, y)
+    assert samples.shape == (3, 2, *shape)
+    assert samples.dtype == images.dtype
+    assert has_sample.shape == shape
+    torch.testing.assert_close(samples[1, 0], sample(images[1, 0], x, y)[0])
+
+
+@pytest.mark.parametrize("interpolation", LOCAL)
+def test_whole_positions_read_their_pixel_and_no_other(interpolation):
+    image = torch.rand(5, 6, dtype=torch.float64)
+    spoilt = image.clone()
+    spoilt[:, 3], spoilt[2] = math.inf, math.nan
+    y, x = torch.meshgrid(torch.arange(5).double(), torch.arange(6).double(), indexing="ij")
+    assert torch.equal(sample(image, x, y, interpolation)[0], image)
+    torch.testing.assert_close(sample(spoilt, x, y, interpolation)[0], spoilt, atol=0, rtol=0, equal_nan=True)
+
+
+@given(coefficients=st.lists(st.floats(-1, 1), min_size=6, max_size=6), x=st.floats(1, 6), y=st.floats(1, 5))
+def test_cubic_reproduces_quadratics_and_linear_planes(coefficients, x, y):
+    def surface(x, y, terms):
+        monomials = (1.0, x, y, x * y, x**2, y**2)
+        return sum(c * m for c, m in zip(terms, monomials[: len(terms)], strict=True))
+
+    columns, rows = torch.arange(8).double(), torch.arange(7).double()[:, None]
+    for interpolation, n_terms in (("cubic", 6), ("linear", 4)):
+        terms = coefficients[:n_terms]
+        image = surface(columns, rows, terms) + torch.zeros(7, 8)
+        read = sample(image, doubles(x), doubles(y), interpolation)[0]
+        assert float(read) == pytest.approx(surface(x, y, terms), abs=1e-12)
+
+
+@pytest.mark.parametrize("interpolation", LOCAL)
+def test_rounding_takes_no_sample_from_the_outermost_pixel(interpolation):
+    image = torch.arange(4, dtype=torch.float64).expand(3, 4)
+    x = doubles(-1e-12, 3 + 1e-12, -0.6, 3.6)
+    samples, has_sample = sample(image, x, torch.ones_like(x), interpolation)
+    assert has_sample.tolist() == [True, True, False, False]
+    torch.testing.assert_close(samples[:2], doubles(0, 3), atol=1e-11, rtol=0)
+
+
+@pytest.mark.parametrize("interpolation", LOCAL)
+def test_no_position_is_too_far(interpolation):
+    image = torch.rand(4, 5, dtype=torch.float64)
+    x = doubles(1e300, -1e300, math.inf, -math.inf)
+    y = torch.full_like(x, 2)
+    assert torch.equal(sample(image, x, y, interpolation, "edge")[0], image[2, [4, 0, 4, 0]])
+    assert torch.equal(sample(image, x, y, interpolation, "zero")[0], torch.zeros_like(x))
+    assert not sample(image, x, y, interpolation)[1].any()
+
+
+@pytest.mark.parametrize("border", list(BORDERS))
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+def test_derivatives_by_images_and_positions_are_right_forwards_backwards_and_twice(interpolation, border):
+    image = torch.rand(3, 4, dtype=torch.float64, requires_grad=True)
+    # Away from whole pixels, where linear interpolation has a kink.
+    x = doubles(-0.7, 0.3, 1.6, 3.4).requires_grad_()
+    y = doubles(0.4, 1.3, 1.8, 2.6).requires_grad_()
+
+    def read(image, x, y):
+        return sample(image, x, y, interpolation, border)[0]
+
+    assert gradcheck(read, (image, x, y), check_forward_ad=True)
+    assert gradgradcheck(read, (image, x, y), check_fwd_over_rev=True, fast_mode=True)
+
+
+def test_whole_positions_have_a_derivative():
+    # An index that avoids the neighbour of weight 0 would freeze every slope map that starts at slope 0.
+    x = doubles(2).requires_grad_()
+    image = torch.arange(6, dtype=torch.float64).square().expand(4, 6)
+    (linear,) = torch.autograd.grad(sample(image, x, doubles(1))[0], x)
+    (cubic,) = torch.autograd.grad(sample(image, x, doubles(1), "cubic")[0], x)
+    assert float(linear) == 5
+    assert float(cubic) == pytest.approx(4)
+
+
+@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+@pytest.mark.parametrize("interpolation", LOCAL)
+@given(x=st.floats(-20, 20), y=st.floats(-20, 20), level=st.floats(-1e3, 1e3))
+@settings(max_examples=25, deadline=None)
+def test_a_constant_image_is_constant_everywhere(interpolation, border, x, y, level):
+    image = torch.full((3, 4), level, dtype=torch.float64)
+    samples, _ = sample(image, doubles(x), doubles(y), interpolation, border)
+    assert float(samples) == pytest.approx(level, rel=1e-14)
+
+
+VIEWS = torch.tensor([1.0, 2.0, 4.0]).reshape(1, 1, 3, 1, 1, 1).expand(1, 1, 3, 1, 2, 2)
+APERTURE = torch.tensor([[0.5, 0.25, 0.25]], dtype=torch.float64)
+
+
+@pytest.mark.parametrize("views", [VIEWS, VIEWS.clone().requires_grad_()])
+def test_the_mean_counts_only_views_that_see_the_point(views):
+    # View 0 has what is below behind it, view 1 is read two pixels aside, view 2 has only the last corner behind it.
+    matrices = torch.eye(3, dtype=torch.float64).repeat(1, 3, 1, 1)
+    matrices[0, 0, 2], matrices[0, 1, 0, 2] = torch.tensor([0, -2, 1.0]), 2.0
+    matrices[0, 2] *= 3
+    matrices[0, 2, 2] = torch.tensor([-2, -2, 3.0])
+    stack, coverage = mean_of_views(views, APERTURE, [ViewMap(matrices)], "nearest", "edge")
+    torch.testing.assert_close(stack.detach()[0, 0, 0], torch.tensor([[7 / 4 + 1 / 4, 7 / 4 + 1 / 4], [3.0, 2.0]]))
+    torch.testing.assert_close(coverage[0], torch.tensor([[1, 1], [0.5, 0.25]], dtype=torch.float64))
+
+
+def test_matrices_and_slopes_add_up():
+    views = torch.rand(1, 2, 3, 1, 6, 7, dtype=torch.float64)
+    aperture, slopes = torch.full((2, 3), 1 / 6).double(), torch.rand(6, 7, dtype=torch.float64)
+    moved = torch.eye(3, dtype=torch.float64).repeat(2, 3, 1, 1)
+    moved[..., 0, 2], moved[..., 1, 2] = torch.tensor([-0.5, 0, 0.5]).double(), torch.tensor([[-0.25], [0.25]]).double()
+    both = mean_of_views(views, aperture, [ViewMap(moved, slopes)], "linear", "wrap")
+    alone = mean_of_views(views, aperture, [ViewMap(slopes=slopes + 0.5)], "linear", "wrap")
+    torch.testing.assert_close(both, alone, atol=1e-12, rtol=0)
+    slow = mean_of_views(views, aperture, [ViewMap(moved, slopes.clone().requires_grad_())], "linear", "wrap")
+    torch.testing.assert_close([each.detach() for each in slow], list(both), atol=1e-12, rtol=0)
+
+
+def test_compiled_loops_serve_plain_tensors_and_pytorch_all_others(monkeypatch):
+    slopes = torch.zeros(2, 2, dtype=torch.float64)
+    arguments = {"numba": (VIEWS, slopes), "torch": (VIEWS, slopes.clone().requires_grad_())}
+    expected = mean_of_views(VIEWS, APERTURE, [ViewMap(slopes=slopes)], "linear", "edge")
+    for unused, other in (("means_numba", "torch"), ("means_torch", "numba")):
+        with monkeypatch.context() as patched:
+            patched.setattr(gather, unused, pytest.fail)
+            views, places = arguments[other]
+            result = mean_of_views(views, APERTURE, [ViewMap(slopes=places)], "linear", "edge")
+        torch.testing.assert_close([each.detach() for each in result], list(expected))
+
+
+@pytest.mark.parametrize(
+    ("choice", "message"),
+    [
+        (("exact", "edge"), "vary over the picture must be one of nearest, linear, cubic; got 'exact'"),
+        (("magic", "edge"), "must be one of nearest"),
+        (("linear", "mirror"), "border must be one of"),
+    ],
+)
+def test_bad_names_are_refused(choice, message):
+    with pytest.raises(InputError, match=message):
+        mean_of_views(VIEWS, APERTURE, [ViewMap()], *choice)
+
+
+CHOICES = [(interpolation, border) for interpolation in LOCAL for border in BORDERS]
+GRID, SIZE = (2, 3), (9, 12)
+
+
+def noise(*shape, seed=0):
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed))
+
+
+def slope_maps(spread, n_planes=2):
+    """Slopes that read views between their samples, on them, and beyond."""
+    maps = spread * (noise(n_planes, *SIZE, seed=1).double() - 0.5)
+    maps[..., ::3] = maps[..., ::3].round()
+    return maps
+
+
+def matrices(spread):
+    """Homographies that turn and shear, and one of a camera that half the picture is behind."""
+    matrix = torch.eye(3).double() + spread * (noise(2, *GRID, 3, 3, seed=2).double() - 0.5) * torch.tensor([1, 1, 8.0])
+    matrix[..., 2, :2] *= 0.05
+    matrix[1, 1, 1, 2] = torch.tensor([-0.2, 0.0, 1.1]).double()
+    return matrix
+
+
+def by_both(monkeypatch, refocus, *arguments):
+    """Stacks by the compiled loop, and by PyTorch's operations."""
+    fast = refocus(*arguments)
+    with monkeypatch.context() as patched:
+        patched.setattr(batches, "COMPILERS", {})
+        return fast, refocus(*arguments)
+
+
+@pytest.mark.parametrize(("interpolation", "border"), CHOICES)
+@pytest.mark.parametrize("spread", [1.0, 3.0])
+def test_gives_what_pytorchs_operations_give(monkeypatch, interpolation, border, spread):
+    views = noise(2, *GRID, 3, *SIZE)
+    for refocus, places in ((per_pixel, slope_maps(spread)), (homography, matrices(0.1 * spread))):
+        fast, slow = by_both(monkeypatch, refocus, views, places, interpolation, border)
+        torch.testing.assert_close(fast, slow, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float16, torch.bfloat16, torch.uint8, torch.uint16])
+def test_takes_every_type(monkeypatch, dtype):
+    views = noise(1, *GRID, 3, *SIZE) * (200 if dtype in (torch.uint8, torch.uint16) else 1)
+    fast, slow = by_both(monkeypatch, per_pixel, views.to(dtype), slope_maps(2.0))
+    assert fast.dtype == slow.dtype
+    accuracy = {torch.float64: 1e-14, torch.float16: 1e-3, torch.bfloat16: 8e-3}.get(dtype, 1e-6)
+    torch.testing.assert_close(fast, slow, atol=accuracy, rtol=0)
+
+
+def test_takes_every_layout_and_leaves_closed_views_alone(monkeypatch):
+    views = noise(*GRID, *SIZE, 3, 2).movedim((-1, -2), (0, 3))
+    views[:, 1, 2] = torch.nan
+    weights = torch.tensor([[1.0, 0, 2], [3, 1, 0]])
+    fast, slow = by_both(monkeypatch, per_pixel, views, slope_maps(2.0), "linear", "renormalize", weights)
+    torch.testing.assert_close(fast, slow, atol=1e-6, rtol=0)
+    assert bool(fast.isfinite().all())
+
+
+@pytest.mark.parametrize("interpolation", LOCAL)
+@pytest.mark.parametrize("spoilt", [torch.nan, torch.inf])
+def test_a_weight_of_zero_lets_nothing_through(monkeypatch, interpolation, spoilt):
+    views = noise(1, *GRID, 3, *SIZE)
+    views[:, 0, 0, :, 4, 5] = spoilt
+    fast, slow = by_both(monkeypatch, per_pixel, views, slope_maps(2.0), interpolation)
+    assert torch.equal(fast.isfinite(), slow.isfinite())
+    assert not bool(fast.isfinite().all())
+    torch.testing.assert_close(fast.nan_to_num(0, 0, 0), slow.nan_to_num(0, 0, 0), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize(("interpolation", "border"), CHOICES)
+@pytest.mark.parametrize("far", [torch.nan, torch.inf, -torch.inf, 1e300, -(2.0**60), 1e18])
+def test_positions_that_are_far_or_no_numbers_read_nothing_beyond_memory(interpolation, border, far):
+    views, places = noise(1, *GRID, 3, *SIZE), ViewMap(slopes=torch.full(SIZE, far, dtype=torch.float64))
+    stack, coverage = mean_of_views(views, torch.full(GRID, 1 / 6).double(), [places], interpolation, border)
+    assert bool(stack.isfinite().all())
+    assert bool((coverage == 0).all()) is (border == "renormalize")
+
+
+def test_threads_change_no_digit(monkeypatch):
+    monkeypatch.setattr(gather, "WORTH_A_THREAD", 1)
+    stacks = []
+    for n_threads in (1, 2, 5):
+        monkeypatch.setattr(torch, "get_num_threads", lambda n_threads=n_threads: n_threads)
+        stacks.append(per_pixel(noise(2, *GRID, 3, *SIZE), slope_maps(2.0), "cubic"))
+    assert torch.equal(stacks[1], stacks[0])
+    assert torch.equal(stacks[2], stacks[0])
+
+
+@given(x=st.floats(-30, 40), y=st.floats(-30, 40), choice=st.sampled_from(CHOICES))
+@settings(max_examples=60, deadline=None)
+def test_any_position_is_read_as_by_pytorch(x, y, choice):
+    view, at = noise(1, 1, 1, 2, *SIZE), [torch.full((1, 1), value, dtype=torch.float64) for value in (x, y)]
+    moved = torch.tensor([[1, 0, x], [0, 1, y], [0, 0, 1]], dtype=torch.float64)[None, None]
+    stack, coverage = mean_of_views(view, torch.ones(1, 1, dtype=torch.float64), [ViewMap(moved)], *choice)
+    samples, has_sample = sample(view[0, 0, 0], *at, *choice)
+    expected = torch.where(has_sample, samples, 0.0)
+    torch.testing.assert_close(stack[0, 0, :, :1, :1], expected, atol=1e-6, rtol=0)
+    assert bool(coverage[0, 0, 0]) == bool(has_sample)
