@@ -95,7 +95,9 @@ def test_descent_along_it_finds_views_with_the_measured_stack():
 
 @pytest.mark.parametrize("shape", [(2, 1, 4, 5), (3, 3, 4, 5), (1, 3, 1, 4, 5), (3, 1, 5, 4)])
 def test_a_stack_that_the_operator_cannot_have_made_is_refused(shape):
-    with pytest.raises(InputError, match=r"must be \[3, 1, 4, 5\], as the operator makes of views \[2, 3, 1, 4, 5\]"):
+    with pytest.raises(
+        InputError, match=r"must be \[3, 1, 4, 5\], as the operator returns for views \[2, 3, 1, 4, 5\]"
+    ):
         adjoint(OPERATORS["linear"], torch.zeros(shape), torch.empty(2, 3, 1, 4, 5))
 
 

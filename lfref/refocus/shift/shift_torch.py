@@ -1,7 +1,7 @@
 """Shift-and-sum by plain PyTorch operations: on any device, differentiable, and the reference of the compiled loops.
 
 A view is read at x + shift, by a few taps or in the Fourier domain, and added onto a running sum. It is kept for
-derivatives, for `exact` interpolation and for devices without a compiled loop. TORCH_FIGURES
+derivatives, for `exact` interpolation and for devices without a compiled loop; see `shift_numba` for times.
 Letters: `v u` view row and column.
 """
 
@@ -13,8 +13,8 @@ from lfref.refocus import batches, footprint_blur
 from lfref.refocus.shift.shift_plan import Plan, Shifts
 
 SEAM = 16
-"""Samples over which a view that is not periodic is faded into its other end before a Fourier shift. Without a fade a
-ramp rings by SEAM_PLACEHOLDER."""
+"""Samples over which a view that is not periodic is faded into its other end before a Fourier shift: at a jump the
+shifted view would ring."""
 
 
 def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
