@@ -174,8 +174,8 @@ def means_numba(
         matrices = still if plane.matrices is None else plane.matrices
         slopes = no_slopes if plane.slopes is None else plane.slopes
         offsets = lines.even(grid) if plane.positions is None else plane.positions
-        maps, slopes, offsets = (tensor.contiguous().numpy() for tensor in (matrices, slopes, offsets))
-        tables.append(Table(maps, slopes, offsets, interpolation, border, scale))
+        arrays = [tensor.contiguous().numpy() for tensor in (matrices, slopes, offsets)]
+        tables.append(Table(arrays[0], arrays[1], arrays[2], interpolation, border, scale))
     working = np.float64 if views.dtype == torch.float64 else np.float32
     stack = np.empty((len(fields), len(tables), views.shape[3], *size), working)
     coverage = np.empty((len(tables), *size))
