@@ -150,16 +150,6 @@ def test_whole_positions_have_a_derivative():
     assert float(cubic) == pytest.approx(4)
 
 
-@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
-@pytest.mark.parametrize("interpolation", LOCAL)
-@given(x=st.floats(-20, 20), y=st.floats(-20, 20), level=st.floats(-1e3, 1e3))
-@settings(max_examples=25, deadline=None)
-def test_a_constant_image_is_constant_everywhere(interpolation, border, x, y, level):
-    image = torch.full((3, 4), level, dtype=torch.float64)
-    samples, _ = sample(image, doubles(x), doubles(y), interpolation, border)
-    assert float(samples) == pytest.approx(level, rel=1e-14)
-
-
 VIEWS = torch.tensor([1.0, 2.0, 4.0]).reshape(1, 1, 3, 1, 1, 1).expand(1, 1, 3, 1, 2, 2)
 APERTURE = torch.tensor([[0.5, 0.25, 0.25]], dtype=torch.float64)
 
@@ -245,21 +235,11 @@ def by_both(monkeypatch, refocus, *arguments):
 
 
 @pytest.mark.parametrize(("interpolation", "border"), CHOICES)
-@pytest.mark.parametrize("spread", [1.0, 3.0])
-def test_gives_what_pytorchs_operations_give(monkeypatch, interpolation, border, spread):
-    views = noise(2, *GRID, 3, *SIZE)
+def test_gives_what_pytorchs_operations_give(monkeypatch, interpolation, border):
+    spread, views = 3.0, noise(2, *GRID, 3, *SIZE)
     for refocus, places in ((per_pixel, slope_maps(spread)), (homography, matrices(0.1 * spread))):
         fast, slow = by_both(monkeypatch, refocus, views, places, interpolation, border)
         torch.testing.assert_close(fast, slow, atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float16, torch.bfloat16, torch.uint8, torch.uint16])
-def test_takes_every_type(monkeypatch, dtype):
-    views = noise(1, *GRID, 3, *SIZE) * (200 if dtype in (torch.uint8, torch.uint16) else 1)
-    fast, slow = by_both(monkeypatch, per_pixel, views.to(dtype), slope_maps(2.0))
-    assert fast.dtype == slow.dtype
-    accuracy = {torch.float64: 1e-14, torch.float16: 1e-3, torch.bfloat16: 8e-3}.get(dtype, 1e-6)
-    torch.testing.assert_close(fast, slow, atol=accuracy, rtol=0)
 
 
 def test_takes_every_layout_and_leaves_closed_views_alone(monkeypatch):

@@ -99,15 +99,6 @@ def test_views_of_weight_0_are_not_read():
     torch.testing.assert_close(super_resolve(views, [0.4], 2, weights), expected)
 
 
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
-def test_type_and_batch_dimensions_follow_the_input(dtype):
-    views = torch.rand(2, 3, 5, 5, 3, 12, 13).to(dtype)
-    stack = super_resolve(views, [0.5, 1.0, -1.0, 0.2], 3)
-    assert stack.dtype == dtype
-    assert stack.shape == (2, 3, 4, 3, 36, 39)
-    torch.testing.assert_close(stack[1, 2], super_resolve(views[1, 2], [0.5, 1.0, -1.0, 0.2], 3))
-
-
 @pytest.mark.parametrize("size", [(1, 1), (1, 6), (2, 3)])
 def test_tiny_views_are_no_error(size):
     stack = super_resolve(torch.rand(2, 2, 1, *size), [0.0], 4)

@@ -36,14 +36,6 @@ def test_linear_is_numpys_interpolation_with_the_edge_held(shift):
     np.testing.assert_allclose(read(view[None], "linear", "edge", shift)[0], expected, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("shift", "snapped"), [(0.49, 0), (0.5, 1), (-0.5, 0), (-0.51, -1), (1.5, 2), (-1.5, -1), (2.0, 2), (-2.0, -2)]
-)
-def test_nearest_snaps_to_whole_samples_and_halves_upwards(shift, snapped):
-    view = torch.rand(1, 12)
-    assert torch.equal(read(view, "nearest", "wrap", shift), view.roll(-snapped, -1))
-
-
 def keys(distance: float) -> float:
     """Keys' kernel with a = -1/2, as his paper writes it."""
     distance = abs(distance)
@@ -110,17 +102,3 @@ def test_only_samples_that_count_are_added_to(name, shift, counted):
     part, whole = (read(view, name, border, shift) for border in ("renormalize", "edge"))
     assert torch.equal(part[:, counted], whole[:, counted])
     assert int(part.count_nonzero()) == part[:, counted].numel()
-
-
-def test_the_sum_that_was_there_stays():
-    view = torch.rand(1, 10)
-    torch.testing.assert_close(read(view, "linear", "edge", 0.0, start=5.0), view + 5)
-
-
-def test_the_view_itself_is_never_written_to():
-    view = torch.rand(1, 40)
-    copy = view.clone()
-    for name in INTERPOLATIONS:
-        for border in ("edge", "zero", "wrap"):
-            read(view, name, border, 0.7)
-    assert torch.equal(view, copy)
