@@ -144,7 +144,7 @@ def disagreements(views: GreyViews, slopes: Tensor, spread: Reals, rows: Integer
 
     def work(n: int, first: int, last: int) -> None:
         part = slice(first, last)
-        disagree(views.samples, views.middle, shifts[n], spread, chosen[part], shares[n, part])
+        count_votes(views.samples, views.middle, shifts[n], spread, chosen[part], shares[n, part])
 
     jobs = [(n, *band) for n in range(len(slopes)) for band in threads.bands(len(chosen), n_threads)]
     threads.share(work, jobs, n_threads)
@@ -156,14 +156,14 @@ def _taps(shifts: NDArray, length: int) -> tuple[Integers, Reals, Integers]:
     taps = [INTERPOLATIONS["cubic"].taps(float(shift)) for shift in shifts]
     starts = np.array([view[0][0] for view in taps], np.int64)
     weights = np.array([[weight for _, weight in view] for view in taps], np.float32)
-    # ViewTaps that are whole but for rounding have the span of whole ones.
+    # Shifts that are whole but for rounding have the span of whole ones.
     near = np.where(np.abs(shifts - np.round(shifts)) < 1e-5, np.round(shifts), shifts)
     begins, ends = np.ceil(-near).clip(0, length), np.floor(length - 1 - near).clip(-1, length - 1) + 1
     return starts, weights, np.stack([begins, ends], 1).astype(np.int64)
 
 
 @compiled
-def disagree(
+def count_votes(
     samples: Reals, middle: Integers, shifts: ViewTaps, spread: Reals, rows: Integers, shares: Reals
 ) -> None:  # pragma: no cover - compiled
     """One slope, some rows [R] of the cost volume: shares [R, W] are written, each in [0, 1]."""
@@ -176,7 +176,7 @@ def disagree(
         present = np.flatnonzero((shifts.row_spans[:, 0] <= y) & (y < shifts.row_spans[:, 1]))
         # 1. Read the views.
         for k in present:
-            _move(samples[k], shifts, k, y, line, moved[k])
+            _read_row(samples[k], shifts, k, y, line, moved[k])
         # 2. The reference: mean of the central views that have a sample, 0 where none has.
         reference[:] = 0
         weights[:] = 0
@@ -217,7 +217,7 @@ def disagree(
 
 
 @inlined
-def _move(view: Reals, shifts: ViewTaps, k: int, y: int, line: Reals, moved: Reals) -> None:
+def _read_row(view: Reals, shifts: ViewTaps, k: int, y: int, line: Reals, moved: Reals) -> None:
     """Row y of a shifted view where it has samples: first four rows to a line, then four columns of it to a sample."""
     height, width = view.shape
     top, (a, b, c, d) = y + shifts.rows[k], shifts.row_weights[k]
