@@ -67,13 +67,6 @@ def test_a_choice_is_handed_back_and_an_unknown_one_refused_by_naming_the_known_
         chosen("border", "mirror", table)
 
 
-def test_an_error_from_a_worker_is_only_its_last_line():
-    text = (
-        "Caught InputError in DataLoader worker process 0.\nOriginal Traceback ...\nlfref.errors.InputError: a; got b"
-    )
-    assert str(InputError(text)) == "a; got b"
-
-
 @pytest.mark.parametrize(
     ("error", "line"), [(ValueError("\n a\nb"), "a"), (ValueError(), "ValueError"), (OSError("x" * 999), "x" * 200)]
 )

@@ -34,10 +34,6 @@ def test_slopes_by_hand(convention, alpha, slope):
     torch.testing.assert_close(value, torch.tensor([slope], dtype=torch.float64), atol=1e-15, rtol=0)
 
 
-def test_the_default_convention_is_ngs_and_keeps_the_order():
-    assert geometry.slopes([2, 0.125, 1]).tolist() == [0.5, -7.0, 0.0]
-
-
 def test_the_papers_planes_are_evenly_spaced_only_in_the_parallel_convention():
     parallel, ng = geometry.slopes(PAPER, "parallel").diff(), geometry.slopes(PAPER).diff()
     torch.testing.assert_close(parallel, torch.full_like(parallel, 0.125))
@@ -177,19 +173,6 @@ def test_planes_are_slopes_whatever_they_were_written_as():
     assert planes_at_alphas([0.5], "parallel") == FocalPlanes([-0.5])
 
 
-@pytest.mark.parametrize("slopes", [[-1.0, 0.5], torch.tensor([-1.0, 0.5]), (-1, 0.5)])
-def test_planes_are_equal_whatever_their_slopes_came_in(slopes):
-    planes = FocalPlanes(slopes)
-    assert planes == FocalPlanes((-1.0, 0.5))
-    assert planes != FocalPlanes((-1.0, 0.25))
-    assert all(type(slope) is float for slope in planes.values)
-
-
-def test_planes_may_lie_on_both_sides_of_what_alphas_reach():
-    assert even_planes(5, -2, 2).values == (-2.0, -1.0, 0.0, 1.0, 2.0)
-    assert even_planes(5, -2, 2).alphas is None
-
-
 def test_alphas_come_back_as_they_were_written():
     assert planes_at_alphas(PAPER).alphas == tuple(PAPER)
     assert planes_at_alphas(PAPER, "parallel").alphas == tuple(PAPER)
@@ -237,9 +220,3 @@ def test_containers_that_describe_no_planes_are_refused(plain):
 def test_planes_refuse_what_are_no_slopes(slopes):
     with pytest.raises(InputError, match="slopes must be"):
         FocalPlanes(slopes)
-
-
-@pytest.mark.parametrize("alphas", [(), *((1.0, alpha) for alpha in BAD_ALPHAS)])
-def test_planes_at_alphas_refuse_what_slopes_refuse(alphas):
-    with pytest.raises(InputError, match="alpha"):
-        planes_at_alphas(alphas)

@@ -31,11 +31,6 @@ def test_a_crop_is_the_same_rectangle_of_every_view_and_weight(field):
     assert (crop.name, crop.metadata) == ("name", {"path": "somewhere"})
 
 
-def test_a_field_without_weight_stays_without(field):
-    assert dataclasses.replace(field, weight=None).crop(0, 0, 5, 7).weight is None
-    assert dataclasses.replace(field, weight=None).to("cpu").weight is None
-
-
 @given(top=st.integers(-2, 6), left=st.integers(-2, 8), height=st.integers(-1, 7), width=st.integers(-1, 9))
 def test_a_crop_lies_inside_the_views_or_is_refused(top, left, height, width):
     field = LightField(torch.rand(1, 1, 1, 5, 7))
@@ -45,11 +40,6 @@ def test_a_crop_lies_inside_the_views_or_is_refused(top, left, height, width):
     else:
         with pytest.raises(InputError, match="a crop must lie inside the 5x7 views"):
             field.crop(top, left, height, width)
-
-
-def test_crops_of_crops_add_up(field):
-    twice = field.crop(1, 1, 4, 6).crop(1, 2, 2, 3)
-    assert torch.equal(twice.views, field.crop(2, 3, 2, 3).views)
 
 
 def test_to_moves_views_and_weight(field):

@@ -35,13 +35,6 @@ def test_a_polygon_has_the_area_of_its_triangles(n_corners, turn):
     assert float(cells.of_polygon(edges, edges, n_corners, 3.5, turn).sum()) == pytest.approx(area, rel=1e-6)
 
 
-def test_a_polygon_of_four_corners_is_a_square():
-    edges = torch.tensor([-2.0, -0.5, 0, 1.5, 2], dtype=torch.float64)
-    upright = cells.of_polygon(edges, edges, 4, math.sqrt(2), math.pi / 4)
-    side = torch.tensor([0.5, 0.5, 1, 0], dtype=torch.float64)
-    torch.testing.assert_close(upright, side[:, None] * side, atol=1e-6, rtol=0)
-
-
 def test_a_corner_points_where_the_polygon_is_turned_to():
     edges = torch.tensor([-1.0, 0, 1], dtype=torch.float64)
     left, right = cells.of_polygon(edges, edges, 3).sum(0)
@@ -49,11 +42,6 @@ def test_a_corner_points_where_the_polygon_is_turned_to():
     assert right < left
     upper, lower = cells.of_polygon(edges, edges, 3, turn=math.pi / 2).sum(1)
     torch.testing.assert_close(torch.stack([upper, lower]), torch.stack([left, right]), atol=1e-6, rtol=0)
-
-
-def test_many_corners_are_a_disc():
-    edges = torch.linspace(-1, 1, 6, dtype=torch.float64)
-    torch.testing.assert_close(cells.of_polygon(edges, edges, 2000), cells.of_disc(edges, edges), atol=1e-5, rtol=0)
 
 
 def test_intervals_share_with_cells_what_lies_in_both():

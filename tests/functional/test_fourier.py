@@ -59,15 +59,6 @@ def test_shifts_of_an_odd_length_add_up(first, second):
     )
 
 
-def test_any_shape_of_shifts_gets_a_last_axis_of_frequencies():
-    shifts = torch.rand(2, 3, dtype=torch.float64)
-    phases = fourier.shift_phases(fourier.frequencies(7), shifts)
-    assert phases.shape == (2, 3, 7)
-    assert phases.dtype == torch.complex128
-    torch.testing.assert_close(phases[1, 2], fourier.shift_phases(fourier.frequencies(7), shifts[1, 2]))
-    torch.testing.assert_close(phases.abs(), torch.ones_like(phases.abs()))
-
-
 def test_the_phase_at_500_pixels_keeps_its_digits():
     # The sum of the geometric series is known in closed form; float32 phases would be off by 1e-4.
     frequencies = fourier.frequencies(541)
@@ -76,14 +67,6 @@ def test_the_phase_at_500_pixels_keeps_its_digits():
     turns -= np.rint(turns)
     expected = np.exp(2j * np.pi * turns.astype(np.float64))
     np.testing.assert_allclose(phases.numpy(), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("real", "complex_"),
-    [(torch.float64, torch.complex128), (torch.float32, torch.complex64), (torch.bfloat16, torch.complex64)],
-)
-def test_the_complex_type_goes_with_the_real_one(real, complex_):
-    assert fourier.complex_dtype(real) == complex_
 
 
 def test_fast_lengths_are_the_next_without_large_prime_factors():

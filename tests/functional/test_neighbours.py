@@ -71,11 +71,6 @@ def test_equals_the_plain_sum(sigma, size):
         torch.testing.assert_close(made, by_loops(image, sigma), atol=1e-12, rtol=0)
 
 
-def test_no_width_leaves_images_as_they_are():
-    images = torch.randn(2, 4, 5)
-    assert torch.equal(neighbours.smoothed(images, 0), images)
-
-
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_level_images_stay_level_to_the_border(dtype):
     level = torch.full((3, 9, 8), 0.7, dtype=dtype)

@@ -9,7 +9,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio
-from torch.autograd import gradcheck
 
 from lfref.errors import InputError
 from lfref.functional.psnr import CEILING_DB, inverse_psnr, inverse_psnr_of_mse, mse, psnr
@@ -130,13 +129,6 @@ def test_inverse_psnr_of_images_has_a_finite_gradient_that_points_to_the_target(
     assert value.isfinite()
     assert prediction.grad.isfinite().all()
     assert (prediction.grad >= 0).all()
-
-
-@pytest.mark.parametrize("m", [1e-11, 3e-10, 1e-6, 0.1, 0.9 * JOIN, 1.1 * JOIN, 1.0, 3.0])
-def test_inverse_psnr_gradient_matches_differences(m: float) -> None:
-    prediction = torch.full((1, 3, 3), math.sqrt(m), dtype=torch.float64) * torch.linspace(0.7, 1.3, 9).view(1, 3, 3)
-    scale = min(1e-6, 1e-4 * math.sqrt(m))
-    assert gradcheck(lambda x: inverse_psnr(x, torch.zeros_like(x)), prediction.requires_grad_(), eps=scale, rtol=1e-3)
 
 
 @given(st.floats(1e-3, 1e5), st.integers(0, 100))

@@ -43,13 +43,6 @@ def test_any_order_of_axes_is_read_where_it_is_said(tmp_path, stored, axes):
     np.testing.assert_array_equal(arrays.decode_array(path, ReadOptions(axes=axes)), stored.transpose(0, 1, 4, 2, 3))
 
 
-@pytest.mark.parametrize("axes", ["vuhw", "hwvu"])
-def test_grey_needs_no_channel(tmp_path, stored, axes):
-    grey = stored[..., 0]
-    path = save_npy(tmp_path / "a", grey.transpose(["vuhw".index(letter) for letter in axes]))
-    np.testing.assert_array_equal(arrays.decode_array(path, ReadOptions())[:, :, 0], grey)
-
-
 @pytest.mark.parametrize("axes", ["nhwc", "nchw", "hwcn"])
 def test_views_that_are_numbered_through_make_a_square_or_the_grid_asked_for(tmp_path, stored, axes, one_line):
     square = stored[:, :5].reshape(25, 10, 12, 3).transpose(["nhwc".index(letter) for letter in axes])
@@ -85,12 +78,6 @@ def test_floats_are_taken_as_they_are(tmp_path, stored, kind):
 def test_integers_of_the_other_order_of_bytes_are_read(tmp_path, stored):
     path = save_npy(tmp_path / "a", stored.astype(">u2"))
     np.testing.assert_array_equal(arrays.decode_array(path, ReadOptions()), stored.transpose(0, 1, 4, 2, 3))
-
-
-def test_a_window_of_views_is_kept(tmp_path, stored):
-    path = save_npy(tmp_path / "a", stored)
-    field = read.read(path, views=(2, 3), start=1, size=(4, 5))
-    assert field.views.shape == (2, 3, 3, 4, 5)
 
 
 @pytest.mark.parametrize(
@@ -133,12 +120,6 @@ def test_one_of_several_arrays_is_asked_for_by_its_name(tmp_path, stored, one_li
     with pytest.raises(InputError) as caught:
         read.read(tmp_path / "a.npz", variable="middle")
     one_line(caught.value, "the array middle", "reader.variable")
-
-
-def test_other_arrays_of_a_folder_are_no_light_fields(tmp_path, stored):
-    np.save(tmp_path / "depth.npy", np.zeros((5, 6)))
-    path = save_npy(tmp_path / "a", stored)
-    assert read.find(tmp_path) == [path]
 
 
 @pytest.mark.parametrize("save", SAVED)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError
 from lfref.io import atomic
 
 
@@ -41,23 +41,12 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, fai
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_text_is_written_as_utf8(tmp_path):
-    atomic.write_text(tmp_path / "a.txt", "Höhe 0.125\n")
-    assert (tmp_path / "a.txt").read_bytes() == "Höhe 0.125\n".encode()
-
-
 def test_a_parent_that_is_a_file_is_one_clear_error(tmp_path, one_line):
     (tmp_path / "file").write_text("x")
     for path in (tmp_path / "file" / "a.txt", tmp_path / "file" / "deeper" / "a.txt"):
         with pytest.raises(FileError) as caught:
             atomic.write_text(path, "x")
         one_line(caught.value, path, "choose another")
-
-
-def test_a_folder_in_the_place_of_the_file_is_one_clear_error(tmp_path, one_line):
-    with pytest.raises(FileError) as caught:
-        atomic.write_text(tmp_path, "x")
-    one_line(caught.value, tmp_path, "choose another")
 
 
 def test_a_full_disk_is_one_clear_error(tmp_path, one_line):
@@ -128,8 +117,3 @@ def test_the_error_names_path_reason_and_remedy(tmp_path, number, one_line):
         raise OSError(number, os.strerror(number))
     remedy = atomic.REMEDIES.get(number, "check the disk")
     one_line(caught.value, tmp_path / "a", "cannot be read", os.strerror(number).lower(), remedy)
-
-
-def test_errors_of_our_own_keep_their_message(tmp_path):
-    with pytest.raises(InputError, match=r"^mine$"), atomic.file_errors(tmp_path, "read"):
-        raise InputError("mine")

@@ -38,11 +38,6 @@ def test_tables_are_read_from_whatever_number_they_begin(tmp_path, header, first
     np.testing.assert_allclose(cameras.read_positions(table(tmp_path / "a.csv", header, UNEVEN, first)), UNEVEN)
 
 
-def test_columns_of_a_table_may_stand_in_any_order(tmp_path):
-    (tmp_path / "a.csv").write_text("u,note,column,v,row\n5,x,0,6,0\n7,y,1,8,0\n")
-    assert cameras.read_positions(tmp_path / "a.csv").tolist() == [[[6, 5], [8, 7]]]
-
-
 def test_json_is_an_array_or_a_list_of_records(tmp_path):
     (tmp_path / "a.json").write_text(json.dumps(UNEVEN.tolist()))
     np.testing.assert_array_equal(cameras.read_positions(tmp_path / "a.json"), UNEVEN)

@@ -58,11 +58,6 @@ def test_a_block_lies_in_the_picture_and_leaves_little_of_it_out(pitch, rotation
     assert len(columns) >= (size[1] - lost) / pitch
 
 
-def test_a_picture_too_small_for_a_lenslet_has_none():
-    rows, columns = made().within((10, 200), (6.0, 6.0))
-    assert len(rows) * len(columns) == 0
-
-
 ALL = slice(0, 13)
 
 
@@ -106,16 +101,6 @@ def test_whole_pitches_that_are_aligned_are_the_pixels_themselves():
     window = (slice(4, 11), slice(2, 9))
     views = lenslet_lattice.sample_views(image, upright((14.0, 14.0), (6.5, 6.5)), (14, 14), window)
     np.testing.assert_allclose(views, lenslets.unpack(image)[window], atol=1e-6)
-
-
-def test_channels_do_not_mix():
-    lattice = made()
-    image = np.stack([lenslet_image(lattice, (120, 140)), np.full((120, 140), 0.25), np.ones((120, 140))], axis=-1)
-    views = lenslet_lattice.sample_views(image, lattice, (13, 13), (ALL, ALL))
-    np.testing.assert_allclose(views[:, :, 1], 0.25, rtol=1e-6)
-    np.testing.assert_allclose(views[:, :, 2], 1, rtol=1e-6)
-    alone = lenslet_lattice.sample_views(image[..., :1], lattice, (13, 13), (ALL, ALL))
-    np.testing.assert_array_equal(views[:, :, :1], alone)
 
 
 def test_between_pixels_quadratics_are_exact():

@@ -9,7 +9,7 @@ import pytest
 from lfref.errors import FileError
 from lfref.io import images, lenslet_search, lenslets, read
 from lfref.io.lenslet_lattice import Lattice, upright
-from tests.io.lenslet_drawing import lenslet_image, made, under, white_image
+from tests.io.lenslet_drawing import lenslet_image, made, white_image
 
 PATH = Path("white.png")
 LATTICES = {
@@ -99,11 +99,6 @@ def test_a_hexagonal_lattice_that_stands_upright_says_so(one_line):
     with pytest.raises(FileError) as caught:
         lenslet_search.lattice_of(white_image(truth, (300, 300)).T, PATH)
     one_line(caught.value, PATH, "turn both images by 90 degrees")
-
-
-def test_drawn_lenslets_meet_halfway():
-    _, direction = under(made(rotation=0.0), (200, 200))
-    assert abs(direction).max() <= 14.29 / 2 + 1e-9
 
 
 PATH = Path("a_eslf.png")

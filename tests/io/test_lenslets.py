@@ -1,7 +1,6 @@
 """From lenslet images, aligned (ESLF) or not, to views."""
 
 import numpy as np
-import OpenImageIO
 import pytest
 import torch
 
@@ -22,11 +21,6 @@ def test_each_view_takes_its_pixel_of_each_lenslet(lenslet):
     assert views.shape == (lenslet, lenslet, 2, 4, 5)
     for v, u, channel, y, x in np.ndindex(views.shape):
         assert views[v, u, channel, y, x] == image[lenslet * y + v, lenslet * x + u, channel]
-
-
-def test_unpacking_does_not_copy():
-    image = np.zeros((28, 28, 3), np.uint8)
-    assert np.shares_memory(lenslets.unpack(image), image)
 
 
 @pytest.mark.parametrize("lenslet", [0, 15])
@@ -69,16 +63,6 @@ def test_a_lenslet_of_another_size_and_a_crop(tmp_path):
     field = read.read(tmp_path / "a.png", lenslet=9, views=(9, 5), size=(2, 3), encoding="none")
     assert field.views.shape == (9, 5, 1, 2, 3)
     assert round(float(field.views[8, 0, 0, 1, 2]) * 65535) == image[9 + 8, 18 + 2, 0]
-
-
-def test_a_tiff_file_is_an_eslf_too(tmp_path):
-    image, path = coded(28, 28, 3, np.uint16), str(tmp_path / "a.tif")
-    output = OpenImageIO.ImageOutput.create(path)
-    assert output.open(path, OpenImageIO.ImageSpec(28, 28, 3, "uint16"))
-    assert output.write_image(image)
-    assert output.close()
-    expected = images.to_float(lenslets.unpack(image)[4:11, 4:11])
-    np.testing.assert_array_equal(read.read(path, encoding="none").views.numpy(), expected)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (13, 500)])
@@ -186,13 +170,6 @@ def test_dark_samples_are_trusted_less():
     np.testing.assert_allclose(even[0, 0, :, 1], [[0.2] * 3, [1] * 3])
 
 
-def test_a_weight_of_the_file_is_kept_and_not_divided():
-    views = np.stack([np.full((1, 1, 2, 2), 0.25), np.full((1, 1, 2, 2), 0.5)], axis=2).astype(np.float32)
-    even = lenslets.evened(views, np.full((1, 1, 1, 2, 2), 0.5, np.float32))
-    np.testing.assert_allclose(even[:, :, 0], 0.5)
-    np.testing.assert_allclose(even[:, :, 1], 0.5)
-
-
 def test_alpha_becomes_the_weight_and_colours_stay_apart(tmp_path):
     lattice = made()
     grey = lenslet_image(lattice, SIZE)
@@ -231,13 +208,6 @@ def test_a_pitch_larger_than_the_image_is_refused(camera, tmp_path, one_line):
     with pytest.raises(FileError) as caught:
         read.read(tmp_path / "a.png", pitch=400.5)
     one_line(caught.value, tmp_path / "a.png", "reader.pitch")
-
-
-def test_a_missing_white_image_is_named(camera, tmp_path, one_line):
-    camera()
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.png", white=tmp_path / "absent.png")
-    one_line(caught.value, "absent.png")
 
 
 def test_a_fractional_pitch_is_enough_where_lenslets_are_dark_at_their_borders(camera, tmp_path):

@@ -127,10 +127,6 @@ def test_damaged_json_keeps_nothing_from_being_read(view_folder, contents):
     assert read.read(folder).grid == (1, 1)
 
 
-def test_pictures_that_say_nothing_add_nothing(view_folder):
-    assert metadata.read_metadata(view_folder({(0, 0): "a_0_0.png"})) == {}
-
-
 def test_json_deeper_than_any_of_lytro_is_not_followed():
     plain: dict = dict(ILLUM)
     for _ in range(20):

@@ -48,11 +48,6 @@ def test_captured_views_are_not_replaced_though_they_are_named_like_ours(tmp_pat
     kept(lambda: write.write(tmp_path / "capture", make_field()), tmp_path / "capture", "mycamera_00_00.png")
 
 
-def test_captured_planes_are_not_replaced_though_they_are_named_like_ours(tmp_path, kept):
-    captured(tmp_path / "stack" / "plane_00_slope_-1_alpha_0.5.png")
-    kept(lambda: write.write_stack(tmp_path / "stack", STACK, PLANES), "plane_00_slope_-1_alpha_0.5.png")
-
-
 def test_a_view_that_was_painted_over_is_not_replaced_whatever_its_size(tmp_path, make_field, kept):
     path = write.write(tmp_path / "a", make_field((2, 2)))
     view = bytearray((path / "a_01_00.png").read_bytes())
@@ -101,12 +96,6 @@ def test_an_image_file_of_another_program_is_not_replaced(tmp_path, make_field, 
     captured(path) if foreign == "picture" else path.write_text("notes")
     kept(lambda: images.write_image(path, np.zeros((2, 2, 3))), path)
     kept(lambda: images.write_parts(path, [images.Part(np.zeros((2, 2, 1)), "surface_00")]), path)
-
-
-def test_an_exr_file_of_another_program_is_replaced_neither_by_views_nor_by_planes(tmp_path, make_field, kept):
-    path = captured(tmp_path / "a.exr")
-    kept(lambda: write.write(path, make_field()), path)
-    kept(lambda: write.write_stack(path, STACK, PLANES), path)
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])

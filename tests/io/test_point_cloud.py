@@ -42,13 +42,6 @@ def test_a_cloud_without_points_is_a_file_without_points(tmp_path):
     assert len(parsed(tmp_path / "a.ply")[1]) == 0
 
 
-@pytest.mark.parametrize("name", ["a.obj", "a"])
-def test_other_suffixes_are_refused(tmp_path, name, one_line):
-    with pytest.raises(InputError) as caught:
-        point_cloud.write_points(tmp_path / name, PLACES, COLOURS)
-    one_line(caught.value, tmp_path / name, ".ply")
-
-
 @pytest.mark.parametrize(
     ("places", "colours", "others"),
     [

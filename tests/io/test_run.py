@@ -58,11 +58,6 @@ def test_a_run_is_finished_when_it_has_the_epochs_or_steps_it_was_set_to(folder,
     assert Run.of(folder).is_finished is is_finished
 
 
-def test_a_run_without_checkpoints_is_not_finished(folder):
-    (folder / "checkpoints" / "last.ckpt").unlink()
-    assert not Run.of(folder).is_finished
-
-
 def test_overrides_of_an_older_run_are_read_from_one_line(folder):
     (folder / "overrides.yaml").unlink()
     line = "+sweep=a net.widths=[8, 8] ~callbacks.best data.path='a b/c d' +method@methods.x=shift_and_sum ++net.x=1\n"

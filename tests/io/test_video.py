@@ -107,10 +107,3 @@ def test_a_full_disk_leaves_nothing_and_is_one_clear_error(tmp_path, suffix, mon
         video.write_video(tmp_path / f"a{suffix}", frames(4))
     one_line(caught.value, tmp_path / f"a{suffix}")
     assert not list(tmp_path.iterdir())
-
-
-def test_a_parent_that_is_a_file_is_one_clear_error(tmp_path, one_line):
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(FileError) as caught:
-        video.write_video(tmp_path / "file" / "a.mp4", frames())
-    one_line(caught.value, tmp_path / "file" / "a.mp4", "choose another")

@@ -67,13 +67,6 @@ def test_a_user_names_a_pattern_or_writes_one(one_line):
         one_line(caught.value, "reader.pattern", "row_column", repr(wrong)[1:-1])
 
 
-def test_the_same_numbers_twice_are_refused(one_line):
-    (found,) = view_folders.known_fields([Path("f/s_1_2.png"), Path("f/s_01_02.png")])
-    with pytest.raises(FileError) as caught:
-        view_folders.arrange(Path("f"), found, ReadOptions())
-    one_line(caught.value, "s_1_2.png and s_01_02.png", "once")
-
-
 FOLDER = Path("f")
 
 
@@ -84,7 +77,7 @@ def found(numbers, name="{}.png"):
     return field
 
 
-@pytest.mark.parametrize(("side", "first"), itertools.product(range(1, 18), (0, 1, 7)))
+@pytest.mark.parametrize(("side", "first"), itertools.product((1, 2, 9, 17), (0, 1, 7)))
 def test_all_numbers_of_a_square_make_it_from_wherever_they_begin(side, first):
     assert view_folders.square(first, first + side**2 - 1, side**2) == (side, first)
 
@@ -114,18 +107,6 @@ def test_a_grid_that_is_asked_for_is_filled_row_by_row():
         divmod(index, 3): f"{index + 1}.png" for index in range(6)
     }
     assert arranged.name_of((1, 2)) == "6.png"
-
-
-def test_numbers_that_leave_the_grid_asked_for_are_refused(one_line):
-    with pytest.raises(InputError) as caught:
-        view_folders.arrange(FOLDER, found(range(8)), ReadOptions(grid=(2, 3)))
-    one_line(caught.value, FOLDER, "2x3", "8 views numbered 0 to 7", "reader.grid")
-
-
-def test_a_number_that_is_no_square_names_the_first_that_is_missing(one_line):
-    with pytest.raises(FileError) as caught:
-        view_folders.arrange(FOLDER, found([0, 1, 2, 4, 5, 6, 7], "a{:03d}.png"), ReadOptions())
-    one_line(caught.value, FOLDER, "a003.png", "reader.grid=[rows,columns]")
 
 
 def picture(path, space=None, kind="uint8"):
@@ -172,15 +153,12 @@ NAMINGS = {
     "HCI": lambda row, column: f"input_Cam{3 * row + column:03d}.png",
     "from 0": lambda row, column: f"scene_{row:02d}_{column:02d}.png",
     "from 1": lambda row, column: f"my_scene_2_{row + 1:02d}_{column + 1:02d}.png",
-    "one digit": lambda row, column: f"2067_{row + 1}_{column + 1}.png",
     "gantry": lambda row, column: f"out_{row:02d}_{column:02d}_-{row}.134705_-3355.33{column}_.png",
     "gantry, no tail": lambda row, column: f"out_{row:02d}_{column:02d}_-{row}.134705_3355.33{column}.png",
     "from 8, past 9": lambda row, column: f"s_{row + 8}_{column + 8}.png",
     "R_C": lambda row, column: f"{row}_{column}.png",
-    "RR_CC": lambda row, column: f"{row:02d}_{column:02d}.png",
     "R-C": lambda row, column: f"{row + 1}-{column + 1}.png",
     "RxC": lambda row, column: f"{row}x{column}.png",
-    "view_R_C": lambda row, column: f"view_{row}_{column}.png",
     "view-RR-CC": lambda row, column: f"view-{row + 1:02d}-{column + 1:02d}.png",
     "NAME_RxC": lambda row, column: f"chess_{row}x{column}.png",
     "name that ends in a number": lambda row, column: f"IMG-2019-{row:02d}_{column:02d}.png",
@@ -192,7 +170,6 @@ NAMINGS = {
     "000": lambda row, column: f"{3 * row + column:03d}.png",
     "1": lambda row, column: f"{3 * row + column + 1}.png",
     "numbered through": lambda row, column: f"frame_{3 * row + column + 1:04d}.png",
-    "numbered after a long number": lambda row, column: f"IMG_20190101_{3 * row + column:04d}.png",
     "numbered behind three digits": lambda row, column: f"seq_001_{3 * row + column:04d}.png",
 }
 EXPECTED = [[0, 1, 2], [10, 11, 12], [20, 21, 22]]
@@ -225,23 +202,14 @@ def test_a_pattern_of_ones_own_finds_its_place(view_folder, numbered_views, patt
     assert numbered_views(read.read(folder, pattern=pattern).views) == EXPECTED
 
 
-@pytest.mark.parametrize(
-    "pattern", ["(", r"(\d+)_(\d+)", r"(?P<row>\d+)", r"(?P<row>\d+)_(?P<column>\d+)_(?P<index>\d+)"]
-)
-def test_a_pattern_that_cannot_place_views_is_refused(view_folder, pattern, one_line):
-    with pytest.raises(InputError) as caught:
-        read.read(view_folder(names(NAMINGS["from 0"])), pattern=pattern)
-    one_line(caught.value, "pattern")
-
-
 def test_groups_that_are_no_numbers_are_refused(view_folder):
     folder = view_folder({(0, 0): "a_b.png"})
     with pytest.raises(InputError, match="must be numbers"):
         read.read(folder, pattern=r"(?P<row>\w)_(?P<column>\w)")
 
 
-@pytest.mark.parametrize("naming", [NAMINGS["HCI"], NAMINGS["from 0"], NAMINGS["from 1"], NAMINGS["one digit"]])
-@pytest.mark.parametrize("cell", [(1, 1), (2, 2), (0, 1)])
+@pytest.mark.parametrize("naming", [NAMINGS["HCI"], NAMINGS["from 1"]])
+@pytest.mark.parametrize("cell", [(1, 1), (0, 1)])
 def test_a_missing_view_is_named(view_folder, naming, cell, one_line):
     folder = view_folder(names(naming))
     (folder / naming(*cell)).unlink()
@@ -250,22 +218,7 @@ def test_a_missing_view_is_named(view_folder, naming, cell, one_line):
     one_line(caught.value, folder, naming(*cell), "add the missing")
 
 
-def test_a_missing_gantry_view_is_named_by_row_and_column(view_folder, one_line):
-    folder = view_folder(names(NAMINGS["gantry"]))
-    next(folder.glob("out_01_02_*")).unlink()
-    with pytest.raises(FileError) as caught:
-        read.read(folder)
-    one_line(caught.value, folder, "out_01_02_")
-
-
-def test_a_pattern_with_index_names_the_missing_view(view_folder, one_line):
-    folder = view_folder({(0, index): f"{index}.png" for index in (0, 1, 3)})
-    with pytest.raises(FileError) as caught:
-        read.read(folder, pattern=r"^(?P<index>\d+)\.")
-    one_line(caught.value, folder, "2.png")
-
-
-@pytest.mark.parametrize("count", [8, 10, 15])
+@pytest.mark.parametrize("count", [8, 10])
 def test_row_major_names_must_be_a_square_number(view_folder, count, one_line):
     folder = view_folder({(0, index): f"input_Cam{index:03d}.png" for index in range(count)})
     with pytest.raises(FileError) as caught:
@@ -308,25 +261,6 @@ def test_a_view_that_is_there_twice_is_refused(view_folder, one_line):
     one_line(caught.value, folder, "scene_1_2.png", "scene_01_02.png", "once")
 
 
-@pytest.mark.parametrize(
-    "odd", [np.zeros((2, 4, 1), np.uint8), np.zeros((2, 3, 1), np.uint16), np.zeros((2, 3, 3), np.uint8)]
-)
-def test_a_view_of_another_size_type_or_channel_count_is_named(view_folder, odd, one_line):
-    folder = view_folder(names(NAMINGS["from 0"]))
-    images.write_image(folder / "scene_01_01.png", odd)
-    with pytest.raises(FileError) as caught:
-        read.read(folder)
-    one_line(caught.value, folder / "scene_01_01.png", "alike")
-
-
-def test_a_damaged_view_is_named(view_folder, one_line):
-    folder = view_folder(names(NAMINGS["from 0"]))
-    (folder / "scene_02_01.png").write_bytes((folder / "scene_02_01.png").read_bytes()[:-3])
-    with pytest.raises(FileError) as caught:
-        read.read(folder)
-    one_line(caught.value, folder / "scene_02_01.png", "copy it again")
-
-
 def test_an_empty_folder_and_one_of_other_names_are_refused(tmp_path, one_line):
     with pytest.raises(FileError) as caught:
         read.read(tmp_path)
@@ -363,7 +297,7 @@ def test_one_view_given_alone_is_not_taken_for_an_eslf(view_folder, one_line):
     one_line(caught.value, folder / "scene_00_00.png", f"read {folder}")
 
 
-@pytest.mark.parametrize("suffix", ["bmp", "tif", "ppm", "webp", "jp2"])
+@pytest.mark.parametrize("suffix", ["tif", "jp2"])
 def test_views_are_pictures_of_any_format(tmp_path, numbered_views, suffix):
     for row, column in GRID:
         path = tmp_path / f"{row}_{column}.{suffix}"
@@ -433,11 +367,6 @@ def test_a_row_of_pictures_is_no_square_grid_only_for_its_number(tmp_path, one_l
     assert read.read(row, pattern="index").grid == (4, 4)
 
 
-def test_other_pictures_beside_numbered_views_are_left_alone(view_folder, numbered_views):
-    folder = view_folder({**names(NAMINGS["000"]), (8, 8): "depth2.png", (9, 9): "centre.png"})
-    assert numbered_views(read.read(folder).views) == EXPECTED
-
-
 CROSS = [(row, column) for row in range(5) for column in range(5) if row == 2 or column == 2]
 DIAGONALS = [(row, column) for row in range(5) for column in range(5) if row in (column, 4 - column)]
 
@@ -476,12 +405,6 @@ def test_a_missing_view_is_read_where_that_is_allowed(view_folder, numbered_view
     assert turned.weight.flatten(2).amax(2).tolist() == [[1, 1, 1], [0, 1, 1], [1, 1, 1]]
 
 
-def test_a_window_beside_the_holes_has_no_weight(view_folder):
-    folder = view_folder({cell: NAMINGS["from 0"](*cell) for cell in GRID if cell != (0, 0)})
-    field = read.read(folder, holes=True, views=2, start=1)
-    assert (field.weight, "missing" in field.metadata) == (None, False)
-
-
 def test_a_gantry_says_where_its_cameras_stood(view_folder):
     said = {cell: (-3.0 * cell[0] + (cell == (1, 1)), 2.0 * cell[1]) for cell in GRID}
     folder = view_folder(
@@ -507,7 +430,7 @@ NAME = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(found=st.sets(NAME, max_size=12), holes=st.sampled_from([None, True, False]))
 def test_no_names_end_in_a_traceback_or_a_grid_larger_than_its_views(tmp_path_factory, found, holes):
     folder = tmp_path_factory.mktemp("names")
