@@ -59,7 +59,18 @@ def compiling(**options: object) -> Callable[[Callable], Callable]:
             return jit()(function)
         file = Path(function.__code__.co_filename).resolve()
         package = file.parents[max(function.__module__.count(".") - 1, 0)]
-        loop._cache._cache_file._source_stamp = digest(file, package)
+        kept = loop._cache._cache_file
+        kept._source_stamp = digest(file, package)
+        load_index = kept._load_index
+
+        def load_readable_index() -> dict:
+            # Numba reads the types of the arguments before the stamp: those of an earlier version may be gone.
+            try:
+                return load_index()
+            except (AttributeError, ImportError):
+                return {}
+
+        kept._load_index = load_readable_index
         return loop
 
     return decorate

@@ -113,3 +113,12 @@ def test_the_digest_follows_imports_of_imports_and_circles(tmp_path):
         (house / f"{name}.py").write_text("from house import a  # changed")
         jit.digest.cache_clear()
         assert (jit.digest(house / "a.py", house) != before) is changes
+
+
+def test_machine_code_kept_for_a_class_that_is_gone_is_compiled_anew(tmp_path):
+    text = "from typing import NamedTuple\nfrom lfref.functional import jit\nclass Old(NamedTuple):\n    step: int\n"
+    text += "@jit.compiled\ndef moved(x, table):\n    return x + table.step\nprint(moved(10, Old(1)))\n"
+    for version in (text, text.replace("Old", "New")):
+        (tmp_path / "steps.py").write_text(version)
+        run = subprocess.run([sys.executable, "-c", "import steps"], cwd=tmp_path, capture_output=True, text=True)
+        assert run.stdout == "11\n", run.stderr[-500:]

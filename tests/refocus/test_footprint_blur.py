@@ -74,9 +74,9 @@ def test_the_width_of_a_pixel_does_not_change_others():
 
 
 def test_uncovered_pixels_and_those_alone_have_no_inverse():
-    coverage = torch.tensor([0.0, 0.5, 0.5, 1e-9], dtype=torch.float64)
-    blurred = torch.tensor([0.2, 0.25, 0.01, -0.1], dtype=torch.float64)
-    assert footprint_blur.inverse(coverage, blurred).tolist() == [0, 4, 0, 0]
+    coverage = torch.tensor([0.0, 0.5, 0.5, 1e-9, 0.5], dtype=torch.float64)
+    blurred = torch.tensor([0.2, 0.25, 0.05, -0.1, 0.08], dtype=torch.float64)
+    assert footprint_blur.inverse(coverage, blurred).tolist() == [0, 4, 0, 0, 12.5]
 
 
 def test_derivatives_in_both_modes():

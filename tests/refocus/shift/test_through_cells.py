@@ -18,6 +18,13 @@ def test_planes_among_the_disparities_stay_points():
     assert widths(planes, disparities).tolist() == pytest.approx([6.6, 2.6, 0, 0, 0, 0])
 
 
+def test_half_way_through_a_fade_a_box_is_half_as_wide():
+    by_range = widths(torch.tensor([0.15, 0.3]), DisparityRange(-3.0, -2.0, 0.0))
+    assert by_range.tolist() == pytest.approx([2.15 / 2, 2.3])
+    by_blur = widths(torch.tensor([1.15, 1.3]), DisparityRange(0.0, 0.0, 0.0))
+    assert by_blur.tolist() == pytest.approx([1.15 / 2, 1.3])
+
+
 def test_cells_fade_in():
     disparities = DisparityRange(0.0, 0.0, 0.0)
     planes = torch.linspace(0.9, 1.5, 61, dtype=torch.float64)
