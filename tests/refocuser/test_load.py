@@ -1,10 +1,13 @@
 """One name for all files: runs, checkpoints, exported ones, and the network that ships."""
 
 import pytest
+import torch
 
 import lfref
 from lfref.engines.files import file_formats
-from lfref.errors import CheckpointError
+from lfref.engines.files.manifest import Manifest
+from lfref.errors import CheckpointError, InputError
+from lfref.export import graphs
 from lfref.nets import checkpoint
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refined import RefinedRefocuser
@@ -32,3 +35,86 @@ def test_files_that_are_not_there_or_foreign_are_told(suffix, tmp_path):
     path.write_bytes(b"nothing of ours")
     with pytest.raises(CheckpointError):
         lfref.load(path)
+
+
+pytest.importorskip("onnxruntime")
+
+
+def written(folder, kind="network", **told):
+    subject = graphs.exportable(cases.SUBJECTS[kind](), cases.PLANES, cases.GRID)
+    given = {"precision": "fp32", "sha256": "0", "version": "1.2.3"} | dict(subject.manifest_entries) | told
+    path = folder / "net.onnx"
+    file_formats.write(
+        path, "onnx", subject.graph, Manifest(inputs=subject.graph.inputs, output=subject.graph.output, **given)
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def refocuser(tmp_path_factory):
+    return lfref.load(written(tmp_path_factory.mktemp("net")))
+
+
+def test_a_network_has_its_planes_grid_and_light(refocuser):
+    assert refocuser.planes == cases.PLANES
+    assert refocuser.planes.alphas == (0.5, 1.0, 2.0)
+    assert (refocuser.grid, refocuser.is_linear, refocuser.name) == (cases.GRID, True, "net")
+
+
+def test_light_fields_are_refocused_in_any_batch_and_type(refocuser):
+    views = torch.rand(2, 2, *cases.GRID, 3, 26, 31)
+    made = refocuser(views)
+    assert made.shape == (2, 2, 3, 3, 26, 31)
+    torch.testing.assert_close(made, cases.network()(views), atol=1e-5, rtol=0)
+    whole = (255 * views[0, 0]).to(torch.uint8)
+    torch.testing.assert_close(refocuser(whole), cases.network()(whole), atol=1e-5, rtol=0)
+    assert refocuser(views.double()).dtype == torch.float64
+
+
+@pytest.mark.parametrize(
+    ("views", "said"),
+    [
+        (torch.rand(5, 5, 3, 24, 24), r"reads views \[\.\.\., 3, 3, 3, H, W\].*reader.views=3"),
+        (torch.rand(3, 3, 1, 24, 24), r"reads views \[\.\.\., 3, 3, 3, H, W\]"),
+        (torch.full((3, 3, 3, 24, 24), torch.nan), "must be finite"),
+        (torch.rand(3, 3, 24), r"\[\.\.\., V, U, C, H, W\]"),
+    ],
+)
+def test_views_that_do_not_fit_are_told(refocuser, views, said):
+    with pytest.raises(InputError, match=said):
+        refocuser(views)
+
+
+def test_other_planes_are_refused(refocuser):
+    with pytest.raises(InputError, match=r"makes the planes alpha 0\.5"):
+        refocuser(cases.FIELDS[0], [0.1, 0.2, 0.3])
+
+
+def test_a_refiner_takes_any_planes_and_any_number_of_them(tmp_path):
+    loaded = lfref.load(written(tmp_path, "refiner"))
+    for slopes in ([0.3], [-1.0, 0.0, 0.2, 0.9]):
+        made, wanted = loaded(cases.FIELDS[1], slopes), cases.refiner()(cases.FIELDS[1], slopes)
+        torch.testing.assert_close(made, wanted, atol=3e-3, rtol=0)
+
+
+def test_an_operator_takes_grey_views_too(tmp_path):
+    loaded = lfref.load(written(tmp_path, "operator"))
+    views = torch.rand(*cases.GRID, 1, 30, 30)
+    torch.testing.assert_close(loaded(views), cases.operator()(views, cases.PLANES.slopes), atol=1e-5, rtol=0)
+    assert loaded.is_linear is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("network", {"planes": None}),
+        ("network", {"planes": {"slopes": [0.0]}}),
+        ("network", {"planes": {"slopes": ["much"]}}),
+        ("refiner", {"config": {}}),
+        ("refiner", {"config": {"base": {"operator": "os.system", "options": {}, "name": "x"}, "features": ["sum"]}}),
+    ],
+)
+def test_a_file_that_says_what_cannot_be_is_a_line(kind, told, tmp_path):
+    with pytest.raises((CheckpointError, InputError)) as error:
+        lfref.load(written(tmp_path, kind, **told))
+    assert "\n" not in str(error.value)

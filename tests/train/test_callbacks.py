@@ -1,16 +1,222 @@
+"""Steps, statistics and checkpoints that numbers which are not finite must not touch, in real fits."""
+
+import copy
+import logging
+
 import OpenImageIO
 import pytest
 import torch
+from lightning.pytorch import Callback
+from lightning.pytorch.plugins import MixedPrecision
 
-from lfref.errors import InputError
-from lfref.train.callbacks import HeadInitialization, RankAgreement, StackPictures, nearest, side_by_side
+from lfref.errors import FileError, InputError, LfrefError
+from lfref.losses.composite import CompositeLoss
+from lfref.nets.refnet import RefNet
+from lfref.train.callbacks import (
+    AtomicCheckpointIO,
+    BestCheckpoint,
+    HeadInitialization,
+    RankAgreement,
+    StackPictures,
+    StepGuard,
+    gradient_norm,
+    nearest,
+    side_by_side,
+)
+from lfref.train.modules import Refocusing
 
-quiet = pytest.mark.filterwarnings(
-    "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*", "ignore:.*Checkpoint directory.*"
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*does not have many workers.*",
+    "ignore:.*number of training batches.*",
+    "ignore:.*Checkpoint directory.*",
+    "ignore:.*lr_scheduler.step.*",
 )
 
 
-@quiet
+class Poison(Callback):
+    """Puts a NaN into the batches, gradients or weights of some steps; remembers what was there before each."""
+
+    def __init__(self, what, steps):
+        self.what, self.steps = what, steps
+        self.places = []
+
+    def on_train_batch_start(self, trainer, module, batch, batch_index):
+        if batch_index not in self.steps or trainer.current_epoch > 0:
+            return
+        self.places.append(batch["where"][1])
+        self.before = copy.deepcopy((module.net.state_dict(), trainer.optimizers[0].state_dict()))
+        if self.what in ("views", "labels"):
+            batch[self.what][1].view(-1)[7] = torch.nan
+        if self.what == "weights":
+            module.net.head.bias.data[1] = torch.inf
+
+    def on_after_backward(self, trainer, module):
+        if self.what == "gradient" and trainer.fit_loop.epoch_loop.batch_idx in self.steps:
+            module.net.head.weight.grad[0, 0] = torch.inf
+
+    def on_train_batch_end(self, trainer, module, outputs, batch, batch_index):
+        if batch_index in self.steps and trainer.current_epoch == 0:
+            self.after = copy.deepcopy((module.net.state_dict(), trainer.optimizers[0].state_dict()))
+
+
+def equal(first, second):
+    """Whether nested containers hold the same numbers."""
+    if isinstance(first, dict):
+        return first.keys() == second.keys() and all(equal(first[key], second[key]) for key in first)
+    if isinstance(first, (list, tuple)):
+        return len(first) == len(second) and all(map(equal, first, second))
+    return torch.equal(first, second) if isinstance(first, torch.Tensor) else first == second
+
+
+@pytest.fixture
+def batch_norm(module):
+    """The module with running statistics to corrupt."""
+    net = RefNet(n_planes=3, grid=(3, 3), widths=(8, 8), stem_width=8, normalization="batch")
+    return Refocusing(net, CompositeLoss(), module.planes, module.optimizer)
+
+
+@pytest.mark.parametrize("what", ["views", "labels", "gradient"])
+def test_a_poisoned_step_is_named_and_leaves_everything_as_it_was(batch_norm, data, trainer, caplog, what):
+    poison, guard = Poison(what, steps=[1]), StepGuard()
+    fit = trainer(max_epochs=1, callbacks=[HeadInitialization(), poison, guard])
+    with caplog.at_level(logging.WARNING, "lfref"):
+        fit.fit(batch_norm, datamodule=data)
+    # Adam's moments and count of steps, weights, and batch norm's running statistics.
+    assert equal(poison.before, poison.after)
+    assert poison.before[1]["state"][0]["step"] == 1
+    assert guard.skipped == fit.callback_metrics["train/skipped"] == 1
+    assert guard.in_a_row == guard.overflowed == 0
+    (line,) = (record.message for record in caplog.records if "skipped" in record.message)
+    assert line.startswith("epoch 0, step 1 skipped (1 so far), not finite: ")
+    assert poison.places[0] in line
+    assert f"{what} of " in line
+    assert all(value.isfinite().all() for value in batch_norm.state_dict().values())
+    assert fit.callback_metrics["val/loss"].isfinite()
+
+
+def test_a_run_without_poison_is_bit_equal_with_and_without_the_guard(module, data, trainer):
+    twin = copy.deepcopy(module)
+    trainer(max_epochs=1, callbacks=[StepGuard()]).fit(module, datamodule=data)
+    trainer(max_epochs=1).fit(twin, datamodule=data)
+    assert equal(module.state_dict(), twin.state_dict())
+
+
+def test_accumulated_steps_are_skipped_as_a_whole(batch_norm, data, trainer, caplog):
+    poison, guard = Poison("views", steps=[0]), StepGuard()
+    start = copy.deepcopy(batch_norm.net.state_dict())
+    fit = trainer(max_epochs=1, accumulate_grad_batches=2, limit_train_batches=2, callbacks=[poison, guard])
+    fit.fit(batch_norm, datamodule=data)
+    assert equal(start, batch_norm.net.state_dict())
+    assert guard.skipped == 1
+    assert f"not finite: views of {poison.places[0]}" in caplog.text
+
+
+def test_training_stops_after_too_many_in_a_row(module, data, trainer, tmp_path):
+    last = BestCheckpoint(tmp_path, monitor="val/mpsnr", mode="max")
+    fit = trainer(max_epochs=1, enable_checkpointing=True, callbacks=[Poison("labels", range(3)), StepGuard(2), last])
+    with pytest.raises(LfrefError, match=r"got none in 2 steps; last cause: labels of .*; lower optimizer\.lr"):
+        fit.fit(module, datamodule=data)
+    assert not list(tmp_path.glob("*.ckpt"))
+
+
+def test_a_step_that_is_taken_ends_the_row(module, data, trainer):
+    guard = StepGuard(patience=2)
+    trainer(max_epochs=1, callbacks=[Poison("labels", [0, 2]), guard]).fit(module, datamodule=data)
+    assert (guard.skipped, guard.in_a_row) == (2, 1)
+
+
+def test_corrupted_weights_stop_the_run_and_are_named(module, data, trainer):
+    fit = trainer(max_epochs=1, callbacks=[Poison("weights", [1]), StepGuard()])
+    with pytest.raises(LfrefError, match=r"weights must be finite; net\.head\.bias is not; train from the last"):
+        fit.fit(module, datamodule=data)
+
+
+def test_corrupted_weights_are_never_written(module, data, trainer, tmp_path):
+    fit = trainer(max_epochs=1, callbacks=[StepGuard()])
+    fit.fit(module, datamodule=data)
+    module.net.head.bias.data[0] = torch.nan
+    with pytest.raises(LfrefError, match=r"net\.head\.bias is not; no checkpoint was written"):
+        fit.save_checkpoint(tmp_path / "bad.ckpt")
+    assert not (tmp_path / "bad.ckpt").exists()
+
+
+def test_a_value_that_is_not_finite_is_never_the_best(module, data, trainer, tmp_path, caplog):
+    class PoisonedValidation(Callback):
+        def on_validation_batch_start(self, trainer, module, batch, batch_index):
+            if trainer.current_epoch != 1:
+                batch["labels"][0, 0, 0, 0, 0] = torch.nan
+
+    best = BestCheckpoint(tmp_path, filename="best", monitor="val/mpsnr", mode="max")
+    fit = trainer(max_epochs=3, enable_checkpointing=True, callbacks=[PoisonedValidation(), best])
+    fit.fit(module, datamodule=data)
+    assert torch.load(tmp_path / "best.ckpt", weights_only=True)["epoch"] == 1
+    assert best.best_model_score.isfinite()
+    assert caplog.text.count("val/mpsnr is not finite; no best checkpoint") == 2
+
+
+def test_float16s_own_overflow_is_counted_apart(module, data, trainer):
+    guard, scaler = StepGuard(patience=1), torch.amp.GradScaler("cpu", init_scale=2.0**40)
+    start = copy.deepcopy(module.net.state_dict())
+    fit = trainer(max_epochs=1, callbacks=[guard], plugins=[MixedPrecision("16-mixed", "cpu", scaler)])
+    fit.fit(module, datamodule=data)
+    assert guard.overflowed == 3
+    assert guard.skipped == 0
+    assert scaler.get_scale() == 2.0**37
+    assert equal(start, module.net.state_dict())
+
+
+def test_a_bad_loss_is_no_overflow_under_float16(module, data, trainer):
+    guard, scaler = StepGuard(), torch.amp.GradScaler("cpu", init_scale=16.0)
+    plugins = [MixedPrecision("16-mixed", "cpu", scaler)]
+    fit = trainer(max_epochs=1, callbacks=[Poison("labels", [1]), guard], plugins=plugins)
+    fit.fit(module, datamodule=data)
+    assert (guard.skipped, guard.overflowed) == (1, 0)
+    assert all(value.isfinite().all() for value in module.state_dict().values())
+
+
+def test_bfloat16_trains_and_clips(module, data, trainer):
+    seen = []
+
+    class Norm(Callback):
+        def on_train_batch_end(self, trainer, module, outputs, batch, batch_index):
+            seen.append(gradient_norm(module).item())
+
+    guard = StepGuard()
+    fit = trainer(max_epochs=2, precision="bf16-mixed", gradient_clip_val=0.5, callbacks=[guard, Norm()])
+    fit.fit(module, datamodule=data)
+    assert guard.skipped == 0
+    assert seen == pytest.approx([0.5] * 6, rel=1e-4)
+
+
+def test_counts_survive_a_resume(module, data, trainer, tmp_path):
+    fit = trainer(max_epochs=1, callbacks=[Poison("labels", [2]), StepGuard()])
+    fit.fit(module, datamodule=data)
+    fit.save_checkpoint(tmp_path / "run.ckpt")
+    guard = StepGuard()
+    again = trainer(max_epochs=1, callbacks=[guard])
+    again.fit(module, datamodule=data, ckpt_path=tmp_path / "run.ckpt", weights_only=True)
+    assert (guard.skipped, guard.in_a_row) == (1, 1)
+
+
+def test_the_head_waits_for_a_batch_that_is_finite(module, data, trainer):
+    fit = trainer(max_epochs=1, callbacks=[HeadInitialization(), Poison("labels", [0]), StepGuard()])
+    module.optimizer = lambda parameters: torch.optim.SGD(parameters, lr=0.0)
+    fit.fit(module, datamodule=data)
+    assert all(value.isfinite().all() for value in module.state_dict().values())
+
+
+def test_a_gradient_whose_norm_float32_cannot_hold_counts_as_not_finite():
+    module = torch.nn.Linear(2, 1)
+    module.weight.grad = torch.full((1, 2), 1e20)
+    assert gradient_norm(module).isinf()
+    assert gradient_norm(torch.nn.Linear(2, 1)) == 0
+
+
+def test_a_patience_without_steps_is_refused():
+    with pytest.raises(InputError, match="patience must be at least 1; got 0"):
+        StepGuard(patience=0)
+
+
 def test_the_head_starts_at_the_label_mean_of_the_first_batch(module, data, trainer):
     module.optimizer = lambda parameters: torch.optim.SGD(parameters, lr=0.0)
     data.setup("fit")
@@ -20,7 +226,6 @@ def test_the_head_starts_at_the_label_mean_of_the_first_batch(module, data, trai
     torch.testing.assert_close(raw.mean((0, 2, 3)), batch["labels"].flatten(1, 2).mean((0, 2, 3)), atol=1e-4, rtol=0)
 
 
-@quiet
 def test_a_resumed_run_keeps_its_head(module, data, trainer, tmp_path):
     fit = trainer(max_epochs=1)
     fit.fit(module, datamodule=data)
@@ -35,7 +240,6 @@ def test_a_resumed_run_keeps_its_head(module, data, trainer, tmp_path):
     assert torch.equal(module.net.head.weight, trained)
 
 
-@quiet
 def test_pictures_show_labels_above_predictions(module, data, trainer, tmp_path):
     fit = trainer(max_epochs=2, callbacks=[StackPictures(str(tmp_path / "pictures"), slopes=(-1.5, 0.5))])
     fit.fit(module, datamodule=data)
@@ -60,9 +264,36 @@ def test_nearest_takes_the_closest_slope():
     assert [nearest((0.5, 1.0, 2.0), alpha) for alpha in (0.1, 0.8, 9.0)] == [0, 1, 2]
 
 
-@quiet
 def test_ranks_with_another_configuration_are_refused(module, data, trainer):
     fit = trainer(fast_dev_run=True, callbacks=[RankAgreement("mine")])
     fit.strategy.broadcast = lambda value, src=0: "another"
     with pytest.raises(InputError, match="same configuration"):
         fit.fit(module, datamodule=data)
+
+
+def test_a_checkpoint_is_loadable_with_weights_only(tmp_path):
+    AtomicCheckpointIO().save_checkpoint({"a": torch.arange(3), "b": [1, "x"]}, tmp_path / "c.ckpt")
+    contents = torch.load(tmp_path / "c.ckpt", weights_only=True)
+    assert contents["a"].tolist() == [0, 1, 2]
+    assert contents["b"] == [1, "x"]
+
+
+def test_an_interrupted_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
+    path = tmp_path / "c.ckpt"
+    AtomicCheckpointIO().save_checkpoint({"step": 1}, path)
+
+    def dies(contents, file):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(torch, "save", dies)
+    with pytest.raises(KeyboardInterrupt):
+        AtomicCheckpointIO().save_checkpoint({"step": 2}, path)
+    assert torch.load(path, weights_only=True) == {"step": 1}
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_unwritable_place_is_one_clear_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError):
+        AtomicCheckpointIO().save_checkpoint({}, tmp_path / "file" / "c.ckpt")
