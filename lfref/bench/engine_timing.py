@@ -19,7 +19,7 @@ from lfref.bench import memory, timing
 from lfref.bench.accuracy import Row
 from lfref.data.field_sources import SimulatedField
 from lfref.engines import runtimes
-from lfref.engines.engine import BF16, FP32, INT8, Inputs, Run, Workload
+from lfref.engines.engine import BF16, FP32, INT8, EngineWorkload, Inputs, Run
 from lfref.engines.runtimes import ENGINES
 from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
@@ -62,9 +62,9 @@ class NetworkCase:
     """Inputs of other scenes that scale int8."""
 
     @property
-    def workload(self) -> Workload:
+    def workload(self) -> EngineWorkload:
         """The network as engines take it."""
-        return Workload(self.network, self.fields[0].parts[0], self.calibration)
+        return EngineWorkload(self.network, self.fields[0].parts[0], self.calibration)
 
     @property
     def device(self) -> torch.device:
@@ -163,7 +163,7 @@ def start(case: NetworkCase, engine: str, precision: str) -> StartedEngine:
     device = case.device
     # A tiny network first: what an engine loads once counts neither as time nor as memory.
     tiny = (torch.rand(1, 1, 32, 32, device=device),)
-    workload = Workload(nn.Conv2d(1, 1, 3).eval().to(device), tiny, [tiny])
+    workload = EngineWorkload(nn.Conv2d(1, 1, 3).eval().to(device), tiny, [tiny])
     _or_input_error(lambda: runtimes.prepare(engine, precision, workload)(*tiny))
 
     before = memory.resident(device)

@@ -8,23 +8,23 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import FP32, INT8, Inputs, Preparation, Run, Workload, arrays, float_convolutions, quiet
+from lfref.engines.engine import FP32, INT8, EngineWorkload, Inputs, Preparation, Run, arrays, float_convolutions, quiet
 
 ERRORS_ONLY = 3
 """Level of ONNX Runtime's log."""
 
 
-def fp32(workload: Workload) -> Run:
+def fp32(workload: EngineWorkload) -> Run:
     """The network in float32."""
     return Session(export(workload).SerializeToString())
 
 
-def int8(workload: Workload) -> Run:
+def int8(workload: EngineWorkload) -> Run:
     """The network with inner convolutions in int8, a scale for each of their filters, the rest in float32."""
     return Session(quantise(export(workload), workload.patches).SerializeToString())
 
 
-def export(workload: Workload, free: Sequence[Iterable[int]] | None = None) -> Any:
+def export(workload: EngineWorkload, free: Sequence[Iterable[int]] | None = None) -> Any:
     """The network as an ONNX model that reads any number of pixels: patches and pictures are read by one model.
 
     Args:
@@ -47,7 +47,7 @@ def quantise(model: Any, patches: Sequence[Inputs]) -> Any:
     names = [value.name for value in model.graph.input]
     feeds = iter([dict(zip(names, arrays(patch), strict=True)) for patch in patches])
 
-    class Patches:
+    class CalibrationReader:
         def get_next(self) -> dict[str, Any] | None:
             return next(feeds, None)
 
@@ -58,7 +58,7 @@ def quantise(model: Any, patches: Sequence[Inputs]) -> Any:
         quantization.quantize_static(
             model,
             str(path),
-            Patches(),
+            CalibrationReader(),
             op_types_to_quantize=["Conv"],
             nodes_to_exclude=float_convolutions(kernels),
             per_channel=True,

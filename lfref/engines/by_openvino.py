@@ -10,7 +10,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import BF16, FP32, INT8, Inputs, Preparation, Run, Workload, arrays, float_convolutions, quiet
+from lfref.engines.engine import (
+    BF16,
+    FP32,
+    INT8,
+    EngineWorkload,
+    Inputs,
+    Preparation,
+    Run,
+    arrays,
+    float_convolutions,
+    quiet,
+)
 
 Model = Any
 """OpenVINO's own; its type is known only where the package is installed."""
@@ -19,7 +30,7 @@ NOT_COMPUTING = {"Convolution", "Parameter", "Constant", "Result"}
 """Types of nodes that need not be kept from int8: convolutions, and nodes that compute nothing."""
 
 
-def prepare(workload: Workload, precision: str) -> Run:
+def prepare(workload: EngineWorkload, precision: str) -> Run:
     """The network in a precision; under int8 all but inner convolutions is in the processor's fastest precision."""
     import openvino
 

@@ -31,7 +31,7 @@ SMALL = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Workload:
+class EngineWorkload:
     """A network and the inputs that it will be given."""
 
     network: nn.Module
@@ -56,7 +56,7 @@ class Workload:
 class Preparation:
     """One precision of one engine."""
 
-    prepare: Callable[[Workload], Run]
+    prepare: Callable[[EngineWorkload], Run]
     """Called without gradients; leaves the network as it is."""
     packages: tuple[str, ...] = ()
     """Packages that it needs beside PyTorch."""

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from lfref.engines import by_onnxruntime, by_openvino
-from lfref.engines.engine import BF16, FP32, INT8, Inputs, Preparation, Run, Workload
+from lfref.engines.engine import BF16, FP32, INT8, EngineWorkload, Inputs, Preparation, Run
 from lfref.errors import InputError, chosen
 
 COMPILERS = ("g++", "clang++", "c++")
@@ -20,7 +20,7 @@ WARMUP = 3
 """Passes before a CUDA graph is recorded, in which libraries choose their algorithms."""
 
 
-def prepare(engine: str, precision: str, workload: Workload) -> Run:
+def prepare(engine: str, precision: str, workload: EngineWorkload) -> Run:
     """Prepare a network for an engine.
 
     Args:
@@ -36,7 +36,7 @@ def prepare(engine: str, precision: str, workload: Workload) -> Run:
             fit.
 
     Example:
-        >>> workload = Workload(torch.nn.Conv2d(3, 8, 3).eval(), (torch.rand(1, 3, 16, 16),))
+        >>> workload = EngineWorkload(torch.nn.Conv2d(3, 8, 3).eval(), (torch.rand(1, 3, 16, 16),))
         >>> prepare("channels_last", "bf16", workload)(torch.rand(1, 3, 16, 16)).shape
         torch.Size([1, 8, 14, 14])
     """
@@ -46,7 +46,9 @@ def prepare(engine: str, precision: str, workload: Workload) -> Run:
     if workload.network.training:
         raise InputError("the network must be in evaluation mode", got="training mode", remedy="call network.eval()")
     if precision == INT8 and not workload.patches:
-        raise InputError("int8 needs inputs to be calibrated by", got="no patches", remedy="give Workload(patches=...)")
+        raise InputError(
+            "int8 needs inputs to be calibrated by", got="no patches", remedy="give EngineWorkload(patches=...)"
+        )
     with torch.no_grad():
         run = preparation.prepare(workload)
     expected = _types(workload.example)
@@ -65,19 +67,19 @@ def _types(inputs: Inputs) -> list[str]:
     return [f"{'x'.join(map(str, each.shape))} {str(each.dtype).removeprefix('torch.')}" for each in inputs]
 
 
-def _eager(workload: Workload, precision: str) -> Run:
+def _eager(workload: EngineWorkload, precision: str) -> Run:
     """PyTorch operation by operation, with which the other engines are compared."""
     return _in_bf16(workload.network) if precision == BF16 else workload.network
 
 
-def _channels_last(workload: Workload, precision: str) -> Run:
+def _channels_last(workload: EngineWorkload, precision: str) -> Run:
     """As `_eager`, with the channels of a pixel side by side in memory."""
     network: nn.Module = copy.deepcopy(workload.network)
     network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return _in_bf16(network) if precision == BF16 else network
 
 
-def _compile(workload: Workload, precision: str) -> Run:
+def _compile(workload: EngineWorkload, precision: str) -> Run:
     """Inductor: fused loops between convolutions, and weights as constants arranged for the machine's convolutions."""
     run = _channels_last(workload, precision)
 
@@ -89,7 +91,7 @@ def _compile(workload: Workload, precision: str) -> Run:
     return torch.compile(alone, dynamic=False, options={"freezing": True})
 
 
-def _cuda_graph(workload: Workload, precision: str) -> Run:
+def _cuda_graph(workload: EngineWorkload, precision: str) -> Run:
     """A recorded pass."""
     run = _channels_last(workload, precision)
     # A graph reads and writes the memory that it was recorded with.

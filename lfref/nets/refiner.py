@@ -41,7 +41,7 @@ class RefinerBlock(nn.Module):
         return features + self.body(features)
 
 
-class Correction(nn.Module, abc.ABC):
+class Corrector(nn.Module, abc.ABC):
     """Features, pictures and error scale -> better pictures; shapes as in `Refiner.forward`."""
 
     config: dict[str, Any]
@@ -55,7 +55,7 @@ class Correction(nn.Module, abc.ABC):
         return next(self.parameters())
 
 
-class Refiner(Correction):
+class Refiner(Corrector):
     """Features, pictures and error scale -> better pictures.
 
     Args:

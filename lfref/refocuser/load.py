@@ -20,7 +20,7 @@ from lfref.io.run import run_name
 from lfref.lightfield import check_views
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
-from lfref.nets.refiner import Correction
+from lfref.nets.refiner import Corrector
 from lfref.refocuser import refined
 from lfref.refocuser.features import renamed
 from lfref.refocuser.networks import NetworkRefocuser, learned
@@ -118,7 +118,7 @@ class ExportedNetwork(Network):
         return stack.reshape(*batch, *stack.shape[1:])
 
 
-class ExportedRefiner(Correction):
+class ExportedRefiner(Corrector):
     """Features, pictures and error scale -> better pictures by a runtime, on the CPU."""
 
     def __init__(self, run: Run, config: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ from torch import Tensor
 from lfref.errors import CheckpointError, InputError, chosen
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
-from lfref.nets.refiner import Correction, Refiner
+from lfref.nets.refiner import Corrector, Refiner
 from lfref.refocus import batches
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
@@ -53,7 +53,7 @@ class RefinedRefocuser(Refocuser):
         InputError: Unknown features, or features of which the refiner cannot mix its corrections.
     """
 
-    def __init__(self, refiner: Correction, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
+    def __init__(self, refiner: Corrector, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
         check_names(names, refiner.n_candidates)
         self.refiner = refiner.eval()
         self.base = base
@@ -107,7 +107,7 @@ def _is_half_faster(device: torch.device) -> bool:
     return any(able.get(name) for name in BF16_INSTRUCTIONS)
 
 
-def payload(refiner: Correction, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
+def payload(refiner: Corrector, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
     """The entry `lfref` of a checkpoint: what builds the refocuser again.
 
     Args:

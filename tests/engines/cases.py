@@ -2,7 +2,7 @@
 
 import torch
 
-from lfref.engines.engine import Workload
+from lfref.engines.engine import EngineWorkload
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 
@@ -32,7 +32,7 @@ def refiner(device="cpu"):
 
 def _workload(network, example, patches, device):
     moved = tuple(each.to(device) for each in example)
-    return Workload(network.to(device), moved, [tuple(each.to(device) for each in patch) for patch in patches])
+    return EngineWorkload(network.to(device), moved, [tuple(each.to(device) for each in patch) for patch in patches])
 
 
 WORKLOADS = {"refnet": refnet, "refiner": refiner}

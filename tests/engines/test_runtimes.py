@@ -7,7 +7,7 @@ import torch
 
 from lfref.engines import engine as engines
 from lfref.engines import runtimes
-from lfref.engines.engine import Preparation, Workload
+from lfref.engines.engine import EngineWorkload, Preparation
 from lfref.engines.runtimes import ENGINES
 from lfref.errors import InputError
 from tests.engines import cases
@@ -89,10 +89,10 @@ def test_an_engine_or_precision_that_is_not_there_is_told(engine, precision, sai
 def test_a_network_in_training_and_whole_numbers_without_patches_are_refused():
     workload = cases.refnet()
     with pytest.raises(InputError, match="got training mode"):
-        runtimes.prepare("eager", "fp32", Workload(copy.deepcopy(workload.network).train(), workload.example))
+        runtimes.prepare("eager", "fp32", EngineWorkload(copy.deepcopy(workload.network).train(), workload.example))
     pytest.importorskip("onnxruntime")
     with pytest.raises(InputError, match="got no patches"):
-        runtimes.prepare("onnxruntime", "int8", Workload(workload.network, workload.example))
+        runtimes.prepare("onnxruntime", "int8", EngineWorkload(workload.network, workload.example))
 
 
 def test_inputs_of_another_shape_or_type_are_refused_by_every_engine_alike():

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from lfref.engines.engine import Inputs, Workload
+from lfref.engines.engine import EngineWorkload, Inputs
 from lfref.errors import CheckpointError
 
 KEY = "lfref"
@@ -46,9 +46,9 @@ class Graph:
     """Inputs by which int8 is calibrated."""
 
     @property
-    def workload(self) -> Workload:
+    def workload(self) -> EngineWorkload:
         """The same for an engine."""
-        return Workload(self.module, self.example, self.patches)
+        return EngineWorkload(self.module, self.example, self.patches)
 
     @property
     def free(self) -> tuple[dict[int, str], ...]:
