@@ -28,7 +28,7 @@ from torch import Tensor
 
 from lfref.bench import accuracy
 from lfref.bench.accuracy import MEASURES, WHOLE, DisplayedStack, Row
-from lfref.captures.correct import AUTO, as_asked
+from lfref.captures.correct import AUTO, correct_by_option
 from lfref.encoding import LINEAR, Encoding
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
@@ -87,12 +87,12 @@ class EvaluationCase:
 
 def correct_by_views(scene: Scene, light: LightField) -> LightField:
     """Views of a scene, corrected by what the views alone show."""
-    return as_asked(light, AUTO, even=EVEN_GRID)[0]
+    return correct_by_option(light, AUTO, even_grid_for=EVEN_GRID)[0]
 
 
 def correct_by_white(scene: Scene, light: LightField) -> LightField:
     """Views of a scene, corrected with a picture that the same sensor takes of a white scene."""
-    return as_asked(light, AUTO, white_picture(scene, light), EVEN_GRID)[0]
+    return correct_by_option(light, AUTO, white_picture(scene, light), EVEN_GRID)[0]
 
 
 CORRECTIONS: dict[str, Callable[[Scene, LightField], LightField] | None] = {

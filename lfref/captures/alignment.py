@@ -1,7 +1,7 @@
-"""Alignment: views that lie a fraction of a pixel beside their places.
+"""Misaligned views: each view is shifted as a whole, L(x) -> L(x - s), by a fraction of a pixel.
 
-Each view is shifted as a whole, L(x) -> L(x - s). What cannot be told from the scene is left: the mean of all shifts
-(where the scene is), and parts in proportion to the view's place along rows and along columns (its disparities).
+The scene does not determine the mean of all shifts (where the scene is), nor parts in proportion to the view's row or
+column (the scene's disparities): these are left at 0.
 Letters: `V U` view rows and columns, `s` shift.
 """
 
@@ -12,85 +12,72 @@ import torch
 from torch import Tensor
 
 from lfref.captures import registration, resampling
-from lfref.captures.defect import Correction, Evidence
-from lfref.captures.registration import Registration, registered
+from lfref.captures.estimates import Estimates
+from lfref.captures.registration import Registration
 from lfref.lightfield import LightField
 
-SHOWN = 0.02  # pixels: shifts that cost less than .2 dB of the best picture
-SURE = 5.0  # standard errors
-USUAL = 3.0  # of what shifts are otherwise, at most: parts linear in the place that stripes feign are larger
+SHOWN = 0.02  # pixels: smaller shifts cost less than .2 dB of the best picture
+SURE = 5.0  # standard errors: on scenes without a defect, ratios reach 4
+LINEAR = 3.0  # times the rms of the other shifts: larger linear parts come from stripes, not from the camera
 
 
 @dataclass(frozen=True, eq=False)
-class Alignment:
+class AlignmentDefect:
     """Shifts of views."""
 
     name: ClassVar[str] = "alignment"
+    needs_light: ClassVar[bool] = False
 
     shifts: Tensor
     """Down and right, in pixels, float64, [V, U, 2]."""
     error: float
-    """Standard error of a shift along an axis, from how quarters of the picture disagree, in pixels; infinite where
-    nothing could be seen."""
+    """Standard error of a shift along an axis in pixels, from the quarters of the picture; infinite: unknown."""
 
-    @property
-    def size(self) -> float:
-        """Root mean square of the shifts along an axis, in pixels."""
-        return float(self.shifts.square().mean().sqrt())
-
-    def inert(self) -> str | None:
-        """Nothing moves where shifts are too small to matter, or no larger than their errors."""
+    def reason_to_skip(self) -> str | None:
+        """Shifts that are too small to matter, or not much larger than their errors."""
         if self.error == float("inf"):
-            return "too little texture, or too few views, to tell"
-        if self.size > max(SHOWN, SURE * self.error):
+            return "unknown: too little texture, or too few views"
+        rms = float(self.shifts.square().mean().sqrt())
+        if rms > max(SHOWN, SURE * self.error):
             return None
-        return f"views lie within {self.size:.3f} px (rms) of their places, to {self.error:.3f} px"
+        return f"views lie within {rms:.3f} px (rms) of their places, to {self.error:.3f} px"
 
-    def told(self) -> str:
-        """How far views are off, and what cannot be known."""
+    def summary(self) -> str:
+        """Size of the shifts, and what remains unknown."""
+        rms, largest = float(self.shifts.square().mean().sqrt()), float(self.shifts.norm(dim=-1).max())
         return (
-            f"views lie {self.size:.3f} px (rms), at most {float(self.shifts.norm(dim=-1).max()):.3f} px beside their "
-            f"places, to {self.error:.3f} px; a shift of all, or in proportion to the view's place, cannot be known"
+            f"views lie {rms:.3f} px (rms), at most {largest:.3f} px beside their places, to {self.error:.3f} px; "
+            "a shift of all views, or in proportion to the view's place, is unknown"
         )
 
     def corrected(self, field: LightField) -> LightField:
-        """Views where they belong."""
+        """Views shifted back."""
         rows, columns = resampling.centred(field.size)
         down, right = self.shifts[:, :, None, None].unbind(-1)
-        return resampling.moved(field, rows + down, columns + right)
+        return resampling.resample_field(field, rows + down, columns + right)
 
 
-def find(evidence: Evidence) -> Alignment:
-    """Find the shift of every view.
-
-    Args:
-        evidence: Of the light field.
-    """
-    found = registered(evidence)
-    grid = evidence.field.grid
-    if found is None:
-        return Alignment(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"))
-    shifts = found.solved.shifts
+def find(estimates: Estimates) -> AlignmentDefect:
+    """Estimate the shift of every view."""
+    registered, grid = estimates.registration, estimates.field.grid
+    if registered is None:
+        return AlignmentDefect(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"))
+    shifts = registered.explanation.shifts
     if float(shifts.square().mean().sqrt()) > SHOWN:
-        shifts = _with_linear(found)
-    return Alignment(shifts.unflatten(0, grid), _error(found))
+        shifts = _with_linear_parts(registered)
+    return AlignmentDefect(shifts.unflatten(0, grid), _standard_error(registered))
 
 
-def _with_linear(found: Registration) -> Tensor:
-    """Shifts with their parts linear in the place, across rows and columns, where these are like the others in size."""
-    without = found.solved.shifts
-    free = found.again(registration.proportional(found.places)).shifts
-    modes = registration.linear(found.places)
-    linear = modes.mT @ free.flatten()
-    usual = float(without.square().mean().sqrt())
-    return free if float(linear.abs().max()) < USUAL * usual else without
+def _with_linear_parts(registered: Registration) -> Tensor:
+    """Shifts with parts linear in the other coordinate of the place, if these are about as large as the rest."""
+    without = registered.explanation.shifts
+    shifts = registered.explain(registration.proportional_shifts(registered.positions)).shifts
+    linear = registration.linear_shifts(registered.positions).mT @ shifts.flatten()
+    rms = float(without.square().mean().sqrt())
+    return shifts if float(linear.abs().max()) < LINEAR * rms else without
 
 
-def _error(found: Registration) -> float:
-    """Standard error of shifts, from how far quarters of the picture disagree."""
-    modes = registration.linear(found.places)
-    each = torch.stack([found.again(modes, quarter).shifts for quarter in found.quarters()])
-    return float(each.var(0).mean().sqrt() / len(each) ** 0.5)
-
-
-ALIGNMENT = Correction(Alignment, "a few dozen textured patches in three views or more", find)
+def _standard_error(registered: Registration) -> float:
+    unknown = registration.linear_shifts(registered.positions)
+    shifts = torch.stack([registered.explain(unknown, quarter).shifts for quarter in registered.quarters()])
+    return float(shifts.var(0).mean().sqrt() / len(shifts) ** 0.5)

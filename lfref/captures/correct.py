@@ -1,87 +1,85 @@
-"""Putting a capture right: only what it shows is corrected, and what was corrected can be told, kept and used again."""
+"""Correcting a capture: only defects that it shows; their estimates can be reported, saved and used again."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from lfref.captures.alignment import ALIGNMENT
-from lfref.captures.black_views import BLACK_VIEWS
-from lfref.captures.chromatic import CHROMATIC
-from lfref.captures.defect import Correction, Evidence, Finding, shape_told
-from lfref.captures.exposure import EXPOSURE
-from lfref.captures.hot_pixels import HOT_PIXELS
-from lfref.captures.noise import NOISE
-from lfref.captures.spacing import SPACING, Spacing
-from lfref.captures.vignetting import VIGNETTING
+from lfref.captures import alignment, black_views, chromatic, exposure, hot_pixels, noise, spacing, vignetting
+from lfref.captures.estimates import Defect, Estimates, describe_shape
 from lfref.errors import FileError, InputError
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
 
-# PART corrections
-# The defects that are looked for, in the order in which they are taken off: the reverse of the light's way.
+VERSION = 1
+"""Of all corrections, in the keys of caches: to be raised when corrected light fields change."""
 
-CORRECTIONS: tuple[Correction, ...] = (
-    HOT_PIXELS,
-    BLACK_VIEWS,
-    VIGNETTING,
-    EXPOSURE,
-    CHROMATIC,
-    ALIGNMENT,
-    SPACING,
-    NOISE,
-)
-"""Each is looked for in the field that those before it have put right; noise is told and never taken off."""
-
+DETECTORS: dict[type[Defect], Callable[[Estimates], Defect]] = {
+    hot_pixels.HotPixelsDefect: hot_pixels.find,
+    black_views.BlackViewsDefect: black_views.find,
+    vignetting.VignettingDefect: vignetting.find,
+    exposure.ExposureDefect: exposure.find,
+    chromatic.ChromaticDefect: chromatic.find,
+    alignment.AlignmentDefect: alignment.find,
+    spacing.SpacingDefect: spacing.find,
+    noise.NoiseDefect: noise.find,
+}
+"""Estimator of each defect, in the order of correction: the reverse of the light's way through the camera. Each defect
+is estimated in the field that the corrections before have left."""
 
 SMALLEST = 32
-"""Pixels along the shorter side of views in which defects are looked for."""
+"""Least height and width of views: 8 of the 4-pixel blocks that brightness is compared in."""
 FORMAT = "lfref corrections 1"
+FORMER_FIELDS = {
+    "hot_pixels": {"places": "samples"},
+    "spacing": {"found": "estimate"},
+    "vignetting": {"known": "is_known"},
+}
+"""Names of fields in files that earlier versions saved."""
+AUTO, NONE = "auto", "none"
 
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """What was found in a light field, in the order in which it was corrected; nothing where it shows too little."""
+    """Estimated defects of a light field, in the order of correction."""
 
     grid: tuple[int, int]
     """View rows and columns of the light field."""
     size: tuple[int, int]
     """Height and width of its views in pixels."""
-    findings: tuple[Finding, ...]
-    """One a correction."""
-    left: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """Name of a correction that is not made, whether it finds something or was not looked for -> why."""
+    defects: tuple[Defect, ...]
+    skipped: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Name of a defect that was not estimated, or is not corrected -> why."""
 
-    def __getitem__(self, name: str) -> Finding:
-        return next(finding for finding in self.findings if finding.name == name)
+    def __getitem__(self, name: str) -> Defect:
+        return next(defect for defect in self.defects if defect.name == name)
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Names of those that changed something."""
-        return tuple(finding.name for finding in self._made())
+        """Names of the defects that are corrected."""
+        return tuple(defect.name for defect in self._active())
 
-    def explain(self) -> str:
-        """What was found and done, a line a correction."""
-        said = {finding.name: _told(finding) for finding in self.findings}
-        said |= {name: f"left: {why}" for name, why in self.left.items()}
-        return "\n".join(f"{name:12} {text}" for name, text in said.items())
+    def summary(self) -> str:
+        """One line per defect: what is corrected, or why it is not."""
+        lines = {}
+        for defect in self.defects:
+            reason = defect.reason_to_skip()
+            lines[defect.name] = f"corrected: {defect.summary()}" if reason is None else f"unchanged: {reason}"
+        lines |= {name: f"unchanged: {why}" for name, why in self.skipped.items()}
+        return "\n".join(f"{name:12} {text}" for name, text in lines.items())
 
-    def leaving(self, left: Mapping[str, str]) -> "Corrections":
-        """The same, but some of them are not made.
-
-        Args:
-            left: Name -> why.
-        """
-        return dataclasses.replace(self, left={**self.left, **left})
+    def skipping(self, reasons: Mapping[str, str]) -> "Corrections":
+        """The same corrections without some of them, given as name -> reason."""
+        return dataclasses.replace(self, skipped={**self.skipped, **reasons})
 
     def apply(self, field: LightField) -> LightField:
-        """Correct a light field by what was found, in it or in another one of the same camera.
+        """Correct this light field, or another one of the same camera.
 
         Args:
-            field: Of the same grid and size; what measures and scales light is left where it holds encoded samples.
+            field: Of the same grid and size; what measures or scales light is skipped for encoded samples.
 
         Raises:
             InputError: Another grid or size.
@@ -89,41 +87,44 @@ class Corrections:
         if (field.grid, field.size) != (self.grid, self.size):
             (n_rows, n_columns), (height, width) = self.grid, self.size
             expected = f"the corrections are of {n_rows}x{n_columns} views of {height}x{width} pixels"
-            raise InputError(expected, got=shape_told(field))
-        for finding in self.leaving(_without_light(field))._made():
-            field = finding.corrected(field)
+            raise InputError(expected, got=describe_shape(field))
+        for defect in self.skipping(_skipped_of_encoded(field))._active():
+            field = defect.corrected(field)
         return field
 
     def save(self, path: str | Path) -> None:
         """Write a file that `load` reads.
 
-        Args:
-            path: File to write or replace.
-
         Raises:
             FileError: It cannot be written.
         """
-        found = {finding.name: _plain(finding) for finding in self.findings if finding.inert() is None}
-        tensor_files.write_checkpoint(path, {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": found})
+        values = {
+            defect.name: {field.name: getattr(defect, field.name) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
+            for defect in self.defects
+            if defect.reason_to_skip() is None
+        }
+        content = {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": values}
+        tensor_files.write_checkpoint(path, content)
 
-    def _made(self) -> list[Finding]:
-        return [finding for finding in self.findings if finding.inert() is None and finding.name not in self.left]
+    def _active(self) -> list[Defect]:
+        return [
+            defect for defect in self.defects if defect.reason_to_skip() is None and defect.name not in self.skipped
+        ]
 
 
 def correct(
     field: LightField, white: LightField | None = None, profile: Corrections | str | Path | None = None
 ) -> tuple[LightField, Corrections]:
-    """Take off the defects that a light field shows, and no others.
+    """Correct the defects that a light field shows, and no others.
 
     Args:
-        field: A capture, or any light field. Of encoded samples (`encoding=none`) only places, black views and hot
-            pixels are looked at: what measures and scales light needs light.
+        field: A capture, or any light field. For encoded samples (`encoding=none`), only alignment, spacing, colours'
+            places, black views and hot pixels are corrected.
         white: A picture of a white scene by the same camera, of the same grid and size.
-        profile: What was found in another capture of the camera, or a file of that: applied as it is, nothing is looked
-            for.
+        profile: Corrections of another capture of the camera, or their file; applied without new estimates.
 
     Returns:
-        The light field, itself where all corrections are inert, and what was found.
+        The light field, itself where nothing is corrected; and the corrections.
 
     Raises:
         InputError: A white picture or a profile of another grid or size, both of them, or a white picture of encoded
@@ -132,122 +133,97 @@ def correct(
 
     Example:
         >>> field = lfref.LightField(torch.full((5, 5, 3, 64, 80), 0.5))
-        >>> mended, found = lfref.correct(field)
-        >>> mended is field, found.active
+        >>> corrected, corrections = lfref.correct(field)
+        >>> corrected is field, corrections.active
         (True, ())
     """
     if profile is not None and white is not None:
-        expected = "corrections are looked for, by a white picture if there is one, or known from another capture"
+        expected = "corrections are estimated, with a white picture if there is one, or taken from a profile"
         raise InputError(expected, got="a white picture and a profile", remedy="leave one of them out")
     if profile is not None:
-        known = profile if isinstance(profile, Corrections) else load(profile)
-        return known.apply(field), known.leaving(_without_light(field))
-    return looked(Evidence(field, white))
+        corrections = profile if isinstance(profile, Corrections) else load(profile)
+        return corrections.apply(field), corrections.skipping(_skipped_of_encoded(field))
+    return estimate_and_correct(Estimates(field, white))
 
 
-def looked(evidence: Evidence) -> tuple[LightField, Corrections]:
-    """As `correct`, of a light field at which somebody has looked already.
-
-    Args:
-        evidence: What is known of it.
-    """
-    field, findings = evidence.field, list[Finding]()
-    left = _blind(field) or _without_light(field)
-    for correction in (each for each in CORRECTIONS if each.kind.name not in left):
-        findings.append(finding := correction.find(evidence))
-        if finding.inert() is None:
-            evidence = Evidence(finding.corrected(evidence.field), evidence.white)
-    return evidence.field, Corrections(field.grid, field.size, tuple(findings), left)
-
-
-def _blind(field: LightField) -> dict[str, str]:
-    """Corrections that are not looked for because there is too little in a light field, all or none, and why."""
-    # Extremes are NaN where any sample is, and are found in a third of the time of `isfinite`.
-    is_finite = all(bool(extreme.isfinite()) for extreme in field.views.aminmax())
-    reasons = {
-        f"views are smaller than {SMALLEST} pixels": min(field.size) < SMALLEST,
-        "one view has none to be compared with": field.grid == (1, 1),
-        "views hold NaN or infinity": not is_finite,
-    }
-    return {each.kind.name: why for why, holds in reasons.items() if holds for each in CORRECTIONS}
-
-
-def _without_light(field: LightField) -> dict[str, str]:
-    """Corrections that samples of a light field do not allow because they are encoded, and why."""
-    why = "encoded samples are no light (reader.encoding=none)"
-    return {} if field.is_linear else {each.kind.name: why for each in CORRECTIONS if each.needs_light}
-
-
-def load(path: str | Path) -> Corrections:
-    """Read what `Corrections.save` wrote.
-
-    Args:
-        path: The file.
-
-    Raises:
-        FileError: It is missing, damaged or no such file.
-    """
-    content = _content(Path(path))
-    kinds = {correction.kind.name: correction.kind for correction in CORRECTIONS}
-    try:
-        found = tuple(kinds[name](**fields) for name, fields in content["findings"].items())
-        return Corrections(tuple(content["grid"]), tuple(content["size"]), found)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _alien(path, f"entries that are not understood ({error})") from error
-
-
-def _content(path: Path) -> Mapping[str, Any]:
-    if not path.is_file():
-        raise FileError(f"no corrections at {path}", remedy="give a file that correct=auto wrote, correction.pt")
-    try:
-        content = torch.load(path, weights_only=True, map_location="cpu")
-    except Exception as error:  # whatever a damaged archive makes torch say
-        raise _alien(path, "another kind of file, or a damaged one") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise _alien(path, "a file of something else")
-    return content
-
-
-def _alien(path: str | Path, got: str) -> FileError:
-    return FileError(f"{path} must hold corrections", got=got, remedy="give a file that correct=auto wrote")
-
-
-def _plain(finding: Finding) -> dict[str, Any]:
-    fields = dataclasses.fields(finding)  # type: ignore[arg-type]
-    return {field.name: getattr(finding, field.name) for field in fields}
-
-
-def _told(finding: Finding) -> str:
-    reason = finding.inert()
-    return f"corrected: {finding.told()}" if reason is None else f"left: {reason}"
-
-
-# PART asked
-# Light fields as somebody wants them: put right, left as they are, or corrected by what another capture showed.
-
-AUTO, NONE = "auto", "none"
-
-
-def as_asked(
-    field: LightField, wanted: str, white: LightField | None = None, even: str | None = None
+def correct_by_option(
+    field: LightField, option: str, white: LightField | None = None, even_grid_for: str | None = None
 ) -> tuple[LightField, Corrections | None]:
-    """A light field as it is to be used, and what was corrected; None where nothing was looked for.
+    """Correct a light field as the option `correct` says; the corrections are None for `none`.
 
     Args:
         field: As it was read.
-        wanted: `auto`, `none`, or a file that `Corrections.save` wrote.
+        option: `auto`, `none`, or a file that `Corrections.save` wrote.
         white: A picture of a white scene by the same camera.
-        even: Why cameras must stay on an even grid, so that their spacing is told and not corrected; None: they need
-            not.
+        even_grid_for: Why cameras must stay on an even grid; their spacing is then reported, not corrected.
 
     Raises:
         InputError: A white picture or corrections of another grid or size.
         FileError: The file of corrections cannot be read.
     """
-    if wanted == NONE:
+    if option == NONE:
         return field, None
-    made, found = correct(field, white, None if wanted == AUTO else wanted)
-    if even is None or made.positions is field.positions:
-        return made, found
-    found = found.leaving({Spacing.name: f"{found[Spacing.name].told()}, but {even}"})
-    return dataclasses.replace(made, positions=field.positions), found
+    corrected, corrections = correct(field, white, None if option == AUTO else option)
+    if even_grid_for is None or corrected.positions is field.positions:
+        return corrected, corrections
+    name = spacing.SpacingDefect.name
+    corrections = corrections.skipping({name: f"{corrections[name].summary()}, but {even_grid_for}"})
+    return dataclasses.replace(corrected, positions=field.positions), corrections
+
+
+def estimate_and_correct(estimates: Estimates) -> tuple[LightField, Corrections]:
+    """As `correct`, from estimates that are there already."""
+    field, defects = estimates.field, list[Defect]()
+    skipped = _skipped_of_unusable(field) or _skipped_of_encoded(field)
+    for kind, find in DETECTORS.items():
+        if kind.name in skipped:
+            continue
+        defects.append(defect := find(estimates))
+        if defect.reason_to_skip() is None:
+            estimates = Estimates(defect.corrected(estimates.field), estimates.white)
+    return estimates.field, Corrections(field.grid, field.size, tuple(defects), skipped)
+
+
+def _skipped_of_unusable(field: LightField) -> dict[str, str]:
+    """All defects, each with the reason why this light field allows no estimate; none where it does."""
+    # The extremes are NaN where any sample is; `isfinite` of all samples would take three times as long.
+    is_finite = all(bool(extreme.isfinite()) for extreme in field.views.aminmax())
+    reasons = {
+        f"views are smaller than {SMALLEST} pixels": min(field.size) < SMALLEST,
+        "a single view cannot be compared": field.grid == (1, 1),
+        "views hold NaN or infinity": not is_finite,
+    }
+    return {kind.name: reason for reason, holds in reasons.items() if holds for kind in DETECTORS}
+
+
+def _skipped_of_encoded(field: LightField) -> dict[str, str]:
+    reason = "encoded samples are no light (reader.encoding=none)"
+    return {} if field.is_linear else {kind.name: reason for kind in DETECTORS if kind.needs_light}
+
+
+def load(path: str | Path) -> Corrections:
+    """Read a file that `Corrections.save` wrote, in this version or an earlier one.
+
+    Raises:
+        FileError: It is missing, damaged, or another file.
+    """
+    remedy = "give a file that correct=auto wrote, correction.pt"
+    if not Path(path).is_file():
+        raise FileError(f"no corrections at {path}", remedy=remedy)
+    try:
+        content: Any = torch.load(path, weights_only=True, map_location="cpu")
+    except Exception as error:  # torch raises errors of many kinds for damaged archives
+        got = "another kind of file, or a damaged one"
+        raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise FileError(f"{path} must hold corrections", got="another file", remedy=remedy)
+    kinds = {kind.name: kind for kind in DETECTORS}
+    try:
+        defects = []
+        for name, fields in content["findings"].items():
+            current = FORMER_FIELDS.get(name, {})
+            defects.append(kinds[name](**{current.get(field, field): value for field, value in fields.items()}))
+        return Corrections(tuple(content["grid"]), tuple(content["size"]), tuple(defects))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        got = f"entries that cannot be read ({error})"
+        raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error

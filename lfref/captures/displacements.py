@@ -1,7 +1,10 @@
-"""How far patches of each view lie from where they were read: least squares by the gradients of the views' mean.
+"""Displacements of small textured patches: how far each view shows them from where it was read.
 
-Brightness and contrast of each patch are its own, so that what shades a view does not move it.
-Letters: `k` patch, `i` view, `c` channel, `y x` pixel row and column.
+A few numbers per view are estimated from a few thousand pixels: patches with texture in two directions and one
+disparity each, spread over the picture. Least squares by the gradients of the views' mean; brightness and contrast of
+each view are free, so that shading moves nothing.
+Letters: `k` patch, `i` view, `c` channel, `y x` pixel row and column, `t` tap; `n a m` observation, component,
+parameter of a linear model.
 Source: Lucas, Kanade, "An Iterative Image Registration Technique", 1981.
 """
 
@@ -17,26 +20,112 @@ from torch.nn import functional as F
 from lfref.functional import jit, threads
 from lfref.simulator.effects import displacement
 
-# PART patch_loop
-# The compiled loop that reads small patches of views between their samples.
-#
-# Letters: `k` patch, `i` view, `c` channel, `y x` pixel row and column, `t` tap.
+SIDE = 16  # pixels of a patch
+RING = 2  # pixels around it that are read too: gradients need two neighbours on either side
+FEWEST, MOST = 24, 100  # patches: 24 keep six in each quarter; more than 100 lower no error further
+ONE_DISPARITY = 0.05  # pixels per view step, standard deviation of disparity in a patch that halves its value
+HIDDEN = 0.2  # of the contrast of the views' mean: a view with less shows the patch dark, or hides it
+OUTLYING = 2.0  # standard deviations at which an observation counts half (Cauchy weights)
+TINY = 1e-12  # keeps divisions by zero finite
+BEFORE = -displacement.TAPS[0]  # samples that interpolation needs before a position
+REACH = max(BEFORE, displacement.TAPS[-1]) + RING + 1  # pixels beyond a patch that are read, and one to move
+INSIDE = (..., slice(RING, -RING), slice(RING, -RING))
+
+
+class Patches(NamedTuple):
+    """Patches of the central view."""
+
+    rows: Tensor
+    """First pixel row, int64, [K]."""
+    columns: Tensor
+    """First pixel column, int64, [K]."""
+    disparity: Tensor
+    """In pixels per view step, float64, [K]."""
+
+    @property
+    def centres(self) -> Tensor:
+        """Row and column in pixels from the top left sample, float64, [K, 2]."""
+        return torch.stack([self.rows, self.columns], -1) + (SIDE - 1) / 2
+
+
+def choose_patches(grey: Tensor, disparity: Tensor, positions: Tensor, n_channels: int) -> Patches:
+    """The best patch of each cell of the picture.
+
+    Args:
+        grey: Central view, [H, W].
+        disparity: In pixels per view step, [H, W].
+        positions: Of the views, (v, u) from the angular centre, [I, 2].
+        n_channels: Channels that will be read.
+    """
+    # About 2^22 samples of all patches in all views and channels, which take 30 ms.
+    count = min(MOST, max(FEWEST, (1 << 22) // (len(positions) * n_channels * (SIDE + 2 * RING) ** 2)))
+    stride = SIDE // 2
+    y, x = torch.gradient(grey)
+    moments = torch.stack([y * y, y * x, x * x, disparity, disparity.square()])
+    yy, yx, xx, mean, square = F.avg_pool2d(moments[None], SIDE, stride)[0]
+    # The smaller eigenvalue of the structure tensor: texture in both directions. Stripes count a little.
+    least = (yy + xx) / 2 - ((yy - xx).square() / 4 + yx.square()).sqrt()
+    detail = least.clamp(min=0) + 0.02 * (yy + xx)
+    worth = detail / (1 + (square - mean.square()).clamp(min=0) / ONE_DISPARITY**2)
+    # Patches must lie inside all views.
+    reach = mean.abs() * float(positions.abs().max()) + REACH
+    tops, lefts = (stride * torch.arange(n) for n in worth.shape)
+    below, right = grey.shape[0] - SIDE - tops, grey.shape[1] - SIDE - lefts
+    room = torch.minimum(torch.minimum(tops, below)[:, None], torch.minimum(lefts, right))
+    worth = torch.where(room > reach, worth, 0.0)
+    side = max(2, round(math.sqrt(worth.numel() / count)))
+    best, index = F.max_pool2d(worth[None], side, ceil_mode=True, return_indices=True)
+    index = index.flatten()[best.flatten() > 0]
+    row, column = index // worth.shape[1], index % worth.shape[1]
+    return Patches(tops[row], lefts[column], mean.flatten()[index].double())
+
+
+def read_patches(
+    views: Tensor, patches: Patches, displacements: Tensor, channels: Sequence[int] | None = None
+) -> Tensor:
+    """Patches with a ring of `RING` pixels around them, as each view shows them.
+
+    Args:
+        views: Floating point, CPU, [I, C, H, W].
+        patches: Where to read.
+        displacements: How much lower and farther right each view is read, in pixels, float64, [K, I, 2].
+        channels: Channels to read; None: all.
+
+    Returns:
+        Interpolated samples, float32, [K, I, C, SIDE + 2 RING, SIDE + 2 RING].
+    """
+    starts = torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
+    side = SIDE + 2 * RING
+    last = torch.tensor(views.shape[-2:]) - side - len(displacement.TAPS) + BEFORE
+    starts = torch.minimum(starts.clamp(min=BEFORE), last.to(starts))
+    whole = starts.floor()
+    weights = displacement.weights(starts - whole).float()
+    rows, columns = (whole.long() - BEFORE).unbind(-1)
+    which = torch.tensor(range(views.shape[1]) if channels is None else channels)
+    samples = torch.empty(len(rows), len(views), len(which), side, side)
+    tables = (which, rows, columns, weights[:, :, 0], weights[:, :, 1], samples)
+    arrays = [table.contiguous().numpy() for table in tables]
+    n_threads = threads.worthwhile(samples.numel(), 1 << 16)  # samples for which a further thread pays off
+    source = views.detach().numpy()
+    bands = threads.bands(len(samples), n_threads)
+    threads.share(lambda first, last: _read(source, *arrays, first, last), bands, n_threads)
+    return samples
 
 
 @jit.compiled
-def read(views, channels, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
+def _read(views, channels, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
     """Fill the patches from `first` to before `last`.
 
     Args:
         views: Samples, [I, all channels, H, W].
-        channels: Which of their channels are read, [C].
-        rows: First row that a patch takes of a view, [K, I].
-        columns: Likewise, [K, I].
-        row_weights: Weights of rows side by side, [K, I, T].
-        column_weights: Likewise, [K, I, T].
-        patches: What to fill, float32, [K, I, C, h, w].
-        first: Number of the first patch.
-        last: Number after the last patch.
+        channels: Channels to read, [C].
+        rows: First source row of each patch in each view, [K, I].
+        columns: First source column, [K, I].
+        row_weights: Weights of T rows side by side, [K, I, T].
+        column_weights: Weights of T columns, [K, I, T].
+        patches: Result, float32, [K, I, C, h, w].
+        first: First patch.
+        last: One past the last patch.
     """
     n_views, n_channels, height, width = patches.shape[1:]
     taps = row_weights.shape[2]
@@ -48,150 +137,42 @@ def read(views, channels, rows, columns, row_weights, column_weights, patches, f
             for c in range(n_channels):
                 view = views[i, channels[c]]
                 for y in range(height):
+                    # A line interpolated along columns, then along rows: 2 T multiplications a sample, not T^2.
                     line[:] = 0
                     for t in range(taps):
-                        # Slices begin at 0: an index that might be negative would keep the loop from going in steps.
+                        # Slices begin at 0: an index that might be negative would keep the loop from using vectors.
                         weight, source = down[t], view[top + y + t, left : left + len(line)]
                         for x in range(len(line)):
                             line[x] += weight * source[x]
-                    made = patches[k, i, c, y]
-                    made[:] = 0
+                    into = patches[k, i, c, y]
+                    into[:] = 0
                     for t in range(taps):
                         weight, source = across[t], line[t : t + width]
                         for x in range(width):
-                            made[x] += weight * source[x]
-
-
-# PART patches
-# Small textured patches of the central view, and the same patches as every view shows them.
-#
-# What is to be known of a few numbers a view is known from a few thousand pixels: patches whose texture has two
-# directions, at one disparity each, spread over the picture.
-# Letters: `k` patch, `i` view, `c` channel, `y x` pixel row and column, `T` tap.
-
-SIDE = 16  # pixels of a patch
-RING = 2  # pixels around it that are read with it, for gradients
-SAMPLES = 1 << 22  # of all patches in all views and channels, about
-FEWEST, MOST = 24, 100  # patches looked for
-SPREAD = 0.05  # standard deviation of disparity in a patch that halves its worth
-BEFORE = -displacement.TAPS[0]
-REACH = max(BEFORE, displacement.TAPS[-1]) + RING + 1  # pixels beyond a patch that are read, and one to move
-WORTH_A_THREAD = 1 << 16
-
-
-class Patches(NamedTuple):
-    """Where the patches lie in the central view, and how much nearer than the focus they are."""
-
-    rows: Tensor
-    """First pixel row of each, int64, [K]."""
-    columns: Tensor
-    """First pixel column, int64, [K]."""
-    disparity: Tensor
-    """In pixels per view step, float64, [K]."""
-
-    @property
-    def centres(self) -> Tensor:
-        """Middles of the patches, (row, column) in pixels from the top left sample, float64, [K, 2]."""
-        return torch.stack([self.rows, self.columns], -1) + (SIDE - 1) / 2
-
-
-def chosen(grey: Tensor, disparity: Tensor, places: Tensor, n_channels: int) -> Patches:
-    """Choose patches that tell most: one for each cell of the picture, the best of those that lie there.
-
-    Args:
-        grey: Central view, [H, W].
-        disparity: Of its pixels, in pixels per view step, [H, W].
-        places: Of the views that are to show them, (v, u) from the angular centre, [I, 2].
-        n_channels: That will be read.
-    """
-    wanted = min(MOST, max(FEWEST, SAMPLES // (len(places) * n_channels * (SIDE + 2 * RING) ** 2)))
-    worth, middle = _worth(grey, disparity)
-    reach = middle.abs() * float(places.abs().max()) + REACH
-    stride = SIDE // 2
-    tops, lefts = (stride * torch.arange(n) for n in worth.shape)
-    rows_left, columns_left = grey.shape[0] - SIDE - tops, grey.shape[1] - SIDE - lefts
-    room = torch.minimum(torch.minimum(tops, rows_left)[:, None], torch.minimum(lefts, columns_left))
-    worth = torch.where(room > reach, worth, 0.0)
-    side = max(2, round(math.sqrt(worth.numel() / wanted)))
-    best, index = F.max_pool2d(worth[None], side, ceil_mode=True, return_indices=True)
-    index = index.flatten()[best.flatten() > 0]
-    at_row, at_column = index // worth.shape[1], index % worth.shape[1]
-    return Patches(tops[at_row], lefts[at_column], middle.flatten()[index].double())
-
-
-def _worth(grey: Tensor, disparity: Tensor) -> tuple[Tensor, Tensor]:
-    """How well patches every half a side tell where they lie, and their disparity."""
-    stride = SIDE // 2
-    y, x = torch.gradient(grey)
-    moments = torch.stack([y * y, y * x, x * x, disparity, disparity.square()])
-    yy, yx, xx, mean, square = F.avg_pool2d(moments[None], SIDE, stride)[0]
-    least = (yy + xx) / 2 - ((yy - xx).square() / 4 + yx.square()).sqrt()
-    # Stripes too tell something, if only across themselves.
-    detail = least.clamp(min=0) + 0.02 * (yy + xx)
-    return detail / (1 + (square - mean.square()).clamp(min=0) / SPREAD**2), mean
-
-
-def read_patches(
-    views: Tensor, patches: Patches, displacements: Tensor, channels: Sequence[int] | None = None
-) -> Tensor:
-    """Patches with a ring of `RING` pixels around them, as views show them.
-
-    Args:
-        views: Floating point, CPU, [I, C, H, W].
-        patches: Which.
-        displacements: How much lower and farther right each view is read, in pixels, float64, [K, I, 2].
-        channels: Which are read; None: all.
-
-    Returns:
-        Samples between samples, float32, [K, I, C, SIDE + 2 RING, SIDE + 2 RING].
-    """
-    starts = torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
-    side = SIDE + 2 * RING
-    last = torch.tensor(views.shape[-2:]) - side - len(displacement.TAPS) + BEFORE
-    starts = torch.minimum(starts.clamp(min=BEFORE), last.to(starts))
-    whole = starts.floor()
-    weights = displacement.weights(starts - whole).float()
-    rows, columns = (whole.long() - BEFORE).unbind(-1)
-    wanted = torch.tensor(range(views.shape[1]) if channels is None else channels)
-    made = torch.empty(len(rows), len(views), len(wanted), side, side)
-    tables = (wanted, rows, columns, weights[:, :, 0], weights[:, :, 1], made)
-    arrays = [table.contiguous().numpy() for table in tables]
-    n_threads = threads.worthwhile(made.numel(), WORTH_A_THREAD)
-    samples = views.detach().numpy()
-    threads.share(
-        lambda first, last: read(samples, *arrays, first, last),
-        threads.bands(len(made), n_threads),
-        n_threads,
-    )
-    return made
-
-
-FAINT = 1e-12
-FAINTEST = 0.2  # contrast of a patch over that of the mean of all views, below which it is dark or hidden
-INSIDE = (..., slice(RING, -RING), slice(RING, -RING))
+                            into[x] += weight * source[x]
 
 
 class Observed(NamedTuple):
-    """Displacements of patches, each with what it is worth: `moments = information @ displacement`."""
+    """Displacements of patches as normal equations: `moments = information @ displacement`."""
 
     information: Tensor
-    """Of a displacement (down, right): products of gradients summed, float64, [K, C, 2, 2]."""
+    """Sums of products of gradients (down, right), float64, [K, C, 2, 2]."""
     moments: Tensor
     """Float64, [K, I, C, 2]."""
     rest: Tensor
-    """Squares of what displacements do not explain, summed, float64, [K, I, C]."""
+    """Sums of squares that displacements do not explain, float64, [K, I, C]."""
     templates: Tensor
-    """What the views show on the average, [K, C, h, w]."""
+    """Mean of the views, [K, C, h, w]."""
     shown: Tensor
-    """1 where a view shows a patch about as clearly as the others do, else 0, [K, I]."""
+    """1 where a view shows a patch about as clearly as the others, else 0, [K, I]."""
 
     def moved(self, by: Tensor) -> "Observed":
         """The same with displacements that are larger by so much, [K, I, 2]."""
         return self._replace(moments=self.moments + torch.einsum("kcab,kib->kica", self.information, by))
 
 
-def observed(samples: Tensor, shown: Tensor) -> Observed:
-    """How far each patch lies from the mean of all views; brightness and contrast of each are its own.
+def observe(samples: Tensor, shown: Tensor) -> Observed:
+    """Displacement of each view's patch against the mean of all views, at free brightness and contrast.
 
     Args:
         samples: With a ring for gradients, [K, I, C, h, w].
@@ -201,38 +182,14 @@ def observed(samples: Tensor, shown: Tensor) -> Observed:
     templates = torch.einsum("ki,kichw->kchw", share, samples)
     basis = texture(templates)
     light = samples[INSIDE].flatten(3).movedim(1, 2)
-    products = (light @ basis).double()
-    gram = (basis.mT @ basis).double()
+    products = (light @ basis).double()  # [K, C, I, 3]
+    gram = (basis.mT @ basis).double()  # [K, C, 3, 3]
     own = light.var(-1, correction=0).double() * light.shape[-1]
-    contrast = products[..., 0] / gram[:, :, :1, 0].clamp(min=FAINT)
-    shown = shown * (contrast.mean(1) > FAINTEST)
-    return Observed(*_displaced(products, gram, own), templates, shown)
-
-
-def texture(templates: Tensor) -> Tensor:
-    """Light and its gradients down and right, each about its mean, within the ring: [..., h, w] -> [..., pixels, 3]."""
-    down, right = (_gradient(templates, axis)[INSIDE] for axis in (-2, -1))
-    parts = torch.stack([templates[INSIDE], down, right], -1).flatten(-3, -2)
-    return parts - parts.mean(-2, keepdim=True)
-
-
-def _gradient(pictures: Tensor, axis: int) -> Tensor:
-    """Differences of neighbours and of next ones, exact for polynomials of degree 4."""
-    near, far = (pictures.roll(-n, axis) - pictures.roll(n, axis) for n in (1, 2))
-    return (8 * near - far) / 12
-
-
-def _displaced(products: Tensor, gram: Tensor, own: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Information, moments and rest of patches.
-
-    Args:
-        products: Of light with texture and its gradients, [K, C, I, 3].
-        gram: Of texture and gradients with each other, [K, C, 3, 3].
-        own: Of light with itself, [K, C, I].
-    """
-    power = gram[..., :1, :1].clamp(min=FAINT)
+    shown = shown * ((products[..., 0] / gram[:, :, :1, 0].clamp(min=TINY)).mean(1) > HIDDEN)
+    # The template's own share is eliminated: each view has its own contrast.
+    power = gram[..., :1, :1].clamp(min=TINY)
     contrast = products[..., :1] / power
-    usable = contrast.clamp(min=FAINTEST)
+    usable = contrast.clamp(min=HIDDEN)
     shared = gram[..., 1:, :1] / power
     information = gram[..., 1:, 1:] - shared @ gram[..., :1, 1:]
     along = products[..., 1:] - products[..., :1] @ shared.mT
@@ -241,72 +198,69 @@ def _displaced(products: Tensor, gram: Tensor, own: Tensor) -> tuple[Tensor, Ten
     moved = moments @ ridged(information).inverse()
     rest = own - (contrast * products[..., :1])[..., 0]
     rest = (rest / usable[..., 0].square() - (moved * moments).sum(-1)).clamp(min=0)
-    return information, moments.movedim(1, 2), rest.movedim(1, 2)
+    return Observed(information, moments.movedim(1, 2), rest.movedim(1, 2), templates, shown)
+
+
+def texture(templates: Tensor) -> Tensor:
+    """Light and its gradients down and right, each about its mean, within the ring: [..., h, w] -> [..., pixels, 3]."""
+
+    def gradient(axis: int) -> Tensor:
+        # Exact for polynomials of degree 4.
+        near, far = (templates.roll(-n, axis) - templates.roll(n, axis) for n in (1, 2))
+        return ((8 * near - far) / 12)[INSIDE]
+
+    parts = torch.stack([templates[INSIDE], gradient(-2), gradient(-1)], -1).flatten(-3, -2)
+    return parts - parts.mean(-2, keepdim=True)
 
 
 def ridged(matrix: Tensor) -> Tensor:
-    """A matrix that has an inverse: a direction without texture has displacement 0."""
+    """A 2x2 matrix with a small ridge, so that it has an inverse: a direction without texture has displacement 0."""
     size = matrix.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
-    return matrix + (1e-9 * size + FAINT) * torch.eye(2, dtype=matrix.dtype)
-
-
-# PART fitted
-# Linear models fitted to what patches say, outliers left aside.
-#
-# Letters: `n` observation, `m` parameter, `a` component of an observation.
-
-ROUNDS = 8
-LEAST_HOLD = 0.2
-OUTLYING = 2.0  # standard deviations at which an observation counts half
+    return matrix + (1e-9 * size + TINY) * torch.eye(2, dtype=matrix.dtype)
 
 
 class Fitted(NamedTuple):
-    """Parameters, and how sure they are."""
+    """Parameters of a linear model, and their errors."""
 
     values: Tensor
     """[M]."""
     errors: Tensor
-    """Standard errors, from how observations scatter, [M]."""
+    """Standard errors, from the scatter of observations, [M]."""
     effect: float
-    """Root mean square of what the model says of an observation."""
+    """Root mean square of the model's predictions."""
     scatter: float
-    """Root of the median square of what it does not say, made as large as a standard deviation."""
+    """Robust standard deviation of the residuals."""
 
 
-def fitted(model: Tensor, seen: Tensor, information: Tensor, prior: Tensor | None = None) -> Fitted:
-    """Fit by least squares, again and again, with less weight for what is far out.
+def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: Tensor | None = None) -> Fitted:
+    """Fit a linear model by iterated least squares, outliers with less weight.
 
     Args:
-        model: What a parameter does to an observation, [N, A, M].
-        seen: Observations, [N, A].
-        information: Inverse covariance of each, but for a common factor, [N, A, A].
-        prior: Inverse variance of each parameter about 0 before anything is seen, [M]; None: nothing is known.
+        model: Effect of a parameter on an observation, [N, A, M].
+        observations: [N, A].
+        information: Inverse covariance of each observation, up to a common factor, [N, A, A].
+        prior: Inverse variance of each parameter about 0 before any observation, [M]; None: 0.
     """
-    trust = torch.ones(len(seen), dtype=seen.dtype)
-    known, usual = torch.zeros(model.shape[-1], dtype=seen.dtype) if prior is None else prior, torch.tensor(1.0)
-    for _ in range(ROUNDS):
+    trust = torch.ones(len(observations), dtype=observations.dtype)
+    known = torch.zeros(model.shape[-1], dtype=observations.dtype) if prior is None else prior
+    typical = torch.tensor(1.0)
+    for _ in range(8):  # weights have settled to a percent by then
         weighted = trust[:, None, None] * (information @ model)
         normal = torch.einsum("nai,naj->ij", weighted, model)
-        normal = normal + torch.diag(usual * known + FAINT * (1 + normal.diagonal().mean()))
-        values = torch.linalg.solve(normal, torch.einsum("nai,na->i", weighted, seen))
-        left = seen - model @ values
-        outlying = torch.einsum("na,nab,nb->n", left, information, left)
-        usual = (outlying.median() / seen.shape[1]).clamp(min=FAINT)
-        trust = 1 / (1 + outlying / (OUTLYING**2 * seen.shape[1] * usual))
-    pulls = torch.linalg.solve(normal, torch.einsum("nai,na->in", weighted, left))
+        normal = normal + torch.diag(typical * known + TINY * (1 + normal.diagonal().mean()))
+        values = torch.linalg.solve(normal, torch.einsum("nai,na->i", weighted, observations))
+        rest = observations - model @ values
+        outlying = torch.einsum("na,nab,nb->n", rest, information, rest)
+        typical = (outlying.median() / observations.shape[1]).clamp(min=TINY)
+        trust = 1 / (1 + outlying / (OUTLYING**2 * observations.shape[1] * typical))
+    pulls = torch.linalg.solve(normal, torch.einsum("nai,na->in", weighted, rest))
     weight = trust * information.diagonal(dim1=-2, dim2=-1).sum(-1)
-    # Outliers that lose their say as they move leave less to hold the parameters than their weights promise.
-    hold = _mean(2 * trust - 1, weight).clamp(min=LEAST_HOLD)
-    effect = _mean((model @ values).square().mean(-1), weight).sqrt()
-    return Fitted(values, pulls.square().sum(1).sqrt() / hold, float(effect), 1.48 * _median(left.norm(dim=-1), weight))
-
-
-def _mean(values: Tensor, weights: Tensor) -> Tensor:
-    return (values * weights).sum() / weights.sum().clamp(min=FAINT)
-
-
-def _median(values: Tensor, weights: Tensor) -> float:
-    """Half of the weights belong to values below."""
-    ordered, order = values.sort()
-    below = weights[order].cumsum(0) / weights.sum().clamp(min=FAINT)
-    return float(ordered[int((below < 0.5).sum().clamp(max=len(values) - 1))])
+    total = weight.sum().clamp(min=TINY)
+    # An outlier loses weight as it moves away, so it holds the parameters by less than its weight: 2 t - 1 of it.
+    hold = (((2 * trust - 1) * weight).sum() / total).clamp(min=0.2)
+    effect = (((model @ values).square().mean(-1) * weight).sum() / total).sqrt()
+    # Weighted median of the residuals' lengths, scaled to a standard deviation.
+    lengths, order = rest.norm(dim=-1).sort()
+    below = weight[order].cumsum(0) / total
+    median = float(lengths[int((below < 0.5).sum().clamp(max=len(lengths) - 1))])
+    return Fitted(values, pulls.square().sum(1).sqrt() / hold, float(effect), 1.48 * median)

@@ -1,6 +1,6 @@
 """Exposure: views, or channels of them, that are brighter or darker throughout than the central view.
 
-After vignetting, which is 1 in the middle of every view, what is left is one gain for each view and channel.
+After the correction of vignetting, one gain for each view and channel remains.
 Letters: `V U` view rows and columns, `C` channels, `n` windows.
 """
 
@@ -11,89 +11,76 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from lfref.captures.brightness import Ratios
-from lfref.captures.defect import Correction, Evidence
+from lfref.captures.brightness import LEAST_WINDOWS, Ratios
+from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 
-SURE = 6.0  # standard errors
-SHOWN = 0.02  # logarithm of a gain that shows; where edges hide much of a scene without a defect, .016 is found
-LEAST = 0.004  # of those that are corrected along with one that shows
-MOST = 1.5  # logarithm: a view that is darker than to a fifth is not dark by its exposure
-LEAST_WINDOWS = 24
-ROUNDS = 10
-TILES = 5  # a side, that are taken to err on their own: highlights and edges are larger than windows
+SURE = 6.0  # standard errors: on scenes without a defect, ratios reach 5
+SHOWN = 0.02  # logarithm of a gain: where edges hide much of a scene without a defect, .016 is measured
+LEAST = 0.004  # logarithm of gains that are corrected beside one that shows: half a level of 8 bits at 1/2
+LARGEST = 1.5  # logarithm: a view below a fifth of the light has another defect
+TILES = 5  # along a side; errors of a tile are independent: highlights and edges are larger than windows
 
 
 @dataclass(frozen=True, eq=False)
-class Exposure:
+class ExposureDefect:
     """Brightness of every view and channel over that of the central view."""
 
     name: ClassVar[str] = "exposure"
+    needs_light: ClassVar[bool] = True
 
     gains: Tensor
-    """1 where no difference is sure, float64, [V, U, C]."""
+    """1 where no difference is certain, float64, [V, U, C]."""
     error: float
     """Standard error of a gain, the median over views and channels."""
 
-    def inert(self) -> str | None:
-        """Nothing changes where no difference stands out from its error."""
+    def reason_to_skip(self) -> str | None:
+        """No gain differs from 1 by more than its error explains."""
         return None if bool((self.gains != 1).any()) else f"views and colours agree to {self.error:.2%}"
 
-    def told(self) -> str:
-        """How far gains reach, and how sure they are."""
+    def summary(self) -> str:
+        """Range of the gains, and their error."""
         count, n_views = int((self.gains != 1).any(2).sum()), self.gains.shape[0] * self.gains.shape[1]
         span = f"{self.gains.min():.3f} to {self.gains.max():.3f}"
         return f"{count} of {n_views} views are {span} as bright as the central one, known to {self.error:.2%}"
 
     def corrected(self, field: LightField) -> LightField:
-        """Views over their gains."""
+        """Views divided by their gains."""
         gains = self.gains[..., None, None].to(field.views)
         return dataclasses.replace(field, views=field.views / gains)
 
 
-def find(evidence: Evidence) -> Exposure:
-    """Find the gain of every view and channel.
+def find(estimates: Estimates) -> ExposureDefect:
+    """Estimate the gain of every view and channel, in a field without vignetting."""
+    field = estimates.field
+    ones = torch.ones(*field.grid, field.views.shape[2], dtype=torch.float64)
+    return ExposureDefect(ones, 0.0) if max(field.grid) < 2 else _significant(estimates.ratios, ones)
 
-    Args:
-        evidence: Of the light field, without its vignetting.
-    """
-    field = evidence.field
-    none = torch.ones(*field.grid, field.views.shape[2], dtype=torch.float64)
-    if max(field.grid) < 2:
-        return Exposure(none, 0.0)
-    found = evidence.ratios
-    level, error = levels(found)
-    is_enough = found.known.sum(2, keepdim=True) >= LEAST_WINDOWS
-    is_sure = (level.abs() > SURE * error) & (level.abs() < MOST) & is_enough
+
+def _significant(ratios: Ratios, ones: Tensor) -> ExposureDefect:
+    level, error = levels(ratios)
+    is_enough = ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS
+    is_sure = (level.abs() > SURE * error) & (level.abs() < LARGEST) & is_enough
     shows = bool((is_sure & (level.abs() > SHOWN)).any())
-    gains = torch.where(is_sure & (level.abs() > LEAST), level.exp(), 1.0).to(none) if shows else none
-    return Exposure(gains, float(error[is_enough.expand_as(error)].median()) if bool(is_enough.any()) else 0.0)
+    gains = torch.where(is_sure & (level.abs() > LEAST), level.exp(), 1.0).to(ones) if shows else ones
+    typical = float(error[is_enough.expand_as(error)].median()) if bool(is_enough.any()) else 0.0
+    return ExposureDefect(gains, typical)
 
 
 def levels(ratios: Ratios) -> tuple[Tensor, Tensor]:
-    """Where most logarithms of each view and channel lie, and the standard error of that, [V, U, C] each.
-
-    Args:
-        ratios: Of the light field.
-    """
+    """Robust mean of the logarithms of each view and channel, and its standard error, [V, U, C] each."""
     known = ratios.known[:, :, None].expand_as(ratios.log)
     level = torch.where(known, ratios.log, torch.nan).nanmedian(3, keepdim=True).values.nan_to_num()
+    # Two standard deviations, from the median deviation: what is farther out hardly counts.
     scale = 2 * 1.4826 * torch.where(known, (ratios.log - level).abs(), torch.nan).nanmedian(3, keepdim=True).values
     scale = scale.nan_to_num().clamp(min=1e-3)
-    for _ in range(ROUNDS):
+    for _ in range(10):  # the mean has settled to 1e-4 by then
         weight = known / (1 + ((ratios.log - level) / scale).square()).square()
         total = weight.sum(3, keepdim=True).clamp(min=1e-6)
         level = (weight * ratios.log).sum(3, keepdim=True) / total
-    pulls = torch.zeros(*level.shape[:3], TILES**2).to(level)
-    pulls.index_add_(3, _tiles(ratios), weight * (ratios.log - level))
-    return level[..., 0], (pulls / total).square().sum(3).sqrt()
-
-
-def _tiles(ratios: Ratios) -> Tensor:
-    """Which tile of the picture each window lies in, [n]."""
     rows, columns = ratios.shape
-    row = torch.arange(rows) * TILES // rows
-    return (row[:, None] * TILES + torch.arange(columns) * TILES // columns).flatten()
-
-
-EXPOSURE = Correction(Exposure, "windows that all views show", find, needs_light=True)
+    row_tiles, column_tiles = torch.arange(rows) * TILES // rows, torch.arange(columns) * TILES // columns
+    tiles = (row_tiles[:, None] * TILES + column_tiles).flatten()
+    pulls = torch.zeros(*level.shape[:3], TILES**2).to(level)
+    pulls.index_add_(3, tiles, weight * (ratios.log - level))
+    return level[..., 0], (pulls / total).square().sum(3).sqrt()

@@ -1,8 +1,8 @@
-"""Hot and dead pixels: samples that stick out of all about them and that no neighbouring view knows of.
+"""Hot and dead pixels: samples that stick out of their surroundings and that no neighbouring view confirms.
 
-They are replaced by the mean of what is next to them, channel by channel: a weight of 0 would cost all of a field's
-refocusing time for a handful of samples. What a mosaic has spread to neighbours goes with them.
-Letters: `V U` view rows and columns, `C` channels, `K` samples; `v u c y x` their indices.
+They are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow down all
+refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
+Letters: `V U` view rows and columns, `C` channels, `K` samples, `v u c y x` their indices.
 """
 
 import dataclasses
@@ -16,60 +16,223 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.captures import brightness
-from lfref.captures.defect import Correction, Evidence
+from lfref.captures import registration
+from lfref.captures.estimates import Estimates
 from lfref.functional import threads
 from lfref.functional.jit import compiled, inlined
 from lfref.lightfield import LightField
 
-# PART hot_loop
-# Compiled: samples that stick out of the eight about them, in one pass over pictures.
-#
-# Letters: `y x` pixel row and column.
+# Heights are how far a sample is above the largest, or below the smallest, of the eight around it.
+FAR = 12.0  # times the mean height of all local extremes: of noise, one in e^12 is higher
+LEAST = 0.02  # of the brightest samples: lower ones do not show
+MOST = 1 << 13  # candidates of a channel: more are texture
+UNCONFIRMED = 0.5  # of the height: at least so much must be missing in the neighbouring views
+ABOVE_DETAIL = 1.3  # times the range of the surroundings: a hot sample amid detail hardly shows, and may be detail
+ABOVE_ERROR = 1.5  # times the disagreement of neighbouring views, where most candidates are above that
+FEW = 3  # such samples may be chance
+RARE = 0.01  # of the candidates: so few may be detail, whatever they look like
+SPOILT = 0.15  # of the height, from which on samples beside a hot one count as spoilt by it
+REACH = 3  # pixels around a sample that are looked at: a mosaic spoils 2, and the ring around them shows the detail
+WIDTH = 0.6  # pixels, standard deviation of the weights of the samples that replace a hot one
+
+
+@dataclass(frozen=True, eq=False)
+class HotPixelsDefect:
+    """Samples that are hot or dead."""
+
+    name: ClassVar[str] = "hot_pixels"
+    needs_light: ClassVar[bool] = False
+
+    samples: Tensor
+    """View row and column, channel, pixel row and column of each, [K, 5]."""
+    count: int
+    """Number of hot and dead samples, without those that they have spoilt."""
+
+    def reason_to_skip(self) -> str | None:
+        """There is none."""
+        return None if self.count else "no sample sticks out that other views do not confirm"
+
+    def summary(self) -> str:
+        """Number of samples."""
+        return f"{self.count} hot or dead samples take the mean of the samples beside them"
+
+    def corrected(self, field: LightField) -> LightField:
+        """The light field with these samples replaced."""
+        is_hot = torch.zeros(field.views.shape, dtype=torch.bool)
+        is_hot[self.samples.unbind(1)] = True
+        offsets = torch.arange(-REACH, REACH + 1).square().double()
+        nearness = (-(offsets[:, None] + offsets) / (2 * WIDTH**2)).exp()
+        surroundings = _patches(field.views, self.samples)
+        weight = (nearness * ~_patches(is_hot, self.samples)).to(surroundings)
+        views = field.views.clone()
+        # 1e-12: where all samples around are hot too.
+        mean = (weight * surroundings).sum((1, 2)) / weight.sum((1, 2)).clamp(min=1e-12)
+        views[self.samples.unbind(1)] = mean
+        return dataclasses.replace(field, views=views)
+
+
+def find(estimates: Estimates) -> HotPixelsDefect:
+    """Find hot and dead pixels."""
+    none = HotPixelsDefect(torch.zeros(0, 5, dtype=torch.long), 0)
+    field = estimates.field
+    if field.grid[0] * field.grid[1] < 3 or min(field.size) < 2 * REACH + 1:
+        return none
+    samples, heights = _candidates(field.views)
+    if not len(samples):
+        return none
+    positions = registration.positions_of(field).unflatten(0, field.grid).movedim(-1, 0).float()
+    v, u = estimates.reference
+    steps = positions - positions[:, v, u, None, None]
+    neighbours = _neighbours(field.views.shape, samples, estimates.disparity.cpu(), steps)
+    own = _patches(field.views, samples)
+    # The median over the neighbouring views: one of them may have a hot sample at the same place.
+    others = torch.stack([_patches(field.views, places) for places in neighbours]).float().nanquantile(0.5, 0)
+    is_hot = _is_unconfirmed(own, others, heights)
+    if not bool(is_hot.any()):
+        return none
+    spoilt = _with_spoilt(own[is_hot], others[is_hot], samples[is_hot], field.size)
+    return HotPixelsDefect(spoilt, int(is_hot.sum()))
+
+
+def _candidates(views: Tensor) -> tuple[Tensor, Tensor]:
+    """Samples that stick out of their own view, [K, 5], and their heights, [K]."""
+    images = views.detach().float().cpu().flatten(0, 1).contiguous().numpy()
+    samples, heights = [], []
+    for channel in range(images.shape[1]):
+        # Every eighth row is enough for the mean height and the brightest samples.
+        total, count = total_height(images, channel, 8)
+        brightest = float(np.quantile(images[:, channel, ::8, ::8], 0.99))
+        limit = max(FAR * total / max(count, 1), LEAST * brightest)
+        found: list[tuple[NDArray, NDArray]] = []
+
+        def look(first: int, last: int, channel=channel, limit=limit, found=found) -> None:  # type: ignore[no-untyped-def]
+            places, highs = np.empty((MOST, 3), np.int64), np.empty(MOST, np.float32)
+            n = sticking_out(images[first:last], channel, limit, places, highs)
+            found.append((places[:n] + np.array([first, 0, 0]), highs[:n]))
+
+        # A further thread pays off from 2^18 samples.
+        jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, 1 << 18))
+        threads.share(look, jobs, len(jobs))
+        if sum(len(highs) for _, highs in found) >= MOST or not np.isfinite(limit):
+            continue
+        image, row, column = torch.from_numpy(np.concatenate([places for places, _ in found])).unbind(1)
+        v, u = image // views.shape[1], image % views.shape[1]
+        samples.append(torch.stack([v, u, torch.full_like(v, channel), row, column], 1))
+        heights.append(torch.from_numpy(np.concatenate([highs for _, highs in found])))
+    if not samples:
+        return torch.zeros(0, 5, dtype=torch.long), torch.zeros(0)
+    return torch.cat(samples), torch.cat(heights)
+
+
+def _patches(views: Tensor, samples: Tensor) -> Tensor:
+    """Surroundings of samples, edges repeated, [K, 2 REACH + 1, 2 REACH + 1]."""
+    v, u, c, y, x = samples.unbind(1)
+    around = torch.arange(-REACH, REACH + 1)
+    rows = (y[:, None] + around).clamp(0, views.shape[-2] - 1)
+    columns = (x[:, None] + around).clamp(0, views.shape[-1] - 1)
+    v, u, c = (index[:, None, None] for index in (v, u, c))
+    return views[v, u, c, rows[:, :, None], columns[:, None, :]]
+
+
+def _neighbours(shape: torch.Size, samples: Tensor, disparity: Tensor, steps: Tensor) -> list[Tensor]:
+    """The same points in the eight views around each view, [K, 5] each; at the edge of the grid, the opposite view."""
+    n_rows, n_columns, _, height, width = shape
+    v, u, c, y, x = samples.unbind(1)
+    # The disparity map belongs to the reference view: its value at the sample's own place leads to the place there.
+    q, p = steps[:, v, u]
+    d = disparity[y, x]
+    row = (y - d * q).round().long().clamp(0, height - 1)
+    column = (x - d * p).round().long().clamp(0, width - 1)
+    d = disparity[row, column]
+    neighbours = []
+    for down, across in itertools.product((-1, 0, 1), repeat=2):
+        if (down, across) == (0, 0) or (down and n_rows == 1) or (across and n_columns == 1):
+            continue
+        to_v = torch.where((v + down >= 0) & (v + down < n_rows), v + down, v - down).clamp(0, n_rows - 1)
+        to_u = torch.where((u + across >= 0) & (u + across < n_columns), u + across, u - across).clamp(0, n_columns - 1)
+        down_by, across_by = steps[:, to_v, to_u] - steps[:, v, u]
+        to_y, to_x = (y + d * down_by).round().long(), (x + d * across_by).round().long()
+        neighbours.append(torch.stack([to_v, to_u, c, to_y.clamp(0, height - 1), to_x.clamp(0, width - 1)], 1))
+    return neighbours
+
+
+def _is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
+    """Whether neighbouring views show nothing alike within a pixel, [K]."""
+    middle = slice(REACH - 1, REACH + 2)
+    # Surroundings without the middle 3x3, which a mosaic may have spoilt.
+    ring = ~F.pad(torch.ones(3, 3, dtype=torch.bool), (REACH - 1,) * 4)
+    sample, near = own[:, REACH, REACH].float(), others[:, middle, middle].flatten(1)
+    beyond = torch.maximum(sample - near.amax(1), near.amin(1) - sample)
+    detail, error = (
+        surroundings.amax(1) - surroundings.amin(1) for surroundings in (own.float()[:, ring], (own - others)[:, ring])
+    )
+    is_new = beyond > UNCONFIRMED * heights
+    is_clear = is_new & (heights > ABOVE_DETAIL * detail)
+    # Also hot: a sample that exceeds 1.5 times the neighbours' disagreement, if over half of the candidates are such.
+    # Otherwise this scene has detail of the kind, which neighbouring views sometimes miss.
+    is_likely = is_clear | (is_new & (heights > ABOVE_ERROR * error))
+    if int(is_likely.sum()) > max(FEW, len(heights) / 2):
+        return is_likely
+    return is_clear & (int(is_clear.sum()) > RARE * len(heights))
+
+
+def _with_spoilt(own: Tensor, others: Tensor, samples: Tensor, size: tuple[int, int]) -> Tensor:
+    """The hot samples and those around them that they have spoilt, [K, 5]."""
+    rest = own - others
+    height = rest[:, REACH, REACH, None, None]
+    is_spoilt = F.pad((rest / height)[:, 1:-1, 1:-1] > SPOILT, (1, 1, 1, 1))
+    is_spoilt[:, REACH, REACH] = True
+    index, row, column = is_spoilt.nonzero().unbind(1)
+    spoilt = samples[index].clone()
+    spoilt[:, 3] += row - REACH
+    spoilt[:, 4] += column - REACH
+    inside = (spoilt[:, 3:] >= 0).all(1) & (spoilt[:, 3] < size[0]) & (spoilt[:, 4] < size[1])
+    return spoilt[inside].unique(dim=0)
 
 
 @compiled
-def spread(views: NDArray, channel: int, step: int) -> tuple[float, int]:
-    """Sum and number of what samples of a channel stick out by, over every so many rows of pictures [B, C, H, W]."""
-    scratch = np.empty((3, views.shape[3]), views.dtype)
-    excess = scratch[2]
+def total_height(images: NDArray, channel: int, step: int) -> tuple[float, int]:
+    """Sum and number of the heights of local extremes, in every `step`-th row of a channel of images [B, C, H, W]."""
+    scratch = np.empty((3, images.shape[3]), images.dtype)
+    heights = scratch[2]
     total, count = 0.0, 0
-    for n in range(views.shape[0]):
-        plane = views[n, channel]
+    for n in range(images.shape[0]):
+        plane = images[n, channel]
         for y in range(1, plane.shape[0] - 1, step):
-            _excess(plane[y - 1], plane[y], plane[y + 1], scratch)
-            for x in range(1, excess.size - 1):
-                if excess[x] > 0:
-                    total += excess[x]
+            _row_heights(plane[y - 1], plane[y], plane[y + 1], scratch)
+            for x in range(1, heights.size - 1):
+                if heights[x] > 0:
+                    total += heights[x]
                     count += 1
     return total, count
 
 
 @compiled
-def sticking_out(views: NDArray, channel: int, limit: float, found: NDArray, heights: NDArray) -> int:
-    """Write picture, row, column [K, 3] of samples beyond a limit, and how far they stick out; how many, at most K."""
-    scratch = np.empty((3, views.shape[3]), views.dtype)
-    excess = scratch[2]
-    least, count = views.dtype.type(limit), 0
-    for n in range(views.shape[0]):
-        plane = views[n, channel]
+def sticking_out(images: NDArray, channel: int, limit: float, places: NDArray, highs: NDArray) -> int:
+    """Write image, row, column [K, 3] of samples higher than a limit, and their heights; returns how many, up to K."""
+    scratch = np.empty((3, images.shape[3]), images.dtype)
+    heights = scratch[2]
+    least, count = images.dtype.type(limit), 0
+    for n in range(images.shape[0]):
+        plane = images[n, channel]
         for y in range(1, plane.shape[0] - 1):
-            _excess(plane[y - 1], plane[y], plane[y + 1], scratch)
+            _row_heights(plane[y - 1], plane[y], plane[y + 1], scratch)
+            # Counting runs on vectors, and nearly all rows have none.
             n_out = 0
-            for x in range(1, excess.size - 1):
-                n_out += excess[x] > least
+            for x in range(1, heights.size - 1):
+                n_out += heights[x] > least
             if n_out == 0:
                 continue
-            for x in range(1, excess.size - 1):
-                if excess[x] > least and count < len(found):
-                    found[count, 0], found[count, 1], found[count, 2], heights[count] = n, y, x, excess[x]
+            for x in range(1, heights.size - 1):
+                if heights[x] > least and count < len(places):
+                    places[count, 0], places[count, 1], places[count, 2], highs[count] = n, y, x, heights[x]
                     count += 1
     return count
 
 
 @inlined
 def _larger(a: float, b: float) -> float:
-    # The built-in one looks for NaN, and then does not run on vectors.
+    # The built-in one checks for NaN, and then does not run on vectors.
     return a if a > b else b
 
 
@@ -79,203 +242,14 @@ def _smaller(a: float, b: float) -> float:
 
 
 @compiled
-def _excess(above: NDArray, row: NDArray, below: NDArray, scratch: NDArray) -> None:
-    """How far each sample of a row is above or below all about it, scratch[2]; less than 0: it is among them."""
-    high, low, excess = scratch[0], scratch[1], scratch[2]
+def _row_heights(above: NDArray, row: NDArray, below: NDArray, scratch: NDArray) -> None:
+    """Height of each sample of a row, into scratch[2]; below 0: it is no extreme."""
+    high, low, heights = scratch[0], scratch[1], scratch[2]
+    # Extremes of each column of three, shared by the neighbours on both sides.
     for x in range(row.size):
         high[x] = _larger(_larger(above[x], below[x]), row[x])
         low[x] = _smaller(_smaller(above[x], below[x]), row[x])
     for x in range(1, row.size - 1):
         most = _larger(_larger(high[x - 1], high[x + 1]), _larger(above[x], below[x]))
         least = _smaller(_smaller(low[x - 1], low[x + 1]), _smaller(above[x], below[x]))
-        excess[x] = _larger(row[x] - most, least - row[x])
-
-
-FAR = 12.0  # times as far as samples stick out on average: one maximum in e^12 of noise does
-LEAST = 0.02  # of the brightest samples: less does not show
-KNOWN = 0.5  # of its height, that a neighbouring view may not confirm
-LOCAL = 1.3  # times the range of what is about it: what lies among detail does not show, and may be detail
-MOST = 1 << 13  # samples of a channel: more are texture
-REACH = 3  # pixels that a look at a sample goes about it
-HALO = 0.15  # of the height, from which on samples beside a hot one are spoilt by it
-WRONG = 1.5  # times the range of what neighbouring views are wrong by there: enough where
-MOSTLY = 0.5  # of what sticks out in a view is not known to others
-FEW = 3  # samples that may be chance
-HARDLY = 0.01  # of it: so few may be detail, whatever they look like
-NEAR = 0.6  # pixels, standard deviation of the weights of what a hot sample is replaced by
-WORTH_A_THREAD = 1 << 18  # samples
-ROWS = 8  # every so many rows tell how far samples stick out
-
-
-@dataclass(frozen=True, eq=False)
-class HotPixels:
-    """Which samples are hot, or dead."""
-
-    name: ClassVar[str] = "hot_pixels"
-
-    places: Tensor
-    """View row and column, channel, pixel row and column of each, [K, 5]."""
-    count: int
-    """How many there are, without those that they have spoilt."""
-
-    def inert(self) -> str | None:
-        """Nothing changes where there is none."""
-        return None if self.count else "no sample sticks out that other views do not confirm"
-
-    def told(self) -> str:
-        """How many."""
-        return f"{self.count} hot or dead samples take the mean of what is next to them"
-
-    def corrected(self, field: LightField) -> LightField:
-        """The samples replaced."""
-        is_hot = torch.zeros(field.views.shape, dtype=torch.bool)
-        is_hot[self.places.unbind(1)] = True
-        about, weight = _patches(field.views, self.places), _nearness() * ~_patches(is_hot, self.places)
-        weight = weight.to(about)
-        mean = (weight * about).sum((1, 2)) / weight.sum((1, 2)).clamp(min=1e-12)
-        views = field.views.clone()
-        views[self.places.unbind(1)] = mean
-        return dataclasses.replace(field, views=views)
-
-
-def find(evidence: Evidence) -> HotPixels:
-    """Find hot and dead pixels.
-
-    Args:
-        evidence: Of the light field.
-    """
-    none = HotPixels(torch.zeros(0, 5, dtype=torch.long), 0)
-    views = evidence.field.views
-    if views.shape[0] * views.shape[1] < 3 or min(views.shape[-2:]) < 2 * REACH + 1:
-        return none
-    places, heights = _candidates(views)
-    if not len(places):
-        return none
-    disparity, steps = evidence.disparity.cpu(), _from_reference(evidence)
-    own, others = _patches(views, places), _predicted(views, places, disparity, steps)
-    is_hot = _unconfirmed(own, others, heights)
-    if not bool(is_hot.any()):
-        return none
-    spoilt = _spoilt(own[is_hot], others[is_hot], places[is_hot], evidence.field.size)
-    return HotPixels(spoilt, int(is_hot.sum()))
-
-
-def _candidates(views: Tensor) -> tuple[Tensor, Tensor]:
-    """Samples that stick out of their own view, [K, 5], and by how much, [K]."""
-    images = views.detach().float().cpu().flatten(0, 1).contiguous().numpy()
-    found = [_in_channel(images, c) for c in range(images.shape[1])]
-    places, heights = (torch.cat(parts) for parts in zip(*found, strict=True))
-    v, u = places[:, 0] // views.shape[1], places[:, 0] % views.shape[1]
-    return torch.cat([torch.stack([v, u], 1), places[:, 1:]], 1), heights
-
-
-def _in_channel(images: NDArray, channel: int) -> tuple[Tensor, Tensor]:
-    """Likewise of one channel of pictures [VU, C, H, W], with the number of the view first, [K, 4] and [K]."""
-    total, count = spread(images, channel, ROWS)
-    bright = float(np.quantile(images[:, channel, ::ROWS, ::ROWS], 0.99))
-    limit = max(FAR * total / max(count, 1), LEAST * bright)
-    found: list[tuple[NDArray, NDArray]] = []
-
-    def look(first: int, last: int) -> None:
-        places, heights = np.empty((MOST, 3), np.int64), np.empty(MOST, np.float32)
-        n = sticking_out(images[first:last], channel, limit, places, heights)
-        found.append((places[:n] + np.array([first, 0, 0]), heights[:n]))
-
-    jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, WORTH_A_THREAD))
-    threads.share(look, jobs, len(jobs))
-    places = torch.from_numpy(np.concatenate([each for each, _ in found]))
-    heights = torch.from_numpy(np.concatenate([each for _, each in found]))
-    if len(places) >= MOST or not np.isfinite(limit):
-        places, heights = places[:0], heights[:0]
-    return torch.cat([places[:, :1], torch.full_like(places[:, :1], channel), places[:, 1:]], 1), heights
-
-
-def _patches(views: Tensor, places: Tensor) -> Tensor:
-    """What is about each place, mirrored nowhere: beyond the edge its pixels go on, [K, 2 REACH + 1, 2 REACH + 1]."""
-    v, u, c, y, x = places.unbind(1)
-    around = torch.arange(-REACH, REACH + 1)
-    rows = (y[:, None] + around).clamp(0, views.shape[-2] - 1)
-    columns = (x[:, None] + around).clamp(0, views.shape[-1] - 1)
-    index = [each[:, None, None] for each in (v, u, c)]
-    return views[(*index, rows[:, :, None], columns[:, None, :])]
-
-
-def _from_reference(evidence: Evidence) -> Tensor:
-    """Rows and columns of all views in view steps from that which disparities are of, [2, V, U]."""
-    steps, (v, u) = brightness.view_places(evidence.field).float().cpu(), evidence.reference
-    return steps - steps[:, v, u, None, None]
-
-
-def _predicted(views: Tensor, places: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:
-    """What the neighbouring views show there, the median of them, [K, ...] as `_patches`."""
-    shown = [_patches(views, moved) for moved in _neighbours(views.shape, places, disparity, steps)]
-    return torch.stack(shown).float().nanquantile(0.5, 0)
-
-
-def _neighbours(shape: torch.Size, places: Tensor, disparity: Tensor, steps: Tensor) -> list[Tensor]:
-    """Places in the views about each view; in a view itself where it has no such neighbour, those on the other side."""
-    n_rows, n_columns, _, height, width = shape
-    v, u, c, y, x = places.unbind(1)
-    q, p = steps[:, v, u]
-    d = disparity[y, x]
-    row = (y - d * q).round().long().clamp(0, height - 1)
-    column = (x - d * p).round().long().clamp(0, width - 1)
-    d = disparity[row, column]
-    moves = []
-    for down, across in itertools.product((-1, 0, 1), repeat=2):
-        if (down, across) == (0, 0) or (down and n_rows == 1) or (across and n_columns == 1):
-            continue
-        to_v = torch.where((v + down >= 0) & (v + down < n_rows), v + down, v - down).clamp(0, n_rows - 1)
-        to_u = torch.where((u + across >= 0) & (u + across < n_columns), u + across, u - across).clamp(0, n_columns - 1)
-        down_by, across_by = steps[:, to_v, to_u] - steps[:, v, u]
-        to_y, to_x = (y + d * down_by).round().long(), (x + d * across_by).round().long()
-        moves.append(torch.stack([to_v, to_u, c, to_y.clamp(0, height - 1), to_x.clamp(0, width - 1)], 1))
-    return moves
-
-
-def _nearness() -> Tensor:
-    """How far each sample of a patch counts for its middle, by its distance, [2 REACH + 1, 2 REACH + 1]."""
-    offsets = torch.arange(-REACH, REACH + 1).square().double()
-    return (-(offsets[:, None] + offsets) / (2 * NEAR**2)).exp()
-
-
-def _unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
-    """Whether neighbouring views show nothing of the kind, within a pixel, [K]."""
-    middle = slice(REACH - 1, REACH + 2)
-    sample, near = own[:, REACH, REACH].float(), others[:, middle, middle].flatten(1)
-    beyond = torch.maximum(sample - near.amax(1), near.amin(1) - sample)
-    detail, error = (_range(each[:, _ring()]) for each in (own.float(), own - others))
-    is_new = beyond > KNOWN * heights
-    is_clear = is_new & (heights > LOCAL * detail)
-    is_likely = is_clear | (is_new & (heights > WRONG * error))
-    # Detail that neighbouring views confirm tells that this scene has more of the kind, which they may miss.
-    if int(is_likely.sum()) > max(FEW, MOSTLY * len(heights)):
-        return is_likely
-    return is_clear & (int(is_clear.sum()) > HARDLY * len(heights))
-
-
-def _range(samples: Tensor) -> Tensor:
-    return samples.amax(1) - samples.amin(1)
-
-
-def _ring() -> Tensor:
-    """Samples of a patch but its middle, which a mosaic may have spoilt."""
-    middle = F.pad(torch.ones(3, 3, dtype=torch.bool), (REACH - 1,) * 4)
-    return ~middle
-
-
-def _spoilt(own: Tensor, others: Tensor, places: Tensor, size: tuple[int, int]) -> Tensor:
-    """The hot samples and those beside them that they have spoilt, [K, 5]."""
-    rest = own - others
-    height = rest[:, REACH, REACH, None, None]
-    is_spoilt = F.pad((rest / height)[:, 1:-1, 1:-1] > HALO, (1, 1, 1, 1))
-    is_spoilt[:, REACH, REACH] = True
-    index, row, column = is_spoilt.nonzero().unbind(1)
-    moved = places[index].clone()
-    moved[:, 3] += row - REACH
-    moved[:, 4] += column - REACH
-    inside = (moved[:, 3:] >= 0).all(1) & (moved[:, 3] < size[0]) & (moved[:, 4] < size[1])
-    return moved[inside].unique(dim=0)
-
-
-HOT_PIXELS = Correction(HotPixels, "neighbouring views", find)
+        heights[x] = _larger(row[x] - most, least - row[x])

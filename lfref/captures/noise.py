@@ -1,57 +1,47 @@
-"""Noise: how its variance a x + b grows with the light x.
+"""Noise: the variance a x + b of a sample that holds the light x.
 
-It is measured, never corrected: refocusing averages it away, and other thresholds lean on it.
+It is measured and never corrected: refocusing averages it away. Methods set their own limits by it.
 """
 
 import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lfref.captures.defect import Correction, Evidence
+from lfref.captures.estimates import Estimates
 from lfref.functional import noise_line
 from lfref.lightfield import LightField
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Variance a x + b of a sample that holds the light x."""
+class NoiseDefect:
+    """Variance a x + b."""
 
     name: ClassVar[str] = "noise"
+    needs_light: ClassVar[bool] = True
 
     shot: float = 0.0
-    """Variance a for each unit of light."""
+    """Variance a per unit of light."""
     read: float = 0.0
     """Variance b in the dark."""
 
-    def inert(self) -> str | None:
-        """Always: it is told, and left."""
-        return f"only measured: {self.told()}"
+    def reason_to_skip(self) -> str | None:
+        """Noise is never corrected."""
+        return f"only measured: {self.summary()}"
 
-    def told(self) -> str:
-        """The standard deviations at three levels of light."""
+    def summary(self) -> str:
+        """Standard deviations at three levels of light."""
         deviations = ", ".join(f"{self.deviation(light):.4f} at {light:g}" for light in (0.01, 0.1, 0.5))
         return f"standard deviation {deviations} (shot {self.shot:.2g}, read {self.read:.2g})"
 
     def deviation(self, light: float) -> float:
-        """Standard deviation of a sample.
-
-        Args:
-            light: That it holds, at least 0.
-        """
+        """Standard deviation of a sample that holds this light."""
         return math.sqrt(self.shot * light + self.read)
 
     def corrected(self, field: LightField) -> LightField:
-        """The same: noise stays."""
+        """The same light field."""
         return field
 
 
-def find(evidence: Evidence) -> Noise:
-    """Measure the noise.
-
-    Args:
-        evidence: Of the light field.
-    """
-    return Noise(*noise_line.measure(evidence.field))
-
-
-NOISE = Correction(Noise, "flat parts of views", find, needs_light=True)
+def find(estimates: Estimates) -> NoiseDefect:
+    """Measure the noise in flat parts of views."""
+    return NoiseDefect(*noise_line.measure(estimates.field))

@@ -1,7 +1,7 @@
 """Spacing: rows of views that lie closer or farther apart than columns do.
 
-Disparities along rows are then `ratio` times those along columns, plus what shifts in proportion to the view's row or
-column add by chance. How far apart views are on the whole cannot be known, so columns keep their places.
+Disparities along rows are `ratio` times those along columns, plus what shifts in proportion to the view's row or
+column add by chance. The scale of both is unknown, so columns keep their positions.
 Letters: `V U` view rows and columns.
 """
 
@@ -13,93 +13,82 @@ import torch
 from torch import Tensor
 
 from lfref.captures import displacements
-from lfref.captures.defect import Correction, Evidence
-from lfref.captures.displacements import FAINT, Fitted
-from lfref.captures.registration import Registration, places_of, registered
+from lfref.captures.displacements import TINY, Fitted
+from lfref.captures.estimates import Estimates
+from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
 
-SHOWN = 0.04  # pixels between where views lie and where an even grid has them, for the outermost view and patch
-SURE = 5.0  # standard errors
-CLEAR = 0.6  # of the scatter of patches
-LIKELY = 0.2  # standard deviation of the ratio before anything is seen
-LEAST_ERROR = 0.002  # pixels per view step: no patch knows its disparities better
+SHOWN = 0.04  # pixels between a view's place and that on an even grid, for the outermost view and the farthest patches
+SURE = 5.0  # standard errors: on scenes without a defect, ratios reach 4
+CLEAR = 0.6  # of the scatter of patches: bent and glossy surfaces scatter alike in all patches
+LIKELY = 0.2  # standard deviation of the ratio before any measurement: cameras are built with even spacing
+LEAST_ERROR = 0.002  # pixels per view step: no patch measures its disparities better
 
 
 @dataclass(frozen=True, eq=False)
-class Spacing:
-    """How far rows of views are apart, in the steps of its columns."""
+class SpacingDefect:
+    """Distance of view rows in steps of view columns."""
 
     name: ClassVar[str] = "spacing"
+    needs_light: ClassVar[bool] = False
 
     ratio: float
-    """Over what the field's positions say; 1 where they are taken to be right."""
-    found: float
-    """The same as it was estimated, whether it is sure or not; not a number where nothing could be seen."""
+    """Correction of the rows' positions; 1: none."""
+    estimate: float
+    """The ratio as it was estimated, whether it is certain or not; NaN: unknown."""
     error: float
     """Its standard error."""
 
-    def inert(self) -> str | None:
-        """Nothing changes where rows and columns seem to be alike."""
+    def reason_to_skip(self) -> str | None:
+        """Rows and columns seem to be equally far apart, or it is unknown."""
         if self.ratio != 1:
             return None
-        if self.found != self.found:
-            return "too little depth or texture, or too few rows and columns of views, to tell"
-        return f"rows are {self.found:.4f} times as far apart as columns, to {self.error:.4f}"
+        if self.estimate != self.estimate:
+            return "unknown: too little depth or texture, or too few rows and columns of views"
+        return f"rows are {self.estimate:.4f} times as far apart as columns, to {self.error:.4f}"
 
-    def told(self) -> str:
-        """The ratio, and the option that says the same at reading."""
+    def summary(self) -> str:
+        """The ratio, and the reader's option that sets the same."""
         return (
             f"rows are {self.ratio:.4f} times as far apart as columns, to {self.error:.4f} "
             f"(reader.spacing=[{self.ratio:.4f},1])"
         )
 
     def corrected(self, field: LightField) -> LightField:
-        """The same views, rows at their distance."""
-        positions = places_of(field).unflatten(0, field.grid) * torch.tensor([self.ratio, 1.0], dtype=torch.float64)
+        """The same views at corrected positions."""
+        positions = positions_of(field).unflatten(0, field.grid) * torch.tensor([self.ratio, 1.0], dtype=torch.float64)
         return dataclasses.replace(field, positions=positions)
 
 
-def find(evidence: Evidence) -> Spacing:
-    """Compare disparities along rows and along columns.
+def find(estimates: Estimates) -> SpacingDefect:
+    """Compare disparities along rows and along columns."""
+    registered = estimates.registration if min(estimates.field.grid) > 1 else None
+    if registered is None:
+        return SpacingDefect(1.0, float("nan"), float("inf"))
+    fit, ratio = _fit(registered, torch.ones(len(registered.observed.shown), dtype=torch.bool))
+    quarters = torch.tensor([_fit(registered, quarter)[1] for quarter in registered.quarters()])
+    error = max(float(fit.errors[1]), float(quarters.std()) / len(quarters) ** 0.5)
+    excess, disparities = abs(float(fit.values[1])), registered.explanation.disparities[:, 1].abs()
+    farthest = float(disparities.quantile(0.9) * registered.positions[:, 0].abs().max())
+    is_sure = excess > SURE * error and excess * farthest > SHOWN
+    is_sure = is_sure and excess * float(disparities.median()) > CLEAR * fit.scatter
+    return SpacingDefect(ratio if is_sure else 1.0, ratio, error)
 
-    Args:
-        evidence: Of the light field.
-    """
-    found = registered(evidence) if min(evidence.field.grid) > 1 else None
-    if found is None:
-        return Spacing(1.0, float("nan"), float("inf"))
-    fit, ratio = _fit(found, torch.ones(len(found.seen.shown), dtype=torch.bool))
-    each = torch.tensor([_fit(found, quarter)[1] for quarter in found.quarters()])
-    error = max(float(fit.errors[1]), float(each.std()) / len(each) ** 0.5)
-    return Spacing(ratio if _is_sure(found, fit, error) else 1.0, ratio, error)
 
-
-def _fit(found: Registration, chosen: Tensor) -> tuple[Fitted, float]:
-    """Difference at disparity 0 and difference for each disparity, by some patches; the ratio that this comes to."""
-    disparities, precision = found.solved.disparities[chosen], found.solved.precision[chosen].clamp(min=FAINT)
+def _fit(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:
+    """Fit the difference of both disparities as a + b d to the chosen patches; the ratio that follows."""
+    explanation = registered.explanation
+    disparities, precision = explanation.disparities[chosen], explanation.precision[chosen].clamp(min=TINY)
     share = precision / precision.sum(-1, keepdim=True)
     variance = (1 / precision).sum(-1) + LEAST_ERROR**2
-    # What a patch errs in its difference, it does not err in this mean: else the ratio would be drawn to 0.
+    # The error of the difference is independent of that of this mean d; otherwise the ratio would tend to 0.
     mean = (share * disparities).sum(-1)
     model = torch.stack([torch.ones_like(mean), mean], -1)[:, None]
-    prior = torch.tensor([1 / _chance(found) ** 2, 1 / LIKELY**2], dtype=mean.dtype)
+    # Shifts of single views differ along rows and columns by chance: a constant difference of about this size.
+    rms = explanation.shifts.square().mean().sqrt()
+    chance = float(LEAST_ERROR + rms * (1 / registered.positions.square().sum(0)).sum().sqrt())
+    prior = torch.tensor([1 / chance**2, 1 / LIKELY**2], dtype=mean.dtype)
     difference = disparities[:, 0] - disparities[:, 1]
-    fit = displacements.fitted(model, difference[:, None], 1 / variance[:, None, None], prior)
+    fit = displacements.fit_linear(model, difference[:, None], 1 / variance[:, None, None], prior)
     excess = float(fit.values[1])
     return fit, 1 + excess / (1 - float(share[:, 0].mean()) * excess)
-
-
-def _chance(found: Registration) -> float:
-    """By how much shifts of single views differ along rows and columns in proportion to the place, as a rule."""
-    size = found.solved.shifts.square().mean().sqrt()
-    return float(LEAST_ERROR + size * (1 / found.places.square().sum(0)).sum().sqrt())
-
-
-def _is_sure(found: Registration, fit: Fitted, error: float) -> bool:
-    excess, disparities = abs(float(fit.values[1])), found.solved.disparities[:, 1]
-    farthest = float(disparities.abs().quantile(0.9) * found.places[:, 0].abs().max())
-    is_sure = excess > SURE * error
-    return is_sure and excess * farthest > SHOWN and excess * float(disparities.abs().median()) > CLEAR * fit.scatter
-
-
-SPACING = Correction(Spacing, "textures at several disparities, in two rows and columns of views or more", find)

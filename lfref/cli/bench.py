@@ -20,7 +20,7 @@ from lfref.bench.operator_costs import MethodCase, Scales, Size
 from lfref.bench.stability import components as stability_components
 from lfref.bench.stability import goals, trials
 from lfref.bench.stability.trials import Component
-from lfref.captures.correct import as_asked
+from lfref.captures.correct import correct_by_option
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
@@ -318,7 +318,10 @@ def _of_captures(
 ) -> Iterator[EvaluationCase]:
     """Light fields that are given, every second or third view of them if that is asked for."""
     read = light_fields(config, methods if config.thin is None else ())
-    fields = (as_asked(field, str(config.correct), even=evaluation.EVEN_GRID)[0].to(device) for field in read)
+    fields = (
+        correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
+        for field in read
+    )
     if config.thin is None:
         log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
         return evaluation.capture_cases(fields, planes.slopes)

@@ -27,7 +27,7 @@ def info(config: DictConfig, folder: Path) -> None:
 
     def one(name: str, path: Path) -> None:
         seen = inspect(inputs.read(path, config), white)
-        log.info("%s", "\n".join(seen.told()))
+        log.info("%s", "\n".join(seen.lines()))
         _write(result_folders.of(folder, name, path, given), seen)
 
     inputs.each(captures, [one], "inspecting")

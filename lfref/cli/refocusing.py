@@ -7,7 +7,7 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from lfref.captures.correct import Corrections, as_asked
+from lfref.captures.correct import Corrections, correct_by_option
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli import inputs
@@ -146,7 +146,7 @@ def prepared(
     """
     other = "take method=shift_and_sum_through_cells to have it corrected"
     even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {other}"
-    made, found = as_asked(field, str(config.correct), white, even)
+    made, found = correct_by_option(field, str(config.correct), white, even)
     if found is not None:
         _tell(field.name, found, bool(config.explain))
     return made, found
@@ -155,12 +155,13 @@ def prepared(
 def _tell(name: str, found: Corrections, all_of_it: bool) -> None:
     """Say what was corrected, and what was not though somebody might expect it."""
     if all_of_it:
-        log.info("%s\n%s", name, found.explain())
+        log.info("%s\n%s", name, found.summary())
         return
     if found.active:
         log.info("corrected: %s (explain=true says more, correct=none leaves them)", ", ".join(found.active))
-    for why in dict.fromkeys(found.left.values()):
-        log.info("%s: %s left: %s", name, ", ".join(each for each in found.left if found.left[each] == why), why)
+    for why in dict.fromkeys(found.skipped.values()):
+        names = ", ".join(defect for defect, reason in found.skipped.items() if reason == why)
+        log.info("%s: %s unchanged: %s", name, names, why)
 
 
 def write(folder: Path, found: Corrections | None) -> None:
@@ -176,4 +177,4 @@ def write(folder: Path, found: Corrections | None) -> None:
     if found is not None:
         if found.active:
             found.save(folder / "correction.pt")
-        atomic.write_text(folder / "corrections.txt", found.explain() + "\n")
+        atomic.write_text(folder / "corrections.txt", found.summary() + "\n")

@@ -1,12 +1,12 @@
 """Decoded light fields on disk: read once, then a crop of all views costs milliseconds.
 
-A PNG of a whole lenslet image decodes in seconds and only from front to back. The cache keeps plain memory-mapped
-arrays [V, U, C, H, W] in the file's own depth, keyed by the SHA-256 of the content, the reader's options and the
-reader's code, so that none of the three can change unnoticed. Corrected light fields are kept in linear float32, keyed
-by the corrections and their code as well. An entry ends in its own CRC-32.
+A PNG of a whole lenslet image decodes in seconds, and only from front to back. The cache keeps memory-mapped arrays
+[V, U, C, H, W] in the file's own depth. The key of an entry is the SHA-256 of the content, the reader's options,
+`read.VERSION`, and, for corrected light fields, the correction and `correct.VERSION`: whoever changes what these
+modules compute raises the number (tests/data/test_versions.py notices). Corrected light fields are kept as linear
+float32. An entry ends in its own CRC-32. Entries of earlier keys are never read again: delete the folder to free them.
 """
 
-import ast
 import functools
 import hashlib
 import json
@@ -23,29 +23,33 @@ import numpy as np
 import torch
 
 from lfref.captures import correct as corrections
-from lfref.captures.correct import AUTO, NONE, as_asked
+from lfref.captures.correct import AUTO, NONE, correct_by_option
 from lfref.encoding import LINEAR, Encoding, parsed
 from lfref.errors import FileError, InputError
-from lfref.functional import jit
 from lfref.io import atomic, images, ownership, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 
-# PART hashes
-# Content hashes of light fields, kept on disk: a data set is read for them once, however often training starts.
-#
-# A hash is believed as long as the names, sizes and times of all files stay as they were.
+HASHES = "hashes.json"
+"""File of the cache folder that keeps content hashes: a data set is hashed once, however often training starts."""
+WEIGHTED = ".weighted"
+"""End of an entry's name whose last channel is the weight."""
+STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
+EVEN_GRID = "networks learn on an even grid"
+"""Reason for which the spacing of cameras is not corrected."""
+CRC_BYTES = 4
 
-KEPT = "hashes.json"
-"""File of the cache folder that keeps them."""
+log = logging.getLogger(__name__)
 
 
 def content_hash(path: Path, folder: Path | None = None) -> str:
-    """SHA-256 of a light field's images, file names left out, so that copies under other names are recognised.
+    """SHA-256 of a light field's images without their file names, so that renamed copies are recognised.
+
+    A stored hash is valid as long as the names, sizes and times of all files stay as they were.
 
     Args:
         path: A file, or a folder of views.
-        folder: The cache folder, whose hashes of earlier runs are believed; None believes those of this process.
+        folder: The cache folder, whose stored hashes are used too; None: only those of this process.
 
     Raises:
         FileError: There is no such light field.
@@ -53,55 +57,33 @@ def content_hash(path: Path, folder: Path | None = None) -> str:
     files = view_folders.image_files(path) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):
         raise FileError(f"{path} must be an image file or a folder of images", got="none")
-    known, facts = _known(folder), _facts(files)
-    if facts not in known:
-        known[facts] = hashlib.sha256("".join(map(ownership.digest, files)).encode()).hexdigest()
-    return known[facts]
+    # The time of the last change of a file's entry (ctime) differs for a copy that keeps the modification time.
+    state = [(str(file.absolute()), (at := file.stat()).st_size, at.st_mtime_ns, at.st_ctime_ns) for file in files]
+    key, hashes = hashlib.sha256(repr(state).encode()).hexdigest(), _hashes(folder)
+    if key not in hashes:
+        hashes[key] = hashlib.sha256("".join(map(ownership.digest, files)).encode()).hexdigest()
+    return hashes[key]
 
 
-def keep(folder: Path) -> None:
-    """Write what this process hashed into the cache folder, for later runs and other processes.
-
-    Args:
-        folder: The cache folder. If it cannot be written, the next run hashes again.
-    """
-    kept = _read(folder)
-    if not _known(folder).items() <= kept.items():
+def store_hashes(folder: Path) -> None:
+    """Write the hashes of this process into a cache folder; if that fails, the next run computes them again."""
+    stored = _stored_hashes(folder)
+    if not _hashes(folder).items() <= stored.items():
         with suppress(FileError):
-            atomic.write_text(folder / KEPT, json.dumps(kept | _known(folder), indent=0))
+            atomic.write_text(folder / HASHES, json.dumps(stored | _hashes(folder), indent=0))
 
 
 @functools.cache
-def _known(folder: Path | None) -> dict[str, str]:
-    """Facts of the files of a light field -> its content hash; one dictionary for the whole process."""
-    return {} if folder is None else _read(folder)
+def _hashes(folder: Path | None) -> dict[str, str]:
+    """State of the files of a light field -> its content hash; one dictionary per process and folder."""
+    return {} if folder is None else _stored_hashes(folder)
 
 
-def _read(folder: Path) -> dict[str, str]:
-    """What earlier runs kept: nothing if the file is missing or damaged."""
+def _stored_hashes(folder: Path) -> dict[str, str]:
+    # A missing or damaged file costs only time.
     with suppress(OSError, ValueError, TypeError):
-        return dict(json.loads((folder / KEPT).read_text(encoding="utf-8")))
+        return dict(json.loads((folder / HASHES).read_text(encoding="utf-8")))
     return {}
-
-
-def _facts(files: list[Path]) -> str:
-    """Where files lie, how long they are and when they changed; the second time sees copies that keep the first."""
-    known = [(str(file.absolute()), (at := file.stat()).st_size, at.st_mtime_ns, at.st_ctime_ns) for file in files]
-    return hashlib.sha256(repr(known).encode()).hexdigest()
-
-
-log = logging.getLogger(__name__)
-
-WEIGHTED = ".weighted"
-"""At the end of an entry's name: the last channel is the weight."""
-
-STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
-EVEN = "networks learn on an even grid"
-"""Why spacing is not corrected."""
-CHECKSUM = 4
-"""Bytes of the CRC-32 at the end of an entry."""
-ONLY_WRITE = {"atomic.py", "ownership.py"}
-"""Modules that the reader's modules import without reading through them; one forgotten here costs a second decoding."""
 
 
 @dataclass(frozen=True)
@@ -109,11 +91,9 @@ class CachedField:
     """A light field on disk of which only crops are brought into memory."""
 
     name: str
-    """As `LightField.name`."""
     samples: np.ndarray
     """Memory map, colour channels first and then the weight if there is one, [V, U, C or C + 1, H, W]."""
     has_weight: bool
-    """The last channel is the weight."""
     encoding: Encoding = LINEAR
     """How the samples stand for light."""
 
@@ -131,10 +111,11 @@ class CachedField:
         """The same rectangle of every view, in memory; arguments and errors as `LightField.crop`."""
         if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
             raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
-        cut = np.array(self.samples[..., top : top + height, left : left + width])
-        n_colours = cut.shape[2] - self.has_weight
-        views = torch.from_numpy(images.decoded(cut[:, :, :n_colours], self.encoding))
-        weight = torch.from_numpy(images.to_float(cut[:, :, n_colours:])) if self.has_weight else None
+        # A copy: nobody may write into the memory map.
+        samples = np.array(self.samples[..., top : top + height, left : left + width])
+        n_colours = samples.shape[2] - self.has_weight
+        views = torch.from_numpy(images.decoded(samples[:, :, :n_colours], self.encoding))
+        weight = torch.from_numpy(images.to_float(samples[:, :, n_colours:])) if self.has_weight else None
         return LightField(views, self.name, weight, is_linear=self.encoding.is_known)
 
 
@@ -145,102 +126,76 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
         path: The light field: a file or a folder of views.
         options: Arguments of `lfref.read`.
         folder: Where the cache lies.
-        correct: As for `as_asked`.
+        correct: `none`, `auto`, or a file of corrections.
 
     Raises:
         FileError: The light field or a file of corrections cannot be read, or the cache cannot be written.
-        InputError: Cameras off the even grid, which no network learns.
+        InputError: Cameras off the even grid, on which networks learn.
     """
     if options.get("positions") is not None or options.get("spacing") is not None:
         remedy = "leave out reader.positions and reader.spacing"
         raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
-    version = [_reader_version(Path(reader.__file__)), *_correction_version(correct)]
-    identity = json.dumps([content_hash(path, folder), dict(options), *version], sort_keys=True, default=str)
-    key = hashlib.sha256(identity.encode()).hexdigest()
+    parts = [content_hash(path, folder), dict(options), reader.VERSION, *_correction_key(correct)]
+    key = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     entry = next(iter(sorted(folder.glob(f"{key}.*npy"))), None)
     if entry is None or not _is_intact(entry, path):
-        entry = _store(_read_of_cache(path, options, correct), folder / key)
+        field = reader.read(path, **options)
+        corrected, _ = correct_by_option(field, correct, even_grid_for=EVEN_GRID)
+        if corrected is not field:
+            # Corrected samples are no longer the whole numbers of the file.
+            corrected = replace(corrected, metadata={**field.metadata, "bits": "float"})
+        entry = _store(corrected, folder / key)
     name = path.absolute().name if path.is_dir() else path.stem
-    told = entry.name.removeprefix(f"{key}.").removesuffix(".npy")
-    coded = parsed(told.removesuffix(WEIGHTED).replace("_", ":"))
-    return CachedField(name, np.load(entry, mmap_mode="r"), told.endswith(WEIGHTED), coded)
+    ending = entry.name.removeprefix(f"{key}.").removesuffix(".npy")
+    encoding = parsed(ending.removesuffix(WEIGHTED).replace("_", ":"))
+    return CachedField(name, np.load(entry, mmap_mode="r"), ending.endswith(WEIGHTED), encoding)
+
+
+def _correction_key(correct: str) -> list[Any]:
+    if correct == NONE:
+        return []
+    return [corrections.VERSION, correct if correct == AUTO else content_hash(Path(correct))]
 
 
 def _is_intact(entry: Path, path: Path) -> bool:
-    """Whether there is an entry that holds what was written into it."""
     if not entry.is_file():
         return False
     with atomic.file_errors(entry, "read"):
-        facts = entry.stat()
-        intact = _checks(entry, facts.st_size, facts.st_mtime_ns)
-    if not intact:
+        state = entry.stat()
+        is_intact = _has_checksum(entry, state.st_size, state.st_mtime_ns)
+    if not is_intact:
         log.warning("the cache entry %s is damaged: %s is decoded again", entry, path)
-    return intact
+    return is_intact
 
 
 @functools.cache
-def _checks(entry: Path, size: int, changed_ns: int) -> bool:
-    """Whether an entry ends in its checksum, looked at once a process: 60 MB take 30 ms."""
-    if size <= CHECKSUM:
+def _has_checksum(entry: Path, size: int, changed_ns: int) -> bool:
+    """Whether an entry ends in its checksum, computed once a process: 60 MB take 30 ms."""
+    if size <= CRC_BYTES:
         return False
     with entry.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        return _checksum(memoryview(content)[:-CHECKSUM]) == content[-CHECKSUM:]
+        return _checksum(memoryview(content)[:-CRC_BYTES]) == content[-CRC_BYTES:]
 
 
 def _checksum(content: bytes | memoryview) -> bytes:
-    return zlib.crc32(content).to_bytes(CHECKSUM, "little")
-
-
-def _read_of_cache(path: Path, options: Mapping[str, Any], correct: str) -> LightField:
-    """A light field as it is to be kept, what was corrected as float: it is no longer what the file holds."""
-    read = reader.read(path, **options)
-    mended, _ = as_asked(read, correct, even=EVEN)
-    return mended if mended is read else replace(mended, metadata={**read.metadata, "bits": "float"})
+    return zlib.crc32(content).to_bytes(CRC_BYTES, "little")
 
 
 def _store(field: LightField, stem: Path) -> Path:
-    """Write an entry KEY.ENCODING.npy; integers stay what they are in the file, whatever light they stand for."""
+    """Write an entry KEY.ENCODING.npy; whole numbers stay what they are in the file."""
     dtype = STORED[field.metadata["bits"]]
-    coded = parsed(field.metadata["encoding"])
-    if dtype.kind == "f" and coded.is_known:
-        coded = LINEAR
-    samples = images.encoded(field.views.numpy(), coded)
+    encoding = parsed(field.metadata["encoding"])
+    if dtype.kind == "f" and encoding.is_known:
+        encoding = LINEAR
+    samples = images.encoded(field.views.numpy(), encoding)
     if field.weight is not None:
         samples = np.concatenate([samples, field.weight.numpy()], axis=2)
+    if dtype.kind == "u":
+        samples = np.rint(samples * np.iinfo(dtype).max).astype(dtype)
     ending = WEIGHTED if field.weight is not None else ""
-    entry = stem.with_name(f"{stem.name}.{str(coded).replace(':', '_')}{ending}.npy")
+    entry = stem.with_name(f"{stem.name}.{str(encoding).replace(':', '_')}{ending}.npy")
     with atomic.replacing(entry) as temporary:
-        np.save(temporary, np.rint(samples * np.iinfo(dtype).max).astype(dtype) if dtype.kind == "u" else samples)
+        np.save(temporary, samples)
         with temporary.open("r+b") as file:
             file.write(_checksum(file.read()))
     return entry
-
-
-def _correction_version(correct: str) -> list[str]:
-    """What a correction depends on beside the light field: its code, and the file of what is to be corrected."""
-    if correct == NONE:
-        return []
-    file = Path(corrections.__file__)
-    return [jit.digest(file, file.parents[1]), correct if correct == AUTO else content_hash(Path(correct))]
-
-
-@functools.cache
-def _reader_version(start: Path) -> str:
-    """Hash of the source of a module, and of what it reads through: a change of the reader is a change of the cache."""
-    digest = hashlib.sha256()
-    for file in sorted(_sources(start, set(), start.parent)):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
-def _sources(file: Path, found: set[Path], room: Path) -> set[Path]:
-    """A module and all that it imports from the readers' folder and below, added to those found before."""
-    if file.is_file() and file not in found and file.name not in ONLY_WRITE:
-        found.add(file)
-        for node in ast.walk(ast.parse(file.read_bytes())):
-            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{reader.__package__}."):
-                below = room.joinpath(*f"{node.module}".removeprefix(f"{reader.__package__}").split(".")[1:])
-                for name in node.names:
-                    _sources(below / f"{name.name}.py", found, room)
-                _sources(below.with_suffix(".py"), found, room)
-    return found

@@ -107,7 +107,7 @@ def without_leaks(
     forbidden = {cache.content_hash(path, folder) for path in held}
     clean = [path for path in train if cache.content_hash(path, folder) not in forbidden]
     if folder is not None:
-        cache.keep(folder)
+        cache.store_hashes(folder)
     kept = set(clean)
     return clean, [path for path in train if path not in kept]
 

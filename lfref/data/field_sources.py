@@ -13,7 +13,7 @@ from typing import Any
 
 from torch import Tensor
 
-from lfref.captures.correct import NONE, as_asked
+from lfref.captures.correct import NONE, correct_by_option
 from lfref.data import cache
 from lfref.data.cache import CachedField
 from lfref.errors import InputError
@@ -134,7 +134,7 @@ class SimulatedSource(Source):
         assert views is not None
         once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, simulation))
         light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
-        mended, _ = as_asked(light, self.correct, even=cache.EVEN)
+        mended, _ = correct_by_option(light, self.correct, even_grid_for=cache.EVEN_GRID)
         return SimulatedField(mended.views, scene.name, mended.weight, photograph=once)
 
 

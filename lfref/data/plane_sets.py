@@ -9,7 +9,7 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,10 +19,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from lfref.captures.correct import AUTO, as_asked
-from lfref.data.cache import EVEN
+from lfref.captures.correct import AUTO, correct_by_option
+from lfref.data.cache import EVEN_GRID
 from lfref.errors import FileError, InputError
-from lfref.functional import jit
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
@@ -34,6 +33,8 @@ from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation
 
+VERSION = 1
+"""Of the items that a recipe gives: to be raised when they change. Sets of earlier versions are prepared anew."""
 NEAR = 0.15
 """How far planes near focus lie from what is there, at most, in pixels per view step."""
 
@@ -69,7 +70,7 @@ class Recipe:
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
     """Of slopes of further planes, one each."""
     correct: str = AUTO
-    """As for `as_asked`; `auto` has a white picture of cameras with vignetting."""
+    """`none`, `auto` or a file of corrections; `auto` has a white picture of cameras with vignetting."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "grids", tuple(map(tuple, self.grids)))
@@ -92,17 +93,29 @@ class Recipe:
             )
 
     def description(self) -> dict[str, Any]:
-        """All that decides, as plain values: what a set is known by."""
-        told = {field.name: getattr(self, field.name) for field in fields(self)}
+        """All values of the recipe in plain containers."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         # A method keeps its name whatever options are bound to it.
         options = getattr(self.base.operator, "keywords", {})
-        return told | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
+        return values | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
 
     def key(self) -> str:
-        """SHA-256 of the description and of the code that items are made by: another set has another one."""
-        file = Path(__file__)
-        told = json.dumps([self.description(), jit.digest(file, file.parents[1])], sort_keys=True, default=str)
-        return hashlib.sha256(told.encode()).hexdigest()
+        """SHA-256 of the description and of `VERSION`.
+
+        Of the scenes only values that differ from their defaults count: a new field of a scene or a sensor changes no
+        key.
+        """
+        parts = [self.description() | {"scenes": _changed_fields(self.scenes)}, VERSION]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _changed_fields(value: Any) -> Any:
+    """Fields of a dataclass that differ from their defaults, nested ones too; any other value as it is."""
+    if not is_dataclass(value):
+        return value
+    named = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
+    changed = {name: _changed_fields(now) for name, (now, default) in named.items() if now != default}
+    return {"kind": type(value).__name__, **changed}
 
 
 class Item(NamedTuple):
@@ -143,7 +156,7 @@ def make(recipe: Recipe, index: int) -> Item:
     # Falloff that all views share cannot be known from them, nor learned.
     has_white = recipe.correct == AUTO and scene.sensor.vignetting is not None
     white = white_picture(scene, recorded) if has_white else None
-    light, _ = as_asked(recorded, recipe.correct, white, even=EVEN)
+    light, _ = correct_by_option(recorded, recipe.correct, white, EVEN_GRID)
     wanted = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     planes = torch.tensor(slopes, dtype=torch.float64)
     inputs = next(refiner_inputs(light, planes, recipe.base, recipe.features))

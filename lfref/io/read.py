@@ -22,6 +22,8 @@ from lfref.io import scratch as scratches
 from lfref.io.options import LENSLET, ReadOptions
 from lfref.lightfield import LightField
 
+VERSION = 1
+"""Of all that `read` returns, in the keys of caches: to be raised when samples change."""
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
 
 

@@ -6,7 +6,7 @@ import functools
 import torch
 
 from lfref import geometry
-from lfref.captures.defect import Evidence
+from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.effects import displacement
@@ -22,8 +22,8 @@ def scene(name):
 
 
 @functools.cache
-def evidence(name):
-    return Evidence(scene(name))
+def estimates(name):
+    return Estimates(scene(name))
 
 
 @functools.cache

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 
-from lfref.captures.defect import Evidence
+from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
@@ -37,9 +37,9 @@ def white(name: str) -> LightField:
     return _seen(Scene(scene.camera, surfaces, sensor=scene.sensor, seed=5))
 
 
-def evidence(field: LightField, white: LightField | None = None) -> Evidence:
+def estimates(field: LightField, white: LightField | None = None) -> Estimates:
     """What a correction is given."""
-    return Evidence(field, white)
+    return Estimates(field, white)
 
 
 def _seen(scene: Scene) -> LightField:

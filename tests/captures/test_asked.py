@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from lfref.captures.correct import Corrections, as_asked
-from lfref.captures.spacing import Spacing
+from lfref.captures.correct import Corrections, correct_by_option
+from lfref.captures.spacing import SpacingDefect
 from lfref.lightfield import LightField
 
 
@@ -15,29 +15,29 @@ def field():
 
 @pytest.fixture
 def profile(field, tmp_path):
-    Corrections(field.grid, field.size, (Spacing(1.25, 1.25, 0.001),)).save(tmp_path / "spacing.pt")
+    Corrections(field.grid, field.size, (SpacingDefect(1.25, 1.25, 0.001),)).save(tmp_path / "spacing.pt")
     return str(tmp_path / "spacing.pt")
 
 
 def test_none_looks_for_nothing(field):
-    assert as_asked(field, "none") == (field, None)
+    assert correct_by_option(field, "none") == (field, None)
 
 
 def test_a_field_without_defects_comes_back_itself(field):
-    made, found = as_asked(field, "auto")
+    made, found = correct_by_option(field, "auto")
     assert made is field
     assert found.active == ()
 
 
 def test_positions_are_those_that_were_found(field, profile):
-    made, found = as_asked(field, profile)
+    made, found = correct_by_option(field, profile)
     assert made.positions[:, 0, 0].tolist() == [-1.25, 0, 1.25]
     assert found.active == ("spacing",)
 
 
 def test_an_even_grid_stays_even_where_that_is_asked_for_and_it_is_said(field, profile):
-    made, found = as_asked(field, profile, even="networks learned on even ones")
+    made, found = correct_by_option(field, profile, even_grid_for="networks learned on even ones")
     assert made.positions is None
     assert found.active == ()
-    assert found.left["spacing"].startswith("rows are 1.2500 times as far apart as columns")
-    assert found.left["spacing"].endswith(", but networks learned on even ones")
+    assert found.skipped["spacing"].startswith("rows are 1.2500 times as far apart as columns")
+    assert found.skipped["spacing"].endswith(", but networks learned on even ones")

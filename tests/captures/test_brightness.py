@@ -7,7 +7,7 @@ import torch
 from lfref.captures import brightness
 from lfref.lightfield import LightField
 
-from .scenes import clean, evidence
+from .scenes import clean, estimates
 
 
 def test_gains_come_back_as_logarithms():
@@ -16,7 +16,7 @@ def test_gains_come_back_as_logarithms():
     gains[3, 3] = 1
     dimmer = dataclasses.replace(field, views=0.7 * field.views * gains[..., None, None])
     reference = clean("shards")
-    one, other = (evidence(each).ratios for each in (dimmer, reference))
+    one, other = (estimates(each).ratios for each in (dimmer, reference))
     both = one.known & other.known
     assert float(both.float().mean()) > 0.8
     change = (one.log - other.log - gains.log()[..., None]).abs().amax(2)[both]
@@ -25,7 +25,7 @@ def test_gains_come_back_as_logarithms():
 
 
 def test_equal_views_are_equally_bright():
-    found = evidence(LightField(0.9 * torch.rand(3, 64, 96).expand(5, 5, -1, -1, -1).clone())).ratios
+    found = estimates(LightField(0.9 * torch.rand(3, 64, 96).expand(5, 5, -1, -1, -1).clone())).ratios
     assert found.shape == (5, 8)
     assert float(found.log[found.known[:, :, None].expand_as(found.log)].abs().max()) < 0.01
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lfref import encoding
-from lfref.captures.correct import CORRECTIONS, correct, load
+from lfref.captures.correct import DETECTORS, correct, load
 from lfref.errors import FileError, InputError
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
@@ -33,7 +33,7 @@ def test_what_was_found_is_kept_and_does_the_same_again(vignetted, tmp_path):
     assert known.active == found.active
     assert torch.equal(again.views, mended.views)
     assert torch.equal(again.weight, mended.weight)
-    assert "vignetting   corrected: " in found.explain()
+    assert "vignetting   corrected: " in found.summary()
 
 
 def test_another_camera_and_another_white_are_refused(vignetted):
@@ -69,8 +69,8 @@ def test_of_encoded_samples_nothing_is_scaled_as_if_it_were_light(vignetted):
     field = encoded(vignetted)
     mended, found = correct(field)
     assert mended is field
-    assert set(found.left) == {"vignetting", "exposure", "noise"}
-    assert "vignetting   left: encoded samples are no light (reader.encoding=none)" in found.explain()
+    assert set(found.skipped) == {"vignetting", "exposure", "noise"}
+    assert "vignetting   unchanged: encoded samples are no light (reader.encoding=none)" in found.summary()
 
 
 def test_what_was_found_in_light_is_not_applied_to_encoded_samples(vignetted):
@@ -100,5 +100,5 @@ def test_where_too_little_is_shown_each_correction_says_so():
     field = LightField(torch.rand(3, 3, 3, 16, 40))
     mended, found = correct(field)
     assert mended is field
-    assert list(found.left) == [each.kind.name for each in CORRECTIONS]
-    assert set(found.left.values()) == {"views are smaller than 32 pixels"}
+    assert list(found.skipped) == [kind.name for kind in DETECTORS]
+    assert set(found.skipped.values()) == {"views are smaller than 32 pixels"}

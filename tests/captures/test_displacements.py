@@ -20,9 +20,9 @@ def moved_of(seen):
 def test_moved_content_says_how_far():
     truth = torch.tensor([[0.1, 0.0], [-0.1, 0.05], [0.05, -0.1], [-0.05, 0.05]], dtype=torch.float64)
     samples = torch.stack([waves(*shift.tolist()) for shift in truth])[None, :, None]
-    torch.testing.assert_close(moved_of(displacements.observed(samples, ALL)), truth, atol=3e-3, rtol=0)
+    torch.testing.assert_close(moved_of(displacements.observe(samples, ALL)), truth, atol=3e-3, rtol=0)
     shades = torch.tensor([0.5, 1.0, 1.2, 0.9])[None, :, None, None, None]
-    seen = displacements.observed(0.1 + shades * samples, ALL)
+    seen = displacements.observe(0.1 + shades * samples, ALL)
     moved = moved_of(seen)
     torch.testing.assert_close(moved - moved.mean(0), truth - truth.mean(0), atol=6e-3, rtol=0)
 
@@ -30,11 +30,11 @@ def test_moved_content_says_how_far():
 def test_dark_views_do_not_count():
     samples = torch.stack([waves(0, 0)] * 4)[None, :, None].clone()
     samples[0, 2] = 0.01
-    assert displacements.observed(samples, ALL).shown.tolist() == [[1, 1, 0, 1]]
+    assert displacements.observe(samples, ALL).shown.tolist() == [[1, 1, 0, 1]]
 
 
 def test_known_displacements_are_added():
     samples = torch.stack([waves(0, 0)] * 4)[None, :, None]
     by = torch.rand(1, 4, 2, dtype=torch.float64)
-    seen = displacements.observed(samples, ALL).moved(by)
+    seen = displacements.observe(samples, ALL).moved(by)
     torch.testing.assert_close(moved_of(seen), by[0], atol=1e-4, rtol=0)

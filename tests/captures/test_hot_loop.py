@@ -28,7 +28,7 @@ def test_all_that_stick_out_are_found():
 
 def test_their_mean_is_told():
     views = torch.rand(2, 1, 20, 30)
-    total, count = hot_pixels.spread(views.numpy(), 0, 1)
+    total, count = hot_pixels.total_height(views.numpy(), 0, 1)
     out = sticking_out_by_windows(views[:, 0]).clamp(min=0)
     assert count == int((out > 0).sum())
     np.testing.assert_allclose(total, float(out.sum()), rtol=1e-5)

@@ -23,14 +23,14 @@ def test_slopes_and_planes_are_those_of_the_scene(shards):
     seen = lfref.inspect(shards)
     assert seen.slopes == pytest.approx((-1.05, 0.25), abs=0.06)
     assert (seen.planes.values[0], seen.planes.values[-1]) == pytest.approx(seen.slopes)
-    assert seen.share > 0.8
+    assert seen.confident_share > 0.8
     assert seen.disparity.shape == seen.confidence.shape == shards.size
     assert seen.advice() == []
 
 
 def test_everything_is_told_in_lines_and_as_json(shards):
     seen = inspect(shards)
-    lines = seen.told()
+    lines = seen.lines()
     assert all("\n" not in line for line in lines)
     assert "7x7 of 128x192x3" in lines[2]
     plain = json.loads(json.dumps(seen.as_dict()))
@@ -42,7 +42,7 @@ def test_everything_is_told_in_lines_and_as_json(shards):
 def test_a_reversed_axis_is_told_with_the_option_to_set(shards):
     seen = inspect(LightField(shards.views.flip(0)))
     assert seen.is_reversed
-    assert any("reader.reverse_v=true" in line for line in seen.told())
+    assert any("reader.reverse_v=true" in line for line in seen.lines())
 
 
 def test_a_picture_that_was_decoded_twice_is_told_with_the_option_to_set(shards):
@@ -74,7 +74,7 @@ def test_the_real_capture_goes_from_its_nose_to_the_wall(lytro):
     seen = inspect(lfref.read(lytro, encoding="linear"))
     assert seen.slopes == pytest.approx((-1.36, 0.1), abs=0.15)
     assert not seen.is_reversed
-    assert seen.share > 0.9
+    assert seen.confident_share > 0.9
 
 
 def test_a_white_image_of_another_size_is_refused(shards):

@@ -13,18 +13,18 @@ PLACES = torch.cartesian_prod(*[geometry.angular_offsets(5)] * 2)
 def test_patches_lie_where_texture_is_and_inside_of_all_views():
     grey = torch.zeros(160, 200)
     grey[40:120, 48:152] = torch.rand(80, 104)
-    found = patches.chosen(grey, torch.full((160, 200), 1.5), PLACES, 3)
+    found = patches.choose_patches(grey, torch.full((160, 200), 1.5), PLACES, 3)
     assert len(found.rows) >= 12
     for places, low, high in ((found.rows, 40, 120), (found.columns, 48, 152)):
         assert bool(((places >= low - SIDE) & (places <= high)).all())
-    everywhere = patches.chosen(torch.rand(160, 200), torch.full((160, 200), 6.0), PLACES, 3)
+    everywhere = patches.choose_patches(torch.rand(160, 200), torch.full((160, 200), 6.0), PLACES, 3)
     reach = 6.0 * 2 + SIDE
     assert float(everywhere.rows.min()) >= 12
     assert float(everywhere.rows.max()) <= 160 - reach
 
 
 def test_flat_pictures_have_no_patches():
-    assert len(patches.chosen(torch.ones(128, 128), torch.zeros(128, 128), PLACES, 3).rows) == 0
+    assert len(patches.choose_patches(torch.ones(128, 128), torch.zeros(128, 128), PLACES, 3).rows) == 0
 
 
 def test_patches_are_read_as_the_simulator_reads():

@@ -17,7 +17,7 @@ def shaded():
 
 
 def test_gains_are_the_picture_over_its_middle_whatever_its_colour():
-    gains, error = vignetting.gains(shaded())
+    gains, error = vignetting.white_gain(shaded())
     assert error < 1e-3
     torch.testing.assert_close(gains[:, :, 2], gains[:, :, 0])
     assert float(gains[1, 1, 0, 30, 30]) == pytest.approx(1, abs=0.01)
@@ -27,15 +27,15 @@ def test_gains_are_the_picture_over_its_middle_whatever_its_colour():
 def test_noise_is_smoothed_away_and_what_has_none_stays_as_it_is():
     clean = shaded()
     noisy = clean + 0.01 * torch.randn(clean.shape)
-    exact, _ = vignetting.gains(clean)
-    gains, told = vignetting.gains(noisy)
+    exact, _ = vignetting.white_gain(clean)
+    gains, told = vignetting.white_gain(noisy)
     error = (gains - exact)[..., 10:-10, 10:-10]
     assert float(error.std()) < 0.005
     assert float(error.std()) == pytest.approx(told, rel=0.5)
     assert float((noisy / 0.7)[:, :, 0].sub(exact[:, :, 0]).std()) > 0.013
     dusty = clean.clone()
     dusty[0, 0, :, 20, 20] *= 0.5
-    assert float(vignetting.gains(dusty)[0][0, 0, 0, 20, 20]) == pytest.approx(
+    assert float(vignetting.white_gain(dusty)[0][0, 0, 0, 20, 20]) == pytest.approx(
         0.5 * float(exact[0, 0, 0, 20, 20]), rel=0.02
     )
 
@@ -51,4 +51,4 @@ def test_the_noise_of_a_smooth_picture_is_measured():
 @pytest.mark.parametrize("views", [torch.zeros(3, 3, 3, 16, 16), torch.full((3, 3, 3, 16, 16), torch.nan)])
 def test_a_picture_of_nothing_is_refused(views):
     with pytest.raises(InputError, match="white"):
-        vignetting.gains(views)
+        vignetting.white_gain(views)

@@ -8,8 +8,8 @@ import torch
 
 from lfref import encoding
 from lfref.captures.correct import Corrections, load
-from lfref.captures.exposure import Exposure
-from lfref.captures.spacing import Spacing
+from lfref.captures.exposure import ExposureDefect
+from lfref.captures.spacing import SpacingDefect
 from lfref.cli import refocusing
 from lfref.geometry import FocalPlanes
 from lfref.io.read import read, read_stack
@@ -45,7 +45,7 @@ def profile(field, tmp_path):
     """A file that says: the first view is twice as bright as the others."""
     gains = torch.ones(3, 3, 3, dtype=torch.float64)
     gains[0, 0] = 2
-    Corrections(field.grid, field.size, (Exposure(gains, 0.001),)).save(tmp_path / "correction.pt")
+    Corrections(field.grid, field.size, (ExposureDefect(gains, 0.001),)).save(tmp_path / "correction.pt")
     return tmp_path / "correction.pt"
 
 
@@ -73,7 +73,9 @@ def test_explain_says_a_line_of_each_correction(settings, caplog):
     name, *lines = "\n".join(caplog.messages).splitlines()
     assert name == "vignetting"
     assert [line.split()[0] for line in lines] == NAMES
-    assert [line.split()[1] for line in lines] == ["corrected:" if each == "vignetting" else "left:" for each in NAMES]
+    assert [line.split()[1] for line in lines] == [
+        "corrected:" if each == "vignetting" else "unchanged:" for each in NAMES
+    ]
 
 
 def test_a_file_is_applied_as_it_is(field, profile, settings):
@@ -149,7 +151,7 @@ def test_encoded_samples_are_not_scaled_as_light(settings, caplog):
     made, found = refocusing.prepared(field, settings(), None, SHIFTS)
     assert made is field
     assert found.active == ()
-    said = "vignetting: vignetting, exposure, noise left: encoded samples are no light (reader.encoding=none)"
+    said = "vignetting: vignetting, exposure, noise unchanged: encoded samples are no light (reader.encoding=none)"
     assert caplog.messages == [said]
 
 
@@ -158,7 +160,7 @@ def test_nothing_to_correct_leaves_the_field_and_no_file_for_others(field, setti
     assert made is field
     refocusing.write(tmp_path, found)
     assert [path.name for path in tmp_path.iterdir()] == ["corrections.txt"]
-    assert (tmp_path / "corrections.txt").read_text() == found.explain() + "\n"
+    assert (tmp_path / "corrections.txt").read_text() == found.summary() + "\n"
     refocusing.write(tmp_path / "none", None)
     assert not (tmp_path / "none").exists()
 
@@ -177,7 +179,7 @@ def test_rows_of_their_own_spacing_are_only_told_to_those_who_do_not(field, sett
     assert len(caplog.messages) == 1
     assert "reader.spacing=[1.2500,1]" in caplog.messages[0]
     assert "fourier_slice needs an even grid: take method=shift_and_sum_through_cells" in caplog.messages[0]
-    assert found.explain() == f"spacing      left: {found.left['spacing']}"
+    assert found.summary() == f"spacing      unchanged: {found.skipped['spacing']}"
 
 
 def test_positions_that_were_asked_for_are_still_refused_by_those_who_do_not_take_them(lfref, field, tmp_path):
@@ -187,7 +189,7 @@ def test_positions_that_were_asked_for_are_still_refused_by_those_who_do_not_tak
 
 
 def _spaced(field, folder):
-    Corrections(field.grid, field.size, (Spacing(1.25, 1.25, 0.001),)).save(folder / "spacing.pt")
+    Corrections(field.grid, field.size, (SpacingDefect(1.25, 1.25, 0.001),)).save(folder / "spacing.pt")
     return folder / "spacing.pt"
 
 

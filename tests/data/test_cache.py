@@ -2,7 +2,6 @@
 
 import logging
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import torch
 from lfref.captures.correct import correct
 from lfref.data import cache
 from lfref.errors import FileError, InputError
-from lfref.functional import jit
 from lfref.io import read as reader
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -129,7 +127,7 @@ def test_another_content_is_another_entry(store, tmp_path, decoded):
 def test_another_version_of_the_reader_is_another_entry(store, tmp_path, decoded, monkeypatch):
     path = store()
     cache.cached(path, {}, tmp_path / "cache")
-    monkeypatch.setattr(cache, "_reader_version", lambda start: "another")
+    monkeypatch.setattr(reader, "VERSION", reader.VERSION + 1)
     cache.cached(path, {}, tmp_path / "cache")
     assert len(decoded) == 2
 
@@ -229,45 +227,6 @@ def test_a_damaged_entry_in_a_folder_that_cannot_be_written_is_one_clear_error(s
         cache.cached(path, {}, tmp_path / "cache")
 
 
-def copied_reader(tmp_path):
-    """A copy of the reader's sources, to be edited."""
-    source = Path(reader.__file__)
-    shutil.copytree(source.parent, tmp_path / "io", ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path / "io" / source.name
-
-
-def test_sources_that_decide_what_is_read_are_found_by_what_the_reader_imports():
-    names = {file.stem for file in cache._sources(Path(reader.__file__), set(), Path(reader.__file__).parent)}
-    assert names >= {"read", "images", "lenslets", "exr", "grid", "view_folders"}
-    assert names.isdisjoint({"write"})
-
-
-@pytest.mark.parametrize("name", ["images", "lenslets", "grid", "view_folders", "read"])
-def test_an_edit_of_what_reads_makes_the_cache_anew(tmp_path, name):
-    start = copied_reader(tmp_path)
-    before = cache._reader_version.__wrapped__(start)
-    with start.with_name(f"{name}.py").open("a") as file:
-        file.write("# edited")
-    assert cache._reader_version.__wrapped__(start) != before
-
-
-@pytest.mark.parametrize("name", ["write"])
-def test_an_edit_of_what_writes_leaves_the_cache_alone(tmp_path, name):
-    start = copied_reader(tmp_path)
-    before = cache._reader_version.__wrapped__(start)
-    with start.with_name(f"{name}.py").open("a") as file:
-        file.write("# edited")
-    assert cache._reader_version.__wrapped__(start) == before
-
-
-def test_a_new_module_counts_as_soon_as_a_reader_imports_it(tmp_path):
-    start = copied_reader(tmp_path)
-    start.with_name("new.py").write_text("X = 1")
-    with start.with_name("lenslets.py").open("a") as file:
-        file.write("\nfrom lfref.io import new")
-    assert start.with_name("new.py") in cache._sources(start, set(), start.parent)
-
-
 def test_an_entry_whose_array_was_deleted_is_made_anew(store, tmp_path):
     path = store()
     cache.cached(path, {}, tmp_path / "cache")
@@ -344,10 +303,13 @@ def test_a_light_field_without_defects_is_kept_in_its_own_depth(store, tmp_path)
     assert cache.cached(path, {}, tmp_path, "auto").samples.dtype == np.uint8
 
 
-def test_other_corrections_are_another_entry(dark_corners, tmp_path):
-    assert cache._correction_version("none") == []
-    code, how = cache._correction_version("auto")
-    assert how == "auto"
-    assert code == jit.digest(Path(cache.corrections.__file__), Path(cache.__file__).parents[1])
+def test_other_corrections_and_other_versions_of_them_are_other_entries(dark_corners, tmp_path, decoded, monkeypatch):
     correct(reader.read(dark_corners))[1].save(tmp_path / "correction.pt")
-    assert cache._correction_version(str(tmp_path / "correction.pt"))[1] not in ("auto", how)
+    decoded.clear()
+    cache.cached(dark_corners, {}, tmp_path, "auto")
+    cache.cached(dark_corners, {}, tmp_path, str(tmp_path / "correction.pt"))
+    monkeypatch.setattr(cache.corrections, "VERSION", cache.corrections.VERSION + 1)
+    cache.cached(dark_corners, {}, tmp_path, "auto")
+    assert len(decoded) == 3
+    cache.cached(dark_corners, {}, tmp_path, "auto")
+    assert len(decoded) == 3

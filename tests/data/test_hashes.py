@@ -21,8 +21,8 @@ def read(monkeypatch):
 
 def restarted(folder):
     """What a new process does: it knows only what was kept."""
-    hashes.keep(folder)
-    hashes._known.cache_clear()
+    hashes.store_hashes(folder)
+    hashes._hashes.cache_clear()
 
 
 def test_the_content_hash_ignores_names_and_sees_every_bit(store, tmp_path):
@@ -94,27 +94,27 @@ def test_what_another_process_kept_meanwhile_is_not_lost(store, tmp_path):
     one, two, cache = store("one", seed=1), store("two", seed=2), tmp_path / "cache"
     hashes.content_hash(one, cache)
     cache.mkdir()
-    (cache / hashes.KEPT).write_text(json.dumps({"of another process": "hash"}))
-    hashes.keep(cache)
+    (cache / hashes.HASHES).write_text(json.dumps({"of another process": "hash"}))
+    hashes.store_hashes(cache)
     hashes.content_hash(two, cache)
-    hashes.keep(cache)
-    assert len(json.loads((cache / hashes.KEPT).read_text())) == 3
+    hashes.store_hashes(cache)
+    assert len(json.loads((cache / hashes.HASHES).read_text())) == 3
 
 
 @pytest.mark.parametrize("damage", ["", "[1]", "nothing", "\xff", "null"])
 def test_a_damaged_file_of_hashes_is_none(store, tmp_path, damage):
     path, cache = store(), tmp_path / "cache"
     cache.mkdir()
-    (cache / hashes.KEPT).write_text(damage, "latin-1")
+    (cache / hashes.HASHES).write_text(damage, "latin-1")
     assert hashes.content_hash(path, cache) == hashes.content_hash(path)
     restarted(cache)
-    assert hashes.content_hash(path, cache) in json.loads((cache / hashes.KEPT).read_text()).values()
+    assert hashes.content_hash(path, cache) in json.loads((cache / hashes.HASHES).read_text()).values()
 
 
 def test_a_folder_that_cannot_be_written_only_costs_time(store, tmp_path):
     (tmp_path / "file").write_text("x")
     hashes.content_hash(store(), tmp_path / "file")
-    hashes.keep(tmp_path / "file")
+    hashes.store_hashes(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "x"
 
 

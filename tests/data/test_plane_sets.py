@@ -159,6 +159,16 @@ def test_another_recipe_is_another_set(tmp_path):
     assert plane_sets.folder_of(RECIPE, tmp_path).name == RECIPE.key()[:16]
 
 
+def test_a_new_field_of_a_sensor_changes_no_key_but_a_new_version_does(monkeypatch):
+    before = RECIPE.key()
+    fields = [("bloom", tuple, (0.0, 0.0))]
+    newer = dataclasses.make_dataclass("RandomSensor", fields, bases=(RandomSensor,), frozen=True)
+    scenes = dataclasses.replace(SCENES, sensor=newer(noise=1.0, tone_curve=0.5))
+    assert dataclasses.replace(RECIPE, scenes=scenes).key() == before
+    monkeypatch.setattr(plane_sets, "VERSION", plane_sets.VERSION + 1)
+    assert RECIPE.key() != before
+
+
 @pytest.mark.parametrize(
     "change", [{"grids": ()}, {"depths": ()}, {"n_near": 0, "ranges": ()}, {"ideal": 1.5}, {"flat": 2}]
 )
