@@ -81,7 +81,7 @@ def alone(given: Path, output: Path) -> None:
                 made = step(name, made)
                 taken.append(time.perf_counter() - start)
 
-    inputs.each = each
+    inputs.process = each
     sys.argv = ["lfref", "refocus", str(given), f"output={output}", *WORDS]
     commands.main()
     # The first one compiles.

@@ -24,7 +24,7 @@ from lfref.captures.correct import correct_by_option
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.cli.refocusing import fixed
+from lfref.cli.refocusing import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import Run
 from lfref.errors import InputError, chosen
@@ -73,7 +73,7 @@ def rounds_of_shared(config: DictConfig, counted: str = "repeats") -> Rounds:
 def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> list[LightField]:
     """The light fields given, or simulated ones of the paper's size, for these to refocus."""
     if config.input is not None:
-        return [inputs.read(path, config, refocusers) for path in inputs.find(config)]
+        return [inputs.read_field(path, config, refocusers) for path in inputs.find_fields(config).values()]
     source: SimulatedSource = configs.build(config.source)
     return [source.field(index) for index in range(len(source))]
 
@@ -132,7 +132,7 @@ def causes(config: DictConfig, folder: Path) -> None:
     """
     device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
     grids = tuple(int(n) for n in configs.plain(config.grids))
-    plan = CauseSettings(fixed(config), margin, configs.build(config.sensor), grids, device)
+    plan = CauseSettings(fixed_planes(config), margin, configs.build(config.sensor), grids, device)
     remedies = list(configs.build(config.remedies).values())
     name_apart(remedies)
     scenes = scenes_of_shared(config.judged)
@@ -183,7 +183,7 @@ def engines(config: DictConfig, folder: Path) -> None:
         tables.write_table(folder / f"{name}.csv", rows)
     drawing.save_figure(bench_plots.engines(table), folder / "engines.png")
     packages = {package: timing.version(package) for package in PACKAGES}
-    write_facts(folder, device, fields.whole, fixed(config), max(repeats.values()), passes=repeats, **packages)
+    write_facts(folder, device, fields.whole, fixed_planes(config), max(repeats.values()), passes=repeats, **packages)
     for row in engine_timing.fastest(table).itertuples():
         log.info("%s: %s in %s is %.1f times faster", row.network, row.engine, row.precision, row.ratio_to_eager)
     log.info("%d engines and precisions: %s", len(choices), folder / "engines.csv")
@@ -200,7 +200,7 @@ def _fields(config: DictConfig) -> Fields:
 
 def _networks(config: DictConfig) -> Sequence[Make]:
     """The checkpoints, or the network of the configuration without training."""
-    trained, planes = [load(path) for path in paths(configs.plain(config.checkpoint))], fixed(config)
+    trained, planes = [load(path) for path in paths(configs.plain(config.checkpoint))], fixed_planes(config)
     if not trained:
         torch.manual_seed(0)
         network = configs.build(config.net)
@@ -224,7 +224,7 @@ def _refiners(config: DictConfig) -> Sequence[Make]:
     if not isinstance(trained, RefinedRefocuser):
         remedy = "give checkpoint=RUN"
         raise InputError("refiner_checkpoint must be of a refiner", got=trained.name, remedy=remedy)
-    return [functools.partial(engine_timing.refiner_case, trained, planes=fixed(config))]
+    return [functools.partial(engine_timing.refiner_case, trained, planes=fixed_planes(config))]
 
 
 SUBJECTS: dict[str, Callable[[DictConfig], Sequence[Make]]] = {"network": _networks, "refiner": _refiners}
@@ -266,7 +266,7 @@ def front(config: DictConfig, folder: Path) -> None:
     """
     device, rounds = device_of(config.device), rounds_of_shared(config)
     margin = int(configs.number(config, "margin", 0))
-    planes = fixed(config)
+    planes = fixed_planes(config)
     methods = _methods(config, device)
     judges, fields = _judges(config, methods, planes, device)
     judged = pd.DataFrame(evaluation.evaluate(judges, methods, planes, margin))
@@ -341,7 +341,7 @@ def time_operators(config: DictConfig, folder: Path) -> None:
     """
     device, rounds = device_of(config.device), rounds_of_shared(config)
     scale_rounds = rounds_of_shared(config, "scale_repeats")
-    planes = fixed(config)
+    planes = fixed_planes(config)
     scales: Scales = configs.build(config.scales)
     in_numpy: dict[str, str] = configs.plain(config.in_numpy)
     field = _only_field(config).to(device)
@@ -403,7 +403,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
     """
     device, rounds = device_of(config.device), rounds_of_shared(config)
-    planes = fixed(config)
+    planes = fixed_planes(config)
     classes, judged = scenes_of_shared(config.classes), scenes_of_shared(config.judged)
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))

@@ -1,4 +1,4 @@
-"""`lfref eval`: judge checkpoints and operators plane by plane, and draw the paper's two figures."""
+"""`lfref eval`: evaluate checkpoints and operators plane by plane, and draw the paper's two figures."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from lfref.bench import accuracy
 from lfref.cli import config as configs
 from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.cli.refocusing import fixed
+from lfref.cli.refocusing import fixed_planes
 from lfref.data.label_sources import Labels
 from lfref.errors import InputError
 from lfref.refocuser.load import load
@@ -19,24 +19,24 @@ from lfref.report import drawing, pictures, plots, tables
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
-    """Write `planes.csv`, `summary.csv`, `scatter.png`, `quality_by_plane.png` and a comparison a light field.
+    """Write `planes.csv`, `summary.csv`, `scatter.png`, `quality_by_plane.png` and one comparison per light field.
 
     Args:
         config: `conf/eval.yaml`.
         folder: The run folder.
     """
     device = device_of(config.device)
-    planes = fixed(config)
+    planes = fixed_planes(config)
     references: dict[str, Labels] = configs.build(config.references)
-    judged = _judged(config, device)
-    for method in judged:
-        method.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
-    found = inputs.find(config)
+    methods = _methods(config, device)
+    for method in methods:
+        method.slopes(planes.slopes)  # refuses planes that it does not have before any work is done
+    fields = inputs.find_fields(config)
     rows: list[accuracy.Row] = []
-    for path in progress(found, "evaluating"):
-        field = inputs.read(path, config, judged)
+    for path in progress(fields.values(), "evaluating", len(fields)):
+        field = inputs.read_field(path, config, methods)
         with torch.no_grad():
-            stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in judged}
+            stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
         labels = {name: source(field) for name, source in references.items()}
         rows += accuracy.plane_rows(field.name, stacks, labels, planes)
         shown = stacks | {f"label: {name}": label for name, label in labels.items()}
@@ -48,18 +48,18 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     tables.write_table(folder / "summary.csv", summary)
     drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
     drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
-    log.info("%d light fields, %d methods: %s", len(found), len(judged), folder / "summary.csv")
+    log.info("%d light fields, %d methods: %s", len(fields), len(methods), folder / "summary.csv")
 
 
-def _judged(config: DictConfig, device: torch.device) -> list[Refocuser]:
+def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    judged = [*networks, *(method.to(device) for method in configs.build(config.methods).values())]
-    name_apart(judged)
-    if not judged:
+    methods = [*networks, *(method.to(device) for method in configs.build(config.methods).values())]
+    name_apart(methods)
+    if not methods:
         raise InputError(
             "there must be something to evaluate", remedy="give checkpoint=PATH or +method@methods.NAME=NAME"
         )
-    return judged
+    return methods
 
 
 main = command(evaluate)

@@ -14,7 +14,7 @@ import lfref
 from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.cli.command import command, log, progress
-from lfref.cli.refocusing import fixed
+from lfref.cli.refocusing import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import FP32, INT8, Inputs
 from lfref.engines.files import file_formats
@@ -39,7 +39,7 @@ def export(config: DictConfig, folder: Path) -> None:
         config: `conf/export.yaml`.
         folder: The run folder.
     """
-    refocuser, planes = _refocuser(config), fixed(config)
+    refocuser, planes = _refocuser(config), fixed_planes(config)
     wanted = ExportFile(folder / _name(config, refocuser), config.format, config.precision, lfref.__version__)
     grid = refocuser.grid or tuple(configs.plain(config.grid))
     subject = graphs.exportable(refocuser, planes, grid)

@@ -1,4 +1,4 @@
-"""`lfref film`: a film of a sequence of light fields, or of a single one, whose focus may move."""
+"""`lfref film`: a film of one light field or of a sequence, with a focus that may move by key frames."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from torch import Tensor
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli import inputs, refocusing
-from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.command import command, device_of, log, progress
 from lfref.errors import InputError, chosen
 from lfref.functional.threads import ahead
 from lfref.io import video
@@ -22,30 +22,25 @@ from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import pictures
 
-# PART focus_pull
-# A focus that moves over time: key frames, and the slopes of all frames between them.
-
 Motion = Callable[[NDArray, NDArray, NDArray], NDArray]
-"""(frames asked for, key frames, their slopes) -> slopes."""
+"""(frames, key frames, slopes of the key frames) -> slopes of the frames."""
 
 
 def _smooth(frames: NDArray, keys: NDArray, slopes: NDArray) -> NDArray:
-    """Monotone cubic pieces: slow at each turn, and never beyond the slopes of two keys between them."""
+    """Monotone cubic interpolation: it slows down at each turn, and never leaves the range of its two keys."""
     return np.asarray(PchipInterpolator(keys, slopes)(frames))
 
 
 MOTIONS: dict[str, Motion] = {"smooth": _smooth, "linear": np.interp}
-"""How focus goes from one key to the next."""
+"""Interpolation between key frames."""
 
 
 @dataclass(frozen=True)
 class FocusPull:
-    """Where a film is focused, frame by frame.
-
-    Before the first key the focus rests on it, and after the last key on that one.
+    """Slope of every frame of a film; before the first key frame and after the last one it is constant.
 
     Raises:
-        InputError: No key, one that is no frame, a slope that is not finite, or an unknown motion.
+        InputError: No key frame, a negative one, a slope that is not finite, or an unknown motion.
 
     Example:
         >>> FocusPull({0: -1.0, 4: 1.0}, "linear").slopes(6).tolist()
@@ -67,7 +62,7 @@ class FocusPull:
 
     @property
     def length(self) -> int:
-        """Frames up to the last key, and with it."""
+        """Number of frames up to and including the last key frame."""
         return max(self.keys) + 1
 
     def slopes(self, n_frames: int) -> Tensor:
@@ -77,7 +72,7 @@ class FocusPull:
             n_frames: Of the film, at least `length`.
 
         Raises:
-            InputError: A key lies beyond them.
+            InputError: A key frame lies beyond the film.
         """
         if n_frames < self.length:
             got = f"a key at frame {self.length - 1} of {n_frames} frames, counted from 0"
@@ -90,8 +85,8 @@ class FocusPull:
 
 
 FILM = "film.mp4"
-AT_ONCE = 16
-"""Planes of one light field that are made together: what a method finds out about it, it finds out once for them."""
+PLANES_PER_CALL = 16
+"""Planes of one light field that are refocused together, so that a method estimates disparities once."""
 
 
 def film(config: DictConfig, folder: Path) -> None:
@@ -104,34 +99,37 @@ def film(config: DictConfig, folder: Path) -> None:
     device, exposure = device_of(config.device), refocusing.exposure(config)
     rate = configs.number(config, "rate", 0.01, 100)
     refocuser: Refocuser = configs.build(config.method, aperture=configs.build(config.aperture)).to(device)
-    captures = inputs.found(paths(configs.plain(config.input)), config.reader.pattern)
-    first, *others = captures.values()
-    white = refocusing.white_of(config, refocuser)
-    opening, found = refocusing.prepared(refocusing.read(first, config, [refocuser]), config, white, refocuser)
+    fields = inputs.find_fields(config)
+    first, *others = fields.values()
+    white = refocusing.white_field(config, refocuser)
+    opening = inputs.read_field(first, config, [refocuser])
+    inputs.warn_if_reversed(opening)
+    # Corrections and brightness of the first light field serve all of them, so that nothing flickers.
+    opening, corrections = refocusing.correct_field(opening, config, white, refocuser)
     gain = refocusing.gain(opening, exposure)
-    slopes = _slopes(config, opening, len(captures), rate)
+    slopes = _slopes(config, opening, len(fields), rate)
 
-    def fields() -> Iterator[LightField]:
+    def corrected_fields() -> Iterator[LightField]:
         yield opening
         for path in others:
-            field = refocusing.read(path, config, [refocuser])
-            yield field if found is None else found.apply(field)
+            field = inputs.read_field(path, config, [refocuser])
+            yield field if corrections is None else corrections.apply(field)
 
-    def made() -> Iterator[Tensor]:
+    def planes() -> Iterator[Tensor]:
         if not others:
-            for some in slopes.split(AT_ONCE):
-                yield from refocusing.stack(refocuser, opening, some, device)
+            for part in slopes.split(PLANES_PER_CALL):
+                yield from refocusing.refocus_field(refocuser, opening, part, device)
             return
-        for field, slope in zip(ahead(fields()), slopes, strict=True):
-            yield from refocusing.stack(refocuser, field, slope[None], device)
+        for field, slope in zip(ahead(corrected_fields()), slopes, strict=True):
+            yield from refocusing.refocus_field(refocuser, field, slope[None], device)
 
     def frames() -> Iterator[NDArray[np.uint8]]:
-        for picture in made():
-            shown = pictures.for_display(picture, gain, opening.picture_encoding)
+        for plane in planes():
+            shown = pictures.for_display(plane, gain, opening.picture_encoding)
             yield np.rint(255 * shown).astype(np.uint8)
 
     video.write_video(folder / FILM, progress(ahead(frames()), "refocusing", len(slopes)), rate)
-    refocusing.write(folder, found)
+    refocusing.write_corrections(folder, corrections)
     ends = f"slopes {float(slopes.min()):.2f} to {float(slopes.max()):.2f}"
     log.info("%s: %d frames, %s, by %s", folder / FILM, len(slopes), ends, refocuser.name)
 

@@ -1,4 +1,4 @@
-"""`lfref info`: what light fields are, which slopes their scenes occupy, and what is wrong with them."""
+"""`lfref info`: properties of light fields, the slopes of their scenes, and their defects."""
 
 import json
 from pathlib import Path
@@ -15,28 +15,27 @@ from lfref.report.inspection import inspection_sheet
 
 
 def info(config: DictConfig, folder: Path) -> None:
-    """Say it in lines, and write `inspection.json` and `inspection.png`; of several, each gets a folder of its name.
+    """Log the properties of each light field, and write `inspection.json` and `inspection.png`.
 
     Args:
         config: `conf/info.yaml`.
         folder: The run folder.
     """
-    given = paths(configs.plain(config.input))
-    captures = inputs.found(given, config.reader.pattern)
-    white = None if config.white is None else inputs.read(Path(config.white), config)
+    fields, named = inputs.find_fields(config), paths(configs.plain(config.input))
+    white = None if config.white is None else inputs.read_field(Path(config.white), config)
 
-    def one(name: str, path: Path) -> None:
-        seen = inspect(inputs.read(path, config), white)
-        log.info("%s", "\n".join(seen.lines()))
-        _write(result_folders.of(folder, name, path, given), seen)
+    def inspect_field(name: str, path: Path) -> None:
+        inspection = inspect(inputs.read_field(path, config), white)
+        log.info("%s", "\n".join(inspection.lines()))
+        _write(result_folders.result_folder(folder, name, path, named), inspection)
 
-    inputs.each(captures, [one], "inspecting")
+    inputs.process(fields, [inspect_field], "inspecting")
     log.info("inspected: %s", folder)
 
 
-def _write(folder: Path, seen: Inspection) -> None:
-    atomic.write_text(folder / "inspection.json", json.dumps(seen.as_dict(), indent=2))
-    drawing.save_figure(inspection_sheet(seen), folder / "inspection.png")
+def _write(folder: Path, inspection: Inspection) -> None:
+    atomic.write_text(folder / "inspection.json", json.dumps(inspection.as_dict(), indent=2))
+    drawing.save_figure(inspection_sheet(inspection), folder / "inspection.png")
 
 
 main = command(info)

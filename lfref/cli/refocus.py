@@ -23,89 +23,94 @@ from lfref.refocuser.refocuser import Refocuser, in_bands
 from lfref.report import results
 from lfref.report.refocused import PictureFiles, Refocused
 
-Made = tuple[Refocused, Corrections | None]
-"""A light field that was refocused, and what was corrected before."""
+Result = tuple[Refocused, Corrections | None]
+"""A refocused light field, and what was corrected before."""
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
-    """Write what `lfref.report.results` makes of each light field; of several, each gets a folder of its name.
+    """Read, correct, refocus and write each light field; with more than one input each gets its own result folder.
 
     Args:
         config: `conf/refocus.yaml`.
         folder: The run folder.
     """
-    device, files, exposure = device_of(config.device), _files(config), refocusing.exposure(config)
-    refocuser, asked = _refocuser(config, device)
-    also = [name for name in results.OPTIONAL if config[name]]
-    given = paths(configs.plain(config.input))
-    captures = inputs.found(given, config.reader.pattern)
-    placed = {name: result_folders.of(folder, name, path, given) for name, path in captures.items()}
-    waiting = captures if config.resume is None else result_folders.unfilled(captures, placed, folder)
-    white = refocusing.white_of(config, refocuser)
-    n_rows, scratch = _bands(config, also), None if config.rows is None else folder
+    device, files, exposure = device_of(config.device), _picture_files(config), refocusing.exposure(config)
+    refocuser, configured_planes = _refocuser(config, device)
+    optional = [name for name in results.OPTIONAL if config[name]]
+    n_rows, scratch = _rows(config, optional), None if config.rows is None else folder
+    white = refocusing.white_field(config, refocuser)
+    fields, named = inputs.find_fields(config), paths(configs.plain(config.input))
+    places = {name: result_folders.result_folder(folder, name, path, named) for name, path in fields.items()}
+    if config.resume is not None:
+        fields = result_folders.remaining(fields, places, folder)
 
     def read(_: str, path: Path) -> LightField:
-        return refocusing.read(path, config, [refocuser], scratch)
+        field = inputs.read_field(path, config, [refocuser], scratch)
+        inputs.warn_if_reversed(field)
+        return field
 
-    def compute(_: str, field: LightField) -> Made:
-        field, corrections = refocusing.prepared(field, config, white, refocuser)
-        planes = planes_of(asked, field)
+    def compute(_: str, field: LightField) -> Result:
+        field, corrections = refocusing.correct_field(field, config, white, refocuser)
+        planes = planes_of(configured_planes, field)
         if n_rows is None:
-            stack = refocusing.stack(refocuser, field, planes.slopes, device)
+            stack = refocusing.refocus_field(refocuser, field, planes.slopes, device)
         else:
             stack = in_bands(refocuser, field, planes.slopes, n_rows, allocator(scratch), device)
         return Refocused(field, stack, planes, refocusing.gain(field, exposure), files), corrections
 
-    def write(name: str, made: Made) -> None:
-        refocused, corrections = made
-        with result_folders.filled(folder, placed[name]) as place:
-            results.write_results(place, refocused, also)
-            refocusing.write(place, corrections)
-        field, planes = refocused.field, refocused.planes
-        log.info("%s refocused by %s to %d planes in %s", field.name, refocuser.name, len(planes), placed[name])
+    def write(name: str, result: Result) -> None:
+        refocused, corrections = result
+        with result_folders.writing(folder, places[name]) as place:
+            results.write_results(place, refocused, optional)
+            refocusing.write_corrections(place, corrections)
+        n_planes = len(refocused.planes)
+        log.info("%s refocused by %s to %d planes in %s", name, refocuser.name, n_planes, places[name])
 
-    inputs.each(waiting, [read, compute, write], "refocusing")
+    inputs.process(fields, [read, compute, write], "refocusing")
 
 
-def _bands(config: DictConfig, also: list[str]) -> int | None:
-    """Rows that are refocused at a time, once it is known that nothing asked for needs more than these."""
+def _rows(config: DictConfig, optional: list[str]) -> int | None:
+    """Rows that are refocused at a time, or None for all.
+
+    Raises:
+        InputError: `rows` together with an option that needs the whole picture.
+    """
     if config.rows is None:
         return None
-    whole = [f"{name}=true" for name in also] + (["correct=" + str(config.correct)] * (config.correct != "none"))
+    whole = [f"{name}=true" for name in optional] + (["correct=" + str(config.correct)] * (config.correct != "none"))
     if whole:
-        expected = "rows=N refocuses light fields that do not fit into memory, and does nothing else with them"
+        expected = "rows=N refocuses light fields larger than memory, and does nothing else with them"
         raise InputError(expected, got=", ".join(whole), remedy="give correct=none and leave the others out")
     return int(configs.number(config, "rows", 1))
 
 
-def _files(config: DictConfig) -> PictureFiles:
-    """What pictures are written as."""
+def _picture_files(config: DictConfig) -> PictureFiles:
     bits, quality = (int(configs.number(config, name, 1)) for name in ("bits", "quality"))
     return PictureFiles(str(config.format), bits, quality)
 
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
-    """The checkpoint with its own planes, unless others were asked for, or the operator with the planes configured."""
+    """The method with the configured planes; a network has its own planes unless the command line names others."""
     planes: Planes = configs.build(config.planes)
     if config.checkpoint is None:
         return configs.build(config.method, aperture=configs.build(config.aperture)).to(device), planes
     network = load(config.checkpoint, device)
-    is_asked = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
-    planes = planes if network.planes is None or is_asked else network.planes
+    are_named = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
+    planes = planes if network.planes is None or are_named else network.planes
     if isinstance(planes, FocalPlanes):
-        network.slopes(planes.slopes)  # refuses planes that it does not make, before any work is done
+        network.slopes(planes.slopes)  # refuses planes that it does not have before any work is done
     return network, planes
 
 
 def claim(config: DictConfig, folder: Path) -> bool:
-    """Whether the folder may be written into: a run that goes on must be set as it was.
+    """Refuse to resume a run with other settings than its own.
 
     Args:
         config: `conf/refocus.yaml`.
         folder: The run folder.
 
     Raises:
-        InputError: A run would go on otherwise than it began.
+        InputError: Settings differ.
     """
     if config.resume is not None:
         plain = configs.plain(config)
@@ -118,7 +123,7 @@ _started = command(refocus, claim)
 
 
 def main() -> None:
-    """Write `resume=RUN` out, and start."""
+    """Expand `resume=RUN` to the command line of that run, and start."""
     try:
         sys.argv[1:] = resume.expanded(sys.argv[1:], last=lambda run: run.folder)
     except LfrefError as error:

@@ -1,4 +1,4 @@
-"""Where the results of each light field go, and whose are there already: a run of many may be killed and go on."""
+"""Result folders: where the results of each light field go, and which exist already when a run is resumed."""
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,45 +10,44 @@ from lfref.cli.command import log
 from lfref.io import atomic
 
 
-def of(folder: Path, name: str, path: Path, given: Sequence[Path]) -> Path:
-    """Where the results of a light field go: of one that is all that was given, itself and not as a part of a folder,
-    into the run folder; of others each into one of its own.
+def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -> Path:
+    """The result folder of one light field: the run folder for a single input, else RUN/NAME.
 
     Args:
         folder: The run folder.
-        name: Of the light field.
-        path: Where it was found.
-        given: As of `several.found`.
+        name: Name of the light field.
+        path: Its path.
+        inputs: All paths of `input`: a single light field in a folder gets RUN/NAME too.
     """
-    return folder if {path.resolve()} == {each.resolve() for each in given} else folder / name
+    return folder if {path.resolve()} == {other.resolve() for other in inputs} else folder / name
 
 
 @contextmanager
-def filled(folder: Path, place: Path) -> Iterator[Path]:
-    """Where results are written to: the run folder itself, or a folder in it, which is there only when it is whole.
+def writing(folder: Path, results: Path) -> Iterator[Path]:
+    """The folder to write results into: the run folder, or a partial folder that gets its name when it is complete.
 
     Args:
         folder: The run folder.
-        place: As of `of`.
+        results: As from `result_folder`.
     """
-    if place == folder:
-        yield place
+    if results == folder:
+        yield results
         return
-    with atomic.replacing_folder(place) as partial:
+    with atomic.replacing_folder(results) as partial:
         yield partial
-    run_folder.list_also(folder, place)
+    run_folder.list_also(folder, results)
 
 
-def unfilled(captures: Mapping[str, Path], places: Mapping[str, Path], folder: Path) -> dict[str, Path]:
-    """Light fields whose results are not there yet; what was half written when a run was killed goes away.
+def remaining(fields: Mapping[str, Path], results: Mapping[str, Path], folder: Path) -> dict[str, Path]:
+    """The light fields without results; partial results of a killed run are deleted.
 
     Args:
-        captures: As of `several.found`.
-        places: Name -> place, as of `of`.
+        fields: Name -> path.
+        results: Name -> result folder.
         folder: The run folder.
     """
-    for half in (each for place in {folder, *places.values()} for each in atomic.partial_files(place)):
-        shutil.rmtree(half) if half.is_dir() else half.unlink()
-    waiting = {name: path for name, path in captures.items() if places[name] == folder or not places[name].exists()}
-    log.info("%d of %d light fields are done", len(captures) - len(waiting), len(captures))
+    for partial in (entry for place in {folder, *results.values()} for entry in atomic.partial_files(place)):
+        shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
+    waiting = {name: path for name, path in fields.items() if results[name] == folder or not results[name].exists()}
+    log.info("%d of %d light fields are done", len(fields) - len(waiting), len(fields))
     return waiting

@@ -4,6 +4,7 @@ The mark (see `io.ownership`) lists what the run wrote. `overwrite=true` deletes
 listed file was edited, or the folder is no run folder, it is refused and nothing is deleted.
 """
 
+import itertools
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.experimental.callback import Callback
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from lfref.cli.exit_codes import fail
 from lfref.errors import FileError, InputError, LfrefError
@@ -104,6 +105,27 @@ def _is_free(folder: Path) -> bool:
     return not names or (ownership.MARK in names and all(name in NOTES or name.endswith(".log") for name in names))
 
 
+SOURCES = ("input", "runs", "checkpoint", "white", "truth", "correct", "data.path", "data.validation_path")
+"""Keys of configurations that name files of the user's."""
+
+
+def refuse_inputs(config: DictConfig, folder: Path) -> None:
+    """Refuse an output folder that is an input, or that contains one: `overwrite=true` could delete it.
+
+    Raises:
+        FileError: It is or does.
+    """
+    for key in SOURCES:
+        value = OmegaConf.select(config, key, throw_on_missing=False)
+        for name in [value] if isinstance(value, str) else value or ():
+            # Of a pattern such as shots/*.exr, the folder before the first wildcard counts.
+            fixed = itertools.takewhile(lambda part: not set("*?[") & set(part), Path(str(name)).parts)
+            path = Path(*fixed).resolve()
+            if path.exists() and (path == folder.resolve() or folder.resolve() in path.parents):
+                expected = "output must be a folder that neither is nor contains an input"
+                raise FileError(expected, got=f"{folder} with {key}={name}", remedy="choose another output")
+
+
 class OutputFolder(Callback):
     """Claims the output folder before Hydra makes it, so that a folder that cannot be used is one clear line."""
 
@@ -125,6 +147,8 @@ class OutputFolder(Callback):
                 remedy = "go on by resume=RUN, or choose another output"
                 expected = "overwrite must be false for training, for sweeps, and where a run goes on"
                 raise InputError(expected, got="true", remedy=remedy)
+            if not is_resumed:
+                refuse_inputs(config, Path(config.hydra[mode].dir))
             prepare(Path(config.hydra[mode].dir), config.overwrite)
         except LfrefError as error:
             fail(config.hydra.job.name, error)

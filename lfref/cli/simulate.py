@@ -8,7 +8,7 @@ from torch import Tensor
 
 from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, progress
-from lfref.cli.refocusing import fixed
+from lfref.cli.refocusing import fixed_planes
 from lfref.encoding import LINEAR, SRGB, Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
@@ -35,7 +35,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     """
     n_fields, seed = int(configs.number(config, "n_fields", 1)), int(configs.number(config, "seed", 0))
     device, outputs, suffix = device_of(config.device), _outputs(config), _suffix(config)
-    planes = fixed(config)
+    planes = fixed_planes(config)
     scenes = _scenes(config)
     for index in progress(range(n_fields), "simulating"):
         scene = _named(scenes.scene(seed, 0, index))

@@ -14,7 +14,7 @@ from lfref.cli import config as configs
 from lfref.cli import resume
 from lfref.cli.command import command, log, quiet_libraries
 from lfref.cli.exit_codes import fail
-from lfref.cli.refocusing import fixed
+from lfref.cli.refocusing import fixed_planes
 from lfref.cli.run_folder import is_first_process
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
@@ -92,7 +92,11 @@ def _how_to_go_on(folder: Path) -> str:
 
 
 def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
-    told = {"planes": fixed(config), "is_linear": getattr(data, "is_linear", True)} if "planes" in config.task else {}
+    told = (
+        {"planes": fixed_planes(config), "is_linear": getattr(data, "is_linear", True)}
+        if "planes" in config.task
+        else {}
+    )
     module: Fitting = configs.build(config.task, **told)
     return module
 

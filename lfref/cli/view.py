@@ -1,4 +1,4 @@
-"""`lfref view`: one page on which people refocus a light field themselves, from disk, without a server."""
+"""`lfref view`: one HTML page on which people refocus a light field, from disk, without a server."""
 
 from pathlib import Path
 
@@ -22,59 +22,62 @@ PAGE = "index.html"
 
 
 def view(config: DictConfig, folder: Path) -> None:
-    """Write a page for each light field; of several, each gets a folder of its name.
+    """Write a page for each light field; with more than one input each gets its own result folder.
 
     Args:
         config: `conf/view.yaml`.
         folder: The run folder.
     """
     device, exposure = device_of(config.device), refocusing.exposure(config)
-    refocusers = [each.to(device) for each in _refocusers(config)]
-    asked: Planes = configs.build(config.planes)
-    given = paths(configs.plain(config.input))
-    captures = inputs.found(given, config.reader.pattern)
-    white = refocusing.white_of(config, refocusers[0])
+    refocusers = [refocuser.to(device) for refocuser in _refocusers(config)]
+    configured_planes: Planes = configs.build(config.planes)
+    fields, named = inputs.find_fields(config), paths(configs.plain(config.input))
+    white = refocusing.white_field(config, refocusers[0])
     truth = None if config.truth is None else reader.read_stack(config.truth)
-    if truth is not None and len(captures) > 1:
-        raise InputError("truth is of one light field", got=f"{len(captures)} of them", remedy="view them one by one")
+    if truth is not None and len(fields) > 1:
+        raise InputError("truth belongs to one light field", got=f"{len(fields)} of them", remedy="view one at a time")
 
-    def one(name: str, path: Path) -> None:
-        read = refocusing.read(path, config, refocusers)
-        field, _ = refocusing.prepared(read, config, white, refocusers[0])
-        planes = next((each.planes for each in refocusers if each.planes is not None), None)
-        planes = (planes_of(asked, field) if truth is None else truth[1]) if planes is None else planes
+    def write_page(name: str, path: Path) -> None:
+        field = inputs.read_field(path, config, refocusers)
+        inputs.warn_if_reversed(field)
+        field, _ = refocusing.correct_field(field, config, white, refocusers[0])
+        # Planes of a network come first, then those of the truth, then the configured ones.
+        planes = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)
+        if planes is None:
+            planes = planes_of(configured_planes, field) if truth is None else truth[1]
         gain = refocusing.gain(field, exposure)
         shown = {
-            each.name: Refocused(field, refocusing.stack(each, field, planes.slopes, device), planes, gain)
-            for each in progress(refocusers, f"{field.name}: refocusing")
+            method.name: Refocused(field, refocusing.refocus_field(method, field, planes.slopes, device), planes, gain)
+            for method in progress(refocusers, f"{field.name}: refocusing")
         }
         if truth is not None:
-            shown["truth"] = Refocused(field, _fitting(truth, field, planes), planes, gain)
-        place = result_folders.of(folder, name, path, given) / PAGE
+            shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
+        place = result_folders.result_folder(folder, name, path, named) / PAGE
         view_page.write(place, config.title or field.name, _facts(shown), view_page.page_content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 
-    inputs.each(captures, [one], "viewing")
+    inputs.process(fields, [write_page], "viewing")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:
-    """The checkpoint, then the methods, each once."""
+    """The checkpoint, then the methods; equal names are numbered."""
     aperture = configs.build(config.aperture)
-    chosen = [load(config.checkpoint)] if config.checkpoint is not None else []
-    chosen += [configs.build(each, aperture=aperture) for each in (config.methods or {}).values() if each is not None]
-    if not chosen:
+    refocusers = [load(config.checkpoint)] if config.checkpoint is not None else []
+    methods = [method for method in (config.methods or {}).values() if method is not None]
+    refocusers += [configs.build(method, aperture=aperture) for method in methods]
+    if not refocusers:
         raise InputError(
             "a page must show at least one method", got="none", remedy="give method=NAME or checkpoint=RUN"
         )
-    name_apart(chosen)
-    return chosen
+    name_apart(refocusers)
+    return refocusers
 
 
-def _fitting(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
-    """The truth's stack, once it is known to be of these planes of this light field.
+def _checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
+    """The stack of the truth.
 
     Raises:
-        InputError: It is of others.
+        InputError: It has other planes or another size than the light field.
     """
     stack, own = truth
     if tuple(stack.shape[-2:]) != field.size or not own.has_slopes(planes.slopes):

@@ -57,19 +57,19 @@ def settings(composed):
 
 def test_none_looks_for_nothing(settings):
     field = scenes.recorded("vignetting")
-    assert refocusing.prepared(field, settings("correct=none"), None, SHIFTS) == (field, None)
+    assert refocusing.correct_field(field, settings("correct=none"), None, SHIFTS) == (field, None)
 
 
 def test_auto_takes_off_what_is_shown_and_says_so(settings, caplog):
     field = scenes.recorded("vignetting")
-    made, found = refocusing.prepared(field, settings(), None, SHIFTS)
+    made, found = refocusing.correct_field(field, settings(), None, SHIFTS)
     assert found.active == ("vignetting",)
     assert not torch.equal(made.views, field.views)
-    assert caplog.messages == ["corrected: vignetting (explain=true says more, correct=none leaves them)"]
+    assert caplog.messages == ["corrected: vignetting (explain=true says more, correct=none corrects nothing)"]
 
 
 def test_explain_says_a_line_of_each_correction(settings, caplog):
-    refocusing.prepared(scenes.recorded("vignetting"), settings("explain=true"), None, SHIFTS)
+    refocusing.correct_field(scenes.recorded("vignetting"), settings("explain=true"), None, SHIFTS)
     name, *lines = "\n".join(caplog.messages).splitlines()
     assert name == "vignetting"
     assert [line.split()[0] for line in lines] == NAMES
@@ -79,7 +79,7 @@ def test_explain_says_a_line_of_each_correction(settings, caplog):
 
 
 def test_a_file_is_applied_as_it_is(field, profile, settings):
-    made, found = refocusing.prepared(field, settings(f"correct={profile}"), None, SHIFTS)
+    made, found = refocusing.correct_field(field, settings(f"correct={profile}"), None, SHIFTS)
     assert found.active == ("exposure",)
     torch.testing.assert_close(made.views[0, 0], torch.full((3, 32, 40), 0.125))
     assert torch.equal(made.views[1:], field.views[1:])
@@ -148,32 +148,41 @@ def test_a_white_picture_of_another_size_is_one_line(lfref, field, tmp_path):
 def test_encoded_samples_are_not_scaled_as_light(settings, caplog):
     linear = scenes.recorded("vignetting")
     field = dataclasses.replace(linear, views=encoding.SRGB.encode(linear.views), is_linear=False)
-    made, found = refocusing.prepared(field, settings(), None, SHIFTS)
+    made, found = refocusing.correct_field(field, settings(), None, SHIFTS)
     assert made is field
     assert found.active == ()
+<<<<<<< HEAD
     said = "vignetting: vignetting, exposure, noise unchanged: encoded samples are no light (reader.encoding=none)"
+=======
+    said = "vignetting: vignetting, exposure, noise unchanged: encoded samples are no light (reader.encoding=none)"
+>>>>>>> 8658cad (Commands find light fields in one way (patterns for all, logs are none), refuse an output that is or contains an input; refocus reads as four steps)
     assert caplog.messages == [said]
 
 
 def test_nothing_to_correct_leaves_the_field_and_no_file_for_others(field, settings, tmp_path):
-    made, found = refocusing.prepared(field, settings(), None, SHIFTS)
+    made, found = refocusing.correct_field(field, settings(), None, SHIFTS)
     assert made is field
-    refocusing.write(tmp_path, found)
+    refocusing.write_corrections(tmp_path, found)
     assert [path.name for path in tmp_path.iterdir()] == ["corrections.txt"]
+<<<<<<< HEAD
     assert (tmp_path / "corrections.txt").read_text() == found.summary() + "\n"
     refocusing.write(tmp_path / "none", None)
+=======
+    assert (tmp_path / "corrections.txt").read_text() == found.explain() + "\n"
+    refocusing.write_corrections(tmp_path / "none", None)
+>>>>>>> 8658cad (Commands find light fields in one way (patterns for all, logs are none), refuse an output that is or contains an input; refocus reads as four steps)
     assert not (tmp_path / "none").exists()
 
 
 def test_rows_of_their_own_spacing_are_put_in_place_for_those_who_take_positions(field, settings, tmp_path):
     file = _spaced(field, tmp_path)
-    made, found = refocusing.prepared(field, settings(f"correct={file}"), None, SHIFTS)
+    made, found = refocusing.correct_field(field, settings(f"correct={file}"), None, SHIFTS)
     assert found.active == ("spacing",)
     assert made.positions[:, 0, 0].tolist() == [-1.25, 0, 1.25]
 
 
 def test_rows_of_their_own_spacing_are_only_told_to_those_who_do_not(field, settings, tmp_path, caplog):
-    made, found = refocusing.prepared(field, settings(f"correct={_spaced(field, tmp_path)}"), None, SLICES)
+    made, found = refocusing.correct_field(field, settings(f"correct={_spaced(field, tmp_path)}"), None, SLICES)
     assert found.active == ()
     assert made.positions is None
     assert len(caplog.messages) == 1

@@ -1,4 +1,6 @@
-"""Light fields are read as they are, or with as many views as a network reads."""
+"""Light fields are found by paths, folders and patterns, named, read with the views of a network, and processed."""
+
+import threading
 
 import numpy as np
 import pytest
@@ -6,9 +8,10 @@ import torch
 from omegaconf import OmegaConf
 
 from lfref.cli import inputs
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError, InputError, LfrefError
 from lfref.geometry import even_planes
 from lfref.io import images
+from lfref.io import write as writer
 from lfref.io.read import read
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -31,15 +34,19 @@ def field(tmp_path):
     return write(tmp_path / "fields" / "a", LightField(torch.rand(5, 5, 3, 16, 18)))
 
 
-def config(views=None, path=None):
-    return OmegaConf.create({"input": None if path is None else str(path), "reader": {"views": views}})
+def config(views=None, pattern=None, paths=()):
+    return OmegaConf.create({"input": [str(path) for path in paths], "reader": {"views": views, "pattern": pattern}})
+
+
+def find(*paths, pattern=None):
+    return inputs.find_fields(config(None, pattern, paths))
 
 
 def test_operators_read_all_views_and_networks_as_many_as_theirs(field, network):
-    assert inputs.read(field, config()).grid == (5, 5)
-    assert inputs.read(field, config(), [OPERATOR]).grid == (5, 5)
-    assert inputs.read(field, config(), [OPERATOR, network]).grid == (3, 3)
-    assert torch.equal(inputs.read(field, config(), [network]).views, read(field, views=3).views)
+    assert inputs.read_field(field, config()).grid == (5, 5)
+    assert inputs.read_field(field, config(), [OPERATOR]).grid == (5, 5)
+    assert inputs.read_field(field, config(), [OPERATOR, network]).grid == (3, 3)
+    assert torch.equal(inputs.read_field(field, config(), [network]).views, read(field, views=3).views)
 
 
 def test_an_option_that_concerns_other_forms_is_refused_and_their_defaults_are_not(lfref, field):
@@ -52,20 +59,13 @@ def test_an_option_that_concerns_other_forms_is_refused_and_their_defaults_are_n
 
 
 def test_the_number_that_is_asked_for_counts(field, network):
-    assert inputs.read(field, config(views=5), [network]).grid == (5, 5)
+    assert inputs.read_field(field, config(views=5), [network]).grid == (5, 5)
 
 
 def test_a_field_too_small_for_a_network_names_the_network(tmp_path, network):
     small = write(tmp_path / "small", LightField(torch.rand(2, 2, 3, 16, 18)))
     with pytest.raises(InputError, match=r"mine reads \(3, 3\) views; got views to keep must be among the 2"):
-        inputs.read(small, config(), [network])
-
-
-def test_the_light_fields_below_a_folder_are_found(field):
-    assert inputs.find(config(path=field)) == [field]
-    assert inputs.find(config(path=field.parent)) == [field]
-    with pytest.raises(FileError, match="must hold light fields"):
-        inputs.find(config(path=field.parent / "none"))
+        inputs.read_field(small, config(), [network])
 
 
 def test_missing_views_are_told(tmp_path, caplog):
@@ -73,5 +73,163 @@ def test_missing_views_are_told(tmp_path, caplog):
         images.write_image(tmp_path / f"a_{row}_{column}.png", np.zeros((4, 5, 3), np.uint8))
     options = OmegaConf.create({"reader": {"views": None, "holes": True}})
     with caplog.at_level("INFO"):
-        assert inputs.read(tmp_path, options).grid == (2, 2)
+        assert inputs.read_field(tmp_path, options).grid == (2, 2)
     assert "1 of 4 views are missing" in caplog.text
+
+
+@pytest.fixture
+def captures(tmp_path):
+    """A folder of two light fields, another of one by the name of the first, and what else lies there."""
+    field = LightField(torch.rand(3, 3, 3, 16, 20))
+    for name in ("one/a", "one/b c.exr", "two/a"):
+        writer.write(tmp_path / name, field)
+    (tmp_path / "one" / "notes.txt").write_text("mine")
+    (tmp_path / "one" / "empty").mkdir()
+    return tmp_path
+
+
+def test_a_folder_stands_for_the_light_fields_in_it(captures):
+    one = captures / "one"
+    assert find(one) == {"a": one / "a", "b c": one / "b c.exr"}
+    assert find(one / "a") == {"a": one / "a"}
+
+
+def test_what_is_given_twice_counts_once(captures, monkeypatch):
+    one = captures / "one"
+    monkeypatch.chdir(one)
+    assert list(find(one, one / "a", captures / "two" / ".." / "one" / "a")) == ["a", "b c"]
+
+
+def test_equal_names_are_told_apart_by_their_folders(captures):
+    assert list(find(captures / "one", captures / "two" / "a")) == ["one_a", "one_b c.exr", "two_a"]
+
+
+def test_equal_names_of_different_formats_are_told_apart_by_these(captures):
+    writer.write(captures / "one" / "a.exr", LightField(torch.rand(2, 2, 3, 8, 8)))
+    assert list(find(captures / "one")) == ["a", "a.exr", "b c.exr"]
+
+
+def test_a_name_alone_is_that_of_the_folder_that_it_leads_to(captures, monkeypatch):
+    monkeypatch.chdir(captures / "one" / "a")
+    assert list(find(".")) == ["a"]
+
+
+def test_nothing_and_names_that_nothing_tells_apart_are_refused(captures):
+    with pytest.raises(InputError, match="different names; got none"):
+        find()
+    for place in ("x", "y"):
+        writer.write(captures / place / "two" / "a", LightField(torch.rand(2, 2, 3, 8, 8)))
+    with pytest.raises(InputError, match="got two_a, two_a"):
+        find(captures / "x" / "two" / "a", captures / "y" / "two" / "a")
+
+
+def test_pictures_by_unknown_names_are_no_folder_of_lenslet_images(tmp_path):
+    for name in ("left", "right"):
+        images.write_image(tmp_path / "views" / f"{name}.png", np.zeros((28, 42, 3)))
+    assert find(tmp_path / "views") == {"views": tmp_path / "views"}
+
+
+def test_large_pictures_are(tmp_path):
+    for name in ("one", "two"):
+        images.write_image(tmp_path / "images" / f"{name}_eslf.png", np.zeros((inputs.LENSLET_SIDE, 3001, 1), np.uint8))
+    assert list(find(tmp_path / "images")) == ["one_eslf", "two_eslf"]
+
+
+def test_a_damaged_picture_does_not_hide_the_others(tmp_path):
+    images.write_image(tmp_path / "images" / "one.png", np.zeros((inputs.LENSLET_SIDE, 3001, 1), np.uint8))
+    (tmp_path / "images" / "two.png").write_bytes(b"")
+    assert list(find(tmp_path / "images")) == ["one", "two"]
+
+
+def test_a_pattern_stands_for_what_fits_it_in_the_order_of_its_numbers(captures):
+    for number in (10, 9, 1):
+        writer.write(captures / "film" / f"frame_{number}.exr", LightField(torch.rand(2, 2, 3, 8, 8)))
+    wanted = [f"frame_{number}" for number in (1, 9, 10)]
+    assert list(find(captures / "film" / "frame_*.exr")) == wanted
+    assert list(find(captures / "film")) == wanted
+    assert list(find(captures / "f*" / "*_1*")) == [wanted[0], wanted[2]]
+    with pytest.raises(FileError, match=r"must match a file or folder; got none"):
+        find(captures / "film" / "*.png")
+
+
+def test_logs_and_tables_beside_light_fields_are_no_light_fields(captures):
+    (captures / "one" / "simulate.log").write_text("simulated 2 light fields")
+    (captures / "one" / "empty").rmdir()
+    assert list(find(captures / "one" / "*")) == ["a", "b c"]
+
+
+def test_a_name_with_a_bracket_is_a_name(captures):
+    odd = writer.write(captures / "a [1]", LightField(torch.rand(2, 2, 3, 8, 8)))
+    assert find(odd) == {"a [1]": odd}
+
+
+def test_a_pattern_makes_every_folder_one_light_field(captures):
+    assert find(captures / "one", pattern=r"(?P<index>\d+)") == {"one": captures / "one"}
+
+
+def test_a_missing_path_is_left_to_the_reader(tmp_path):
+    assert find(tmp_path / "nowhere") == {"nowhere": tmp_path / "nowhere"}
+
+
+def test_the_others_are_done_and_the_failed_named_at_the_end(tmp_path):
+    done = []
+
+    def task(name, path):
+        if name in ("b", "d"):
+            raise (FileError if name == "b" else PermissionError)(f"no {name}")
+        done.append((name, path))
+
+    with pytest.raises(LfrefError, match="all 4 light fields must be usable; got 2 that failed: b, d; the others"):
+        inputs.process({name: tmp_path / name for name in "abcd"}, [task], "trying")
+    assert done == [("a", tmp_path / "a"), ("c", tmp_path / "c")]
+
+
+def test_steps_work_at_once_on_light_fields_that_follow_each_other(tmp_path):
+    seen, together = [], threading.Barrier(3, timeout=20)
+
+    def step(number):
+        def work(name, made):
+            if int(name) + number == 2:
+                together.wait()  # breaks unless the first is written while the third is read
+            seen.append((number, name))
+            return name
+
+        return work
+
+    inputs.process(dict.fromkeys("01234"), [step(0), step(1), step(2)], "trying")
+    for number in range(3):
+        assert [name for each, name in seen if each == number] == list("01234")
+
+
+def test_no_more_than_one_waits_between_two_steps(tmp_path):
+    read, most = [], []
+
+    def written(name, made):
+        most.append(len(read) - len(most))
+
+    inputs.process(dict.fromkeys("abcdefghij"), [lambda name, path: read.append(name), written], "trying")
+    assert max(most) <= 2
+
+
+def test_the_error_of_a_single_one_is_raised_as_it_is(tmp_path):
+    error = FileError("mine")
+
+    def task(name, path):
+        raise error
+
+    with pytest.raises(FileError) as caught:
+        inputs.process({"a": tmp_path}, [task], "trying")
+    assert caught.value is error
+
+
+def test_mistakes_of_ours_stop_everything(tmp_path):
+    def task(name, path):
+        raise RuntimeError("a bug")
+
+    with pytest.raises(RuntimeError):
+        inputs.process({"a": tmp_path, "b": tmp_path}, [task], "trying")
+
+
+def test_where_nothing_is_to_do_nothing_is_shown(capsys):
+    inputs.process({}, [pytest.fail], "trying")
+    assert capsys.readouterr() == ("", "")

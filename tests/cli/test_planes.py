@@ -33,7 +33,7 @@ def test_fixed_planes_are_the_same_for_all_light_fields():
 def test_commands_with_planes_for_all_refuse_planes_for_each(composed, command):
     needs = {"eval": ["input=x"], "bench": ["input=x"]}.get(command, [])
     with pytest.raises(InputError, match=r"got planes=auto; .*planes=paper"):
-        refocusing.fixed(composed(command, "planes=auto", *needs))
+        refocusing.fixed_planes(composed(command, "planes=auto", *needs))
 
 
 def test_every_input_gets_planes_of_its_own(lfref, tmp_path):

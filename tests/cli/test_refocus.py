@@ -115,7 +115,7 @@ def test_bands_of_rows_make_the_same_pictures(lfref, captures, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("rows=8",), "rows=N refocuses light fields that do not fit into memory"),
+        (("rows=8",), "rows=N refocuses light fields larger than memory"),
         (("rows=8", "correct=none", "video=true"), "got video=true"),
         (("rows=0", "correct=none"), "rows must be a number of at least 1"),
         (("rows=8", "correct=none", "method=exact_fourier"), "got exact_fourier, which looks at the whole picture"),
@@ -183,7 +183,7 @@ def test_a_flat_wall_has_no_points_and_all_else(lfref, tmp_path):
     words = ("points=true", "video=true", "disparity=true", "all_in_focus=true")
     status, error = lfref("refocus", wall, f"output={tmp_path}/out", *QUICK, *words)
     assert status == 1
-    assert "a wall must show something whose distance can be told" in error
+    assert "a wall must have pixels of confident disparity" in error
     assert {"sweep.mp4", "sweep.gif", "focus_map.png", "disparity"} <= {
         path.name for path in (tmp_path / "out").iterdir()
     }

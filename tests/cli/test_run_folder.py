@@ -181,3 +181,15 @@ def test_training_and_sweeps_are_never_overwritten(lfref, tmp_path, words):
     status, error = lfref(*words, "overwrite=true", f"output={tmp_path}/out")
     assert status == 1
     assert "overwrite must be false for training, for sweeps" in error
+
+
+@pytest.mark.parametrize("overwrite", ["false", "true"])
+def test_an_output_that_is_or_contains_an_input_is_refused_and_nothing_changes(lfref, tmp_path, overwrite):
+    assert lfref("simulate", "n_fields=1", "scene.camera.size=[64,72]", "outputs=[views]", "output=made")[0] == 0
+    before = ownership.files_below(tmp_path / "made")
+    (field,) = (path for path in (tmp_path / "made").iterdir() if path.is_dir() and path.name.startswith("simulated"))
+    for source, output in ((field, field), (field, "made"), ("made/simulated*", "made"), ("made/*", tmp_path)):
+        status, errors = lfref("refocus", source, "slopes=[0]", f"output={output}", f"overwrite={overwrite}")
+        assert status != 0
+        assert "output must be a folder that neither is nor contains an input" in errors
+    assert ownership.files_below(tmp_path / "made") == before
