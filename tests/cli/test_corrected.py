@@ -151,11 +151,7 @@ def test_encoded_samples_are_not_scaled_as_light(settings, caplog):
     made, found = refocusing.correct_field(field, settings(), None, SHIFTS)
     assert made is field
     assert found.active == ()
-<<<<<<< HEAD
     said = "vignetting: vignetting, exposure, noise unchanged: encoded samples are no light (reader.encoding=none)"
-=======
-    said = "vignetting: vignetting, exposure, noise unchanged: encoded samples are no light (reader.encoding=none)"
->>>>>>> 8658cad (Commands find light fields in one way (patterns for all, logs are none), refuse an output that is or contains an input; refocus reads as four steps)
     assert caplog.messages == [said]
 
 
@@ -164,13 +160,8 @@ def test_nothing_to_correct_leaves_the_field_and_no_file_for_others(field, setti
     assert made is field
     refocusing.write_corrections(tmp_path, found)
     assert [path.name for path in tmp_path.iterdir()] == ["corrections.txt"]
-<<<<<<< HEAD
     assert (tmp_path / "corrections.txt").read_text() == found.summary() + "\n"
-    refocusing.write(tmp_path / "none", None)
-=======
-    assert (tmp_path / "corrections.txt").read_text() == found.explain() + "\n"
     refocusing.write_corrections(tmp_path / "none", None)
->>>>>>> 8658cad (Commands find light fields in one way (patterns for all, logs are none), refuse an output that is or contains an input; refocus reads as four steps)
     assert not (tmp_path / "none").exists()
 
 
