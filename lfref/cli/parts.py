@@ -125,11 +125,28 @@ FAMILIES = {
             "Logger": BASE,
             "CSVLogger": "is replaced by lfref.train.callbacks.CSVLogger, which a resumed run continues",
             "LitLogger": ELSEWHERE,
+            "NeptuneLogger": "uploads source files by a pattern; declare your own subclass as a part",
         },
     ),
     **dict.fromkeys(
         ("torchmetrics.image", "torchmetrics.regression"),
-        Family("metrics", "Metric", {"MemorizationInformedFrechetInceptionDistance": "downloads weights"}),
+        Family(
+            "metrics",
+            "Metric",
+            # Metrics by networks download weights, or read a file that an argument names.
+            dict.fromkeys(
+                (
+                    "DeepImageStructureAndTextureSimilarity",
+                    "FrechetInceptionDistance",
+                    "InceptionScore",
+                    "KernelInceptionDistance",
+                    "LearnedPerceptualImagePatchSimilarity",
+                    "MemorizationInformedFrechetInceptionDistance",
+                    "PerceptualPathLength",
+                ),
+                "downloads weights of a network",
+            ),
+        ),
     ),
 }
 """Module -> its classes that a configuration may name; they count as long as they are defined in that library."""
@@ -137,7 +154,7 @@ DEFERRED = ("operators", "apertures", "optimisers", "schedules")
 """Groups whose parts get their options from the configuration and the other arguments later: `_partial_: true`."""
 WRITERS = ("trainers", "callbacks", "loggers")
 """Groups whose parts write files: all paths that they are given must lie in the run folder."""
-PLACES = ("dirpath", "save_dir", "folder", "default_root_dir")
+PLACES = ("dirpath", "save_dir", "folder", "default_root_dir", "offline_directory")
 ARGUMENTS = {
     "lightning.pytorch.loggers.CometLogger": (
         "workspace", "project", "experiment_key", "mode", "online", "prefix", "name", "tags", "offline_directory",
@@ -163,6 +180,7 @@ MOVED = {
     "lfref.refocus.fourier.layered_refocusing.refocus_by_layers": (
         "lfref.refocus.fourier.disparity_layers.refocus_by_layers"
     ),
+    "lfref.bench.scaling.Scales": "lfref.bench.operator_costs.Scales",
     "lfref.simulator.chance.random_sensor.RandomSensor": "lfref.simulator.scenes.RandomSensor",
     "lfref.simulator.effects.chromatic.Chromatic": "lfref.simulator.effects.displacement.Chromatic",
     "lfref.simulator.effects.clipping.Clipping": "lfref.simulator.effects.response.Clipping",

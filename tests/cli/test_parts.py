@@ -281,3 +281,16 @@ def test_every_class_of_a_family_is_a_part_or_left_out_for_a_reason(module):
         elif not attribute.startswith("_"):
             with pytest.raises(InputError, match="must be a component that lfref knows"):
                 parts.resolve(name)
+
+
+@pytest.mark.parametrize("place", ["elsewhere", "/tmp/elsewhere", "../run2"])
+def test_comet_writes_its_offline_data_into_the_run_folder_only(place, tmp_path):
+    node = {"_target_": "lightning.pytorch.loggers.CometLogger", "offline_directory": place}
+    with pytest.raises(InputError, match="offline_directory must lie in the run folder"):
+        parts.check(node, tmp_path / "run")
+
+
+@pytest.mark.parametrize("name", ["FrechetInceptionDistance", "DeepImageStructureAndTextureSimilarity"])
+def test_metrics_that_fetch_or_open_files_are_no_parts(name):
+    with pytest.raises(InputError, match="downloads weights"):
+        parts.check({"_target_": f"torchmetrics.image.{name}", "feature_extractor_weights_path": "/etc/passwd"})
