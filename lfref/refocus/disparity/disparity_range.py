@@ -55,8 +55,10 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
     is_open = torch.ones(grid, dtype=torch.bool) if weights is None else batches.checked_weights(weights, grid) > 0
     # The row and the column with the most open views, of several the middlemost.
     row, column = (_middlemost(counts) for counts in (is_open.sum(1), is_open.sum(0)))
-    moments = _moments(views[row, is_open[row]], cameras[row, is_open[row]], factor)
-    moments = moments + _moments(views[is_open[:, column], column], cameras[is_open[:, column], column], factor)
+    # A slice copies nothing, a mask copies the views.
+    columns, rows = (slice(None) if bool(line.all()) else line for line in (is_open[row], is_open[:, column]))
+    moments = _moments(views[row, columns], cameras[row, columns], factor)
+    moments = moments + _moments(views[rows, column], cameras[rows, column], factor)
     flat = 1e-12  # energy of the gradients of flat views: rounding of float32
     if not flat <= float(moments[1].sum()) < math.inf:
         return DisparityRange(0.0, 0.0, 0.0)

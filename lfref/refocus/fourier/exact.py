@@ -89,6 +89,7 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
             for spectrum, factor in zip(spectra[1:], column_factors[1:], strict=True):
                 total.addcmul_(spectrum, factor)
             plane.addcmul_(total, row_factors[:, None])
+            del total  # so that the next sum gets the same memory, which is in the cache
     # Each spectrum is given up as its image is written: all of both together would be the peak of memory.
     stack = views.new_empty((views.shape[0], len(planes), views.shape[3], *size), dtype=working)
     for n in reversed(range(len(planes))):
