@@ -1,6 +1,7 @@
 """Everything a user can get wrong: one line that says what to do, a status of 1 or 2, and no traceback."""
 
 import os
+import shutil
 import subprocess
 import sys
 
@@ -173,7 +174,7 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("refocus", "input={field}", "exposure=dark"), "exposure must be a number"),
         (("bench", "input={field}", "repeats=often"), "repeats must be a number"),
         (("bench", "input={field}", "repeats=0"), "repeats must be a number"),
-        (("bench", "group=operators", "input=[{field},{field}]"), "one light field"),
+        (("bench", "group=operators", "input=[{field},{other}]"), "one light field"),
         (("bench", "group=operators", "input={field}", "scale_repeats=0"), "scale_repeats must be a number"),
         (("bench", "group=operators", "input={field}", "scales.planes=[4]"), "planes must be at least two sizes"),
         (("train", "data.patch=wide"), "data.patch must be a number"),
@@ -195,7 +196,8 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
     ],
 )
 def test_missing_or_wrong_options(lfref, tmp_path, field, words, said):
-    words = [word.format(field=field) for word in words]
+    other = shutil.copytree(field, tmp_path / "other") if "{other}" in "".join(words) else None
+    words = [word.format(field=field, other=other) for word in words]
     assert said in assert_one_line(*lfref(*words, f"output={tmp_path}/out"))
 
 

@@ -212,7 +212,7 @@ def test_what_one_process_prepares_no_other_reads_again(store, folder_data, monk
     for seed in range(3):
         store(f"field_{seed}", seed=seed)
     folder_data().prepare_data()
-    cache._known.cache_clear()  # as in another process
+    cache._hashes.cache_clear()  # as in another process
     monkeypatch.setattr(ownership, "digest", lambda file: pytest.fail(f"{file} was read again"))
     assert len(folder_data().sources()[0]) == 2
 

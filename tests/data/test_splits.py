@@ -126,6 +126,6 @@ def test_the_same_name_with_another_content_is_no_leak(store):
 def test_hashes_of_a_search_for_leaks_are_kept_for_the_next_one(store, tmp_path, monkeypatch):
     train, held = [store("a", seed=1), store("b", seed=2)], [store("c", seed=2, folder="held")]
     expected = datamodules.without_leaks(train, held, tmp_path / "cache")
-    cache._known.cache_clear()
+    cache._hashes.cache_clear()
     monkeypatch.setattr(ownership, "digest", lambda file: pytest.fail(f"{file} was read again"))
     assert datamodules.without_leaks(train, held, tmp_path / "cache") == expected == ([train[0]], [train[1]])
