@@ -24,7 +24,7 @@ SMALL = ("export", "sizes=[[48,64],[37,41]]", "source.scenes.camera.size=[48,64]
 
 
 @pytest.fixture
-def lfref(tmp_path):
+def lfref_alone(tmp_path):
     """Function (*words) -> (exit status, standard error) of the command, in a process of its own.
 
     After exports and engines in one process, the next signal that reached its main thread ended it.
@@ -47,8 +47,8 @@ def net(tmp_path):
     return f"checkpoint={tmp_path / 'net.ckpt'}"
 
 
-def test_a_checkpoint_becomes_a_file_that_loads(lfref, net, tmp_path):
-    status, errors = lfref(*SMALL, net, "name=small", f"output={tmp_path}/run")
+def test_a_checkpoint_becomes_a_file_that_loads(lfref_alone, net, tmp_path):
+    status, errors = lfref_alone(*SMALL, net, "name=small", f"output={tmp_path}/run")
     assert status == 0, errors
     loaded = load(tmp_path / "run" / "small.onnx")
     field = cases.FIELDS[0]
@@ -59,19 +59,19 @@ def test_a_checkpoint_becomes_a_file_that_loads(lfref, net, tmp_path):
 
 
 @pytest.mark.parametrize(("format", "suffix"), [("onnx", ".onnx"), ("pt2", ".pt2")])
-def test_a_network_without_training_becomes_a_file_with_a_warning(format, suffix, lfref, tmp_path):
+def test_a_network_without_training_becomes_a_file_with_a_warning(format, suffix, lfref_alone, tmp_path):
     checkpoint.save(tmp_path / "new.ckpt", cases.untrained().network, cases.PLANES)
     words = (f"checkpoint={tmp_path / 'new.ckpt'}", f"format={format}", f"output={tmp_path}/run")
-    status, errors = lfref(*SMALL, *words)
+    status, errors = lfref_alone(*SMALL, *words)
     assert status == 0, errors
     told = (tmp_path / "run" / "export.log").read_text()
     assert "makes noise of flat frames: float32 is off from float64 in black by" in told
     assert (tmp_path / "run" / f"new{suffix}").is_file()
 
 
-def test_an_operator_is_fixed_to_its_planes_grid_and_aperture(lfref, tmp_path):
+def test_an_operator_is_fixed_to_its_planes_grid_and_aperture(lfref_alone, tmp_path):
     words = ("method=shift_and_sum_cubic", "slopes=[-1,0.5]", "grid=[3,5]", "aperture=gaussian", "aperture.sigma=1")
-    status, errors = lfref(*SMALL, *words, "format=pt2", f"output={tmp_path}/run")
+    status, errors = lfref_alone(*SMALL, *words, "format=pt2", f"output={tmp_path}/run")
     assert status == 0, errors
     loaded = load(tmp_path / "run" / "shift_and_sum_cubic.pt2")
     assert loaded.planes.values == (-1.0, 0.5)

@@ -1,4 +1,3 @@
-import subprocess
 import sys
 
 import pytest
@@ -27,9 +26,12 @@ def test_an_unknown_sweep_is_refused_with_status_2(lfref):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_shows_examples(command):
-    words = [sys.executable, "-m", "lfref.cli.main", command, "--help"]
-    shown = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+def test_help_shows_examples(command, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["lfref", command, "--help"])
+    with pytest.raises(SystemExit) as leaving:
+        main()
+    assert not leaving.value.code
+    shown = capsys.readouterr().out
     assert f"lfref {command} " in shown
     assert "Examples:" in shown
     assert "Choices" in shown
