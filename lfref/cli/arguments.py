@@ -1,7 +1,7 @@
-"""Words of the command line as people write them, made into words that Hydra reads.
+"""The command line as people write it, turned into the words that Hydra reads.
 
-Paths stand as they are; `slopes=`, `alphas=` and `convention=` choose planes; `run=` is what a command
-takes a run folder as; `+sweep=NAME` names a file of ablations.
+Paths may contain any characters; `slopes=`, `alphas=` and `convention=` choose planes; `run=` stands for the key that
+takes a run folder; `+sweep=NAME` names a file of ablations.
 """
 
 from functools import partial
@@ -17,10 +17,8 @@ from yaml import YAMLError
 from lfref.cli import config, exit_codes
 from lfref.errors import InputError
 
-# PART sweeps
-# Ablations as one file for two runners: `sweeps/NAME.yaml` is a wandb sweep, and Hydra's multirun reads it too.
-#
-# `lfref train --multirun +sweep=NAME` becomes one override a parameter, `key=a,b,c`, before Hydra sees the line.
+# Ablations are one file for two runners: `sweeps/NAME.yaml` is a wandb sweep, and `lfref train --multirun +sweep=NAME`
+# becomes one override per parameter, `key=a,b,c`, before Hydra reads the line.
 
 
 def overrides(name: str, folder: Path) -> list[str]:

@@ -1,4 +1,7 @@
-"""`lfref bench`: measurements in groups, such as accuracy against time; `group=NAME` chooses one."""
+"""`lfref bench`: measurements in groups; `group=NAME` selects one function of `GROUPS`.
+
+Shared first: rounds, light fields, scenes, facts of the machine. Then one section per group.
+"""
 
 import functools
 import json
@@ -10,8 +13,7 @@ import pandas as pd
 import torch
 from omegaconf import DictConfig
 
-from lfref.bench import engine_timing, evaluation, operator_costs, simulation_cost, timing
-from lfref.bench import error_causes as measurements
+from lfref.bench import engine_timing, error_causes, evaluation, operator_costs, simulation_cost, timing
 from lfref.bench.accuracy import Row
 from lfref.bench.engine_timing import Fields, NetworkCase
 from lfref.bench.error_causes import CauseSettings
@@ -41,54 +43,44 @@ from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes, Scenes
 
-# PART shared
-# What the groups of `lfref bench` share: their light fields, and a note of what they were measured on.
-
 
 class Rounds(NamedTuple):
-    """How often everything is run."""
+    """Number of counted rounds, and of warm-up rounds before them."""
 
     counted: int
     warmup: int
 
     @property
     def all(self) -> range:
-        """One number a round, the warm-up first."""
+        """Numbers of all rounds, the warm-up first."""
         return range(self.warmup + self.counted)
 
 
-def rounds_of_shared(config: DictConfig, counted: str = "repeats") -> Rounds:
-    """The rounds that a configuration asks for.
-
-    Args:
-        config: Where they stand.
-        counted: Under which name.
+def configured_rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
+    """The configured rounds; `counted` is the key of the counted ones.
 
     Raises:
-        InputError: They are no numbers, or too small.
+        InputError: Not numbers, or too small.
     """
     return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
 
 
 def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> list[LightField]:
-    """The light fields given, or simulated ones of the paper's size, for these to refocus."""
+    """The light fields of `input`, or simulated ones of the paper's size."""
     if config.input is not None:
         return [inputs.read_field(path, config, refocusers) for path in inputs.find_fields(config).values()]
     source: SimulatedSource = configs.build(config.source)
     return [source.field(index) for index in range(len(source))]
 
 
-def scenes_of_shared(names: DictConfig | None) -> dict[str, Scene]:
-    """Test scenes of sim30 by name; null takes all thirty.
-
-    Args:
-        names: A list of them, or null.
+def test_scenes(names: DictConfig | None) -> dict[str, Scene]:
+    """Scenes of sim30 by name; None: all thirty.
 
     Raises:
         InputError: There is no such scene.
     """
-    wanted = list(sim30.SCENES) if names is None else list(configs.plain(names))
-    return {name: chosen("sim30 scene", name, sim30.SCENES) for name in wanted}
+    selected = list(sim30.SCENES) if names is None else list(configs.plain(names))
+    return {name: chosen("sim30 scene", name, sim30.SCENES) for name in selected}
 
 
 def write_facts(
@@ -99,16 +91,7 @@ def write_facts(
     counted: int,
     **more: object,
 ) -> None:
-    """Write `machine.json`: machine, libraries, threads, and what was measured how often.
-
-    Args:
-        folder: The run folder.
-        device: Where the work was done.
-        fields: What was refocused.
-        planes: To which planes.
-        counted: Runs that counted.
-        **more: Further facts, by name.
-    """
+    """Write `machine.json`: machine, libraries, threads, light fields, number of planes and of counted runs."""
     facts = timing.facts(device) | {
         "light_fields": ", ".join(field.name for field in fields),
         "views": ", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
@@ -119,8 +102,7 @@ def write_facts(
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
 
 
-# PART causes
-# Group `causes`: where the decibels are, what each cause of error costs alone, and what each remedy wins back.
+# Group `causes`: the cost of each cause of error, and the gain of each remedy.
 
 
 def causes(config: DictConfig, folder: Path) -> None:
@@ -135,12 +117,12 @@ def causes(config: DictConfig, folder: Path) -> None:
     plan = CauseSettings(fixed_planes(config), margin, configs.build(config.sensor), grids, device)
     remedies = list(configs.build(config.remedies).values())
     name_apart(remedies)
-    scenes = scenes_of_shared(config.judged)
+    scenes = test_scenes(config.judged)
     measured = pd.DataFrame(
-        measurements.rows(progress(list(scenes.values()), "measuring error causes"), remedies, plan)
+        error_causes.rows(progress(list(scenes.values()), "measuring error causes"), remedies, plan)
     )
-    by_plane = measurements.summary(measured, "alpha", "slope")
-    written = {"causes": measurements.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
+    by_plane = error_causes.summary(measured, "alpha", "slope")
+    written = {"causes": error_causes.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
     for name, table in written.items():
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(bench_plots.error_causes(by_plane), folder / "causes.png")
@@ -148,8 +130,7 @@ def causes(config: DictConfig, folder: Path) -> None:
     log.info("%d causes in %d scenes: %s", measured["cause"].nunique(), len(scenes), folder / "causes.csv")
 
 
-# PART engines
-# Group `engines`: which runtime runs a network fastest on this machine, and what accuracy and memory that costs.
+# Group `engines`: time, memory and accuracy of each runtime of a network on this machine.
 
 PACKAGES = ("onnxruntime", "openvino", "nncf")
 Make = Callable[..., NetworkCase]
@@ -249,8 +230,7 @@ def _measured(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: in
     return pd.DataFrame(starts), pd.DataFrame(engine_timing.passes(case, runs, rounds))
 
 
-# PART front
-# Group `front`: accuracy against time of every operator setting and every checkpoint, judged by truth.
+# Group `front`: accuracy against time of every method and checkpoint, evaluated against the truth.
 
 HELD_OUT = 2_000_003
 """Seed of the scenes drawn at random."""
@@ -264,7 +244,7 @@ def front(config: DictConfig, folder: Path) -> None:
         config: `conf/bench.yaml` with `group=front`.
         folder: The run folder.
     """
-    device, rounds = device_of(config.device), rounds_of_shared(config)
+    device, rounds = device_of(config.device), configured_rounds(config)
     margin = int(configs.number(config, "margin", 0))
     planes = fixed_planes(config)
     methods = _methods(config, device)
@@ -295,7 +275,7 @@ def _judges(
 ) -> tuple[Iterable[EvaluationCase], list[LightField]]:
     """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
     if config.input is None:
-        scenes = [*scenes_of_shared(config.judged).values(), *_varied(config)]
+        scenes = [*test_scenes(config.judged).values(), *_varied(config)]
         if not scenes:
             raise InputError("there must be scenes to evaluate", got="none", remedy="name some by judged or varied")
         fields = [field.to(device) for field in light_fields(config, methods)]
@@ -328,8 +308,7 @@ def _of_captures(
     return evaluation.hold_out_cases(fields, int(configs.number(config, "thin", 2)), planes.slopes)
 
 
-# PART operators
-# Group `operators`: what every operator costs on one light field, in time and memory, and how time grows.
+# Group `operators`: time and memory of every operator on one light field, and how time scales.
 
 
 def time_operators(config: DictConfig, folder: Path) -> None:
@@ -339,8 +318,8 @@ def time_operators(config: DictConfig, folder: Path) -> None:
         config: `conf/bench.yaml` with `group=operators`.
         folder: The run folder.
     """
-    device, rounds = device_of(config.device), rounds_of_shared(config)
-    scale_rounds = rounds_of_shared(config, "scale_repeats")
+    device, rounds = device_of(config.device), configured_rounds(config)
+    scale_rounds = configured_rounds(config, "scale_repeats")
     planes = fixed_planes(config)
     scales: Scales = configs.build(config.scales)
     in_numpy: dict[str, str] = configs.plain(config.in_numpy)
@@ -391,8 +370,7 @@ def _write(folder: Path, operators: pd.DataFrame, growth: pd.DataFrame) -> None:
     drawing.save_figure(bench_plots.growth(growth, exponents), folder / "scaling.png")
 
 
-# PART simulate
-# Group `simulate`: what simulating costs by scene and by pass, and how far refocused views are from the truth.
+# Group `simulate`: time of the simulator by scene and pass, and accuracy of refocused views against the truth.
 
 
 def simulate(config: DictConfig, folder: Path) -> None:
@@ -402,9 +380,9 @@ def simulate(config: DictConfig, folder: Path) -> None:
         config: `conf/bench.yaml` with `group=simulate`.
         folder: The run folder.
     """
-    device, rounds = device_of(config.device), rounds_of_shared(config)
+    device, rounds = device_of(config.device), configured_rounds(config)
     planes = fixed_planes(config)
-    classes, judged = scenes_of_shared(config.classes), scenes_of_shared(config.judged)
+    classes, judged = test_scenes(config.classes), test_scenes(config.judged)
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))
     n_workers = torch.get_num_threads() if device.type == "cpu" else 0
@@ -431,8 +409,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     log.info("%d classes of scenes, %d scenes judged: %s", len(classes), len(judged), folder / "simulate.csv")
 
 
-# PART stability
-# Group `stability`: the catalogue of hard cases over every component and precision, ours beside the usual forms.
+# Group `stability`: all hard cases on every component in every precision, beside textbook forms.
 
 PARTS: dict[str, Callable[[], list[Component]]] = {
     "losses": stability_components.image_components,

@@ -52,8 +52,8 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
                     _note(config, folder)
                     task(config, folder)
         except Exception as error:
-            if resume.is_followed():
-                resume.failed(error)
+            if resume.is_followed_by_jobs():
+                resume.record_failure(error)
             elif isinstance(error, LfrefError):
                 fail(name, error)
             elif isinstance(error, OSError):
@@ -69,7 +69,7 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
             with patient_pipes(), said_on_signals(name), composition.checking():
                 arguments.options(name, sys.argv[1:])
                 composed()
-                resume.finish(name)
+                resume.exit_if_jobs_failed(name)
         except LfrefError as error:
             fail(name, error, status=2)
 

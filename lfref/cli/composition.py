@@ -1,6 +1,16 @@
-"""Overrides held against what they override: every key is one that exists, flags are flags, numbers are numbers.
+"""Composition of configurations by Hydra, with our checks before anything is built from them.
 
-Hydra itself would suggest `+key` for a misspelt key, and takes any text for true.
+1. `hydra.*` is held to tables (`check`): Hydra builds callbacks, launchers, sweepers and log handlers from it, some
+   before a command starts.
+2. Overrides must fit what they override (`check_overrides`, `check_groups`): every key exists, flags are flags, numbers
+   are numbers. Hydra itself would suggest `+key` for a misspelt key, and takes any text for true.
+3. `CheckedLoader` runs both on every composition, those of `--help` and of each job of a sweep included.
+
+Private names of Hydra in use, since public Hydra has no hook between composing and acting on the result:
+`hydra._internal.config_loader_impl.ConfigLoaderImpl` (`_process_config_searchpath`, before packages on a search path
+are imported; `_compose_config_from_defaults_list`, before overrides are merged) and `hydra._internal.hydra`, where it
+is replaced while a command runs. The targets of launchers and sweepers are private names of Hydra too, as Hydra names
+them.
 """
 
 import difflib
@@ -27,11 +37,8 @@ RENAMED = {
 }  # fmt: skip
 """Keys and choices of earlier versions -> today's, which the error about an unknown one names."""
 
-# PART hydra_node
-# What a configuration may tell Hydra itself: enough to launch and sweep, nothing that runs or opens what it names.
-#
-# Hydra makes callbacks, launchers, sweepers and log handlers of whatever `hydra.*` says, some of them before a command
-# starts. Here that node is held to tables, as it is written: an interpolation could turn into anything later.
+# 1. Settings of Hydra itself: enough to launch and sweep, nothing that runs or opens what it names. Values are checked
+# as written, before interpolation: an interpolation could become anything later.
 
 CALLBACKS = ("lfref.cli.run_folder.OutputFolder",)
 QUEUE = (
@@ -166,8 +173,10 @@ RULES: dict[Path, Callable[[Path, Any], bool]] = {
 """What the values below these keys must be."""
 
 
+# 2. Overrides.
+
 OF_SEVERAL_KINDS = ("devices", "fast_dev_run", "log_model")
-"""Options whose default does not tell what else they may be."""
+"""Options that may have values of other types than their default."""
 
 
 def _is_number(value: Any) -> bool:
@@ -182,7 +191,7 @@ KINDS: dict[type, tuple[str, Callable[[Any], bool]]] = {
 
 
 class Place(NamedTuple):
-    """Where a key leads: the value there; or the mapping where the way ends, its key, and the name not found in it."""
+    """Value at a key; if the key does not exist, the last mapping on its path, its prefix, and the missing name."""
 
     value: Any
     above: str = ""
@@ -226,7 +235,7 @@ def check_groups(base: DictConfig, packages: Mapping[str, str], others: Iterable
 
 
 def find(base: DictConfig, key: str) -> Place:
-    """Follow a key such as `data.patch` or `scene.surfaces.0.opacity` as far as it goes."""
+    """Follow a key such as `data.patch` or `scene.surfaces.0.opacity` as far as it exists."""
     node, above = base, ""
     for name in filter(None, key.split(".")):
         if name not in _names(node):
@@ -236,13 +245,7 @@ def find(base: DictConfig, key: str) -> Place:
 
 
 def unknown(key: str, place: Place, others: Iterable[str] = ()) -> InputError:
-    """The error about a key that is not there, with the nearest that is.
-
-    Args:
-        key: The whole of it.
-        place: Where it led.
-        others: What else could have been meant by a key without dots.
-    """
+    """The error for a key that does not exist, with the nearest one that does; `others`: candidates without dots."""
     known = [*_names(place.value), *_arguments(place.value), *(() if place.above else others)]
     lost = RENAMED.get(str(place.lost), str(place.lost))
     near = difflib.get_close_matches(lost, [name for name in known if name[0] != "_"], 1)
@@ -264,7 +267,7 @@ def _child(node: Any, name: str) -> Any:
 
 
 def _addable(place: Place) -> list[str]:
-    """What may be added with a plus: arguments of a component, or any entry of a mapping of components."""
+    """Names that `+` may add: arguments of a component, or any entry of a mapping of components."""
     children = [_child(place.value, name) for name in _names(place.value)]
     is_open = place.above and isinstance(place.value, DictConfig) and "_target_" not in place.value
     if is_open and all(child is None or isinstance(child, DictConfig) for child in children):
@@ -292,10 +295,7 @@ def _check_kind(override: Override, default: Any) -> None:
         raise InputError(f"{key} must be {expected}", got=repr(value))
 
 
-# PART loader
-# Hydra's way of composing a configuration, with our checks in it: nothing has been made of it by then.
-#
-# Every composition goes through here, those of `--help` and of each job of a sweep too.
+# 3. Hydra's loader with these checks.
 
 WRONG_USAGE = 2
 

@@ -1,7 +1,9 @@
-"""`lfref train resume=RUN`, `lfref refocus resume=RUN`: a run goes on as it was set up, but for what is said anew.
+"""`resume=RUN` of `lfref train` and `lfref refocus`, and sweeps that continue.
 
-Before Hydra sees the line, `resume=RUN` becomes the run's own overrides and its folder; the overrides that follow take
-the place of those with the same key. What comes out is then compared with what the run was trained on.
+Before Hydra reads the command line, `resume=RUN` becomes the overrides of that run and its folder; overrides that
+follow replace those with the same key. The result is then compared with what the run was trained on. Sweeps skip
+finished jobs when rerun, and continue after a failed one (with Hydra's basic launcher, which runs the jobs one after
+the other in this process; other launchers handle failed jobs in their own way).
 """
 
 import logging
@@ -174,11 +176,7 @@ def _short(value: Any) -> str:
     return value.get("_target_", "other settings") if isinstance(value, dict) else str(value)
 
 
-# PART members
-# A sweep that goes on: past a member that fails, and, said again, past members that are finished.
-#
-# The first holds for members that run one after the other in this process, by Hydra's basic launcher; others deal with
-# the failure of a job in their own way.
+# Jobs of sweeps.
 
 log = logging.getLogger("lfref")
 
@@ -187,18 +185,18 @@ BASIC = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
 _failed: list[str] = []
 
 
-def is_member() -> bool:
-    """Whether this job is one of a sweep."""
+def is_sweep_job() -> bool:
+    """Whether this process runs a job of a sweep."""
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
-def is_followed() -> bool:
-    """Whether this job is one of a sweep, in whose process the others run too."""
-    return is_member() and HydraConfig.get().launcher.get("_target_") == BASIC
+def is_followed_by_jobs() -> bool:
+    """Whether further jobs of the sweep run in this process."""
+    return is_sweep_job() and HydraConfig.get().launcher.get("_target_") == BASIC
 
 
-def failed(error: Exception) -> None:
-    """Remember a member that failed, and say so; the next one has its turn."""
+def record_failure(error: Exception) -> None:
+    """Log and remember a failed job, so that the next one can run."""
     hydra = HydraConfig.get()
     own = " ".join(override for override in hydra.overrides.task if override not in sys.argv)
     line = f"{hydra.runtime.output_dir} ({own}): {' '.join(str(error).split())}"
@@ -206,8 +204,8 @@ def failed(error: Exception) -> None:
     _failed.append(line)
 
 
-def finish(name: str) -> None:
-    """After the last member: status 1 if one of them failed, each of them named."""
+def exit_if_jobs_failed(name: str) -> None:
+    """After the last job: exit with status 1 if jobs failed, and name them."""
     if _failed:
         count = f"{len(_failed)} of the runs failed" if len(_failed) > 1 else "one of the runs failed"
         print(f"lfref {name}: {count}:", *_failed, sep="\n  ", file=sys.stderr)
@@ -216,25 +214,25 @@ def finish(name: str) -> None:
 
 
 def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:
-    """Where a member that was interrupted goes on from; None to start it.
+    """The checkpoint from which an interrupted job continues; None: it starts.
 
     Args:
-        folder: Of the member.
-        overrides: What it shall be.
+        folder: Folder of the job.
+        overrides: Overrides of the job.
 
     Raises:
         InputError: Another run lies there.
     """
     if not Run(folder).has_checkpoints:
         return None
-    if _told(Run(folder).overrides) != _told(overrides):
+    if _decisive(Run(folder).overrides) != _decisive(overrides):
         raise InputError(
-            "a sweep that is said again must have the same members in the same order",
-            got=f"another run in {folder}: {' '.join(_told(Run(folder).overrides))}",
+            "a sweep that is run again must have the same jobs in the same order",
+            got=f"another run in {folder}: {' '.join(_decisive(Run(folder).overrides))}",
             remedy="give another output",
         )
     return Run(folder).last
 
 
-def _told(overrides: list[str]) -> list[str]:
+def _decisive(overrides: list[str]) -> list[str]:
     return [override for override in overrides if key_of(override) not in FOLDERS]

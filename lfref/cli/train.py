@@ -35,7 +35,7 @@ def claim(config: DictConfig, folder: Path) -> bool:
         InputError: It holds another run, or one that was trained on something else.
         CheckpointError: There is nothing to go on from.
     """
-    if config.resume is None and resume.is_member():
+    if config.resume is None and resume.is_sweep_job():
         last = resume.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
         config.resume = None if last is None else str(last)
     # The first process has looked already; in a sweep, the others learn from the folder that it goes on.
@@ -86,7 +86,7 @@ def train(config: DictConfig, folder: Path) -> None:
 def _how_to_go_on(folder: Path) -> str:
     """What is said when a signal ends a fit."""
     at = f"the last checkpoint is {Run(folder).last}" if Run(folder).has_checkpoints else "no epoch was finished"
-    if resume.is_member():
+    if resume.is_sweep_job():
         return f"{at}; to go on with the sweep, say its line again with output={HydraConfig.get().sweep.dir}"
     return f"{at}; go on by lfref train resume={folder}" if Run(folder).has_checkpoints else at
 

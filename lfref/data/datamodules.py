@@ -21,11 +21,9 @@ from lfref.io import read as reader
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes, Scenes
 
-# PART splits
-# Which light fields train and which are held out: the paper's test set, a repeatable split, and a leak check.
-#
-# The public lists leak (one test field stands in a training list too, and fields of one set recur in another under
-# new names), so held-out fields are recognised by content. The test set, which may not lie here, is recognised by name.
+# Splits: the paper's test set, a repeatable split, and a check for leaks. The public lists leak (one test field is in a
+# training list too, and fields of one set recur in another under new names), so held-out fields are recognised by
+# content. The test set may be absent, so its fields are recognised by name.
 
 _NUMBERS = (
     "1085 1086 1184 1187 1306 1312 1316 1317 1320 1321 1324 1325 1327 1328 1340 1389 1390 1411 1419 1528 1541 1554 "
