@@ -21,8 +21,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.progress import track
-
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = ("lfref", "conf", "sweeps", "tests", "docs", "pyproject.toml", "README.md", "mkdocs.yml", "Makefile")
 # No test can reach these here: they need a GPU, or a package that `make test` leaves out.
@@ -212,9 +210,11 @@ def main() -> None:
                 trees.put(tree)
 
         with concurrent.futures.ThreadPoolExecutor(options.workers) as pool:
-            killers = list(track(pool.map(attempt, mutants), total=len(mutants), description="mutants"))
-    for mutant, killer in zip(mutants, killers, strict=True):
-        print(f"{'killed  ' if killer else 'SURVIVED'} {mutant.file}:{mutant.line}  {mutant.change}  {killer}")
+            killers = []
+            for mutant, killer in zip(mutants, pool.map(attempt, mutants), strict=True):
+                state = "killed  " if killer else "SURVIVED"
+                print(f"{state} {mutant.file}:{mutant.line}  {mutant.change}  {killer}", flush=True)
+                killers.append(killer)
     print(f"{sum(map(bool, killers))} of {len(mutants)} mutants killed (seed {options.seed})")
 
 

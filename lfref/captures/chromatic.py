@@ -97,9 +97,9 @@ def find(estimates: Estimates) -> ChromaticDefect:
     return ChromaticDefect(1 + total[:, 2], total[:, :2], total[:, 3])
 
 
-def _values(found: list[Dispersion]) -> Tensor:
+def _values(dispersions: list[Dispersion]) -> Tensor:
     """Offset down and right, magnification less 1, disparity, [C, 4]."""
-    return torch.stack([torch.cat([one.lateral.values, one.axial.values]) for one in found])
+    return torch.stack([torch.cat([one.lateral.values, one.axial.values]) for one in dispersions])
 
 
 def _is_sure(dispersion: Dispersion, reach: float) -> list[bool]:

@@ -103,22 +103,22 @@ def _candidates(views: Tensor) -> tuple[Tensor, Tensor]:
         total, count = total_height(images, channel, 8)
         brightest = float(np.quantile(images[:, channel, ::8, ::8], 0.99))
         limit = max(FAR * total / max(count, 1), LEAST * brightest)
-        found: list[tuple[NDArray, NDArray]] = []
+        parts: list[tuple[NDArray, NDArray]] = []
 
-        def look(first: int, last: int, channel=channel, limit=limit, found=found) -> None:  # type: ignore[no-untyped-def]
+        def look(first: int, last: int, channel=channel, limit=limit, parts=parts) -> None:  # type: ignore[no-untyped-def]
             places, highs = np.empty((MOST, 3), np.int64), np.empty(MOST, np.float32)
             n = sticking_out(images[first:last], channel, limit, places, highs)
-            found.append((places[:n] + np.array([first, 0, 0]), highs[:n]))
+            parts.append((places[:n] + np.array([first, 0, 0]), highs[:n]))
 
         # A further thread pays off from 2^18 samples.
         jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, 1 << 18))
         threads.share(look, jobs, len(jobs))
-        if sum(len(highs) for _, highs in found) >= MOST or not np.isfinite(limit):
+        if sum(len(highs) for _, highs in parts) >= MOST or not np.isfinite(limit):
             continue
-        image, row, column = torch.from_numpy(np.concatenate([places for places, _ in found])).unbind(1)
+        image, row, column = torch.from_numpy(np.concatenate([places for places, _ in parts])).unbind(1)
         v, u = image // views.shape[1], image % views.shape[1]
         samples.append(torch.stack([v, u, torch.full_like(v, channel), row, column], 1))
-        heights.append(torch.from_numpy(np.concatenate([highs for _, highs in found])))
+        heights.append(torch.from_numpy(np.concatenate([highs for _, highs in parts])))
     if not samples:
         return torch.zeros(0, 5, dtype=torch.long), torch.zeros(0)
     return torch.cat(samples), torch.cat(heights)

@@ -99,10 +99,10 @@ def options(command: str, words: list[str]) -> dict[str, Any]:
     return given
 
 
-def _as_words(given: dict[str, Any]) -> list[str]:
-    """Options as they are written, those that are off left out."""
-    asked = {f"--{name.replace('_', '-')}": value for name, value in given.items() if value not in (None, False)}
-    return [part for option, value in asked.items() for part in ([option] if value is True else [option, value])]
+def _as_words(options: dict[str, Any]) -> list[str]:
+    """Options as words of a command line; those that are off are left out."""
+    active = {f"--{name.replace('_', '-')}": value for name, value in options.items() if value not in (None, False)}
+    return [part for option, value in active.items() for part in ([option] if value is True else [option, value])]
 
 
 def _is_path(word: str) -> bool:

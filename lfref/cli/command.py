@@ -18,7 +18,7 @@ from rich.progress import track
 
 from lfref.cli import arguments, composition, parts, resume
 from lfref.cli import config as configs
-from lfref.cli.exit_codes import fail, patient_pipes, said_on_signals
+from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
 from lfref.cli.run_folder import is_first_process, marked
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
@@ -66,7 +66,7 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
     @functools.wraps(task)
     def main() -> None:
         try:
-            with patient_pipes(), said_on_signals(name), composition.checking():
+            with patient_pipes(), exit_line_on_signals(name), composition.checking():
                 arguments.options(name, sys.argv[1:])
                 composed()
                 resume.exit_if_jobs_failed(name)

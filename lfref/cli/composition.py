@@ -100,7 +100,7 @@ def check(hydra: DictConfig) -> None:
             name = ".".join(("hydra", *path))
             raise InputError(f"{name} must be left as it is", got=repr(value), remedy=f"leave {name} out")
     for name, table in {"launcher": LAUNCHERS, "sweeper": SWEEPERS}.items():
-        _check_made(f"hydra.{name}", settings[name], table)
+        _check_component(f"hydra.{name}", settings[name], table)
 
 
 def _leaves(node: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
@@ -115,7 +115,7 @@ def _leaves(node: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
         yield path, node
 
 
-def _check_made(name: str, node: Any, table: dict[str, tuple[str, ...]]) -> None:
+def _check_component(name: str, node: Any, table: dict[str, tuple[str, ...]]) -> None:
     """A component of a table, with no more than the arguments that stand there."""
     target = str(node.get("_target_") if isinstance(node, dict) else node)
     if target not in table:

@@ -1,4 +1,4 @@
-"""How a command ends early: one line for a user's mistake or for a signal, and the status that shells expect of it."""
+"""Early ends of a command: one line for a user's mistake or a signal, and the exit status that shells expect."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 class Stopped(SystemExit):
     """A signal that ends the process, with status 130 for SIGINT and 143 for SIGTERM.
 
-    What a command wants said about it, such as where to go on from, it adds by `add_note` and raises it again.
+    A command adds further text, such as the checkpoint to resume, by `add_note`.
     """
 
     def __init__(self, number: int) -> None:
@@ -24,30 +24,20 @@ class Stopped(SystemExit):
 
 
 def fail(name: str, error: object, status: int = 1) -> NoReturn:
-    """Say in one line what went wrong, and leave.
-
-    Args:
-        name: The command.
-        error: What went wrong.
-        status: 1 for what failed, 2 for wrong usage.
-    """
+    """Print the error of a command in one line and exit; status 1: it failed, 2: wrong usage."""
     print(f"lfref {name}: {' '.join(str(error).split())}", file=sys.stderr)
     sys.exit(status)
 
 
 @contextmanager
-def said_on_signals(name: str) -> Iterator[None]:
-    """While this lasts, SIGINT and SIGTERM raise `Stopped`, and the line about it is printed when that passes here.
-
-    Args:
-        name: The command.
-    """
+def exit_line_on_signals(name: str) -> Iterator[None]:
+    """Let SIGINT and SIGTERM raise `Stopped`, and end the command with one line when it arrives here."""
     owner = os.getpid()
 
     def stop(number: int, _: FrameType | None) -> None:
         if os.getpid() == owner:
             raise Stopped(number)
-        # A forked worker has inherited this handler, but has nothing to say.
+        # A forked worker has inherited this handler, but prints nothing.
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import lfref
 from lfref import extensions
 from lfref.cli import arguments
-from lfref.cli.exit_codes import fail, patient_pipes, said_on_signals
+from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
 from lfref.errors import InputError
 
 COMMANDS = {
@@ -35,9 +35,9 @@ def main() -> None:
     except InputError as error:
         fail(next(iter(sys.argv[1:]), "--allow"), error, status=2)
     name = sys.argv[1] if len(sys.argv) > 1 else "--help"
-    if name in SAID:
+    if name in TEXTS:
         with patient_pipes():
-            print(SAID[name]())
+            print(TEXTS[name]())
         return
     if name not in COMMANDS:
         near = difflib.get_close_matches(name, COMMANDS, 1) or ["--help"]
@@ -49,7 +49,7 @@ def main() -> None:
         words = arguments.rewritten(name, sys.argv[2:])
     except InputError as error:
         fail(name, error, status=2)
-    with said_on_signals(name):
+    with exit_line_on_signals(name):
         module = importlib.import_module(f"lfref.cli.{name}")
         # Lightning starts the other processes of a ddp run as `python ARGV[0] ...`: that must be the command itself.
         sys.argv = [str(module.__file__), *words]
@@ -91,11 +91,11 @@ lfref COMMAND --help shows examples, --cfg job its configuration; --multirun run
 --allow PACKAGE lets a configuration name the classes and functions of an installed package of yours."""
 
 
-SAID: dict[str, Callable[[], str]] = {
+TEXTS: dict[str, Callable[[], str]] = {
     **dict.fromkeys(("-h", "--help", "help"), usage),
     **dict.fromkeys(("-V", "--version"), lambda: f"lfref {lfref.__version__}"),
 }
-"""What is only said."""
+"""Words that only print a text."""
 
 
 if __name__ == "__main__":

@@ -72,29 +72,31 @@ def _named(scene: Scene) -> Scene:
     return scene
 
 
-def _write(folder: Path, scene: Scene, made: Simulated, planes: FocalPlanes, suffix: str) -> None:
+def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes, suffix: str) -> None:
     cells: dict[str, Tensor] = {}
-    if made.views is not None:
-        _warn_of_clipping(scene.name, made.views, suffix)
+    if simulated.views is not None:
+        _warn_of_clipping(scene.name, simulated.views, suffix)
         # What a tone curve encoded is written as it is: files then hold what the camera's would.
-        light = LightField(made.views, scene.name, is_linear=scene.sensor.encoding == LINEAR)
+        light = LightField(simulated.views, scene.name, is_linear=scene.sensor.encoding == LINEAR)
         write.write(folder / f"{scene.name}{suffix}", light)
         _say_encoding(scene, SRGB if suffix == "" else LINEAR)
-        cells |= pictures.view_cells(made.views)
-    if made.disparity is not None:
-        images.write_image(folder / "disparity" / f"{scene.name}.exr", made.disparity[..., None].cpu().numpy())
-        cells["disparity, px per view step"] = made.disparity
-    if made.all_in_focus is not None:
-        images.write_image(folder / "all_in_focus" / f"{scene.name}.exr", made.all_in_focus.movedim(0, 2).cpu().numpy())
-        cells["all in focus"] = developed(made.all_in_focus, scene.sensor)
-    if made.masks is not None:
-        shares = {f"surface_{k:02d}": mask for k, mask in enumerate(made.masks)}
+        cells |= pictures.view_cells(simulated.views)
+    if simulated.disparity is not None:
+        images.write_image(folder / "disparity" / f"{scene.name}.exr", simulated.disparity[..., None].cpu().numpy())
+        cells["disparity, px per view step"] = simulated.disparity
+    if simulated.all_in_focus is not None:
+        images.write_image(
+            folder / "all_in_focus" / f"{scene.name}.exr", simulated.all_in_focus.movedim(0, 2).cpu().numpy()
+        )
+        cells["all in focus"] = developed(simulated.all_in_focus, scene.sensor)
+    if simulated.masks is not None:
+        shares = {f"surface_{k:02d}": mask for k, mask in enumerate(simulated.masks)}
         parts = [images.Part(mask[..., None].cpu().numpy(), name) for name, mask in shares.items()]
         images.write_parts(folder / "masks" / f"{scene.name}.exr", parts)
         cells |= shares
-    if made.truth is not None:
-        write.write_stack(folder / "truth" / f"{scene.name}.exr", made.truth, planes)
-        cells |= pictures.plane_cells(developed(made.truth, scene.sensor), planes)
+    if simulated.truth is not None:
+        write.write_stack(folder / "truth" / f"{scene.name}.exr", simulated.truth, planes)
+        cells |= pictures.plane_cells(developed(simulated.truth, scene.sensor), planes)
     drawing.save_figure(pictures.views_sheet(cells), folder / "contact_sheets" / f"{scene.name}.png")
 
 

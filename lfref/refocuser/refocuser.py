@@ -97,23 +97,23 @@ class Refocuser(abc.ABC):
         """Distance in pixels at which samples of a field may still count for a pixel; None: unlimited."""
         return None
 
-    def slopes(self, wanted: Slopes | None) -> Tensor:
-        """The slopes to refocus to, checked against those that it makes, float64, [N].
+    def slopes(self, requested: Slopes | None) -> Tensor:
+        """The slopes to refocus to, checked against the planes of a network, float64, [N].
 
         Args:
-            wanted: In pixels per view step, [N]; None takes the only ones that it makes.
+            requested: In pixels per view step, [N]; None: the planes of the network.
 
         Raises:
-            InputError: It makes others; or it makes any, and none are given.
+            InputError: The network has other planes; or the method takes any planes and none are given.
         """
-        if self.planes is None and wanted is None:
+        if self.planes is None and requested is None:
             raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
         if self.planes is None:
-            return torch.as_tensor(wanted, dtype=torch.float64)
-        if wanted is not None and not self.planes.has_slopes(wanted):
+            return torch.as_tensor(requested, dtype=torch.float64)
+        if requested is not None and not self.planes.has_slopes(requested):
             raise InputError(
                 f"{self.name} makes the planes {', '.join(self.planes.labels)}",
-                got=", ".join(FocalPlanes(wanted).labels),
+                got=", ".join(FocalPlanes(requested).labels),
                 remedy="leave the planes as it was trained, or use an operator (method=shift_and_sum)",
             )
         return self.planes.slopes

@@ -19,7 +19,7 @@ def test_a_signal_is_one_line_and_its_status(capsys, number, status):
     before = signal.getsignal(number)
 
     def train():
-        with exit_codes.said_on_signals("train"):
+        with exit_codes.exit_line_on_signals("train"):
             try:
                 os.kill(os.getpid(), number)
             except exit_codes.Stopped as stopped:
@@ -34,7 +34,7 @@ def test_a_signal_is_one_line_and_its_status(capsys, number, status):
 
 
 def test_a_forked_worker_dies_of_the_signal_and_says_nothing(capfd):
-    with exit_codes.said_on_signals("train"):
+    with exit_codes.exit_line_on_signals("train"):
         child = os.fork()
         if child == 0:
             os.kill(os.getpid(), signal.SIGTERM)
