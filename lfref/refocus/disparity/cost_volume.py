@@ -1,7 +1,7 @@
 """The cost volume of matching: at each slope and pixel, the share of views that disagree with the others.
 
-A plane sweep: views are shifted by each slope in turn, `L[v, u](x + s u, y + s v)`, and compared where they show the same
-point if s is its disparity. Every view has one vote, a soft one: its difference e from the reference costs
+A plane sweep: views are shifted by each slope in turn, `L[v, u](x + s u, y + s v)`, and compared where they show the
+same point if s is its disparity. Every view has one vote, a soft one: its difference e from the reference costs
 `e^2 / (e^2 + sigma^2)` (Geman-McClure), so that a difference far beyond noise is one whole disagreement however great
 it is. So the views from which a nearer surface hides the point outvote nobody, wherever in the aperture they are, and a
 bright edge weighs no more than weak texture. The reference is first the mean of the central views, then the mean of all
