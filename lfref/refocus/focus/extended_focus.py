@@ -1,8 +1,8 @@
 """A picture that is sharp everywhere: at each pixel the mean of the views that show the same point.
 
 Views are read at the disparity of each pixel, `L[v, u](x + d u, y + d v)`, and weighed by how well they agree with
-their robust mean (`cost_volume.robust_mean`): views from which a nearer surface hides the point do not count, so that edges
-stay clean and there are as few copies at borders as within. The others average their noise out, which is what the
+their robust mean (`cost_volume.robust_mean`): views from which a nearer surface hides the point do not count, so that
+edges stay clean and there are as few copies at borders as within. The others average their noise out, which is what the
 picture has over the central view. Weights are computed once, in grey, and serve all channels.
 Letters: `k` view, `K` views that are read, `v u` their row and column from the angular centre, `y x` pixel row and
 column, `p q` position in a view along y and x, `d` disparity in pixels per view step.
