@@ -76,6 +76,6 @@ def test_other_members_in_the_folder_of_a_sweep_are_refused_and_kept(lfref, tmp_
     shutil.rmtree(tmp_path / "sweep" / "1")
     status, error = lfref(*words, "optimizer.lr=0.05,0.02")
     assert status == 1
-    assert "must have the same members in the same order; got another run in" in error
+    assert "must have the same jobs in the same order; got another run in" in error
     assert fits == [(0.01, 0), (0.02, 0), (0.02, 0)]
     assert "optimizer.lr=0.01" in Run(tmp_path / "sweep" / "0").overrides
