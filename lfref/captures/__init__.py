@@ -1,1 +1,1 @@
-"""Captures put right: what a light field has for defects, and what it would be without them."""
+"""Defects of captured light fields: their estimates and their corrections."""

@@ -17,8 +17,8 @@ from lfref.captures.registration import Registration
 from lfref.lightfield import LightField
 
 SHOWN = 0.02  # pixels: smaller shifts cost less than .2 dB of the best picture
-SURE = 5.0  # standard errors: on scenes without a defect, ratios reach 4
-LINEAR = 3.0  # times the rms of the other shifts: larger linear parts come from stripes, not from the camera
+SURE = 5.0  # standard errors, by trial
+LINEAR = 3.0  # times the rms of the other shifts, by trial: stripes look like larger linear parts
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from torch.nn import functional as F
 from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 
-BLACK_VIEW = 0.05  # of the light of most views: vignetting leaves the outermost Lytro views more than .1
-BLACK = 0.02  # of the brightest twentieth of a view: samples below hold no light, only traces of compression
-LEAST_CORNER = 3  # pixels along both edges: less costs no method .1 dB
+BLACK_VIEW = 0.05  # of the light of most views, by trial: below, a view is black and not only vignetted
+BLACK = 0.02  # of the brightest twentieth of a view, by trial: below are traces of compression
+LEAST_CORNER = 3  # pixels along both edges, by trial: smaller corners hardly matter
 LARGEST_CORNER = 0.4  # of the sides: two corners that meet are a dark scene
 RING = 1  # pixels: decoders ring at the corner's edge, and blur it by as much
 TURNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # from each corner, the direction into the picture along rows and columns

@@ -20,10 +20,10 @@ from lfref.functional.jit import compiled
 from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become fractions of one
-WINDOWS = 24  # along the longer side: small enough for a rim, large enough for .02 of noise to average out
-LEAST_WINDOWS = 24  # windows of which a brightness is estimated: a twelfth of all, in no fewer than five tiles
-CLIPPED = 0.98  # of the brightest sample, or of 1: compression changes samples of 1 by 5 of 255
-DARKEST = 0.03  # of the mean light of the central view: below, noise of .01 decides the ratio
+WINDOWS = 24  # along the longer side, by trial: small enough for a rim, large enough to average noise
+LEAST_WINDOWS = 24  # windows that an estimate of brightness needs, by trial
+CLIPPED = 0.98  # of the brightest sample, or of 1, by trial: compression changes clipped samples a little
+DARKEST = 0.03  # of the mean light of the central view, by trial: below, ratios are mostly noise
 LEAST_RATIO = 0.02  # least ratio whose logarithm is used; less light is none
 
 
@@ -118,7 +118,7 @@ def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
     planes, tops = images.flatten(0, 1).numpy(), limits.to(images.dtype).repeat(len(images)).numpy()
     height, width = (length // factor for length in images.shape[-2:])
     means = np.empty((len(planes), height, width), planes.dtype)
-    # A further thread pays off from 2^18 samples.
+    # 2^18 samples per thread, by trial.
     bands = threads.bands(len(planes), threads.worthwhile(planes.size, 1 << 18))
     jobs = [(planes[i:j], factor, tops[i:j], means[i:j]) for i, j in bands]
     threads.share(_reduce, jobs, len(jobs))

@@ -19,12 +19,12 @@ from lfref.captures.estimates import Estimates
 from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
 
-SHOWN = 0.02  # pixels between colours, on average over the picture or in the outermost view; as of alignment
-SURE = 4.0  # standard errors: on scenes without a defect, ratios reach 3
-CLEAR_LATERAL, CLEAR_AXIAL = 0.6, 1.0  # of the scatter of patches: textures of two colours differ here and there
-LEAST_OFFSET = 0.03  # pixels: half of a level of 8 bits at the steepest edges
-LEAST_ERROR = 0.003  # pixels per view step: no patch measures its disparity better
-UNEXPLAINED = 0.02  # of a patch's contrast, at least
+SHOWN = 0.02  # pixels between colours, on average over the picture or in the outermost view, by trial
+SURE = 4.0  # standard errors, by trial
+CLEAR_LATERAL, CLEAR_AXIAL = 0.6, 1.0  # of the scatter of patches, by trial: textures of two colours differ
+LEAST_OFFSET = 0.03  # pixels, by trial
+LEAST_ERROR = 0.003  # pixels per view step, by trial: the least error of a patch's disparity
+UNEXPLAINED = 0.02  # of a patch's contrast, by trial: least difference that displacements do not explain
 
 
 class Dispersion(NamedTuple):
@@ -90,7 +90,7 @@ def find(estimates: Estimates) -> ChromaticDefect:
     reach = float(registered.positions.abs().max())
     sure = torch.tensor([_is_sure(dispersion, reach) for dispersion in first])
     total = torch.where(sure, _values(first), 0.0)
-    # Large differences are estimated from where the channels now seem to lie; the third estimate adds nothing.
+    # Large differences are estimated from where the channels now seem to lie; twice, by trial.
     for _ in range(2 if bool(sure.any()) else 0):
         again = observe_again(registered, total[:, :2], total[:, 2], total[:, 3])
         total = total + torch.where(sure, _values(dispersions(registered, again)), 0.0)

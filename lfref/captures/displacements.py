@@ -22,9 +22,9 @@ from lfref.simulator.effects import displacement
 
 SIDE = 16  # pixels of a patch
 RING = 2  # pixels around it that are read too: gradients need two neighbours on either side
-FEWEST, MOST = 24, 100  # patches: 24 keep six in each quarter; more than 100 lower no error further
-ONE_DISPARITY = 0.05  # pixels per view step, standard deviation of disparity in a patch that halves its value
-HIDDEN = 0.2  # of the contrast of the views' mean: a view with less shows the patch dark, or hides it
+FEWEST, MOST = 24, 100  # patches, by trial; 24 are about six in each quarter
+ONE_DISPARITY = 0.05  # pixels per view step, by trial: standard deviation of disparity that halves a patch's worth
+HIDDEN = 0.2  # of the contrast of the views' mean, by trial: a view with less shows the patch dark, or hides it
 OUTLYING = 2.0  # standard deviations at which an observation counts half (Cauchy weights)
 TINY = 1e-12  # keeps divisions by zero finite
 BEFORE = -displacement.TAPS[0]  # samples that interpolation needs before a position
@@ -57,7 +57,7 @@ def choose_patches(grey: Tensor, disparity: Tensor, positions: Tensor, n_channel
         positions: Of the views, (v, u) from the angular centre, [I, 2].
         n_channels: Channels that will be read.
     """
-    # About 2^22 samples of all patches in all views and channels, which take 30 ms.
+    # About 2^22 samples of all patches in all views and channels, by trial, to limit the time.
     count = min(MOST, max(FEWEST, (1 << 22) // (len(positions) * n_channels * (SIDE + 2 * RING) ** 2)))
     stride = SIDE // 2
     y, x = torch.gradient(grey)
@@ -105,7 +105,7 @@ def read_patches(
     samples = torch.empty(len(rows), len(views), len(which), side, side)
     tables = (which, rows, columns, weights[:, :, 0], weights[:, :, 1], samples)
     arrays = [table.contiguous().numpy() for table in tables]
-    n_threads = threads.worthwhile(samples.numel(), 1 << 16)  # samples for which a further thread pays off
+    n_threads = threads.worthwhile(samples.numel(), 1 << 16)  # samples per thread, by trial
     source = views.detach().numpy()
     bands = threads.bands(len(samples), n_threads)
     threads.share(lambda first, last: _read(source, *arrays, first, last), bands, n_threads)
@@ -244,7 +244,7 @@ def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: 
     trust = torch.ones(len(observations), dtype=observations.dtype)
     known = torch.zeros(model.shape[-1], dtype=observations.dtype) if prior is None else prior
     typical = torch.tensor(1.0)
-    for _ in range(8):  # weights have settled to a percent by then
+    for _ in range(8):  # number of rounds by trial
         weighted = trust[:, None, None] * (information @ model)
         normal = torch.einsum("nai,naj->ij", weighted, model)
         normal = normal + torch.diag(typical * known + TINY * (1 + normal.diagonal().mean()))

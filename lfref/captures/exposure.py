@@ -15,11 +15,11 @@ from lfref.captures.brightness import LEAST_WINDOWS, Ratios
 from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 
-SURE = 6.0  # standard errors: on scenes without a defect, ratios reach 5
+SURE = 6.0  # standard errors, by trial
 SHOWN = 0.02  # logarithm of a gain: where edges hide much of a scene without a defect, .016 is measured
 LEAST = 0.004  # logarithm of gains that are corrected beside one that shows: half a level of 8 bits at 1/2
-LARGEST = 1.5  # logarithm: a view below a fifth of the light has another defect
-TILES = 5  # along a side; errors of a tile are independent: highlights and edges are larger than windows
+LARGEST = 1.5  # logarithm, by trial: a view with less than a fifth of the light has another defect
+TILES = 5  # along a side, by trial: tiles are larger than highlights and edges, so their errors are about independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def levels(ratios: Ratios) -> tuple[Tensor, Tensor]:
     # Two standard deviations, from the median deviation: what is farther out hardly counts.
     scale = 2 * 1.4826 * torch.where(known, (ratios.log - level).abs(), torch.nan).nanmedian(3, keepdim=True).values
     scale = scale.nan_to_num().clamp(min=1e-3)
-    for _ in range(10):  # the mean has settled to 1e-4 by then
+    for _ in range(10):  # number of rounds by trial
         weight = known / (1 + ((ratios.log - level) / scale).square()).square()
         total = weight.sum(3, keepdim=True).clamp(min=1e-6)
         level = (weight * ratios.log).sum(3, keepdim=True) / total

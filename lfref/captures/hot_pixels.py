@@ -24,16 +24,16 @@ from lfref.lightfield import LightField
 
 # Heights are how far a sample is above the largest, or below the smallest, of the eight around it.
 FAR = 12.0  # times the mean height of all local extremes: of noise, one in e^12 is higher
-LEAST = 0.02  # of the brightest samples: lower ones do not show
-MOST = 1 << 13  # candidates of a channel: more are texture
-UNCONFIRMED = 0.5  # of the height: at least so much must be missing in the neighbouring views
-ABOVE_DETAIL = 1.3  # times the range of the surroundings: a hot sample amid detail hardly shows, and may be detail
-ABOVE_ERROR = 1.5  # times the disagreement of neighbouring views, where most candidates are above that
-FEW = 3  # such samples may be chance
-RARE = 0.01  # of the candidates: so few may be detail, whatever they look like
-SPOILT = 0.15  # of the height, from which on samples beside a hot one count as spoilt by it
-REACH = 3  # pixels around a sample that are looked at: a mosaic spoils 2, and the ring around them shows the detail
-WIDTH = 0.6  # pixels, standard deviation of the weights of the samples that replace a hot one
+LEAST = 0.02  # of the brightest samples, by trial: lower ones hardly show
+MOST = 1 << 13  # candidates of a channel, by trial: more are texture
+UNCONFIRMED = 0.5  # of the height, by trial: the neighbouring views must lack at least this
+ABOVE_DETAIL = 1.3  # times the range of the surroundings, by trial: lower samples may be detail
+ABOVE_ERROR = 1.5  # times the disagreement of neighbouring views, by trial, if most candidates are above that
+FEW = 3  # samples, by trial: so few may be chance
+RARE = 0.01  # of the candidates, by trial: so few may be detail, whatever they look like
+SPOILT = 0.15  # of the height, by trial: from here on, samples beside a hot one count as spoilt by it
+REACH = 3  # pixels around a sample: a mosaic spoils 2, and the ring around them shows the detail
+WIDTH = 0.6  # pixels, by trial: standard deviation of the weights of the samples that replace a hot one
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def _candidates(views: Tensor) -> tuple[Tensor, Tensor]:
             n = sticking_out(images[first:last], channel, limit, places, highs)
             parts.append((places[:n] + np.array([first, 0, 0]), highs[:n]))
 
-        # A further thread pays off from 2^18 samples.
+        # 2^18 samples per thread, by trial.
         jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, 1 << 18))
         threads.share(look, jobs, len(jobs))
         if sum(len(highs) for _, highs in parts) >= MOST or not np.isfinite(limit):

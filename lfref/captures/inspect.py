@@ -185,7 +185,7 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
     """
     estimates = Estimates(field, white)
     central = field.views[estimates.reference].flatten()
-    # 50,000 samples give the median well enough.
+    # About 50,000 samples, by trial: the median need not be exact.
     median = central[:: max(1, central.numel() // 50_000)].float().nan_to_num().median()
     return Inspection(
         estimates,

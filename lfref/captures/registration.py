@@ -16,13 +16,13 @@ from lfref.captures import displacements
 from lfref.captures.displacements import OUTLYING, SIDE, TINY, Observed, Patches
 from lfref.lightfield import LightField
 
-ROUNDS = 4  # of reading patches where they now seem to lie, and of weighing outliers
-SETTLED = 0.08  # pixels: patches that moved less are not read again; the error falls with the cube of the distance
+ROUNDS = 4  # by trial: of reading patches at their estimated places, and of weighting outliers
+SETTLED = 0.08  # pixels, by trial: patches that moved less are not read again
 FEWEST_PATCHES = 12  # three for each quarter
-LOOSE = 0.3  # pixels: standard deviation of shifts before any measurement, that of a badly adjusted camera array
-UNEXPLAINED = 0.01  # of a patch's contrast, at least: interpolation and gloss
-STRIPES = 0.01  # of the texture along the strongest direction: across it, less may be a trace of that
-SYSTEMATIC = 0.02  # pixels: no patch is more accurate, however fine its texture
+LOOSE = 0.3  # pixels, by trial: standard deviation of shifts before any measurement
+UNEXPLAINED = 0.01  # of a patch's contrast, by trial: least error, from interpolation and gloss
+STRIPES = 0.01  # of the texture along the strongest direction, by trial: less texture across it may be a trace of that
+SYSTEMATIC = 0.02  # pixels, by trial: least error of a patch, however fine its texture
 
 
 class Explanation(NamedTuple):
@@ -44,7 +44,7 @@ class Registration(NamedTuple):
     field: LightField
     patches: Patches
     positions: Tensor
-    """Of all views, as of `positions_of`, [I, 2]."""
+    """Positions of all views from the angular centre, [I, 2]."""
     expected: Tensor
     """Displacements at which patches were read, in pixels, [K, I, 2]."""
     observed: Observed

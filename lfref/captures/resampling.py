@@ -47,7 +47,7 @@ def resample_views(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
     begins, weights = _taps(columns.cpu().expand(*views.shape[:3], width).flatten(0, 2), width, samples.dtype)
     tables = (samples, lines, row_weights, begins, weights.mT.contiguous(), result)
     arrays = [table.numpy() for table in tables]
-    n_threads = threads.worthwhile(result.numel(), 1 << 16)  # samples for which a further thread pays off
+    n_threads = threads.worthwhile(result.numel(), 1 << 16)  # samples per thread, by trial
     bands = threads.bands(len(samples), n_threads)
     threads.share(lambda first, last: _resample(*arrays, first, last), bands, n_threads)
     return result.reshape(views.shape).to(views.device)

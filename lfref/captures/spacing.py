@@ -18,11 +18,11 @@ from lfref.captures.estimates import Estimates
 from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
 
-SHOWN = 0.04  # pixels between a view's place and that on an even grid, for the outermost view and the farthest patches
-SURE = 5.0  # standard errors: on scenes without a defect, ratios reach 4
-CLEAR = 0.6  # of the scatter of patches: bent and glossy surfaces scatter alike in all patches
-LIKELY = 0.2  # standard deviation of the ratio before any measurement: cameras are built with even spacing
-LEAST_ERROR = 0.002  # pixels per view step: no patch measures its disparities better
+SHOWN = 0.04  # pixels, by trial: error of the outermost view's position, seen at the farthest patches
+SURE = 5.0  # standard errors, by trial
+CLEAR = 0.6  # of the scatter of patches, by trial: bent and glossy surfaces scatter in all patches
+LIKELY = 0.2  # by trial: standard deviation of the ratio before any measurement, since cameras are built evenly
+LEAST_ERROR = 0.002  # pixels per view step, by trial: the least error of a patch's disparities
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,13 +29,13 @@ from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.lightfield import LightField
 
-LEAST_GAIN = 4e-3  # squared scatters per window by which a clipped pupil must explain the views better
+LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a clipped pupil must explain the views better by this
 SURE = 6.0  # standard errors of falloff: on scenes without it, gloss reaches 6.6 where no rim is visible
-UNTRUSTED, TRUSTED = 0.02, 0.1  # gains below and above which samples have no and full weight
-CERTAIN = 6.0  # standard deviations of a white picture's noise
-LEAST_LOSS = 0.01  # of the light of one sample in a hundred: less does not show
-NOISE = 2e-3  # standard deviation that noise may leave in gains: half a level of 8 bits
-WIDEST = 10.0  # pixels, standard deviation of the smoothing: the rim and dust must stay
+UNTRUSTED, TRUSTED = 0.02, 0.1  # gains, by trial: below the first samples have no weight, above the second full weight
+CERTAIN = 6.0  # standard deviations of a white picture's noise, by trial
+LEAST_LOSS = 0.01  # of the light of one sample in a hundred, by trial: less hardly shows
+NOISE = 2e-3  # standard deviation that noise may leave in gains, half a level of 8 bits
+WIDEST = 10.0  # pixels, by trial: largest standard deviation of the smoothing, so that the rim and dust stay
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +227,7 @@ class _RimProblem:
         return float(self.costs(rim).sum())
 
     def gain(self, rim: Rim) -> float:
-        """As in `RimFit`: one quarter may be wrong, because a highlight or an edge lies there."""
+        """Gain of a `RimFit`: one quarter may be wrong, because a highlight or an edge lies there."""
         gained = self.costs(rim._replace(displacement=0.0)) - self.costs(rim)
         quarter = 2 * (self.y0 > 0) + (self.x0 > 0)
         counts = self.known.any(0)

@@ -35,7 +35,7 @@ PAPER_TEST = (*(f"IMG_{number}_eslf" for number in _NUMBERS.split()), *map(str.c
 
 
 _COPY = re.compile(r"^copy[ _.-]*of\b[ _.-]*|[ _.-]*(\(\d+\)|\bcopy([ _.-]*\d+)?)$")
-"""What file managers and people add to the name of a copy."""
+"""Parts of names that mark a copy."""
 _NUMBERED = re.compile(rf"img0*({_NUMBERS.replace(' ', '|')})(?!\d)")
 
 
@@ -50,8 +50,8 @@ def _normal(name: str) -> str:
 def is_of_test_set(name: str) -> bool:
     """Whether a name is one of `PAPER_TEST`, however it is spelt.
 
-    Case, separators, `eslf` and marks of a copy do not count. `IMG` and a number of the list count wherever they
-    stand (`IMG-1085 cropped`); `Cars` and the other words only alone (not `Cars_at_night`).
+    Case, separators, `eslf` and marks of a copy are ignored. `IMG` with a number of the list counts anywhere in the
+    name (`IMG-1085 cropped`); `Cars` and the other words count only alone (not `Cars_at_night`).
 
     Args:
         name: Name of a file without its suffix, or of a folder.
@@ -61,20 +61,20 @@ def is_of_test_set(name: str) -> bool:
 
 
 def without_test_set(paths: Sequence[Path]) -> list[Path]:
-    """The light fields that are not of the paper's test set, by name."""
+    """Light fields whose names are not in the paper's test set."""
     return [path for path in paths if not is_of_test_set(path.stem)]
 
 
 def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path], list[Path]]:
-    """Split into training and validation fields; fields of the paper's test set join neither.
+    """Split into training and validation fields; fields of the paper's test set are in neither.
 
     Args:
         paths: All light fields.
         share: Part to hold out, in (0, 1); at least one field.
-        seed: Of the choice.
+        seed: Seed of the choice.
 
     Returns:
-        Training and validation fields, each in the order given.
+        Training and validation fields, both in the order of `paths`.
 
     Raises:
         InputError: Fewer than two fields, or a share outside (0, 1).
@@ -100,7 +100,7 @@ def without_leaks(
     Args:
         train: Fields to train on.
         held: Fields held out.
-        folder: The cache folder, which keeps the hashes for the next time; None keeps none.
+        folder: The cache folder, which stores the hashes; None: they are not stored.
     """
     forbidden = {cache.content_hash(path, folder) for path in held}
     clean = [path for path in train if cache.content_hash(path, folder) not in forbidden]
@@ -119,11 +119,11 @@ class PatchData(LightningDataModule, abc.ABC):
     Args:
         labels: Makes the labels.
         patch: Height and width of a patch in pixels.
-        patches_per_field: Patches cut from a light field in an epoch.
-        fields_per_batch: Light fields whose patches make a batch.
+        patches_per_field: Patches per light field and epoch.
+        fields_per_batch: Light fields per batch.
         workers: Processes that prepare batches; 0 prepares them in the training process.
-        seed: Of order and corners.
-        timeout: Seconds after which a process that still prepares one batch counts as standing still; 0: never.
+        seed: Seed of order and corners.
+        timeout: Seconds that a process may take to prepare one batch; 0: any time.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class PatchData(LightningDataModule, abc.ABC):
 
     @abc.abstractmethod
     def sources(self) -> tuple[Source, Source]:
-        """Light fields to train on, and light fields held out."""
+        """Light fields for training, and held-out ones."""
 
     def setup(self, stage: str) -> None:
         """Open the sources; Lightning calls this in every process."""
@@ -192,10 +192,10 @@ class FolderData(PatchData):
         path: Folder of light fields.
         validation_path: Folder of held-out light fields; None holds out `validation_share` of `path`.
         validation_share: Part held out, in (0, 1).
-        cache_folder: Where decoded light fields are kept.
+        cache_folder: Folder of decoded light fields.
         reader: Arguments of `lfref.read`.
-        correct: `none`, `auto` for what each light field shows, or a file of corrections.
-        labels: As in `PatchData`, like all further arguments.
+        correct: `none`, `auto` (the defects of each light field), or a file of corrections.
+        labels: Makes the labels.
         **options: Arguments of `PatchData`.
     """
 
@@ -224,12 +224,12 @@ class FolderData(PatchData):
         return self.reader.get("encoding") != "none"
 
     def prepare_data(self) -> None:
-        """Hash the fields in one process of a machine; the others find what it kept. Lightning calls this first."""
+        """Hash the fields in one process per machine; the others read its hashes. Lightning calls this first."""
         train, held, _ = self._paths()
         without_leaks(train, held, self.cache_folder)
 
     def sources(self) -> tuple[Source, Source]:
-        """Fields of the folders; what is left out of training, by name or by content, is named in the log."""
+        """Fields of the folders; the log names the fields left out of training."""
         train, held, test_set = self._paths()
         _warn("being of the paper's test set", test_set)
         train, leaks = without_leaks(train, held, self.cache_folder)
@@ -244,7 +244,7 @@ class FolderData(PatchData):
         )
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
-        """Fields to train on, fields held out, and fields that are neither by their names."""
+        """Training fields, held-out fields, and fields that belong to neither because of their names."""
         found = reader.find(self.path)
         if self.validation_path is None:
             train, held = held_out(found, self.validation_share, self.seed)
@@ -254,7 +254,7 @@ class FolderData(PatchData):
 
 
 def _warn(reason: str, paths: Iterable[Path]) -> None:
-    """Name the light fields that do not train."""
+    """Log the names of light fields that are left out of training."""
     if names := ", ".join(sorted(path.name for path in paths)):
         log.warning("left out of training, %s: %s", reason, names)
 
@@ -263,12 +263,12 @@ class SimulatedData(PatchData):
     """Patches of simulated scenes: new ones every epoch to train on, fixed ones held out.
 
     Args:
-        labels: As in `PatchData`.
-        n_fields: Scenes in a training epoch.
-        n_validation: Held-out scenes.
-        scenes: Where they come from.
-        validation_scenes: Where held-out scenes come from, the same whatever the seed; None takes others of `scenes`.
-        correct: `none`, `auto` for what each light field shows, or a file of corrections.
+        labels: Makes the labels.
+        n_fields: Scenes per training epoch.
+        n_validation: Number of held-out scenes.
+        scenes: Distribution of the scenes, or one scene.
+        validation_scenes: Distribution of held-out scenes, the same for every seed; None: other scenes of `scenes`.
+        correct: `none`, `auto` (the defects of each light field), or a file of corrections.
         **options: Arguments of `PatchData`.
     """
 
@@ -283,9 +283,9 @@ class SimulatedData(PatchData):
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
-        # Held-out scenes come from a stream of their own.
+        # Held-out scenes have a random stream of their own.
         held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, 0)
-        # Views and rendered labels share a painting, if it reaches as far as the labels' planes do.
+        # The painted scene must extend far enough for the labels' planes: views and rendered labels share it.
         reach = float(labels.planes.slopes.abs().max()) if isinstance(labels, RenderedLabels) else 0.0
         self.streams = (
             SimulatedSource(n_fields, self.seed, scenes, reach, correct),

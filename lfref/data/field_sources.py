@@ -1,4 +1,4 @@
-"""Where light fields come from: a folder of captures, or simulated scenes without end.
+"""Sources of light fields: a folder of captures, or a stream of simulated scenes.
 
 A source maps (index, epoch) to a field that can be cropped; a folder ignores the epoch, a simulator draws new
 scenes each epoch.
@@ -24,24 +24,19 @@ from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
 from lfref.simulator.simulate import Simulation
 
 Field = LightField | CachedField
-"""What patches are cut from: has `name`, `grid`, `size` and `crop`."""
+"""Light fields that patches are cut from, with `name`, `grid`, `size` and `crop`."""
 
 
 class Source(abc.ABC):
-    """A number of light fields, repeatable by (index, epoch)."""
+    """Light fields, repeatable by (index, epoch)."""
 
     @abc.abstractmethod
     def __len__(self) -> int:
-        """Light fields in an epoch."""
+        """Number of light fields per epoch."""
 
     @abc.abstractmethod
     def field(self, index: int, epoch: int = 0) -> Field:
-        """One light field.
-
-        Args:
-            index: Its place in the epoch.
-            epoch: From 0.
-        """
+        """The light field at a place in the epoch."""
 
 
 class FolderSource(Source):
@@ -49,9 +44,9 @@ class FolderSource(Source):
 
     Args:
         paths: The light fields: files or folders of views.
-        cache_folder: Where decoded fields are kept.
+        cache_folder: Folder of decoded fields.
         reader: Arguments of `lfref.read`.
-        correct: `none`, `auto` for what each shows, or a file of corrections.
+        correct: `none`, `auto` (the defects of each field), or a file of corrections.
     """
 
     def __init__(
@@ -66,11 +61,7 @@ class FolderSource(Source):
         return len(self.paths)
 
     def field(self, index: int, epoch: int = 0) -> Field:
-        """The light field at that place, the same every epoch.
-
-        Raises:
-            FileError: It cannot be read.
-        """
+        """The light field at that place, the same every epoch."""
         return cache.cached(self.paths[index], self.reader, self.cache_folder, self.correct)
 
 
@@ -79,10 +70,10 @@ class SimulatedField(LightField):
     """A light field whose scene is known, so that it can be photographed through the whole lens."""
 
     photograph: Callable[[tuple[float, ...]], Tensor] = field(kw_only=True)
-    """(slopes) -> what the lens records of the field's rectangle at each of them, in [0, 1], [N, C, H, W]."""
+    """(slopes) -> truth of the field's rectangle at these slopes, in [0, 1], [N, C, H, W]."""
 
     def crop(self, top: int, left: int, height: int, width: int) -> "SimulatedField":
-        """As `LightField.crop`; photographs are cut alike."""
+        """Crop the views and the photographs."""
         window = (..., slice(top, top + height), slice(left, left + width))
         cut = super().crop(top, left, height, width)
         return replace(
@@ -94,15 +85,11 @@ class SimulatedSource(Source):
     """Simulated scenes, each fixed by (seed, epoch, index).
 
     Args:
-        n_fields: Fields in an epoch.
-        seed: Of all scenes.
-        scenes: Where they come from; a single scene is seen again and again with other textures and noise.
-        reach: Greatest |slope| that fields will be photographed at, in pixels per view step: views and photographs up
-            to there share one painting.
-        correct: `none`, `auto` for what each field shows, or a file of corrections.
-
-    Raises:
-        InputError: No field, or a seed below 0.
+        n_fields: Fields per epoch.
+        seed: Seed of all scenes.
+        scenes: Distribution of the scenes; a single scene is repeated with other textures and noise.
+        reach: Largest |slope| of the photographs, in pixels per view step: the painted scene extends that far.
+        correct: `none`, `auto` (the defects of each field), or a file of corrections.
     """
 
     def __init__(
@@ -127,15 +114,15 @@ class SimulatedSource(Source):
         return self.n_fields
 
     def field(self, index: int, epoch: int = 0) -> SimulatedField:
-        """Render the field at that place of that epoch, in linear light; what leaves [0, 1] is clipped."""
+        """Render the field at that place of that epoch, in linear light clipped to [0, 1]."""
         scene = self.scenes.scene(self.seed, epoch, index)
         simulation = Simulation(scene, self.reach)
         views = simulation.run(["views"], [0.0]).views
         assert views is not None
-        once = functools.lru_cache(maxsize=1)(functools.partial(_photograph, simulation))
+        photograph = functools.lru_cache(maxsize=1)(functools.partial(_photograph, simulation))
         light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
-        mended, _ = correct_by_option(light, self.correct, even_grid_for=cache.EVEN_GRID)
-        return SimulatedField(mended.views, scene.name, mended.weight, photograph=once)
+        corrected, _ = correct_by_option(light, self.correct, even_grid_for=cache.EVEN_GRID)
+        return SimulatedField(corrected.views, scene.name, corrected.weight, photograph=photograph)
 
 
 def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:

@@ -1,8 +1,8 @@
-"""Label sources: a refocusing operator, or a photograph of the scene, with the focal planes that labels are made for.
+"""Sources of labels for given focal planes: a refocusing operator, or a photograph of the scene.
 
 Patches are cut with a margin around them, so that a local operator (shift-and-sum) labels a patch exactly as it
-labels the whole field. A Fourier slice depends on every pixel of what it is given, so its patch labels differ from
-those of the whole field by the ringing of the crop's own border; `docs/refocusing.md` states by how much.
+labels the whole field. A Fourier slice depends on every pixel of its input, so its patch labels differ from
+those of the whole field by ringing from the border of the crop; `docs/refocusing.md` states by how much.
 """
 
 import abc
@@ -30,21 +30,11 @@ class Labels(abc.ABC):
 
     @abc.abstractmethod
     def margin(self, grid: tuple[int, int]) -> int:
-        """Pixels around a patch that its label is made with.
-
-        Args:
-            grid: Number of view rows and columns (V, U).
-        """
+        """Pixels around a patch that its label depends on, for (V, U) view rows and columns."""
 
     @abc.abstractmethod
     def __call__(self, field: LightField) -> Tensor:
-        """Label a light field.
-
-        Args:
-            field: The light field, [V, U, C, H, W].
-
-        Returns:
-            Stack, [N, C, H, W].
+        """The label of a light field, [N, C, H, W].
 
         Raises:
             InputError: The field cannot be labelled, or is too small for these planes.
@@ -56,7 +46,7 @@ class OperatorLabels(Labels):
     """Labels made by a refocuser that depends on a patch and a margin around it only."""
 
     refocuser: Refocuser
-    """Makes them; also gives them their name."""
+    """Computes the labels; their name is its name."""
     planes: FocalPlanes
     """The planes of a label."""
 
@@ -66,18 +56,18 @@ class OperatorLabels(Labels):
         return self.refocuser.name
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """As far as the outermost view shifts, a sample for reading between two, and the blur of a view's cell."""
+        """The sum of the outermost view's shift, one pixel for interpolation, and the blur of a view's cell."""
         slopes = self.planes.slopes
         return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + footprint.radius(self.refocuser.cell_width(slopes))
 
     def __call__(self, field: LightField) -> Tensor:
-        """The refocuser's stack; samples count by their weight."""
+        """The refocuser's stack; samples are weighted."""
         return self.refocuser(field, self.planes.slopes)
 
 
 @dataclass(frozen=True)
 class RenderedLabels(Labels):
-    """Labels that are photographs: what a lens with the whole aperture records."""
+    """Labels that are photographs through the whole aperture."""
 
     name: str
     """As tables and legends call it."""
@@ -85,7 +75,7 @@ class RenderedLabels(Labels):
     """The planes of a label."""
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """None is needed: a label is cut from the photograph of the whole field."""
+        """0: a label is cut from the photograph of the whole field."""
         return 0
 
     def __call__(self, field: LightField) -> Tensor:

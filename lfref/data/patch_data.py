@@ -1,7 +1,7 @@
 """Random patches of light fields with their labels, each repeatable by (seed, epoch, index).
 
-One item is one light field: its patches are cut together, so that a field is read or rendered once an epoch.
-Where a patch is flat there is nothing to learn, and normalisation divides by nearly nothing: another one is drawn.
+One item is one light field. Its patches are cut together, so that a field is read or rendered once per epoch. A flat
+patch is drawn again: nothing can be learned from it, and normalisation would divide by nearly 0.
 """
 
 import math
@@ -18,7 +18,7 @@ from lfref.data.label_sources import Labels
 from lfref.errors import InputError
 
 FLAT = 1 / 255
-"""Least difference between the brightest and the darkest sample of a patch's views: a step of 8 bits."""
+"""Least difference between the brightest and the darkest sample of a patch's views: one 8-bit level."""
 DRAWS = 8
 """Corners drawn for a patch before it is left out."""
 
@@ -31,25 +31,17 @@ class Batch(TypedDict):
     labels: Tensor
     """[P, N, C, H, W]."""
     slopes: Tensor
-    """Of the labels' planes, in pixels per view step, float64, [N]."""
+    """Slopes of the labels' planes, in pixels per view step, float64, [N]."""
     where: list[str]
     """Light field and top left corner of each patch, P entries."""
     resampled: int
-    """Corners that were drawn again because the patch there is flat."""
+    """Number of corners that were drawn again because their patches are flat."""
 
 
 def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[Tensor, Tensor] | None:
-    """One patch and its label, made with as much surroundings as the label depends on.
+    """Views [V, U, C, patch, patch] and label [N, C, patch, patch] of one patch; None if the views are flat.
 
-    Args:
-        field: To cut from.
-        labels: Makes the label.
-        top: First row, in pixels.
-        left: First column, in pixels.
-        patch: Height and width in pixels.
-
-    Returns:
-        Views [V, U, C, patch, patch] and label [N, C, patch, patch]; None if the views are flat.
+    The label is computed with the margin that it depends on.
     """
     margin = labels.margin(field.grid)
     rows, columns = (
@@ -60,30 +52,23 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
     window = (..., slice(row, row + patch), slice(column, column + patch))
     views = context.views[window].contiguous()
     darkest, brightest = views.aminmax()
-    if brightest - darkest < FLAT:  # false of what is not finite, which is left to those who can name it
+    if brightest - darkest < FLAT:  # False for NaN: training reports samples that are not finite.
         return None
     return views, labels(context)[window].contiguous()
 
 
 def _context(start: int, patch: int, margin: int, length: int) -> range:
-    """A patch with its margin along one axis, as far as the field reaches and wide enough for the largest shift."""
+    """A patch with its margin along one axis, inside the field and wide enough for the largest shift."""
     least = 2 * margin + 1
     first = max(0, min(start - margin, length - least))
     return range(first, min(length, max(start + patch + margin, first + least)))
 
 
 class FieldPatches(Dataset[Batch]):
-    """Random patches of every light field of a source.
-
-    Args:
-        source: Light fields.
-        labels: Makes the labels.
-        patch: Height and width in pixels.
-        patches_per_field: Patches cut from a field in an epoch.
-        seed: Of the corners.
+    """Random patches of every light field of a source; `seed` is that of the corners.
 
     Raises:
-        InputError: A size below 1; later, a field smaller than a patch, or no field with anything to see in it.
+        InputError: A size below 1; when items are read, a field smaller than a patch, or only flat fields.
     """
 
     def __init__(self, source: Source, labels: Labels, patch: int, patches_per_field: int, seed: int) -> None:
@@ -111,7 +96,7 @@ class FieldPatches(Dataset[Batch]):
         )
 
     def _of_field(self, epoch: int, index: int) -> Batch | None:
-        """The patches of one field, None if it is flat wherever one was drawn."""
+        """The patches of one field; None if all drawn patches are flat."""
         field = self.source.field(index, epoch)
         if min(field.size) < self.patch:
             raise InputError(
@@ -134,7 +119,7 @@ class FieldPatches(Dataset[Batch]):
         }
 
     def _draw(self, field: Field, random: np.random.Generator) -> Iterator[tuple[str, tuple[Tensor, Tensor] | None]]:
-        """Corners and what is cut there, up to the first that is not flat."""
+        """Corners with their patches, up to the first patch that is not flat."""
         free = np.array(field.size) - self.patch
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
@@ -145,16 +130,10 @@ class FieldPatches(Dataset[Batch]):
 
 
 class EpochSampler(Sampler[tuple[int, int]]):
-    """Yields (epoch, index), shuffled by (seed, epoch) and shared out among the ranks of a distributed run.
+    """Yields (epoch, index), shuffled by (seed, epoch) and divided among the ranks of a distributed run.
 
-    Carrying the epoch in the key lets workers that live on see it, and makes a resumed run draw what an unbroken one
-    would have drawn.
-
-    Args:
-        n_items: Items in an epoch.
-        seed: Of the order; None keeps the order and stays at epoch 0, as validation wants.
-        rank: This process.
-        world_size: Number of processes.
+    The key holds the epoch, so that persistent workers get it and a resumed run draws the same patches as an
+    uninterrupted one. Without a seed (validation), the order and the epoch 0 stay.
     """
 
     def __init__(self, n_items: int, seed: int | None, rank: int = 0, world_size: int = 1) -> None:
@@ -165,7 +144,7 @@ class EpochSampler(Sampler[tuple[int, int]]):
         self.epoch = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Tell which epoch comes next; Lightning calls this."""
+        """Set the next epoch; Lightning calls this."""
         self.epoch = epoch
 
     def __len__(self) -> int:
@@ -177,7 +156,7 @@ class EpochSampler(Sampler[tuple[int, int]]):
 
     def _order(self) -> list[int]:
         if self.seed is None:
-            # A rank without an item would bring the others to a halt: it repeats one.
+            # A rank without an item would block the others: it repeats one.
             return list(range(self.rank, self.n_items, self.world_size)) or [self.rank % self.n_items]
         order = np.random.default_rng((self.seed, self.epoch)).permutation(self.n_items).tolist()
         # Every rank must take as many steps as the others: wrap around to an even share.

@@ -1,4 +1,4 @@
-"""Crops of a set of planes, for Lightning.
+"""Lightning data module for prepared sets of planes: random crops to train on, whole planes to validate.
 
 Letters: `B` planes of a batch, `K` channels of features, `C H W` channel, pixel row and column.
 """
@@ -25,29 +25,22 @@ class PlaneBatch(TypedDict):
     features: Tensor
     """[B, K, H, W]."""
     pictures: Tensor
-    """What is to be corrected, [B, C, H, W]."""
+    """Classical pictures that the refiner corrects, [B, C, H, W]."""
     error_scale: Tensor
     """How far the pictures may be off, [B, 1, H, W]."""
     missing: Tensor
-    """What a lens would have recorded less the pictures, [B, C, H, W]."""
+    """Truth minus pictures, [B, C, H, W]."""
     where: list[str]
-    """Number of the item and of its plane, B entries."""
+    """Names of the item's file and of its plane, B entries."""
     resampled: int
-    """Crops that were drawn again; none ever is."""
+    """Always 0: crops of planes are never drawn again. Patches of light fields are."""
 
 
 class Crops(Dataset[PlaneBatch]):
-    """A plane of an item: a crop, mirrored and turned at random, the same for the same (seed, epoch, place).
+    """Random crops in random orientations, one plane per entry, repeatable by (seed, epoch, place).
 
-    Planes of a light field err alike, so a batch is drawn of all of them, and not of all planes of a few.
-
-    Args:
-        paths: The items, of as many planes each.
-        crop: Height and width in pixels.
-        seed: Of the crops.
-
-    Raises:
-        InputError: Planes are smaller than crops.
+    Planes of one light field have similar errors, so a batch mixes planes of many light fields. All items must have the
+    same number of planes.
     """
 
     def __init__(self, paths: Sequence[Path], crop: int, seed: int) -> None:
@@ -74,11 +67,7 @@ class Crops(Dataset[PlaneBatch]):
 
 
 class Wholes(Dataset[PlaneBatch]):
-    """All planes of an item as they are.
-
-    Args:
-        paths: The items.
-    """
+    """All planes of an item, not cropped."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.paths = paths
@@ -99,7 +88,7 @@ def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
-    """Square images in one of the eight orientations: no feature knows left from right, nor across from down."""
+    """Square images in a random one of the eight orientations: no feature depends on orientation."""
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image
@@ -113,18 +102,18 @@ def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
 
 
 class PlaneData(LightningDataModule):
-    """Crops of the planes that `lfref prepare` made.
+    """Crops of the planes that `lfref prepare` wrote.
 
     Args:
-        recipe: Of the set.
-        cache_folder: Where sets are kept.
-        folder: Where the set lies; None looks in the cache.
-        n_fields: Light fields to use, the first ones of the set; None takes all there are.
-        n_validation: The first ones of these are held out.
-        crop: Height and width of what is trained on, in pixels.
-        planes_per_batch: Crops that make a batch, each of any light field.
+        recipe: Recipe of the set.
+        cache_folder: Folder of all sets.
+        folder: Folder of the set; None: the recipe's folder in the cache.
+        n_fields: Number of light fields to use, the first ones of the set; None: all.
+        n_validation: Number of held-out light fields, the first ones.
+        crop: Height and width of training crops in pixels.
+        planes_per_batch: Crops per batch, from any light fields.
         workers: Processes that prepare batches; 0 prepares them in the training process.
-        seed: Of order and crops.
+        seed: Seed of order and crops.
 
     Raises:
         InputError: A number that is too small.
@@ -155,11 +144,7 @@ class PlaneData(LightningDataModule):
         self.seed = seed
 
     def setup(self, stage: str) -> None:
-        """Find the items; Lightning calls this in every process.
-
-        Raises:
-            InputError: There are too few.
-        """
+        """List the items; Lightning calls this in every process."""
         paths = sorted(self.folder.glob(f"*{plane_sets.SUFFIX}"))[: self.n_fields]
         if len(paths) <= self.n_validation or (self.n_fields or 0) > len(paths):
             raise InputError(

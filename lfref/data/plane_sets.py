@@ -1,4 +1,4 @@
-"""Sets of planes to learn from: classical pictures with their features, and what a lens would have recorded instead.
+"""Sets of planes for training: classical pictures with their features, and the truth.
 
 Drawing a scene costs more than a step of training, so a set is made once. Every item is fixed by the recipe and its
 number alone: a set that was interrupted goes on, and processes share the work.
@@ -41,7 +41,7 @@ NEAR = 0.15
 
 @dataclass(frozen=True)
 class Recipe:
-    """What decides what the items of a set are."""
+    """All choices that determine the items of a set."""
 
     scenes: RandomScenes
     """Where they come from; the grid of the camera is one of `grids`."""
@@ -135,12 +135,7 @@ class Item(NamedTuple):
 
 @torch.no_grad()
 def make(recipe: Recipe, index: int) -> Item:
-    """Draw a scene, photograph it, put it right, refocus it.
-
-    Args:
-        recipe: What decides about it.
-        index: Its number, from 0.
-    """
+    """Draw a scene, photograph it, correct the capture, and refocus it."""
     random = np.random.default_rng((recipe.seed, index))
     scene = _scene(recipe, index, random)
     # Planes near focus lie at disparities that are known only once the scene is drawn.
@@ -157,10 +152,10 @@ def make(recipe: Recipe, index: int) -> Item:
     has_white = recipe.correct == AUTO and scene.sensor.vignetting is not None
     white = white_picture(scene, recorded) if has_white else None
     light, _ = correct_by_option(recorded, recipe.correct, white, EVEN_GRID)
-    wanted = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
+    target = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     planes = torch.tensor(slopes, dtype=torch.float64)
     inputs = next(refiner_inputs(light, planes, recipe.base, recipe.features))
-    return Item(*inputs, wanted - inputs.pictures, planes)
+    return Item(*inputs, target - inputs.pictures, planes)
 
 
 def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
@@ -186,35 +181,17 @@ def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> t
 
 
 def folder_of(recipe: Recipe, cache_folder: Path) -> Path:
-    """Where a set lies.
-
-    Args:
-        recipe: Of the set.
-        cache_folder: Where sets are kept.
-    """
+    """Folder of a set."""
     return cache_folder / "planes" / recipe.key()[:16]
 
 
 def path_of(folder: Path, index: int) -> Path:
-    """Where an item lies.
-
-    Args:
-        folder: Of the set.
-        index: Its number.
-    """
+    """File of an item."""
     return folder / f"{index:06d}{SUFFIX}"
 
 
 def write(path: Path, item: Item) -> None:
-    """Keep an item in half precision: what is missing to pictures as they are kept, which is small, to a thousandth.
-
-    Args:
-        path: File to write.
-        item: What it shall hold.
-
-    Raises:
-        FileError: The disk refuses.
-    """
+    """Store an item in half precision; `missing` is relative to the rounded pictures."""
     kept = item.pictures.half()
     missing = item.pictures + item.missing - kept.float()
     parts = item._replace(pictures=kept, missing=missing)._asdict()
@@ -224,30 +201,17 @@ def write(path: Path, item: Item) -> None:
 
 
 def shape(path: Path) -> tuple[int, int, int]:
-    """Number of planes, height and width of a file that `write` wrote.
-
-    Args:
-        path: The file.
-
-    Raises:
-        FileError: It is missing or damaged.
-    """
+    """Number of planes, height and width in a file that `write` wrote."""
     with _opened(path) as file:
         n_planes, _, height, width = file.get_slice("pictures").get_shape()
         return n_planes, height, width
 
 
 def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), columns: slice = slice(None)) -> Item:
-    """Read what `write` wrote, images in half precision; nothing else is read of the file.
-
-    Args:
-        path: The file.
-        planes: Which ones.
-        rows: Of their pixels.
-        columns: Likewise.
+    """Read these planes, rows and columns of an item; images stay in half precision.
 
     Raises:
-        FileError: It is missing or damaged.
+        FileError: The file is missing or damaged.
     """
     with _opened(path) as file:
         slopes = file.get_tensor("slopes")[planes]
