@@ -2,9 +2,9 @@
 
 Half of the mutants change logic (a comparison, a sign, a product, `and`, `or`), half make a module constant twice or
 half as large. Each runs in a copy of the tree: first the test file of its module, then the tests of its package. A seed
-fixes which mutants are drawn.
+fixes which mutants are drawn. With `--constants`, every module constant is tried, and no logic.
 
-Usage: python docs/mutants.py [--seed 0] [--number 60] [--workers 2] [--within lfref/captures]
+Usage: python docs/mutants.py [--seed 0] [--number 60] [--workers 2] [--within lfref/captures] [--constants]
 """
 
 import argparse
@@ -134,8 +134,8 @@ def span(source: bytes, node: ast.expr) -> tuple[int, int]:
     return begin[node.lineno - 1] + node.col_offset, begin[node.end_lineno - 1] + node.end_col_offset
 
 
-def drawn(seed: int, number: int, within: Path) -> list[Mutant]:
-    """Mutants of all files, half of them of logic and half of constants."""
+def drawn(seed: int, number: int, within: Path, every_constant: bool) -> list[Mutant]:
+    """Mutants of all files: half of them of logic and half of constants, or every constant."""
     kinds: tuple[list[Mutant], list[Mutant]] = ([], [])
     files = [within] if within.is_file() else sorted(within.rglob("*.py"))
     for path in (file for file in files if file.name not in LEFT_OUT):
@@ -143,6 +143,8 @@ def drawn(seed: int, number: int, within: Path) -> list[Mutant]:
         tree = ast.parse(source)
         for mutants, kind in zip(kinds, (logic, constants), strict=True):
             mutants.extend(kind(path.relative_to(ROOT), source, tree))
+    if every_constant:
+        return kinds[1]
     chance = random.Random(seed)
     n_constants = min(number // 2, len(kinds[1]))
     return chance.sample(kinds[0], number - n_constants) + chance.sample(kinds[1], n_constants)
@@ -189,8 +191,9 @@ def main() -> None:
     parser.add_argument("--number", type=int, default=60)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--within", type=Path, default=ROOT / "lfref", help="a file or folder of the package")
+    parser.add_argument("--constants", action="store_true", help="every constant, instead of a sample")
     options = parser.parse_args()
-    mutants = drawn(options.seed, options.number, options.within.resolve())
+    mutants = drawn(options.seed, options.number, options.within.resolve(), options.constants)
     with tempfile.TemporaryDirectory() as folder:
         trees: queue.Queue[Path] = queue.Queue()
         for number in range(options.workers):
