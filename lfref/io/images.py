@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError, first_line
-from lfref.io import atomic, ownership
+from lfref.io import atomic, lengths, ownership
 
 LIMIT_MB = 1024
 """Largest image to decode, in MiB of the file's own sample type; a 16-bit RGBA ESLF image has 305."""
@@ -119,6 +119,7 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
             file.seek(max(0, path.stat().st_size - PNG_END_SEARCH))
             if PNG_END not in file.read():
                 raise _damaged(path, "a truncated PNG")
+    lengths.check_length(path)
     OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
     hints = OpenImageIO.ImageSpec()
     # Otherwise alpha is multiplied into the colours of a PNG.

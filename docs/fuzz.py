@@ -1,0 +1,157 @@
+"""Attack lfref as a damaged disk, an impatient user or an adversary would, and count what held.
+
+Usage: python docs/fuzz.py ATTACK [--number N] [--seed S] [--page]
+
+Each attack prints a table; `--page` also writes it into docs/trust.md, between the markers of its name. The figures
+there come from these commands.
+"""
+
+import argparse
+import random
+import sys
+import tempfile
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import h5py
+import marked
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+import lfref
+from lfref.errors import LfrefError
+from lfref.io import images
+
+DAMAGES = ("flip a bit", "insert bytes", "cut bytes", "cut the end")
+LOCAL = 0.02
+"""Largest share of wrong samples that counts as local damage, which formats without checksums cannot show."""
+
+
+def damaged(whole: bytes, damage: str, chance: random.Random) -> bytes:
+    """A file with one kind of damage at a random place, half of them in the first 512 bytes, where headers stand."""
+    start = chance.randrange(min(len(whole), 512) if chance.random() < 0.5 else len(whole))
+    length = chance.choice((1, 2, 3, 4, 8, 64))
+    if damage == "flip a bit":
+        return whole[:start] + bytes([whole[start] ^ (1 << chance.randrange(8))]) + whole[start + 1 :]
+    if damage == "insert bytes":
+        return whole[:start] + chance.randbytes(length) + whole[start:]
+    if damage == "cut bytes":
+        return whole[:start] + whole[start + length :]
+    return whole[: -min(length, len(whole) - 1)]
+
+
+def light_field() -> NDArray[np.uint8]:
+    """Views of a textured plane, [3, 3, 24, 32, 3]."""
+    v, u, y, x, c = np.ogrid[:3, :3, :24, :32, :3]
+    texture = np.sin((x + u) * (0.7 + 0.1 * c)) * np.cos((y + v) * 0.5) + 0.3 * np.sin(0.11 * (x + u) * (y + v))
+    return np.rint(127.5 + 90 * texture).clip(0, 255).astype(np.uint8)
+
+
+def captures_of(folder: Path) -> Iterator[tuple[str, Path, Path]]:
+    """Name of a format, the capture, and the one of its files that is damaged."""
+    views = light_field()
+    np.save(folder / "field.npy", views)
+    np.savez(folder / "field.npz", LF=views)
+    scipy.io.savemat(folder / "field.mat", {"LF": views})
+    scipy.io.savemat(folder / "packed.mat", {"LF": views}, do_compression=True)
+    with h5py.File(folder / "field.h5", "w") as file:
+        file["LF"] = views
+    with h5py.File(folder / "summed.h5", "w") as file:
+        file.create_dataset("LF", data=views, chunks=(1, 1, 24, 32, 3), compression="gzip", fletcher32=True)
+    lenslets = np.zeros((96, 128, 3), np.uint8)  # 4x4 views: the fourth row and column are dark
+    for row, column in np.ndindex(3, 3):
+        lenslets[row::4, column::4] = views[row, column]
+    for suffix in ("png", "tif", "bmp", "ppm", "webp"):
+        write_view(folder / f"lenslets.{suffix}", lenslets)
+    for path in sorted(folder.iterdir()):
+        yield path.name, path, path
+    for suffix in ("png", "tif", "ppm", "bmp", "jpg", "exr", "webp", "hdr"):
+        capture = folder / f"views_{suffix}"
+        capture.mkdir()
+        for row in range(3):
+            for column in range(3):
+                write_view(capture / f"view_{row}_{column}.{suffix}", views[row, column])
+        yield suffix.upper(), capture, capture / f"view_1_1.{suffix}"
+
+
+def write_view(path: Path, view: NDArray[np.uint8]) -> None:
+    """Write a view in any format that OpenImageIO writes."""
+    import OpenImageIO
+
+    output = OpenImageIO.ImageOutput.create(str(path))
+    kind = "float" if path.suffix in (".exr", ".hdr") else "uint8"
+    spec = OpenImageIO.ImageSpec(view.shape[1], view.shape[0], 3, kind)
+    output.open(str(path), spec)
+    output.write_image(images.to_float(view) if kind == "float" else view)
+    output.close()
+
+
+def captures(number: int, seed: int) -> Iterator[str]:
+    """Damage captures in every format, and read them."""
+    yield "| format | tries | refused | equal | local damage | other after a flip | other after a shift |"
+    yield "|---|---|---|---|---|---|---|"
+    with tempfile.TemporaryDirectory() as folder:
+        for name, capture, path in captures_of(Path(folder)):
+            chance = random.Random(f"{seed} {name}")
+            whole, truth = path.read_bytes(), read(capture)
+            counts = Counter(
+                outcome(capture, path, damaged(whole, damage, chance), truth, damage)
+                for damage in (DAMAGES[index % len(DAMAGES)] for index in range(number))
+            )
+            path.write_bytes(whole)
+            yield f"| {name} | {number} | " + " | ".join(str(counts[kind]) for kind in OUTCOMES) + " |"
+
+
+OUTCOMES = ("refused", "equal", "local", "flip", "shift")
+
+
+def read(capture: Path) -> NDArray:
+    """Views of a capture."""
+    return lfref.read(
+        capture, **({"lenslet": 4, "views": 3, "start": 0} if capture.stem == "lenslets" else {})
+    ).views.numpy()
+
+
+def outcome(capture: Path, path: Path, content: bytes, truth: NDArray, damage: str) -> str:
+    """What reading a damaged capture ends in. An error that is not ours ends the attack."""
+    path.write_bytes(content)
+    try:
+        views = read(capture)
+    except LfrefError:
+        return "refused"
+    wrong = float((np.abs(views - truth) > 1e-3).mean()) if views.shape == truth.shape else 1.0
+    if wrong <= LOCAL:
+        return "local" if wrong else "equal"
+    return "flip" if damage == DAMAGES[0] else "shift"
+
+
+ATTACKS: dict[str, tuple[Callable[[int, int], Iterator[str]], int]] = {
+    "captures": (captures, 320),
+}
+"""Name -> function that yields the lines of a table, and how many tries by default."""
+
+
+def main() -> None:
+    """Run one attack."""
+    parser = argparse.ArgumentParser(description="Attacks on lfref.")
+    parser.add_argument("attack", choices=sorted(ATTACKS))
+    parser.add_argument("--number", type=int, help="tries")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--page", action="store_true", help="write the table into docs/trust.md")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    attack, usual = ATTACKS[options.attack]
+    lines = []
+    for line in attack(options.number or usual, options.seed):
+        print(line, flush=True)
+        lines.append(line)
+    if options.page:
+        command = " ".join(["python docs/fuzz.py", *sys.argv[1:]])
+        marked.fill({f"fuzz_{options.attack}": "\n".join([*lines, "", f"`{command}`"])})
+
+
+if __name__ == "__main__":
+    main()
