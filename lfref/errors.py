@@ -3,6 +3,7 @@
 They are also `ValueError` or `OSError`, so that callers who do not know lfref catch them too.
 """
 
+import os
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -26,7 +27,8 @@ class LfrefError(Exception):
         # An error of a DataLoader worker arrives as the text of a whole traceback, which ends in the error itself.
         if expected.startswith("Caught "):
             expected = expected.rpartition("Error: ")[2].strip() or expected
-        super().__init__("; ".join([expected, *([f"got {got}"] if got != "" else []), *([remedy] if remedy else [])]))
+        text = "; ".join([expected, *([f"got {got}"] if got != "" else []), *([remedy] if remedy else [])])
+        super().__init__(printable(text))
 
 
 class InputError(LfrefError, ValueError):
@@ -39,6 +41,11 @@ class FileError(LfrefError, OSError):
 
 class CheckpointError(FileError):
     """A checkpoint that is missing, damaged, or of another shape than needed."""
+
+
+def printable(text: str) -> str:
+    r"""Text that every stream takes: bytes of file names that are no UTF-8 become `\xff`."""
+    return os.fsencode(text).decode("utf-8", "backslashreplace")
 
 
 def chosen(what: str, name: str, table: Mapping[str, Value]) -> Value:

@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli.command import log, paths, progress
-from lfref.errors import FileError, InputError, LfrefError
+from lfref.errors import FileError, InputError, LfrefError, first_line, printable
 from lfref.functional.threads import ahead
 from lfref.io import atomic, images
 from lfref.io import read as reader
@@ -56,7 +56,7 @@ def find_fields(config: DictConfig) -> dict[str, Path]:
         lambda path: path.name,
         lambda path: f"{path.parent.name}_{path.name}",
     ):
-        names = [name(path.absolute()) for path in fields]
+        names = [printable(name(path.absolute())) for path in fields]
         if fields and len(set(names)) == len(names):
             return dict(zip(names, fields, strict=True))
     raise InputError("inputs must be light fields of different names", got=", ".join(names) if fields else "none")
@@ -154,7 +154,7 @@ def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> Non
     if len(fields) == 1:
         ((name, result),) = fields.items()
         for step in steps:
-            result = step(name, result)
+            result = _apply(step, name, result)
         return
     outcomes: Iterable[Outcome] = ((name, path, None) for name, path in fields.items())
     for step in steps[:-1]:
@@ -163,10 +163,21 @@ def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> Non
     for name, _, error in progress(_run_step(steps[-1], outcomes), what, len(fields)):
         if error is not None:
             failed.append(name)
-            log.warning("%s: %s", name, error)
+            log.warning("%s: %s", name, error, exc_info=None if isinstance(error, LfrefError | OSError) else error)
     if failed:
         got = f"{len(failed)} that failed: {', '.join(failed)}"
         raise LfrefError(f"all {len(fields)} light fields must be usable", got=got, remedy="the others are done")
+
+
+def _apply(step: Step, name: str, result: Any) -> Any:
+    """Run a step; an error of numpy or torch about memory becomes one that says what to do."""
+    try:
+        return step(name, result)
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and not re.search("allocate memory|out of memory", str(error)):
+            raise
+        remedy = "give reader.views or reader.size to read less, or rows=N to keep views on the disk"
+        raise LfrefError(f"{name} must fit into memory", got=first_line(error), remedy=remedy) from error
 
 
 def _run_step(step: Step, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
@@ -174,8 +185,8 @@ def _run_step(step: Step, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
     for name, result, failure in outcomes:
         if failure is None:
             try:
-                result = step(name, result)
-            except (LfrefError, OSError) as error:
+                result = _apply(step, name, result)
+            except Exception as error:  # whatever it is, it is about this light field
                 result, failure = None, error
         yield name, result, failure
         del result  # so that a light field is freed before the next one is read

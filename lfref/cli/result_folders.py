@@ -19,7 +19,9 @@ def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -
         path: Its path.
         inputs: All paths of `input`: a single light field in a folder gets RUN/NAME too.
     """
-    return folder if {path.resolve()} == {other.resolve() for other in inputs} else folder / name
+    if {path.resolve()} == {other.resolve() for other in inputs}:
+        return folder
+    return folder / (f"{name}_results" if name in run_folder.NOTES or name.endswith(".log") else name)
 
 
 @contextmanager

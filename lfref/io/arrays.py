@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError, InputError, LfrefError, first_line
-from lfref.io import atomic, lengths
+from lfref.io import atomic, lengths, scratch
 from lfref.io.options import ReadOptions
 
 ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", "nhwc", "nchw", "hwcn")
@@ -177,6 +177,9 @@ def decode_array(path: Path, options: ReadOptions) -> NDArray:
         array = _chosen(arrays, options.variable, path)
         axes = options.axes or _likely_axes(array, path)
         _check(array, axes, path)
+        if options.scratch is None:
+            # At least a byte a stored sample, and four as light.
+            scratch.check_memory(5 * math.prod(array.shape), str(path))
         stored = array.load()
     views = arranged(stored, axes, options.grid, path)
     return _radiances(views[options.window(views.shape[:2], path)], path)

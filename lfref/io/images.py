@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from lfref.encoding import Encoding
-from lfref.errors import FileError, InputError, first_line
+from lfref.errors import FileError, InputError, first_line, printable
 from lfref.io import atomic, lengths, ownership
 
 LIMIT_MB = 1024
@@ -125,7 +125,7 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
     # Otherwise alpha is multiplied into the colours of a PNG.
     hints.attribute("oiio:UnassociatedAlpha", 1)
     try:
-        source = OpenImageIO.ImageInput.open(str(path), hints)
+        source = OpenImageIO.ImageInput.open(_utf8(path), hints)
         if source is None:
             raise _damaged(path, OpenImageIO.geterror())
         try:
@@ -134,6 +134,12 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
             source.close()
     except UnicodeDecodeError as error:  # raised when a message or an attribute quotes the damaged bytes
         raise _damaged(path, "a damaged header") from error
+
+
+def _utf8(path: Path) -> str:
+    if path.as_posix() != printable(path.as_posix()):
+        raise FileError(f"{path} must have a name in UTF-8", remedy="rename it")
+    return str(path)
 
 
 def _damaged(path: Path, reason: str) -> FileError:
@@ -372,7 +378,11 @@ def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
     # A light field has millions of samples but few values: look them up.
     values = np.arange(np.iinfo(array.dtype).max + 1, dtype=array.dtype)
     table = encoding.decode(torch.from_numpy(to_float(values)).double()).float().numpy()
-    return table.take(np.ascontiguousarray(array))
+    light = np.empty(array.shape, np.float32)
+    for part in np.ndindex(array.shape[:1]):
+        # Part by part: numpy widens indices to eight bytes. It buffers the result unless the mode is `clip`.
+        table.take(array[part], out=light[part], mode="clip")
+    return light
 
 
 def encoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:

@@ -2,17 +2,49 @@
 
 import math
 import os
+import re
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from lfref.errors import InputError
 from lfref.io import atomic
 
 Allocator = Callable[[tuple[int, ...], DTypeLike], NDArray]
 """(shape, type) -> an array of zeros."""
+
+
+def check_memory(n_bytes: float, what: str) -> None:
+    """Refuse work that needs more memory than this process can get; Linux would kill it halfway, without a message.
+
+    Raises:
+        InputError: It needs more.
+    """
+    if n_bytes > (limit := _available_memory()):
+        got = f"{n_bytes / 1e9:.1f} GB for {limit / 1e9:.1f} GB"
+        raise InputError(f"{what} must fit into memory", got=got, remedy="give reader.views, reader.size or rows=N")
+
+
+def _available_memory() -> float:
+    """Bytes of memory that this process can get: of the machine, its container and its own limit."""
+    limits = [math.inf]
+    with suppress(OSError, TypeError):  # not on Linux
+        entry = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
+        limits.append(int(entry[1]) * 1024)  # type: ignore[index]
+    with suppress(OSError, ValueError):  # no container
+        folder = Path("/sys/fs/cgroup")
+        used = int((folder / "memory.current").read_text())
+        limits.append(int((folder / "memory.max").read_text()) - used)
+    with suppress(ImportError):  # Windows
+        import resource
+
+        own = resource.getrlimit(resource.RLIMIT_AS)[0]
+        limits.append(math.inf if own == resource.RLIM_INFINITY else own)
+    return min(limits)
 
 
 def allocator(folder: Path | None) -> Allocator:

@@ -222,12 +222,24 @@ def test_the_error_of_a_single_one_is_raised_as_it_is(tmp_path):
     assert caught.value is error
 
 
-def test_mistakes_of_ours_stop_everything(tmp_path):
-    def task(name, path):
-        raise RuntimeError("a bug")
+def test_mistakes_of_ours_are_logged_whole_and_stop_no_other(tmp_path, caplog):
+    done = []
 
-    with pytest.raises(RuntimeError):
+    def task(name, path):
+        if name == "a":
+            raise RuntimeError("a bug")
+        done.append(name)
+
+    with pytest.raises(LfrefError, match="failed: a"):
         inputs.process({"a": tmp_path, "b": tmp_path}, [task], "trying")
+    assert done == ["b"]
+    assert "Traceback" in caplog.text
+
+
+@pytest.mark.parametrize("allocate", [np.empty, torch.empty], ids=["numpy", "torch"])
+def test_too_little_memory_is_one_line_that_says_what_to_do(tmp_path, allocate):
+    with pytest.raises(LfrefError, match="must fit into memory"):
+        inputs.process({"a": tmp_path}, [lambda name, path: allocate(2**58)], "trying")
 
 
 def test_where_nothing_is_to_do_nothing_is_shown(capsys):
