@@ -79,9 +79,8 @@ def test_the_wheel_of_the_source_distribution_is_that_of_the_checkout(built):
     assert theirs == ours
 
 
-def test_what_is_installed_finds_its_version_configuration_and_sweeps(command, tmp_path):
+def test_what_is_installed_finds_its_version_and_sweeps(command, tmp_path):
     assert done(command, "--version", folder=tmp_path).split()[-1] == lfref.__version__
-    assert "_target_: lfref.refocus." in done(command, "refocus", "--cfg", "job", folder=tmp_path)
     refused = run(command, "train", "-m", "+sweep=magic", folder=tmp_path)
     assert refused.returncode == 2
     assert "activation, beta_gamma, blocks, normalization" in refused.stderr
@@ -90,7 +89,16 @@ def test_what_is_installed_finds_its_version_configuration_and_sweeps(command, t
 def test_what_is_installed_simulates_refocuses_and_reports(command, tmp_path):
     scene = ["n_fields=1", "scene.camera.size=[48,64]", "outputs=[views]"]
     done(command, "simulate", *scene, "output=scenes", folder=tmp_path)
-    done(command, "refocus", "scenes/simulated_s0_e0_000", "slopes=[0]", "output=stack", folder=tmp_path)
+    # This method has no loops to compile: a fresh installation has no cache of machine code.
+    done(
+        command,
+        "refocus",
+        "scenes/simulated_s0_e0_000",
+        "slopes=[0]",
+        "method=exact_fourier",
+        "output=stack",
+        folder=tmp_path,
+    )
     done(command, "report", "stack", "output=report", folder=tmp_path)
     assert (tmp_path / "stack" / "stack.exr").is_file()
     assert (tmp_path / "report" / "index.html").is_file()

@@ -41,11 +41,7 @@ REPORT = ".parity.json"
 
 @dataclass(frozen=True)
 class ExportFile:
-    """The file to write.
-
-    Raises:
-        InputError: There is no such format, or it has no such precision.
-    """
+    """The file to write; InputError if there is no such format, or if it has no such precision."""
 
     path: Path
     """Without a suffix."""
@@ -71,11 +67,7 @@ class ExportFile:
         return Tolerance(error=subject.rounding) if is_pytorch else TOLERANCES[self.precision]
 
     def write_draft(self, folder: Path, refocuser: Refocuser, subject: Exportable) -> Path:
-        """Write the file to a folder, unchecked; `subject` is the refocuser as a graph.
-
-        Raises:
-            InputError: The refocuser cannot be written in this format.
-        """
+        """Write the file to a folder, unchecked; `subject` is the refocuser as a graph."""
         path = folder / self.file.name
         if self.format == SAFETENSORS:
             write_weights(path, refocuser, self.precision, self.version)
@@ -140,12 +132,7 @@ class ExportFile:
 
 
 def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str) -> None:
-    """Write the weights of a network or a refiner as `NAME.safetensors`.
-
-    Raises:
-        InputError: It has no weights, or there is no such precision.
-        FileError: The disk refuses.
-    """
+    """Write the weights of a network or a refiner as `NAME.safetensors`; InputError if it has none."""
     dtype = chosen("precision of safetensors", precision, WEIGHT_TYPES)
     module: nn.Module
     if isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
@@ -163,13 +150,7 @@ def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str
 
 
 def weights_run(path: Path) -> Run:
-    """The network of a file that `write_weights` wrote, ready to run.
-
-    Raises:
-        CheckpointError: Another file.
-    """
+    """The network of a file that `write_weights` wrote, ready to run."""
     refocuser = load(path)
-    if isinstance(refocuser, RefinedRefocuser):
-        return refocuser.refiner
-    assert isinstance(refocuser, NetworkRefocuser)
-    return refocuser.network
+    assert isinstance(refocuser, NetworkRefocuser | RefinedRefocuser)
+    return refocuser.network if isinstance(refocuser, NetworkRefocuser) else refocuser.refiner

@@ -20,7 +20,6 @@ from lfref.errors import InputError
 from lfref.export.convolutions import Sum, SumOfViews
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.nets.network import Network
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import refined
 from lfref.refocuser.features import refiner_inputs
@@ -53,15 +52,9 @@ class Exportable:
 
 
 def exportable(refocuser: Refocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
-    """A refocuser as a graph.
+    """A network, a refiner or shift-and-sum, on the CPU, as a graph; InputError if it is none of these.
 
-    Args:
-        refocuser: A network, a refiner or shift-and-sum, on the CPU.
-        planes: Planes of an operator, and those with which a refiner is tried.
-        grid: View rows and columns (V, U) of an operator, and those with which a refiner is tried.
-
-    Raises:
-        InputError: It is none of these, or has options that no graph has.
+    `planes` and `grid` (view rows and columns) are those of an operator, and those with which a refiner is compared.
     """
     if isinstance(refocuser, NetworkRefocuser):
         return _network(refocuser)
@@ -81,25 +74,13 @@ def exportable(refocuser: Refocuser, planes: FocalPlanes, grid: tuple[int, int])
     )
 
 
-class _ViewsOnly(nn.Module):
-    """A network that is called with nothing but views."""
-
-    def __init__(self, network: Network) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, views: Tensor) -> Tensor:
-        stack: Tensor = self.network(views)
-        return stack
-
-
 def _network(refocuser: NetworkRefocuser) -> Exportable:
     network, planes, grid = refocuser.network, refocuser.planes, refocuser.grid
     if planes is None or grid is None:
         raise InputError("a network that is exported must make planes of its own of one grid", got=refocuser.name)
     channels = int(network.config["channels"])
     graph = Graph(
-        _ViewsOnly(network).eval(),
+        network,
         {VIEWS: ("B", *grid, channels, "H", "W")},
         ("B", len(planes), channels, "H", "W"),
         (torch.rand(N, *grid, channels, HEIGHT, WIDTH),),

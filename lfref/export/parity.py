@@ -57,12 +57,7 @@ class ParityCase(NamedTuple):
 
 
 def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityCase]:
-    """Each light field, four orientations of the first at once, and flat frames.
-
-    Args:
-        subject: What is exported.
-        fields: Of as many sizes as the file is tried with.
-    """
+    """Every light field, four orientations of the first at once, and flat frames of its size."""
     first = fields[0]
     turned = [replace(first, views=first.views.flip(axes)) for axes in ((), (-1,), (-2,), (-1, -2))]
     groups = [(field.name, [field]) for field in fields] + [("turned", turned)]
@@ -73,17 +68,10 @@ def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityC
 
 @torch.no_grad()
 def rows(subject: Exportable, runs: Mapping[str, Run], cases: Iterable[ParityCase]) -> Iterator[Row]:
-    """Compare each engine with what was exported, case by case.
+    """Compare the pictures of every engine, by name, with those of lfref, case by case.
 
-    Args:
-        subject: What was exported.
-        runs: The file, by the names of the engines that run it.
-        cases: Of `cases`.
-
-    Yields:
-        `engine, case, n_fields, height, width, max_error, psnr_db, own_error, before_db`; a stack that is not finite
-        has an infinite error. `own_error`: on flat frames, distance of the subject in float32 from itself in float64;
-        else 0. `before_db`: PSNR of the pictures that a refiner corrects against its own; else 0.
+    A stack that is not finite has an infinite error. `own_error`: on flat frames, distance of lfref's float32 from its
+    float64, else 0. `before_db`: PSNR of the pictures that a refiner corrects against its own, else 0.
     """
     for case in cases:
         stack = subject.reference(*case.inputs)

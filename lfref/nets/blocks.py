@@ -5,7 +5,6 @@ Letters: `F` filters of a block, as in the paper's figure of the ResBlock; `H W`
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -36,34 +35,15 @@ NORMALIZATIONS: dict[str, Callable[[int], nn.Module]] = {
 }
 
 
-class BlockStyle(NamedTuple):
-    """Widths of a block's first two convolutions as divisors of F."""
-
-    first: int
-    second: int
-
-
-STYLES: dict[str, BlockStyle] = {
-    "text": BlockStyle(1, 2),  # F, F/2, F: the paper's text
-    "sibling": BlockStyle(2, 2),  # F/2, F/2, F: the authors' sister paper and the usual bottleneck
+STYLES = {
+    "text": (1, 2),  # F, F/2, F: the paper's text
+    "sibling": (2, 2),  # F/2, F/2, F: the authors' sister paper and the usual bottleneck
 }
+"""Widths of a block's first two convolutions as divisors of F."""
 
 
 class ResBlock(nn.Module):
-    """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W].
-
-    Args:
-        channels: Channels that come in.
-        filters: F, channels that go out; even.
-        activation: A key of `ACTIVATIONS`.
-        normalization: A key of `NORMALIZATIONS`.
-        style: A key of `STYLES`.
-        kernel: Side of the second convolution, odd; the paper's is 3.
-        dilation: Distance between its samples in pixels.
-
-    Raises:
-        InputError: F is odd or a key is unknown.
-    """
+    """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W]; options as of `RefNet`."""
 
     def __init__(
         self,
@@ -80,8 +60,7 @@ class ResBlock(nn.Module):
             raise InputError("the width of a block must be even and at least 2", got=filters)
         act = chosen("activation", activation, ACTIVATIONS)
         norm = chosen("normalization", normalization, NORMALIZATIONS)
-        shape = chosen("style", style, STYLES)
-        first, second = filters // shape.first, filters // shape.second
+        first, second = (filters // divisor for divisor in chosen("style", style, STYLES))
         self.body = nn.Sequential(
             nn.Conv2d(channels, first, 1),
             act(),

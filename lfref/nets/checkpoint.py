@@ -31,25 +31,15 @@ PREFIX = "net."
 
 
 def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> dict[str, Any]:
-    """The entry `lfref` of a checkpoint: what builds the network again.
-
-    Args:
-        network: The network.
-        planes: What its planes are.
-        is_linear: Whether it reads linear light, or samples as files hold them.
-    """
-    made = type(network)
-    foreign = {} if NETWORKS.get(network.name) is made else {CLASS: f"{made.__module__}.{made.__qualname__}"}
+    """The entry `lfref` of a checkpoint, from which the network is built again; `is_linear`: it reads linear light."""
+    kind = type(network)
+    foreign = {} if NETWORKS.get(network.name) is kind else {CLASS: f"{kind.__module__}.{kind.__qualname__}"}
     arguments = {"name": network.name, **foreign, **network.config}
     return {"format": FORMAT, "network": arguments, "planes": planes.as_dict(), "is_linear": is_linear}
 
 
 def check_number(network: Network, planes: FocalPlanes) -> None:
-    """Refuse planes that are more or fewer than a network makes.
-
-    Raises:
-        InputError: They are.
-    """
+    """Raise an InputError if a network makes another number of planes."""
     if network.n_planes not in (None, len(planes)):
         raise InputError(
             f"the network must make as many planes as there are ({len(planes)})",
@@ -59,41 +49,28 @@ def check_number(network: Network, planes: FocalPlanes) -> None:
 
 
 def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
-    """Write a checkpoint of a network alone.
-
-    Args:
-        path: File to write; replaced as a whole or not at all.
-        network: The network.
-        planes: What its planes are.
-
-    Raises:
-        FileError: The file cannot be written.
-    """
+    """Write a checkpoint of a network alone; FileError if the disk refuses."""
     state = {PREFIX + name: value for name, value in network.state_dict().items()}
     tensor_files.write_checkpoint(Path(path), {"lfref": payload(network, planes), "state_dict": state})
 
 
 def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
-    """Write the network of a checkpoint alone, as safetensors, which `read` reads too.
+    """Write the network of a checkpoint as safetensors, which `read` reads too.
 
     Args:
-        path: File to write, `NAME.safetensors`; replaced as a whole or not at all.
-        contents: Of `read`.
-        notes: How it was made, plain containers.
+        path: `NAME.safetensors`.
+        contents: Return value of `read`.
+        notes: Plain containers, for people who read the file.
 
     Raises:
-        FileError: The file cannot be written.
+        FileError: The disk refuses.
     """
     state = {name: value for name, value in contents["state_dict"].items() if name.startswith(PREFIX)}
     tensor_files.write_weights(path, state, {"lfref": contents["lfref"], "notes": notes})
 
 
 def read(path: str | Path) -> dict[str, Any]:
-    """The plain contents of a checkpoint file.
-
-    Raises:
-        CheckpointError: Missing, damaged or not ours.
-    """
+    """The entries `lfref` and `state_dict` of a file, and those of Lightning; CheckpointError if it is none of ours."""
     if "://" in str(path):
         raise CheckpointError("a checkpoint must be a local file", got=path, remedy="download it first")
     if not Path(path).is_file():
@@ -117,34 +94,22 @@ def read(path: str | Path) -> dict[str, Any]:
 
 
 def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
-    """The network of a checkpoint, on the CPU, and the planes that it was trained for.
-
-    Raises:
-        CheckpointError: Missing, damaged, not ours, or of another shape than it says.
-    """
+    """The network of a checkpoint, on the CPU, and its planes; CheckpointError if it holds none."""
     return restored(path, read(path))
 
 
 def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
-    """As `restore`, of a checkpoint that has been read.
-
-    Args:
-        path: Of the checkpoint, for errors.
-        contents: Of `read`.
-
-    Raises:
-        CheckpointError: It describes no network, or one of another shape.
-    """
+    """As `restore`, of the contents that `read` returned; `path` is for errors."""
     entry = contents["lfref"]
     if entry.get("format") not in FORMATS:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
     try:
         arguments = dict(entry["network"])
         name = arguments.pop("name", None)
-        made: Any = extensions.load_class(arguments.pop(CLASS)) if CLASS in arguments else NETWORKS.get(name)
-        if not (isinstance(made, type) and issubclass(made, Network)):
+        kind: Any = extensions.load_class(arguments.pop(CLASS)) if CLASS in arguments else NETWORKS.get(name)
+        if not (isinstance(kind, type) and issubclass(kind, Network)):
             raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
-        network, planes = made(**arguments), planes_from(entry["planes"])
+        network, planes = kind(**arguments), planes_from(entry["planes"])
         check_number(network, planes)
     except CheckpointError:
         raise
@@ -155,16 +120,7 @@ def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, Fo
 
 
 def load_state(path: str | Path, network: nn.Module, state: Mapping[str, Tensor]) -> None:
-    """Give a network the weights of a checkpoint.
-
-    Args:
-        path: Of the checkpoint, for errors.
-        network: The network.
-        state: `state_dict` of the checkpoint.
-
-    Raises:
-        CheckpointError: It holds weights of other shapes, or lacks some.
-    """
+    """Give a network the weights of a checkpoint; CheckpointError if some are missing or have other shapes."""
     weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
     for name, own in network.state_dict().items():
         got = tuple(weights[name].shape) if isinstance(weights.get(name), Tensor) else "nothing"

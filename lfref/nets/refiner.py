@@ -60,16 +60,13 @@ class Refiner(Corrector):
 
     Args:
         n_features: Channels of features, K.
-        n_candidates: How many features are candidates, of C channels each: the first ones.
+        n_candidates: Number of candidates, of C channels each: the first features.
         channels: Of pictures, C.
-        width: Channels within.
+        width: Channels of the blocks.
         n_blocks: Pairs of convolutions.
         shuffle: Pixels along the side of a coarse one, r.
         kernel: Side of the convolutions, odd.
         activation: A key of `ACTIVATIONS`.
-
-    Raises:
-        InputError: An option from which no network can be built.
 
     Example:
         >>> features, pictures, error_scale = torch.rand(2, 11, 16, 17).split([7, 3, 1], dim=1)
@@ -126,7 +123,7 @@ class Refiner(Corrector):
             error_scale: Light that candidates are in units of, in the type of the pictures, [..., N, 1, H, W].
 
         Raises:
-            InputError: Features of another number of channels.
+            InputError: Features have another number of channels.
         """
         if features.shape[-3] != self.config["n_features"]:
             n_features = self.config["n_features"]

@@ -23,11 +23,11 @@ def write(folder, kind="network", format="onnx", further=lambda draft: None, cha
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", cases.SUBJECTS)
-@pytest.mark.parametrize("format", export_file.PRECISIONS)
-def test_every_format_holds_what_it_promises(kind, format, tmp_path):
-    if (kind, format) == ("operator", "safetensors"):
-        pytest.skip("an operator has no weights")
+@pytest.mark.parametrize(
+    ("kind", "format"),
+    [*(("network", format) for format in export_file.PRECISIONS), ("operator", "pt2"), ("refiner", "onnx")],
+)
+def test_files_of_every_format_compute_the_pictures_of_their_refocuser(kind, format, tmp_path):
     wanted, rows = write(tmp_path, kind, format)
     report = json.loads((tmp_path / (wanted.file.name + export_file.REPORT)).read_text())
     assert report["holds"]

@@ -102,12 +102,6 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path, kind):
     assert_refused(path, "file.ckpt is damaged or no checkpoint", "train or copy it anew")
 
 
-def test_a_table_of_metrics_is_refused(tmp_path):
-    path = tmp_path / "metrics.csv"
-    path.write_text("epoch,step,val/mpsnr\n0,1,30.5\n")
-    assert_refused(path, "metrics.csv is damaged or no checkpoint")
-
-
 def test_a_file_of_any_first_byte_is_refused(tmp_path):
     path = tmp_path / "file.ckpt"
     for byte in range(128):
@@ -135,15 +129,9 @@ def test_a_file_that_would_run_code_is_refused_unread(tmp_path):
 
     for thing in (Bomb(), argparse.Namespace()):
         torch.save(contents() | {"more": thing}, tmp_path / "file.ckpt")
-        assert_refused(tmp_path / "file.ckpt", "is damaged or no checkpoint")
+        message = assert_refused(tmp_path / "file.ckpt", "is damaged or no checkpoint")
+        assert "can still be loaded" not in message, "torch would advise to load it unsafely"
     assert not (tmp_path / "exploded").exists()
-
-
-def test_a_file_that_would_run_code_is_not_recommended_to_the_user(tmp_path):
-    torch.save(contents() | {"more": argparse.Namespace()}, tmp_path / "file.ckpt")
-    message = assert_refused(tmp_path / "file.ckpt")
-    assert "can still be loaded" not in message
-    assert message.isprintable()
 
 
 @pytest.mark.parametrize(

@@ -64,10 +64,13 @@ def test_each_channel_starts_at_its_labels_mean_with_a_small_spread(normalizatio
     torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
 
 
-def test_the_spread_is_an_option():
-    network, views, labels = small(0)
-    head.prime(network.head, network.features(views), labels.flatten(1, 2), spread=0.01)
-    torch.testing.assert_close(raw(network, views).std((0, 2, 3)), torch.full((48,), 0.01), atol=1e-5, rtol=0)
+@pytest.mark.parametrize(("deviation", "is_scaled"), [(1.1 * head.FLAT, True), (0.9 * head.FLAT, False)])
+def test_an_output_is_scaled_unless_its_deviation_is_below_a_thousandth(deviation, is_scaled):
+    last, features = nn.Conv2d(1, 1, 1), torch.tensor([-1.0, 1.0]).repeat(1, 1, 50, 50)
+    nn.init.constant_(last.weight, deviation)
+    head.prime(last, features, torch.zeros(1, 1, 50, 100))
+    assert last(features).std().item() == pytest.approx(SPREAD if is_scaled else deviation, rel=1e-3)
+    assert head.FLAT == 1e-3
 
 
 def test_only_the_last_convolution_changes():

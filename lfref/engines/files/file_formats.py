@@ -51,12 +51,7 @@ def format_of(path: Path) -> NetworkFormat | None:
 
 
 def read(path: Path) -> tuple[Run, Manifest]:
-    """A file with the suffix of one of `FORMATS`, ready to run, and its manifest.
-
-    Raises:
-        CheckpointError: It cannot be read.
-        InputError: A package is missing.
-    """
+    """A file with the suffix of one of `FORMATS`, ready to run, and its manifest; CheckpointError if it is none."""
     file_format = format_of(path)
     assert file_format is not None, path
     if not path.is_file():
@@ -66,18 +61,7 @@ def read(path: Path) -> tuple[Run, Manifest]:
 
 
 def write(path: Path, name: str, graph: Graph, manifest: Manifest) -> None:
-    """Write a file.
-
-    Args:
-        path: With the suffix of the format.
-        name: A key of `FORMATS`.
-        graph: The network.
-        manifest: What the file says of itself; its precision decides about the file.
-
-    Raises:
-        InputError: There is no such format, it has no such precision, or a package is missing.
-        FileError: The disk refuses.
-    """
+    """Write a file in the format `name`, in the precision of the manifest; InputError if either does not exist."""
     file_format = chosen("format", name, FORMATS)
     chosen(f"precision of {name}", manifest.precision, dict.fromkeys(file_format.precisions))
     _check_packages(file_format)
@@ -85,11 +69,7 @@ def write(path: Path, name: str, graph: Graph, manifest: Manifest) -> None:
 
 
 def engines(path: Path) -> dict[str, Run]:
-    """A file that `write` wrote, ready to run by every engine that is installed.
-
-    Raises:
-        CheckpointError: The first engine cannot run it.
-    """
+    """A file that `write` wrote, ready to run by every installed engine."""
     file_format = format_of(path)
     assert file_format is not None, path
     others = {name: run for name, run in file_format.others.items() if importlib.util.find_spec(name) is not None}

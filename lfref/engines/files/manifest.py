@@ -92,15 +92,7 @@ class Manifest:
 
 
 def parse(path: Path, text: str | None) -> Manifest:
-    """The manifest of a file.
-
-    Args:
-        path: The file, for errors.
-        text: What stands under `KEY`; None: nothing.
-
-    Raises:
-        CheckpointError: It is no manifest, or one of a later version.
-    """
+    """The manifest in the text under `KEY` of the file at `path`; CheckpointError if it is none of this version."""
     if text is None or len(text) > LONGEST:
         raise CheckpointError(f"{path} was not written by lfref export", remedy="export it anew")
     try:

@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -53,19 +54,18 @@ class Centred(nn.Module):
 def half_convolutions(module: nn.Module, precision: str) -> nn.Module:
     """A copy whose convolutions are in half precision, `fp16` or `bf16`, with float32 between them."""
     dtype = HALF_TYPES[precision]
-    return _replaced(copy.deepcopy(module), lambda each: Half(each, dtype) if isinstance(each, nn.Conv2d) else None)
+    return _replaced(copy.deepcopy(module), nn.Conv2d, lambda convolution: Half(convolution, dtype))
 
 
 def centred_norms(module: nn.Module) -> nn.Module:
     """A copy whose instance and group normalisations centre their input first."""
-    norms = nn.InstanceNorm2d | nn.GroupNorm
-    return _replaced(copy.deepcopy(module), lambda each: Centred(each) if isinstance(each, norms) else None)
+    return _replaced(copy.deepcopy(module), nn.InstanceNorm2d | nn.GroupNorm, Centred)
 
 
-def _replaced(module: nn.Module, replacement: Callable[[nn.Module], nn.Module | None]) -> nn.Module:
-    """The module with all parts replaced, in place, for which there is a replacement."""
-    if (new := replacement(module)) is not None:
-        return new
+def _replaced(module: nn.Module, kinds: Any, replacement: Callable[[Any], nn.Module]) -> nn.Module:
+    """The module with all parts of these classes replaced, in place."""
+    if isinstance(module, kinds):
+        return replacement(module)
     for name, child in module.named_children():
-        setattr(module, name, _replaced(child, replacement))
+        setattr(module, name, _replaced(child, kinds, replacement))
     return module

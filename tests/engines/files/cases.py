@@ -1,29 +1,22 @@
 """Small graphs: one that reads views of any size, one that reads features, pictures and error scale."""
 
-import torch
-from torch import nn
+import functools
+import tempfile
+from pathlib import Path
 
+import torch
+
+from lfref.engines.files import file_formats
+from lfref.engines.files.file_formats import FORMATS
 from lfref.engines.files.manifest import Graph, Manifest
 from tests.engines import cases
-
-
-class Stack(nn.Module):
-    """RefNet given nothing but views."""
-
-    def __init__(self, network):
-        super().__init__()
-        self.network = network
-
-    def forward(self, views):
-        return self.network(views)
 
 
 def views():
     workload = cases.refnet()
     axes = {"views": ("B", 3, 3, 3, "H", "W")}
-    return Graph(
-        Stack(workload.network).eval(), axes, ("B", 2, 3, "H", "W"), (torch.rand(2, 3, 3, 3, 24, 28),), workload.patches
-    )
+    example = (torch.rand(2, 3, 3, 3, 24, 28),)
+    return Graph(workload.network, axes, ("B", 2, 3, "H", "W"), example, workload.patches)
 
 
 def refiner():
@@ -41,7 +34,25 @@ def manifest(graph, precision="fp32"):
     return Manifest("net", graph.inputs, graph.output, precision, **told)
 
 
+@functools.cache
+def contents(format, precision="fp32", kind="views"):
+    """The graph of a file and the bytes of its parts by suffix; written once, since conversions take seconds."""
+    torch.manual_seed(0)
+    graph = GRAPHS[kind]()
+    with tempfile.TemporaryDirectory() as folder:
+        file_formats.write(Path(folder, f"net{FORMATS[format].suffix}"), format, graph, manifest(graph, precision))
+        return graph, {path.suffix: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+def written(folder, format, precision="fp32", kind="views"):
+    """A file in a folder, and its graph."""
+    graph, parts = contents(format, precision, kind)
+    for suffix, content in parts.items():
+        (folder / f"net{suffix}").write_bytes(content)
+    return folder / f"net{FORMATS[format].suffix}", graph
+
+
 def inputs(graph, n, size):
-    """Other ones than it was followed with."""
+    """Inputs of other sizes than those of the trace."""
     lengths = {"B": n, "N": n, "H": size[0], "W": size[1]}
     return tuple(torch.rand([lengths.get(axis, axis) for axis in axes]) for axes in graph.inputs.values())

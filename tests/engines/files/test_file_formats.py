@@ -13,6 +13,7 @@ from lfref.engines.files.file_formats import FORMATS
 from lfref.errors import CheckpointError, InputError, LfrefError
 from lfref.functional.psnr import psnr
 from tests.engines.files import cases
+from tests.engines.files.cases import written
 
 EVERY = [(name, precision) for name, each in FORMATS.items() for precision in each.precisions]
 SIZES = [(1, (24, 28)), (3, (31, 45)), (2, (40, 33))]
@@ -20,13 +21,6 @@ ERROR = {"onnx": 1e-4, "openvino": 1e-4, "pt2": 1e-6}
 LEAST_DB = {"fp16": 50, "bf16": 40, "int8": 30}
 pytest.importorskip("onnxruntime")
 pytest.importorskip("openvino")
-
-
-def written(folder, name, precision="fp32", kind="views"):
-    graph = cases.GRAPHS[kind]()
-    path = folder / f"net{FORMATS[name].suffix}"
-    file_formats.write(path, name, graph, cases.manifest(graph, precision))
-    return path, graph
 
 
 @pytest.mark.slow
@@ -238,8 +232,8 @@ def test_precisions_that_a_format_has_not_are_told(tmp_path):
         file_formats.write(tmp_path / "net.tf", "tensorflow", graph, cases.manifest(graph))
 
 
-def test_a_package_that_is_missing_is_told(tmp_path, monkeypatch):
-    path, _ = written(tmp_path, "onnx")
+def test_a_missing_package_is_named(tmp_path, monkeypatch):
+    (path := tmp_path / "net.onnx").write_bytes(b"")
     monkeypatch.setattr(file_formats.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(LfrefError, match="no onnx and no onnxscript and no onnxruntime; pip install"):
         file_formats.read(path)
