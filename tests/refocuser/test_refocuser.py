@@ -15,7 +15,7 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refocuser import in_bands, name_apart
+from lfref.refocuser.refocuser import check_for_network, in_bands, name_apart
 
 SLOPES = [-0.5, 0.0, 0.4]
 
@@ -136,3 +136,20 @@ def test_weights_of_samples_are_refused():
     light = field(weight=torch.ones(3, 5, 1, 67, 21))
     with pytest.raises(InputError, match="of samples with weights, which looks at the whole picture"):
         in_bands(refocuser(), light, torch.tensor([0.5], dtype=torch.float64), 8, np.zeros, CPU)
+
+
+@pytest.mark.parametrize("ratio", [0.999, 1.001])
+def test_one_sample_that_drowns_all_others_is_refused_and_named(ratio):
+    views = torch.ones(3, 3, 3, 8, 8)
+    views[2, 1, 0, 5, 7] = 1e6 * ratio
+    if ratio < 1:
+        check_for_network("net", views, None, views.device)
+    else:
+        with pytest.raises(InputError, match=r"\(2, 1, 0, 5, 7\)"):
+            check_for_network("net", views, None, views.device)
+
+
+def test_lights_on_black_are_no_such_sample():
+    views = torch.zeros(3, 3, 3, 32, 32)
+    views[:, :, :, 5, 7] = 1e9
+    check_for_network("net", views, None, views.device)
