@@ -4,11 +4,11 @@ Paths may contain any characters; `slopes=`, `alphas=` and `convention=` choose 
 takes a run folder; `+sweep=NAME` names a file of ablations.
 """
 
+import argparse
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -22,11 +22,7 @@ from lfref.errors import InputError
 
 
 def overrides(name: str, folder: Path) -> list[str]:
-    """Hydra overrides `key=a,b,c` of a sweep.
-
-    Args:
-        name: Stem of its file.
-        folder: Where the sweeps lie.
+    """Hydra overrides `key=a,b,c` of the sweep `folder/name.yaml`.
 
     Raises:
         InputError: No such sweep, or a file that is none.
@@ -55,53 +51,55 @@ SHORTHANDS = {
     "convention": ["planes.convention={}"],
 }
 BEGINNINGS = ("/", "./", "../", "~/")
-REFUSED = ("config_path", "config_name", "experimental_rerun")
+REFUSED = (["--config-path", "-cp"], ["--config-name", "-cn"], ["--experimental-rerun"])
 """Options of Hydra that put something in the place of our configuration; the last one unpickles a file."""
 
 
 def rewritten(command: str, words: list[str]) -> list[str]:
-    """Words for Hydra, options first.
-
-    Args:
-        command: The command's name.
-        words: What follows it on the command line; after `--` there are paths only.
+    """Words for Hydra, options first; after `--` there are paths only.
 
     Raises:
         InputError: A path where the command takes none, an unknown sweep, or a sweep without --multirun.
     """
     end = words.index("--") if "--" in words else len(words)
-    given = options(command, words[:end])
-    others: list[str] = given.pop("overrides")
-    paths = [] if given["shell_completion"] else [word for word in others if _is_path(word)]
+    parsed = options(command, words[:end])
+    paths = [] if parsed["shell_completion"] else [word for word in parsed["overrides"] if _is_path(word)]
     overrides: list[str] = []
-    for word in others:
-        overrides += [] if word in paths else _expanded(command, word, overrides, given["multirun"])
-    return [*_as_words(given), *_inputs(command, [*paths, *words[end + 1 :]]), *overrides]
+    for word in parsed["overrides"]:
+        overrides += [] if word in paths else _expanded(command, word, overrides, parsed["multirun"])
+    return [*as_words(parsed), *_inputs(command, [*paths, *words[end + 1 :]]), *overrides]
 
 
 def options(command: str, words: list[str]) -> dict[str, Any]:
     """The options of Hydra among some words, by name, and under `overrides` all other words.
 
-    Args:
-        command: The command's name.
-        words: What follows it on the command line.
-
     Raises:
         InputError: An option that lfref does not have.
     """
-    parser = get_args_parser()
+    parser = argparse.ArgumentParser(add_help=False)
     setattr(parser, "error", partial(exit_codes.fail, command, status=2))  # noqa: B010
-    given = vars(parser.parse_intermixed_args(words))
-    for name in REFUSED:
-        if given[name] is not None:
-            option = f"--{name.replace('_', '-')}"
-            raise InputError(f"{option} must be left out", got=given[name], remedy="--config-dir adds to our choices")
-    return given
+    actions = parser.add_mutually_exclusive_group()
+    actions.add_argument("--cfg", "-c", choices=("job", "hydra", "all"))
+    infos = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+    actions.add_argument("--info", "-i", nargs="?", const="all", choices=infos)
+    for names in (["--run", "-r"], ["--multirun", "-m"], ["--shell-completion", "-sc"]):
+        actions.add_argument(*names, action="store_true")
+    for names in (["--help", "-h"], ["--hydra-help"], ["--resolve"]):
+        parser.add_argument(*names, action="store_true")
+    for names in (["--package", "-p"], ["--config-dir", "-cd"], *REFUSED):
+        parser.add_argument(*names)
+    parser.add_argument("overrides", nargs="*")
+    parsed = vars(parser.parse_intermixed_args(words))
+    for option, *_ in REFUSED:
+        value = parsed.pop(option[2:].replace("-", "_"))
+        if value is not None:
+            raise InputError(f"{option} must be left out", got=value, remedy="--config-dir adds to our choices")
+    return parsed
 
 
-def _as_words(options: dict[str, Any]) -> list[str]:
-    """Options as words of a command line; those that are off are left out."""
-    active = {f"--{name.replace('_', '-')}": value for name, value in options.items() if value not in (None, False)}
+def as_words(options: dict[str, Any]) -> list[str]:
+    """Options as words of a command line; those that are off, and the overrides, are left out."""
+    active = {f"--{name.replace('_', '-')}": options[name] for name in options if name != "overrides" and options[name]}
     return [part for option, value in active.items() for part in ([option] if value is True else [option, value])]
 
 
@@ -111,12 +109,11 @@ def _is_path(word: str) -> bool:
 
 def _inputs(command: str, paths: list[str]) -> list[str]:
     """Paths as an override: quoted, so that none of their characters means anything to Hydra."""
-    if not paths:
-        return []
-    if command not in INPUTS:
+    if paths and command not in INPUTS:
         raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
     quoted = [QuotedString(path.replace("${", "\\${"), Quote.single).with_quotes() for path in paths]
-    return [f"{INPUTS[command]}={quoted[0] if len(quoted) == 1 else '[' + ','.join(quoted) + ']'}"]
+    value = quoted[0] if len(quoted) == 1 else f"[{','.join(quoted)}]"
+    return [f"{INPUTS[command]}={value}"] if paths else []
 
 
 def _expanded(command: str, word: str, before: list[str], is_multirun: bool) -> list[str]:

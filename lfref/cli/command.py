@@ -16,7 +16,7 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from rich.progress import track
 
-from lfref.cli import arguments, composition, parts, resume
+from lfref.cli import composition, parts, resume
 from lfref.cli import config as configs
 from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
 from lfref.cli.run_folder import is_first_process, marked
@@ -66,8 +66,8 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
     @functools.wraps(task)
     def main() -> None:
         try:
-            with patient_pipes(), exit_line_on_signals(name), composition.checking():
-                arguments.options(name, sys.argv[1:])
+            with patient_pipes(), exit_line_on_signals(name):
+                sys.argv[1:] = composition.check_line(name, sys.argv[1:])
                 composed()
                 resume.exit_if_jobs_failed(name)
         except LfrefError as error:

@@ -1,34 +1,35 @@
-"""Composition of configurations by Hydra, with our checks before anything is built from them.
+"""Checks of a composed configuration, before Hydra or a command acts on it.
 
 1. `hydra.*` is held to tables (`check`): Hydra builds callbacks, launchers, sweepers and log handlers from it, some
    before a command starts.
-2. Overrides must fit what they override (`check_overrides`, `check_groups`): every key exists, flags are flags, numbers
-   are numbers. Hydra itself would suggest `+key` for a misspelt key, and takes any text for true.
-3. `CheckedLoader` runs both on every composition, those of `--help` and of each job of a sweep included.
+2. Overrides must fit what they override (`check_overrides`): every key exists, flags are flags, numbers are numbers.
+   Hydra itself would suggest `+key` for a misspelt key, and takes any text for true.
+3. `check_line` composes a command line before `hydra.main` gets it, and `CheckedJobs` does so for each job of a sweep.
 
-Private names of Hydra in use, since public Hydra has no hook between composing and acting on the result:
-`hydra._internal.config_loader_impl.ConfigLoaderImpl` (`_process_config_searchpath`, before packages on a search path
-are imported; `_compose_config_from_defaults_list`, before overrides are merged) and `hydra._internal.hydra`, where it
-is replaced while a command runs. The targets of launchers and sweepers are private names of Hydra too, as Hydra names
-them.
+Not of the documented Hydra are two things only. `CheckedJobs` replaces the attribute `config_loader` of the running
+application: Hydra calls nothing of ours between the composition of a job and its log handlers. And `COMPONENTS`
+names the classes of the launcher and the sweeper that Hydra ships.
 """
 
 import difflib
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
-from hydra._internal import hydra as runner
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
-from hydra.core.override_parser.types import Override
-from hydra.core.utils import JobRuntime
+from hydra import initialize_config_dir
+from hydra.core.config_loader import ConfigLoader
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, Quote, QuotedString
+from hydra.experimental.callback import Callback
+from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from lfref.cli import exit_codes, parts
-from lfref.cli.arguments import SHORTHANDS
+from lfref.cli import arguments, exit_codes, parts
+from lfref.cli import config as configs
 from lfref.errors import InputError, LfrefError
 
 RENAMED = {
@@ -37,74 +38,66 @@ RENAMED = {
 }  # fmt: skip
 """Keys and choices of earlier versions -> today's, which the error about an unknown one names."""
 
-# 1. Settings of Hydra itself: enough to launch and sweep, nothing that runs or opens what it names. Values are checked
-# as written, before interpolation: an interpolation could become anything later.
+# 1. Settings of Hydra itself. Values are checked as written: an interpolation could become anything later.
 
-CALLBACKS = ("lfref.cli.run_folder.OutputFolder",)
-QUEUE = (
-    "submitit_folder", "timeout_min", "cpus_per_task", "gpus_per_node", "tasks_per_node", "mem_gb", "nodes", "name",
-    "stderr_to_stdout",
-)  # fmt: skip
-LAUNCHERS: dict[str, tuple[str, ...]] = {
-    "hydra._internal.core_plugins.basic_launcher.BasicLauncher": (),
-    "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher": (
-        "n_jobs", "prefer", "require", "verbose", "timeout", "batch_size", "max_nbytes", "mmap_mode",
+CALLBACKS = {
+    "output_folder": {"_target_": "lfref.cli.run_folder.OutputFolder"},
+    "checked_jobs": {"_target_": "lfref.cli.composition.CheckedJobs"},
+}
+"""All of these, and no others, must stand in a configuration."""
+COMPONENTS = {
+    "launcher": (
+        "hydra._internal.core_plugins.basic_launcher.BasicLauncher",
+        "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher",
+        "hydra_plugins.hydra_submitit_launcher.submitit_launcher.LocalLauncher",
+        "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher",
+        "hydra_plugins.hydra_ray_launcher.ray_launcher.RayLauncher",
     ),
-    "hydra_plugins.hydra_submitit_launcher.submitit_launcher.LocalLauncher": QUEUE,
-    "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher": (
-        *QUEUE, "partition", "qos", "comment", "constraint", "exclude", "gres", "cpus_per_gpu", "gpus_per_task",
-        "mem_per_gpu", "mem_per_cpu", "account", "signal_delay_s", "max_num_timeout", "array_parallelism",
+    "sweeper": (
+        "hydra._internal.core_plugins.basic_sweeper.BasicSweeper",
+        "hydra_plugins.hydra_optuna_sweeper.optuna_sweeper.OptunaSweeper",
     ),
-    "hydra_plugins.hydra_ray_launcher.ray_launcher.RayLauncher": (
-        "ray.init.num_cpus", "ray.init.num_gpus", "ray.remote.num_cpus", "ray.remote.num_gpus",
-    ),
-}  # fmt: skip
-"""Launchers, and what may be set of them: nothing that hands on shell lines, programs or addresses."""
-SWEEPERS: dict[str, tuple[str, ...]] = {
-    "hydra._internal.core_plugins.basic_sweeper.BasicSweeper": ("max_batch_size", "params"),
-    "hydra_plugins.hydra_optuna_sweeper.optuna_sweeper.OptunaSweeper": (
-        "params", "sampler", "direction", "study_name", "n_trials", "n_jobs", "max_failure_rate",
-    ),
-}  # fmt: skip
+}
 SAMPLERS = tuple(f"optuna.samplers.{name}Sampler" for name in ("CmaEs", "NSGAII", "Random", "TPE"))
-AS_INSTALLED = ("pre_dispatch", "2*n_jobs")
-"""An argument that may not be set, and what it comes with."""
-INTERPOLATED = ("${hydra.sweep.dir}/.submitit/%j", "${hydra.job.name}")
+TEXTS = (
+    "params", "direction", "study_name", "prefer", "require", "batch_size", "max_nbytes", "mmap_mode",
+    "submitit_folder", "name", "partition", "qos", "comment", "constraint", "exclude", "gres", "mem_per_gpu",
+    "mem_per_cpu", "account",
+)  # fmt: skip
+"""Arguments of launchers and sweepers that may be text: none is run, opened, or an address."""
+DEFAULTS = ("2*n_jobs", "${hydra.sweep.dir}/.submitit/%j", "${hydra.job.name}")
+"""Values of launchers that nothing else may have."""
 LOG_FILE = "${hydra.runtime.output_dir}/${hydra.job.name}.log"
 LOG_VALUES: dict[str, tuple[str, ...]] = {
     "class": ("logging.StreamHandler", "logging.FileHandler", "logging.NullHandler"),
     "stream": ("ext://sys.stdout", "ext://sys.stderr"),
     "filename": (LOG_FILE,),
 }
-LOG_SECTIONS = ("formatters", "handlers", "loggers")
 LOG_KEYS = (
-    *LOG_SECTIONS, *LOG_VALUES, "version", "root", "disable_existing_loggers", "level", "formatter", "format",
-    "datefmt", "mode", "delay", "propagate",
+    *LOG_VALUES, "handlers", "version", "disable_existing_loggers", "level", "formatter", "format", "datefmt", "mode",
+    "delay", "propagate", "loggers",
 )  # fmt: skip
-Path = tuple[str, ...]
+Keys = tuple[str, ...]
 
 
 def check(hydra: DictConfig) -> None:
-    """Refuse settings of Hydra that could run, import, read or write what they name.
-
-    Args:
-        hydra: The node `hydra` of a composed configuration, before anything was made of it.
-
-    Raises:
-        InputError: The first such setting.
-    """
+    """Refuse settings (the node `hydra` of a configuration) that could run, import, read or write something else."""
     settings: Any = OmegaConf.to_container(hydra, resolve=False)
+    if settings["callbacks"] != CALLBACKS:
+        raise InputError("hydra.callbacks must be left as it is", got=repr(settings["callbacks"]))
+    for name, known in COMPONENTS.items():
+        target = settings[name].get("_target_") if isinstance(settings[name], dict) else settings[name]
+        if target not in known:
+            raise InputError(f"hydra.{name}._target_ must be one of {', '.join(known)}", got=repr(target))
     for path, value in _leaves(settings):
         rules = [rule for beginning, rule in RULES.items() if path[: len(beginning)] == beginning]
         if not all(rule(path, value) for rule in rules):
             name = ".".join(("hydra", *path))
             raise InputError(f"{name} must be left as it is", got=repr(value), remedy=f"leave {name} out")
-    for name, table in {"launcher": LAUNCHERS, "sweeper": SWEEPERS}.items():
-        _check_component(f"hydra.{name}", settings[name], table)
 
 
-def _leaves(node: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
-    """Every value with the keys that lead to it; the entries of a list stand under the key of the list."""
+def _leaves(node: Any, path: Keys = ()) -> Iterator[tuple[Keys, Any]]:
+    """Every value with its keys; the entries of a list stand under the key of the list."""
     if isinstance(node, dict):
         for key, value in node.items():
             yield from _leaves(value, (*path, str(key)))
@@ -115,62 +108,40 @@ def _leaves(node: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
         yield path, node
 
 
-def _check_component(name: str, node: Any, table: dict[str, tuple[str, ...]]) -> None:
-    """A component of a table, with no more than the arguments that stand there."""
-    target = str(node.get("_target_") if isinstance(node, dict) else node)
-    if target not in table:
-        raise InputError(f"{name}._target_ must be one of {', '.join(table)}", got=repr(target))
-    for path, value in _leaves(node):
-        is_known = path[0] in table[target] or ".".join(path) in table[target]
-        if path != ("_target_",) and not (_is_plain(path, value) if is_known else _is_untouched(path, value)):
-            full = ".".join((name, *path))
-            remedy = f"{name} takes {', '.join(table[target]) or 'nothing'}"
-            raise InputError(f"{full} must be left as it is", got=repr(value), remedy=remedy)
-
-
-def _is_untouched(path: Path, value: Any) -> bool:
-    return not value or (path[-1], value) == AS_INSTALLED
-
-
-def _is_plain(path: Path, value: Any) -> bool:
-    """A number or one line of text, which names nothing that would be made."""
+def _is_plain(path: Keys, value: Any) -> bool:
+    """Whether a launcher or sweeper may have this value: a number, or one line of text that names nothing to build."""
     if path[-1] == "_target_":
-        return path[0] == "sampler" and value in SAMPLERS
-    is_text = "\n" not in str(value) and ("${" not in str(value) or value in INTERPOLATED)
-    return is_text and not any(key.startswith("_") for key in path)
-
-
-def _is_callback(path: Path, value: Any) -> bool:
-    return value is None or (path[2:] == ("_target_",) and value in CALLBACKS)
-
-
-def _is_of_a_log(path: Path, value: Any) -> bool:
-    keys = path[1:2] + path[3 if path[1:2] and path[1] in LOG_SECTIONS else 2 :]
-    if not {*keys} <= {*LOG_KEYS} or ("class" in keys and path[1] != "handlers"):
+        return len(path) == 2 or (path[1:-1] == ("sampler",) and value in SAMPLERS)
+    if any(key.startswith("_") for key in path):
         return False
-    if keys and keys[-1] in LOG_VALUES:
-        return value in LOG_VALUES[keys[-1]] and (keys[-1], path[0]) != ("filename", "hydra_logging")
+    is_text = path[1] in TEXTS and "\n" not in str(value) and "${" not in str(value)
+    return is_text or value in DEFAULTS or not value or isinstance(value, int | float)
+
+
+def _is_of_a_log(path: Keys, value: Any) -> bool:
+    key = path[-1]
+    if value is None:
+        return True
+    if len(path) == 1 or key not in LOG_KEYS or len(path) > 4 or (key == "class" and path[1] != "handlers"):
+        return False
+    if key in LOG_VALUES:
+        return value in LOG_VALUES[key] and (key, path[0]) != ("filename", "hydra_logging")
     return "${" not in str(value) and "://" not in str(value)
 
 
-def _is_name(_: Path, value: Any) -> bool:
+def _is_name(_: Keys, value: Any) -> bool:
     """The name of a file: no way up or to the root, and nothing interpolated but Hydra's own values."""
     return value is None or bool(re.fullmatch(r"(?!\.\.?$)([\w.,=+-]|\$\{hydra[.:]job\.\w+\})+|\?\?\?", str(value)))
 
 
-RULES: dict[Path, Callable[[Path, Any], bool]] = {
-    ("callbacks",): _is_callback,
-    ("job_logging",): _is_of_a_log,
-    ("hydra_logging",): _is_of_a_log,
-    ("searchpath",): lambda *_: False,
-    ("output_subdir",): _is_name,
-    ("sweep", "subdir"): _is_name,
-    ("job", "name"): _is_name,
-    ("job", "env_set"): lambda *_: False,
-    ("job", "env_copy"): lambda *_: False,
+RULES: dict[Keys, Callable[[Keys, Any], bool]] = {
+    **dict.fromkeys([("launcher",), ("sweeper",)], _is_plain),
+    **dict.fromkeys([("job_logging",), ("hydra_logging",)], _is_of_a_log),
+    **dict.fromkeys([("output_subdir",), ("sweep", "subdir"), ("job", "name")], _is_name),
+    **dict.fromkeys([("searchpath",), ("job", "env_set"), ("job", "env_copy")], lambda *_: False),
     ("runtime", "output_dir"): lambda _, value: value == "???",
 }
-"""What the values below these keys must be."""
+"""Beginning of a key -> condition of all values below it."""
 
 
 # 2. Overrides.
@@ -179,184 +150,173 @@ OF_SEVERAL_KINDS = ("devices", "fast_dev_run", "log_model")
 """Options that may have values of other types than their default."""
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-KINDS: dict[type, tuple[str, Callable[[Any], bool]]] = {
-    bool: ("true or false", lambda value: isinstance(value, bool)),
-    int: ("a number", _is_number),
-    float: ("a number", _is_number),
-}
-
-
-class Place(NamedTuple):
-    """Value at a key; if the key does not exist, the last mapping on its path, its prefix, and the missing name."""
-
-    value: Any
-    above: str = ""
-    lost: str | None = None
-
-
 def check_overrides(base: DictConfig, overrides: Iterable[Override], others: Iterable[str]) -> None:
-    """Refuse overrides of keys that are not there, or by values of another kind.
-
-    Args:
-        base: The configuration before them.
-        overrides: Those of single values.
-        others: What else could have been meant by a key without dots.
-
-    Raises:
-        InputError: The first of them.
-    """
+    """Refuse overrides of keys that `base` does not have, and values of another type; `others` as in `find`."""
     for override in overrides:
-        place = find(base, override.key_or_group)
-        if place.lost is None:
-            _check_kind(override, place.value)
-        elif not ((override.is_add() or override.is_force_add()) and place.lost in _addable(place)):
-            raise unknown(override.key_or_group, place, others)
+        key = override.key_or_group
+        default = find(base, key, key, others, override.is_add() or override.is_force_add())
+        if override.is_delete() or override.is_sweep_override() or key.split(".")[-1] in OF_SEVERAL_KINDS:
+            continue
+        value = override.value()
+        is_flag, is_number = isinstance(value, bool), isinstance(value, int | float)
+        if value is None or "${" in str(value) or not isinstance(default, int | float):
+            continue
+        if isinstance(default, bool) and not is_flag:
+            raise InputError(f"{key} must be true or false", got=repr(value))
+        if not isinstance(default, bool) and (is_flag or not is_number):
+            raise InputError(f"{key} must be a number", got=repr(value))
 
 
-def check_groups(base: DictConfig, packages: Mapping[str, str], others: Iterable[str]) -> None:
-    """Refuse files added by `+GROUP=NAME` to a place that no command looks at.
+def find(base: DictConfig, path: str, key: str, others: Iterable[str], may_add: bool) -> Any:
+    """The value at a path such as `scene.surfaces.0.opacity`; None if it does not exist, but may be added.
 
     Args:
-        base: The configuration without them.
-        packages: By key on the command line, where each belongs.
-        others: What else could have been meant by a key without dots.
+        base: A configuration.
+        path: Keys and indices.
+        key: The word on the command line that stands for this path.
+        others: Further names that a misspelt key without dots may stand for.
+        may_add: Arguments of a component, and entries of a mapping of components, may be added.
 
     Raises:
-        InputError: The first of them.
+        InputError: It does not exist; names the nearest key that does.
     """
-    for key, package in packages.items():
-        place = find(base, package)
-        if place.lost is not None and place.lost not in _addable(place):
-            raise unknown(key, place, others)
+    node: Any = base
+    above = ""
+    for name in filter(None, path.split(".")):
+        children = _children(node)
+        if name not in children:
+            target = children.get("_target_")
+            options = list(inspect.signature(parts.resolve(target)).parameters) if target else []
+            is_open = above and isinstance(node, DictConfig) and "_target_" not in children
+            is_open = is_open and all(child is None or isinstance(child, DictConfig) for child in children.values())
+            if may_add and (name in options or is_open):
+                return None
+            known = [*children, *options, *(() if above else others)]
+            near = _nearest(name, [other for other in known if other[0] != "_"])
+            remedy = f"perhaps {above}{near}" if near else "--cfg job shows all"
+            raise InputError("every key must be one of this command", got=repr(key), remedy=remedy)
+        node, above = children[name], f"{above}{name}."
+    return node
 
 
-def find(base: DictConfig, key: str) -> Place:
-    """Follow a key such as `data.patch` or `scene.surfaces.0.opacity` as far as it exists."""
-    node, above = base, ""
-    for name in filter(None, key.split(".")):
-        if name not in _names(node):
-            return Place(node, above, name)
-        node, above = _child(node, name), f"{above}{name}."
-    return Place(node)
-
-
-def unknown(key: str, place: Place, others: Iterable[str] = ()) -> InputError:
-    """The error for a key that does not exist, with the nearest one that does; `others`: candidates without dots."""
-    known = [*_names(place.value), *_arguments(place.value), *(() if place.above else others)]
-    lost = RENAMED.get(str(place.lost), str(place.lost))
-    near = difflib.get_close_matches(lost, [name for name in known if name[0] != "_"], 1)
-    remedy = f"perhaps {place.above}{near[0]}" if near else "--cfg job shows all"
-    return InputError("every key must be one of this command", got=repr(key), remedy=remedy)
-
-
-def _names(node: Any) -> list[str]:
-    if isinstance(node, ListConfig):
-        return [str(index) for index in range(len(node))]
-    return [str(name) for name in node] if isinstance(node, DictConfig) else []
-
-
-def _child(node: Any, name: str) -> Any:
-    try:
-        return node[int(name) if isinstance(node, ListConfig) else name]
-    except OmegaConfBaseException:  # missing yet, or an interpolation that leads nowhere yet
-        return None
-
-
-def _addable(place: Place) -> list[str]:
-    """Names that `+` may add: arguments of a component, or any entry of a mapping of components."""
-    children = [_child(place.value, name) for name in _names(place.value)]
-    is_open = place.above and isinstance(place.value, DictConfig) and "_target_" not in place.value
-    if is_open and all(child is None or isinstance(child, DictConfig) for child in children):
-        return [str(place.lost)]
-    return _arguments(place.value)
-
-
-def _arguments(node: Any) -> list[str]:
-    target = _child(node, "_target_") if "_target_" in _names(node) else None
-    return list(inspect.signature(parts.resolve(target)).parameters) if target else []
-
-
-def _check_kind(override: Override, default: Any) -> None:
-    key = override.key_or_group
-    if (
-        override.is_delete()
-        or override.is_sweep_override()
-        or type(default) not in KINDS
-        or key.rpartition(".")[2] in OF_SEVERAL_KINDS
-    ):
-        return
-    value = override.value()
-    expected, fits = KINDS[type(default)]
-    if not (fits(value) or value is None or "${" in str(value)):
-        raise InputError(f"{key} must be {expected}", got=repr(value))
-
-
-# 3. Hydra's loader with these checks.
-
-WRONG_USAGE = 2
-
-
-class CheckedLoader(ConfigLoaderImpl):
-    """Composes what a configuration may be, or leaves with one line."""
-
-    def load_configuration(self, *args: Any, **kwargs: Any) -> DictConfig:
-        """As Hydra's."""
-        self._overrides: list[Override] = []
+def _children(node: Any) -> dict[str, Any]:
+    """Values of a mapping or list by name; None for what is missing yet, or an interpolation that leads nowhere yet."""
+    children: dict[str, Any] = {}
+    names = range(len(node)) if isinstance(node, ListConfig) else node if isinstance(node, DictConfig) else ()
+    for name in names:
         try:
-            config = super().load_configuration(*args, **kwargs)
-            check(config.hydra)
-        except Exception as error:  # whatever it is, it is about the configuration
-            said = error if isinstance(error, LfrefError) else self._explained(error)
-            exit_codes.fail(JobRuntime.instance().get("name"), said, WRONG_USAGE)
-        return config
+            children[str(name)] = node[name]
+        except OmegaConfBaseException:
+            children[str(name)] = None
+    return children
 
-    def _process_config_searchpath(self, config_name: str | None, parsed_overrides: list[Override], repo: Any) -> None:
-        """As Hydra's, which imports the packages on a search path."""
-        self._overrides = parsed_overrides
-        for override in parsed_overrides:
+
+def _nearest(name: str, known: Iterable[str]) -> str | None:
+    return next(iter(difflib.get_close_matches(RENAMED.get(name, name), known, 1)), None)
+
+
+# 3. Composition.
+
+
+def check_line(command: str, words: list[str]) -> list[str]:
+    """The words of a command line, options first, once what they compose is checked; exits with one line if refused."""
+    options = arguments.options(command, words)
+    folder, shows = options["config_dir"], any(options[name] for name in ("help", "hydra_help", "cfg", "info"))
+    if folder is not None and not Path(folder).is_dir():
+        raise InputError("--config-dir must be a folder", got=folder)
+    mode = RunMode.MULTIRUN if options["multirun"] and not shows else RunMode.RUN
+    if not options["shell_completion"]:
+        with initialize_config_dir(str(configs.directory()), command, "1.3"):
+            check_composition(GlobalHydra.instance().config_loader(), command, options["overrides"], mode, folder)
+    return [*arguments.as_words(options), *options["overrides"]]
+
+
+class CheckedJobs(Callback):
+    """Has each job of a sweep composed and checked before it starts, whichever launcher and process runs it."""
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """Replace the loader that Hydra is about to hand to the sweeper and its launcher."""
+        try:
+            application: Any = GlobalHydra.instance().hydra
+            application.config_loader = CheckedLoader(application.config_loader)
+        except Exception as error:  # Hydra would only warn
+            exit_codes.fail(config.hydra.job.config_name, error)
+
+
+class CheckedLoader:
+    """The part of Hydra's `ConfigLoader` that sweepers and launchers use."""
+
+    def __init__(self, loader: ConfigLoader) -> None:
+        self.loader = loader
+
+    def load_sweep_config(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
+        """The configuration of a job."""
+        hydra = master_config.hydra
+        check_composition(self.loader, hydra.job.config_name, [*hydra.overrides.hydra, *sweep_overrides], RunMode.RUN)
+        return self.loader.load_sweep_config(master_config, sweep_overrides)
+
+    def get_group_options(self, *args: Any, **kwargs: Any) -> list[str]:
+        """The files of a group."""
+        return self.loader.get_group_options(*args, **kwargs)
+
+
+def check_composition(
+    loader: ConfigLoader, command: str, words: Sequence[str], mode: RunMode, folder: str | None = None
+) -> None:
+    """Compose a configuration and check it; exits with one line if it is refused.
+
+    Args:
+        loader: Of Hydra.
+        command: The command's name.
+        words: Overrides.
+        mode: Whether overrides may be those of a sweep.
+        folder: Further choices, from `--config-dir`; Hydra looks for files there last.
+    """
+    quoted = QuotedString(f"file://{Path(folder or '').absolute()}", Quote.single).with_quotes()
+    search = [] if folder is None else [f"hydra.searchpath=[{quoted}]"]
+    overrides: list[Override] = []
+    try:
+        overrides = OverridesParser.create().parse_overrides(list(words))
+        for override in overrides:  # before Hydra imports packages that stand in a search path
             if "searchpath" in override.key_or_group:
                 remedy = "give --config-dir FOLDER"
                 raise InputError("hydra.searchpath must be left out", got=override.input_line, remedy=remedy)
-        super()._process_config_searchpath(config_name, parsed_overrides, repo)
+        groups = [item for item in overrides if loader.get_group_options(item.key_or_group, overrides=search)]
+        values = [item for item in overrides if item not in groups and not item.is_hydra_override()]
+        added = [item for item in groups if item.is_add() and not item.is_hydra_override()]
+        others = [*arguments.SHORTHANDS, *loader.list_groups("")]
 
-    def _compose_config_from_defaults_list(self, defaults: list[Any], repo: Any) -> DictConfig:
-        """As Hydra's, which merges the overrides of single values into it right afterwards."""
-        config = super()._compose_config_from_defaults_list(defaults, repo)
-        ours = [override for override in self._overrides if not override.is_hydra_override()]
-        others = [*SHORTHANDS, *repo.get_group_options("", None)]
-        added = [override.get_key_element()[1:] for override in ours if override.is_add()]
-        packages = {default.override_key: default.package for default in defaults if default.override_key in added}
-        if packages:
-            rest = [default for default in defaults if default.override_key not in packages]
-            check_groups(super()._compose_config_from_defaults_list(rest, repo), packages, others)
-        check_overrides(config, [each for each in ours if not repo.group_exists(each.key_or_group)], others)
-        return config
+        def composed(left_out: list[Override]) -> DictConfig:
+            kept = [str(override.input_line) for override in overrides if override not in left_out]
+            return loader.load_configuration(command, [*search, *kept], mode)
 
-    def _explained(self, error: Exception) -> object:
-        """Hydra's message as one line; a choice that does not exist gets those that do."""
-        for override in self._overrides:
-            group, value = override.key_or_group, override.value()
-            known = self.repository.get_group_options(group)
-            if known and isinstance(value, str) and value not in known:
-                near = difflib.get_close_matches(RENAMED.get(value, value), known, 1)
-                remedy = f"perhaps {group}={near[0]}" if near else ""
-                return InputError(f"{group} must be one of {', '.join(known)}", got=repr(value), remedy=remedy)
-        alien = re.search(r"Could not override '([^']+)'.\s+No match in the defaults list", str(error))
-        if alien:
-            return unknown(alien[1], Place(None), ())
-        return str(error) or error.__cause__
+        base = composed(values)
+        rest = composed([*values, *added]) if added else base
+        for override in added:  # files added by +GROUP=NAME to a place that no command reads
+            place = override.package or override.key_or_group.replace("/", ".")
+            if OmegaConf.select(base, place) is not None:  # a file may name another place itself
+                find(rest, place, override.get_key_element()[1:], others, may_add=True)
+        check_overrides(base, values, others)
+        whole = composed([])
+        if search:
+            whole.hydra.searchpath = []
+        check(whole.hydra)
+    except Exception as error:  # whatever it is, it is about the configuration
+        exit_codes.fail(command, _explanation(loader, overrides, error), status=2)
 
 
-@contextmanager
-def checking() -> Iterator[None]:
-    """While this lasts, Hydra composes by `CheckedLoader`."""
-    before = runner.ConfigLoaderImpl
-    runner.ConfigLoaderImpl = CheckedLoader  # type: ignore[misc]
-    try:
-        yield
-    finally:
-        runner.ConfigLoaderImpl = before  # type: ignore[misc]
+def _explanation(loader: ConfigLoader, overrides: list[Override], error: Exception) -> object:
+    """Hydra's message as one line; for a choice that does not exist, the choices."""
+    if isinstance(error, LfrefError):
+        return error
+    for override in overrides:
+        group, value = override.key_or_group, override.value()
+        known = loader.get_group_options(group)
+        if known and isinstance(value, str) and value not in known:
+            near = _nearest(value, known)
+            remedy = f"perhaps {group}={near}" if near else ""
+            return InputError(f"{group} must be one of {', '.join(known)}", got=repr(value), remedy=remedy)
+    alien = re.search(r"Could not override '([^']+)'.\s+No match in the defaults list", str(error))
+    if alien:
+        return InputError("every key must be one of this command", got=repr(alien[1]), remedy="--cfg job shows all")
+    return str(error) or error.__cause__

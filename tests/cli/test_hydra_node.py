@@ -12,8 +12,8 @@ from lfref.cli import composition
 from lfref.cli import config as configs
 from lfref.errors import InputError
 
-JOBLIB, LOCAL, SLURM, RAY = list(composition.LAUNCHERS)[1:]
-BASIC, OPTUNA = composition.SWEEPERS
+JOBLIB, LOCAL, SLURM, RAY = composition.COMPONENTS["launcher"][1:]
+BASIC, OPTUNA = composition.COMPONENTS["sweeper"]
 TOUCH = {"_target_": "os.system", "command": "touch sentinel"}
 FACTORY = {"()": "os.system", "command": "touch sentinel"}
 
@@ -24,6 +24,8 @@ REFUSED = [
     ("callbacks.evil", {"_target_": "lfref.cli.run_folder.OutputFolder", "x": TOUCH}),
     ("callbacks.evil", "${evil}"),
     ("callbacks.output_folder._target_", "os.system"),
+    ("callbacks.output_folder", None),
+    ("callbacks.checked_jobs", None),
     ("callbacks", {"evil": {"_target_": "${evil._target_}"}}),
     ("launcher._target_", "os.system"),
     ("launcher._target_", "${evil._target_}"),

@@ -80,7 +80,8 @@ def test_a_missing_argument_of_a_component_may_be_added():
     composition.check_overrides(base, OverridesParser.create().parse_overrides(["+net.last=2"]), [])
 
 
-def test_files_may_be_added_where_a_command_looks():
-    composition.check_groups(BASE, {"method@methods.s": "methods.s", "mine": ""}, [])
-    with pytest.raises(InputError, match=r"got 'method@metods\.s'; perhaps methods"):
-        composition.check_groups(BASE, {"method@metods.s": "metods.s"}, [])
+def test_files_may_be_added_only_where_a_command_reads_them(lfref):
+    assert lfref("eval", "--cfg", "job", "input=x", "+method@methods.s=shift_and_sum")[0] == 0
+    status, error = lfref("eval", "--cfg", "job", "input=x", "+method@metods.s=shift_and_sum")
+    assert status == 2
+    assert "got 'method@metods.s'; perhaps methods" in error
