@@ -42,11 +42,10 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
 from lfref.simulator import painting
-from lfref.simulator.developed import developed
 from lfref.simulator.effects import sensor as sensors
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.scene import Scene
-from lfref.simulator.simulate import simulate
+from lfref.simulator.simulate import developed, simulate
 from lfref.simulator.surfaces import Plane
 
 EXACT, LINEAR = OperatorRefocuser("exact_fourier", exact_fourier), OperatorRefocuser("shift_and_sum", shift_and_sum)

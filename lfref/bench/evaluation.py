@@ -40,10 +40,9 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift import through_cells
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Aperture, Refocuser
-from lfref.simulator.developed import developed, white_picture
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
-from lfref.simulator.simulate import simulate
+from lfref.simulator.simulate import developed, simulate, white_picture
 
 IDEAL, SENSOR, CORRECTED, CAPTURE, HOLD_OUT = "ideal", "sensor", "corrected", "capture", "hold_out"
 """Classes in the tables: scenes without and with a sensor, the latter corrected; captures; captures with hold-out

@@ -16,10 +16,9 @@ from lfref.io import images, write
 from lfref.lightfield import LightField
 from lfref.report import drawing, pictures
 from lfref.simulator import planner
-from lfref.simulator.developed import developed
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Fixed, Scenes
-from lfref.simulator.simulate import Simulated
+from lfref.simulator.simulate import Simulated, developed
 from lfref.simulator.simulate import simulate as simulated
 
 ROUNDING = 0.5 / 255

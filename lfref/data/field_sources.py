@@ -18,10 +18,9 @@ from lfref.data import cache
 from lfref.data.cache import CachedField
 from lfref.errors import InputError
 from lfref.lightfield import LightField
-from lfref.simulator.developed import developed
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
-from lfref.simulator.simulate import Simulation
+from lfref.simulator.simulate import Simulation, developed
 
 Field = LightField | CachedField
 """Light fields that patches are cut from, with `name`, `grid`, `size` and `crop`."""

@@ -27,11 +27,10 @@ from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
 from lfref.refocuser.features import FEATURES, FORMER_NAMES, check_names, refiner_inputs
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator.developed import developed, white_picture
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
-from lfref.simulator.simulate import Simulation
+from lfref.simulator.simulate import Simulation, developed, white_picture
 
 VERSION = 1
 """Of the items that a recipe gives: to be raised when they change. Sets of earlier versions are prepared anew."""

@@ -1,13 +1,18 @@
-"""Bitmaps on surfaces, and their wider and wider blurred copies.
+"""Bitmaps on surfaces: the grid that a surface is painted on, look-ups between samples, and blurred copies.
 
-The truth blurs a surface by the way it moves within a cell of the aperture, a different width at each pixel of a
-slanted surface. Such a blur is a mean of two copies with fixed box blurs, weighted so that it has the wanted variance.
-Copies are read linearly, which blurs by itself, by up to 1/4 of a sample squared; the first copy is sharpened by as
-much, so that variances go on below 0.
-Letters: `X Y` as in `surfaces`, `M` aperture points, `h w` rows and columns, `i j` column and row, in samples.
+Samples lie at multiples of half a pixel from the picture's centre, so that every pixel of the central view has one.
+Views read them by cubic convolution (Keys 1981, a = -1/2, which reproduces quadratics), which is sharp. The truth reads
+blurred copies, linearly: it blurs a surface by the way that it moves within a cell of the aperture, which differs from
+pixel to pixel of a slanted surface. Such a blur is the mean of two copies with fixed box blurs, weighted so that the
+variance is right. A linear look-up blurs by itself, by up to 1/4 of a sample squared; the first copy is sharpened by as
+much, so that variances go on below 0. The ends of a bitmap go on beyond it. PyTorch's forms run on any device; the
+compiled ones, which read one point at a time, are for the loops on the CPU.
+Letters: `X Y` as in `surfaces`, `M` aperture points, `h w` rows and columns, `i j` column and row, in samples,
+`t` fraction of a sample.
 """
 
 import functools
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,17 +20,62 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional.jit import compiled
-from lfref.simulator import lookups
-from lfref.simulator.canvases import OVERSAMPLING, Canvas
-from lfref.simulator.lookups import Floats
+from lfref.functional import splines
+from lfref.functional.jit import compiled, inlined
 
-Positions = tuple[Tensor, Tensor]
-"""X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; single axes where they form a grid."""
-WIDEST = 1024
-"""Samples of the widest box at least: 512 pixels, the blur of a whole picture."""
+OVERSAMPLING = 2
+"""Samples per pixel along each axis. Compiled loops rely on it: they keep even and odd columns apart."""
+TAPS = 4
+"""Samples along an axis that a cubic reads: at -1, 0, 1 and 2 from the one at or before the position."""
 LINEAR_VARIANCE = 1 / 4
 """Variance of a linear look-up midway between samples, in samples squared."""
+
+Floats = NDArray[np.floating]
+Quadruple = tuple[np.floating, np.floating, np.floating, np.floating]
+"""Weights of four samples, or red, green, blue and opacity."""
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom in pixels from the picture's centre."""
+Positions = tuple[Tensor, Tensor]
+"""X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; single axes where they form a grid."""
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """The grid of samples of a surface, as large as rays can reach."""
+
+    left: int  # X of the first column in samples
+    top: int  # Y of the first row in samples
+    width: int
+    height: int
+    period: tuple[int, int]
+    """Height and width in pixels after which random textures repeat. It does not depend on the planes of the truth."""
+
+    @property
+    def x(self) -> Tensor:
+        """X of the columns in pixels, float64, [w]."""
+        return torch.arange(self.left, self.left + self.width, dtype=torch.float64) / OVERSAMPLING
+
+    @property
+    def y(self) -> Tensor:
+        """Y of the rows in pixels, float64, [h]."""
+        return torch.arange(self.top, self.top + self.height, dtype=torch.float64) / OVERSAMPLING
+
+
+def covering(box: Box, period: tuple[int, int]) -> Canvas:
+    """The smallest canvas of even width that covers a box."""
+    left, top = (math.floor(edge * OVERSAMPLING) for edge in box[:2])
+    right, bottom = (math.ceil(edge * OVERSAMPLING) for edge in box[2:])
+    # Compiled loops take the columns in pairs.
+    return Canvas(left, top, (right - left) // 2 * 2 + 2, bottom - top + 1, period)
+
+
+def fast_length(length: float) -> int:
+    """The next even length with a fast Fourier transform: a product of 2, 3 and 5."""
+    candidate = 2 * math.ceil(max(length, 2) / 2)
+    # Every product of 2, 3 and 5 up to 2^60 divides 30^60.
+    while pow(30, 60, candidate):
+        candidate += 2
+    return candidate
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +83,14 @@ class Bitmap:
     """Samples on a canvas, with blurred copies that are computed on first use."""
 
     canvas: Canvas
-    samples: Tensor
-    """[C, h, w]."""
+    samples: Tensor  # [C, h, w]
     _blurred: dict[int, Tensor] = field(default_factory=dict)
 
     def at(self, positions: Positions) -> Tensor:
         """The bitmap at points of the surface, by cubic look-ups, [M, C, H, W]."""
         x, y = positions
         i, j = x * OVERSAMPLING - self.canvas.left, y * OVERSAMPLING - self.canvas.top
-        read = lookups.cubic_on_grid if i.shape[-2] == j.shape[-1] == 1 else lookups.cubic_at
+        read = cubic_on_grid if i.shape[-2] == j.shape[-1] == 1 else cubic_at
         return read(self.samples, i, j)
 
     def window(self, size: tuple[int, int], margin: int = 0) -> Tensor:
@@ -72,34 +121,32 @@ class Bitmap:
             self._blurred[level] = box_blurred(samples, size) if level else sharpened(samples)
         return self._blurred[level]
 
-    def to(self, device: torch.device) -> "Bitmap":
-        """The bitmap on a device."""
-        return Bitmap(self.canvas, self.samples.to(device))
+
+@functools.cache
+def box_size(level: int) -> int:
+    """Width in samples of the box of a blurred copy from level 1 on: odd, each about a quarter more than the last."""
+    if level == 1:
+        return 1
+    narrower = box_size(level - 1)
+    return max(narrower + 2, 2 * round(narrower * 0.625) + 1)
 
 
-@functools.lru_cache(maxsize=1)
-def box_sizes() -> tuple[int, ...]:
-    """Widths of the boxes of blurred copies in samples: odd, each about a quarter more than the last."""
-    sizes = [1]
-    while sizes[-1] < WIDEST:
-        sizes.append(max(sizes[-1] + 2, 2 * round(sizes[-1] * 0.625) + 1))
-    return tuple(sizes)
-
-
-@functools.lru_cache(maxsize=1)
-def variances() -> NDArray[np.float64]:
-    """Variance along an axis of each level: the sharpened copy, the samples, and wider and wider boxes."""
-    return np.array([-LINEAR_VARIANCE, *((size**2 - 1) / 12 for size in box_sizes())])
+def variance(level: int) -> float:
+    """Variance along an axis of a copy: the sharpened one (level 0), the samples (1), and wider and wider boxes."""
+    return (box_size(level) ** 2 - 1) / 12 if level else -LINEAR_VARIANCE
 
 
 def margin(level: int) -> int:
     """Samples by which a copy is larger than its bitmap on each side."""
-    return box_sizes()[level - 1] // 2 if level else 1
+    return box_size(level) // 2 if level else 1
 
 
-def levels(variance: NDArray[np.float64]) -> NDArray[np.float64]:
+def levels(variances: NDArray[np.float64]) -> NDArray[np.float64]:
     """Level of each blur, with a fraction between two copies, from its variance along an axis in samples squared."""
-    return np.interp(variance, variances(), np.arange(len(variances())))
+    table = [variance(0)]
+    while table[-1] < variances.max():
+        table.append(variance(len(table)))
+    return np.interp(variances, table, np.arange(len(table)))
 
 
 def box_blurred(samples: Tensor, size: int) -> Tensor:
@@ -151,5 +198,129 @@ def sharpened(samples: Tensor) -> Tensor:
         length = samples.shape[axis]
         index = torch.arange(-1, length + 1, device=samples.device)
         before, here, after = (samples.index_select(axis, (index + step).clamp(0, length - 1)) for step in (-1, 0, 1))
+        # A kernel (-v/2, 1 + v, -v/2) has the sum 1 and the variance -v.
         samples = (1 + LINEAR_VARIANCE) * here - LINEAR_VARIANCE / 2 * (before + after)
     return samples
+
+
+def cubic_weights(t: Tensor) -> Tensor:
+    """Keys' weights of four samples for fractions [...], [..., 4]."""
+    return torch.stack(splines.weights(t), dim=-1)
+
+
+def _cubic_taps(position: Tensor, length: int) -> tuple[Tensor, Tensor]:
+    """Four samples along an axis for each position, int64, [..., 4], and their weights, float32."""
+    whole = position.floor()
+    weights = cubic_weights((position - whole).float())
+    # Clamped before the conversion: positions far outside may exceed int64.
+    first = whole.clamp(-TAPS, length + TAPS).long() - 1
+    offsets = torch.arange(TAPS, device=position.device)
+    return (first[..., None] + offsets).clamp(0, length - 1), weights
+
+
+def cubic_at(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
+    """A bitmap [C, h, w] at any positions, [M, H, W] each, float64; result [M, C, H, W]."""
+    n_channels, height, width = bitmap.shape
+    samples = bitmap.movedim(0, -1).reshape(-1, n_channels)
+    columns, across = _cubic_taps(i, width)
+    rows, down = _cubic_taps(j, height)
+    result = samples.new_zeros(*i.shape, n_channels)
+    for row in range(TAPS):
+        line = torch.zeros_like(result)
+        for column in range(TAPS):
+            line += samples[rows[..., row] * width + columns[..., column]] * across[..., column, None]
+        result += line * down[..., row, None]
+    return result.movedim(-1, -3)
+
+
+def cubic_on_grid(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
+    """A bitmap [C, h, w] on grids of columns [M, 1, W] and rows [M, H, 1], axis by axis; result [M, C, H, W]."""
+    rows, down = _cubic_taps(j[..., 0], bitmap.shape[-2])
+    columns, across = _cubic_taps(i[:, 0], bitmap.shape[-1])
+    lines = torch.zeros((), device=bitmap.device)
+    for tap in range(TAPS):
+        lines = lines + bitmap[:, rows[..., tap]] * down[..., tap, None]
+    shape = (*lines.shape[:-1], columns.shape[1])
+    result = torch.zeros((), device=bitmap.device)
+    for tap in range(TAPS):
+        result = result + lines.gather(-1, columns[:, None, :, tap].expand(shape)) * across[:, None, :, tap]
+    return result.movedim(0, 1)
+
+
+def linear_at(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
+    """A bitmap [C, h, w] at any positions, [M, H, W] each, read linearly; result [M, C, H, W]."""
+    n_channels, height, width = bitmap.shape
+    samples = bitmap.movedim(0, -1).reshape(-1, n_channels)
+    i, j = i.clamp(0, width - 1), j.clamp(0, height - 1)
+    column, row = i.long().clamp(max=width - 2), j.long().clamp(max=height - 2)
+    across, down = ((at - whole).to(samples)[..., None] for at, whole in ((i, column), (j, row)))
+    first = row * width + column
+    upper = torch.lerp(samples[first], samples[first + 1], across)
+    lower = torch.lerp(samples[first + width], samples[first + width + 1], across)
+    return torch.lerp(upper, lower, down).movedim(-1, -3)
+
+
+def clip_premultiplied(rgba: Tensor) -> Tensor:
+    """Premultiplied RGBA [..., 4, H, W] without the overshoot of a cubic: no colour below 0, opacity at most 1.
+
+    Where opacity exceeds 1, colours are scaled down with it, so that edges of a surface do not shine.
+    """
+    alpha = rgba.narrow(-3, 3, 1)
+    return torch.where(alpha > 0, rgba.clamp(min=0) / alpha.clamp(min=1), 0)
+
+
+@inlined
+def cubic_sample(samples: Floats, start: int, rows: int, columns: int, i: float, j: float) -> Quadruple:
+    """Four channels at column i and row j of a bitmap of `rows` x `columns` samples, whose first value is at `start`.
+
+    `samples` holds bitmaps one after the other, the channels of a sample side by side.
+    """
+    column, row = np.floor(i), np.floor(j)
+    across, down = _cubic_weights_of_one(np.float32(i - column)), _cubic_weights_of_one(np.float32(j - row))
+    # Positions far outside are clamped while they are floats: an int would overflow.
+    first, top = int(min(max(column, -4.0), columns + 4.0)) - 1, int(min(max(row, -4.0), rows + 4.0)) - 1
+    c0 = c1 = c2 = c3 = np.float32(0)
+    for b in range(4):
+        line = start + 4 * columns * min(max(top + b, 0), rows - 1)
+        for a in range(4):
+            weight = across[a] * down[b]
+            at = line + 4 * min(max(first + a, 0), columns - 1)
+            c0 += weight * samples[at]
+            c1 += weight * samples[at + 1]
+            c2 += weight * samples[at + 2]
+            c3 += weight * samples[at + 3]
+    return c0, c1, c2, c3
+
+
+@inlined
+def _cubic_weights_of_one(t: np.float32) -> Quadruple:
+    """`cubic_weights` of one fraction; every constant is float32, or Numba would compute in float64."""
+    half, squared = np.float32(0.5), t * t
+    cubed = squared * t
+    return (
+        squared - half * (t + cubed),
+        np.float32(1) - np.float32(2.5) * squared + np.float32(1.5) * cubed,
+        half * t + np.float32(2) * squared - np.float32(1.5) * cubed,
+        half * (cubed - squared),
+    )
+
+
+@inlined
+def linear_sample(samples: Floats, start: int, rows: int, columns: int, i: float, j: float) -> Quadruple:
+    """Four channels of a bitmap of at least 2 x 2 samples at one point, linearly; arguments as for `cubic_sample`."""
+    i, j = min(max(i, 0.0), columns - 1.0), min(max(j, 0.0), rows - 1.0)
+    column, row = min(int(i), columns - 2), min(int(j), rows - 2)
+    across, down = samples.dtype.type(i - column), samples.dtype.type(j - row)
+    one = samples.dtype.type(1)
+    w11 = across * down
+    w10, w01 = down - w11, across - w11
+    w00 = one - across - w10
+    # a and b: first value of the upper and the lower left sample. Written out: the compiler vectorises this form.
+    a = start + 4 * (row * columns + column)
+    b = a + 4 * columns
+    return (
+        w00 * samples[a] + w01 * samples[a + 4] + w10 * samples[b] + w11 * samples[b + 4],
+        w00 * samples[a + 1] + w01 * samples[a + 5] + w10 * samples[b + 1] + w11 * samples[b + 5],
+        w00 * samples[a + 2] + w01 * samples[a + 6] + w10 * samples[b + 2] + w11 * samples[b + 6],
+        w00 * samples[a + 3] + w01 * samples[a + 7] + w10 * samples[b + 3] + w11 * samples[b + 7],
+    )

@@ -4,7 +4,8 @@ The aperture of a lens spans the views' cells, U x V view steps; a disc is the i
 of one size, as nearly square as whole numbers of them allow. A cell stands for every surface seen through its middle,
 blurred by the way that the surface moves within the cell: a box of |e| h samples, e the relative slope and h the cell's
 side. A bitmap of disparity d that faces the camera is at x + e p in the plane of slope s, e = s - d: all aperture
-points see the central view's part of it and a margin around.
+points see the central view's part of it and a margin around. The module stands apart from `truth`, which alone uses it,
+since it decides how exact a truth is: its choices are tested by numbers, not by pictures.
 Letters: `p q` aperture column and row in view steps, `J I` rows and columns of cells, `e` relative slope in pixels per
 view step, `K` layers from far to near, `h w` rows and columns in samples, `T` steps of |e|.
 """
@@ -21,8 +22,7 @@ from torch import Tensor
 
 from lfref.functional import cells as cell_areas
 from lfref.simulator import bitmaps
-from lfref.simulator.bitmaps import Bitmap
-from lfref.simulator.canvases import OVERSAMPLING
+from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap
 from lfref.simulator.layers import Layer, crossing_pairs, disparity_span, only_shifts
 from lfref.simulator.scene import Camera
 
@@ -34,30 +34,17 @@ CELLS_OF_ONE_LAYER = 24
 cycles per pixel. They cost nothing, since their sum is one filter."""
 HIGHLIGHT_STEP = 1.5
 """Standard deviations that a highlight may move over its surface within a cell."""
-MARGIN = 3
-"""Pixels of a window beyond the farthest blur, where filters end."""
-OPAQUE = 1 - 1e-6
-"""Opacity from which a layer hides all behind it: float32 products of opacities may miss 1 by some roundings."""
-BLUR_STEPS = 256
-"""Steps of |e| at which blurs are tabulated; between them they are interpolated."""
-LEAST_SPEED = 1e-6
-"""Pixels per view step: the table of a layer that is in focus everywhere still has a length above 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
     """A grid of cells that covers an aperture."""
 
-    p: Tensor
-    """Columns of cell centres in view steps, float64, [I]."""
-    q: Tensor
-    """Rows of cell centres in view steps, float64, [J]."""
-    weights: Tensor
-    """Share of the open aperture in each cell, of sum 1, float64, [J, I]."""
-    height: float
-    """Of one cell in view steps."""
+    p: Tensor  # columns of cell centres in view steps, float64, [I]
+    q: Tensor  # rows, likewise, [J]
+    weights: Tensor  # share of the open aperture in each cell, of sum 1, float64, [J, I]
+    height: float  # of one cell in view steps
     width: float
-    """Of one cell in view steps."""
 
 
 def cut_aperture(camera: Camera, n_cells: int) -> Cells:
@@ -102,14 +89,10 @@ def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
 class CellFilter(NamedTuple):
     """The blur of a bitmap that faces the camera within a cell, and the position where it is read through each cell."""
 
-    down: NDArray[np.float64]
-    """Taps along a column."""
-    across: NDArray[np.float64]
-    """Taps along a row."""
-    rows: NDArray[np.float64]
-    """Row that pixel 0 reads through each row of cells, in samples of the plane's window, [J]."""
-    columns: NDArray[np.float64]
-    """Column that pixel 0 reads through each column of cells, [I]."""
+    down: NDArray[np.float64]  # taps along a column
+    across: NDArray[np.float64]  # taps along a row
+    rows: NDArray[np.float64]  # that pixel 0 reads through each row of cells, in samples of the plane's window, [J]
+    columns: NDArray[np.float64]  # that pixel 0 reads through each column of cells, [I]
 
 
 def cell_filter(e: float, cells: Cells, margin: int) -> CellFilter:
@@ -127,6 +110,7 @@ def box_taps(width: float, positions: NDArray) -> NDArray:
     have the variance of the box, width^2 / 12.
     """
     half = max(width, 1) / 2
+    # Sample n covers n - 1/2 to n + 1/2: its tap is the part of that within the box.
     n = np.arange(-math.ceil(half - 0.5), math.ceil(half - 0.5) + 1)
     box = np.minimum(n + 0.5, half) - np.maximum(n - 0.5, -half)
     box /= box.sum()
@@ -150,8 +134,7 @@ class Windows:
     """Bitmaps that face the camera, cut to what the planes of a stack see of them; all planes share them."""
 
     camera: Camera
-    margin: int
-    """Greatest margin of any plane, in pixels around the central view."""
+    margin: int  # greatest of any plane, in pixels around the central view
     _samples: dict[Bitmap, Tensor] = field(default_factory=dict)
 
     def cut(self, bitmap: Bitmap, margin: int) -> Tensor:
@@ -167,14 +150,11 @@ class Windows:
 class FocalPlane:
     """One plane to be photographed."""
 
-    slope: float
-    """In pixels per view step."""
+    slope: float  # in pixels per view step
     camera: Camera
-    layers: tuple[Layer, ...]
-    """Visible layers from far to near."""
+    layers: tuple[Layer, ...]  # visible ones from far to near
     cells: Cells
-    margin: int
-    """Pixels around the central view that the plane sees of bitmaps that face the camera."""
+    margin: int  # pixels around the central view that the plane sees of bitmaps that face the camera
     windows: Windows
 
     @property
@@ -215,25 +195,22 @@ class FocalPlane:
     def blur_levels(self, layer: Layer) -> tuple[NDArray[np.float64], float]:
         """Blurred copies of a traced layer's bitmap that suit each relative slope.
 
-        The variance of the box, less that of the linear look-ups through all cells (the mean of both axes), is left to
-        the copies. A layer that faces the camera has one blur, already in its window: all levels are 0.
-
-        Returns:
-            Level at even steps of |e| from 0 on, with fractions, [T]; steps per unit of |e|.
+        Level at 256 even steps of |e| from 0 on, with fractions; and the number of steps per unit of |e|. A layer that
+        faces the camera has one blur, already in its window: all levels are 0.
         """
+        n_steps = 256
         if layer.surface.geometry.is_parallel:
-            return np.zeros(BLUR_STEPS), 0.0
+            return np.zeros(n_steps), 0.0
         ends = disparity_span(self.camera, layer.surface.geometry, abs(self.slope))
         farthest = max(abs(self.slope - end) for end in ends)
-        e = np.linspace(0, max(farthest, LEAST_SPEED), BLUR_STEPS)
+        # A layer that is in focus everywhere still has a table longer than 0.
+        e = np.linspace(0, max(farthest, 1e-6), n_steps)
+        # A box of width w has the variance w^2 / 12. The linear look-ups through all cells have a share of it, which
+        # is t (1 - t) at a fraction t of a sample; the rest is left to the copies.
         box = (e * self.cell_width * OVERSAMPLING) ** 2 / 12
-        return bitmaps.levels(box - _look_up_variance(e, self.cells)), (BLUR_STEPS - 1) / float(e[-1])
-
-
-def _look_up_variance(e: NDArray, cells: Cells) -> NDArray:
-    """Variance of linear look-ups through all cells, the mean of both axes, in samples squared, [T] -> [T]."""
-    shares = [(OVERSAMPLING * e[:, None] * centres.numpy()) % 1 for centres in (cells.q, cells.p)]
-    return sum((share * (1 - share)).mean(1) for share in shares) / 2
+        shares = [(OVERSAMPLING * e[:, None] * centres.numpy()) % 1 for centres in (self.cells.q, self.cells.p)]
+        look_ups = sum((share * (1 - share)).mean(1) for share in shares) / 2
+        return bitmaps.levels(box - look_ups), (n_steps - 1) / float(e[-1])
 
 
 def focal_planes(
@@ -258,7 +235,8 @@ def _margin(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
         if layer.reflection:
             disparities.append(layer.reflection.disparity)
     farthest = max((abs(slope - disparity) for disparity in disparities), default=0.0)
-    return math.ceil(farthest * max(camera.grid) / 2) + MARGIN
+    # The box of a cell ends there; its filter and the look-ups reach up to four samples, or 2 pixels, further.
+    return math.ceil(farthest * max(camera.grid) / 2) + 3
 
 
 def _crossing(layers: Sequence[Layer], camera: Camera, slope: float) -> list[tuple[int, int]]:
@@ -284,6 +262,7 @@ def visible_layers(layers: Sequence[Layer], slope: float, windows: Windows) -> t
         values = opacity.numpy() if opacity.device.type == "cpu" else opacity
         if float(values.max()) > 0:
             visible.append(k)
-        if float(values.min()) > OPAQUE:
+        # Float32 products of opacities may miss 1 by some roundings.
+        if float(values.min()) > 1 - 1e-6:
             opaque.append(k)
     return tuple(layers[k] for k in reversed(visible))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.simulator import lookups
+from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import Bitmap, Positions
 from lfref.simulator.mattes import Full
 from lfref.simulator.scene import Camera, Surface
@@ -48,12 +48,9 @@ class Highlight(NamedTuple):
 class Reflection(NamedTuple):
     """The picture that a mirror or glass shows."""
 
-    picture: Bitmap
-    """Opaque all over, [4, h, w]."""
-    share: float
-    """Share of its light per unit of the surface's opacity."""
-    disparity: float
-    """In pixels per view step."""
+    picture: Bitmap  # opaque all over, [4, h, w]
+    share: float  # of its light per unit of the surface's opacity
+    disparity: float  # in pixels per view step
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,16 +58,12 @@ class Layer:
     """One painted surface, on a device."""
 
     surface: Surface
-    bitmap: Bitmap
-    """Premultiplied colours and opacity, [4, h, w]."""
-    index: int = 0
-    """Of the surface in the scene's list."""
+    bitmap: Bitmap  # premultiplied colours and opacity, [4, h, w]
+    index: int = 0  # of the surface in the scene's list
     highlight: Highlight | None = None
     reflection: Reflection | None = None
-    is_traced: bool = False
-    """Whether its rays are followed one by one; otherwise every view is a shifted copy."""
-    is_sorted: bool = False
-    """Whether it crosses another layer, so that they are sorted at each pixel."""
+    is_traced: bool = False  # whether its rays are followed one by one; otherwise every view is a shifted copy
+    is_sorted: bool = False  # whether it crosses another layer, so that they are sorted at each pixel
 
     @property
     def device(self) -> torch.device:
@@ -88,7 +81,7 @@ class Layer:
         """
         p, q, x, y = as_rays(p, q, x, y, self.device)
         positions = ray_positions(self.surface.geometry, x, y, p, q)
-        rgba = lookups.clip_premultiplied(self.bitmap.at(positions))
+        rgba = bitmaps.clip_premultiplied(self.bitmap.at(positions))
         if self.highlight:
             rgba[:, :3] += rgba[:, 3:] * self.highlight.light_at(positions, p, q).to(rgba)
         if self.reflection:
@@ -131,9 +124,6 @@ def only_shifts(surface: Surface) -> bool:
     return surface.geometry.is_parallel and not surface.material.is_view_dependent
 
 
-SLACK = 3.0
-"""Pixels painted beyond the reach of rays: cubic look-ups read one, and the lens's box filters up to two more."""
-
 Extent = tuple[float, float]
 """Greatest |X| and |Y| in pixels."""
 
@@ -148,7 +138,9 @@ def ray_extent(camera: Camera, geometry: Geometry, reach: float) -> Extent:
     half_width, half_height = _half_size(camera, reach)
     half_p, half_q = camera.half_aperture
     farthest = max(map(abs, disparity_span(camera, geometry, reach)))
-    return half_width + farthest * half_p + SLACK, half_height + farthest * half_q + SLACK
+    # Beyond, cubic look-ups read one pixel, and the lens's box filters up to two more. The period of random textures
+    # follows from the sum: another number changes all scenes.
+    return half_width + farthest * half_p + 3.0, half_height + farthest * half_q + 3.0
 
 
 def _half_size(camera: Camera, reach: float) -> Extent:
@@ -158,7 +150,10 @@ def _half_size(camera: Camera, reach: float) -> Extent:
 
 
 def disparity_lead(near: Geometry, far: Geometry, within: Extent) -> tuple[float, float]:
-    """Bounds of the disparity of one surface minus that of another, over a part of the central view."""
+    """Bounds of the disparity of one surface minus that of another, over a part of the central view.
+
+    Planes differ most at a corner of it; of bumps, which may lie anywhere, all heights are added.
+    """
     one, other = near.form, far.form
     middle = one.disparity - other.disparity
     spread = abs(one.a - other.a) * within[0] + abs(one.b - other.b) * within[1]
@@ -184,5 +179,5 @@ def is_before(near: Geometry, far: Geometry, camera: Camera, reach: float) -> bo
 
 def _shared(one: Geometry, other: Geometry, camera: Camera, reach: float) -> Extent:
     """The larger extent of two surfaces along each axis."""
-    (width, height), (other_width, other_height) = (ray_extent(camera, each, reach) for each in (one, other))
-    return max(width, other_width), max(height, other_height)
+    width, height = zip(*(ray_extent(camera, shape, reach) for shape in (one, other)), strict=True)
+    return max(width), max(height)

@@ -13,8 +13,7 @@ from lfref.simulator.textures import Flat, Texture
 class Material:
     """What a surface does with light."""
 
-    lengths: ClassVar[tuple[str, ...]]
-    """Fields in pixels or in pixels per view step."""
+    lengths: ClassVar[tuple[str, ...]]  # fields in pixels or in pixels per view step
 
     @property
     def is_view_dependent(self) -> bool:
@@ -63,14 +62,10 @@ class Glossy(Material):
     """
 
     lengths = ("width", "drift", "centre")
-    strength: float = 0.5
-    """Radiance at the centre of the highlight under a light of gain 1."""
-    width: float = 12.0
-    """Standard deviation in pixels."""
-    drift: float = 4.0
-    """Movement over the surface in pixels per view step."""
-    centre: tuple[float, float] = (0.0, 0.0)
-    """(X, Y) of the highlight in the central view."""
+    strength: float = 0.5  # radiance at the centre of the highlight under a light of gain 1
+    width: float = 12.0  # standard deviation in pixels
+    drift: float = 4.0  # movement over the surface in pixels per view step
+    centre: tuple[float, float] = (0.0, 0.0)  # (X, Y) of the highlight in the central view
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -90,12 +85,10 @@ class _Reflecting(Material):
     """Shows another texture at another disparity: `share` of the light comes from there, the rest is its own."""
 
     lengths = ("disparity",)
-    share: float
-    """Reflectance, from 0 to 1."""
+    share: float  # Reflectance, from 0 to 1
     texture: Texture = Flat()  # noqa: RUF009  frozen
     """The mirrored picture."""
-    disparity: float = -2.0
-    """Disparity of the mirrored picture in pixels per view step."""
+    disparity: float = -2.0  # disparity of the mirrored picture in pixels per view step
 
     def __post_init__(self) -> None:
         checks.numbers("a reflectance", [self.share], 0, 1)

@@ -19,11 +19,10 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.simulator import checks
-from lfref.simulator.canvases import Box
+from lfref.simulator.bitmaps import Box
 
 EDGE = 0.5
 """Half the width of an edge in pixels."""
-
 Segment = tuple[float, float, float, float]
 """A straight line from (X, Y) to (X, Y)."""
 
@@ -31,8 +30,7 @@ Segment = tuple[float, float, float, float]
 class Outline(abc.ABC):
     """Outline of a surface."""
 
-    lengths: ClassVar[tuple[str, ...]]
-    """Fields in pixels."""
+    lengths: ClassVar[tuple[str, ...]]  # fields in pixels
 
     @abc.abstractmethod
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
@@ -63,10 +61,8 @@ class Disc(Outline):
     """A circle."""
 
     lengths = ("radius", "centre")
-    radius: float
-    """In pixels."""
-    centre: tuple[float, float] = (0.0, 0.0)
-    """(X, Y)."""
+    radius: float  # in pixels
+    centre: tuple[float, float] = (0.0, 0.0)  # (X, Y)
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -87,8 +83,7 @@ class Polygon(Outline):
     """Straight edges from corner to corner and back to the first; where they cross, the even-odd rule decides."""
 
     lengths = ("corners",)
-    corners: tuple[tuple[float, float], ...]
-    """(X, Y) of three corners at least."""
+    corners: tuple[tuple[float, float], ...]  # (X, Y) of three corners at least
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -99,11 +94,15 @@ class Polygon(Outline):
 
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
         """Distance from the nearest edge; inside is where a ray to the right crosses an odd number of edges."""
+        y = y[:, None]
         nearest = x.new_full((len(y), len(x)), math.inf)
         is_inside = torch.zeros(nearest.shape, dtype=torch.bool, device=x.device)
-        for start, end in itertools.pairwise((*self.corners, self.corners[0])):
-            nearest = torch.minimum(nearest, _squared_distance((*start, *end), x, y[:, None]))
-            is_inside ^= _ray_crosses((*start, *end), x, y[:, None])
+        for (start_x, start_y), (end_x, end_y) in itertools.pairwise((*self.corners, self.corners[0])):
+            nearest = torch.minimum(nearest, _squared_distance((start_x, start_y, end_x, end_y), x, y))
+            if start_y != end_y:
+                # The ray of a row meets the edge's line at this x. Half-open in y: a corner of two edges counts once.
+                crossing_x = start_x + (y - start_y) * ((end_x - start_x) / (end_y - start_y))
+                is_inside ^= ((y < start_y) != (y < end_y)) & (x < crossing_x)
         return torch.where(is_inside, -nearest.sqrt(), nearest.sqrt())
 
     def box(self) -> Box:
@@ -116,14 +115,10 @@ class Leaf(Outline):
     """A pointed leaf: the intersection of two equal circles."""
 
     lengths = ("length", "width", "centre")
-    length: float
-    """From tip to tip in pixels."""
-    width: float
-    """Across the middle in pixels, below its length."""
-    angle: float = 0.0
-    """Direction of its axis in degrees, from x towards y."""
-    centre: tuple[float, float] = (0.0, 0.0)
-    """(X, Y)."""
+    length: float  # from tip to tip in pixels
+    width: float  # across the middle in pixels, below its length
+    angle: float = 0.0  # direction of its axis in degrees, from x towards y
+    centre: tuple[float, float] = (0.0, 0.0)  # (X, Y)
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -138,6 +133,8 @@ class Leaf(Outline):
         # Both axes are axes of symmetry: one quarter of the leaf stands for all.
         rotated = _rotated(x - self.centre[0], y[:, None] - self.centre[1], self.angle)
         along, across = (offset.abs() for offset in rotated)
+        # A chord of length l whose arc rises by w / 2 belongs to the radius (l^2 + w^2) / (4 w). In the quarter where
+        # both offsets are positive, the arc's centre lies across the axis, at -(radius - w / 2).
         radius, half = (self.length**2 + self.width**2) / (4 * self.width), self.length / 2
         to_centre = radius - self.width / 2
         # Beyond the normal of the arc at its tip, the tip is the nearest point.
@@ -155,18 +152,12 @@ class Twigs(Outline):
     """Thin branching lines that grow from one point, drawn by a seed."""
 
     lengths = ("length", "width", "foot")
-    length: float
-    """Of the first branch in pixels; each generation is shorter by a third."""
-    width: float = 2.0
-    """Of all branches in pixels, at least 1."""
-    generations: int = 4
-    """Number of forks from foot to tip, from 0 to 6; each branch ends in two."""
-    angle: float = -90.0
-    """Direction of the first branch in degrees, from x towards y."""
-    foot: tuple[float, float] = (0.0, 0.0)
-    """(X, Y) where it begins."""
-    seed: int = 0
-    """Of the directions and lengths of the branches."""
+    length: float  # of the first branch in pixels; each generation is shorter by a third
+    width: float = 2.0  # of all branches in pixels, at least 1
+    generations: int = 4  # number of forks from foot to tip, from 0 to 6; each branch ends in two
+    angle: float = -90.0  # direction of the first branch in degrees, from x towards y
+    foot: tuple[float, float] = (0.0, 0.0)  # (X, Y) where it begins
+    seed: int = 0  # of the directions and lengths of the branches
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -179,11 +170,16 @@ class Twigs(Outline):
 
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
         """Distance from the nearest branch; one pixel where none is near, which is far enough from the edge."""
+
+        def between(values: Tensor, low: float, high: float) -> slice:
+            bounds = torch.tensor([low, high], dtype=values.dtype, device=values.device)
+            return slice(*torch.searchsorted(values, bounds).tolist())
+
         result = x.new_full((len(y), len(x)), 2 * EDGE)
         for segment in self.branches():
             # Only the samples around a branch are computed: there are up to 127 branches.
             left, top, right, bottom = _around([segment[:2], segment[2:]], self.width / 2)
-            rows, columns = _range_between(y, top, bottom), _range_between(x, left, right)
+            rows, columns = between(y, top, bottom), between(x, left, right)
             near = _squared_distance(segment, x[columns], y[rows, None]).sqrt() - self.width / 2
             result[rows, columns] = torch.minimum(result[rows, columns], near)
         return result
@@ -214,12 +210,9 @@ class Perforated(Outline):
     """An endless surface with round holes on a square lattice."""
 
     lengths = ("pitch", "radius")
-    pitch: float
-    """Distance of neighbouring holes in pixels."""
-    radius: float
-    """Of a hole in pixels, at most half the pitch less half a pixel."""
-    angle: float = 0.0
-    """Of the lattice in degrees, from x towards y."""
+    pitch: float  # distance of neighbouring holes in pixels
+    radius: float  # of a hole in pixels, at most half the pitch less half a pixel
+    angle: float = 0.0  # of the lattice in degrees, from x towards y
 
     def __post_init__(self) -> None:
         checks.numbers("a hole's radius", [self.radius], least=EDGE)
@@ -242,12 +235,6 @@ def _around(points: Iterable[tuple[float, float]], radius: float) -> Box:
     return min(xs) - margin, min(ys) - margin, max(xs) + margin, max(ys) + margin
 
 
-def _range_between(values: Tensor, low: float, high: float) -> slice:
-    """The part of ascending values that lies from `low` to `high`."""
-    bounds = torch.tensor([low, high], dtype=values.dtype, device=values.device)
-    return slice(*torch.searchsorted(values, bounds).tolist())
-
-
 def _rotated(x: Tensor, y: Tensor, angle: float) -> tuple[Tensor, Tensor]:
     """Coordinates along an axis at so many degrees, and across it."""
     cosine, sine = math.cos(math.radians(angle)), math.sin(math.radians(angle))
@@ -255,18 +242,9 @@ def _rotated(x: Tensor, y: Tensor, angle: float) -> tuple[Tensor, Tensor]:
 
 
 def _squared_distance(segment: Segment, x: Tensor, y: Tensor) -> Tensor:
+    """Of points from the nearest one of a segment: the foot of the perpendicular, or an end."""
     along_x, along_y = segment[2] - segment[0], segment[3] - segment[1]
     offset_x, offset_y = x - segment[0], y - segment[1]
     squared_length = max(along_x**2 + along_y**2, 1e-12)  # a segment may be a point
     share = ((offset_x * along_x + offset_y * along_y) / squared_length).clamp(0, 1)
     return (offset_x - share * along_x) ** 2 + (offset_y - share * along_y) ** 2
-
-
-def _ray_crosses(segment: Segment, x: Tensor, y: Tensor) -> Tensor:
-    """Whether a ray from the point to the right crosses the segment."""
-    start_x, start_y, end_x, end_y = segment
-    if start_y == end_y:
-        return torch.zeros(1, dtype=torch.bool, device=x.device)
-    crossing_x = start_x + (y - start_y) * ((end_x - start_x) / (end_y - start_y))
-    # Half-open in y, so that a corner between two segments counts once.
-    return ((y < start_y) != (y < end_y)) & (x < crossing_x)

@@ -29,7 +29,7 @@ import torch
 from torch import Tensor
 
 from lfref.simulator import painting
-from lfref.simulator.canvases import OVERSAMPLING, Canvas
+from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
 from lfref.simulator.materials import Emissive, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Polygon
 from lfref.simulator.scene import Camera, Light, Scene, Surface

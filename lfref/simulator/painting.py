@@ -15,9 +15,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.simulator import canvases, layers, lookups, planner
-from lfref.simulator.bitmaps import Bitmap
-from lfref.simulator.canvases import OVERSAMPLING, Box, Canvas
+from lfref.simulator import bitmaps, layers, planner
+from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Box, Canvas
 from lfref.simulator.layers import Highlight, Layer, Reflection
 from lfref.simulator.materials import Glass, Glossy, Mirror
 from lfref.simulator.mattes import Full
@@ -33,8 +32,7 @@ class Painting:
 
     scene: Scene
     device: torch.device
-    reach: float
-    """Greatest |slope|, in pixels per view step, that the layers will be refocused at."""
+    reach: float  # greatest |slope|, in pixels per view step, that the layers will be refocused at
 
     @functools.cached_property
     def far_to_near(self) -> tuple[int, ...]:
@@ -47,9 +45,14 @@ class Painting:
     def visible(self) -> tuple[int, ...]:
         """Indices of the surfaces that no nearer backdrop hides from everywhere."""
         order = self.far_to_near
-        return tuple(
-            far for rank, far in enumerate(order) if not any(self._hides(near, far) for near in order[rank + 1 :])
-        )
+
+        def hides(near: int, far: int) -> bool:
+            one, other = self.scene.surfaces[near], self.scene.surfaces[far]
+            return layers.is_backdrop(one) and layers.is_before(
+                one.geometry, other.geometry, self.scene.camera, self.reach
+            )
+
+        return tuple(far for rank, far in enumerate(order) if not any(hides(near, far) for near in order[rank + 1 :]))
 
     @functools.cached_property
     def crossing(self) -> frozenset[int]:
@@ -58,24 +61,11 @@ class Painting:
         pairs = layers.crossing_pairs(shapes, self.scene.camera, self.reach)
         return frozenset(self.visible[rank] for pair in pairs for rank in pair)
 
-    def _hides(self, near: int, far: int) -> bool:
-        one, other = self.scene.surfaces[near], self.scene.surfaces[far]
-        return layers.is_backdrop(one) and layers.is_before(one.geometry, other.geometry, self.scene.camera, self.reach)
-
 
 def paint(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0) -> list[Layer]:
-    """Paint all surfaces of a scene that are visible.
+    """Layers of all visible surfaces from far to near (by their mean disparity), large enough for every aperture point.
 
-    Args:
-        scene: The scene.
-        device: Of the layers.
-        reach: Greatest |slope|, in pixels per view step, that the layers will be refocused at.
-
-    Returns:
-        Layers from far to near (by their mean disparity), large enough for every aperture point.
-
-    Raises:
-        FileError: A picture cannot be read.
+    `reach` is the greatest |slope|, in pixels per view step, that the layers will be refocused at.
     """
     painted: list[Layer] = planner.plan(passes(scene, device, reach), ["layers"]).run()["layers"]
     return painted
@@ -121,15 +111,17 @@ def _canvas(painting: Painting, geometry: Geometry, surface: Surface | None = No
     camera = painting.scene.camera
     # The period decides what random textures look like: it must not depend on the reach.
     left, top, right, bottom = _reachable_box(camera, geometry, surface, 0.0)
-    period = canvases.fast_length(bottom - top + 1), canvases.fast_length(right - left + 1)
-    return canvases.covering(_reachable_box(camera, geometry, surface, painting.reach), period)
+    period = bitmaps.fast_length(bottom - top + 1), bitmaps.fast_length(right - left + 1)
+    return bitmaps.covering(_reachable_box(camera, geometry, surface, painting.reach), period)
 
 
 def _reachable_box(camera: Camera, geometry: Geometry, surface: Surface | None, reach: float) -> Box:
     right, bottom = layers.ray_extent(camera, geometry, reach)
     box = (-right, -bottom, right, bottom)
     if surface and (outline := surface.matte.box()):
-        box = canvases.intersection(box, outline)
+        left, top = max(box[0], outline[0]), max(box[1], outline[1])
+        # A point where they do not overlap.
+        box = left, top, max(left, min(box[2], outline[2])), max(top, min(box[3], outline[3]))
     # Motion smears half its length to each side, and the cubic look-ups that do it one pixel more.
     motion = surface.motion if surface else (0.0, 0.0)
     more = [abs(step) / 2 + 1 if step else 0.0 for step in motion]
@@ -143,10 +135,8 @@ class Change(NamedTuple):
     needs: str
     makes: str
     change: Callable[[Painting, Layer], Layer]
-    is_inert: Callable[[Painting, Surface], bool]
-    """Whether it leaves the layer of a surface as it is."""
-    why: str
-    """Explanation if it leaves all layers as they are."""
+    is_inert: Callable[[Painting, Surface], bool]  # whether it leaves the layer of a surface as it is
+    why: str  # explanation if it leaves all layers as they are
 
 
 def _as_pass(change: Change, painting: Painting, force: bool) -> Pass:
@@ -194,7 +184,7 @@ def _smear(painting: Painting, layer: Layer) -> Layer:
     height, width = samples.shape[-2:]
     i = torch.arange(width, dtype=torch.float64) - shift[:, None, None] * motion[0]
     j = torch.arange(height, dtype=torch.float64)[:, None] - shift[:, None, None] * motion[1]
-    return _with_samples(layer, lookups.cubic_on_grid(samples, i, j).mean(0))
+    return _with_samples(layer, bitmaps.cubic_on_grid(samples, i, j).mean(0))
 
 
 def _add_reflection(painting: Painting, layer: Layer) -> Layer:
@@ -226,8 +216,11 @@ def _keeps_its_order(painting: Painting, surface: Surface) -> bool:
 
 
 def _send(painting: Painting, layer: Layer) -> Layer:
-    reflection = layer.reflection and layer.reflection._replace(picture=layer.reflection.picture.to(painting.device))
-    return replace(layer, bitmap=layer.bitmap.to(painting.device), reflection=reflection)
+    def sent(bitmap: Bitmap) -> Bitmap:
+        return Bitmap(bitmap.canvas, bitmap.samples.to(painting.device))
+
+    reflection = layer.reflection and layer.reflection._replace(picture=sent(layer.reflection.picture))
+    return replace(layer, bitmap=sent(layer.bitmap), reflection=reflection)
 
 
 CHANGES = (

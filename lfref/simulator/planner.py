@@ -18,35 +18,27 @@ from lfref.errors import InputError
 class Pass(NamedTuple):
     """One step from results to a result."""
 
-    name: str
-    """Label in explanations."""
-    needs: tuple[str, ...]
-    """Names of the results that it takes, the main one first."""
-    makes: str
-    """Name of its result."""
-    run: Callable[..., Any]
-    """Function of the results in `needs`, in their order."""
-    inert: str | None = None
-    """Reason why its result would equal its main input; None if it may differ."""
+    name: str  # label in explanations
+    needs: tuple[str, ...]  # names of the results that it takes, the main one first
+    makes: str  # name of its result
+    run: Callable[..., Any]  # function of the results in `needs`, in their order
+    inert: str | None = None  # reason why its result would equal its main input; None if it may differ
 
 
 class Outcome(NamedTuple):
     """One line of an explanation."""
 
     name: str
-    state: str
-    """`run` or `skipped`."""
+    state: str  # `run` or `skipped`
     why: str
-    milliseconds: float | None
-    """Duration in the last timed run; None without one."""
+    milliseconds: float | None  # duration in the last timed run; None without one
 
 
 class Stage(NamedTuple):
     """A pass at its place in a schedule."""
 
     work: Pass
-    needs: tuple[str, ...]
-    """All needs of the pass, or the main one alone if it is skipped."""
+    needs: tuple[str, ...]  # all needs of the pass, or the main one alone if it is skipped
     is_skipped: bool
     why: str
 
@@ -56,19 +48,12 @@ class Schedule:
     """Passes in an order in which they can run."""
 
     stages: tuple[Stage, ...]
-    outputs: tuple[str, ...]
-    """Names of the requested results."""
-    unneeded: tuple[Pass, ...] = ()
-    """Passes on which no requested result depends."""
-    milliseconds: dict[str, float] = field(default_factory=dict)
-    """Duration of each pass in the last timed run, by the name of its result."""
+    outputs: tuple[str, ...]  # names of the requested results
+    unneeded: tuple[Pass, ...] = ()  # passes on which no requested result depends
+    milliseconds: dict[str, float] = field(default_factory=dict)  # of each pass in the last timed run, by its result
 
     def run(self, timed: bool = False) -> dict[str, Any]:
-        """The requested results by name.
-
-        Args:
-            timed: Measure each pass, waiting for an idle GPU before and after it.
-        """
+        """The requested results by name; `timed` measures each pass, waiting for an idle GPU before and after it."""
         last_use = {name: place for place, stage in enumerate(self.stages) for name in stage.needs}
         results: dict[str, Any] = {}
         for place, stage in enumerate(self.stages):
@@ -102,18 +87,10 @@ class Schedule:
 
 
 def plan(passes: Iterable[Pass], outputs: Sequence[str], force: bool = False) -> Schedule:
-    """Order the passes that the requested results depend on.
+    """A schedule of the passes that the requested results depend on; with `force`, inert passes run too.
 
-    Args:
-        passes: All passes, in any order.
-        outputs: Names of the requested results, at least one.
-        force: Run inert passes too.
-
-    Returns:
-        A schedule that can be run any number of times.
-
-    Raises:
-        InputError: No output, a result that no pass or two passes make, or passes that need each other in a circle.
+    Passes may come in any order. No output, a result that no pass or two passes make, and passes that need each other
+    in a circle raise InputError.
     """
     if isinstance(outputs, str) or not outputs:
         raise InputError("outputs must be a list of at least one name", got=repr(outputs))
@@ -128,7 +105,13 @@ def plan(passes: Iterable[Pass], outputs: Sequence[str], force: bool = False) ->
         if name not in makers:
             raise InputError(f"results must be among {', '.join(makers)}", got=repr(name))
         if name not in stages:
-            stages[name] = _stage(makers[name], force)
+            work = makers[name]
+            assert work.inert is None or work.needs, f"{work.name} is inert but has nothing to pass on"
+            if work.inert is None or force:
+                why = f"makes {work.makes}" if work.inert is None else f"forced, though {work.inert}"
+                stages[name] = Stage(work, work.needs, False, why)
+            else:
+                stages[name] = Stage(work, work.needs[:1], True, work.inert)
             pending += stages[name].needs
     try:
         order = tuple(TopologicalSorter({name: stage.needs for name, stage in stages.items()}).static_order())
@@ -138,27 +121,14 @@ def plan(passes: Iterable[Pass], outputs: Sequence[str], force: bool = False) ->
     return Schedule(tuple(stages[name] for name in order), tuple(outputs), unneeded)
 
 
-def _stage(work: Pass, force: bool) -> Stage:
-    assert work.inert is None or work.needs, f"{work.name} is inert but has nothing to pass on"
-    if work.inert is None:
-        return Stage(work, work.needs, False, f"makes {work.makes}")
-    if force:
-        return Stage(work, work.needs, False, f"forced, though {work.inert}")
-    return Stage(work, work.needs[:1], True, work.inert)
-
-
 def table(rows: Iterable[Outcome]) -> str:
     """An explanation as plain text, one line per pass."""
     lines = [("pass", "", "why", "ms")]
-    lines += [
-        (row.name, row.state, row.why, "" if row.milliseconds is None else f"{row.milliseconds:.1f}") for row in rows
-    ]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for row in rows:
+        lines.append((row.name, row.state, row.why, "" if row.milliseconds is None else f"{row.milliseconds:.1f}"))
+    first, second, third, last = (max(map(len, column)) for column in zip(*lines, strict=True))
     return "\n".join(
-        "  ".join(
-            [*(text.ljust(width) for text, width in zip(line[:3], widths, strict=False)), line[3].rjust(widths[3])]
-        ).rstrip()
-        for line in lines
+        f"{name:{first}}  {state:{second}}  {why:{third}}  {time:>{last}}".rstrip() for name, state, why, time in lines
     )
 
 

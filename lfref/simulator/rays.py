@@ -15,15 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.functional.jit import compiled, inlined
-from lfref.simulator.canvases import OVERSAMPLING, Box
+from lfref.simulator.bitmaps import OVERSAMPLING, Box, Floats
 from lfref.simulator.layers import Highlight, Layer, is_backdrop
-from lfref.simulator.lookups import Floats
-
-NEWTON_STEPS = 30
-CONVERGED = 1e-10
-"""Newton's method stops at a smaller change of disparity, in pixels per view step."""
-DARK = 20.0
-"""A highlight ends where it is exp(-DARK) = 2e-9 of its maximum, far below the rounding of float32."""
 
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -33,44 +26,30 @@ Float64s = NDArray[np.float64]
 class AtlasEntry(NamedTuple):
     """A bitmap to be put into an atlas."""
 
-    samples: NDArray[np.floating]
-    """Premultiplied RGBA in the order that loops read: [h, w, 4], or [4, h, w] to be shifted."""
-    opacity: NDArray[np.floating]
-    """Its opacity, [h, w]."""
-    top: int
-    """Y of the first row in samples."""
-    left: int
-    """X of the first column in samples."""
+    samples: NDArray[np.floating]  # premultiplied RGBA as loops read it: [h, w, 4], or [4, h, w] to be shifted
+    opacity: NDArray[np.floating]  # [h, w]
+    top: int  # Y of the first row in samples
+    left: int  # X of the first column in samples
 
 
 class Atlas(NamedTuple):
     """A texture atlas: bitmaps one after the other in one array."""
 
-    samples: Floats
-    """Premultiplied RGBA of all bitmaps, [all]."""
-    frames: Integers
-    """Index of its first value, rows, columns, Y and X of its first sample in samples, [n, 5]."""
+    samples: Floats  # premultiplied RGBA of all bitmaps, [all]
+    frames: Integers  # index of its first value, rows, columns, Y and X of its first sample in samples, [n, 5]
 
 
 class RayLayers(NamedTuple):
     """Layers whose rays are followed, from far to near, as arrays."""
 
-    forms: Float64s
-    """Parameters of `surfaces.Form`, [K, 7]."""
-    spans: Float64s
-    """Least and greatest disparity that any ray meets, [K, 2]."""
-    boxes: Float64s
-    """X and Y of the first, then of the last point that is not transparent, [K, 4]."""
-    bitmaps: Integers
-    """Index in the atlas of the layer's bitmap, and of the mirrored picture or -1, [K, 2]."""
-    mirrors: Float64s
-    """Share and disparity of the mirrored picture, [K, 2]."""
-    highlights: Float64s
-    """Parameters of `layers.Highlight`, of width 0 where there is none, [K, 7]."""
-    is_parallel: Bools
-    """Whether it faces the camera, [K]."""
-    is_backdrop: Bools
-    """Whether it is opaque all over, [K]."""
+    forms: Float64s  # parameters of `surfaces.Form`, [K, 7]
+    spans: Float64s  # least and greatest disparity that any ray meets, [K, 2]
+    boxes: Float64s  # X and Y of the first, then of the last point that is not transparent, [K, 4]
+    bitmaps: Integers  # index in the atlas of the layer's bitmap, and of the mirrored picture or -1, [K, 2]
+    mirrors: Float64s  # share and disparity of the mirrored picture, [K, 2]
+    highlights: Float64s  # parameters of `layers.Highlight`, of width 0 where there is none, [K, 7]
+    is_parallel: Bools  # whether it faces the camera, [K]
+    is_backdrop: Bools  # whether it is opaque all over, [K]
 
 
 class RayRow(NamedTuple):
@@ -78,14 +57,10 @@ class RayRow(NamedTuple):
 
     p: float
     q: float
-    x: float
-    """Of the first pixel, displaced by slope times p."""
-    y: float
-    """Of the row, displaced by slope times q."""
-    slope: float
-    """Of the picture in pixels per view step; 0 for a view."""
-    cell: float
-    """Width in view steps of the cell of the aperture that the point stands for; 0 for a view."""
+    x: float  # of the first pixel, displaced by slope times p
+    y: float  # of the row, displaced by slope times q
+    slope: float  # of the picture in pixels per view step; 0 for a view
+    cell: float  # width in view steps of the cell of the aperture that the point stands for; 0 for a view
 
 
 def atlas(entries: Sequence[AtlasEntry]) -> Atlas:
@@ -100,11 +75,9 @@ def atlas(entries: Sequence[AtlasEntry]) -> Atlas:
 
 
 def ray_layers(
-    layers: Sequence[Layer],
-    spans: Sequence[tuple[float, float]],
-    boxes: Sequence[Box],
+    layers: Sequence[Layer], spans: Sequence[tuple[float, float]], boxes: Sequence[Box],
     bitmaps: Sequence[tuple[int, int]],
-) -> RayLayers:
+) -> RayLayers:  # fmt: skip
     """Arrays that describe layers; the arguments are the fields of the same names, row by row."""
     none = Highlight(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -123,11 +96,13 @@ def ray_layers(
     )
 
 
-def visible_box(entry: AtlasEntry, margin: float) -> Box:
-    """The box outside of which a bitmap is transparent, plus a margin in pixels that a look-up reads.
+def visible_box(entry: AtlasEntry, reads: int) -> Box:
+    """The box of points, in pixels, whose look-ups meet more than transparent samples of a bitmap.
 
-    Ends of a bitmap go on beyond it: a side whose outermost samples are not transparent has no limit.
+    A look-up reads `reads` samples on either side of its point. Ends of a bitmap go on beyond it: a side of which the
+    outermost samples are not transparent has no limit.
     """
+    margin = (reads + 1) / OVERSAMPLING  # one sample more for rounding
     is_visible = entry.opacity != 0
     limits = []
     for axis, start in ((0, entry.left), (1, entry.top)):
@@ -177,7 +152,9 @@ def intersect(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at:
         for x in range(begin, stop):
             plane = at[2, x]
             D = plane + height
-            for _ in range(NEWTON_STEPS):
+            # Newton's step of D - d(x - D p, y - D q), whose derivative is 1 + d_X p + d_Y q; d_X and d_Y are `slope_x`
+            # and `slope_y`. It converges in a few steps, since `surfaces.STEEPEST` bounds the derivative.
+            for _ in range(30):
                 at_x, at_y = row.x + x - D * row.p, row.y - D * row.q
                 offset_x, offset_y = (at_x - centre_x) / radius, (at_y - centre_y) / radius
                 rise = max(1 - offset_x * offset_x - offset_y * offset_y, 0.0)
@@ -186,7 +163,7 @@ def intersect(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at:
                 share = 1 / (1 + slope_x * row.p + slope_y * row.q)
                 step = (D - disparity - a * at_x - b * at_y - bulge * rise * rise) * share
                 D -= step
-                if abs(step) < CONVERGED:
+                if abs(step) < 1e-10:
                     break
             at[2, x], at[3, x], at[4, x], height = D, slope_x * share, slope_y * share, D - plane
     for x in range(begin, stop):
@@ -209,7 +186,8 @@ def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int,
         spread = (row.slope - at[2, x] - drift) * row.cell
         variance = width * width + spread * spread / 12
         exponent = ((at[0, x] - centre_x) ** 2 + (at[1, x] - centre_y) ** 2) / (2 * variance)
-        if exponent < DARK:
+        # Beyond, it is below exp(-20) = 2e-9 of its maximum, far below the rounding of float32.
+        if exponent < 20.0:
             light = rgba.dtype.type(np.exp(-exponent) * width * width / variance) * rgba[3, x]
             rgba[0, x] += red * light
             rgba[1, x] += green * light
@@ -260,10 +238,10 @@ def composite_crossing(
     """Lay layers over one another as seen through a cell, in the parts of which their order may differ.
 
     Where two surfaces cross, each is the nearer one in a part of the cell. The line where they cross moves over the
-    picture by |e| times the cell's width, so that the disparity of one minus that of the other varies by `spread`, that
-    way times the gradient of the difference; the share of the cell in which a layer is the nearer one grows linearly
-    from 0 to 1 as its lead goes from -spread / 2 to spread / 2. All
-    light of a layer passes the shares of the others before it.
+    picture by |e| times the cell's width. So the lead, the disparity of one minus that of the other, varies within the
+    cell by `spread`: that way times the gradient of the lead. The share of the cell in which a layer is the nearer one
+    grows linearly from 0 to 1 as its lead goes from -spread / 2 to spread / 2. All light of a layer passes the shares
+    of the others before it.
     `rgba` [K, 4, W] is 0 where a layer is not visible, `at` [K, 5, W] as by `intersect`; `passed` [W] is scratch.
     """
     radiance[:] = 0

@@ -18,19 +18,14 @@ from lfref.simulator.mattes import Full, Outline
 from lfref.simulator.surfaces import STEEPEST, Geometry
 from lfref.simulator.textures import Texture
 
-APERTURES = ("square", "disc")
-
 
 @dataclass(frozen=True)
 class Camera:
     """A grid of views, and the lens whose aperture they sample."""
 
-    grid: tuple[int, int] = (7, 7)
-    """View rows and columns (V, U)."""
-    size: tuple[int, int] = (256, 256)
-    """Height and width (H, W) of a view in pixels."""
-    aperture: str = "square"
-    """`square` or `disc`, U by V view steps: the cells of all views."""
+    grid: tuple[int, int] = (7, 7)  # view rows and columns (V, U)
+    size: tuple[int, int] = (256, 256)  # height and width (H, W) of a view in pixels
+    aperture: str = "square"  # `square` or `disc`, U by V view steps: the cells of all views
     samples: int = field(default=1, repr=False)  # keeps the repr of older descriptions
     """Samples along each axis of a pixel, which is their mean. Textures end at samples / 2 cycles per pixel: with more
     than one sample, details alias in the views."""
@@ -43,8 +38,8 @@ class Camera:
                 raise InputError(f"{what} must be whole numbers", got=values)
         if not (isinstance(self.samples, int) and 1 <= self.samples <= 8):
             raise InputError("a camera's samples must be a whole number from 1 to 8", got=repr(self.samples))
-        if self.aperture not in APERTURES:
-            raise InputError(f"aperture must be one of {', '.join(APERTURES)}", got=repr(self.aperture))
+        if self.aperture not in ("square", "disc"):
+            raise InputError("aperture must be one of square, disc", got=repr(self.aperture))
 
     @property
     def half_aperture(self) -> tuple[float, float]:
@@ -61,26 +56,21 @@ class Camera:
 class Surface:
     """A surface: shape, outline and looks."""
 
-    lengths: ClassVar[tuple[str, ...]] = ("motion",)
-    """Fields in pixels."""
+    lengths: ClassVar[tuple[str, ...]] = ("motion",)  # fields in pixels
     geometry: Geometry
     texture: Texture
     matte: Outline = Full()  # noqa: RUF009  frozen
     material: Material = Matte()  # noqa: RUF009  frozen
-    opacity: float = 1.0
-    """Share of the background that it hides within its outline, from 0 to 1."""
+    opacity: float = 1.0  # share of the background that it hides within its outline, from 0 to 1
     motion: tuple[float, float] = (0.0, 0.0)
     """(x, y) in pixels during the exposure, whose middle the geometry and outline describe."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        for what, value, base in (
-            ("a surface's geometry", self.geometry, Geometry),
-            ("a surface's texture", self.texture, Texture),
-            ("a surface's matte", self.matte, Outline),
-            ("a surface's material", self.material, Material),
-        ):
-            checks.kind(what, value, base)
+        checks.kind("a surface's geometry", self.geometry, Geometry)
+        checks.kind("a surface's texture", self.texture, Texture)
+        checks.kind("a surface's matte", self.matte, Outline)
+        checks.kind("a surface's material", self.material, Material)
         checks.numbers("a surface's opacity", [self.opacity], 0, 1)
         checks.pair("a surface's motion", self.motion)
 
@@ -90,8 +80,7 @@ class Light:
     """The light that falls on all surfaces."""
 
     gain: float = 1.0
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Red, green and blue."""
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)  # Red, green and blue
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -104,22 +93,17 @@ class Scene:
     """Everything that a picture depends on."""
 
     camera: Camera
-    surfaces: tuple[Surface, ...]
-    """In any order: disparity decides which one hides another."""
+    surfaces: tuple[Surface, ...]  # in any order: disparity decides which one hides another
     light: Light = Light()
     sensor: Sensor = Sensor()  # noqa: RUF009  frozen
     name: str = ""
-    seed: int = 0
-    """Of noise and of random textures, the latter together with the index of the surface."""
+    seed: int = 0  # of noise and of random textures, the latter together with the index of the surface
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        for what, value, base in (
-            ("a scene's camera", self.camera, Camera),
-            ("a scene's light", self.light, Light),
-            ("a scene's sensor", self.sensor, Sensor),
-        ):
-            checks.kind(what, value, base)
+        checks.kind("a scene's camera", self.camera, Camera)
+        checks.kind("a scene's light", self.light, Light)
+        checks.kind("a scene's sensor", self.sensor, Sensor)
         if not isinstance(self.surfaces, tuple) or not self.surfaces:
             raise InputError("a scene needs at least one surface", got=self.surfaces)
         checks.numbers("a scene's seed", [self.seed], least=0)

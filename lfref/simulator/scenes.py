@@ -41,13 +41,7 @@ class Scenes(abc.ABC):
 
     @abc.abstractmethod
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
-        """One scene, with a name that no other scene of its epoch has.
-
-        Args:
-            seed: Of all scenes, at least 0.
-            epoch: From 0.
-            index: Of the scene within the epoch, from 0.
-        """
+        """One scene, with a name that no other scene of its epoch has; all three numbers are at least 0."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +51,7 @@ class Fixed(Scenes):
     In the first round of epoch 0 the seed is added to their own: seed 0 gives the scenes as they are.
     """
 
-    scenes: tuple[Scene, ...]
-    """At least one, of different names."""
+    scenes: tuple[Scene, ...]  # at least one, of different names
 
     def __post_init__(self) -> None:
         if not self.scenes:
@@ -74,7 +67,7 @@ class Fixed(Scenes):
 
 
 def _combined_seed(*numbers: int) -> int:
-    """One seed from several numbers, each of which may be large."""
+    """One seed from numbers that may be large."""
     return int(np.random.SeedSequence(numbers).generate_state(1, np.uint64)[0])
 
 
@@ -121,10 +114,8 @@ class RandomDraws:
 class Tone:
     """Brightness and saturation of a whole scene: photographs differ in both."""
 
-    brightness: float
-    """Factor of all colours."""
-    saturation: float
-    """1 keeps colours, 0 leaves grey."""
+    brightness: float  # factor of all colours
+    saturation: float  # 1 keeps colours, 0 leaves grey
 
     def __call__(self, colour: Colour) -> Colour:
         """The colour in such a scene."""
@@ -193,9 +184,9 @@ OUTLINES: tuple[Callable[[RandomDraws, Camera, float], Outline], ...] = (
 
 
 def random_dome(draws: RandomDraws, camera: Camera, disparity: float, bulge: Range) -> Dome:
-    """A bump or hollow on a plane of some disparity, no higher than the camera's aperture allows."""
+    """A bump or hollow on a plane of some disparity, no higher than `Scene` allows for the camera."""
     radius = max(camera.size) * draws.uniform(0.2, 0.6)
-    # `Scene` refuses bulges of which steepness times half the aperture exceeds STEEPEST.
+    # The steepness of a dome is proportional to its height.
     limit = 0.9 * STEEPEST / sum(Dome(0.0, 1.0, radius).steepness()) * 2 / sum(camera.half_aperture)
     height = max(-limit, min(limit, draws.uniform(*bulge)))
     return Dome(disparity, height, radius, draws.point(camera))
@@ -208,7 +199,6 @@ def _glossy(draws: RandomDraws, tone: Tone, camera: Camera, disparities: Range) 
 
 
 def _mirrored(draws: RandomDraws, tone: Tone, disparities: Range) -> tuple[Texture, float]:
-    """Texture and disparity of a mirrored picture."""
     return draws.choice(TEXTURES)(draws, tone), draws.uniform(*disparities)
 
 
@@ -226,10 +216,8 @@ class RandomSensor:
     """Random sensors: for each effect the share of scenes that have it, from 0 to 1, and the ranges of its options."""
 
     chromatic: float = 0.0
-    magnification: Range = (0.998, 1.002)
-    """Of red and of blue; green keeps its size and focus."""
-    focus: Range = (-0.05, 0.05)
-    """Of red and of blue, in pixels per view step."""
+    magnification: Range = (0.998, 1.002)  # of red and of blue; green keeps its size and focus
+    focus: Range = (-0.05, 0.05)  # of red and of blue, in pixels per view step
     vignetting: float = 0.0
     field: Range = (0.0, 0.6)
     cats_eye: Range = (0.0, 0.4)
@@ -243,15 +231,12 @@ class RandomSensor:
     noise: float = 0.0
     shot: Range = (0.0, 0.002)
     read: Range = (0.0, 1e-4)
-    clipping: float = 0.0
-    """To [0, 1]."""
+    clipping: float = 0.0  # to [0, 1]
     quantisation: float = 0.0
     bits: tuple[int, int] = (8, 12)
     white_balance: float = 0.0
-    gains: Range = (0.8, 1.25)
-    """Of red and of blue; that of green is 1."""
-    tone_curve: float = 0.0
-    """That of sRGB."""
+    gains: Range = (0.8, 1.25)  # of red and of blue; that of green is 1
+    tone_curve: float = 0.0  # that of sRGB
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -264,13 +249,11 @@ class RandomSensor:
 
     def draw(self, draws: RandomDraws) -> Sensor:
         """A sensor; effects of share 0 draw no numbers. A range that an effect does not allow raises InputError."""
-        return Sensor(
-            **{name: make(self, draws) for name, make in RANDOM_EFFECTS.items() if draws.happens(getattr(self, name))}
-        )
+        drawn = {name: make(self, draws) for name, make in RANDOM_EFFECTS.items() if draws.happens(getattr(self, name))}
+        return Sensor(**drawn)
 
 
 def _around_green(green: float, draws: RandomDraws, span: Range) -> tuple[float, float, float]:
-    """Random numbers for red and blue, a fixed one for green."""
     return draws.uniform(*span), green, draws.uniform(*span)
 
 
@@ -301,31 +284,21 @@ class RandomScenes(Scenes):
     """
 
     camera: Camera = Camera()  # noqa: RUF009  frozen
-    n_surfaces: tuple[int, int] = (3, 5)
-    """Least and greatest number of surfaces."""
-    disparities: Range = (-1.0, 1.0)
-    """In pixels per view step."""
+    n_surfaces: tuple[int, int] = (3, 5)  # least and greatest number of surfaces
+    disparities: Range = (-1.0, 1.0)  # in pixels per view step
     slant: float = 0.0
     """Greatest change of disparity per pixel along each axis; surfaces may then cross each other."""
-    pictures: tuple[str, ...] = ()
-    """Image files; with any, they are half of the textures."""
-    domes: float = 0.0
-    """Share of curved surfaces."""
-    bulge: Range = (-0.5, 0.5)
-    """Height of domes in pixels per view step."""
+    pictures: tuple[str, ...] = ()  # image files; with any, they are half of the textures
+    domes: float = 0.0  # share of curved surfaces
+    bulge: Range = (-0.5, 0.5)  # height of domes in pixels per view step
     glossy: float = 0.0
     mirror: float = 0.0
     glass: float = 0.0
-    emissive: float = 0.0
-    """Shares of the materials, together 1 at most; the rest is matte."""
-    translucent: float = 0.0
-    """Share of islands that the background shines through."""
-    opacity: Range = (0.3, 0.9)
-    """Of translucent islands."""
-    moving: float = 0.0
-    """Share of surfaces that move during the exposure."""
-    motion: Range = (-6.0, 6.0)
-    """Of moving surfaces, in pixels along each axis."""
+    emissive: float = 0.0  # shares of the materials, together 1 at most; the rest is matte
+    translucent: float = 0.0  # share of islands that the background shines through
+    opacity: Range = (0.3, 0.9)  # of translucent islands
+    moving: float = 0.0  # share of surfaces that move during the exposure
+    motion: Range = (-6.0, 6.0)  # of moving surfaces, in pixels along each axis
     sensor: RandomSensor = RandomSensor()
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 A shift is the same for all pixels of a view, so that it is carried out axis by axis. Four rows of the bitmap become one
 interpolated line, once for all views of a view row; four stretches of that line become a row of pixels of one view.
 With two samples per pixel, a pixel reads every other column of a line: even and odd columns are kept apart, so that
-every inner loop runs over neighbours in memory.
+every inner loop runs over neighbours in memory. The module holds compiled code of `views`, which alone uses it.
 Letters: `v u` view row and column, `c` channel, `y x` pixel, `h w` rows and columns of the bitmap in samples.
 """
 
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.functional.jit import compiled, inlined
-from lfref.simulator import lookups
-from lfref.simulator.lookups import Quadruple
+from lfref.simulator import bitmaps
+from lfref.simulator.bitmaps import Quadruple
 
-PAD = 4
-"""Pairs of columns, black, by which a line goes on beyond its bitmap on each side: a cubic reads up to two."""
+PAD = 2
+"""Pairs of columns, black, by which a line goes on beyond its bitmap on each side: a cubic reads that many."""
 
 Integers = NDArray[np.int64]
 Float32s = NDArray[np.float32]
@@ -27,27 +27,22 @@ Float32s = NDArray[np.float32]
 class TrimmedBitmap(NamedTuple):
     """A bitmap, and the part of each row that is not transparent."""
 
-    samples: Float32s
-    """Premultiplied colours, and opacity unless it is opaque all over; w is even, [3 or 4, h, w]."""
-    begins: Integers
-    """First column of each row that is not transparent, [h]."""
-    ends: Integers
-    """One past the last such column, [h]."""
+    samples: Float32s  # premultiplied colours, and opacity unless it is opaque all over; w is even, [3 or 4, h, w]
+    begins: Integers  # first column of each row that is not transparent, [h]
+    ends: Integers  # one past the last such column, [h]
 
 
 class ShiftTaps(NamedTuple):
     """Cubic look-ups of n pictures along one axis: pixel 0 reads four samples from `starts`, pixel x from `+ 2 x`."""
 
-    starts: Integers
-    """First of the four samples, [n]."""
-    weights: Float32s
-    """[n, 4]."""
+    starts: Integers  # first of the four samples, [n]
+    weights: Float32s  # [n, 4]
 
 
 def shift_taps(first: Tensor) -> ShiftTaps:
     """Look-ups along one axis from the position that pixel 0 of each picture reads, in samples, float64, [n]."""
     whole = first.floor()
-    weights = lookups.cubic_weights(first - whole).float()
+    weights = bitmaps.cubic_weights(first - whole).float()
     return ShiftTaps((whole.long() - 1).numpy(), weights.numpy())
 
 
@@ -103,40 +98,22 @@ def _interpolate_visible(bitmap: TrimmedBitmap, first: int, weights: Float32s, l
 @inlined
 def interpolate_rows(samples: Float32s, first: int, weights: Float32s, begin: int, end: int, lines: Float32s) -> None:
     """Four rows of a bitmap [C, h, w] from `first` on as one line per channel, from pair `begin` to before `end`."""
-    height = samples.shape[1]
+    last = samples.shape[1] - 1
     # Beyond its first and last row a bitmap is transparent: such rows get the weight 0 and any valid index.
-    w0, w1, w2, w3 = (
-        _weight_inside(weights, 0, first, height),
-        _weight_inside(weights, 1, first, height),
-        _weight_inside(weights, 2, first, height),
-        _weight_inside(weights, 3, first, height),
-    )
-    r0, r1, r2, r3 = (
-        min(max(first, 0), height - 1),
-        min(max(first + 1, 0), height - 1),
-        min(max(first + 2, 0), height - 1),
-        min(max(first + 3, 0), height - 1),
-    )
+    w0 = weights[0] if 0 <= first <= last else np.float32(0)
+    w1 = weights[1] if 0 <= first + 1 <= last else np.float32(0)
+    w2 = weights[2] if 0 <= first + 2 <= last else np.float32(0)
+    w3 = weights[3] if 0 <= first + 3 <= last else np.float32(0)
+    r0, r1 = min(max(first, 0), last), min(max(first + 1, 0), last)
+    r2, r3 = min(max(first + 2, 0), last), min(max(first + 3, 0), last)
     for c in range(samples.shape[0]):
         rows, line = samples[c], lines[c]
-        # Lines are reused: two black pairs on each side erase what a cubic might still read of the last one.
-        line[:, PAD + begin - 2 : PAD + begin] = 0
-        line[:, PAD + end : PAD + end + 2] = 0
+        # Lines are reused: black pairs on each side erase what a cubic might still read of the last one.
+        line[:, begin : PAD + begin] = 0
+        line[:, PAD + end : PAD + end + PAD] = 0
         span = slice(2 * begin, 2 * end)
-        _mix_rows(
-            rows[r0, span],
-            rows[r1, span],
-            rows[r2, span],
-            rows[r3, span],
-            (w0, w1, w2, w3),
-            line[0, PAD + begin : PAD + end],
-            line[1, PAD + begin : PAD + end],
-        )
-
-
-@inlined
-def _weight_inside(weights: Float32s, tap: int, first: int, height: int) -> np.float32:
-    return weights[tap] if 0 <= first + tap < height else np.float32(0)
+        even, odd = line[0, PAD + begin : PAD + end], line[1, PAD + begin : PAD + end]
+        _mix_rows(rows[r0, span], rows[r1, span], rows[r2, span], rows[r3, span], (w0, w1, w2, w3), even, odd)
 
 
 @compiled
@@ -167,14 +144,9 @@ def _tap_values(line: Float32s, start: int, tap: int, left: int, right: int) -> 
 @inlined
 def read_shifted(line: Float32s, start: int, weights: Float32s, left: int, right: int, row: Float32s) -> None:
     """Fill the pixels from `left` to before `right` of a row from a shifted line."""
-    _mix(
-        _tap_values(line, start, 0, left, right),
-        _tap_values(line, start, 1, left, right),
-        _tap_values(line, start, 2, left, right),
-        _tap_values(line, start, 3, left, right),
-        weights,
-        row[left:right],
-    )
+    s0, s1 = _tap_values(line, start, 0, left, right), _tap_values(line, start, 1, left, right)
+    s2, s3 = _tap_values(line, start, 2, left, right), _tap_values(line, start, 3, left, right)
+    _mix(s0, s1, s2, s3, weights, row[left:right])
 
 
 @inlined
@@ -219,6 +191,6 @@ def _blend(colour: Float32s, opacity: Float32s, behind: Float32s) -> None:
 
 @inlined
 def clipped_colour(colour: np.float32, opacity: np.float32) -> np.float32:
-    """A premultiplied colour without the overshoot of a cubic, as in `lookups.clip_premultiplied`."""
+    """A premultiplied colour without the overshoot of a cubic, as in `bitmaps.clip_premultiplied`."""
     zero = np.float32(0)
     return max(colour, zero) / max(opacity, np.float32(1)) if opacity > zero else zero

@@ -4,23 +4,26 @@
                             -> truth of a lens with the whole aperture
                             -> disparity, picture and masks of the central view
 
+A truth is linear and has none of a sensor's effects. To be compared with views, or learned from, it is `developed`:
+it takes on what sensor and software do to every sample alike. Defects of the views (noise, mosaic, quantisation,
+vignetting, crosstalk, aberrations, misalignment) stay with the views.
 Letters: `V U` view rows and columns, `N` planes, `K` surfaces.
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
+from lfref.lightfield import LightField
 from lfref.simulator import painting, planner, truth, views
-from lfref.simulator.effects.sensor import sensor_passes
+from lfref.simulator.effects.sensor import Sensor, effect_chain, recorded, sensor_passes
 from lfref.simulator.layers import Layer
 from lfref.simulator.planner import Outcome, Pass
 from lfref.simulator.scene import Scene
@@ -28,6 +31,8 @@ from lfref.simulator.scene import Scene
 PAPER = geometry.planes_at_alphas(step / 8 for step in range(1, 17))
 """The planes of the paper's stacks."""
 OUTPUTS = ("views", "truth", "disparity", "all_in_focus", "masks")
+SHARED_EFFECTS = ("exposure", "clipping", "white_balance", "tone_curve")
+"""Effects that treat all samples of a colour alike: a truth is developed by them."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,9 +70,8 @@ class Simulation:
         self, scene: Scene, reach: float = 0.0, force: bool = False, device: str | torch.device = "cpu"
     ) -> None:
         self.scene, self.reach, self.force, self.device = scene, reach, force, device
-        self._samples = scene.camera.samples
         # A camera with several samples per pixel is rendered with pixels as small as its samples.
-        self._fine_scene = finer(scene, self._samples)
+        self._fine_scene = finer(scene, scene.camera.samples)
         self._layers: list[Layer] | None = None
 
     def run(
@@ -87,28 +91,30 @@ class Simulation:
 
     def _passes(self, planes: Tensor) -> list[Pass]:
         """All passes, whatever the outputs."""
-        scene, n_surfaces = self.scene, len(self.scene.surfaces)
+        scene, camera, n_samples = self.scene, self._fine_scene.camera, self.scene.camera.samples
+
+        def render(name: str, makes: str, function: Callable[..., Tensor], *options: Any) -> Pass:
+            def run(layers: list[Layer]) -> Tensor:
+                result = function(layers, camera, *options)
+                if n_samples > 1:
+                    result = nearest(result, n_samples) if makes == "disparity" else averaged(result, n_samples)
+                return result
+
+            return Pass(name, ("layers",), makes, run)
+
         if self._layers is None:
-            passes = painting.passes(self._fine_scene, self.device, self._samples * self.reach, self.force)
+            passes = painting.passes(self._fine_scene, self.device, n_samples * self.reach, self.force)
         else:
             passes = [Pass("take what is painted", (), "layers", lambda: self._layers)]
-        for name, makes, render in (
-            ("view", "radiance", views.views),
-            ("photograph", "truth", functools.partial(truth.stack, slopes=self._samples * planes)),
-            ("look through a pinhole", "all_in_focus", views.all_in_focus),
-            ("find disparity", "disparity", views.disparity),
-            ("find masks", "masks", functools.partial(views.masks, n_surfaces=n_surfaces)),
-        ):
-            reduce = nearest if makes == "disparity" else averaged
-            passes.append(Pass(name, ("layers",), makes, functools.partial(self._render, render, reduce)))
-        return [*passes, *sensor_passes(scene.sensor, scene.camera.grid, scene.seed)]
-
-    def _render(
-        self, render: Callable[..., Tensor], reduce: Callable[[Tensor, int], Tensor], layers: list[Layer]
-    ) -> Tensor:
-        """An output at the camera's samples, reduced to its pixels."""
-        result = render(layers, camera=self._fine_scene.camera)
-        return result if self._samples == 1 else reduce(result, self._samples)
+        return [
+            *passes,
+            render("view", "radiance", views.views),
+            render("photograph", "truth", truth.stack, n_samples * planes),
+            render("look through a pinhole", "all_in_focus", views.all_in_focus),
+            render("find disparity", "disparity", views.disparity),
+            render("find masks", "masks", views.masks, len(scene.surfaces)),
+            *sensor_passes(scene.sensor, scene.camera.grid, scene.seed),
+        ]
 
 
 def simulate(
@@ -160,12 +166,8 @@ def finer(scene: Scene, factor: int) -> Scene:
     smaller pixels. The mean over `factor` by `factor` pixels of one picture is a pixel of the other, where slopes are
     `factor` times larger.
 
-    Args:
-        scene: The scene.
-        factor: A divisor of the camera's `samples`.
-
     Raises:
-        InputError: The camera takes another number of samples.
+        InputError: `factor` does not divide the camera's `samples`.
 
     Example:
         >>> from lfref.simulator import sim30
@@ -186,40 +188,47 @@ def finer(scene: Scene, factor: int) -> Scene:
 
 def _enlarged(part: Any, factor: int) -> Any:
     """A part of a scene with its own `lengths` multiplied, and those of its parts."""
+
+    def multiplied(lengths: Any) -> Any:
+        return tuple(map(multiplied, lengths)) if isinstance(lengths, tuple) else factor * lengths
+
     changes: dict[str, Any] = {}
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
         if field.name in part.lengths:
-            changes[field.name] = _multiplied(value, factor)
+            changes[field.name] = multiplied(value)
         elif hasattr(value, "lengths"):
             changes[field.name] = _enlarged(value, factor)
     return dataclasses.replace(part, **changes)
 
 
-def _multiplied(lengths: Any, factor: int) -> Any:
-    """A length, or lengths in nested tuples, multiplied."""
-    if isinstance(lengths, tuple):
-        return tuple(_multiplied(length, factor) for length in lengths)
-    return factor * lengths
-
-
 def nearest(disparity: Tensor, factor: int) -> Tensor:
-    """Greatest disparity in squares of `factor` x `factor` pixels, per view step of a square's side.
-
-    Args:
-        disparity: [H, W], multiples of the factor.
-        factor: Side of a square.
-    """
+    """Greatest disparity [H, W] in squares of `factor` x `factor` pixels, per view step of a square's side."""
     return F.max_pool2d(disparity[None], factor)[0] / factor
 
 
 def averaged(pictures: Tensor, factor: int) -> Tensor:
-    """Means over squares of `factor` x `factor` pixels.
-
-    Args:
-        pictures: [..., H, W], multiples of the factor.
-        factor: Side of a square.
-    """
+    """Means of pictures [..., H, W] over squares of `factor` x `factor` pixels."""
     flat = pictures.reshape(1, -1, *pictures.shape[-2:])
     means = F.avg_pool2d(flat, factor)
     return means.reshape(*pictures.shape[:-2], *means.shape[-2:])
+
+
+def developed(pictures: Tensor, sensor: Sensor) -> Tensor:
+    """Linear pictures [..., 3, H, W] as a sensor would have recorded them without its defects, clipped if it clips."""
+    for name, effect in effect_chain(sensor).items():
+        if name in SHARED_EFFECTS:
+            pictures = effect.apply(pictures, Generator())  # none of these draws random numbers
+    return pictures
+
+
+def white_picture(scene: Scene, light: LightField) -> LightField:
+    """The picture of a white scene by which a camera is calibrated: it shows the vignetting of every view.
+
+    Args:
+        scene: The scene whose sensor records it, with noise of its own.
+        light: Views of the scene; the picture has their shape, in linear light.
+    """
+    # White of radiance 0.8: below 1, so that noise is not clipped.
+    views = recorded(torch.full_like(light.views, 0.8), scene.sensor, scene.seed + 1)
+    return LightField(scene.sensor.encoding.decode(views))

@@ -20,30 +20,24 @@ from lfref.simulator import checks
 STEEPEST = 0.5
 """Greatest |gradient of d| times half the aperture. Below 1 every ray meets a surface once; half of that leaves
 Newton's method a margin."""
-NEWTON_STEPS = 12
-CONVERGED = 1e-8
-"""Newton's method stops when no disparity changes by more, in pixels per view step."""
 
 
 class Form(NamedTuple):
     """Parameters of all surfaces: d = disparity + a X + b Y + bulge (1 - r^2 / radius^2)^2 within the radius."""
 
-    disparity: float
-    """At the centre, without the bump."""
+    disparity: float  # at the centre, without the bump
     a: float = 0.0
     b: float = 0.0
     bulge: float = 0.0
     radius: float = 1.0
-    centre_x: float = 0.0
-    """X of the top of the bump."""
+    centre_x: float = 0.0  # X of the top of the bump
     centre_y: float = 0.0
 
 
 class Geometry(abc.ABC):
     """Place of a surface in space."""
 
-    lengths: ClassVar[tuple[str, ...]]
-    """Fields in pixels or in pixels per view step."""
+    lengths: ClassVar[tuple[str, ...]]  # fields in pixels or in pixels per view step
 
     @property
     @abc.abstractmethod
@@ -79,14 +73,15 @@ class Geometry(abc.ABC):
         if not form.bulge:
             # A plane: D (1 + a p + b q) = d(x, y).
             return disparity / (1 + form.a * p + form.b * q)
-        # A dome: Newton's method on D - d(x - D p, y - D q), whose derivative is 1 + d_X p + d_Y q.
+        # A dome: Newton's method on D - d(x - D p, y - D q), whose derivative is 1 + d_X p + d_Y q. STEEPEST keeps it
+        # between 1/2 and 3/2, so that a few steps suffice.
         disparity = disparity + torch.zeros_like(p + q)
-        for _ in range(NEWTON_STEPS):
+        for _ in range(12):
             at_x, at_y = x - disparity * p, y - disparity * q
             slope_x, slope_y = self.gradient_at(at_x, at_y)
             step = (disparity - self.disparity_at(at_x, at_y)) / (1 + slope_x * p + slope_y * q)
             disparity = disparity - step
-            if float(step.abs().max()) < CONVERGED:
+            if float(step.abs().max()) < 1e-8:
                 break
         return disparity
 
@@ -118,8 +113,7 @@ class Plane(Geometry):
     """A plane: d(X, Y) = disparity + a X + b Y."""
 
     lengths = ("disparity",)
-    disparity: float
-    """At the centre, in pixels per view step."""
+    disparity: float  # at the centre, in pixels per view step
     gradient: tuple[float, float] = (0.0, 0.0)
     """(a, b): change of disparity per pixel to the right, and per pixel down."""
 
@@ -139,14 +133,10 @@ class Dome(Geometry):
     """A round bump on a plane that faces the camera: d = disparity + bulge (1 - r^2 / radius^2)^2 within the radius."""
 
     lengths = ("disparity", "bulge", "radius", "centre")
-    disparity: float
-    """Of the plane, in pixels per view step."""
-    bulge: float
-    """Disparity that the top adds, in pixels per view step; below 0 it is a hollow."""
-    radius: float
-    """In pixels of the central view."""
-    centre: tuple[float, float] = (0.0, 0.0)
-    """(X, Y) of the top."""
+    disparity: float  # of the plane, in pixels per view step
+    bulge: float  # disparity that the top adds, in pixels per view step; below 0 it is a hollow
+    radius: float  # in pixels of the central view
+    centre: tuple[float, float] = (0.0, 0.0)  # (X, Y) of the top
 
     def __post_init__(self) -> None:
         checks.freeze(self)

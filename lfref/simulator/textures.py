@@ -20,15 +20,13 @@ from torch import Tensor
 from lfref.errors import InputError
 from lfref.io import images
 from lfref.simulator import checks
-from lfref.simulator.canvases import OVERSAMPLING, Canvas
+from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
 
 NYQUIST = 0.5
 """Cycles per pixel at which the spectra of all textures end."""
 HARMONICS = 0.35
 """Highest frequency of a wave's harmonics. At 1/sqrt 8 = 0.354 and below, the product of a checker's two waves, which
 reaches sqrt 2 times as far along a diagonal, still ends before Nyquist."""
-WAVE_SAMPLES = 4096
-"""Samples of a tabulated wave."""
 GREY = (0.5, 0.5, 0.5)
 
 Colour = tuple[float, float, float]
@@ -38,8 +36,7 @@ Colour = tuple[float, float, float]
 class Texture(abc.ABC):
     """Colours of a surface."""
 
-    lengths: ClassVar[tuple[str, ...]]
-    """Fields in pixels."""
+    lengths: ClassVar[tuple[str, ...]]  # fields in pixels
 
     @abc.abstractmethod
     def paint(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
@@ -67,16 +64,11 @@ class _Wave(Texture):
     """Two colours that alternate along one direction or two."""
 
     lengths = ("period",)
-    period: float
-    """In pixels."""
-    low: Colour = (0.2, 0.2, 0.2)
-    """First colour."""
-    high: Colour = (0.8, 0.8, 0.8)
-    """Second colour."""
-    angle: float = 0.0
-    """Direction of the wave in degrees, from x towards y."""
-    phase: float = 0.0
-    """In periods."""
+    period: float  # in pixels
+    low: Colour = (0.2, 0.2, 0.2)  # first colour
+    high: Colour = (0.8, 0.8, 0.8)  # second colour
+    angle: float = 0.0  # direction of the wave in degrees, from x towards y
+    phase: float = 0.0  # in periods
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -128,15 +120,16 @@ class Checker(_Wave):
 def _square_wave(cycles: Tensor, period: float) -> Tensor:
     """A band-limited square wave between -1 and 1, read from a table."""
     table = _wave_table(math.floor(HARMONICS * period))
-    position = (cycles - cycles.floor()) * WAVE_SAMPLES
-    below = position.long().clamp(max=WAVE_SAMPLES - 1)
+    n_samples = len(table) - 1
+    position = (cycles - cycles.floor()) * n_samples
+    below = position.long().clamp(max=n_samples - 1)
     return torch.lerp(table[below], table[below + 1], (position - below).to(table))
 
 
 @functools.lru_cache(maxsize=64)
 def _wave_table(n_harmonics: int) -> Tensor:
-    """One period of a square wave with Fejer's weights, and its first sample again, [WAVE_SAMPLES + 1]."""
-    phase = torch.linspace(0, 2 * torch.pi, WAVE_SAMPLES + 1, dtype=torch.float64)
+    """One period of a square wave with Fejer's weights, and its first sample again."""
+    phase = torch.linspace(0, 2 * torch.pi, 4097, dtype=torch.float64)
     wave = torch.zeros_like(phase)
     for n in range(1, n_harmonics + 1, 2):
         wave += (1 - n / (n_harmonics + 1)) * 4 / (torch.pi * n) * torch.sin(n * phase)
@@ -148,16 +141,11 @@ class Noise(Texture):
     """A random pattern of spectrum 1/f^exponent with soft or hard edges between two colours, and fine colour noise."""
 
     lengths = ()
-    colour: Colour = GREY
-    """Mean."""
-    contrast: Colour = (0.3, 0.3, 0.3)
-    """Amplitude of the pattern."""
-    exponent: float = 1.5
-    """Fall of the amplitude with frequency; larger is smoother."""
-    hardness: float = 0.2
-    """From 0, smooth, to 1, patches with edges."""
-    grain: float = 0.02
-    """Standard deviation of the colour noise."""
+    colour: Colour = GREY  # mean
+    contrast: Colour = (0.3, 0.3, 0.3)  # amplitude of the pattern
+    exponent: float = 1.5  # fall of the amplitude with frequency; larger is smoother
+    hardness: float = 0.2  # from 0, smooth, to 1, patches with edges
+    grain: float = 0.02  # standard deviation of the colour noise
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -181,10 +169,8 @@ class Picture(Texture):
     """An image file in the middle of the surface, mirrored again and again beyond its edges."""
 
     lengths = ("width",)
-    path: str
-    """PNG, EXR, TIFF or JPEG; grey or colour."""
-    width: float = 256.0
-    """In pixels of the central view."""
+    path: str  # PNG, EXR, TIFF or JPEG; grey or colour
+    width: float = 256.0  # in pixels of the central view
 
     def __post_init__(self) -> None:
         checks.numbers("a picture's width", [self.width], 4, 16384)

@@ -3,7 +3,8 @@
 One row of the picture after the other: for each cell, the layers are laid over one another from far to near in a row of
 radiance, which is added to the total with the cell's weight. Layers that every cell only shifts are read along whole
 rows, interpolated between two rows of samples once for all cells of a row of cells. The rays to others are followed one
-by one, with linear look-ups of blurred copies.
+by one, with linear look-ups of blurred copies. The module holds the compiled code of `truth`, which alone uses it:
+arrays and loops, nothing of PyTorch.
 A blurred layer's samples lie phase by phase: of `o` samples per pixel, sample m = o x + f is column x of phase f. A row
 of pixels then reads contiguous memory wherever it starts.
 Letters: `k` layer from far to near, `c` channel of premultiplied RGBA, `j i` row and column of cells, `y x` pixel,
@@ -15,53 +16,41 @@ from typing import NamedTuple
 import numpy as np
 
 from lfref.functional.jit import compiled, inlined
-from lfref.simulator import lookups, rays
-from lfref.simulator.lookups import Floats, Quadruple
+from lfref.simulator import bitmaps, rays
+from lfref.simulator.bitmaps import Floats, Quadruple
 from lfref.simulator.rays import Atlas, Bools, Float64s, Integers, RayLayers, RayRow
 
 
 class ApertureCells(NamedTuple):
     """Cells of the aperture through which a plane is seen."""
 
-    p: Float64s
-    """Columns of their centres in view steps, [I]."""
-    q: Float64s
-    """Rows of their centres, [J]."""
-    weights: Float64s
-    """Share of each, of sum 1, [J, I]."""
-    width: float
-    """Of one cell in view steps."""
-    slope: float
-    """Of the plane."""
+    p: Float64s  # columns of their centres in view steps, [I]
+    q: Float64s  # rows of their centres, [J]
+    weights: Float64s  # share of each, of sum 1, [J, I]
+    width: float  # of one cell in view steps
+    slope: float  # of the plane
 
 
 class BlurredLayers(NamedTuple):
     """Layers that every cell only shifts, from far to near."""
 
-    samples: Floats
-    """Premultiplied RGBA, blurred by a cell, [K, 4, rows, o, columns]."""
-    first: Integers
-    """First column of each row that is not transparent, [K, rows]."""
-    last: Integers
-    """One past the last such column, [K, rows]."""
+    samples: Floats  # premultiplied RGBA, blurred by a cell, [K, 4, rows, o, columns]
+    first: Integers  # first column of each row that is not transparent, [K, rows]
+    last: Integers  # one past the last such column, [K, rows]
 
 
 class CellPositions(NamedTuple):
-    """Position in samples where pixel 0 reads each shifted layer."""
+    """Position in samples where pixel 0 reads each shifted layer, at least 0."""
 
-    rows: Float64s
-    """Through each row of cells, >= 0, [K, J]."""
-    columns: Float64s
-    """Through each column of cells, >= 0, [K, I]."""
+    rows: Float64s  # through each row of cells, [K, J]
+    columns: Float64s  # through each column of cells, [K, I]
 
 
 class BlurTables(NamedTuple):
     """Blur of each traced layer as a function of its relative slope."""
 
-    levels: Float64s
-    """Blurred copy to read, counted from the layer's first one, with fractions, at even steps of |e|, [K, T]."""
-    steps: Float64s
-    """Steps per unit of |e|, [K]."""
+    levels: Float64s  # copy to read, counted from the layer's first one, with fractions, at even steps of |e|, [K, T]
+    steps: Float64s  # steps per unit of |e|, [K]
 
 
 class TracedLayers(NamedTuple):
@@ -70,34 +59,32 @@ class TracedLayers(NamedTuple):
     layers: RayLayers
     blurs: BlurTables
     atlas: Atlas
-    order: Integers
-    """All layers of the plane from far to near: index among the shifted ones, or -1 - index among the traced ones."""
-    crosses: Bools
-    """Pairs of layers that cross, [K, K]."""
+    order: Integers  # all layers from far to near: index among the shifted ones, or -1 - index among the traced ones
+    crosses: Bools  # pairs of layers that cross, [K, K]
 
 
 @compiled
 def composite_fixed(
-    shifted: BlurredLayers,
-    positions: CellPositions,
-    traced: TracedLayers,
-    cells: ApertureCells,
-    picture: Floats,
-    top: int,
-    end: int,
-) -> None:
+    shifted: BlurredLayers, positions: CellPositions, traced: TracedLayers, cells: ApertureCells, picture: Floats,
+    top: int, end: int,
+) -> None:  # fmt: skip
     """Fill the rows from `top` to before `end` of a picture [3, H, W], for layers in a fixed order from far to near."""
-    lines, spans = _allocate_lines(shifted)
+    n_layers, n_phases, n_columns = shifted.samples.shape[0], shifted.samples.shape[3], shifted.samples.shape[4]
+    lines = np.zeros((n_layers, 4, n_phases, n_columns), shifted.samples.dtype)
+    spans = np.zeros((n_layers, 2), np.int64)
     # The total is float64: thousands of cells are added up.
     radiance, total = np.zeros((3, picture.shape[2]), picture.dtype), np.zeros((3, picture.shape[2]))
     rgba, at = np.zeros((4, picture.shape[2]), picture.dtype), np.zeros((5, picture.shape[2]))
     for y in range(top, end):
         total[:] = 0
         for j in range(cells.q.size):
-            _interpolate_lines(shifted, positions, j, y, lines, spans)
+            # The row of each layer that these pixels read through row j of cells.
+            for k in range(n_layers):
+                _interpolate_line(shifted, k, positions.rows[k, j] + y * n_phases, lines[k], spans[k])
             for i in range(cells.p.size):
                 # Cells outside of a disc are shut.
                 if cells.weights[j, i] > 0:
+                    # From far to near, each layer dims what is behind it and adds its own light.
                     radiance[:] = 0
                     for k in traced.order:
                         if k >= 0:
@@ -156,6 +143,7 @@ def blur_layer(samples: Floats, down: Floats, across: Floats, result: Floats, fi
     row = np.zeros(samples.shape[2] + 2 * side + n_phases, samples.dtype)
     line = np.zeros((n_phases, row.size // n_phases), samples.dtype)
     for m in range(samples.shape[1]):
+        # Row by row: down the columns into `row`, its phases into `line`, then along the row into `result`.
         # A filtered row is visible where any row under the taps is, and `side` samples further.
         near = slice(max(m - half, 0), m + half + 1)
         begin, end = begins[near].min(), ends[near].max()
@@ -244,23 +232,6 @@ def _accumulate(weight: float, values: Floats, row: Floats) -> None:
     share = row.dtype.type(weight)
     for x in range(row.size):
         row[x] += share * values[x]
-
-
-@compiled
-def _allocate_lines(shifted: BlurredLayers) -> tuple[Floats, Integers]:
-    """Memory for a row of every layer, and for the columns where it is not transparent."""
-    n_layers, n_phases, n_columns = shifted.samples.shape[0], shifted.samples.shape[3], shifted.samples.shape[4]
-    lines = np.zeros((n_layers, 4, n_phases, n_columns), shifted.samples.dtype)
-    return lines, np.zeros((n_layers, 2), np.int64)
-
-
-@compiled
-def _interpolate_lines(
-    shifted: BlurredLayers, positions: CellPositions, j: int, y: int, lines: Floats, spans: Integers
-) -> None:
-    """The row of each layer that pixels of row y read through row j of cells."""
-    for k in range(len(lines)):
-        _interpolate_line(shifted, k, positions.rows[k, j] + y * lines.shape[2], lines[k], spans[k])
 
 
 @compiled
@@ -358,6 +329,7 @@ def _read_copies(
 ) -> None:  # fmt: skip
     """Read a layer between the two blurred copies that suit each pixel; copies start at bitmap `first`."""
     for x in range(begin, stop):
+        # |e| of this pixel -> place in the table -> level: copy n, and the share of the next wider one.
         step = abs(slope - at[2, x]) * steps
         below = min(int(step), levels.size - 2)
         level = levels[below] + (step - below) * (levels[below + 1] - levels[below])
@@ -379,4 +351,4 @@ def _read_linear(atlas: Atlas, n: int, at_x: float, at_y: float) -> Quadruple:
     """Bitmap n at the point (X, Y)."""
     frame = atlas.frames[n]
     i, j = rays.sample_position(frame, at_x, at_y)
-    return lookups.linear_sample(atlas.samples, frame[0], frame[1], frame[2], i, j)
+    return bitmaps.linear_sample(atlas.samples, frame[0], frame[1], frame[2], i, j)

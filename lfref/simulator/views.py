@@ -21,19 +21,13 @@ from torch import Tensor
 from lfref import geometry
 from lfref.functional import threads
 from lfref.functional.jit import compiled, inlined
-from lfref.simulator import lookups, rays, shifts
-from lfref.simulator.bitmaps import Bitmap
-from lfref.simulator.canvases import OVERSAMPLING, Canvas
+from lfref.simulator import bitmaps, rays, shifts
+from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Canvas, Floats
 from lfref.simulator.layers import Layer, as_rays, disparity_span, is_backdrop
-from lfref.simulator.lookups import Floats
 from lfref.simulator.rays import Atlas, AtlasEntry, Float64s, RayLayers, RayRow
 from lfref.simulator.scene import Camera
 from lfref.simulator.shifts import ShiftTaps
 
-BAND = 8
-"""Rows of all views that are finished before the next ones: 8 rows of 7 x 7 views stay in a core's second cache."""
-CUBIC_MARGIN = 1.5
-"""Pixels around a point that a cubic reads: two samples, and half a pixel for rounding."""
 MOSTLY_OPAQUE = 0.5
 """Opacity from which a surface is the one that a pixel shows."""
 
@@ -42,21 +36,13 @@ DrawRows = Callable[[int, int], None]
 
 
 def views(layers: Sequence[Layer], camera: Camera) -> Tensor:
-    """Pictures from all view points.
-
-    Args:
-        layers: From far to near.
-        camera: The grid and size of the views.
-
-    Returns:
-        Radiance, float32, [V, U, 3, H, W].
-    """
+    """Pictures of layers from all view points: radiance, float32, [V, U, 3, H, W]."""
     q, p = (geometry.angular_offsets(n_views) for n_views in camera.grid)
     return render(layers, camera, p, q)
 
 
 def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float = 0.0) -> Tensor:
-    """Pictures from a grid of aperture points.
+    """Pictures from a grid of aperture points: radiance, float32, [V, U, 3, H, W].
 
     Args:
         layers: From far to near, painted for a reach of |slope|.
@@ -64,9 +50,6 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
         p: Columns of the aperture points, in view steps from the centre, float64, [U].
         q: Rows of the aperture points, likewise, [V].
         slope: In pixels per view step, of the plane that is at the same place in all pictures; 0 for views.
-
-    Returns:
-        Radiance, float32, [V, U, 3, H, W].
     """
     if layers[0].device.type != "cpu":
         x, y = camera.pixels()
@@ -90,8 +73,10 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
             draw(top, end)
 
     height = camera.size[0]
+    # 8 rows of 7 x 7 views stay in a core's second cache until all layers are drawn.
+    bands = itertools.pairwise([*range(0, height, 8), height])
     # Plain threads, started for the call: unlike OpenMP's they work after a fork.
-    threads.share(draw_band, itertools.pairwise([*range(0, height, BAND), height]), torch.get_num_threads())
+    threads.share(draw_band, bands, torch.get_num_threads())
     return torch.from_numpy(picture)
 
 
@@ -118,16 +103,11 @@ def _shift_taps(
 class Viewpoints(NamedTuple):
     """A grid of aperture points, and the shifts of every bitmap of an atlas from there."""
 
-    p: Float64s
-    """Columns, [U]."""
-    q: Float64s
-    """Rows, [V]."""
-    slope: float
-    """Of the plane that the pictures are registered on."""
-    across: ShiftTaps
-    """Look-ups along rows, [N, U] and [N, U, 4]."""
-    down: ShiftTaps
-    """Look-ups along columns, [N, V] and [N, V, 4]."""
+    p: Float64s  # columns, [U]
+    q: Float64s  # rows, [V]
+    slope: float  # of the plane that the pictures are registered on
+    across: ShiftTaps  # look-ups along rows, [N, U] and [N, U, 4]
+    down: ShiftTaps  # look-ups along columns, [N, V] and [N, V, 4]
 
 
 def _traced_drawer(
@@ -135,7 +115,7 @@ def _traced_drawer(
 ) -> DrawRows:
     """Draws layers by following their rays, sorted at each pixel if there are several."""
     entries: list[AtlasEntry] = []
-    bitmaps, taps = [], []
+    indices, taps = [], []
 
     def add(bitmap: Bitmap, is_parallel: bool, disparity: float) -> int:
         # Shifts read a bitmap channel by channel, look-ups sample by sample.
@@ -147,10 +127,10 @@ def _traced_drawer(
     for layer in layers:
         shape, reflection = layer.surface.geometry, layer.reflection
         own = add(layer.bitmap, shape.is_parallel, shape.form.disparity)
-        bitmaps.append((own, add(reflection.picture, True, reflection.disparity) if reflection else -1))
+        indices.append((own, add(reflection.picture, True, reflection.disparity) if reflection else -1))
     spans = [disparity_span(camera, layer.surface.geometry, abs(slope)) for layer in layers]
-    boxes = [rays.visible_box(entries[own], CUBIC_MARGIN) for own, _ in bitmaps]
-    tables, atlas = rays.ray_layers(layers, spans, boxes, bitmaps), rays.atlas(entries)
+    boxes = [rays.visible_box(entries[own], reads=2) for own, _ in indices]
+    tables, atlas = rays.ray_layers(layers, spans, boxes, indices), rays.atlas(entries)
     across, down = (ShiftTaps(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*taps, strict=True))
     points = Viewpoints(p.numpy(), q.numpy(), slope, across, down)
     draw = draw_traced if len(layers) == 1 else draw_sorted
@@ -165,7 +145,8 @@ def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
     """
     at = np.empty((5, picture.shape[4]))
     rgba, mirrored = np.empty((2, 4, picture.shape[4]), picture.dtype)
-    lines = _allocate_lines(atlas)
+    # An interpolated line of every bitmap, even and odd columns apart, [N, 4, 2, columns / 2 + padding].
+    lines = np.zeros((len(atlas.frames), 4, 2, atlas.frames[:, 2].max() // 2 + 2 * shifts.PAD), atlas.samples.dtype)
     for y in range(top, end):
         for v in range(points.q.size):
             _interpolate_lines(layers, atlas, points, v, y, lines)
@@ -182,7 +163,7 @@ def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
     n_layers, width = len(layers.forms), picture.shape[4]
     at, order = np.zeros((n_layers, 5, width)), np.empty(n_layers, np.int64)
     rgba, mirrored = np.zeros((n_layers, 4, width), picture.dtype), np.empty((4, width), picture.dtype)
-    lines = _allocate_lines(atlas)
+    lines = np.zeros((len(atlas.frames), 4, 2, atlas.frames[:, 2].max() // 2 + 2 * shifts.PAD), atlas.samples.dtype)
     for y in range(top, end):
         for v in range(points.q.size):
             _interpolate_lines(layers, atlas, points, v, y, lines)
@@ -200,13 +181,6 @@ def _rays_of_row(points: Viewpoints, u: int, v: int, y: int, picture: Floats) ->
     p, q, slope = points.p[u], points.q[v], points.slope
     x, y = slope * p - (picture.shape[4] - 1) / 2, y + slope * q - (picture.shape[3] - 1) / 2
     return RayRow(p, q, x, y, slope, 0.0)
-
-
-@compiled
-def _allocate_lines(atlas: Atlas) -> Floats:
-    """Memory for an interpolated line of every bitmap, even and odd columns apart, [N, 4, 2, columns / 2 + padding]."""
-    columns = atlas.frames[:, 2].max()
-    return np.zeros((len(atlas.frames), 4, 2, columns // 2 + 2 * shifts.PAD), atlas.samples.dtype)
 
 
 @compiled
@@ -232,6 +206,7 @@ def _layer_row(
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:
         return 0, 0
+    # 1. Where the rays meet the surface, and the bitmap there: by lines if it faces the camera, else point by point.
     rays.intersect(layers, k, row, begin, stop, at)
     n, mirrored_n = layers.bitmaps[k, 0], layers.bitmaps[k, 1]
     if layers.is_parallel[k]:
@@ -240,10 +215,10 @@ def _layer_row(
         frame = atlas.frames[n]
         for x in range(begin, stop):
             i, j = rays.sample_position(frame, at[0, x], at[1, x])
-            rgba[0, x], rgba[1, x], rgba[2, x], rgba[3, x] = lookups.cubic_sample(
+            rgba[0, x], rgba[1, x], rgba[2, x], rgba[3, x] = bitmaps.cubic_sample(
                 atlas.samples, frame[0], frame[1], frame[2], i, j
             )
-    # Without the overshoot of the cubic, colours first: they depend on the opacity as it was read.
+    # 2. Without the overshoot of the cubic, colours first: they depend on the opacity as it was read.
     one, zero = rgba.dtype.type(1), rgba.dtype.type(0)
     if layers.is_backdrop[k]:
         rgba[3, begin:stop] = 1
@@ -252,6 +227,7 @@ def _layer_row(
             rgba[c, x] = shifts.clipped_colour(rgba[c, x], rgba[3, x])
     for x in range(begin, stop):
         rgba[3, x] = min(max(rgba[3, x], zero), one)
+    # 3. A highlight and a mirrored picture add light in proportion to the opacity.
     if layers.highlights[k, 3] > 0:
         rays.add_highlight(layers, k, row, begin, stop, at, rgba)
     if mirrored_n >= 0:
@@ -279,15 +255,7 @@ def _read_line(
 def radiance(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
     """Light that reaches pixels through aperture points, by PyTorch on any device; the reference of the loops above.
 
-    Args:
-        layers: From far to near.
-        p: Columns of the aperture points, in view steps from the centre, [M].
-        q: Rows of the aperture points, [M].
-        x: Columns of pixels from the picture's centre, of a shape that broadcasts with [M, H, W].
-        y: Rows of pixels, likewise.
-
-    Returns:
-        [M, 3, H, W], float32.
+    Arguments as for `Layer.rgba_at`, result [M, 3, H, W], float32.
     """
     rgba = [layer.rgba_at(p, q, x, y) for layer in layers]
     if any(layer.is_sorted for layer in layers):

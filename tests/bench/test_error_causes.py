@@ -14,13 +14,12 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
-from lfref.simulator.developed import developed
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.response import ToneCurve
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.simulate import simulate
+from lfref.simulator.simulate import developed, simulate
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Noise
 

@@ -22,13 +22,12 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.developed import developed
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.response import Exposure, ToneCurve
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.simulate import simulate
+from lfref.simulator.simulate import developed, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat, Noise
 from tests.captures import displaced

@@ -10,6 +10,7 @@ from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.effects import displacement
+from lfref.simulator.effects.displacement import Chromatic
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.simulate import simulate
 
@@ -42,7 +43,7 @@ def misaligned(name, moved):
 
 def dispersed(name, magnification, disparity):
     field = scene(name)
-    return dataclasses.replace(field, views=displacement.disperse(field.views, magnification, disparity))
+    return dataclasses.replace(field, views=Chromatic(magnification, disparity).apply(field.views, torch.Generator()))
 
 
 def stretched(name, ratio):

@@ -12,7 +12,6 @@ from lfref.io import read as reader
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import reduce_views
 from lfref.simulator import painting, sim30
-from lfref.simulator.developed import developed
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, ToneCurve
 from lfref.simulator.effects.sensor import Sensor
@@ -21,7 +20,7 @@ from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.scenes import RandomScenes
-from lfref.simulator.simulate import Simulation, simulate
+from lfref.simulator.simulate import Simulation, developed, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker
 

@@ -1,13 +1,15 @@
-"""Blurred copies: means of boxes, matched variance, no change of constants, no jump between widths."""
+"""Canvases cover boxes, look-ups reproduce polynomials, and blurred copies are boxes of matched variance."""
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lfref.functional import fourier
-from lfref.simulator import bitmaps, lookups
-from lfref.simulator.bitmaps import Bitmap
-from lfref.simulator.canvases import Canvas
+from lfref.functional.jit import compiled
+from lfref.simulator import bitmaps
+from lfref.simulator.bitmaps import Bitmap, Canvas
 from lfref.simulator.textures import Noise
 
 CANVAS = Canvas(-80, -80, 160, 160, (80, 80))
@@ -30,7 +32,7 @@ def read(bitmap, width, i, j):
     level = int(place)
     parts = []
     for n in (level, level + 1):
-        parts.append(lookups.linear_at(bitmap.blurred(n).movedim(-1, 0), i + bitmaps.margin(n), j + bitmaps.margin(n)))
+        parts.append(bitmaps.linear_at(bitmap.blurred(n).movedim(-1, 0), i + bitmaps.margin(n), j + bitmaps.margin(n)))
     return torch.lerp(parts[0], parts[1], place - level)
 
 
@@ -45,7 +47,7 @@ def scattered(n=41):
 def test_a_blur_is_a_box_of_that_width(width):
     bitmap = noise()
     i, j = scattered()
-    expected = lookups.cubic_at(box_blurred(bitmap, width).float(), i, j)
+    expected = bitmaps.cubic_at(box_blurred(bitmap, width).float(), i, j)
     error = (read(bitmap, width, i, j) - expected).square().mean()
     assert float(-10 * error.log10()) > 50
 
@@ -54,9 +56,9 @@ def test_the_sharpened_copy_undoes_what_linear_look_ups_blur_midway():
     bitmap = noise()
     i, j = scattered()
     i, j = i.floor() + 0.5, j.floor() + 0.5
-    exact = lookups.cubic_at(bitmap.samples, i, j)
+    exact = bitmaps.cubic_at(bitmap.samples, i, j)
     errors = [
-        (lookups.linear_at(bitmap.blurred(level).movedim(-1, 0), i + beyond, j + beyond) - exact).square().mean()
+        (bitmaps.linear_at(bitmap.blurred(level).movedim(-1, 0), i + beyond, j + beyond) - exact).square().mean()
         for level, beyond in ((0, 1), (1, 0))
     ]
     assert float(errors[0]) < 0.1 * float(errors[1])
@@ -78,10 +80,10 @@ def test_variances_are_those_of_the_copies():
     point = torch.zeros(1, 61, 60)
     point[:, 30, 30] = 1
     bitmap = Bitmap(Canvas(-30, -30, 60, 61, (30, 30)), point)
-    for level, variance in enumerate(bitmaps.variances()[:7]):
+    for level in range(7):
         spot = bitmap.blurred(level)[..., 0].sum(0).double()
         places = torch.arange(len(spot)) - 30 - bitmaps.margin(level)
-        assert float((spot * places**2).sum()) == pytest.approx(variance, abs=1e-5)
+        assert float((spot * places**2).sum()) == pytest.approx(bitmaps.variance(level), abs=1e-5)
 
 
 def test_levels_go_up_with_the_width_without_a_jump():
@@ -97,14 +99,90 @@ def test_a_constant_stays(width):
     torch.testing.assert_close(read(bitmap, width, i, j), torch.full((4, 41, 41), 0.7), atol=1e-6, rtol=0)
 
 
-@pytest.mark.parametrize("size", [3, 5, 11])
+def quadratic(i, j):
+    return 0.3 + 0.02 * i - 0.01 * j + 0.001 * i**2 - 0.002 * i * j + 0.0015 * j**2
+
+
+@given(st.floats(0, 1))
+def test_weights_add_up_to_one_and_reproduce_quadratics(t):
+    weights = bitmaps.cubic_weights(torch.tensor(t, dtype=torch.float64))
+    offsets = torch.tensor([-1.0, 0.0, 1.0, 2.0], dtype=torch.float64)
+    for power in range(3):
+        assert abs(float((weights * offsets**power).sum()) - t**power) < 1e-12
+
+
+def test_quadratics_are_read_exactly():
+    j, i = torch.meshgrid(torch.arange(20.0), torch.arange(24.0), indexing="ij")
+    at_i, at_j = torch.rand(2, 5, 6, 7, dtype=torch.float64) * 15 + 2
+    read = bitmaps.cubic_at(quadratic(i, j)[None], at_i, at_j)
+    torch.testing.assert_close(read[:, 0], quadratic(at_i, at_j).float(), atol=2e-6, rtol=0)
+
+
+def test_samples_are_read_as_they_are():
+    samples = torch.rand(4, 20, 24)
+    i, j = torch.arange(24.0, dtype=torch.float64)[None, None], torch.arange(20.0, dtype=torch.float64)[None, :, None]
+    assert torch.equal(bitmaps.cubic_on_grid(samples, i, j)[0], samples)
+
+
+def test_grids_are_read_as_points_are_within_and_beyond_the_bitmap():
+    samples = torch.rand(4, 20, 24)
+    i, j = torch.rand(3, 1, 30, dtype=torch.float64) * 40 - 8, torch.rand(3, 25, 1, dtype=torch.float64) * 40 - 8
+    points = bitmaps.cubic_at(samples, i.expand(3, 25, 30), j.expand(3, 25, 30))
+    torch.testing.assert_close(bitmaps.cubic_on_grid(samples, i, j), points, atol=1e-6, rtol=0)
+
+
+def test_far_beyond_its_ends_a_bitmap_goes_on():
+    samples = torch.rand(4, 20, 24)
+    far = torch.tensor([[[-1e6, 1e6]]], dtype=torch.float64)
+    read = bitmaps.cubic_on_grid(samples, far, far.mT)[0]
+    torch.testing.assert_close(read, samples[:, [0, -1]][..., [0, -1]])
+
+
+def test_legal_colours_are_positive_and_no_more_opaque_than_one():
+    rgba = torch.tensor([[0.5, 0.3], [-0.1, 0.2], [1.2, 0.0], [1.25, -0.1]])[None, :, None]
+    expected = torch.tensor([[0.4, 0.0], [0.0, 0.0], [0.96, 0.0], [1.0, 0.0]])[None, :, None]
+    torch.testing.assert_close(bitmaps.clip_premultiplied(rgba), expected)
+
+
+@compiled
+def read_linearly(samples, start, rows, columns, i, j, result):
+    for point in range(i.size):
+        found = bitmaps.linear_sample(samples, start, rows, columns, i[point], j[point])
+        result[0, point], result[1, point], result[2, point], result[3, point] = found
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_each_sample_is_the_mean_of_a_box(size, kind):
-    samples = np.random.default_rng(0).random((6, 8, 4)).astype(kind)
-    result = np.empty((6 + size - 1, 8 + size - 1, 4), kind)
-    bitmaps.box_mean(samples, size, result)
-    padded = np.pad(samples, ((size - 1,) * 2, (size - 1,) * 2, (0, 0)), mode="edge")
-    for row in range(result.shape[0]):
-        for column in range(result.shape[1]):
-            expected = padded[row : row + size, column : column + size].mean((0, 1))
-            np.testing.assert_allclose(result[row, column], expected, atol=1e-6)
+def test_linear_look_ups_go_on_beyond_the_ends(kind):
+    random = np.random.default_rng(0)
+    samples = random.random((7, 9, 4)).astype(kind)
+    i, j = random.uniform(-4, 14, (2, 200))
+    i[:3], j[:3] = (0, 8, 5), (6, 0, 2.5)
+    row = np.concatenate([np.full(5, np.nan, kind), samples.reshape(-1)])
+    result = np.empty((4, 200), kind)
+    read_linearly(row, 5, 7, 9, i, j, result)
+    places = torch.from_numpy(i)[None, None], torch.from_numpy(j)[None, None]
+    expected = bitmaps.linear_at(torch.from_numpy(samples).movedim(-1, 0), *places)[0, :, 0]
+    np.testing.assert_allclose(result, expected, atol=1e-6)
+    at_sample = samples[2, 5] / 2 + samples[3, 5] / 2
+    np.testing.assert_allclose(result[:, 2], at_sample, atol=1e-6)
+
+
+SIDE = st.floats(-500, 500)
+
+
+@given(SIDE, SIDE, st.floats(0, 300), st.floats(0, 300))
+def test_a_canvas_covers_its_box_in_half_pixels(left, top, width, height):
+    canvas = bitmaps.covering((left, top, left + width, top + height), (8, 8))
+    for axis, first, length in ((canvas.x, left, width), (canvas.y, top, height)):
+        assert float(axis[0]) <= first
+        assert float(axis[-1]) >= first + length
+        assert float(axis[-1] - axis[0]) <= length + 1.5
+        assert bool((axis * bitmaps.OVERSAMPLING == (axis * bitmaps.OVERSAMPLING).round()).all())
+    assert canvas.width % 2 == 0
+    assert (len(canvas.y), len(canvas.x)) == (canvas.height, canvas.width)
+
+
+@pytest.mark.parametrize(("length", "fast"), [(1, 2), (7, 8), (13, 16), (205, 216), (255.5, 256), (300, 300)])
+def test_lengths_are_rounded_up_to_quick_even_ones(length, fast):
+    assert bitmaps.fast_length(length) == fast
+    assert torch.fft.rfft(torch.zeros(fast)).numel() == fast // 2 + 1

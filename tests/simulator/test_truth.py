@@ -4,10 +4,13 @@ import math
 
 import pytest
 import torch
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
 
 from lfref.errors import InputError
+from lfref.functional import threads
 from lfref.functional.psnr import psnr
-from lfref.simulator import bitmaps, canvases, focal_planes, painting, truth, truth_cells, truth_loops, views
+from lfref.simulator import bitmaps, focal_planes, painting, truth, views
 from lfref.simulator.focal_planes import Cells
 from lfref.simulator.layers import Layer
 from lfref.simulator.materials import Glass, Glossy, Mirror
@@ -15,6 +18,8 @@ from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygo
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Noise
+from lfref.simulator.truth import CellRenderer
+from tests.simulator import drawing
 
 SLOPES = [-3.0, -1.0, 0.0, 0.5]
 WAVES = [(0.05, 0.02), (0.11, -0.17), (0.0, 0.3)]
@@ -76,7 +81,7 @@ def brute_force(layers: list[Layer], camera: Camera, slope: float, n: int = 64) 
 def waves(camera: Camera, disparity: float, matte: Outline = Full(), dtype: torch.dtype = torch.float32) -> Layer:  # noqa: B008
     """A layer of `WAVES`, painted without the textures' own filters."""
     height, width = (length / 2 + 60 for length in camera.size)
-    canvas = canvases.covering((-width, -height, width, height), (2, 2))
+    canvas = bitmaps.covering((-width, -height, width, height), (2, 2))
     colour = 0.5 + sum(0.15 * (math.tau * (fx * canvas.x + fy * canvas.y[:, None])).cos() for fx, fy in WAVES)
     samples = torch.stack([*[colour] * 3, torch.ones_like(colour)]) * matte.opacity(canvas.x, canvas.y)
     return Layer(Surface(Plane(disparity), Flat(), matte), bitmaps.Bitmap(canvas, samples.to(dtype)))
@@ -181,7 +186,7 @@ def test_blur_keeps_the_light_of_what_lies_in_the_middle(n_cells):
     camera = Camera(size=(80, 80), aperture="disc")
     layers = painting.paint(Scene(camera, (Surface(Plane(0.5), noise(0.4), Disc(9.0)),)), reach=4.0)
     light = truth.stack(layers, camera, [-4.0, -3.0, -1.0], n_cells=n_cells).sum((-2, -1))
-    painted_light = layers[0].bitmap.samples[:3].sum((-2, -1)) / canvases.OVERSAMPLING**2
+    painted_light = layers[0].bitmap.samples[:3].sum((-2, -1)) / bitmaps.OVERSAMPLING**2
     torch.testing.assert_close(light, painted_light.expand_as(light), atol=0, rtol=1e-4)
 
 
@@ -225,23 +230,15 @@ def one_layer(slope, aperture="square", grid=(7, 7), n_cells=9, matte=Full()):  
 @pytest.mark.parametrize("matte", [Full(), Disc(9.0, (14.0, -3.0))])
 def test_the_filter_of_a_single_layer_is_the_sum_of_all_cells(aperture, grid, slope, matte):
     plane = one_layer(slope, aperture, grid, matte=matte)
-    expected = truth_cells.CellRenderer([plane]).render(plane)
+    expected = CellRenderer([plane]).render(plane)
     torch.testing.assert_close(truth.filter_layer(plane), expected, atol=1e-6, rtol=0)
-    torch.testing.assert_close(truth_cells.render_eagerly(plane), expected, atol=1e-6, rtol=0)
+    torch.testing.assert_close(truth.render_eagerly(plane), expected, atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("aperture", ["square", "disc"])
 def test_more_cells_do_not_change_a_single_layer(aperture):
     few, many = (truth.filter_layer(one_layer(0.5, aperture, n_cells=n_cells)) for n_cells in (7, 40))
     assert psnr(few, many) > 55
-
-
-def test_a_filter_as_a_matrix_is_the_filter_of_the_loop():
-    taps, samples = torch.rand(5, dtype=torch.float64), torch.rand(3, 20, 24, dtype=torch.float64)
-    rows, columns = truth._filter_matrix(2, taps.numpy(), 6, 20), truth._filter_matrix(1, taps.numpy(), 8, 24)
-    picture = torch.zeros(3, 6, 8, dtype=torch.float64)
-    truth_loops.filter_at_pixels(samples.numpy(), taps.numpy(), taps.numpy(), 2, 1, 2, picture.numpy())
-    torch.testing.assert_close(rows @ samples @ columns.mT, picture)
 
 
 @pytest.mark.parametrize(
@@ -252,3 +249,35 @@ def test_what_cannot_be_photographed_is_refused(options, message):
     camera = Camera(size=(32, 32))
     with pytest.raises(InputError, match=message):
         truth.stack(painted("islands", camera), camera, **options)
+
+
+def planes(scene, slopes, n_cells=4):
+    layers = painting.paint(scene, reach=max(map(abs, slopes)))
+    return focal_planes.focal_planes(layers, scene.camera, slopes, n_cells)
+
+
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+@given(drawing.SCENES, st.floats(-3, 3))
+def test_any_valid_scene_is_rendered_alike(scene, slope):
+    (plane,) = planes(scene, [slope], n_cells=3)
+    assume(plane.layers)
+    picture = CellRenderer([plane]).render(plane)
+    assert bool(picture.isfinite().all())
+    torch.testing.assert_close(picture, truth.render_eagerly(plane), atol=2e-6, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_loops_render_as_pytorch_does(name):
+    both = planes(Scene(Camera((5, 7), (26, 30), "disc"), SCENES[name]), [-2.0, 0.1])
+    renderer = CellRenderer(both)
+    for plane in both:
+        expected = truth.render_eagerly(plane)
+        torch.testing.assert_close(renderer.render(plane), expected, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("name", ["islands", "crossing"])
+def test_threads_change_nothing(name, monkeypatch):
+    (plane,) = planes(Scene(Camera(size=(40, 50)), SCENES[name]), [-1.0])
+    expected = CellRenderer([plane]).render(plane)
+    monkeypatch.setattr(threads, "worthwhile", lambda size, worth_a_thread: 3)
+    assert torch.equal(CellRenderer([plane]).render(plane), expected)

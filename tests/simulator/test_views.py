@@ -98,19 +98,6 @@ def test_any_legal_scene_is_rendered_alike_by_the_quick_and_the_slow_way(scene):
     torch.testing.assert_close(pictures, slow, atol=1e-5, rtol=1e-5)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-def test_a_gpu_renders_the_same():
-    surfaces = (
-        Surface(Plane(-0.7), Noise()),
-        Surface(Plane(0.1, (0.01, 0.0)), Checker(8.0), Disc(12.0)),
-        Surface(Dome(0.3, 0.4, 20.0), Stripes(6.0), Disc(9.0, (9.0, 0.0))),
-    )
-    scene = Scene(CAMERA, surfaces)
-    there = views.views(painting.paint(scene, "cuda"), CAMERA)
-    assert there.is_cuda
-    torch.testing.assert_close(there.cpu(), drawing.painted_views(scene), atol=1e-5, rtol=0)
-
-
 UNEVEN = Camera((3, 4), (37, 45))
 SURFACES = (
     Surface(Plane(-1.2), Noise()),
@@ -124,12 +111,10 @@ def pictures_of(surfaces=SURFACES, camera=UNEVEN):
     return views.views(painting.paint(Scene(camera, tuple(surfaces))), camera)
 
 
-@pytest.mark.parametrize(("band", "n_threads"), [(1, 2), (5, 9), (100, 1)])
-def test_bands_and_threads_change_nothing(band, n_threads, monkeypatch):
+def test_threads_change_nothing(monkeypatch):
     expected = pictures_of()
-    monkeypatch.setattr(views, "BAND", band)
-    monkeypatch.setattr(torch, "get_num_threads", lambda: n_threads)
-    torch.testing.assert_close(pictures_of(), expected, atol=1e-6, rtol=0)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 9)
+    assert torch.equal(pictures_of(), expected)
 
 
 def test_a_surface_beyond_the_picture_adds_nothing():

@@ -10,10 +10,11 @@ import torch
 from torch import Generator, Tensor
 
 from lfref.simulator import checks
+from lfref.simulator.effects import Effect
 
 
 @dataclass(frozen=True)
-class Crosstalk:
+class Crosstalk(Effect):
     """Neighbouring views mix."""
 
     leak: float = 0.0

@@ -14,6 +14,7 @@ from torch import Generator, Tensor
 
 from lfref import geometry
 from lfref.simulator import checks
+from lfref.simulator.effects import Effect
 
 TAPS = range(-3, 5)
 """Samples around a position, counted from the one at or before it."""
@@ -22,32 +23,16 @@ Triple = tuple[float, ...]
 
 
 def weights(t: Tensor) -> Tensor:
-    """Lagrange's weights of the samples `TAPS`.
-
-    Args:
-        t: Positions from the sample at or before them, in [0, 1), [...].
-
-    Returns:
-        Weights of sum 1, [..., 8].
-    """
-    return torch.stack(
-        [
-            math.prod(((t - other) / (tap - other) for other in TAPS if other != tap), start=torch.ones_like(t))
-            for tap in TAPS
-        ],
-        -1,
-    )
+    """Lagrange's weights of the samples `TAPS`, [..., 8], for fractions t of a sample in [0, 1), [...]."""
+    one = torch.ones_like(t)
+    products = [math.prod(((t - other) / (tap - other) for other in TAPS if other != tap), start=one) for tap in TAPS]
+    return torch.stack(products, -1)
 
 
 def matrix(positions: Tensor, length: int) -> Tensor:
-    """The resampling of one axis as a matrix.
+    """The resampling of one axis as a matrix: weight of each of `length` samples at each position, [..., K, length].
 
-    Args:
-        positions: Points to read, in pixels from the centre, float64, [..., K].
-        length: Samples along the axis.
-
-    Returns:
-        Weight of every sample at every position, float64, [..., K, length].
+    Positions [..., K] are in pixels from the centre, float64 like the matrix.
     """
     index = (positions + (length - 1) / 2).clamp(0, length - 1)
     whole = index.floor()
@@ -57,22 +42,16 @@ def matrix(positions: Tensor, length: int) -> Tensor:
 
 
 def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Read pictures at other rows and columns.
+    """Views [V, U, C, H, W] read at other rows and columns, in pixels from the centre, float64, CPU.
 
-    Args:
-        views: Floating point, [V, U, C, H, W].
-        rows: In pixels from the centre, float64, CPU, [..., H] whose leading axes broadcast with [V, U, C].
-        columns: The same for columns, [..., W].
-
-    Returns:
-        Pictures of the same shape.
+    Rows are [..., H] and columns [..., W], their leading axes broadcast with [V, U, C].
     """
     height, width = views.shape[-2:]
     return matrix(rows, height).to(views) @ views @ matrix(columns, width).to(views).mT
 
 
 @dataclass(frozen=True)
-class Chromatic:
+class Chromatic(Effect):
     """Chromatic aberration: each colour has its own magnification (lateral) and its own focus (longitudinal).
 
     A focus of its own is a disparity that is added to that of every surface: L_c(x) = L(x - d_c p).
@@ -97,33 +76,23 @@ class Chromatic:
         return "a single view has no focus" if tuple(grid) == (1, 1) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """Magnify and shift every channel."""
-        return disperse(views, self.magnification, self.disparity)
-
-
-def disperse(views: Tensor, magnification: Triple, disparity: Triple) -> Tensor:
-    """Magnify and shift every channel on its own.
-
-    Args:
-        views: Radiance, [V, U, 3, H, W].
-        magnification: About the picture's centre, above 0, [3].
-        disparity: In pixels per view step, [3].
-    """
-    size, focus = (torch.tensor(values, dtype=torch.float64)[:, None] for values in (magnification, disparity))
-    # Position that each view and channel reads along each axis, [V or U, 3, H or W].
-    rows, columns = (
-        (geometry.angular_offsets(length) - focus * geometry.angular_offsets(n_views)[:, None, None]) / size
-        for n_views, length in zip(views.shape[:2], views.shape[-2:], strict=True)
-    )
-    return resample(views, rows[:, None], columns)
+        """Magnify and shift every channel of the views [V, U, 3, H, W]."""
+        size, focus = (
+            torch.tensor(value, dtype=torch.float64)[:, None] for value in (self.magnification, self.disparity)
+        )
+        # Position that each view and channel reads along each axis, [V or U, 3, H or W].
+        rows, columns = (
+            (geometry.angular_offsets(length) - focus * geometry.angular_offsets(n_views)[:, None, None]) / size
+            for n_views, length in zip(views.shape[:2], views.shape[-2:], strict=True)
+        )
+        return resample(views, rows[:, None], columns)
 
 
 @dataclass(frozen=True)
-class Misalignment:
+class Misalignment(Effect):
     """Misaligned views: a random shift for each view, normally distributed along both axes."""
 
-    sigma: float = 0.0
-    """Standard deviation along each axis in pixels, [0, 10]."""
+    sigma: float = 0.0  # standard deviation along each axis in pixels, [0, 10]
 
     def __post_init__(self) -> None:
         checks.numbers("a misalignment's sigma", [self.sigma], 0, 10)
@@ -139,12 +108,7 @@ class Misalignment:
 
 
 def shift(views: Tensor, shifts: Tensor) -> Tensor:
-    """Move every view on its own: L(x) -> L(x - dx).
-
-    Args:
-        views: Radiance, [V, U, C, H, W].
-        shifts: To the right and down in pixels, CPU, [V, U, 2].
-    """
+    """Move every view [V, U, C, H, W] on its own, L(x) -> L(x - dx), by (right, down) in pixels, CPU, [V, U, 2]."""
     dx, dy = shifts.double()[:, :, None, None].unbind(-1)
     height, width = views.shape[-2:]
     return resample(views, geometry.angular_offsets(height) - dy, geometry.angular_offsets(width) - dx)

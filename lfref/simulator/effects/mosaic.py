@@ -14,6 +14,7 @@ from torch import Generator, Tensor
 from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
+from lfref.simulator.effects import Effect
 
 PATTERNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "RGGB": ((0, 1), (1, 2)),
@@ -30,11 +31,10 @@ CORNERS = ((0, 0, -1.5, 0, 0), (0, 2, 0, 2, 0), (-1.5, 0, 6, 0, -1.5), (0, 2, 0,
 
 
 @dataclass(frozen=True)
-class Mosaic:
+class Mosaic(Effect):
     """One colour per pixel."""
 
-    pattern: str | None = "RGGB"
-    """A key of `PATTERNS`; None: three colours per pixel."""
+    pattern: str | None = "RGGB"  # A key of `PATTERNS`; None: three colours per pixel
 
     def __post_init__(self) -> None:
         if self.pattern is not None:
@@ -50,15 +50,10 @@ class Mosaic:
 
 
 @dataclass(frozen=True)
-class Demosaic:
+class Demosaic(Effect):
     """Three colours per pixel again. A sensor applies it by itself where it has a mosaic."""
 
-    pattern: str | None = "RGGB"
-    """That of the mosaic."""
-
-    def __post_init__(self) -> None:
-        if self.pattern is not None:
-            chosen("mosaic pattern", self.pattern, PATTERNS)
+    pattern: str | None = "RGGB"  # that of the mosaic, which has checked it
 
     def inert(self, grid: tuple[int, int]) -> str | None:
         """Inert without a mosaic."""
@@ -70,18 +65,7 @@ class Demosaic:
 
 
 def mosaicked(views: Tensor, pattern: str) -> Tensor:
-    """Keep one colour of every pixel.
-
-    Args:
-        views: Radiance, [..., 3, H, W], at least 3 x 3 pixels.
-        pattern: A key of `PATTERNS`.
-
-    Returns:
-        The samples, [..., 1, H, W].
-
-    Raises:
-        InputError: The views are too small.
-    """
+    """One colour of every pixel, [..., 1, H, W], of views [..., 3, H, W] of at least 3 x 3 pixels."""
     if min(views.shape[-2:]) < 3:
         size = "x".join(map(str, views.shape[-2:]))
         raise InputError("a mosaic needs views of at least 3x3 pixels", got=size)
@@ -93,15 +77,7 @@ def mosaicked(views: Tensor, pattern: str) -> Tensor:
 
 
 def demosaicked(raw: Tensor, pattern: str) -> Tensor:
-    """Interpolate the colours that a mosaic left out.
-
-    Args:
-        raw: Samples, [..., 1, H, W], at least 3 x 3 pixels.
-        pattern: Of the mosaic, a key of `PATTERNS`.
-
-    Returns:
-        Radiance, [..., 3, H, W].
-    """
+    """All colours, [..., 3, H, W], of the samples of a mosaic, [..., 1, H, W], at least 3 x 3 pixels."""
     # Mirrored about the outermost sample, the picture keeps the phase of the mosaic beyond its edge.
     pictures = F.pad(raw.reshape(-1, 1, *raw.shape[-2:]), (2, 2, 2, 2), mode="reflect")
     # On a GPU a float32 convolution may round its inputs to ten bits (TF32).

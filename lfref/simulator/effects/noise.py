@@ -9,16 +9,15 @@ import torch
 from torch import Generator, Tensor
 
 from lfref.simulator import checks
+from lfref.simulator.effects import Effect
 
 
 @dataclass(frozen=True)
-class Noise:
+class Noise(Effect):
     """Noise of the sensor's samples."""
 
-    shot: float = 0.0
-    """Variance a per unit of radiance, [0, 1]; 1 / a is the number of electrons at radiance 1."""
-    read: float = 0.0
-    """Variance b in the dark, [0, 1]."""
+    shot: float = 0.0  # variance a per unit of radiance, [0, 1]; 1 / a is the number of electrons at radiance 1
+    read: float = 0.0  # variance b in the dark, [0, 1]
 
     def __post_init__(self) -> None:
         checks.numbers("a noise's shot and read", [self.shot, self.read], 0, 1)
@@ -33,14 +32,7 @@ class Noise:
 
 
 def noisy(views: Tensor, shot: float, read: float, draws: Tensor) -> Tensor:
-    """Add noise to samples.
-
-    Args:
-        views: Radiance, any shape; samples below 0 have the noise of 0.
-        shot: Variance per unit of radiance.
-        read: Variance at radiance 0.
-        draws: Standard normal, of the views' shape.
-    """
+    """Radiance of any shape with noise from standard normal draws of its shape; samples below 0 have the noise of 0."""
     variance = views.clamp(min=0) * shot + read
     # The root has no finite gradient at 0: it is taken of at least 1e-20, and that root, 1e-10, taken off again.
     return views + draws * (variance.clamp(min=1e-20).sqrt() - 1e-20**0.5)

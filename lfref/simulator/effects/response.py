@@ -9,17 +9,14 @@ from torch import Generator, Tensor
 from lfref.encoding import CURVES, Encoding
 from lfref.errors import InputError, chosen
 from lfref.simulator import checks
-
-MOST_BITS = 20
-"""Of a sample: float32 holds 24, and scaling and rounding take some."""
+from lfref.simulator.effects import Effect
 
 
 @dataclass(frozen=True)
-class Exposure:
+class Exposure(Effect):
     """One gain for the whole light field."""
 
-    gain: float = 1.0
-    """Factor of all radiances, [0, 1e4]."""
+    gain: float = 1.0  # factor of all radiances, [0, 1e4]
 
     def __post_init__(self) -> None:
         checks.numbers("an exposure's gain", [self.gain], 0, 1e4)
@@ -34,13 +31,11 @@ class Exposure:
 
 
 @dataclass(frozen=True)
-class Clipping:
+class Clipping(Effect):
     """The range that samples are clamped to."""
 
-    low: float = 0.0
-    """Smallest value; -inf: none."""
-    high: float = 1.0
-    """Largest value; inf: none."""
+    low: float = 0.0  # smallest value; -inf: none
+    high: float = 1.0  # largest value; inf: none
 
     def __post_init__(self) -> None:
         are_numbers = all(isinstance(limit, int | float) for limit in (self.low, self.high))
@@ -57,16 +52,16 @@ class Clipping:
 
 
 @dataclass(frozen=True)
-class Quantisation:
+class Quantisation(Effect):
     """Samples rounded to the steps of an analogue-digital converter."""
 
-    bits: int | None = None
-    """2^bits values from 0 to 1, [1, 20]; None: no rounding."""
+    bits: int | None = None  # 2^bits values from 0 to 1, [1, 20]; None: no rounding
 
     def __post_init__(self) -> None:
+        # Float32 holds 24 bits, and scaling and rounding take some.
         is_whole = isinstance(self.bits, int) and not isinstance(self.bits, bool)
-        if self.bits is not None and not (is_whole and 1 <= self.bits <= MOST_BITS):
-            raise InputError(f"quantisation bits must be a whole number from 1 to {MOST_BITS}", got=repr(self.bits))
+        if self.bits is not None and not (is_whole and 1 <= self.bits <= 20):
+            raise InputError("quantisation bits must be a whole number from 1 to 20", got=repr(self.bits))
 
     def inert(self, grid: tuple[int, int]) -> str | None:
         """Inert without a number of bits."""
@@ -81,11 +76,10 @@ class Quantisation:
 
 
 @dataclass(frozen=True)
-class WhiteBalance:
+class WhiteBalance(Effect):
     """One gain for each colour."""
 
-    gains: tuple[float, ...] = (1.0, 1.0, 1.0)
-    """Factors of red, green and blue, [0, 1e4]."""
+    gains: tuple[float, ...] = (1.0, 1.0, 1.0)  # factors of red, green and blue, [0, 1e4]
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -101,13 +95,11 @@ class WhiteBalance:
 
 
 @dataclass(frozen=True)
-class ToneCurve:
+class ToneCurve(Effect):
     """The encoding of radiance for a screen."""
 
-    curve: str = "linear"
-    """A key of `lfref.encoding.CURVES`."""
-    gamma: float = 2.2
-    """Exponent of the curve `gamma`, [0.1, 10]."""
+    curve: str = "linear"  # A key of `lfref.encoding.CURVES`
+    gamma: float = 2.2  # exponent of the curve `gamma`, [0.1, 10]
 
     def __post_init__(self) -> None:
         chosen("tone curve", self.curve, CURVES)

@@ -1,19 +1,20 @@
 """A camera's optics and sensor as a chain of effects on views, in the order in which light meets them.
 
-An effect is a frozen dataclass of plain numbers, in a file of its own. To add one, write its class with `inert` and
-`apply`, and add a field to `Sensor` at its place in the chain.
+To add an effect, write its class with `inert` and `apply` in a file of this folder, and add a field to `Sensor` at its
+place in the chain. Scenes then set it by `sensor.NAME`.
 """
 
 import functools
 import math
 from dataclasses import dataclass
-from typing import Protocol, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 import numpy as np
 from torch import Generator, Tensor
 
 from lfref.encoding import LINEAR, Encoding
 from lfref.simulator import checks
+from lfref.simulator.effects import Effect
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.displacement import Chromatic, Misalignment
 from lfref.simulator.effects.mosaic import Demosaic, Mosaic
@@ -21,16 +22,6 @@ from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.planner import Pass
-
-
-class Effect(Protocol):
-    """What every effect can do."""
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The reason why it leaves views of so many rows and columns as they are; None if it may change them."""
-
-    def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """Views [V, U, C, H, W] with the effect. Random numbers are drawn on the CPU: the same on every device."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +73,7 @@ def effect_chain(sensor: Sensor) -> dict[str, Effect]:
 
 
 def sensor_passes(sensor: Sensor, grid: tuple[int, int], seed: int) -> list[Pass]:
-    """Passes of the planner from the result `radiance` to the result `views`, one for each effect.
-
-    Args:
-        sensor: The effects.
-        grid: View rows and columns.
-        seed: Of random effects.
-    """
+    """Passes of the planner from the result `radiance` to the result `views`, one for each effect."""
     passes, needs = [], "radiance"
     for name, effect in effect_chain(sensor).items():
         makes = f"views after {name}"
@@ -99,13 +84,7 @@ def sensor_passes(sensor: Sensor, grid: tuple[int, int], seed: int) -> list[Pass
 
 
 def recorded(radiance: Tensor, sensor: Sensor, seed: int) -> Tensor:
-    """Views as a sensor records them.
-
-    Args:
-        radiance: Views without any effect, [V, U, 3, H, W].
-        sensor: The effects.
-        seed: Of random effects.
-    """
+    """Views as a sensor records them, of views without any effect, [V, U, 3, H, W]."""
     grid = (radiance.shape[0], radiance.shape[1])
     for name, effect in effect_chain(sensor).items():
         if effect.inert(grid) is None:

@@ -14,14 +14,14 @@ from torch import Generator, Tensor
 
 from lfref import geometry
 from lfref.simulator import checks
+from lfref.simulator.effects import Effect
 
 
 @dataclass(frozen=True)
-class Vignetting:
+class Vignetting(Effect):
     """Falloff towards the corners, and a pupil that is clipped there."""
 
-    field: float = 0.0
-    """Tangent of the field angle at the picture's corner, [0, 10]; 0: no falloff."""
+    field: float = 0.0  # tangent of the field angle at the picture's corner, [0, 10]; 0: no falloff
     cats_eye: float = 0.0
     """Displacement of the rim at the picture's corner, in radii of the rim, [0, 2]; 0: no view is clipped."""
 
@@ -35,33 +35,23 @@ class Vignetting:
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Multiply by both gains."""
-        gain = falloff(views, self.field) * clipped_pupil(views, self.cats_eye)
-        return views * gain
+        return views * (falloff(views, self.field) * clipped_pupil(views, self.cats_eye))
 
 
 def falloff(views: Tensor, field: float) -> Tensor:
-    """cos^4 of the field angle at every pixel.
+    """cos^4 of the field angle at every pixel, a gain in (0, 1], [H, W].
 
-    Args:
-        views: [V, U, C, H, W]; only their shape, type and device count.
-        field: Tangent of the field angle at the corner.
-
-    Returns:
-        Gain in (0, 1], [H, W].
+    Of the views [V, U, C, H, W] only shape, type and device count; `field` is the tangent of the angle at the corner.
     """
     x, y = _pixels(views)
     return (1 + field**2 * (x**2 + y**2)) ** -2
 
 
 def clipped_pupil(views: Tensor, displacement: float) -> Tensor:
-    """Share of each view's cell that the rim lets through at every pixel.
+    """Share of each view's cell that the rim lets through at every pixel, a gain in [0, 1], [V, U, 1, H, W].
 
-    Args:
-        views: [V, U, C, H, W]; only their shape, type and device count.
-        displacement: Of the rim at the corner, in radii of the rim.
-
-    Returns:
-        Gain in [0, 1], [V, U, 1, H, W].
+    Of the views [V, U, C, H, W] only shape, type and device count; `displacement` is that of the rim at the corner, in
+    radii of the rim.
     """
     x, y = _pixels(views)
     grid = views.shape[:2]

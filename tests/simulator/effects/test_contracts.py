@@ -165,7 +165,6 @@ def test_demosaicing_makes_three_channels_of_one(effect, shape):
         (Exposure, {"gain": math.inf}, "gain must be finite"),
         (Exposure, {"gain": -1.0}, "gain .* at least 0"),
         (Mosaic, {"pattern": "RGBG"}, "mosaic pattern must be one of RGGB"),
-        (Demosaic, {"pattern": "RGBG"}, "mosaic pattern must be one of RGGB"),
         (Noise, {"shot": -1e-3}, "shot and read .* at least 0"),
         (Noise, {"read": math.nan}, "shot and read must be finite"),
         (Clipping, {"low": 1.0}, "low limit below its high one"),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lfref import geometry
 from lfref.functional import fourier
 from lfref.simulator.effects import displacement
-from lfref.simulator.effects.displacement import Chromatic, Misalignment, disperse
+from lfref.simulator.effects.displacement import Chromatic, Misalignment
 
 
 @given(t=st.floats(0, 1, exclude_max=True), degree=st.integers(0, 7))
@@ -67,14 +67,11 @@ def test_rows_and_columns_are_read_where_each_says():
     torch.testing.assert_close(one[1, ..., :-1, :], views[1, ..., 1:, :], atol=0, rtol=0)
 
 
-EQUAL, NONE = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
-
-
 def test_each_colours_radius_shrinks_by_its_magnification():
     y, x = geometry.angular_offsets(41)[:, None], geometry.angular_offsets(50)
     views = (x**2 + y**2).expand(2, 2, 3, 41, 50)
     sizes = (1.03, 1.0, 0.96)
-    made = disperse(views, sizes, NONE)
+    made = Chromatic(sizes).apply(views, torch.Generator())
     inner = (..., slice(6, -6), slice(6, -6))
     for channel, size in enumerate(sizes):
         torch.testing.assert_close(made[:, :, channel][inner], views[:, :, channel][inner] / size**2)
@@ -88,7 +85,8 @@ def test_each_colours_disparity_is_added_to_the_surfaces():
     def slanted(d):
         return (x - d * p) + 2 * (y - d * q)
 
-    made = disperse(slanted(disparity)[:, :, None].expand(2, 3, 3, 30, 31), EQUAL, more)
+    views = slanted(disparity)[:, :, None].expand(2, 3, 3, 30, 31)
+    made = Chromatic(disparity=more).apply(views, torch.Generator())
     for channel, extra in enumerate(more):
         expected = slanted(disparity + extra)
         torch.testing.assert_close(made[:, :, channel, 5:-5, 5:-5], expected[..., 5:-5, 5:-5])
