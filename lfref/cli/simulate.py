@@ -53,8 +53,8 @@ def _outputs(config: DictConfig) -> list[str]:
 
 
 def _suffix(config: DictConfig) -> str:
-    if config.suffix not in write.VIEW_WRITERS:
-        known = " or ".join(map(repr, write.VIEW_WRITERS))
+    if config.suffix not in write.SUFFIXES:
+        known = " or ".join(map(repr, write.SUFFIXES))
         raise InputError(f"suffix must be {known}", got=repr(config.suffix))
     return str(config.suffix)
 

@@ -133,11 +133,7 @@ OPENERS: dict[bytes, Callable[[Path], AbstractContextManager[list[StoredArray]]]
 
 @contextmanager
 def open_arrays(path: Path) -> Iterator[list[StoredArray]]:
-    """The arrays of a file while it is open, none of them loaded.
-
-    Raises:
-        FileError: The file is missing, damaged or of another kind; in the body too, where arrays are loaded.
-    """
+    """The arrays of a file while it is open, none of them loaded; damage is a `FileError`, in the body too."""
     try:
         with atomic.file_errors(path, "read"):
             with path.open("rb") as file:
@@ -164,15 +160,7 @@ def holds_views(path: Path) -> bool:
 
 
 def decode_array(path: Path, options: ReadOptions) -> NDArray:
-    """The chosen views of an array file.
-
-    Returns:
-        Samples, uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W].
-
-    Raises:
-        FileError: The file is damaged, holds no such array, or values that are no radiances.
-        InputError: The axes do not fit or are ambiguous, or the window of views leaves the grid.
-    """
+    """The chosen views of an array file: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
     with open_arrays(path) as arrays:
         array = _chosen(arrays, options.variable, path)
         axes = options.axes or _likely_axes(array, path)
@@ -235,17 +223,7 @@ def _check(array: StoredArray, axes: str, path: Path) -> None:
 
 
 def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Path) -> NDArray:
-    """Views in our order of axes, without a copy, [V, U, C, H, W].
-
-    Args:
-        stored: The array, one axis a letter of `axes`.
-        axes: Letters as the module describes them.
-        shape: Rows and columns of views that are numbered through; None: a square.
-        path: Its file, for messages.
-
-    Raises:
-        InputError: Views that are numbered through do not make up the grid.
-    """
+    """Views in our order of axes, without a copy, [V, U, C, H, W]; `shape` is that of views numbered through."""
     if "n" in axes:
         at = axes.index("n")
         rows, columns = shape or (math.isqrt(stored.shape[at]),) * 2

@@ -9,7 +9,7 @@ import os
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from lfref.errors import FileError, LfrefError
@@ -30,15 +30,7 @@ REMEDIES = {
 
 @contextmanager
 def file_errors(path: Path, action: str) -> Iterator[None]:
-    """Turn an `OSError` of the body into a `FileError` that names the path.
-
-    Args:
-        path: The file or folder that the body works on.
-        action: What the body does, for the message "PATH cannot be ...": `read`, `written`.
-
-    Raises:
-        FileError: The operating system refused.
-    """
+    """Turn an `OSError` of the body into the `FileError` "PATH cannot be ACTION" (`read`, `written`)."""
     try:
         yield
     except LfrefError:
@@ -61,32 +53,18 @@ def _partial_name(path: Path) -> Path:
 
 
 def _flush(path: Path) -> None:
-    """Make the operating system put a file or folder on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _flush_folder(path: Path) -> None:
-    with suppress(OSError):  # not every file system can flush a folder
-        _flush(path)
+    """Make the operating system put a file or folder on the disk; not every file system can do it for a folder."""
+    with suppress(OSError) if path.is_dir() else nullcontext():
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Write a file under a temporary name, which replaces `path` only if the body succeeds.
-
-    Args:
-        path: The file to write; missing parent folders are created.
-
-    Yields:
-        A temporary path in the same folder, with the same suffix, which the body must write.
-
-    Raises:
-        FileError: The folder or the disk refuses.
-    """
+    """Write a file under a temporary name with the same suffix, which replaces `path` only if the body succeeds."""
     path = Path(path)
     partial = _partial_name(path)
     with file_errors(path, "written"):
@@ -99,15 +77,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
             partial.replace(path)
         finally:
             partial.unlink(missing_ok=True)
-        _flush_folder(path.parent)
+        _flush(path.parent)
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file, UTF-8, all of it or nothing.
-
-    Raises:
-        FileError: The folder or the disk refuses.
-    """
+    """Write a text file, UTF-8, all of it or nothing."""
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
@@ -116,14 +90,7 @@ def write_text(path: str | Path, text: str) -> None:
 def replacing_folder(path: str | Path) -> Iterator[Path]:
     """Fill a folder under a temporary name, which replaces `path` only if the body succeeds.
 
-    Args:
-        path: The folder to write; missing parent folders are created.
-
-    Yields:
-        A temporary folder beside it, empty, whose files the body must flush.
-
-    Raises:
-        FileError: The parent folder or the disk refuses, or `path` is a file.
+    The body must flush its files.
     """
     path = Path(path)
     partial, old = _partial_name(path), _partial_name(path)
@@ -134,7 +101,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
         try:
             partial.mkdir()
             yield partial
-            _flush_folder(partial)
+            _flush(partial)
             # A folder cannot be renamed onto a full one: the old one steps aside, and comes back if that fails.
             if path.exists():
                 path.rename(old)
@@ -147,4 +114,4 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
             shutil.rmtree(old, ignore_errors=True)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
-        _flush_folder(path.parent)
+        _flush(path.parent)

@@ -5,7 +5,8 @@ inside lfref is (v, u) of each camera in view steps from the angular centre, [V,
 
 A CSV file has a line a view under the header `row,column,v,u` or `view,v,u` (views row by row); a JSON file a list of
 such records, or an array [V, U, 2]. There v and u are positions along the rows and columns in any unit, and either
-direction: they are scaled so that the mean step between neighbouring views is 1.
+direction: they are scaled so that the mean step between neighbouring views is 1. Stands apart from `read`, which needs
+it only for uneven grids: it has file formats of its own.
 """
 
 import csv
@@ -32,27 +33,19 @@ NAMES = "names"
 
 
 def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_]) -> NDArray[np.float64] | None:
-    """Positions of a light field's cameras, in its stored order.
+    """Positions by the options `positions` and `spacing`, one of which is set; None on an even square grid.
 
     Args:
         path: The light field.
-        options: Of which `positions`, `spacing` and those that choose views count.
+        options: Those that choose views count too.
         present: Which of the chosen views exist, as stored, [V, U].
-
-    Returns:
-        Positions (v, u) from the angular centre, in view steps, [V, U, 2]; None on an even square grid.
-
-    Raises:
-        FileError: The file is missing, or holds no positions.
-        InputError: Both options are set, or one does not fit the light field.
     """
-    if options.positions is not None and options.spacing is not None:
+    if options.positions is None:
+        spacing = options.spacing or (1, 1)
+        return None if spacing == (1, 1) else even_positions(present.shape, spacing)
+    if options.spacing is not None:
         got, remedy = "both", "leave out reader.positions or reader.spacing"
         raise InputError("cameras stand at positions, or in even steps", got=got, remedy=remedy)
-    if options.spacing is not None:
-        return None if options.spacing == (1, 1) else even_positions(present.shape, options.spacing)
-    if options.positions is None:
-        return None
     if options.positions == NAMES:
         return normalised(view_folders.positions_in_names(path, options), present, f"the names in {path}")
     listed = read_positions(options.positions)
@@ -61,24 +54,13 @@ def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_
 
 
 def even_positions(shape: Sequence[int], spacing: Sequence[float] = (1.0, 1.0)) -> NDArray[np.float64]:
-    """Positions (v, u) of an even grid from its centre, [V, U, 2].
-
-    Args:
-        shape: Rows and columns of views.
-        spacing: View steps from row to row and from column to column.
-    """
+    """Positions (v, u) of an even grid of views from its centre, in view steps, [V, U, 2]."""
     rows, columns = ((np.arange(n) - (n - 1) / 2) * step for n, step in zip(shape, spacing, strict=True))
     return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
 
 
 def read_positions(path: str | Path) -> NDArray[np.float64]:
-    """The positions in a CSV or JSON file.
-
-    Returns:
-        Positions (v, u) as written, NaN for views that are left out, [V, U, 2].
-
-    Raises:
-        FileError: The file is missing, or no such table.
+    """The positions (v, u) in a CSV or JSON file as written, NaN for views that are left out, [V, U, 2].
 
     Example:
         >>> from lfref.io import atomic, cameras
@@ -135,18 +117,12 @@ def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: 
     """Positions in view steps from the angular centre.
 
     The nearest even grid sets the centre and the unit: its middle is 0, its mean step 1, and its signs turn positions
-    so that they grow with rows and columns.
+    so that they grow with rows and columns. Missing views get the positions of the even grid. None if all are even.
 
     Args:
         listed: Positions in any unit, NaN where unknown, [V, U, 2].
         present: Which views exist, [V, U].
         source: Origin of the positions, for messages.
-
-    Returns:
-        Positions (v, u); at missing views those of the even grid; [V, U, 2]. None if they are an even square grid.
-
-    Raises:
-        InputError: A view has no position, or positions do not grow along rows and columns.
     """
     if np.isnan(listed[present]).any():
         row, column = np.argwhere(present & np.isnan(listed).any(axis=2))[0]

@@ -39,39 +39,20 @@ def _numbered_parts(source: OpenImageIO.ImageInput, pattern: re.Pattern[str]) ->
 
 
 def holds_views(path: Path) -> bool:
-    """Whether an EXR file is a light field.
-
-    Raises:
-        FileError: The file cannot be read.
-    """
+    """Whether an EXR file is a light field."""
     with images.open_image(path) as source:
         return bool(_numbered_parts(source, VIEW))
 
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
-    """Write a light field, one part a view.
-
-    Args:
-        path: The `.exr` file to write.
-        views: Floating point; 2 or 4 channels: the last is a weight, [V, U, C, H, W].
-        bits: 32 (default) or 16 (half).
-
-    Raises:
-        InputError: NaN or infinity, a value beyond half, or another depth or channel count.
-        FileError: The folder or the disk refuses.
-    """
+    """Write views, floating point, [V, U, C, H, W], one part a view; 32 bits or 16 (half)."""
     cells = [(row, column) for row, column in np.ndindex(views.shape[:2])]
     parts = [images.Part(views[cell].transpose(1, 2, 0), _view_name(cell)) for cell in cells]
     images.write_parts(path, parts, bits)
 
 
 def decode_views(path: Path, options: ReadOptions) -> NDArray:
-    """The chosen views of a light field, float32, [V, U, C, H, W].
-
-    Raises:
-        FileError: The file cannot be read, a view is missing, or views differ in size.
-        InputError: The window of views leaves the grid.
-    """
+    """The chosen views of a light field, float32, [V, U, C, H, W]."""
     with images.open_image(path) as source:
         cells = {(row, column): part for (row, column), part in _numbered_parts(source, VIEW).items()}
         if not cells:
@@ -88,18 +69,7 @@ def decode_views(path: Path, options: ReadOptions) -> NDArray:
 
 
 def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None = None) -> None:
-    """Write a refocused stack, one part a plane.
-
-    Args:
-        path: The `.exr` file to write.
-        stack: Floating point, [N, C, H, W].
-        planes: The N planes.
-        bits: 32 (default) or 16 (half).
-
-    Raises:
-        InputError: NaN or infinity, a value beyond half, or another depth or channel count.
-        FileError: The folder or the disk refuses.
-    """
+    """Write a refocused stack, floating point, [N, C, H, W], one part a plane; 32 bits or 16 (half)."""
     parts = []
     for index, (picture, slope) in enumerate(zip(stack, planes.values, strict=True)):
         # As text: an EXR attribute that is a number keeps 24 bits of it.
@@ -111,11 +81,7 @@ def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | No
 
 
 def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
-    """A refocused stack, float32, [N, C, H, W], and its planes.
-
-    Raises:
-        FileError: The file cannot be read, a plane is missing or does not say its slope, or planes differ in size.
-    """
+    """A refocused stack, float32, [N, C, H, W], and its planes."""
     with images.open_image(path) as source:
         cells = {(0, index): part for (index,), part in _numbered_parts(source, PLANE).items()}
         if not cells:

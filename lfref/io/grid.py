@@ -49,9 +49,6 @@ def check_holes(grid: Grid[Source], name_of: Callable[[Cell], str], path: Path, 
         name_of: Name that the view at a cell should have.
         path: File or folder, for messages.
         allowed: Whether views may be missing; None: only if they seem to be on purpose.
-
-    Raises:
-        FileError: A view is missing.
     """
     rows, columns = grid.shape
     n_holes = rows * columns - len(grid.cells)
@@ -74,7 +71,9 @@ def gather(
     name_of: Callable[[Source], str],
     allocate: Allocator = np.zeros,
 ) -> NDArray:
-    """The views of a window in one array.
+    """The views of a window in one array, in the type of the files, [V, U, C, H, W].
+
+    A missing view holds the mean of the others, and then the last channel is a weight that is 0 there.
 
     Args:
         grid: The stored views.
@@ -82,13 +81,6 @@ def gather(
         load: Reads one view, [H, W, C].
         name_of: Name of a view, for messages.
         allocate: Allocates the array.
-
-    Returns:
-        Samples in the type of the files, [V, U, C, H, W]. A missing view holds the mean of the others, and then the
-        last channel is a weight that is 0 there.
-
-    Raises:
-        FileError: Two views differ in size, channels or type, or all of the window are missing.
     """
     shape = window[0].stop - window[0].start, window[1].stop - window[1].start
     present = {
@@ -107,9 +99,10 @@ def gather(
     gathered = allocate((*shape, n_channels + adds_weight, height, width), first.dtype)
     for cell, source in present.items():
         view = first if source is first_source else load(source)
-        if _kind(view) != _kind(first):
-            expected = f"{name_of(source)} must be {_kind(first)} as {name_of(first_source)}"
-            raise FileError(expected, got=_kind(view), remedy="all views of a light field must be alike")
+        if (view.shape, view.dtype) != (first.shape, first.dtype):
+            kinds = [f"{one.shape[0]}x{one.shape[1]}, {one.shape[2]} channels, {one.dtype}" for one in (first, view)]
+            expected = f"{name_of(source)} must be {kinds[0]} as {name_of(first_source)}"
+            raise FileError(expected, got=kinds[1], remedy="all views of a light field must be alike")
         gathered[cell][:n_channels] = view.transpose(2, 0, 1)
         if adds_weight:
             gathered[cell][-1] = 1 if view.dtype.kind == "f" else np.iinfo(view.dtype).max
@@ -120,8 +113,3 @@ def gather(
             if cell not in present:
                 gathered[cell][:-1] = np.rint(mean) if gathered.dtype.kind == "u" else mean
     return gathered
-
-
-def _kind(view: NDArray) -> str:
-    height, width, n_channels = view.shape
-    return f"{height}x{width}, {n_channels} channels, {view.dtype}"

@@ -81,11 +81,7 @@ TILE = 256
 
 
 def read_head(path: Path) -> bytes:
-    """The first 16 bytes of a file, which tell its format.
-
-    Raises:
-        FileError: The file is missing or cannot be read.
-    """
+    """The first 16 bytes of a file, which tell its format."""
     with atomic.file_errors(path, "read"), path.open("rb") as file:
         return file.read(16)
 
@@ -103,11 +99,7 @@ def described_head(head: bytes) -> str:
 
 @contextmanager
 def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
-    """Open an image file for decoding.
-
-    Raises:
-        FileError: The file is missing, empty, truncated, too large, or of a format that is not in `FORMATS`.
-    """
+    """Open an image file of `FORMATS` for decoding."""
     head = read_head(path)
     image_format = format_of_head(head)
     if image_format is None:
@@ -120,12 +112,14 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
             if PNG_END not in file.read():
                 raise _damaged(path, "a truncated PNG")
     lengths.check_length(path)
+    if path.as_posix() != printable(path.as_posix()):
+        raise FileError(f"{path} must have a name in UTF-8", remedy="rename it")
     OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
     hints = OpenImageIO.ImageSpec()
     # Otherwise alpha is multiplied into the colours of a PNG.
     hints.attribute("oiio:UnassociatedAlpha", 1)
     try:
-        source = OpenImageIO.ImageInput.open(_utf8(path), hints)
+        source = OpenImageIO.ImageInput.open(str(path), hints)
         if source is None:
             raise _damaged(path, OpenImageIO.geterror())
         try:
@@ -136,12 +130,6 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
         raise _damaged(path, "a damaged header") from error
 
 
-def _utf8(path: Path) -> str:
-    if path.as_posix() != printable(path.as_posix()):
-        raise FileError(f"{path} must have a name in UTF-8", remedy="rename it")
-    return str(path)
-
-
 def _damaged(path: Path, reason: str) -> FileError:
     remedy = "the file may be damaged: copy it again"
     if "exceeds the" in reason:
@@ -150,29 +138,13 @@ def _damaged(path: Path, reason: str) -> FileError:
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Height and width of an image file, from its header.
-
-    Raises:
-        FileError: As `open_image`.
-    """
+    """Height and width of an image file, from its header."""
     with open_image(path) as source:
         return source.spec().height, source.spec().width
 
 
 def read_part(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDArray:
-    """All samples of one part of an open file.
-
-    Args:
-        source: Reader from `open_image`.
-        path: Its file, for messages.
-        part: Index of the part, from 0.
-
-    Returns:
-        Samples, uint8, uint16 or float32, alpha not multiplied into the colours, [H, W, C] with C 1 to 4.
-
-    Raises:
-        FileError: The file is damaged, its samples are of another type, not finite, or of over 4 channels.
-    """
+    """Samples of a part of an open file: uint8, uint16 or float32, alpha not multiplied in, [H, W, C] with C 1 to 4."""
     spec = source.spec(part)
     kind = str(spec.format)
     if kind not in ARRAY_TYPES or not 1 <= spec.nchannels <= 4:
@@ -202,9 +174,6 @@ def read_image(path: str | Path) -> NDArray:
     Returns:
         Samples in the file's own type (uint8, uint16; float32 for half and float), alpha not multiplied into
         the colours, [H, W, C] with C 1 to 4.
-
-    Raises:
-        FileError: The file is missing, damaged, too large, of another format, or holds NaN or infinity.
     """
     with open_image(Path(path)) as source:
         return read_part(source, Path(path))
@@ -231,10 +200,6 @@ def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, qu
             which integer formats clip and round and floating-point formats keep; or uint8 or uint16.
         bits: 8, 16 or 32, as in `DEPTHS` (default: the first, but 16 for a uint16 array as PNG or TIFF).
         quality: Of a JPEG or AVIF, from 1 to 100.
-
-    Raises:
-        InputError: NaN or infinity, or a suffix, depth, shape or type that the format does not have.
-        FileError: The folder or the disk refuses, or another program wrote the file that is there.
     """
     path = Path(path)
     if bits is None and array.dtype == np.uint16 and path.suffix.lower() in (".png", ".tif"):
@@ -243,7 +208,7 @@ def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, qu
 
 
 def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, quality: int = QUALITY) -> None:
-    """Write a file of one or, for EXR, several parts; arguments and errors as `write_image`."""
+    """Write a file of one or, for EXR, several parts; `bits` and `quality` as `write_image`."""
     kind = sample_type(path, bits)
     if not (isinstance(quality, int) and 1 <= quality <= 100):
         raise InputError("quality must be a whole number from 1 to 100", got=repr(quality))
@@ -261,23 +226,17 @@ def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, qual
                 # The writer refuses arrays whose channels are not innermost.
                 samples = np.ascontiguousarray(quantised(part.samples, str(spec.format), path))
                 if not (is_open and output.write_image(samples)):
-                    raise _refused(path, output)
+                    is_open = False
+                    break
         finally:
-            is_closed = output.close()
-        if not is_closed:
-            raise _refused(path, output)
+            is_open = output.close() and is_open
+        if not is_open:
+            got, remedy = first_line(output.geterror()), "check the folder, its permissions and the disk"
+            raise FileError(f"{path} cannot be written", got=got, remedy=remedy)
 
 
 def sample_type(path: Path, bits: int | None) -> str:
-    """The sample type of a file to write.
-
-    Args:
-        path: The file, whose suffix is the format.
-        bits: Bits a sample; None is the default of the format.
-
-    Raises:
-        InputError: The suffix is not in `DEPTHS`, the format has no such depth, or this OpenImageIO cannot write it.
-    """
+    """The sample type of a file to write, by its suffix; without `bits` the default of the format."""
     suffix = path.suffix.lower()
     if suffix not in DEPTHS:
         raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
@@ -325,22 +284,8 @@ def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageS
     return spec
 
 
-def _refused(path: Path, output: OpenImageIO.ImageOutput) -> FileError:
-    remedy = "check the folder, its permissions and the disk"
-    return FileError(f"{path} cannot be written", got=first_line(output.geterror()), remedy=remedy)
-
-
 def quantised(samples: NDArray, kind: str, path: Path) -> NDArray:
-    """Samples as a file holds them.
-
-    Args:
-        samples: Floating point, any shape.
-        kind: `uint8` or `uint16`: clipped to [0, 1], scaled and rounded; `half` or `float`: rounded.
-        path: The file they are for, for messages.
-
-    Raises:
-        InputError: NaN or infinity, before or after rounding.
-    """
+    """Samples as a file holds them: `uint8` and `uint16` clipped to [0, 1], scaled and rounded, others rounded."""
     target = np.dtype(FILE_TYPES[kind])
     if not np.isfinite(samples).all():
         raise InputError(f"values for {path} must be finite", got="NaN or infinity", remedy="find out where it arose")
@@ -355,14 +300,7 @@ def quantised(samples: NDArray, kind: str, path: Path) -> NDArray:
 
 
 def to_float(array: NDArray) -> NDArray[np.float32]:
-    """Samples as contiguous float32: integers scaled to [0, 1], floats as they are, also beyond [0, 1].
-
-    Args:
-        array: uint8, uint16 or floating point, any shape.
-
-    Raises:
-        InputError: Another type.
-    """
+    """Samples as contiguous float32: uint8 and uint16 scaled to [0, 1], floats as they are, also beyond [0, 1]."""
     if array.dtype.kind != "f" and array.dtype not in (np.uint8, np.uint16):
         raise InputError("images must be uint8, uint16 or floating point", got=array.dtype, remedy="convert them")
     samples = np.ascontiguousarray(array, dtype=np.float32)
@@ -372,7 +310,7 @@ def to_float(array: NDArray) -> NDArray[np.float32]:
 
 
 def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
-    """Linear light of samples, contiguous; arguments and errors as `to_float`."""
+    """Linear light of samples (uint8, uint16 or floating point), contiguous."""
     if array.dtype not in (np.uint8, np.uint16) or encoding.curve == "linear":
         return encoding.decode(torch.from_numpy(to_float(array))).numpy()
     # A light field has millions of samples but few values: look them up.
@@ -386,5 +324,5 @@ def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
 
 
 def encoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
-    """Samples that stand for linear light; arguments and errors as `to_float`."""
+    """Samples that stand for linear light."""
     return encoding.encode(torch.from_numpy(to_float(array))).numpy()

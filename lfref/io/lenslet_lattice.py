@@ -1,6 +1,7 @@
 """The lattice of lenslets in front of a sensor, and views sampled from it between the pixels.
 
 A lattice tells where each lenslet stands in pixels of the lenslet image; sampling brings any lattice onto a square one.
+Both `lenslets`, which reads, and `lenslet_search`, which measures, need it.
 Letters: `V U` view rows and columns, `C` channels, `i j` row and column of a lenslet, `y x` of a pixel (whole numbers
 at the centres). Interpolation is cubic (Keys, "Cubic convolution interpolation for digital image processing", 1981).
 """
@@ -13,11 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn.functional import embedding_bag
 
-Pair = tuple[float, float]
-"""Of rows and columns, or (y, x) in pixels."""
-
-HEXAGONAL_ROWS = math.sqrt(3) / 2
-"""Distance of the rows of a hexagonal lattice, in distances between neighbours."""
+from lfref.io.options import Pair
 
 
 @dataclass(frozen=True)
@@ -66,14 +63,11 @@ class Lattice:
         return (row_y / down, row_x / down), (column_y / along, column_x / along)
 
     def within(self, size: tuple[int, int], reach: Pair) -> tuple[range, range]:
-        """A large block of lenslets that lie wholly in a picture.
+        """Rows and columns of a large block of lenslets that lie wholly in a picture; either may be empty.
 
         Args:
             size: Height and width of the picture, in pixels.
             reach: How far a lenslet extends from its centre along `y` and `x`, in pixels.
-
-        Returns:
-            Rows and columns of lenslets; either is empty where there is no room.
         """
         i, j = self.numbers_around(size)
         y, x = self.centres(i[:, None], j[None, :])
@@ -98,14 +92,7 @@ class Lattice:
 
 
 def upright(pitch: Pair, offset: Pair, rotation: float = 0.0, is_hexagonal: bool = False) -> Lattice:
-    """The lattice whose rows stand at a right angle to their succession.
-
-    Args:
-        pitch: Distance of rows, and of the lenslets of a row, in pixels, above 0.
-        offset: Centre (y, x) of one lenslet, in pixels.
-        rotation: Degrees by which rows are turned, above 0 where they fall to the right.
-        is_hexagonal: Whether every other row stands half a step further.
-    """
+    """The lattice of rows at a right angle to their succession; arguments as the properties of `Lattice`."""
     cosine, sine = math.cos(math.radians(rotation)), math.sin(math.radians(rotation))
     rows = pitch[0] * cosine, -pitch[0] * sine
     return Lattice(offset, rows, (pitch[1] * sine, pitch[1] * cosine), is_hexagonal)
@@ -117,7 +104,7 @@ ASPECT = 0.002
 
 
 def n_views(pitch: float) -> int:
-    """Views along an axis that fit in a lenslet of a pitch in pixels, at least 1.
+    """Views along an axis that fit in a lenslet of a pitch of at least 2 pixels.
 
     The pitch itself where it is whole: pixels are views then; else the largest odd number, whose middle view looks
     through the centres of the lenslets.
@@ -127,17 +114,9 @@ def n_views(pitch: float) -> int:
 
 
 def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window: tuple[slice, slice]) -> NDArray:
-    """The views of a lenslet image.
+    """The views of a window of all that a lenslet has: float32, one square pixel a lenslet, [V, U, C, H', W'].
 
-    Args:
-        image: Linear light, floating point, [H, W, C].
-        lattice: The lattice of its lenslets.
-        grid: Rows and columns of views that a lenslet has.
-        window: Rows and columns of views to sample.
-
-    Returns:
-        Views, float32, one pixel a lenslet; pixels are square, [V, U, C, H', W'], H' or W' 0 where no lenslet lies
-        wholly in the image.
+    H' or W' is 0 where no lenslet lies wholly in the image (linear light, [H, W, C]).
     """
     reach = (grid[0] - 1) / 2, (grid[1] - 1) / 2
     i, j = (np.array(numbers, dtype=int) for numbers in lattice.within(image.shape[:2], reach))
@@ -153,15 +132,12 @@ def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window
 
 
 def interpolate(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.float32]:
-    """Samples of a picture between its pixels.
+    """Samples of a picture between its pixels, [I, J, C].
 
     Args:
         padded: The picture with 1 pixel more above and on the left, 3 below and on the right, [H + 4, W + 4, C].
         y: Rows in the picture itself, in [0, H - 1] but for rounding, [I, J].
         x: Columns, in [0, W - 1] but for rounding, [I, J].
-
-    Returns:
-        Samples, [I, J, C].
     """
     (top, down), (left, right) = _split(y, padded.shape[0] - 4), _split(x, padded.shape[1] - 4)
     width = padded.shape[1]
@@ -197,15 +173,9 @@ def taps(t: NDArray) -> NDArray[np.float32]:
 
 
 def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray[np.float32]:
-    """Views with square pixels: rows of lenslets are resampled at the distance of the rows from each other.
+    """Views [..., I, J] of the lenslets in rows `i` with square pixels, [..., I, W'].
 
-    Args:
-        views: One sample a lenslet, [..., I, J].
-        lattice: The lattice of the lenslets.
-        i: Numbers of their rows, [I].
-
-    Returns:
-        Views, [..., I, W']; unchanged where pixels are square already and no row stands half a step further.
+    Each row is resampled at the distance of the rows from each other.
     """
     pitch = lattice.pitch
     if not lattice.is_hexagonal and abs(pitch[0] / pitch[1] - 1) < ASPECT:

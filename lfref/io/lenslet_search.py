@@ -44,18 +44,7 @@ REMEDY = "give a white image of the camera, or reader.pitch, reader.offset and r
 
 
 def lattice_of(white: NDArray, path: Path) -> Lattice:
-    """The lattice of the lenslets of a white image.
-
-    Args:
-        white: The image, linear light, floating point, [H, W].
-        path: Its file, for messages.
-
-    Returns:
-        The lattice; lenslet (0, 0) is the one in the middle of the image.
-
-    Raises:
-        FileError: The image shows no lattice, or one whose rows stand upright.
-    """
+    """The lattice of the lenslets of a white image, linear light, [H, W]; lenslet (0, 0) is in its middle."""
     lattice = find_lattice(white)
     if lattice is None:
         raise FileError(f"{path} must show lenslets in a regular lattice", got="none", remedy=REMEDY)
@@ -66,11 +55,7 @@ def lattice_of(white: NDArray, path: Path) -> Lattice:
 
 
 def find_lattice(image: NDArray) -> Lattice | None:
-    """The lattice of an image's lenslets, None if it shows none; lenslet (0, 0) is the one in the middle.
-
-    Args:
-        image: Of white, or of a scene if its lenslets are dark at their borders; floating point, [H, W].
-    """
+    """The lattice that an image [H, W] of white, or of lenslets dark at their borders, shows; None if it shows none."""
     rough = strongest_waves(image)
     waves = None if rough is None else _fit_phases(image, rough)
     if waves is None:
@@ -88,11 +73,7 @@ def find_lattice(image: NDArray) -> Lattice | None:
 
 
 def strongest_waves(white: NDArray) -> NDArray | None:
-    """Rough frequencies of the two waves of a white image's lattice, the lower one first, [2, 2]; None: no such two.
-
-    Args:
-        white: Floating point, [H, W].
-    """
+    """Rough frequencies of the two waves of a white image's lattice, the lower one first, [2, 2]; None: no such two."""
     # The middle, fading out towards its sides so that they make no waves of their own.
     height, width = (min(length, MIDDLE) for length in white.shape)
     top, left = (white.shape[0] - height) // 2, (white.shape[1] - width) // 2
@@ -168,10 +149,8 @@ def _fit_phases(white: NDArray, rough: NDArray) -> tuple[NDArray, NDArray] | Non
 def _fit_plane(tiles: NDArray, rough: NDArray, centres: list[NDArray]) -> tuple[NDArray, float, float]:
     """Frequency and phase at (0, 0) of a wave, and the root mean square error of the tiles, all in cycles.
 
-    Args:
-        tiles: Its complex amplitude at the middle of each tile, [I, J].
-        rough: Its frequency, precise enough for neighbouring tiles to differ by less than half a cycle, [2].
-        centres: Middles of the tiles along `y` and `x`.
+    The rough frequency is precise enough for neighbouring tiles (complex amplitudes, [I, J]) to differ by less than
+    half a cycle.
     """
     y, x = centres[0][:, None], centres[1][None, :]
     # First the mean difference of neighbouring tiles, so that no phase wraps around in the least squares after it.
@@ -248,12 +227,7 @@ class Spectrum:
     """Pixels of the image along the axis."""
 
     def comb(self, pitch: float | NDArray, without: int = LINES + 1) -> NDArray:
-        """Mean prominence of the lines of a pitch.
-
-        Args:
-            pitch: In pixels, above 2; one or many.
-            without: Leaves out every line that is a multiple of it.
-        """
+        """Mean prominence of the lines of one or many pitches above 2 pixels, without multiples of `without`."""
         last = len(self.prominence) - 1
         lines = [k for k in range(1, LINES + 1) if k % without]
         at = np.round(np.multiply.outer(lines, 2 * last / np.asarray(pitch))).astype(int)
@@ -293,12 +267,7 @@ class Spectrum:
 
 
 def spectrum(image: NDArray, axis: int) -> Spectrum | None:
-    """The spectrum of differences along an axis, or None where an image is too flat for a judgement.
-
-    Args:
-        image: Samples of any type, [H, W, C].
-        axis: 0 along the columns, 1 along the rows.
-    """
+    """The spectrum of differences of an image [H, W, C] along an axis; None where it is too flat for a judgement."""
     # Grey rows of strips that lie evenly over the image.
     rows = image if axis else image.swapaxes(0, 1)
     thickness = min(THICKNESS, len(rows))
@@ -325,24 +294,15 @@ def spectrum(image: NDArray, axis: int) -> Spectrum | None:
 
 
 def check_pitch(image: NDArray, pitch: int, path: Path) -> None:
-    """Refuse an image whose lenslets clearly have another pitch, or which shows none.
-
-    Args:
-        image: Samples of any type, [H, W, C].
-        pitch: Pitch to read it with, in pixels.
-        path: Its file, for messages.
-
-    Raises:
-        FileError: Along both axes the image repeats at another pitch, or at none.
-    """
-    spectra = [each for each in (spectrum(image, axis) for axis in (0, 1)) if each is not None]
-    if len(spectra) < 2 or pitch < SHORTEST_PITCH or any(each.shows(pitch) for each in spectra):
+    """Refuse an image [H, W, C] whose lenslets clearly have another pitch along both axes, or which shows none."""
+    down, across = spectrum(image, 0), spectrum(image, 1)
+    if down is None or across is None or pitch < SHORTEST_PITCH or down.shows(pitch) or across.shows(pitch):
         return
-    rows, columns = (each.pitch() for each in spectra)
+    rows, columns = down.pitch(), across.pitch()
     # Two pitches that belong to one lattice: equal, or those of a hexagonal one; scenes hardly ever have such.
     is_square = abs(rows / columns - 1) < EQUAL_PITCH
     is_hexagonal = abs(rows / columns / HEXAGONAL_PERIOD - 1) < EQUAL_PITCH
-    is_lattice = min(each.best() for each in spectra) >= LATTICE_PROMINENCE and (is_square or is_hexagonal)
+    is_lattice = min(down.best(), across.best()) >= LATTICE_PROMINENCE and (is_square or is_hexagonal)
     if min(image.shape[:2]) < FEWEST_LENSLETS * (max(rows, columns) if is_lattice else pitch):
         return
     expected = f"{path} must hold aligned lenslets of {pitch} pixels"

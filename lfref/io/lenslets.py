@@ -30,17 +30,7 @@ SAME_PITCH = 0.01
 
 
 def decode_lenslets(path: Path, options: ReadOptions) -> NDArray:
-    """The chosen views of a lenslet image.
-
-    Returns:
-        Samples in the file's own type (float32 of lenslets that are not aligned), weight as the last channel,
-        [V, U, C, H, W].
-
-    Raises:
-        FileError: The file cannot be read, is one view of many, is smaller than one lenslet, or has lenslets of another
-            size or none; or the white image does not fit.
-        InputError: The window of views leaves the lenslet, or lenslets are described in two ways.
-    """
+    """The chosen views in the file's own type (float32 if not aligned), weight as the last channel, [V, U, C, H, W]."""
     if view_folders.is_view(path):
         got, remedy = "one view of a folder of views", f"read {path.parent}"
         raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
@@ -60,18 +50,7 @@ def decode_lenslets(path: Path, options: ReadOptions) -> NDArray:
 
 
 def unpack(image: NDArray, lenslet: int = LENSLET) -> NDArray:
-    """The views of an ESLF image, without a copy.
-
-    Args:
-        image: Samples of any type; rows and columns beyond a multiple of the lenslet are left out, [H, W, C].
-        lenslet: Pixels (views) along each side of a lenslet.
-
-    Returns:
-        Views, [lenslet, lenslet, C, H // lenslet, W // lenslet].
-
-    Raises:
-        InputError: The lenslet is not positive, or the image is smaller than one lenslet.
-    """
+    """The views of an ESLF image [H, W, C], without a copy: [lenslet, lenslet, C, H // lenslet, W // lenslet]."""
     if lenslet < 1 or min(image.shape[:2]) < lenslet:
         got = f"{image.shape[0]}x{image.shape[1]} pixels for a lenslet of {lenslet}"
         raise InputError("an ESLF image must hold at least one lenslet", got=got)
@@ -106,14 +85,11 @@ def _resampled_views(path: Path, options: ReadOptions) -> NDArray[np.float32]:
 
 
 def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Views as a camera of even brightness would have seen them.
+    """Views as a camera of even brightness records them, and a weight that falls to 0 where white is dark.
 
     Args:
         views: Linear light, a weight as the last channel if C is 2 or 4, [V, U, C, H, W].
         white: White in the same places, 1 where it is brightest, as many colours or one, [V, U, C', H, W].
-
-    Returns:
-        Views, and a weight that falls from 1 to 0 where white is dark, if it is so anywhere.
     """
     n_colours = _n_colours(views.shape[2])
     trust = (white.min(axis=2, keepdims=True) / DARK).clip(0, 1)
@@ -160,11 +136,7 @@ def _lattice(options: ReadOptions, image: NDArray, white: NDArray | None) -> Lat
 
 
 def lattice_of_options(options: ReadOptions) -> Lattice:
-    """The lattice that the options alone describe.
-
-    Raises:
-        InputError: They do not tell the pitch.
-    """
+    """The lattice that the options alone describe."""
     if options.pitch is None:
         remedy = "set reader.pitch, or reader.white to an image that shows the lenslets"
         raise InputError("a lenslet image needs the pitch of its lenslets", got="none", remedy=remedy)

@@ -1,10 +1,11 @@
 """Metadata of light fields: camera and exposure from EXIF, Lytro's JSON, MAT files and HCI's `parameters.cfg`.
 
 Everything is text, with its unit. Metadata do not change how a light field is read: what is missing or damaged is left
-out without a message.
+out without a message. Stands apart from `read`: it parses files of other programs, and samples do not depend on it.
 """
 
 import configparser
+import itertools
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -53,17 +54,14 @@ LYTRO: dict[str, Callable[[Mapping[str, Any]], str]] = {
 
 
 def read_metadata(path: Path) -> dict[str, str]:
-    """Metadata in the files of a light field.
-
-    Args:
-        path: A file, or a folder of views.
+    """Metadata in the files of a light field: a file, or a folder of views.
 
     Returns:
-        Some of `camera`, `lens`, `exposure time`, `f-number`, `focal length`, `ISO`, `date`, and the entries of
-        `hci_metadata`. Pictures count more than JSON.
+        Some of `camera`, `lens`, `exposure time`, `f-number`, `focal length`, `ISO`, `date`, `scene`, `sensor size`,
+        `baseline`, `focus distance`, and `slopes` (the range of slopes). Pictures count more than JSON.
     """
     entries: dict[str, str] = {}
-    for source in (_lytro_json, _toolbox, _exif, hci_metadata):
+    for source in (_lytro, _exif, hci_metadata):
         # Metadata are no reason to refuse a light field, and libraries raise any error over damaged ones.
         with suppress(Exception):
             entries |= source(path)
@@ -89,20 +87,20 @@ def _exif(path: Path) -> dict[str, str]:
     return {name: value for name, value in entries.items() if value}
 
 
-def _lytro_json(path: Path) -> dict[str, str]:
-    """Metadata in the JSON of a Lytro camera, which tools lay beside the pictures."""
+def _lytro(path: Path) -> dict[str, str]:
+    """Metadata of a Lytro camera: a MAT file of the Light Field Toolbox, or JSON that tools lay beside the pictures."""
+    frames: Iterator[Mapping[str, Any]] = iter(())
+    if path.suffix.lower() == ".mat":
+        frames = _lytro_frames(read_struct(path, "LFMetadata"))
     for file in sorted(path.glob("*.json")) if path.is_dir() else [path.with_suffix(".json")]:
         if not file.name.startswith(".") and file.is_file() and file.stat().st_size <= MAX_JSON:
-            for frame in _lytro_frames(json.loads(file.read_text("utf-8"))):
-                return _lytro_entries(frame)
-    return {}
-
-
-def _toolbox(path: Path) -> dict[str, str]:
-    """Metadata of a Lytro camera in a MAT file of the Light Field Toolbox."""
-    if path.suffix.lower() != ".mat":
-        return {}
-    return _lytro_entries(next(_lytro_frames(read_struct(path, "LFMetadata")), {}))
+            frames = itertools.chain(frames, _lytro_frames(json.loads(file.read_text("utf-8"))))
+    frame, entries = next(frames, {}), {}
+    for name, text in LYTRO.items():
+        with suppress(KeyError, TypeError, ValueError):
+            if value := text(frame):
+                entries[name] = value
+    return entries
 
 
 def _lytro_frames(contents: Any, depth: int = MAX_DEPTH) -> Iterator[Mapping[str, Any]]:
@@ -118,24 +116,10 @@ def _lytro_frames(contents: Any, depth: int = MAX_DEPTH) -> Iterator[Mapping[str
             yield from _lytro_frames(child, depth - 1)
 
 
-def _lytro_entries(frame: Mapping[str, Any]) -> dict[str, str]:
-    entries = {}
-    for name, text in LYTRO.items():
-        with suppress(KeyError, TypeError, ValueError):
-            if value := text(frame):
-                entries[name] = value
-    return entries
-
-
 def read_struct(path: Path, name: str) -> Mapping[str, Any]:
-    """A structure of a MAT file, old (5) or new (7.3).
+    """The fields of a structure in a MAT file, old (5) or new (7.3); nothing if the file has none of that name.
 
-    Returns:
-        Its fields; structures are dictionaries, arrays of text and single numbers plain values. Nothing if the file has
-        no such structure.
-
-    Raises:
-        Exception: Any error of the libraries over a damaged file.
+    Structures are dictionaries, arrays of text and single numbers plain values. Libraries raise any error over damage.
     """
     with path.open("rb") as file:
         is_hdf5 = file.read(10) == b"MATLAB 7.3"
@@ -168,18 +152,7 @@ def read_struct(path: Path, name: str) -> Mapping[str, Any]:
 
 
 def hci_metadata(folder: Path) -> dict[str, str]:
-    """Metadata in the `parameters.cfg` of the HCI benchmark (see `pfm.read_hci_disparity`).
-
-    Args:
-        folder: Of the views; anything else has none.
-
-    Returns:
-        Some of `scene`, `focal length`, `f-number`, `sensor size`, `baseline`, `focus distance`, and `slopes`: the
-        range of slopes (their disparities with our sign), in pixels per view step.
-
-    Raises:
-        FileError: The file cannot be read, or is not of the benchmark.
-    """
+    """Metadata in the `parameters.cfg` of the HCI benchmark; `slopes` are its disparities with our sign."""
     file = folder / PARAMETERS
     if not file.is_file():
         return {}

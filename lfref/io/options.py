@@ -1,20 +1,46 @@
-"""Options of `lfref.read`, all in one place: checked before anything is read, and in one form afterwards."""
+"""Options of `lfref.read`: checked before anything is read, and in one form afterwards."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lfref.errors import InputError, chosen
-from lfref.io.lenslet_lattice import HEXAGONAL_ROWS, Pair
 
+Pair = tuple[float, float]
+"""Of rows and columns, or (y, x) in pixels."""
 LENSLET = 14
 """Views along each axis of the ESLF images of the Stanford archive."""
-ROW_DISTANCES = {"square": 1.0, "hexagonal": HEXAGONAL_ROWS}
+ROW_DISTANCES = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
 """Lattice -> distance of its rows, in distances between neighbours of a row."""
 SHORTEST_PITCH = 2.0
 """Pixels: one for each of two views."""
+
+_PATH = (str, Path)
+KINDS: dict[str, tuple[str, tuple[type, ...], tuple[type, ...]]] = {
+    "views": ("a whole number or [rows,columns]", (int,), (int,)),
+    "start": ("a whole number", (int,), ()),
+    "reverse_v": ("true or false", (bool,), ()),
+    "reverse_u": ("true or false", (bool,), ()),
+    "pattern": ("text", (str,), ()),
+    "lenslet": ("a whole number", (int,), ()),
+    "pitch": ("pixels, one number or two numbers", (int, float), (int, float)),
+    "offset": ("two numbers", (), (int, float)),
+    "rotation": ("a number of degrees", (int, float), ()),
+    "lattice": (" or ".join(ROW_DISTANCES), (str,), ()),
+    "white": ("an image file", _PATH, ()),
+    "size": ("[height,width] in whole pixels", (), (int,)),
+    "grid": ("[rows,columns]", (), (int,)),
+    "holes": ("true or false", (bool,), ()),
+    "axes": ("letters such as vuhwc", (str,), ()),
+    "variable": ("a name", (str,), ()),
+    "positions": ("a CSV or JSON file, or names", _PATH, ()),
+    "spacing": ("two numbers, as [1,1.1]", (), (int, float)),
+    "encoding": ("linear, srgb, gamma:EXPONENT, file or none", (str,), ()),
+    "scratch": ("a folder", _PATH, ()),
+}
+"""Option -> its values in words, types of a single value, and types of both values of a pair."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +78,14 @@ class ReadOptions:
             InputError: The first option that cannot be used, by name.
         """
         for name, value in options.items():
-            expected, fits = KINDS[name]
-            if not (fits(value) or (value is None and name not in ("lenslet", "encoding"))):
+            expected, single, pair = KINDS[name]
+            is_pair = isinstance(value, list | tuple)
+            values, types = (value, pair) if is_pair else ([value], single)
+            # True and False are integers for Python.
+            fits = len(values) == 1 + is_pair and all(
+                isinstance(one, types) and (bool in types or not isinstance(one, bool)) for one in values
+            )
+            if not fits and not (value is None and name not in ("lenslet", "encoding")):
                 raise InputError(f"{name} (reader.{name}) must be {expected}", got=repr(value))
         lattice, rotation, pitch = (options.get(name) for name in ("lattice", "rotation", "pitch"))
         if lattice is not None:
@@ -61,31 +93,28 @@ class ReadOptions:
         if rotation is not None and not abs(rotation) <= 45:
             remedy = "turn the image by 90 degrees if need be"
             raise InputError("reader.rotation must be -45 to 45 degrees", got=rotation, remedy=remedy)
-        if pitch is not None:
-            rows = ROW_DISTANCES[lattice or "square"]
-            both = [pitch * rows, pitch] if isinstance(pitch, int | float) else pitch
-            options["pitch"] = _finite_pair("pitch", both)
-            if not min(options["pitch"]) >= SHORTEST_PITCH * min(rows, 1):
-                raise InputError(f"reader.pitch must be at least {SHORTEST_PITCH:g} pixels", got=pitch)
-        if options.get("offset") is not None:
-            options["offset"] = _finite_pair("offset", options["offset"])
+        row_distance = ROW_DISTANCES[lattice or "square"]
+        if isinstance(pitch, int | float):
+            options["pitch"] = pitch * row_distance, pitch
+        for name in ("pitch", "offset"):
+            if (values := options.get(name)) is not None:
+                options[name] = float(values[0]), float(values[1])
+                if not all(map(math.isfinite, options[name])):
+                    raise InputError(f"reader.{name} must be finite", got=list(options[name]))
+        if pitch is not None and min(options["pitch"]) < SHORTEST_PITCH * min(row_distance, 1):
+            raise InputError(f"reader.pitch must be at least {SHORTEST_PITCH:g} pixels", got=pitch)
         if (spacing := options.get("spacing")) is not None and not all(0 < step < math.inf for step in spacing):
             got, remedy = list(spacing), "for example reader.spacing=[1,1.1]"
             raise InputError("spacing must be two steps above 0, of rows and of columns", got=got, remedy=remedy)
         if isinstance(views := options.get("views"), int):
             options["views"] = views, views
-        for name in ("white", "scratch"):
-            options[name] = None if options.get(name) is None else Path(options[name])
-        if options.get("positions") is not None:
-            options["positions"] = str(options["positions"])
+        for name, form in (("white", Path), ("scratch", Path), ("positions", str)):
+            if options.get(name) is not None:
+                options[name] = form(options[name])
         checked: dict[str, Any] = {}
         for name, value in options.items():
             checked[name] = tuple(value) if isinstance(value, list) else value
         return cls(**checked)
-
-    def changed(self) -> list[str]:
-        """Names of the options that are not the default."""
-        return [field.name for field in fields(self) if getattr(self, field.name) != field.default]
 
     @property
     def describes_lenslets(self) -> bool:
@@ -93,12 +122,7 @@ class ReadOptions:
         return any(getattr(self, name) is not None for name in ("pitch", "offset", "rotation", "lattice", "white"))
 
     def window(self, grid: Sequence[int], path: Path, views: tuple[int, int] | None = None) -> tuple[slice, slice]:
-        """Rows and columns of views to keep.
-
-        Args:
-            grid: Rows and columns of views in the file.
-            path: File or folder, for messages.
-            views: Rows and columns to keep instead of the option `views`.
+        """Rows and columns of views to keep: `views` or the option of that name, of a grid in the file at `path`.
 
         Raises:
             InputError: The window is empty or leaves the grid.
@@ -113,62 +137,3 @@ class ReadOptions:
                 raise InputError(f"views to keep must be among the {n_views} of {path}", got=got, remedy=remedy)
             slices.append(slice(first, first + count))
         return slices[0], slices[1]
-
-
-def _finite_pair(option: str, values: Any) -> Pair:
-    try:
-        first, second = (float(value) for value in values)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"reader.{option} must be two numbers, of rows and columns", got=repr(values)) from error
-    if not (math.isfinite(first) and math.isfinite(second)):
-        raise InputError(f"reader.{option} must be finite", got=[first, second])
-    return first, second
-
-
-def _whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, float) or _whole(value)
-
-
-def _text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _flag(value: Any) -> bool:
-    return isinstance(value, bool)
-
-
-def _path(value: Any) -> bool:
-    return isinstance(value, str | Path)
-
-
-def _pair_of(value: Any, fits: Callable[[Any], bool]) -> bool:
-    return isinstance(value, list | tuple) and len(value) == 2 and all(map(fits, value))
-
-
-KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
-    "views": ("a whole number or [rows,columns]", lambda value: _whole(value) or _pair_of(value, _whole)),
-    "start": ("a whole number", _whole),
-    "reverse_v": ("true or false", _flag),
-    "reverse_u": ("true or false", _flag),
-    "pattern": ("text", _text),
-    "lenslet": ("a whole number", _whole),
-    "pitch": ("pixels, one number or two", lambda value: True),
-    "offset": ("two numbers", lambda value: True),
-    "rotation": ("a number of degrees", _number),
-    "lattice": (" or ".join(ROW_DISTANCES), _text),
-    "white": ("an image file", _path),
-    "size": ("[height,width] in whole pixels", lambda value: _pair_of(value, _whole)),
-    "grid": ("[rows,columns]", lambda value: _pair_of(value, _whole)),
-    "holes": ("true or false", _flag),
-    "axes": ("letters such as vuhwc", _text),
-    "variable": ("a name", _text),
-    "positions": ("a CSV or JSON file, or names", _path),
-    "spacing": ("two numbers, as [1,1.1]", lambda value: _pair_of(value, _number)),
-    "encoding": ("linear, srgb, gamma:EXPONENT, file or none", _text),
-    "scratch": ("a folder", _path),
-}
-"""Option -> what it must be, and whether a value is. `_finite_pair` checks pitch and offset."""

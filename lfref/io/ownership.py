@@ -32,11 +32,7 @@ class Mark(NamedTuple):
 
 
 def digest(file: Path) -> str:
-    """SHA-256 of a file.
-
-    Raises:
-        FileError: The file cannot be read.
-    """
+    """SHA-256 of a file."""
     with atomic.file_errors(file, "read"), file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -59,27 +55,13 @@ def read_mark(folder: Path) -> Mark | None:
 
 
 def write_mark(folder: Path, kind: str, files: Mapping[str, str | None]) -> None:
-    """Write the mark of a folder, in the place of an older one.
-
-    Args:
-        folder: The folder.
-        kind: `views`, `planes` or `RUN`.
-        files: As `Mark.files`.
-
-    Raises:
-        FileError: The folder or the disk refuses.
-    """
+    """Write the mark of a folder, in the place of an older one; kind and files as `Mark`."""
     contents = {"written_by": "lfref", "kind": kind, "files": dict(sorted(files.items()))}
     atomic.write_text(folder / MARK, json.dumps(contents, indent=1) + "\n")
 
 
 def digests(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
-    """Digest of each file, as a mark lists it; files that cannot be read are left out.
-
-    Args:
-        folder: The folder.
-        names: Paths below it.
-    """
+    """Digest of each file (paths below a folder), as a mark lists it; files that cannot be read are left out."""
     listed: dict[str, str | None] = {}
     for name in names:
         with suppress(FileError):
@@ -88,12 +70,7 @@ def digests(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
 
 
 def unchanged(folder: Path, kind: str) -> dict[str, str | None]:
-    """The listed files of a folder that are there and were not edited: none if its mark is of another kind.
-
-    Args:
-        folder: The folder.
-        kind: `views`, `planes` or `RUN`.
-    """
+    """The listed files of a folder that are there and were not edited: none if its mark is of another kind."""
     mark = read_mark(folder)
     if mark is None or mark.kind != kind:
         return {}
@@ -105,10 +82,6 @@ def unchanged(folder: Path, kind: str) -> dict[str, str | None]:
 
 def delete_listed(folder: Path, kind: str) -> None:
     """Delete the files that the mark of a folder lists, and the folders that are empty then. Other files stay.
-
-    Args:
-        folder: A marked folder, or an empty one.
-        kind: Kind that the mark must have.
 
     Raises:
         FileError: The folder holds files but no mark of this kind, or a listed file was edited; nothing is deleted.
@@ -134,15 +107,7 @@ def delete_listed(folder: Path, kind: str) -> None:
 
 
 def check_folder(path: Path, kind: str) -> None:
-    """Refuse to replace a whole folder unless it is empty, or holds only listed files that nobody edited.
-
-    Args:
-        path: Folder to replace, if it exists.
-        kind: Kind of the new folder.
-
-    Raises:
-        FileError: The folder holds a foreign or edited file, is of another kind, or cannot be read.
-    """
+    """Refuse to replace a whole folder unless it is empty, or holds only listed files that nobody edited."""
     if not path.is_dir():
         return
     with atomic.file_errors(path, "read"):
@@ -155,13 +120,6 @@ def check_folder(path: Path, kind: str) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Refuse to replace any file, for formats that have no place for a mark.
-
-    Args:
-        path: File to write.
-
-    Raises:
-        FileError: The file exists.
-    """
+    """Refuse to replace any file, for formats that have no place for a mark."""
     if path.is_file():
         raise FileError(f"{path} must be a new file", got="one that is there", remedy="choose another name")

@@ -23,14 +23,10 @@ SCALE = b"-1.0000000000"
 
 
 def read(path: str | Path) -> NDArray[np.float32]:
-    """Read a PFM file.
+    """Values of a PFM file as stored, top row first, float32, [H, W, C] with C 1 or 3.
 
-    Returns:
-        Values as stored, NaN and infinity too (which some data sets write where nothing is known), top row first,
-        float32, [H, W, C] with C 1 or 3. The size of the scale changes nothing: data sets disagree on it.
-
-    Raises:
-        FileError: The file is missing, no PFM, or shorter or longer than its header says.
+    NaN and infinity too, which some data sets write where nothing is known. The size of the scale changes nothing: data
+    sets disagree on it.
 
     Example:
         >>> from lfref.io import pfm
@@ -56,17 +52,11 @@ def read(path: str | Path) -> NDArray[np.float32]:
 
 
 def read_hci_disparity(path: str | Path) -> Tensor:
-    """Read a disparity map of the 4D light field benchmark of HCI, such as `gt_disp_lowres.pfm`, as slopes.
+    """Slopes [H, W] at which pixels are sharp, from a disparity map of HCI's benchmark, as `gt_disp_lowres.pfm`.
 
     Near things have positive disparity there, and a negative slope here: they move to the left where the camera moves
     to the right. Source: Honauer et al., "A Dataset and Evaluation Methodology for Depth Estimation on 4D Light
     Fields", 2016.
-
-    Returns:
-        Slope at which each pixel of the central view is sharp, in pixels per view step, float32, [H, W].
-
-    Raises:
-        FileError: The file is missing, damaged or no grey PFM.
 
     Example:
         >>> from lfref.io import pfm
@@ -81,16 +71,7 @@ def read_hci_disparity(path: str | Path) -> Tensor:
 
 
 def write(path: str | Path, values: NDArray) -> None:
-    """Write a PFM file, all of it or nothing.
-
-    Args:
-        path: The file; missing parent folders are created.
-        values: Finite, top row first, [H, W] or [H, W, C] with C 1 or 3.
-
-    Raises:
-        InputError: Another shape, NaN or infinity.
-        FileError: The folder or the disk refuses, or another program wrote the file that is there.
-    """
+    """Write a PFM file, all of it or nothing: finite values, top row first, [H, W] or [H, W, C] with C 1 or 3."""
     path = Path(path)
     picture = values[..., None] if values.ndim == 2 else values
     if picture.ndim != 3 or picture.shape[2] not in LETTERS or 0 in picture.shape:

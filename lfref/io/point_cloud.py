@@ -79,9 +79,6 @@ def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> 
         nearness: Disparity in pixels per view step with the sign by which larger is nearer, [H, W].
         chosen: Pixels to put, boolean, [H, W]; those that are not finite, or beyond `FARTHEST`, are left out.
         cameras: The cameras of the light field; None if unknown.
-
-    Raises:
-        InputError: The maps differ in size.
     """
     if nearness.ndim != 2 or nearness.shape != chosen.shape:
         raise InputError("nearness and chosen must be [H, W]", got=f"{list(nearness.shape)}, {list(chosen.shape)}")
@@ -117,11 +114,7 @@ def write_points(
         positions: Positions of the points, finite, [P, 3].
         colours: Encoded for the screen, RGB, uint8, [P, 3].
         others: Further properties, each by a name of one word, [P].
-        comments: Lines for the header: units, and what the numbers mean.
-
-    Raises:
-        InputError: Points that are not finite, properties that do not fit them, or another suffix.
-        FileError: The disk refuses, or there is such a file.
+        comments: Lines for the header: units, and the meaning of the numbers.
 
     Example:
         >>> write_points("corner.ply", np.zeros((1, 3)), np.zeros((1, 3), np.uint8), comments=["unit: metre"])

@@ -6,6 +6,7 @@ Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,8 +19,8 @@ from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import arrays, cameras, exr, images, lenslets, metadata, view_folders
-from lfref.io import scratch as scratches
 from lfref.io.options import LENSLET, ReadOptions
+from lfref.io.scratch import Allocator, allocator
 from lfref.lightfield import LightField
 
 VERSION = 1
@@ -93,11 +94,7 @@ UNSUPPORTED = {
 
 
 def format_of(path: Path) -> Format:
-    """The format of a light field: a folder, or what the first bytes of a file tell.
-
-    Raises:
-        FileError: The path is missing, cannot be read, or has none of the formats.
-    """
+    """The format of a light field: a folder, or the format that the first bytes of a file tell."""
     if path.is_dir():
         return FOLDER
     head = images.read_head(path)
@@ -112,11 +109,7 @@ def format_of(path: Path) -> Format:
 
 
 def is_field(path: Path) -> bool:
-    """Whether a path looks like a light field, by its name and those of the files in it.
-
-    Raises:
-        FileError: The path cannot be read.
-    """
+    """Whether a path looks like a light field, by its name and those of the files in it."""
     if path.name.startswith("."):
         return False
     formats = [FOLDER] if path.is_dir() else [known for known in FORMATS if path.suffix.lower() in known.suffixes]
@@ -124,17 +117,7 @@ def is_field(path: Path) -> bool:
 
 
 def find(path: str | Path) -> list[Path]:
-    """The light fields of a data folder.
-
-    Args:
-        path: A light field, or a folder whose files and folders are light fields.
-
-    Returns:
-        The path itself if it is one light field, else those right below it, sorted.
-
-    Raises:
-        FileError: There is none.
-    """
+    """The path itself if it is one light field, else those right below it, sorted; an error if there is none."""
     path = Path(path)
     if is_field(path):
         return [path]
@@ -224,9 +207,19 @@ def read(
     )  # fmt: skip
     path = Path(path)
     form = format_of(path)
-    _check_options(path, form, options)
+    # Options for other formats are refused: people would think that they helped.
+    changed = [option.name for option in fields(options) if getattr(options, option.name) != option.default]
+    for name in changed:
+        titles = [known.title for known in (*FORMATS, FOLDER) if name in known.options]
+        if titles and form.title not in titles:
+            expected = f"{name} (reader.{name}) concerns {' and '.join(titles)}"
+            raise InputError(expected, got=f"{form.title}, {path}", remedy=f"leave reader.{name} out")
     whole = form.decode(path, options)
-    samples = _cropped(whole, options, path)
+    height, width = whole.shape[-2:]
+    rows, columns = options.size or (height, width)
+    if not (1 <= rows <= height and 1 <= columns <= width):
+        raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
+    samples = whole[..., :rows, :columns]
     n_colours = samples.shape[2] - 1 + samples.shape[2] % 2
     has_weight = n_colours < samples.shape[2]
     present = np.ones(samples.shape[:2], bool)
@@ -239,45 +232,27 @@ def read(
     entries |= {"bits": BITS[samples.dtype.name], "encoding": str(tone)}
     if not present.all():
         entries["missing"] = f"{(~present).sum()} of {present.size} views"
-    if whole.shape != samples.shape:
-        entries["cut from"] = f"{whole.shape[-2]}x{whole.shape[-1]} pixels"
+    if (rows, columns) != (height, width):
+        entries["cut from"] = f"{height}x{width} pixels"
 
     # Reversed axes: the first view in the file is our last, and its position changes its sign.
     signs = (-1 if reverse_v else 1), (-1 if reverse_u else 1)
     samples = samples[:: signs[0], :: signs[1]]
-    stood = cameras.camera_positions(path, options, present)
-    if stood is not None:
-        stood = stood[:: signs[0], :: signs[1]] * signs
-    allocate = None if options.scratch is None else scratches.allocator(options.scratch)
+    has_positions = options.positions is not None or options.spacing is not None
+    stored = cameras.camera_positions(path, options, present) if has_positions else None
+    stood = None if stored is None else torch.from_numpy(stored[:: signs[0], :: signs[1]] * signs)
+    allocate = None if options.scratch is None else allocator(options.scratch)
     return LightField(
         _converted(samples[:, :, :n_colours], lambda view: images.decoded(view, tone), allocate),
         path.absolute().name if path.is_dir() else path.stem,
         _converted(samples[:, :, n_colours:], images.to_float, allocate) if has_weight else None,
         entries,
         is_linear=tone.is_known,
-        positions=None if stood is None else torch.from_numpy(stood),
+        positions=stood,
     )
 
 
-def _check_options(path: Path, form: Format, options: ReadOptions) -> None:
-    """Refuse options for other formats: people would think that they helped."""
-    for name in options.changed():
-        titles = [known.title for known in (*FORMATS, FOLDER) if name in known.options]
-        if titles and form.title not in titles:
-            expected = f"{name} (reader.{name}) concerns {' and '.join(titles)}"
-            raise InputError(expected, got=f"{form.title}, {path}", remedy=f"leave reader.{name} out")
-
-
-def _cropped(samples: NDArray, options: ReadOptions, path: Path) -> NDArray:
-    """The top left corner of each view."""
-    height, width = samples.shape[-2:]
-    rows, columns = options.size or (height, width)
-    if not (1 <= rows <= height and 1 <= columns <= width):
-        raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
-    return samples[..., :rows, :columns]
-
-
-def _converted(samples: NDArray, convert: Callable[[NDArray], NDArray], allocate: scratches.Allocator | None) -> Tensor:
+def _converted(samples: NDArray, convert: Callable[[NDArray], NDArray], allocate: Allocator | None) -> Tensor:
     """Samples as float32, view by view where they lie on a disk."""
     if allocate is None:
         return torch.from_numpy(convert(samples))
@@ -288,13 +263,6 @@ def _converted(samples: NDArray, convert: Callable[[NDArray], NDArray], allocate
 
 
 def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:
-    """Read a refocused stack that `write_stack` wrote as an EXR file.
-
-    Returns:
-        Stack, float32, [N, C, H, W], and its N planes.
-
-    Raises:
-        FileError: The file is missing, damaged or not such a stack.
-    """
+    """A refocused stack, float32, [N, C, H, W], and its planes, from an EXR file that `write_stack` wrote."""
     stack, planes = exr.read_planes(Path(path))
     return torch.from_numpy(images.to_float(stack)), planes

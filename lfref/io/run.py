@@ -32,15 +32,7 @@ class Run:
 
     @classmethod
     def of(cls, path: str | Path) -> "Run":
-        """The run of a run folder, or of a checkpoint in one.
-
-        Args:
-            path: `RUN`, or `RUN/checkpoints/NAME.ckpt`.
-
-        Raises:
-            CheckpointError: There is no such checkpoint, or it lies in no run.
-            FileError: There is no such folder, or it is no run.
-        """
+        """The run of a run folder `RUN`, or of a checkpoint `RUN/checkpoints/NAME.ckpt` in one."""
         path = Path(path)
         is_checkpoint = path.suffix == ".ckpt" or path.is_file()
         folder = path.absolute().parent.parent if is_checkpoint else path.absolute()
@@ -142,12 +134,7 @@ def steps_done(checkpoint: Path) -> int:
 
 
 def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
-    """Whether a checkpoint has the epochs or steps of a trainer.
-
-    Args:
-        checkpoint: Of a training run.
-        trainer: Configuration of the trainer: `max_epochs`, `max_steps`; absent or -1 sets no end.
-    """
+    """Whether a checkpoint has the `max_epochs` or `max_steps` of a trainer; absent or -1 sets no end."""
     done = {"max_epochs": epochs_done(checkpoint), "max_steps": steps_done(checkpoint)}
     lengths = {name: trainer.get(name) for name in done}
     return any(length is not None and 0 <= length <= done[name] for name, length in lengths.items())

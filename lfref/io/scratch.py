@@ -19,11 +19,7 @@ Allocator = Callable[[tuple[int, ...], DTypeLike], NDArray]
 
 
 def check_memory(n_bytes: float, what: str) -> None:
-    """Refuse work that needs more memory than this process can get; Linux would kill it halfway, without a message.
-
-    Raises:
-        InputError: It needs more.
-    """
+    """Refuse work that needs more memory than this process can get; Linux would kill it halfway, without a message."""
     if n_bytes > (limit := _available_memory()):
         got = f"{n_bytes / 1e9:.1f} GB for {limit / 1e9:.1f} GB"
         raise InputError(f"{what} must fit into memory", got=got, remedy="give reader.views, reader.size or rows=N")
@@ -48,13 +44,9 @@ def _available_memory() -> float:
 
 
 def allocator(folder: Path | None) -> Allocator:
-    """The function that allocates arrays.
+    """The function that allocates arrays: in memory, or in files of a folder that have no name and vanish with them.
 
-    Args:
-        folder: Folder for files that have no name and vanish with the arrays, or with the process; None: memory.
-
-    Returns:
-        The allocator. Of an array on a disk only the part in use is held in memory.
+    Of an array on a disk only the part in use is held in memory.
     """
     if folder is None:
         return np.zeros

@@ -21,15 +21,7 @@ SUFFIX = ".safetensors"
 
 
 def write_checkpoint(path: str | Path, contents: dict[str, Any]) -> None:
-    """Write what `torch.load(path, weights_only=True)` reads.
-
-    Args:
-        path: File to replace.
-        contents: Plain containers and tensors.
-
-    Raises:
-        FileError: The file cannot be written.
-    """
+    """Write plain containers and tensors, which `torch.load(path, weights_only=True)` reads."""
     with atomic.replacing(path) as partial:
         try:
             with partial.open("wb") as file:
@@ -40,16 +32,7 @@ def write_checkpoint(path: str | Path, contents: dict[str, Any]) -> None:
 
 
 def write_weights(path: str | Path, tensors: Mapping[str, Tensor], description: Mapping[str, Any]) -> None:
-    """Write tensors and their description as safetensors.
-
-    Args:
-        path: File to replace.
-        tensors: By name.
-        description: Plain containers by name.
-
-    Raises:
-        FileError: The file cannot be written.
-    """
+    """Write tensors and their description, plain containers by name, as safetensors."""
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     texts = {name: json.dumps(value) for name, value in description.items()}
     with atomic.replacing(path) as partial:
@@ -57,11 +40,7 @@ def write_weights(path: str | Path, tensors: Mapping[str, Tensor], description: 
 
 
 def read_weights(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Tensors, on the CPU, and their description, as `write_weights` wrote them.
-
-    Raises:
-        CheckpointError: The file is damaged or another file.
-    """
+    """Tensors, on the CPU, and their description, as `write_weights` wrote them."""
     try:
         with safe_open(path, framework="pt", device="cpu") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  it is no mapping

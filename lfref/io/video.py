@@ -37,11 +37,7 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
         path: A new file, `.mp4` or `.gif`; missing parent folders are created.
         frames: Pictures encoded for the screen, RGB, uint8, all of one shape [H, W, 3]. MP4 repeats the last row or
             column of an odd side; a GIF is at most `GIF_SIDE` pixels long and wide.
-        rate: Frames a second, above 0; a GIF rounds each frame's time to 1/100 s.
-
-    Raises:
-        InputError: Another suffix, no frame, frames of another shape or type, or a rate that cannot be used.
-        FileError: The disk refuses, the name is taken, or PyAV lacks the encoder.
+        rate: Frames a second, from 0.01 to 100; a GIF rounds each frame's time to 1/100 s.
 
     Example:
         >>> frames = [np.full((32, 48, 3), level, np.uint8) for level in (0, 128, 255)]

@@ -59,11 +59,6 @@ class NamedFile(NamedTuple):
     path: Path
     match: re.Match[str]
 
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """The named groups that tell where the view belongs: `row` and `column`, or `index`."""
-        return _groups(self.match.re)
-
     def renamed(self, numbers: Mapping[str, int]) -> str:
         """The name that the file would have with other numbers."""
         name = self.match.string
@@ -73,37 +68,28 @@ class NamedFile(NamedTuple):
         return name
 
 
-def _groups(regex: re.Pattern[str]) -> tuple[str, ...]:
-    return tuple(group for group in ("row", "column", "index") if group in regex.groupindex)
+def _groups(regex: re.Pattern[str]) -> list[str]:
+    """The named groups that tell where a view belongs: `row` and `column`, or `index`."""
+    return [group for group in ("row", "column", "index") if group in regex.groupindex]
 
 
 def compiled(pattern: str) -> re.Pattern[str]:
-    """The regular expression of the option `pattern`.
-
-    Args:
-        pattern: A name of `PATTERNS` or `AMBIGUOUS_PATTERNS`, or a regular expression.
-
-    Raises:
-        InputError: It is neither, or has other groups than a row and a column, or an index.
-    """
+    """The regular expression of the option `pattern`: a name of the two tables, or an expression itself."""
     known = PATTERNS | AMBIGUOUS_PATTERNS
     expected = f"pattern (reader.pattern) must be {', '.join(known)} or a regular expression"
     try:
         regex = re.compile(known.get(pattern, pattern))
     except re.error as error:
         raise InputError(expected, got=f"{pattern!r} ({error})") from error
-    if _groups(regex) not in (("row", "column"), ("index",)):
+    if _groups(regex) not in (["row", "column"], ["index"]):
         raise InputError(f"{expected} with the named groups row and column, or index", got=repr(pattern))
     return regex
 
 
-def fields_of(files: Iterable[Path], patterns: Iterable[str | re.Pattern[str]]) -> list[list[NamedFile]]:
-    """The files that match a pattern, those of one light field (one pattern, one name) together.
-
-    Args:
-        files: Paths of files.
-        patterns: A file has the first that it matches.
-    """
+def fields_of(
+    files: Iterable[Path], patterns: Iterable[str | re.Pattern[str]] = PATTERNS.values()
+) -> list[list[NamedFile]]:
+    """The files that match a pattern, those of one light field (one pattern, one name) together."""
     fields: dict[tuple[str, str], list[NamedFile]] = {}
     expressions = [re.compile(pattern) for pattern in patterns]
     for path in files:
@@ -112,11 +98,6 @@ def fields_of(files: Iterable[Path], patterns: Iterable[str | re.Pattern[str]]) 
             key = match.re.pattern, match.groupdict().get("name") or ""
             fields.setdefault(key, []).append(NamedFile(path, match))
     return list(fields.values())
-
-
-def known_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
-    """The light fields whose names alone tell where each view belongs."""
-    return fields_of(files, PATTERNS.values())
 
 
 def numbered_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
@@ -136,11 +117,7 @@ def _looks_like_views(field: list[NamedFile]) -> bool:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The image files of a folder, by suffix, hidden ones left out, sorted.
-
-    Raises:
-        FileError: The folder cannot be read.
-    """
+    """The image files of a folder, by suffix, hidden ones left out, sorted."""
     with atomic.file_errors(folder, "read"):
         files = [path for path in folder.iterdir() if path.suffix.lower() in images.SUFFIXES and path.is_file()]
     return sorted(path for path in files if not path.name.startswith("."))
@@ -149,12 +126,12 @@ def image_files(folder: Path) -> list[Path]:
 def is_field(folder: Path) -> bool:
     """Whether a folder holds files that are named like sub-aperture views."""
     files = image_files(folder)
-    return bool(known_fields(files)) or any(map(_looks_like_views, numbered_fields(files)))
+    return bool(fields_of(files)) or any(map(_looks_like_views, numbered_fields(files)))
 
 
 def is_view(path: Path) -> bool:
     """Whether a file is named like a view, unambiguously, and has others beside it."""
-    fields = known_fields(image_files(path.parent))
+    fields = fields_of(image_files(path.parent))
     return any(len(field) > 1 and path in [file.path for file in field] for field in fields)
 
 
@@ -170,18 +147,8 @@ class Arrangement(NamedTuple):
 
 
 def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arrangement:
-    """Places of the files on the grid.
-
-    Args:
-        folder: Of the files, for messages.
-        field: The files, all of one pattern.
-        options: Of which `pattern` and `grid` count.
-
-    Raises:
-        FileError: Two files are the same view, or names leave open where views belong.
-        InputError: A group of the pattern is no number, or a grid that does not fit.
-    """
-    groups = field[0].groups
+    """Places on the grid of files of one pattern, by the options `pattern` and `grid`."""
+    groups = _groups(field[0].match.re)
     numbered: dict[tuple[int, ...], NamedFile] = {}
     for file in field:
         try:
@@ -193,7 +160,7 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
             remedy = "remove one of them, or give reader.pattern"
             raise FileError(f"{file.path.parent} must hold each view once", got=got, remedy=remedy)
         numbered[key] = file
-    if groups == ("index",):
+    if groups == ["index"]:
         shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
         cells = {divmod(index - base, shape[1]): file for (index,), file in numbered.items()}
         return Arrangement(cells, shape, lambda cell: field[0].renamed({"index": base + shape[1] * cell[0] + cell[1]}))
@@ -246,11 +213,6 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
     A grid with holes that looks the same upside down has its ends equally far from its middle: first + last tells the
     side, and whether numbers begin at 0 or at 1, since no two squares differ by 2.
 
-    Args:
-        first: Smallest number.
-        last: Largest number.
-        count: Number of views.
-
     Returns:
         Rows (or columns), and the number of the first view; None: no such grid.
     """
@@ -265,28 +227,14 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
 
 
 def decode_folder(folder: Path, options: ReadOptions) -> NDArray:
-    """The chosen views of a folder.
-
-    Returns:
-        Samples in the files' own type, alpha as the last channel, [V, U, C, H, W].
-
-    Raises:
-        FileError: The folder is empty or holds two light fields, a view is missing, damaged or unlike the others.
-        InputError: The pattern is not usable, or the window of views leaves the grid.
-    """
-    stored = stored_grid(folder, options)
-    if options.pattern is None and options.grid is None:
-        _check_square(folder, stored)
-    allocate = allocator(options.scratch)
-    return grid.gather(stored, options.window(stored.shape, folder), images.read_image, str, allocate)
-
-
-def stored_grid(folder: Path, options: ReadOptions) -> grid.Grid[Path]:
-    """Path of the view at each row and column; errors as `decode_folder`."""
+    """The chosen views of a folder in the files' own type, alpha as the last channel, [V, U, C, H, W]."""
     cells, shape, name_of = arrange(folder, _only_field(folder, options.pattern), options)
     stored = grid.Grid(shape, {cell: file.path for cell, file in cells.items()})
     grid.check_holes(stored, name_of, folder, options.holes)
-    return stored
+    if options.pattern is None and options.grid is None:
+        _check_square(folder, stored)
+    window = options.window(shape, folder)
+    return grid.gather(stored, window, images.read_image, str, allocator(options.scratch))
 
 
 def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
@@ -297,7 +245,7 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
     if pattern is not None:
         fields = fields_of(files, [compiled(pattern)])
     else:
-        fields = known_fields(files) or [field for field in numbered_fields(files) if _looks_like_views(field)]
+        fields = fields_of(files) or [field for field in numbered_fields(files) if _looks_like_views(field)]
     if not fields:
         got = f"{len(files)} images named like {files[0].name}"
         remedy = "give reader.pattern: index (row by row), or a regular expression with groups row and column"
@@ -317,7 +265,7 @@ def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
     n_rows, n_columns = stored.shape
     cells = (n_rows // 2 - 1, n_columns - 1), (n_rows // 2, 0), (n_rows // 2, n_columns - 1)
     paths = [stored.cells.get(cell) for cell in cells]
-    if None in paths or known_fields(stored.cells.values()):
+    if None in paths or fields_of(stored.cells.values()):
         return
     last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
     if not last.shape == first_below.shape == last_below.shape:
@@ -329,14 +277,7 @@ def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
 
 
 def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64]:
-    """Camera positions that the names of the chosen views tell, as those of the Stanford gantry do.
-
-    Returns:
-        Positions along the rows and the columns in the names' own unit, NaN where a view is missing, [V, U, 2].
-
-    Raises:
-        FileError: As `decode_folder`, or the names tell no positions.
-    """
+    """Camera positions (v, u) of the chosen views by their names, in the names' own unit, NaN at holes, [V, U, 2]."""
     remedy = "give a CSV or JSON file as reader.positions"
     if not folder.is_dir():
         raise FileError(f"{folder} must be a folder for positions=names", got="a file", remedy=remedy)
@@ -360,10 +301,6 @@ def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
         path: A file, or a folder of views, whose first image counts for all.
         option: As `encoding` of `lfref.read`; `file`: as the header tells.
         default: For headers that tell nothing, or nothing that we know.
-
-    Raises:
-        InputError: The option names no encoding.
-        FileError: The file is missing or damaged.
     """
     if option != "file":
         return encodings.parsed(option)
@@ -382,17 +319,7 @@ def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
 
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
-    """Write a light field as a folder of PNG images `NAME_RR_CC.png`, named after the folder.
-
-    Args:
-        path: The folder.
-        views: Floating point, clipped to [0, 1]; 2 or 4 channels: the last is a weight, [V, U, C, H, W].
-        bits: 8 (default) or 16.
-
-    Raises:
-        InputError: NaN or infinity, or another depth or channel count.
-        FileError: The disk refuses, or the folder holds anything but such a light field of ours.
-    """
+    """Write views, floating point, [V, U, C, H, W], as PNG images `NAME_RR_CC.png` named after the folder."""
     # A leading dot would hide the files from the reader.
     stem = path.absolute().name.lstrip(".") or "view"
     images.sample_type(path / "x.png", bits)
@@ -403,19 +330,7 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
 def write_images(
     path: Path, named: Iterable[tuple[str, NDArray]], kind: str, bits: int | None, quality: int = images.QUALITY
 ) -> None:
-    """Write images as a folder, which replaces an older one of its kind.
-
-    Args:
-        path: The folder.
-        named: Name and image, floating point, [C, H, W], of each file.
-        kind: Of the ownership mark: `views` or `planes`.
-        bits: As `images.write_image`.
-        quality: Of JPEG and AVIF images, from 1 to 100.
-
-    Raises:
-        InputError: NaN or infinity, or another depth or channel count.
-        FileError: The disk refuses, or the folder holds anything but such a folder of ours.
-    """
+    """Write named images [C, H, W] as a folder, which replaces an older one of its kind (`views` or `planes`)."""
     ownership.check_folder(path, kind)
     with atomic.replacing_folder(path) as partial, ThreadPoolExecutor(N_WRITERS) as pool:
         # A few at a time: compression is most of the work, and releases the interpreter's lock.

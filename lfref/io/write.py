@@ -18,8 +18,8 @@ from lfref.geometry import FocalPlanes
 from lfref.io import exr, images, view_folders
 from lfref.lightfield import LightField
 
-VIEW_WRITERS = {"": view_folders.write_views, ".exr": exr.write_views}
-"""Suffix of a path -> (path, views, bits) -> None."""
+SUFFIXES = ("", ".exr")
+"""Suffixes of paths that light fields and stacks are written to; "" for a folder."""
 
 
 def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Path:
@@ -45,10 +45,14 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
         >>> torch.equal(lfref.read(path).views, field.views)
         True
     """
-    path = Path(path)
-    views = _samples(field.views, path, field.picture_encoding)
-    samples = views if field.weight is None else torch.cat([views, field.weight.to(views)], dim=2)
-    VIEW_WRITERS[_suffix(path)](path, _array(samples, field.views.shape[2]), bits)
+    path, views = Path(path), field.views
+    _check(path, views)
+    # A folder consists of pictures, which are encoded.
+    samples = views if path.suffix else field.picture_encoding.encode(views)
+    if field.weight is not None:
+        samples = torch.cat([samples, field.weight.to(samples)], dim=2)
+    write_views = exr.write_views if path.suffix else view_folders.write_views
+    write_views(path, samples.detach().to("cpu", torch.float32).numpy(), bits)
     return path
 
 
@@ -60,7 +64,7 @@ def write_stack(
     bits: int | None = None,
     encoding: Encoding = encodings.SRGB,
 ) -> Path:
-    """Write a refocused stack.
+    """Write a refocused stack; returns the path.
 
     Args:
         path: A name in `.exr` for a multi-part EXR file, which `read_stack` reads; a name without suffix for a
@@ -69,21 +73,13 @@ def write_stack(
         planes: The N planes.
         bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
         encoding: Encoding of pictures; EXR files hold the stack as it is.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: Another number of planes, NaN or infinity, or a suffix, depth or number of channels that
-            cannot be written.
-        FileError: The disk refuses, or the path holds anything but such a stack as `write_stack` left it.
     """
     path = Path(path)
     if stack.ndim != 4 or len(stack) != len(planes):
         raise InputError(f"stack must be [N, C, H, W] with N = {len(planes)} planes", got=f"shape {list(stack.shape)}")
-    suffix = _suffix(path)
-    samples = _array(_samples(stack, path, encoding), stack.shape[1])
-    if suffix == ".exr":
+    _check(path, stack)
+    samples = (stack if path.suffix else encoding.encode(stack)).detach().to("cpu", torch.float32).numpy()
+    if path.suffix:
         exr.write_planes(path, samples, planes, bits)
     else:
         write_pictures(path, samples, planes, bits=bits)
@@ -99,7 +95,7 @@ def write_pictures(
     bits: int | None = None,
     quality: int = images.QUALITY,
 ) -> Path:
-    """Write the planes of a stack as pictures, already encoded for the screen.
+    """Write the planes of a stack as pictures, already encoded for the screen; returns the path.
 
     Args:
         path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, or without alpha where none reaches.
@@ -108,13 +104,6 @@ def write_pictures(
         suffix: One of `images.DEPTHS`.
         bits: As `images.write_image`.
         quality: Of JPEG and AVIF, from 1 to 100.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: NaN or infinity, or a depth, quality or number of channels that cannot be written.
-        FileError: The disk refuses, or the path holds anything but such pictures as lfref left them.
     """
     images.sample_type(Path(path) / f"x{suffix}", bits)
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
@@ -123,19 +112,8 @@ def write_pictures(
     return Path(path)
 
 
-def _suffix(path: Path) -> str:
-    suffix = path.suffix.lower()
-    if suffix not in VIEW_WRITERS:
+def _check(path: Path, light: Tensor) -> None:
+    if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} must end in .exr, or have no suffix for a folder", remedy="choose another name")
-    return suffix
-
-
-def _samples(light: Tensor, path: Path, encoding: Encoding) -> Tensor:
-    """Samples of a file: pictures, which a folder consists of, are encoded."""
-    return light if path.suffix else encoding.encode(light)
-
-
-def _array(samples: Tensor, n_colours: int) -> NDArray:
-    if n_colours not in (1, 3):
-        raise InputError("only 1 or 3 channels can be written", got=n_colours)
-    return samples.detach().to("cpu", torch.float32).numpy()
+    if light.shape[-3] not in (1, 3):
+        raise InputError("only 1 or 3 channels can be written", got=light.shape[-3])

@@ -6,14 +6,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.io.lenslet_lattice import HEXAGONAL_ROWS, Lattice, upright
+from lfref.io.lenslet_lattice import Lattice, upright
+from lfref.io.options import ROW_DISTANCES
 
 PITCH = 14.29
 
 
 def made(pitch=PITCH, rotation=0.3, is_hexagonal=False, offset=(6.3, 7.9)) -> Lattice:
     """A lattice of such neighbours."""
-    return upright((pitch * (HEXAGONAL_ROWS if is_hexagonal else 1), pitch), offset, rotation, is_hexagonal)
+    return upright((pitch * (ROW_DISTANCES["hexagonal"] if is_hexagonal else 1), pitch), offset, rotation, is_hexagonal)
 
 
 def under(lattice: Lattice, size: tuple[int, int]) -> tuple[NDArray, NDArray]:

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfref.io import lenslet_lattice, lenslets
-from lfref.io.lenslet_lattice import HEXAGONAL_ROWS, upright
+from lfref.io.lenslet_lattice import upright
+from lfref.io.options import ROW_DISTANCES
 from tests.io.lenslet_drawing import lenslet_image, made, scene
 
 
@@ -54,7 +55,7 @@ def test_a_block_lies_in_the_picture_and_leaves_little_of_it_out(pitch, rotation
         assert x.max() < size[1] - 1.99
     # What a turned rectangle loses on each side, and a lenslet more.
     lost = 2 * math.sin(math.radians(abs(rotation))) * 200 + 4 * pitch + 2
-    assert len(rows) >= (size[0] - lost) / (pitch * (HEXAGONAL_ROWS if is_hexagonal else 1))
+    assert len(rows) >= (size[0] - lost) / (pitch * (ROW_DISTANCES["hexagonal"] if is_hexagonal else 1))
     assert len(columns) >= (size[1] - lost) / pitch
 
 
