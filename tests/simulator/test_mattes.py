@@ -68,11 +68,6 @@ def test_a_disc_falls_from_one_to_zero_over_a_pixel_along_any_radius():
         torch.testing.assert_close(edge, torch.full((7,), expected, dtype=torch.float64))
 
 
-def test_full_is_one_everywhere():
-    assert bool((Full().opacity(AXIS, AXIS[:3]) == 1).all())
-    assert Full().opacity(AXIS, AXIS[:3]).shape == (3, len(AXIS))
-
-
 @pytest.mark.parametrize("outline", OUTLINES)
 def test_nothing_is_outside_the_box(outline):
     left, top, right, bottom = outline.box()
@@ -84,9 +79,9 @@ def test_nothing_is_outside_the_box(outline):
     assert float(AXIS[columns].max()) <= right
 
 
-def test_outlines_without_end_have_no_box():
-    assert Full().box() is None
-    assert Perforated(20.0, 6.0).box() is None
+def test_endless_outlines_have_no_box_and_full_is_one_everywhere():
+    assert Full().box() is Perforated(20.0, 6.0).box() is None
+    assert torch.equal(Full().opacity(AXIS, AXIS[:3]), torch.ones(3, len(AXIS), dtype=torch.float64))
 
 
 def test_twigs_branch_in_two_and_come_from_their_seed():
@@ -100,19 +95,13 @@ def test_twigs_branch_in_two_and_come_from_their_seed():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make",
     [
-        (lambda: Disc(0.1), "a disc's radius"),
-        (lambda: Disc(3.0, (0.0,)), "a disc's centre must have 2 numbers"),
-        (lambda: Polygon(((0.0, 0.0), (1.0, 1.0))), "a polygon needs at least three corners"),
-        (lambda: Polygon(((0.0, 0.0), (1.0, 1.0), (math.nan, 0.0))), "a polygon's corners must be finite"),
-        (lambda: Leaf(5.0, 5.0), "a leaf must be longer than wide"),
-        (lambda: Leaf(5.0, 0.0), "a leaf's length and width must be above 0"),
-        (lambda: Twigs(10.0, 0.5), "twigs' width must be finite numbers, at least 1"),
-        (lambda: Twigs(10.0, generations=9), "twigs' generations must be"),
-        (lambda: Perforated(10.0, 5.0), "holes must leave something between them"),
+        lambda: Disc(0.1), lambda: Disc(3.0, (0.0,)), lambda: Polygon(((0.0, 0.0), (1.0, 1.0))),
+        lambda: Polygon(((0.0, 0.0), (1.0, 1.0), (math.nan, 0.0))), lambda: Leaf(5.0, 5.0), lambda: Leaf(5.0, 0.0),
+        lambda: Twigs(10.0, 0.5), lambda: Twigs(10.0, generations=9), lambda: Perforated(10.0, 5.0),
     ],
-)
-def test_outlines_that_are_none_are_refused(make, message):
-    with pytest.raises(InputError, match=message):
+)  # fmt: skip
+def test_outlines_that_are_none_are_refused(make):
+    with pytest.raises(InputError):
         make()

@@ -12,7 +12,7 @@ from lfref.simulator import rays
 from lfref.simulator.layers import Highlight, Layer
 from lfref.simulator.rays import AtlasEntry, RayRow
 from lfref.simulator.scene import Surface
-from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat
 from tests.simulator import drawing
 
@@ -39,21 +39,6 @@ def test_rays_meet_a_surface_where_it_says(geometry, p, q, y):
     torch.testing.assert_close(at[2], geometry.ray_disparity(*ray).expand(WIDTH), atol=1e-6, rtol=0)
     at_x, at_y = drawing.intersect(geometry, *ray)
     torch.testing.assert_close(at[:2], torch.stack([at_x, at_y.expand(WIDTH)]), atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize("geometry", [Plane(0.3, (0.05, -0.02)), Dome(0.2, -0.5, 25.0, (3.0, 2.0))])
-def test_slopes_along_the_picture_are_differences(geometry):
-    step, here = 1e-4, RayRow(1.5, -0.7, -14.5, 2.0, 0.0, 0.0)
-    at = met(geometry, here)
-    for slopes, moved in ((at[3], here._replace(x=here.x + step)), (at[4], here._replace(y=here.y + step))):
-        np.testing.assert_allclose(slopes, (met(geometry, moved)[2] - at[2]) / step, atol=1e-5)
-
-
-def test_only_pixels_asked_for_are_followed():
-    at = met(Dome(0.2, -0.5, 25.0), RayRow(1.5, -0.7, -14.5, 2.0, 0.0, 0.0), 4, 9)
-    assert np.isfinite(at[:, 4:9]).all()
-    assert np.isnan(at[:, :4]).all()
-    assert np.isnan(at[:, 9:]).all()
 
 
 @settings(deadline=None, max_examples=80)

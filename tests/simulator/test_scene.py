@@ -38,31 +38,28 @@ def test_pixels_are_counted_from_the_centre():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make",
     [
-        (lambda: Camera((0, 3)), "a camera's grid must be finite numbers, at least 1"),
-        (lambda: Camera((3.5, 3)), "a camera's grid must be whole numbers"),
-        (lambda: Camera(size=(20,)), "a camera's size must have 2 numbers"),
-        (lambda: Camera(aperture="star"), "aperture must be one of square, disc; got 'star'"),
-        (lambda: Surface(Noise(), Noise()), "a surface's geometry must be one of Dome, Plane"),
-        (lambda: Surface(Plane(0.0), "noise"), "a surface's texture must be one of"),
-        (lambda: Surface(Plane(0.0), Flat(), opacity=1.5), "a surface's opacity must be"),
-        (lambda: Surface(Plane(0.0), Flat(), motion=(1.0,)), "a surface's motion must have 2 numbers"),
-        (lambda: Light(-1.0), "a light's gain must be"),
-        (lambda: Light(colour=(1.0, 1.0)), "a light's colour must have 3 numbers"),
-        (lambda: Scene(CAMERA, ()), "a scene needs at least one surface"),
-        (lambda: Scene(CAMERA, (Plane(0.0),)), "a scene's surfaces must be one of Surface"),
-        (lambda: Scene(None, (SURFACE,)), "a scene's camera must be one of Camera"),
-        (lambda: Scene(CAMERA, (SURFACE,), seed=-1), "a scene's seed must be"),
+        lambda: Camera((0, 3)), lambda: Camera((3.5, 3)), lambda: Camera(size=(20,)), lambda: Camera(aperture="star"),
+        lambda: Surface(Noise(), Noise()), lambda: Surface(Plane(0.0), "noise"),
+        lambda: Surface(Plane(0.0), Flat(), opacity=1.5), lambda: Surface(Plane(0.0), Flat(), motion=(1.0,)),
+        lambda: Light(-1.0), lambda: Light(colour=(1.0, 1.0)), lambda: Scene(CAMERA, ()),
+        lambda: Scene(CAMERA, (Plane(0.0),)), lambda: Scene(None, (SURFACE,)),
+        lambda: Scene(CAMERA, (SURFACE,), seed=-1),
     ],
-)
-def test_what_cannot_be_rendered_is_refused(make, message):
-    with pytest.raises(InputError, match=message):
+)  # fmt: skip
+def test_what_cannot_be_rendered_is_refused(make):
+    with pytest.raises(InputError):
         make()
 
 
-@pytest.mark.parametrize("geometry", [Plane(0.0, (0.15, 0.1)), Dome(0.0, 10.0, 60.0)])
-def test_surfaces_too_steep_for_the_aperture_are_refused(geometry):
-    with pytest.raises(InputError, match="use a flatter surface or fewer views"):
-        Scene(CAMERA, (Surface(geometry, Flat()),))
-    assert Scene(Camera((2, 1)), (Surface(replace(geometry, disparity=1.0), Flat()),)).sensor == Sensor()
+def test_surfaces_too_steep_for_the_aperture_are_refused():
+    # Half the aperture is 2.5 and 1.5 view steps: 2.5 a + 1.5 b may be 0.5; a dome is steepest, 8 / (3 sqrt 3) of
+    # bulge / radius, at 1 / sqrt 3 of its radius.
+    for just in (0.99, 1.01):
+        for geometry in (Plane(0.0, (0.14 * just, 0.1 * just)), Dome(0.0, 60 * just / 8 * 3**1.5 / 8, 60.0)):
+            if just > 1:
+                with pytest.raises(InputError, match="use a flatter surface or fewer views"):
+                    Scene(CAMERA, (Surface(geometry, Flat()),))
+            else:
+                assert Scene(CAMERA, (Surface(geometry, Flat()),)).sensor == Sensor()

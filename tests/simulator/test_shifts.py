@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.simulator import bitmaps, shifts
+from lfref.simulator import shifts
 from lfref.simulator.shifts import ShiftTaps
 
 
@@ -52,13 +52,6 @@ def test_overshoot_of_the_cubic_is_cut_and_keeps_the_colour():
     picture = np.full((1, 1, 3, 4, 4), 0.6, np.float32)
     shifts.composite_shifted(shifts.trimmed(samples), half, whole_shifts([2]), picture, 0, 4)
     np.testing.assert_allclose(picture, 0.6, atol=1e-6)
-
-
-def test_shifts_are_the_taps_and_weights_of_look_ups():
-    first = torch.tensor([3.25, -0.5, 7.0], dtype=torch.float64)
-    taps = shifts.shift_taps(first)
-    assert taps.starts.tolist() == [2, -2, 6]
-    torch.testing.assert_close(torch.from_numpy(taps.weights), bitmaps._cubic_taps(first, 40)[1])
 
 
 def test_outlines_leave_out_only_what_is_empty():

