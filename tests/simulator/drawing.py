@@ -56,25 +56,20 @@ SURFACES = st.builds(
     Surface, GEOMETRIES, TEXTURES, MATTES, MATERIALS, SHARE, st.tuples(st.floats(-4, 4), st.floats(-4, 4))
 )
 LIGHTS = st.builds(Light, st.floats(0, 3), LEVELS)
-SENSORS = st.builds(
-    Sensor,
-    *(
-        st.none() | effect
-        for effect in (
-            st.builds(Chromatic, st.tuples(*3 * [st.floats(0.9, 1.1)]), st.tuples(*3 * [st.floats(-1, 1)])),
-            st.builds(Vignetting, st.floats(0, 2), SHARE),
-            st.builds(Misalignment, st.floats(0, 3)),
-            st.builds(Crosstalk, st.floats(0, 1 / 3)),
-            st.builds(Exposure, st.floats(0, 8)),
-            st.builds(Mosaic, st.sampled_from([None, *PATTERNS])),
-            st.builds(SensorNoise, SHARE, SHARE),
-            st.builds(Clipping, st.floats(-1, 0), st.floats(0.5, 2)),
-            st.builds(Quantisation, st.none() | st.integers(1, 20)),
-            st.builds(WhiteBalance, st.tuples(*3 * [st.floats(0, 4)])),
-            st.builds(ToneCurve, st.sampled_from([*CURVES]), st.floats(0.3, 4)),
-        )
-    ),
-)
+EFFECTS = {
+    "chromatic": st.builds(Chromatic, st.tuples(*3 * [st.floats(0.9, 1.1)]), st.tuples(*3 * [st.floats(-1, 1)])),
+    "vignetting": st.builds(Vignetting, st.floats(0, 2), SHARE),
+    "misalignment": st.builds(Misalignment, st.floats(0, 3)),
+    "crosstalk": st.builds(Crosstalk, st.floats(0, 1 / 3)),
+    "exposure": st.builds(Exposure, st.floats(0, 8)),
+    "mosaic": st.builds(Mosaic, st.sampled_from([None, *PATTERNS])),
+    "noise": st.builds(SensorNoise, SHARE, SHARE),
+    "clipping": st.builds(Clipping, st.floats(-1, 0), st.floats(0.5, 2)),
+    "quantisation": st.builds(Quantisation, st.none() | st.integers(1, 20)),
+    "white_balance": st.builds(WhiteBalance, st.tuples(*3 * [st.floats(0, 4)])),
+    "tone_curve": st.builds(ToneCurve, st.sampled_from([*CURVES]), st.floats(0.3, 4)),
+}
+SENSORS = st.builds(Sensor, **{name: st.none() | effect for name, effect in EFFECTS.items()})
 SCENES = st.builds(
     Scene, st.just(CAMERA), st.lists(SURFACES, min_size=1, max_size=4).map(tuple), LIGHTS, seed=st.integers(0, 2**31)
 )
