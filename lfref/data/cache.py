@@ -45,14 +45,8 @@ log = logging.getLogger(__name__)
 def content_hash(path: Path, folder: Path | None = None) -> str:
     """SHA-256 of a light field's images without their file names, so that renamed copies are recognised.
 
-    A stored hash is valid as long as the names, sizes and times of all files stay as they were.
-
-    Args:
-        path: A file, or a folder of views.
-        folder: The cache folder, whose stored hashes are used too; None: only those of this process.
-
-    Raises:
-        FileError: There is no such light field.
+    A hash of this process, or one that the cache folder stores, is valid as long as the names, sizes and times of all
+    files stay as they were.
     """
     files = view_folders.image_files(path) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):
@@ -108,7 +102,7 @@ class CachedField:
         return self.samples.shape[3], self.samples.shape[4]
 
     def crop(self, top: int, left: int, height: int, width: int) -> LightField:
-        """The same rectangle of every view, in memory; arguments and errors as `LightField.crop`."""
+        """The same rectangle of every view, in memory, as `LightField.crop`."""
         if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
             raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
         # A copy: nobody may write into the memory map.
@@ -120,22 +114,16 @@ class CachedField:
 
 
 def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE) -> CachedField:
-    """Open a light field through the cache, decoding it on first use.
+    """Open a light field through the cache in a folder, decoding it on first use; `options` are those of `lfref.read`.
 
-    Args:
-        path: The light field: a file or a folder of views.
-        options: Arguments of `lfref.read`.
-        folder: Where the cache lies.
-        correct: `none`, `auto`, or a file of corrections.
-
-    Raises:
-        FileError: The light field or a file of corrections cannot be read, or the cache cannot be written.
-        InputError: Cameras off the even grid, on which networks learn.
+    `correct` is `none`, `auto`, or a file of corrections.
     """
     if options.get("positions") is not None or options.get("spacing") is not None:
         remedy = "leave out reader.positions and reader.spacing"
         raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
-    parts = [content_hash(path, folder), dict(options), reader.VERSION, *_correction_key(correct)]
+    parts = [content_hash(path, folder), dict(options), reader.VERSION]
+    if correct != NONE:
+        parts += [corrections.VERSION, correct if correct == AUTO else content_hash(Path(correct))]
     key = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     entry = next(iter(sorted(folder.glob(f"{key}.*npy"))), None)
     if entry is None or not _is_intact(entry, path):
@@ -149,12 +137,6 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
     ending = entry.name.removeprefix(f"{key}.").removesuffix(".npy")
     encoding = parsed(ending.removesuffix(WEIGHTED).replace("_", ":"))
     return CachedField(name, np.load(entry, mmap_mode="r"), ending.endswith(WEIGHTED), encoding)
-
-
-def _correction_key(correct: str) -> list[Any]:
-    if correct == NONE:
-        return []
-    return [corrections.VERSION, correct if correct == AUTO else content_hash(Path(correct))]
 
 
 def _is_intact(entry: Path, path: Path) -> bool:

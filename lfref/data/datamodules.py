@@ -15,7 +15,7 @@ from lfref.captures.correct import NONE
 from lfref.data import cache
 from lfref.data.field_sources import FolderSource, SimulatedSource, Source
 from lfref.data.label_sources import Labels, RenderedLabels
-from lfref.data.patch_data import Batch, EpochSampler, FieldPatches, concatenate
+from lfref.data.patch_data import Batch, FieldPatches, concatenate, epoch_loader
 from lfref.errors import InputError
 from lfref.io import read as reader
 from lfref.simulator.scene import Scene
@@ -39,53 +39,30 @@ _COPY = re.compile(r"^copy[ _.-]*of\b[ _.-]*|[ _.-]*(\(\d+\)|\bcopy([ _.-]*\d+)?
 _NUMBERED = re.compile(rf"img0*({_NUMBERS.replace(' ', '|')})(?!\d)")
 
 
-def _normal(name: str) -> str:
-    """A name in small letters, without marks of a copy, separators and `eslf`."""
-    name = name.lower().replace("_", " ")
-    while (shorter := _COPY.sub("", name)) != name:
-        name = shorter
-    return re.sub(r"[\s.-]|eslf", "", name)
-
-
-def is_of_test_set(name: str) -> bool:
-    """Whether a name is one of `PAPER_TEST`, however it is spelt.
+def without_test_set(paths: Sequence[Path]) -> list[Path]:
+    """Light fields whose names are not in `PAPER_TEST`, however they are spelt.
 
     Case, separators, `eslf` and marks of a copy are ignored. `IMG` with a number of the list counts anywhere in the
     name (`IMG-1085 cropped`); `Cars` and the other words count only alone (not `Cars_at_night`).
-
-    Args:
-        name: Name of a file without its suffix, or of a folder.
     """
-    normal = _normal(name)
-    return normal in _WORDS or bool(_NUMBERED.search(normal))
-
-
-def without_test_set(paths: Sequence[Path]) -> list[Path]:
-    """Light fields whose names are not in the paper's test set."""
-    return [path for path in paths if not is_of_test_set(path.stem)]
+    others = []
+    for path in paths:
+        name = path.stem.lower().replace("_", " ")
+        while (shorter := _COPY.sub("", name)) != name:
+            name = shorter
+        name = re.sub(r"[\s.-]|eslf", "", name)
+        if name not in _WORDS and not _NUMBERED.search(name):
+            others.append(path)
+    return others
 
 
 def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path], list[Path]]:
-    """Split into training and validation fields; fields of the paper's test set are in neither.
-
-    Args:
-        paths: All light fields.
-        share: Part to hold out, in (0, 1); at least one field.
-        seed: Seed of the choice.
-
-    Returns:
-        Training and validation fields, both in the order of `paths`.
-
-    Raises:
-        InputError: Fewer than two fields, or a share outside (0, 1).
-    """
+    """Training and validation fields in the order of `paths`; fields of the paper's test set are in neither."""
     usable = without_test_set(paths)
     if len(usable) < 2 or not 0 < share < 1:
-        raise InputError(
-            "a split needs two light fields outside the paper's test set and a share in (0, 1)",
-            got=f"{len(usable)} fields and {share}",
-            remedy="add fields, or give data.validation_path",
-        )
+        expected = "a split needs two light fields outside the paper's test set and a share in (0, 1)"
+        got, remedy = f"{len(usable)} fields and {share}", "add fields, or give data.validation_path"
+        raise InputError(expected, got=got, remedy=remedy)
     count = min(len(usable) - 1, max(1, round(share * len(usable))))
     chosen = set(np.random.default_rng(seed).permutation(len(usable))[:count].tolist())
     train = [path for i, path in enumerate(usable) if i not in chosen]
@@ -95,13 +72,7 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
 def without_leaks(
     train: Sequence[Path], held: Sequence[Path], folder: Path | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """Training fields whose content is not held out, and those whose content is.
-
-    Args:
-        train: Fields to train on.
-        held: Fields held out.
-        folder: The cache folder, which stores the hashes; None: they are not stored.
-    """
+    """Training fields whose content is not held out, and those whose content is; the cache folder stores the hashes."""
     forbidden = {cache.content_hash(path, folder) for path in held}
     clean = [path for path in train if cache.content_hash(path, folder) not in forbidden]
     if folder is not None:
@@ -139,9 +110,8 @@ class PatchData(LightningDataModule, abc.ABC):
         super().__init__()
         if min(patch, patches_per_field, fields_per_batch) < 1 or min(workers, seed, timeout) < 0:
             got = f"{patch}, {patches_per_field}, {fields_per_batch}, {workers}, {seed} and {timeout}"
-            raise InputError(
-                "patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0", got=got
-            )
+            expected = "patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0"
+            raise InputError(expected, got=got)
         self.labels = labels
         self.patch = patch
         self.patches_per_field = patches_per_field
@@ -172,17 +142,8 @@ class PatchData(LightningDataModule, abc.ABC):
         return self._loader(self.validation, None)
 
     def _loader(self, source: Source, order_seed: int | None) -> DataLoader[Batch]:
-        rank, world_size = (self.trainer.global_rank, self.trainer.world_size) if self.trainer else (0, 1)
-        return DataLoader(
-            FieldPatches(source, self.labels, self.patch, self.patches_per_field, self.seed),
-            batch_size=self.fields_per_batch,
-            sampler=EpochSampler(len(source), order_seed, rank, world_size),
-            collate_fn=concatenate,
-            num_workers=self.workers,
-            persistent_workers=self.workers > 0,
-            timeout=self.timeout if self.workers else 0,
-            pin_memory=bool(self.trainer and self.trainer.accelerator.name() == "cuda"),
-        )
+        patches = FieldPatches(source, self.labels, self.patch, self.patches_per_field, self.seed)
+        return epoch_loader(self, patches, order_seed, self.fields_per_batch, concatenate, self.workers, self.timeout)
 
 
 class FolderData(PatchData):
@@ -235,9 +196,8 @@ class FolderData(PatchData):
         train, leaks = without_leaks(train, held, self.cache_folder)
         _warn("being held out too", leaks)
         if not train:
-            raise InputError(
-                "no light field is left to train on", remedy="hold out other fields than those you train on"
-            )
+            remedy = "hold out other fields than those you train on"
+            raise InputError("no light field is left to train on", remedy=remedy)
         return (
             FolderSource(train, self.cache_folder, self.reader, self.correct),
             FolderSource(held, self.cache_folder, self.reader, self.correct),
@@ -245,12 +205,12 @@ class FolderData(PatchData):
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
         """Training fields, held-out fields, and fields that belong to neither because of their names."""
-        found = reader.find(self.path)
+        fields = reader.find(self.path)
         if self.validation_path is None:
-            train, held = held_out(found, self.validation_share, self.seed)
+            train, held = held_out(fields, self.validation_share, self.seed)
         else:
-            train, held = without_test_set(found), reader.find(self.validation_path)
-        return train, held, set(found).difference(train, held)
+            train, held = without_test_set(fields), reader.find(self.validation_path)
+        return train, held, set(fields).difference(train, held)
 
 
 def _warn(reason: str, paths: Iterable[Path]) -> None:

@@ -39,14 +39,7 @@ class Source(abc.ABC):
 
 
 class FolderSource(Source):
-    """Light fields on disk, read through the cache.
-
-    Args:
-        paths: The light fields: files or folders of views.
-        cache_folder: Folder of decoded fields.
-        reader: Arguments of `lfref.read`.
-        correct: `none`, `auto` (the defects of each field), or a file of corrections.
-    """
+    """Light fields on disk, read through the cache; arguments as `cache.cached`."""
 
     def __init__(
         self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any], correct: str = NONE
@@ -100,9 +93,8 @@ class SimulatedSource(Source):
         correct: str = NONE,
     ) -> None:
         if n_fields < 1 or seed < 0:
-            raise InputError(
-                "a simulated source needs at least one field, and a seed >= 0", got=f"n_fields={n_fields}, seed={seed}"
-            )
+            got = f"n_fields={n_fields}, seed={seed}"
+            raise InputError("a simulated source needs at least one field, and a seed >= 0", got=got)
         self.n_fields = n_fields
         self.seed = seed
         self.reach = reach

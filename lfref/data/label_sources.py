@@ -34,11 +34,7 @@ class Labels(abc.ABC):
 
     @abc.abstractmethod
     def __call__(self, field: LightField) -> Tensor:
-        """The label of a light field, [N, C, H, W].
-
-        Raises:
-            InputError: The field cannot be labelled, or is too small for these planes.
-        """
+        """The label of a light field, [N, C, H, W]."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +77,6 @@ class RenderedLabels(Labels):
     def __call__(self, field: LightField) -> Tensor:
         """Photograph a simulated field's scene, in the brightness and colours of its views, in [0, 1]."""
         if not isinstance(field, SimulatedField):
-            raise InputError(
-                "rendered labels need light fields of simulated scenes",
-                got=field.name,
-                remedy="use data=simulated, or label=shift_and_sum",
-            )
+            expected, remedy = "rendered labels need light fields of simulated scenes", "use data=simulated"
+            raise InputError(expected, got=field.name, remedy=f"{remedy}, or label=shift_and_sum")
         return field.photograph(self.planes.values)

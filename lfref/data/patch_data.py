@@ -5,13 +5,14 @@ patch is drawn again: nothing can be learned from it, and normalisation would di
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import TypedDict
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypedDict
 
 import numpy as np
 import torch
+from lightning.pytorch import LightningDataModule
 from torch import Tensor
-from torch.utils.data import Dataset, Sampler
+from torch.utils.data import DataLoader, Dataset, Sampler
 
 from lfref.data.field_sources import Field, Source
 from lfref.data.label_sources import Labels
@@ -44,12 +45,16 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
     The label is computed with the margin that it depends on.
     """
     margin = labels.margin(field.grid)
-    rows, columns = (
-        _context(start, patch, margin, length) for start, length in zip((top, left), field.size, strict=True)
-    )
-    context = field.crop(rows.start, columns.start, len(rows), len(columns))
-    row, column = top - rows.start, left - columns.start
-    window = (..., slice(row, row + patch), slice(column, column + patch))
+    # The patch with its margin, inside the field and wide enough for the largest shift.
+    least, crop, inner = 2 * margin + 1, [], []
+    for start, length in zip((top, left), field.size, strict=True):
+        first = max(0, min(start - margin, length - least))
+        last = min(length, max(start + patch + margin, first + least))
+        crop.append((first, last - first))
+        inner.append(slice(start - first, start - first + patch))
+    (row, height), (column, width) = crop
+    window = (..., inner[0], inner[1])
+    context = field.crop(row, column, height, width)
     views = context.views[window].contiguous()
     darkest, brightest = views.aminmax()
     if brightest - darkest < FLAT:  # False for NaN: training reports samples that are not finite.
@@ -57,19 +62,8 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
     return views, labels(context)[window].contiguous()
 
 
-def _context(start: int, patch: int, margin: int, length: int) -> range:
-    """A patch with its margin along one axis, inside the field and wide enough for the largest shift."""
-    least = 2 * margin + 1
-    first = max(0, min(start - margin, length - least))
-    return range(first, min(length, max(start + patch + margin, first + least)))
-
-
 class FieldPatches(Dataset[Batch]):
-    """Random patches of every light field of a source; `seed` is that of the corners.
-
-    Raises:
-        InputError: A size below 1; when items are read, a field smaller than a patch, or only flat fields.
-    """
+    """Random patches of every light field of a source; `seed` is that of the corners."""
 
     def __init__(self, source: Source, labels: Labels, patch: int, patches_per_field: int, seed: int) -> None:
         if min(patch, patches_per_field) < 1:
@@ -173,3 +167,27 @@ def concatenate(items: Sequence[Batch]) -> Batch:
         "where": [place for item in items for place in item["where"]],
         "resampled": sum(item["resampled"] for item in items),
     }
+
+
+def epoch_loader(
+    module: LightningDataModule,
+    items: Any,
+    order_seed: int | None,
+    batch_size: int,
+    collate: Callable[[Sequence[Any]], Any],
+    workers: int,
+    timeout: float = 0.0,
+) -> DataLoader[Any]:
+    """Batches of a data module's items in the order of an `EpochSampler`; `timeout` is in seconds a batch, 0: none."""
+    trainer = module.trainer
+    rank, world_size = (trainer.global_rank, trainer.world_size) if trainer else (0, 1)
+    return DataLoader(
+        items,
+        batch_size=batch_size,
+        sampler=EpochSampler(len(items), order_seed, rank, world_size),
+        collate_fn=collate,
+        num_workers=workers,
+        persistent_workers=workers > 0,
+        timeout=timeout if workers else 0,
+        pin_memory=bool(trainer and trainer.accelerator.name() == "cuda"),
+    )

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from lfref.data import plane_sets
-from lfref.data.patch_data import EpochSampler
+from lfref.data.patch_data import epoch_loader
 from lfref.data.plane_sets import Recipe
 from lfref.errors import InputError
 
@@ -114,9 +114,6 @@ class PlaneData(LightningDataModule):
         planes_per_batch: Crops per batch, from any light fields.
         workers: Processes that prepare batches; 0 prepares them in the training process.
         seed: Seed of order and crops.
-
-    Raises:
-        InputError: A number that is too small.
     """
 
     def __init__(
@@ -156,20 +153,9 @@ class PlaneData(LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[PlaneBatch]:
         """Crops in a new order and at new places each epoch."""
-        return self._loader(Crops(self.trained, self.crop, self.seed), self.seed, self.planes_per_batch)
+        crops = Crops(self.trained, self.crop, self.seed)
+        return epoch_loader(self, crops, self.seed, self.planes_per_batch, together, self.workers)
 
     def val_dataloader(self) -> DataLoader[PlaneBatch]:
         """The planes of each held-out item as a whole."""
-        return self._loader(Wholes(self.held), None, 1)
-
-    def _loader(self, items: Crops | Wholes, order_seed: int | None, n_items: int) -> DataLoader[PlaneBatch]:
-        rank, world_size = (self.trainer.global_rank, self.trainer.world_size) if self.trainer else (0, 1)
-        return DataLoader(
-            items,
-            batch_size=n_items,
-            sampler=EpochSampler(len(items), order_seed, rank, world_size),
-            collate_fn=together,
-            num_workers=self.workers,
-            persistent_workers=self.workers > 0,
-            pin_memory=bool(self.trainer and self.trainer.accelerator.name() == "cuda"),
-        )
+        return epoch_loader(self, Wholes(self.held), None, 1, together, self.workers)

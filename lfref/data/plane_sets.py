@@ -77,19 +77,12 @@ class Recipe:
         for name in ("features", "samples", "depths"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         check_names(self.features)
-        if not (
-            self.grids
-            and self.samples
-            and self.depths
-            and self.n_near + len(self.ranges)
-            and min(self.plain, self.ideal, 1 - self.plain - self.ideal, self.flat, 1 - self.flat) >= 0
-        ):
+        has_all = all((self.grids, self.samples, self.depths, self.n_near + len(self.ranges)))
+        if not has_all or min(self.plain, self.ideal, 1 - self.plain - self.ideal, self.flat, 1 - self.flat) < 0:
             shares = (self.plain, self.flat, self.ideal, self.whole)
             got = (self.grids, self.samples, self.depths, self.n_near, self.ranges, *shares)
-            raise InputError(
-                "a set needs grids, samples, depths, planes, and shares from 0 to 1, plain plus ideal too",
-                got=got,
-            )
+            expected = "a set needs grids, samples, depths, planes, and shares from 0 to 1, plain plus ideal too"
+            raise InputError(expected, got=got)
 
     def description(self) -> dict[str, Any]:
         """All values of the recipe in plain containers."""
@@ -207,11 +200,7 @@ def shape(path: Path) -> tuple[int, int, int]:
 
 
 def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), columns: slice = slice(None)) -> Item:
-    """Read these planes, rows and columns of an item; images stay in half precision.
-
-    Raises:
-        FileError: The file is missing or damaged.
-    """
+    """Read these planes, rows and columns of an item; images stay in half precision."""
     with _opened(path) as file:
         slopes = file.get_tensor("slopes")[planes]
         names = [name for name in file.keys() if name != "slopes"]  # noqa: SIM118  it is no mapping
@@ -226,6 +215,5 @@ def _opened(path: Path) -> Iterator[Any]:
         with safe_open(path, framework="pt", device="cpu") as file:
             yield file
     except (SafetensorError, OSError, ValueError) as error:
-        raise FileError(
-            f"{path} must be planes that lfref prepare wrote", got=error, remedy="delete it, and prepare again"
-        ) from error
+        expected, remedy = f"{path} must be planes that lfref prepare wrote", "delete it, and prepare again"
+        raise FileError(expected, got=error, remedy=remedy) from error

@@ -1,6 +1,8 @@
-"""A crop from the cache is the crop of what the reader reads, bit by bit, and nothing is decoded twice."""
+"""Crops from the cache equal those of the reader, nothing is decoded twice, and content hashes know copies."""
 
+import json
 import logging
+import os
 import shutil
 
 import numpy as np
@@ -10,6 +12,7 @@ import torch
 from lfref.captures.correct import correct
 from lfref.data import cache
 from lfref.errors import FileError, InputError
+from lfref.io import ownership
 from lfref.io import read as reader
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -56,20 +59,8 @@ def test_crops_equal_those_of_what_is_read_bit_by_bit(store, tmp_path, kind):
     path = store(**made)
     field, entry = reader.read(path, **options), cache.cached(path, options, tmp_path / "cache")
     assert (entry.name, entry.grid, entry.size) == (field.name, field.grid, field.size)
-    for window in [(0, 0, 5, 6), (3, 4, 9, 10), (11, 13, 1, 1), (0, 2, 12, 3)]:
+    for window in [(0, 0, 5, 6), (3, 4, 9, 10), (11, 13, 1, 1), (0, 0, 12, 14)]:
         assert_equal(entry.crop(*window), field.crop(*window))
-
-
-@pytest.mark.parametrize("kind", ["8 bits", "16 bits and weight", "float", "float and weight"])
-def test_the_whole_field_is_a_crop_too(store, tmp_path, kind):
-    made, options = KINDS[kind]
-    path = store(**made)
-    assert_equal(cache.cached(path, options, tmp_path / "cache").crop(0, 0, 12, 14), reader.read(path, **options))
-
-
-def test_the_whole_of_a_float_field_is_copied_into_memory(store, tmp_path):
-    entry = cache.cached(store(kind="exr", bits=32), {}, tmp_path / "cache")
-    assert entry.crop(0, 0, 12, 14).views.data_ptr() != entry.samples.ctypes.data
 
 
 def test_every_16_bit_number_survives(every_sample_of_16_bits, tmp_path):
@@ -78,19 +69,13 @@ def test_every_16_bit_number_survives(every_sample_of_16_bits, tmp_path):
     assert_equal(entry.crop(0, 0, 256, 256), reader.read(every_sample_of_16_bits, **options))
 
 
-def test_a_crop_can_be_written_to_without_harm_to_the_cache(store, tmp_path):
-    path = store()
-    first = cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 4, 4)
+@pytest.mark.parametrize("kind", ["8 bits", "float"])
+def test_a_crop_can_be_written_to_without_harm_to_the_cache(store, tmp_path, kind):
+    entry = cache.cached(store(**KINDS[kind][0]), {}, tmp_path / "cache")
+    first = entry.crop(0, 0, 12, 14)
     copy = first.views.clone()
     first.views.zero_()
-    assert torch.equal(cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 4, 4).views, copy)
-
-
-def test_the_second_opening_decodes_nothing(store, tmp_path, decoded):
-    path = store()
-    first, second = (cache.cached(path, {}, tmp_path / "cache") for _ in range(2))
-    assert decoded == [path]
-    assert_equal(first.crop(0, 0, 12, 14), second.crop(0, 0, 12, 14))
+    assert torch.equal(entry.crop(0, 0, 12, 14).views, copy)
 
 
 def test_samples_stay_on_disk_in_the_files_own_depth(store, tmp_path):
@@ -105,23 +90,11 @@ def test_another_option_of_the_reader_is_another_entry(store, tmp_path, decoded)
     sizes = [cache.cached(path, options, tmp_path / "cache").size for options in ({}, {"size": (5, 6)})]
     assert sizes == [(12, 14), (5, 6)]
     assert len(decoded) == 2
-    flipped = cache.cached(path, {"reverse_v": True}, tmp_path / "cache").crop(0, 0, 3, 3)
-    assert torch.equal(flipped.views, reader.read(path).views.flip(0)[..., :3, :3])
-
-
-def test_the_order_of_the_options_does_not_matter(store, tmp_path, decoded):
-    path = store()
     cache.cached(path, {"views": 2, "reverse_u": True}, tmp_path / "cache")
     cache.cached(path, {"reverse_u": True, "views": 2}, tmp_path / "cache")
-    assert len(decoded) == 1
-
-
-def test_another_content_is_another_entry(store, tmp_path, decoded):
-    first = cache.cached(store(kind="exr", bits=32), {}, tmp_path / "cache").crop(0, 0, 3, 3)
-    path = store(kind="exr", bits=32, seed=1)
-    second = cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 3, 3)
-    assert decoded == [path, path]
-    assert not torch.equal(first.views, second.views)
+    assert len(decoded) == 3
+    flipped = cache.cached(path, {"reverse_v": True}, tmp_path / "cache").crop(0, 0, 3, 3)
+    assert torch.equal(flipped.views, reader.read(path).views.flip(0)[..., :3, :3])
 
 
 def test_another_version_of_the_reader_is_another_entry(store, tmp_path, decoded, monkeypatch):
@@ -135,30 +108,10 @@ def test_another_version_of_the_reader_is_another_entry(store, tmp_path, decoded
 def test_a_copy_under_another_name_is_not_decoded_again(store, tmp_path, decoded):
     path = store(kind="exr", bits=32)
     copy = shutil.copy(path, tmp_path / "copy.exr")
-    for each in (path, copy):
-        cache.cached(tmp_path / each, {}, tmp_path / "cache")
+    names = [cache.cached(tmp_path / file, {}, tmp_path / "cache").name for file in (path, path, copy)]
+    assert names == ["field", "field", "copy"]
     assert len(decoded) == 1
-
-
-def test_a_copy_under_another_name_has_that_name(store, tmp_path):
-    path = store(kind="exr", bits=32)
-    shutil.copy(path, tmp_path / "copy.exr")
-    cache.cached(path, {}, tmp_path / "cache")
-    assert cache.cached(tmp_path / "copy.exr", {}, tmp_path / "cache").name == "copy"
-
-
-def test_a_write_that_was_interrupted_leaves_no_entry(store, tmp_path, decoded, monkeypatch):
-    path = store()
-
-    def dies(file, samples):
-        file.write_bytes(b"half")
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr(np, "save", dies)
-        with pytest.raises(KeyboardInterrupt):
-            cache.cached(path, {}, tmp_path / "cache")
-    assert cache.cached(path, {}, tmp_path / "cache").size == (12, 14)
+    cache.cached(store(kind="exr", bits=32, seed=1), {}, tmp_path / "cache")
     assert len(decoded) == 2
 
 
@@ -179,10 +132,9 @@ SPOILT = ["a byte of the samples", "a byte of the header", "all samples", "half 
 SPOILT += ["the last byte is missing", "nothing is left", "zeros"]
 
 
-@pytest.mark.parametrize("weight", [False, True])
 @pytest.mark.parametrize("how", SPOILT)
-def test_a_damaged_entry_is_named_and_made_anew(store, tmp_path, decoded, caplog, how, weight):
-    path = store(weight=weight)
+def test_a_damaged_entry_is_named_and_made_anew(store, tmp_path, decoded, caplog, how):
+    path = store(weight=True)
     whole = cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 12, 14)
     (entry,) = (tmp_path / "cache").glob("*.npy")
     entry.write_bytes(spoilt(entry, how))
@@ -213,38 +165,17 @@ def test_a_cache_folder_that_cannot_be_written_is_one_clear_error(store, tmp_pat
         cache.cached(store(), {}, tmp_path / "file" / "cache")
 
 
-def test_a_damaged_entry_in_a_folder_that_cannot_be_written_is_one_clear_error(store, tmp_path, monkeypatch):
-    path = store()
-    cache.cached(path, {}, tmp_path / "cache")
-    (entry,) = (tmp_path / "cache").glob("*.npy")
-    entry.write_bytes(b"")
-
-    def read_only(*_):
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr(cache.np, "save", read_only)
-    with pytest.raises(FileError, match=r"cannot be written; got read-only file system; choose a folder"):
-        cache.cached(path, {}, tmp_path / "cache")
-
-
-def test_an_entry_whose_array_was_deleted_is_made_anew(store, tmp_path):
-    path = store()
-    cache.cached(path, {}, tmp_path / "cache")
-    (array,) = (tmp_path / "cache").glob("*.npy")
-    array.unlink()
-    assert cache.cached(path, {}, tmp_path / "cache").size == (12, 14)
-
-
-def test_a_failed_write_leaves_no_entry(store, tmp_path, monkeypatch):
-    path = store()
-
-    def full_disk(file, array):
+@pytest.mark.parametrize(
+    ("error", "caught"), [(OSError(28, "No space left"), FileError), (KeyboardInterrupt(), KeyboardInterrupt)]
+)
+def test_a_failed_write_leaves_no_entry(store, tmp_path, monkeypatch, error, caught):
+    def fail(file, array):
         file.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
+        raise error
 
-    monkeypatch.setattr(cache.np, "save", full_disk)
-    with pytest.raises(FileError, match="cannot be written"):
-        cache.cached(path, {}, tmp_path / "cache")
+    monkeypatch.setattr(cache.np, "save", fail)
+    with pytest.raises(caught):
+        cache.cached(store(), {}, tmp_path / "cache")
     assert list((tmp_path / "cache").iterdir()) == []
 
 
@@ -313,3 +244,95 @@ def test_other_corrections_and_other_versions_of_them_are_other_entries(dark_cor
     assert len(decoded) == 3
     cache.cached(dark_corners, {}, tmp_path, "auto")
     assert len(decoded) == 3
+
+
+@pytest.fixture
+def digested(monkeypatch):
+    """Files whose content was really read, in order."""
+    files, digest = [], ownership.digest
+    monkeypatch.setattr(ownership, "digest", lambda file: files.append(file) or digest(file))
+    return files
+
+
+def restarted(folder):
+    """What a new process does: it knows only what was kept."""
+    cache.store_hashes(folder)
+    cache._hashes.cache_clear()
+
+
+def test_the_content_hash_ignores_names_and_sees_every_bit(store, tmp_path):
+    path = store()
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for view in path.iterdir():
+        shutil.copy(view, copy / view.name.replace("field", "other"))
+    assert cache.content_hash(copy) == cache.content_hash(path)
+    assert cache.content_hash(store("third", seed=1)) != cache.content_hash(path)
+    (copy / ".DS_Store").write_bytes(b"x")
+    (copy / "readme.txt").write_text("taken in spring")
+    (path / ownership.MARK).unlink()
+    assert cache.content_hash(copy) == cache.content_hash(path)
+    view = sorted(copy.glob("*.png"))[0]
+    view.write_bytes(view.read_bytes() + b"\0")
+    assert cache.content_hash(copy) != cache.content_hash(path)
+
+
+def test_views_in_another_order_are_another_content(store, tmp_path):
+    path = store()
+    before = cache.content_hash(path)
+    first, second = sorted(path.glob("*.png"))[:2]
+    first.rename(tmp_path / "aside.png")
+    second.rename(first)
+    (tmp_path / "aside.png").rename(second)
+    assert cache.content_hash(path) != before
+
+
+def test_a_second_process_reads_no_file_again(store, tmp_path, digested):
+    path, folder = store(), tmp_path / "cache"
+    digested.clear()
+    first = cache.content_hash(path, folder)
+    assert len(digested) == 9
+    restarted(folder)
+    assert cache.content_hash(path, folder) == first
+    assert len(digested) == 9
+
+
+@pytest.mark.parametrize("keep_time", [False, True])
+def test_a_file_that_changed_is_read_again_though_its_size_and_time_stay(store, tmp_path, keep_time):
+    path, folder = store(kind="exr", bits=32), tmp_path / "cache"
+    first, facts = cache.content_hash(path, folder), path.stat()
+    restarted(folder)
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    if keep_time:
+        os.utime(path, ns=(facts.st_atime_ns, facts.st_mtime_ns))
+    assert cache.content_hash(path, folder) != first
+
+
+def test_what_another_process_kept_meanwhile_is_not_lost(store, tmp_path):
+    one, two, folder = store("one", seed=1), store("two", seed=2), tmp_path / "cache"
+    cache.content_hash(one, folder)
+    folder.mkdir()
+    (folder / cache.HASHES).write_text(json.dumps({"of another process": "hash"}))
+    cache.store_hashes(folder)
+    cache.content_hash(two, folder)
+    cache.store_hashes(folder)
+    assert len(json.loads((folder / cache.HASHES).read_text())) == 3
+
+
+@pytest.mark.parametrize("damage", ["", "[1]", "nothing", "\xff", "null"])
+def test_a_damaged_file_of_hashes_is_none(store, tmp_path, damage):
+    path, folder = store(), tmp_path / "cache"
+    folder.mkdir()
+    (folder / cache.HASHES).write_text(damage, "latin-1")
+    assert cache.content_hash(path, folder) == cache.content_hash(path)
+    restarted(folder)
+    assert cache.content_hash(path, folder) in json.loads((folder / cache.HASHES).read_text()).values()
+
+
+def test_a_folder_that_cannot_be_written_only_costs_time(store, tmp_path):
+    (tmp_path / "file").write_text("x")
+    cache.content_hash(store(), tmp_path / "file")
+    cache.store_hashes(tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "x"

@@ -3,12 +3,15 @@
 import functools
 import logging
 import shutil
+from pathlib import Path
 
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
-from lfref.data import cache
-from lfref.data.datamodules import FolderData, PatchData, SimulatedData
+from lfref.data import cache, datamodules
+from lfref.data.datamodules import FolderData, SimulatedData
 from lfref.data.field_sources import SimulatedSource
 from lfref.data.label_sources import OperatorLabels, RenderedLabels
 from lfref.errors import FileError, InputError
@@ -77,13 +80,6 @@ def test_training_draws_new_patches_each_epoch_and_validation_the_same():
     assert places(validation) == first[1]
 
 
-def test_two_runs_of_one_seed_see_the_same_and_another_seed_something_else():
-    one, two, other = (next(iter(simulated(seed=seed).train_dataloader())) for seed in (3, 3, 4))
-    assert torch.equal(one["views"], two["views"])
-    assert one["where"] == two["where"]
-    assert not torch.equal(one["views"], other["views"])
-
-
 def test_held_out_scenes_are_not_those_of_training():
     data = simulated(n_fields=3)
     train = [data.train.field(index).views for index in range(3)]
@@ -139,11 +135,6 @@ def test_each_rank_of_a_distributed_run_gets_its_share():
     assert len(drawn[0]) == len(drawn[1]) == 4
 
 
-def test_the_base_class_has_no_sources_of_its_own():
-    with pytest.raises(TypeError, match="abstract"):
-        PatchData(LABELS)
-
-
 def test_a_folder_is_split_by_share_and_seed(store, folder_data):
     for number in range(5):
         store(f"field_{number}", seed=number)
@@ -172,14 +163,6 @@ def test_fields_held_out_by_content_are_left_out_and_named_in_the_log(store, fol
     assert names(train) == ["field_0", "field_2"]
     assert names(held) == ["under_another_name"]
     assert "left out of training, being held out too: field_1" in caplog.text
-
-
-def test_without_leaks_the_log_is_silent(store, folder_data, tmp_path, caplog):
-    store("a", seed=0)
-    store("b", seed=1, folder="held")
-    with caplog.at_level(logging.WARNING):
-        folder_data(validation_path=str(tmp_path / "held")).sources()
-    assert caplog.text == ""
 
 
 def test_a_copy_on_both_sides_of_a_split_does_not_train(store, folder_data):
@@ -234,12 +217,6 @@ def test_a_folder_has_no_rendered_labels(store, folder_data):
         next(iter(data.train_dataloader()))
 
 
-def test_a_single_field_cannot_be_split(store, folder_data):
-    store("a")
-    with pytest.raises(InputError, match="two light fields"):
-        folder_data().sources()
-
-
 def test_a_folder_without_light_fields_is_a_file_error(folder_data, tmp_path):
     for _ in range(2):
         with pytest.raises(FileError, match="must hold light fields"):
@@ -247,7 +224,96 @@ def test_a_folder_without_light_fields_is_a_file_error(folder_data, tmp_path):
         (tmp_path / "fields").mkdir(exist_ok=True)
 
 
-def test_the_home_folder_may_be_written_as_a_tilde():
-    data = FolderData("somewhere", LABELS, "~/cache")
-    assert "~" not in str(data.cache_folder)
-    assert data.cache_folder.is_absolute()
+PATHS = [Path(f"field_{number:02d}.png") for number in range(20)]
+
+
+@given(n=st.integers(2, 20), share=st.floats(0.001, 0.999), seed=st.integers(0, 99))
+def test_a_split_loses_nothing_keeps_the_order_and_leaves_something_on_both_sides(n, share, seed):
+    train, held = datamodules.held_out(PATHS[:n], share, seed)
+    assert train
+    assert held
+    assert sorted(train + held) == PATHS[:n]
+    assert train == sorted(train)
+    assert held == sorted(held)
+    assert abs(len(held) - share * n) <= 1
+    assert datamodules.held_out(PATHS[:n], share, seed) == (train, held)
+
+
+def test_the_papers_test_set_neither_trains_nor_validates():
+    test_set = [Path(f"data/{name}.png") for name in datamodules.PAPER_TEST] + [Path("data/Cars")]
+    train, held = datamodules.held_out(test_set + PATHS, 0.5, 0)
+    assert sorted(train + held) == PATHS
+
+
+SPELLINGS = [
+    "IMG_1085_eslf",
+    "img_1085_eslf",
+    "IMG_1085_eslf_(1)",
+    "IMG_1085_eslf_copy",
+    "IMG-1085",
+    "IMG_1085",
+    "img1085",
+    "IMG_01085_eslf",
+    "Copy_of_IMG_1085_eslf",
+    "IMG_1085_eslf_-_Copy",
+    "IMG_1085_eslf_-_Copy_(2)",
+    "IMG_1085_eslf_copy_3",
+    "IMG_1085_cropped",
+    "7x7_IMG_1085",
+    "Cars",
+    "cars",
+    "CARS_eslf",
+    "Cars_(1)",
+    "Cars_copy",
+    "Flower_1",
+    "flower-2_copy",
+    "Rock_-_Copy",
+    "seahorse.copy",
+    "copy_of_Cars",
+]
+OTHERS = [
+    "IMG_1087_eslf",
+    "IMG_10850",
+    "IMG_21085",
+    "1085",
+    "Cars_at_night",
+    "Flower",
+    "Flower3",
+    "Flower11",
+    "Rocks",
+    "Scars",
+    "copy",
+    "(1)",
+]
+
+
+@pytest.mark.parametrize("separator", ["_", " "])
+def test_a_test_field_is_known_however_it_is_spelt_and_others_are_not_taken_for_one(separator):
+    spelt = [Path(f"{name.replace('_', separator)}.png") for name in (*SPELLINGS, *OTHERS)]
+    assert datamodules.without_test_set(spelt) == spelt[len(SPELLINGS) :]
+
+
+@pytest.mark.parametrize("share", [0, 1, -0.1, 1.5, float("nan")])
+def test_a_share_that_is_no_share_is_refused(share):
+    with pytest.raises(InputError, match=r"share in \(0, 1\)"):
+        datamodules.held_out(PATHS, share, 0)
+
+
+@pytest.mark.parametrize("paths", [[], PATHS[:1], [PATHS[0], Path("Cars.png"), Path("IMG_1085_eslf.png")]])
+def test_too_few_fields_outside_the_test_set_are_refused(paths):
+    with pytest.raises(InputError, match=r"outside the paper's test set.*data\.validation_path"):
+        datamodules.held_out(paths, 0.5, 0)
+
+
+def test_a_leak_is_found_by_its_content_under_any_name(store, tmp_path):
+    train = [store("a", seed=1), store("b", seed=2), store("c", seed=3)]
+    held = [store("d", seed=4), store("e", seed=2, folder="held")]
+    # The same name with another content is no leak.
+    held.append(store("a", seed=5, folder="held"))
+    assert datamodules.without_leaks(train, held) == ([train[0], train[2]], [train[1]])
+
+
+def test_a_file_leaks_like_a_folder(store, tmp_path):
+    path = store(kind="exr", bits=32)
+    copy = Path(shutil.copy(path, tmp_path / "IMG_1419_eslf.exr"))
+    assert datamodules.without_leaks([copy], [path]) == ([], [copy])

@@ -93,11 +93,6 @@ def test_fewer_fields_than_asked_for_are_told(folder):
             data(folder, **options)
 
 
-def test_a_set_is_looked_for_in_the_cache(tmp_path):
-    made = PlaneData(RECIPE, str(tmp_path))
-    assert made.folder == plane_sets.folder_of(RECIPE, tmp_path)
-
-
 @pytest.mark.parametrize("option", [{"crop": 0}, {"n_validation": 0}, {"planes_per_batch": 0}, {"workers": -1}])
 def test_numbers_that_are_too_small_are_refused(option):
     with pytest.raises(InputError, match="at least 1"):

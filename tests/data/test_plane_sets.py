@@ -64,12 +64,6 @@ def test_cameras_of_more_samples_leave_detail_that_aliases():
     assert steps[0] > 1.05 * steps[1]
 
 
-def test_samples_are_drawn_as_often():
-    finer = plane_sets.make(dataclasses.replace(RECIPE, samples=(2, 2)), 4)
-    drawn = [plane_sets.make(dataclasses.replace(RECIPE, samples=samples), 4) for samples in ((1, 2), (2, 1))]
-    assert sum(equal(item, finer) for item in drawn) == 1
-
-
 def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
     noisy = dataclasses.replace(
         RECIPE, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(noise=1.0, shot=(0.01, 0.01)))
@@ -97,11 +91,6 @@ def test_flat_scenes_are_one_or_two_planes_that_face_the_camera():
 def test_a_share_of_the_slopes_is_whole():
     slopes = plane_sets.make(dataclasses.replace(RECIPE, whole=1.0), 0).slopes
     assert torch.equal(slopes, slopes.round())
-
-
-def test_shares_are_of_one_whole():
-    with pytest.raises(InputError, match="shares from 0 to 1"):
-        dataclasses.replace(RECIPE, plain=0.7, ideal=0.5)
 
 
 def test_cameras_with_vignetting_have_a_white_picture():

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from lfref.captures.correct import correct
-from lfref.data.field_sources import FolderSource, SimulatedField, SimulatedSource
-from lfref.errors import FileError, InputError
+from lfref.data.field_sources import FolderSource, SimulatedSource
+from lfref.errors import InputError
 from lfref.io import read as reader
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import reduce_views
@@ -56,13 +56,6 @@ def test_a_simulated_field_is_fixed_by_seed_epoch_and_index():
             assert not torch.allclose(one, two, atol=1e-3)
 
 
-def test_the_order_of_asking_does_not_matter():
-    source = SimulatedSource(3, 0, SMALL)
-    last = source.field(2).views
-    source.field(0)
-    assert torch.equal(source.field(2).views, last)
-
-
 @pytest.mark.parametrize("seed", [20261121, 2**32 - 1])
 def test_any_seed_that_lightning_takes_works(seed):
     assert SimulatedSource(1, seed, SMALL).field(0).size == (10, 12)
@@ -72,12 +65,6 @@ def test_simulated_parallax_runs_in_our_order():
     views = SimulatedSource(1, 0, RandomScenes(Camera((5, 5), (64, 64)))).field(0).views
     assert not slope_range.seems_reversed(reduce_views(views))
     assert slope_range.seems_reversed(reduce_views(views.flip(0)))
-
-
-def test_scenes_without_parallax_have_views_that_are_all_alike():
-    still = RandomScenes(CAMERA, n_surfaces=(1, 1), disparities=(0.0, 0.0))
-    views = SimulatedSource(1, 0, still).field(0).views
-    torch.testing.assert_close(views, views[:1, :1].expand_as(views), atol=1e-5, rtol=0)
 
 
 def test_a_single_scene_is_seen_as_it_is_and_then_with_other_noise():
@@ -95,13 +82,6 @@ def test_views_and_photographs_of_a_bright_scene_are_clipped_alike():
     assert float(truth.max()) > 3
     assert float(field.views.max()) == float(photograph.max()) == 1.0
     assert torch.equal(photograph, developed(truth, LAMP.sensor))
-
-
-def test_what_no_sensor_clips_is_clipped_at_white():
-    field = SimulatedSource(1, 0, Scene(CAMERA, LAMP.surfaces)).field(0)
-    truth = simulate(Scene(CAMERA, LAMP.surfaces), outputs=["truth"], slopes=SLOPES).truth
-    assert torch.equal(field.photograph(SLOPES), truth.clamp(0, 1))
-    assert float(field.views.max()) == 1.0
 
 
 def test_views_and_photographs_are_linear_light_whatever_curve_the_sensor_has():
@@ -168,19 +148,3 @@ def test_a_folder_source_reads_its_fields_in_order_and_alike_every_epoch(store, 
             field = source.field(index, epoch)
             assert field.name == path.name
             assert torch.equal(field.crop(0, 0, 12, 14).views, expected.views)
-
-
-def test_a_damaged_field_is_a_file_error_that_names_it(store, tmp_path):
-    path = store(kind="exr", bits=32)
-    path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(FileError, match=r"field\.exr"):
-        FolderSource([path], tmp_path / "cache", {}).field(0)
-
-
-def test_a_crop_of_a_simulated_field_cuts_weight_and_photograph_alike():
-    weight = torch.rand(2, 2, 1, 8, 9)
-    picture = torch.rand(8, 9)
-    field = SimulatedField(torch.rand(2, 2, 3, 8, 9), weight=weight, photograph=lambda slopes: picture)
-    cut = field.crop(1, 2, 4, 5)
-    assert torch.equal(cut.weight, weight[..., 1:5, 2:7])
-    assert torch.equal(cut.photograph((0.0,)), picture[1:5, 2:7])
