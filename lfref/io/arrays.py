@@ -27,8 +27,6 @@ from lfref.io.options import ReadOptions
 ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", "nhwc", "nchw", "hwcn")
 """Axes that are tried where the option `axes` is not set."""
 N_AXES = (4, 5)
-MAX_SAMPLES = 2**33
-"""Largest array to load: a damaged header may name any size."""
 USUAL_NAME = "lf"
 """The light field among several arrays, in small letters."""
 
@@ -165,9 +163,8 @@ def decode_array(path: Path, options: ReadOptions) -> NDArray:
         array = _chosen(arrays, options.variable, path)
         axes = options.axes or _likely_axes(array, path)
         _check(array, axes, path)
-        if options.scratch is None:
-            # At least a byte a stored sample, and four as light.
-            scratch.check_memory(5 * math.prod(array.shape), str(path))
+        # At least a byte a stored sample, and four as light; a damaged header may name any size.
+        scratch.check_memory((5 if options.scratch is None else 1) * math.prod(array.shape), str(path))
         stored = array.load()
     views = arranged(stored, axes, options.grid, path)
     return _radiances(views[options.window(views.shape[:2], path)], path)
@@ -204,7 +201,7 @@ def _likely_axes(array: StoredArray, path: Path) -> str:
 
 
 def _check(array: StoredArray, axes: str, path: Path) -> None:
-    """Refuse axes that are no light field's or do not fit, and arrays that are empty or too large."""
+    """Refuse axes that are no light field's or do not fit, and empty arrays."""
     named = set(axes)
     views = named & set("vun")
     if len(named) < len(axes) or not set("hw") <= named <= set("vunhwc") or views not in ({"v", "u"}, {"n"}):
@@ -217,9 +214,6 @@ def _check(array: StoredArray, axes: str, path: Path) -> None:
     if not 1 <= channels <= 4 or 0 in array.shape:
         got = f"shape {_times(array.shape)} as {axes}"
         raise InputError(f"{path} must hold 1 to 4 channels and no empty axis", got=got, remedy="set reader.axes")
-    if math.prod(array.shape) > MAX_SAMPLES:
-        got = f"shape {_times(array.shape)}"
-        raise FileError(f"{path} must hold at most {MAX_SAMPLES} samples", got=got, remedy="cut it into smaller arrays")
 
 
 def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Path) -> NDArray:

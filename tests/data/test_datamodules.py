@@ -246,45 +246,15 @@ def test_the_papers_test_set_neither_trains_nor_validates():
 
 
 SPELLINGS = [
-    "IMG_1085_eslf",
-    "img_1085_eslf",
-    "IMG_1085_eslf_(1)",
-    "IMG_1085_eslf_copy",
-    "IMG-1085",
-    "IMG_1085",
-    "img1085",
-    "IMG_01085_eslf",
-    "Copy_of_IMG_1085_eslf",
-    "IMG_1085_eslf_-_Copy",
-    "IMG_1085_eslf_-_Copy_(2)",
-    "IMG_1085_eslf_copy_3",
-    "IMG_1085_cropped",
-    "7x7_IMG_1085",
-    "Cars",
-    "cars",
-    "CARS_eslf",
-    "Cars_(1)",
-    "Cars_copy",
-    "Flower_1",
-    "flower-2_copy",
-    "Rock_-_Copy",
-    "seahorse.copy",
-    "copy_of_Cars",
-]
+    "IMG_1085_eslf", "img_1085_eslf", "IMG_1085_eslf_(1)", "IMG_1085_eslf_copy", "IMG-1085", "IMG_1085", "img1085",
+    "IMG_01085_eslf", "Copy_of_IMG_1085_eslf", "IMG_1085_eslf_-_Copy", "IMG_1085_eslf_-_Copy_(2)",
+    "IMG_1085_eslf_copy_3", "IMG_1085_cropped", "7x7_IMG_1085", "Cars", "cars", "CARS_eslf", "Cars_(1)",
+    "Cars_copy", "Flower_1", "flower-2_copy", "Rock_-_Copy", "seahorse.copy", "copy_of_Cars",
+]  # fmt: skip
 OTHERS = [
-    "IMG_1087_eslf",
-    "IMG_10850",
-    "IMG_21085",
-    "1085",
-    "Cars_at_night",
-    "Flower",
-    "Flower3",
-    "Flower11",
-    "Rocks",
-    "Scars",
-    "copy",
-    "(1)",
-]
+    "IMG_1087_eslf", "IMG_10850", "IMG_21085", "1085", "Cars_at_night", "Flower", "Flower3", "Flower11", "Rocks",
+    "Scars", "copy", "(1)",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("separator", ["_", " "])

@@ -25,7 +25,7 @@ def expected(stored: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("save", SAVED)
 def test_every_kind_of_file_gives_the_same_views(tmp_path, stored, save):
     path = save(tmp_path / "scene", stored)
-    field = read.read(path, encoding="none") if "encoding" in read.read.__kwdefaults__ else read.read(path)
+    field = read.read(path, encoding="none")
     np.testing.assert_allclose(field.views.numpy(), expected(stored), atol=1e-7)
     assert (field.name, field.metadata["format"], field.metadata["bits"]) == ("scene", "array", "8")
     assert read.find(tmp_path) == [path]
@@ -37,7 +37,7 @@ def test_usual_orders_of_axes_are_known_by_their_lengths(tmp_path, stored, axes)
     np.testing.assert_array_equal(arrays.decode_array(path, ReadOptions()), stored.transpose(0, 1, 4, 2, 3))
 
 
-@pytest.mark.parametrize("axes", ["uvhwc", "wuchv", "hwcuv", "cuvwh"])
+@pytest.mark.parametrize("axes", ["uvhwc", "wuchv"])
 def test_any_order_of_axes_is_read_where_it_is_said(tmp_path, stored, axes):
     path = save_npy(tmp_path / "a", stored.transpose(["vuhwc".index(letter) for letter in axes]))
     np.testing.assert_array_equal(arrays.decode_array(path, ReadOptions(axes=axes)), stored.transpose(0, 1, 4, 2, 3))
@@ -67,17 +67,12 @@ def test_the_fourth_channel_of_the_light_field_toolbox_is_the_weight(tmp_path, s
     assert (field.metadata["bits"], field.metadata["missing"]) == ("16", "10 of 30 views")
 
 
-@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64, ">f4"])
-def test_floats_are_taken_as_they_are(tmp_path, stored, kind):
-    path = save_npy(tmp_path / "a", (stored / 100.0).astype(kind))
-    views = arrays.decode_array(path, ReadOptions())
-    assert views.dtype == np.float32
-    np.testing.assert_allclose(views, stored.transpose(0, 1, 4, 2, 3) / 100, rtol=1e-3)
-
-
-def test_integers_of_the_other_order_of_bytes_are_read(tmp_path, stored):
-    path = save_npy(tmp_path / "a", stored.astype(">u2"))
-    np.testing.assert_array_equal(arrays.decode_array(path, ReadOptions()), stored.transpose(0, 1, 4, 2, 3))
+@pytest.mark.parametrize("kind", [np.float16, np.float64, ">f4", ">u2"])
+def test_floats_are_taken_as_they_are_and_any_order_of_bytes_is_read(tmp_path, stored, kind):
+    scale = 1 if kind == ">u2" else 100.0
+    views = arrays.decode_array(save_npy(tmp_path / "a", (stored / scale).astype(kind)), ReadOptions())
+    assert views.dtype == (np.uint16 if kind == ">u2" else np.float32)
+    np.testing.assert_allclose(views, stored.transpose(0, 1, 4, 2, 3) / scale, rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -122,14 +117,6 @@ def test_one_of_several_arrays_is_asked_for_by_its_name(tmp_path, stored, one_li
     one_line(caught.value, "the array middle", "reader.variable")
 
 
-@pytest.mark.parametrize("save", SAVED)
-def test_arrays_are_listed_as_they_are_indexed_and_loaded_when_asked_for(tmp_path, stored, save):
-    with arrays.open_arrays(save(tmp_path / "a", stored)) as found:
-        (field,) = [member for member in found if len(member.shape) == 5]
-        assert field.shape == stored.shape
-        np.testing.assert_array_equal(field.load(), stored)
-
-
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 def test_objects_of_python_are_never_loaded(tmp_path, suffix, one_line):
     array = np.empty((2, 2, 5, 6, 3), object)
@@ -153,9 +140,10 @@ def test_data_outside_an_hdf5_file_are_left_where_they_are(tmp_path, stored, one
 def test_a_header_that_asks_for_any_size_is_refused(tmp_path, one_line):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("LF", shape=(9, 9, 10**6, 10**6, 3), dtype=np.uint8, chunks=(1, 1, 100, 100, 3))
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.h5")
-    one_line(caught.value, tmp_path / "a.h5", "at most")
+    for scratch in (None, tmp_path):
+        with pytest.raises(LfrefError) as caught:
+            read.read(tmp_path / "a.h5", scratch=scratch)
+        one_line(caught.value, tmp_path / "a.h5", "must fit into memory")
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(
         header, {"descr": "|u1", "fortran_order": False, "shape": (9, 9, 9**9, 9**9, 3)}
@@ -218,11 +206,3 @@ def test_pieces_that_an_index_has_lost_are_refused(tmp_path, one_line):
     with pytest.raises(FileError) as caught:
         read.read(tmp_path / "a.h5")
     one_line(caught.value, tmp_path / "a.h5", "1 pieces of /LF are missing", "copy it again")
-
-
-def test_a_zip_file_of_something_else_is_refused(tmp_path, one_line):
-    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04" + bytes(100))
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.npz")
-    one_line(caught.value, tmp_path / "a.npz")
-    assert read.is_field(tmp_path / "a.npz")  # what is wrong with it is told when it is read

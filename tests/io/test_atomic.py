@@ -10,17 +10,6 @@ from lfref.errors import FileError
 from lfref.io import atomic
 
 
-def test_the_temporary_name_stands_beside_the_file_and_has_its_suffix(tmp_path):
-    path = tmp_path / "new" / "folder" / "plane_00_alpha_0.125.png"
-    with atomic.replacing(path) as partial:
-        assert partial.parent == path.parent
-        assert partial.suffix == ".png"
-        assert partial.name.startswith(".")
-        partial.write_bytes(b"whole")
-    assert path.read_bytes() == b"whole"
-    assert list(path.parent.iterdir()) == [path]
-
-
 def test_the_content_is_on_the_disk_before_the_file_takes_its_name(tmp_path, monkeypatch):
     path = tmp_path / "file.bin"
     flushed = []
@@ -54,11 +43,6 @@ def test_a_full_disk_is_one_clear_error(tmp_path, one_line):
         Path("/dev/full").write_text("x")
     one_line(caught.value, tmp_path / "a", "free some space")
     assert not list(tmp_path.iterdir())
-
-
-def test_errors_of_our_own_pass_unchanged(tmp_path):
-    with pytest.raises(FileError, match=r"^mine$"), atomic.replacing(tmp_path / "a"):
-        raise FileError("mine")
 
 
 def test_a_folder_takes_the_place_of_an_older_one(tmp_path):

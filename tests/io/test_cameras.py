@@ -46,14 +46,6 @@ def test_json_is_an_array_or_a_list_of_records(tmp_path):
     np.testing.assert_array_equal(cameras.read_positions(tmp_path / "a.json"), UNEVEN)
 
 
-def test_views_that_are_left_out_are_not_known(tmp_path):
-    (tmp_path / "a.csv").write_text("row,column,v,u\n0,0,0,0\n0,1,0,1\n1,0,1,0\n")
-    assert np.isnan(cameras.read_positions(tmp_path / "a.csv")).tolist() == [
-        [[False] * 2] * 2,
-        [[False] * 2, [True] * 2],
-    ]
-
-
 @pytest.mark.parametrize(
     "contents",
     [
@@ -105,21 +97,9 @@ def test_unit_direction_and_origin_change_nothing(scale, signs, shift):
     np.testing.assert_allclose(expected.mean(axis=(0, 1)), 0, atol=1e-12)
 
 
-def test_rows_and_columns_of_unlike_steps_keep_their_ratio():
-    values = cameras.normalised(cameras.even_positions((5, 4), (30.0, 36.0)), np.ones((5, 4), bool), "a")
-    np.testing.assert_allclose(values, cameras.even_positions((5, 4), (30 / 33, 36 / 33)))
-
-
 @pytest.mark.parametrize("shape", [(3, 3), (1, 5), (4, 1), (1, 1)])
 def test_an_even_grid_is_no_positions_at_all(shape):
     assert cameras.normalised(-31.5 * cameras.even_positions(shape) + 7, np.ones(shape, bool), "a") is None
-
-
-def test_a_row_of_cameras_has_steps_along_it_alone():
-    said = np.array([[[0.0, 0], [2, 10], [-2, 25], [0, 30]]])
-    values = cameras.normalised(said, np.ones((1, 4), bool), "a")
-    assert steps(values.repeat(2, axis=0))[1] == pytest.approx(1)
-    np.testing.assert_allclose(np.ptp(values[..., 0]) / np.ptp(values[..., 1]), 4 / 30)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import FileError
-from lfref.geometry import even_planes, planes_at_alphas
+from lfref.geometry import planes_at_alphas
 from lfref.io import exr, images
 from lfref.io.options import ReadOptions
 
@@ -111,10 +111,3 @@ def test_planes_written_by_lfref_0_1_are_read_by_their_alphas(tmp_path):
     parts = [images.Part(np.zeros((1, 1, 3)), f"plane_{n:02d}", each) for n, each in enumerate(said)]
     images.write_parts(tmp_path / "old.exr", parts)
     assert exr.read_planes(tmp_path / "old.exr")[1] == planes_at_alphas((0.375, 2.0))
-
-
-def test_planes_beyond_what_alphas_reach_come_back(tmp_path):
-    planes = even_planes(3, -2 / 3, 2)
-    exr.write_planes(tmp_path / "s.exr", np.zeros((3, 1, 1, 1), np.float32), planes)
-    again = exr.read_planes(tmp_path / "s.exr")[1]
-    assert (again, again.convention) == (planes, None)

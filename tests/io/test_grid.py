@@ -94,12 +94,6 @@ def test_holes_have_weight_zero_and_the_mean_of_the_other_views(channels, kind):
         assert (views[cell][-1] == (view[..., -1] if channels == 4 else full)).all()
 
 
-def test_a_window_without_holes_needs_no_weight():
-    stored = grid.Grid((2, 3), {(0, 0): 1, (0, 1): 2, (1, 0): 3, (1, 1): 4, (1, 2): 5})
-    views = grid.gather(stored, (slice(0, 2), slice(0, 2)), lambda value: np.full((1, 1, 1), value, np.uint8), str)
-    assert views[..., 0, 0, 0].tolist() == [[1, 2], [3, 4]]
-
-
 def test_a_window_of_nothing_but_holes_is_refused(one_line):
     with pytest.raises(FileError) as caught:
         grid.gather(grid.Grid((2, 2), {(0, 0): 0}), (slice(1, 2), slice(1, 2)), lambda cell: np.zeros((1, 1, 1)), str)

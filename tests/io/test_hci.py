@@ -90,8 +90,3 @@ def test_foreign_parameters_are_one_line_and_do_not_keep_views_from_being_read(v
         metadata.hci_metadata(folder)
     one_line(caught.value, folder / "parameters.cfg")
     assert read.read(folder).grid == (1, 3)
-
-
-def test_other_folders_say_nothing(tmp_path):
-    assert metadata.hci_metadata(tmp_path) == {}
-    assert metadata.hci_metadata(tmp_path / "a.png") == {}

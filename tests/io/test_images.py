@@ -69,21 +69,7 @@ def test_alpha_that_an_exr_file_multiplied_in_is_divided_out(tmp_path):
     np.testing.assert_array_equal(images.read_image(path), [[[0.5, 0.25, 0, 0.5], [0, 0, 0, 0]]])
 
 
-@pytest.mark.parametrize(("dtype", "full"), [(np.uint8, 255), (np.uint16, 65535)])
-def test_integers_become_floats_between_0_and_1(dtype, full):
-    floats = images.to_float(np.array([0, full // 5, full], dtype).reshape(1, 3, 1).transpose(1, 0, 2))
-    assert floats.dtype == np.float32
-    assert floats.flags.c_contiguous
-    np.testing.assert_array_equal(floats.ravel(), np.float32([0, 0.2, 1]))
-
-
-def test_other_types_are_refused():
-    with pytest.raises(InputError, match="int64"):
-        images.to_float(np.zeros(3, np.int64))
-
-
-@pytest.mark.parametrize("suffix", [".png", ".exr"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize(("suffix", "value"), [(".png", np.nan), (".png", np.inf), (".exr", np.nan)])
 def test_nan_and_infinity_are_not_written_and_the_old_file_stays(tmp_path, suffix, value, one_line):
     path = tmp_path / f"a{suffix}"
     images.write_image(path, np.ones((2, 2, 3)))
@@ -95,24 +81,30 @@ def test_nan_and_infinity_are_not_written_and_the_old_file_stays(tmp_path, suffi
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_values_beyond_half_are_refused(tmp_path):
-    with pytest.raises(InputError, match="write 32 bits"):
-        images.write_image(tmp_path / "a.exr", np.full((1, 1, 1), 1e5), bits=16)
-
-
 @pytest.mark.parametrize(
-    ("name", "bits"), [("a.png", 32), ("a.exr", 8), ("a.jpg", 16), ("a.tif", 64), ("a.bmp", 8), ("a", None)]
+    ("name", "array", "options"),
+    [
+        ("a.png", np.zeros((1, 1, 3)), {"bits": 32}),
+        ("a.exr", np.zeros((1, 1, 3)), {"bits": 8}),
+        ("a.exr", np.full((1, 1, 1), 1e5), {"bits": 16}),
+        ("a.tif", np.zeros((1, 1, 3)), {"bits": 64}),
+        ("a.bmp", np.zeros((1, 1, 3)), {}),
+        ("a", np.zeros((1, 1, 3)), {}),
+        ("a.jpg", np.zeros((2, 2, 4)), {}),
+        ("a.jpg", np.zeros((2, 2, 3)), {"quality": 0}),
+        ("a.jpg", np.zeros((2, 2, 3)), {"quality": 101}),
+        ("a.jpg", np.zeros((2, 2, 3)), {"quality": 9.5}),
+        ("a.png", np.zeros((2, 2)), {}),
+        ("a.png", np.zeros((2, 2, 5)), {}),
+        ("a.png", np.zeros((0, 2, 3)), {}),
+        ("a.png", np.zeros((2, 2, 3), np.int64), {}),
+    ],
 )
-def test_formats_and_depths_that_do_not_exist_are_refused(tmp_path, name, bits, one_line):
+def test_pictures_that_a_format_does_not_have_are_refused(tmp_path, name, array, options, one_line):
     with pytest.raises(InputError) as caught:
-        images.write_image(tmp_path / name, np.zeros((1, 1, 3)), bits=bits)
-    one_line(caught.value, tmp_path / name)
-
-
-@pytest.mark.parametrize("shape", [(2, 2), (2, 2, 5), (0, 2, 3)])
-def test_shapes_that_are_no_image_are_refused(tmp_path, shape):
-    with pytest.raises(InputError, match=r"\[H, W, C\]"):
-        images.write_image(tmp_path / "a.png", np.zeros(shape))
+        images.write_image(tmp_path / name, array, **options)
+    one_line(caught.value)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_jpeg_is_near_the_picture_and_keeps_the_colour_of_each_pixel(tmp_path):
@@ -126,19 +118,6 @@ def test_a_jpeg_is_near_the_picture_and_keeps_the_colour_of_each_pixel(tmp_path)
     assert (tmp_path / "small.jpg").stat().st_size < 0.6 * (tmp_path / "a.jpg").stat().st_size
     images.write_image(tmp_path / "a.jpg", picture[..., :1])
     assert OpenImageIO.ImageBuf(str(tmp_path / "a.jpg")).nchannels == 1
-
-
-@pytest.mark.parametrize("quality", [0, 101, 9.5])
-def test_qualities_that_no_jpeg_has_are_refused(tmp_path, quality):
-    with pytest.raises(InputError, match="from 1 to 100"):
-        images.write_image(tmp_path / "a.jpg", np.zeros((2, 2, 3)), quality=quality)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_jpeg_has_no_room_for_a_weight(tmp_path, one_line):
-    with pytest.raises(InputError) as caught:
-        images.write_image(tmp_path / "a.jpg", np.zeros((2, 2, 4)))
-    one_line(caught.value, tmp_path / "a.jpg", "write PNG")
 
 
 SUFFIXES = ["png", "tif", "jpg", "exr", "bmp", "jp2", "j2k", "jxl", "ppm", "webp", "hdr"]
@@ -193,7 +172,7 @@ def test_samples_of_twelve_bits_are_scaled_to_sixteen(tmp_path):
 def test_every_truncation_is_found(tmp_path, noise, suffix, one_line):
     path = stored(tmp_path / f"a.{suffix}", noise[..., :3], KINDS.get(suffix, "uint8"))
     whole = path.read_bytes()
-    cuts = {0, 1, 4, 8, 20, 50, 100, *range(100, len(whole), 197), *range(len(whole) - 20, len(whole))}
+    cuts = {0, 1, 4, 8, 20, 50, 100, *range(100, len(whole), 397), *range(len(whole) - 20, len(whole))}
     for cut in sorted(cuts):
         path.write_bytes(whole[:cut])
         with pytest.raises(FileError) as caught:
@@ -231,8 +210,7 @@ def test_what_is_no_image_is_refused(tmp_path, content, got, one_line):
     one_line(caught.value, path, got)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("kind", ["half", "float"])
+@pytest.mark.parametrize(("value", "kind"), [(np.nan, "half"), (np.nan, "float"), (-np.inf, "float")])
 def test_nan_and_infinity_in_an_exr_file_are_refused(tmp_path, value, kind, one_line):
     array = np.zeros((3, 4, 3), np.float32)
     array[1, 2, 0] = value
@@ -259,20 +237,9 @@ def test_images_over_the_limit_are_not_decoded(tmp_path, monkeypatch, one_line):
     one_line(caught.value, path, "LIMIT_MB")
 
 
-def test_the_limit_lets_the_largest_eslf_image_pass():
-    assert images.LIMIT_MB * 2**20 > 5264 * 7574 * 4 * 2
-
-
 def test_alpha_multiplied_into_a_tiff_is_divided_out(tmp_path):
     path = stored(tmp_path / "a.tif", np.array([[[50, 25, 0, 128], [200, 100, 50, 255]]], np.uint8))
     np.testing.assert_array_equal(images.read_image(path), [[[100, 50, 0, 128], [200, 100, 50, 255]]])
-
-
-def test_arrays_of_any_memory_order_are_written(tmp_path):
-    channels_first = np.arange(3 * 4 * 5, dtype=np.float32).reshape(3, 4, 5)
-    images.write_parts(tmp_path / "a.exr", [images.Part(channels_first.transpose(1, 2, 0))])
-    back = OpenImageIO.ImageBuf(str(tmp_path / "a.exr")).get_pixels(OpenImageIO.FLOAT)
-    np.testing.assert_array_equal(back.transpose(2, 0, 1), channels_first)
 
 
 def test_a_part_of_an_exr_file_carries_its_name_and_attributes_and_no_alpha(tmp_path):
@@ -302,7 +269,7 @@ def test_a_writer_that_fails_leaves_the_old_file(tmp_path, monkeypatch, one_line
 
 
 @pytest.mark.parametrize(("bits", "kind"), [(None, "uint8"), (16, "uint16"), (32, "float")])
-@pytest.mark.parametrize("n_channels", [1, 3, 4])
+@pytest.mark.parametrize("n_channels", [1, 4])
 def test_a_tiff_has_tiles_and_gives_back_what_was_written(tmp_path, bits, kind, n_channels):
     values = np.random.default_rng(1).random((300, 270, n_channels), np.float32)
     images.write_image(tmp_path / "a.tif", values, bits=bits)

@@ -122,3 +122,9 @@ def test_comments_of_a_pnm_header_are_skipped(tmp_path: Path, header: bytes) -> 
     path = tmp_path / "a.ppm"
     path.write_bytes(header + PICTURE.tobytes())
     check_length(path)
+
+
+def test_a_bmp_of_run_lengths_may_have_any_length(tmp_path: Path) -> None:
+    header = struct.pack("<IIIIiiHHII", 0, 0, 54, 40, 9, 7, 1, 8, 1, 0)
+    (tmp_path / "a.bmp").write_bytes(b"BM" + header + bytes(20))
+    check_length(tmp_path / "a.bmp")

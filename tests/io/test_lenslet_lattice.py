@@ -31,18 +31,6 @@ def test_rows_that_fall_to_the_right_are_turned_by_more_than_nothing():
     assert lattice.rotation == pytest.approx(30)
 
 
-def test_directions_are_a_pixel_long_and_follow_the_lattice():
-    down, along = made(rotation=20.0).steps()
-    assert math.hypot(*down) == pytest.approx(1)
-    assert along == pytest.approx((math.sin(math.radians(20)), math.cos(math.radians(20))))
-    assert down[0] * along[0] + down[1] * along[1] == pytest.approx(0)
-
-
-def test_a_whole_number_of_aligned_lenslets_is_used_to_the_last():
-    rows, columns = upright((14.0, 14.0), (6.5, 6.5)).within((14 * 5, 14 * 7), (6.5, 6.5))
-    assert (rows, columns) == (range(5), range(7))
-
-
 @given(st.floats(3, 20), st.floats(-10, 10), st.floats(-30, 30), st.floats(-30, 30), st.booleans(), st.floats(60, 200))
 def test_a_block_lies_in_the_picture_and_leaves_little_of_it_out(pitch, rotation, top, left, is_hexagonal, side):
     lattice, size = made(pitch, rotation, is_hexagonal, (top, left)), (round(side), 150)

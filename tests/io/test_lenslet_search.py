@@ -30,10 +30,9 @@ def beside(lattice: Lattice, at: tuple[float, float]) -> float:
 
 
 @pytest.mark.parametrize("name", LATTICES)
-@pytest.mark.parametrize("noise", [0.0, 0.05])
-def test_pitch_rotation_and_offset_are_found(name, noise):
+def test_pitch_rotation_and_offset_are_found(name):
     truth = LATTICES[name]
-    white = white_image(truth, (440, 500)) + noise * np.random.default_rng(0).normal(size=(440, 500))
+    white = white_image(truth, (440, 500)) + 0.05 * np.random.default_rng(0).normal(size=(440, 500))
     found = lenslet_search.lattice_of(white, PATH)
     assert found.is_hexagonal == truth.is_hexagonal
     assert found.pitch == pytest.approx(truth.pitch, abs=1e-3)
@@ -86,8 +85,10 @@ def picture(size):
     return np.sin(x / 9 + np.sin(y / 31)) + 0.01 * y + noise(size)
 
 
-@pytest.mark.parametrize("make", [noise, picture, np.zeros, np.ones])
-@pytest.mark.parametrize("size", [(300, 400), (9, 9), (1, 40)])
+@pytest.mark.parametrize(
+    ("make", "size"),
+    [(noise, (300, 400)), (picture, (300, 400)), (np.zeros, (300, 400)), (noise, (9, 9)), (noise, (1, 40))],
+)
 def test_what_shows_no_lattice_is_refused_in_one_line(make, size, one_line):
     with pytest.raises(FileError) as caught:
         lenslet_search.lattice_of(make(size), PATH)
@@ -113,13 +114,12 @@ def aligned(pitch: int, rows=30, columns=36, extra=0) -> np.ndarray:
     return (255 * (image + grain).clip(0, 1)).astype(np.uint8)[..., None]
 
 
-@pytest.mark.parametrize("pitch", [5, 7, 9, 14, 15])
-@pytest.mark.parametrize("extra", [0, 4])
+@pytest.mark.parametrize(("pitch", "extra"), [(5, 0), (7, 4), (9, 0), (14, 4), (15, 0)])
 def test_the_right_pitch_is_read_whether_or_not_it_divides_the_size(pitch, extra):
     lenslet_search.check_pitch(aligned(pitch, extra=extra), pitch, PATH)
 
 
-@pytest.mark.parametrize(("pitch", "asked"), [(9, 14), (9, 8), (9, 10), (14, 7), (15, 5), (7, 14), (5, 15), (15, 14)])
+@pytest.mark.parametrize(("pitch", "asked"), [(9, 14), (9, 8), (14, 7), (15, 5), (7, 14), (5, 15)])
 def test_another_pitch_is_refused_with_the_one_that_is_seen(pitch, asked, one_line):
     with pytest.raises(FileError) as caught:
         lenslet_search.check_pitch(aligned(pitch), asked, PATH)

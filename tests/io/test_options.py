@@ -64,10 +64,6 @@ def test_the_window_is_central_unless_it_has_a_start(n_views, count, start, firs
     assert rows == columns == slice(first, first + count)
 
 
-def test_no_number_of_views_keeps_all():
-    assert ReadOptions().window((3, 5), Path("field")) == (slice(0, 3), slice(0, 5))
-
-
 @pytest.mark.parametrize(("count", "start"), [(0, None), (8, None), (7, 1), (3, -1), (3, 5)])
 def test_a_window_that_leaves_the_grid_is_refused(count, start, one_line):
     with pytest.raises(InputError) as caught:
@@ -79,23 +75,12 @@ def lattice(**given):
     return lenslets.lattice_of_options(ReadOptions.parse(**given))
 
 
-def test_no_option_means_aligned_lenslets():
-    assert not ReadOptions.parse().describes_lenslets
-    assert ReadOptions.parse(pitch=14).describes_lenslets
-    assert ReadOptions.parse(white="white.png").describes_lenslets
-
-
 def test_one_pitch_is_that_of_neighbours():
     assert lattice(pitch=14.29).pitch == pytest.approx((14.29, 14.29))
     hexagonal = lattice(pitch=14.29, lattice="hexagonal")
     assert hexagonal.pitch == pytest.approx((14.29 * math.sqrt(3) / 2, 14.29))
     assert hexagonal.is_hexagonal
     assert lattice(pitch=[12, 15]).pitch == pytest.approx((12, 15))
-
-
-def test_without_an_offset_lenslets_begin_in_the_corner():
-    assert lattice(pitch=14).origin == (6.5, 6.5)
-    assert lattice(pitch=14, offset=[3, 4]).origin == (3, 4)
 
 
 def test_options_count_more_than_what_an_image_shows():

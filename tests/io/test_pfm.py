@@ -43,11 +43,6 @@ def test_what_is_written_comes_back_and_another_library_reads_the_same(tmp_path:
     source.close()
 
 
-def test_grey_needs_no_channel_axis(tmp_path):
-    pfm.write(tmp_path / "a.pfm", np.arange(6.0).reshape(2, 3))
-    assert pfm.read(tmp_path / "a.pfm").tolist() == [[[0], [1], [2]], [[3], [4], [5]]]
-
-
 def test_infinity_of_others_is_kept_and_of_ours_is_refused(tmp_path, one_line):
     path = tmp_path / "a.pfm"
     path.write_bytes(b"Pf\n1 1\n-1\n" + struct.pack("<f", np.inf))

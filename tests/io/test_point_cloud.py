@@ -37,11 +37,6 @@ def test_points_come_back_with_colours_and_whatever_else_is_known(tmp_path):
     assert table["confidence"].tolist() == [0.25, 1]
 
 
-def test_a_cloud_without_points_is_a_file_without_points(tmp_path):
-    point_cloud.write_points(tmp_path / "a.ply", np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
-    assert len(parsed(tmp_path / "a.ply")[1]) == 0
-
-
 @pytest.mark.parametrize(
     ("places", "colours", "others"),
     [
@@ -122,8 +117,3 @@ def test_cameras_that_are_not_known_are_none(changed):
     assert Cameras.from_metadata(HCI) is not None
     assert Cameras.from_metadata(HCI | changed) is None
     assert Cameras.from_metadata({}) is None
-
-
-def test_maps_that_do_not_fit_are_refused():
-    with pytest.raises(InputError, match=r"must be \[H, W\]"):
-        point_cloud.points(torch.zeros(2, 3), torch.ones(3, 2))

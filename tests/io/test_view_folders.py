@@ -46,18 +46,6 @@ def test_other_names_leave_it_open(name):
     assert view_folders.fields_of([Path(name)]) == []
 
 
-def test_a_picture_on_its_own_is_left_out_beside_numbered_ones():
-    numbered = [Path(f"a{index}.png") for index in range(3)]
-    (field,) = view_folders.numbered_fields([Path("depth1.png"), *numbered])
-    assert [found.path for found in field] == numbered
-    assert len(view_folders.numbered_fields([Path("depth1.png")])) == 1
-
-
-def test_a_missing_view_is_named_as_widely_as_the_others():
-    ((found,),) = view_folders.fields_of([Path("s_08_09.png")])
-    assert found.renamed({"row": 3, "column": 12}) == "s_03_12.png"
-
-
 def test_a_user_names_a_pattern_or_writes_one(one_line):
     assert view_folders.compiled("column_row").pattern == view_folders.AMBIGUOUS_PATTERNS["column_row"]
     assert view_folders.compiled(r"(?P<index>\d+)").groupindex.keys() == {"index"}
@@ -98,15 +86,6 @@ def test_a_cross_and_a_diagonal_say_how_large_their_square_is(side, base):
 @pytest.mark.parametrize("count", [2, 3, 5, 8, 15, 80])
 def test_other_numbers_make_none(count):
     assert view_folders.square(0, count - 1, count) is None
-
-
-def test_a_grid_that_is_asked_for_is_filled_row_by_row():
-    arranged = view_folders.arrange(FOLDER, found(range(1, 7)), ReadOptions(grid=(2, 3)))
-    assert arranged.shape == (2, 3)
-    assert {cell: one.path.name for cell, one in arranged.cells.items()} == {
-        divmod(index, 3): f"{index + 1}.png" for index in range(6)
-    }
-    assert arranged.name_of((1, 2)) == "6.png"
 
 
 def picture(path, space=None, kind="uint8"):
@@ -200,12 +179,6 @@ def test_known_names_find_their_place(view_folder, numbered_views, naming):
 def test_a_pattern_of_ones_own_finds_its_place(view_folder, numbered_views, pattern, naming):
     folder = view_folder(names(naming))
     assert numbered_views(read.read(folder, pattern=pattern).views) == EXPECTED
-
-
-def test_groups_that_are_no_numbers_are_refused(view_folder):
-    folder = view_folder({(0, 0): "a_b.png"})
-    with pytest.raises(InputError, match="must be numbers"):
-        read.read(folder, pattern=r"(?P<row>\w)_(?P<column>\w)")
 
 
 @pytest.mark.parametrize("naming", [NAMINGS["HCI"], NAMINGS["from 1"]])
@@ -308,12 +281,6 @@ def test_views_are_pictures_of_any_format(tmp_path, numbered_views, suffix):
         assert output.write_image(np.full((40, 40, 3), 10 * row + column, np.uint8))
         assert output.close()
     assert numbered_views(read.read(tmp_path).views) == EXPECTED
-
-
-def test_columns_come_first_where_that_is_said(view_folder, numbered_views):
-    folder = view_folder(names(lambda row, column: f"{column}_{row}.png"))
-    assert numbered_views(read.read(folder, pattern="column_row").views) == EXPECTED
-    assert numbered_views(read.read(folder).views) == np.transpose(EXPECTED).tolist()
 
 
 def test_a_grid_that_is_no_square_is_numbered_through_where_that_is_said(view_folder, numbered_views, one_line):

@@ -42,7 +42,7 @@ def test_a_light_field_comes_back_exactly(folder, make_field, suffix_and_bits, g
     assert back.metadata["bits"] == (str(bits) if bits else "float")
 
 
-@pytest.mark.parametrize("name", ["out_00_11", "input_Cam000", "2067", ".hidden", "a_1_2", "with space", "ä"])
+@pytest.mark.parametrize("name", ["out_00_11", "2067", ".hidden", "with space", "ä"])
 def test_every_folder_name_is_read_back(tmp_path, make_field, name):
     field = make_field()
     assert_same(read.read(write.write(tmp_path / name, field)), field)
@@ -54,17 +54,6 @@ def test_values_beyond_0_and_1_are_clipped_in_png_and_kept_in_exr(tmp_path):
     torch.testing.assert_close(clipped, views.clamp(0, 1), rtol=0, atol=1e-6)
     kept = read.read(write.write(tmp_path / "a.exr", LightField(views))).views
     torch.testing.assert_close(kept, views, rtol=0, atol=0)
-
-
-def test_a_gradient_does_not_hinder_writing(tmp_path, make_field):
-    field = LightField(make_field().views.requires_grad_())
-    assert_same(read.read(write.write(tmp_path / "a", field)), make_field())
-
-
-def test_an_older_light_field_is_replaced_whole(tmp_path, make_field):
-    write.write(tmp_path / "a", make_field((4, 4)))
-    field = make_field((2, 2), seed=1)
-    assert_same(read.read(write.write(tmp_path / "a", field)), field)
 
 
 @pytest.mark.parametrize("suffix", ["", ".exr"])
@@ -92,13 +81,6 @@ def test_other_suffixes_are_refused(tmp_path, make_field, name, one_line):
     with pytest.raises(InputError) as caught:
         write.write(tmp_path / name, make_field())
     one_line(caught.value, tmp_path / name, "no suffix")
-
-
-@pytest.mark.parametrize(("name", "bits"), [("a", 32), ("a.exr", 8)])
-def test_depths_that_do_not_exist_are_refused(tmp_path, make_field, name, bits):
-    with pytest.raises(InputError, match="bits"):
-        write.write(tmp_path / name, make_field(), bits=bits)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["a", "a.exr"])
