@@ -7,6 +7,7 @@ there come from these commands.
 """
 
 import argparse
+import logging
 import random
 import sys
 import tempfile
@@ -19,11 +20,14 @@ import h5py
 import marked
 import numpy as np
 import scipy.io
+import torch
 from numpy.typing import NDArray
 
 import lfref
 from lfref.errors import LfrefError
-from lfref.io import images
+from lfref.export import export_file, graphs
+from lfref.io import digests, images
+from lfref.nets import checkpoint
 
 DAMAGES = ("flip a bit", "insert bytes", "cut bytes", "cut the end")
 LOCAL = 0.02
@@ -128,8 +132,66 @@ def outcome(capture: Path, path: Path, content: bytes, truth: NDArray, damage: s
     return "flip" if damage == DAMAGES[0] else "shift"
 
 
+def models_of(folder: Path) -> Iterator[tuple[str, Path, Path]]:
+    """Name of a format, the file that is loaded, and the one that is damaged; all hold one small network."""
+    torch.manual_seed(0)
+    planes, views = lfref.even_planes(2), torch.rand(3, 3, 3, 24, 32)
+    network = lfref.RefNet(n_planes=2, grid=(3, 3), widths=(8, 8), stem_width=8).requires_grad_(False)
+    network.prime(views[None], None, 0.5 + 0.1 * torch.rand(1, 2, 3, 24, 32))
+    checkpoint.save(folder / "net.ckpt", network, planes)
+    refocuser = lfref.load(folder / "net.ckpt")
+    subject = graphs.exportable(refocuser, planes, (3, 3))
+    for name in export_file.PRECISIONS:
+        file = export_file.ExportFile(folder / "net", name, "fp32", lfref.__version__)
+        file.write_draft(folder, refocuser, subject)
+    for suffix in ("ckpt", "safetensors", "onnx", "pt2", "xml"):
+        yield suffix, folder / f"net.{suffix}", folder / f"net.{suffix}"
+    yield "bin (of xml)", folder / "net.xml", folder / "net.bin"
+
+
+def models(number: int, seed: int) -> Iterator[str]:
+    """Damage model files of every format, scale numbers in them, overwrite their digest, and load them."""
+    yield "| format | mutants | refused | loaded with equal output | loaded with other output |"
+    yield "|---|---|---|---|---|"
+    logging.disable(logging.WARNING)
+    views = torch.rand(3, 3, 3, 24, 32, generator=torch.Generator().manual_seed(seed))
+    with tempfile.TemporaryDirectory() as folder:
+        for name, loaded, path in models_of(Path(folder)):
+            chance = random.Random(f"{seed} {name}")
+            whole, truth = path.read_bytes(), lfref.load(loaded)(views)
+            mutants = [damaged(whole, DAMAGES[index % len(DAMAGES)], chance) for index in range(number - 2)]
+            mutants += [scaled(whole), digests.PLACE.sub(64 * b"0", whole)]
+            # The weights of OpenVINO hold no digest: it stands in the graph.
+            counts = Counter(
+                outcome_of_model(loaded, path, mutant, views, truth) for mutant in mutants if mutant != whole
+            )
+            path.write_bytes(whole)
+            cells = (sum(counts.values()), counts["refused"], counts["equal"], counts["other"])
+            yield f"| {name} | " + " | ".join(map(str, cells)) + " |"
+
+
+def scaled(whole: bytes) -> bytes:
+    """A file whose middle tenth, read as float32, is multiplied by 1.2: there stand weights."""
+    start = len(whole) * 9 // 20 // 4 * 4
+    end = start + len(whole) // 10 // 4 * 4
+    with np.errstate(all="ignore"):
+        weights = np.float32(1.2) * np.frombuffer(whole[start:end], np.float32)
+    return whole[:start] + weights.tobytes() + whole[end:]
+
+
+def outcome_of_model(loaded: Path, path: Path, content: bytes, views: torch.Tensor, truth: torch.Tensor) -> str:
+    """What loading a damaged model file ends in. An error that is not ours ends the attack."""
+    path.write_bytes(content)
+    try:
+        stack = lfref.load(loaded)(views)
+    except LfrefError:
+        return "refused"
+    return "equal" if torch.equal(stack, truth) else "other"
+
+
 ATTACKS: dict[str, tuple[Callable[[int, int], Iterator[str]], int]] = {
     "captures": (captures, 320),
+    "models": (models, 300),
 }
 """Name -> function that yields the lines of a table, and how many tries by default."""
 

@@ -36,7 +36,13 @@ def export(workload: EngineWorkload, free: Sequence[Iterable[int]] | None = None
     with quiet():
         program = torch.onnx.export(workload.network, workload.example, dynamo=True, dynamic_shapes=axes, verbose=False)
     assert program is not None
-    return program.model_proto
+    model = program.model_proto
+    # Notes of the exporter: stack traces with paths of this machine, names of Python's.
+    parts = (model.graph, *model.graph.node, *model.graph.initializer, *model.graph.value_info)
+    for part in (*parts, *model.graph.input, *model.graph.output):
+        part.ClearField("metadata_props")
+        part.ClearField("doc_string")
+    return model
 
 
 def quantise(model: Any, patches: Sequence[Inputs]) -> Any:

@@ -13,7 +13,7 @@ import torch
 import yaml
 
 from lfref.errors import CheckpointError, FileError, first_line
-from lfref.io import atomic
+from lfref.io import atomic, digests
 
 CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.txt"
 CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
@@ -143,7 +143,10 @@ def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
 def _progress(checkpoint: Path) -> dict[str, Any]:
     """Contents of a checkpoint with its training state; the tensors stay on the disk."""
     try:
+        digests.check_archive(checkpoint)
         contents = torch.load(checkpoint, map_location="cpu", weights_only=True, mmap=True)
+    except CheckpointError:
+        raise
     # Over a foreign file the unpickler raises any error.
     except Exception as error:
         raise CheckpointError(f"{checkpoint} is damaged or no checkpoint") from error

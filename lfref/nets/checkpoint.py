@@ -1,19 +1,19 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them. A file of safetensors holds the same without Lightning's. Reading is `weights_only`, networks are built
-from a table of names, and addresses are refused.
+beside them. A file of safetensors holds the same without Lightning's. Both have a digest (`lfref.io.digests`).
+Reading is `weights_only`, addresses are refused, and networks are built from a table of names, no larger than the file.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
 
 from lfref import extensions
-from lfref.errors import CheckpointError, InputError
+from lfref.errors import CheckpointError, InputError, first_line
 from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import tensor_files
 from lfref.nets.network import Network
@@ -26,6 +26,7 @@ CLASS = "class"
 FORMAT = 2
 FORMATS = (1, FORMAT)
 """Formats that can be read; 1 kept alphas in place of slopes."""
+Module = TypeVar("Module", bound=nn.Module)
 PREFIX = "net."
 """Prefix of the weights in a checkpoint: training modules hold their network as `net`."""
 
@@ -75,17 +76,11 @@ def read(path: str | Path) -> dict[str, Any]:
         raise CheckpointError("a checkpoint must be a local file", got=path, remedy="download it first")
     if not Path(path).is_file():
         raise CheckpointError(f"no checkpoint at {path}", remedy="give the .ckpt file of a run (RUN/checkpoints)")
-    try:
-        if Path(path).suffix == tensor_files.SUFFIX:
-            state, metadata = tensor_files.read_weights(path)
-            contents: Any = metadata | {"state_dict": state}
-        else:
-            contents = torch.load(path, map_location="cpu", weights_only=True)
-    except CheckpointError:
-        raise
-    # On a foreign file the unpickler raises whatever it likes; torch would advise to load it unsafely.
-    except Exception as error:
-        raise CheckpointError(f"{path} is damaged or no checkpoint", remedy="train or copy it anew") from error
+    if Path(path).suffix == tensor_files.SUFFIX:
+        state, metadata = tensor_files.read_weights(path)
+        contents: Any = metadata | {"state_dict": state}
+    else:
+        contents = tensor_files.read_checkpoint(Path(path))
     if not isinstance(contents, dict) or not all(
         isinstance(contents.get(key), dict) for key in ("lfref", "state_dict")
     ):
@@ -109,21 +104,77 @@ def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, Fo
         kind: Any = extensions.load_class(arguments.pop(CLASS)) if CLASS in arguments else NETWORKS.get(name)
         if not (isinstance(kind, type) and issubclass(kind, Network)):
             raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
-        network, planes = kind(**arguments), planes_from(entry["planes"])
+        planes = planes_from(entry["planes"])
+        network: Network = built(path, kind, arguments, contents["state_dict"])
         check_number(network, planes)
     except CheckpointError:
         raise
-    except (TypeError, KeyError, ValueError) as error:
-        raise CheckpointError(f"{path} describes no network that can be built", got=error) from error
-    load_state(path, network, contents["state_dict"])
+    # RuntimeError: more numbers than PyTorch can count.
+    except (TypeError, KeyError, ValueError, AttributeError, OverflowError, RuntimeError) as error:
+        raise CheckpointError(f"{path} describes no network that can be built", got=first_line(error)) from error
     return network, planes
 
 
-def load_state(path: str | Path, network: nn.Module, state: Mapping[str, Tensor]) -> None:
-    """Give a network the weights of a checkpoint; CheckpointError if some are missing or have other shapes."""
+def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], state: Mapping[str, Any]) -> Module:
+    """The network of a checkpoint, with its weights.
+
+    The arguments are hostile input: first the network is built without memory, and compared with the weights.
+
+    Args:
+        path: File of the checkpoint.
+        kind: Class of the network.
+        arguments: Of the class, from the checkpoint.
+        state: `state_dict` of the checkpoint.
+
+    Raises:
+        CheckpointError: The file lacks weights, or they have other shapes or types, or are not finite.
+        InputError: No network can be built from these arguments.
+    """
     weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
+    check_weights(path, weights)
+    # Without a limit, a list or number in a small file builds more layers than fit into memory.
+    for name, value in arguments.items():
+        if (isinstance(value, Sequence) and len(value) > max(2, len(weights))) or (
+            name == "n_blocks" and isinstance(value, int) and value > len(weights)
+        ):
+            raise CheckpointError(f"{path} must hold the weights of all blocks", got=f"{len(weights)} tensors")
+    # Networks of other packages may not be buildable so; the user trusts these packages.
+    if kind.__module__.startswith("lfref."):
+        with torch.device("meta"):
+            compare(path, kind(**arguments), weights)
+    network = kind(**arguments)
+    compare(path, network, weights)
+    network.load_state_dict({name: weights[name] for name in network.state_dict()})
+    return network
+
+
+def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:
+    """Refuse weights that are no plain finite tensors, or that hold more numbers than the file."""
+    views = {}
+    for name, value in weights.items():
+        # Each test assumes that those before it hold.
+        if (
+            not isinstance(value, Tensor)
+            or (value.layout, value.device.type, value.is_quantized) != (torch.strided, "cpu", False)
+            or value.is_complex()
+            or value.nbytes > value.untyped_storage().nbytes()
+            or not bool(value.isfinite().all())
+        ):
+            raise CheckpointError(f"{path}: {name} must be a plain tensor of finite numbers", remedy="train it anew")
+        views[value.data_ptr(), value.numel()] = value.nbytes
+    if sum(views.values()) > Path(path).stat().st_size:
+        raise CheckpointError(
+            f"{path} must hold all weights", got="one part used several times", remedy="train it anew"
+        )
+
+
+def compare(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor]) -> None:
+    """Refuse weights that do not fit a network."""
     for name, own in network.state_dict().items():
-        got = tuple(weights[name].shape) if isinstance(weights.get(name), Tensor) else "nothing"
+        got: Any = tuple(weights[name].shape) if name in weights else "nothing"
         if got != tuple(own.shape):
             raise CheckpointError(f"{path}: {name} must be {tuple(own.shape)}", got=got, remedy="train it anew")
-    network.load_state_dict({name: weights[name] for name in network.state_dict()})
+        if own.is_floating_point() != weights[name].is_floating_point():
+            raise CheckpointError(
+                f"{path}: {name} must be {own.dtype}", got=weights[name].dtype, remedy="train it anew"
+            )

@@ -98,6 +98,7 @@ class RefNet(Network):
         self.n_planes = n_planes
         self.grid = (grid[0], grid[1])
         self.shuffle = shuffle
+        self.reach = dilation * (kernel // 2)
         outputs, samples = n_planes * channels * shuffle**2, grid[0] * grid[1] * channels * shuffle**2
         choices = (activation, normalization, style, kernel, dilation)
         self.trunk = nn.Sequential(
@@ -128,6 +129,9 @@ class RefNet(Network):
                 f"normalisation needs views of more than one pixel of {self.shuffle}x{self.shuffle}",
                 got=f"{views.shape[-2]}x{views.shape[-1]}",
             )
+        # Padding grows with the dilation: without a limit, a small file could ask for any amount of memory.
+        if self.reach > max(views.shape[-2:]):
+            raise InputError("blocks must reach no farther than the picture", got=f"{self.reach} pixels")
         working = self.head.weight.dtype
         if views.dtype != working and not torch.is_autocast_enabled(views.device.type):
             raise InputError(

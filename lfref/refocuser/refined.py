@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.errors import CheckpointError, InputError, chosen
+from lfref.errors import CheckpointError, InputError, chosen, first_line
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.refiner import Corrector, Refiner
@@ -141,11 +141,13 @@ def restored(path: Path, contents: Mapping[str, Any], name: str, device: str | t
     if entry.get("format") != FORMAT:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
     try:
-        refiner, (base, names) = Refiner(**renamed(entry[KIND])), described(entry)
+        base, names = described(entry)
+        refiner = checkpoint.built(path, Refiner, renamed(entry[KIND]), contents["state_dict"])
         check_names(names, refiner.n_candidates)
-    except (TypeError, KeyError, ValueError, AttributeError) as error:
-        raise CheckpointError(f"{path} describes no refiner that can be built", got=error) from error
-    checkpoint.load_state(path, refiner, contents["state_dict"])
+    except CheckpointError:
+        raise
+    except (TypeError, KeyError, ValueError, AttributeError, OverflowError, RuntimeError) as error:
+        raise CheckpointError(f"{path} describes no refiner that can be built", got=first_line(error)) from error
     return RefinedRefocuser(refiner.to(device), base, names, name)
 
 

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from lfref.geometry import planes_at_alphas
+from lfref.io import tensor_files
 from lfref.io.write import write
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
@@ -133,7 +134,7 @@ def test_missing_and_damaged_checkpoints(lfref, tmp_path, field, command):
 def test_a_checkpoint_of_another_shape(lfref, tmp_path, field, network):
     contents = torch.load(network, weights_only=True)
     contents["state_dict"]["net.head.weight"] = torch.zeros(2, 2)
-    torch.save(contents, network)
+    tensor_files.write_checkpoint(network, contents)
     words = (f"input={field}", f"checkpoint={network}", f"output={tmp_path}/out")
     assert "head.weight must be" in assert_one_line(*lfref("refocus", *words))
 

@@ -1,26 +1,34 @@
 """ONNX files: run by ONNX Runtime, and by whatever else reads them.
 
-Files are hostile input: weights in other files, and operators that come with libraries, are refused before a runtime
-sees the model.
+Files are hostile input: other operators than those of our networks, and weights in other files or that are no finite
+numbers, are refused before a runtime sees the model.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from lfref.engines import by_onnxruntime, by_openvino
 from lfref.engines.engine import FP16, FP32, INT8, Run
 from lfref.engines.files.manifest import KEY, Axes, Graph, Manifest, parse
 from lfref.engines.files.network_copies import centred_norms, half_convolutions
 from lfref.errors import CheckpointError, first_line
-from lfref.io import atomic
+from lfref.io import atomic, digests
 
 PRECISIONS = (FP32, FP16, INT8)
 """ONNX Runtime has no convolutions in bfloat16 on CPUs."""
 PACKAGES = by_onnxruntime.PACKAGES
-DOMAINS = {"", "ai.onnx", "com.microsoft"}
-"""Domains whose operators are part of the runtimes."""
+OPERATORS = {
+    "Add", "And", "BatchNormalization", "Cast", "Concat", "Conv", "DepthToSpace", "DequantizeLinear", "Div", "Elu",
+    "Gather", "Gelu", "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less",
+    "MatMul", "Mul", "Pad", "QuantizeLinear", "Range", "Reciprocal", "ReduceMean", "Relu", "Reshape", "Shape",
+    "Sigmoid", "Slice", "Softplus", "SpaceToDepth", "Split", "Squeeze", "Sub", "Transpose", "Unsqueeze", "Where",
+}  # fmt: skip
+"""Operators of ONNX that our networks and shift-and-sum need: none that repeats, branches, or reads files."""
+NUMBERS = {1, 3, 6, 7, 9, 10}
+"""Types of weights and sizes, as ONNX numbers them: float32, int8, int32, int64, bool, float16."""
 LARGEST = 2**31
 """Bytes that a message of this kind may have."""
 
@@ -41,9 +49,10 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     for values, all_axes in ((model.graph.input, graph.inputs.values()), (model.graph.output, [graph.output])):
         for value, axes in zip(values, all_axes, strict=True):
             _name_axes(value, axes)
-    helper.set_model_props(model, {KEY: manifest.text()})
+    helper.set_model_props(model, {KEY: manifest.text(), "lfref_sha256": digests.BLANK})
     with atomic.replacing(path) as partial:
         partial.write_bytes(model.SerializeToString())
+        digests.write(partial)
 
 
 def to_model(graph: Graph) -> Any:
@@ -71,10 +80,11 @@ def read(path: Path) -> tuple[Run, Manifest]:
     try:
         if path.stat().st_size > LARGEST:
             raise CheckpointError(f"{path} must be smaller than 2 GiB", remedy="export it anew")
+        has_digest = digests.check(path)
         content = path.read_bytes()
         model = onnx.load_model_from_string(content)
-        _refuse_dependencies(path, model)
-        manifest = parse(path, {entry.key: entry.value for entry in model.metadata_props}.get(KEY))
+        _check(path, model)
+        manifest = parse(path, {entry.key: entry.value for entry in model.metadata_props}.get(KEY), has_digest)
         run = by_onnxruntime.Session(content)
     except CheckpointError:
         raise
@@ -95,24 +105,28 @@ def run_by_openvino(path: Path) -> Run:
     return by_openvino.compile_model(openvino.Core().read_model(path), FP32)
 
 
-def _refuse_dependencies(path: Path, model: Any) -> None:
-    """Refuse operators and weights that are not in this file."""
-    unknown = {each.domain for each in model.opset_import} - DOMAINS
-    if unknown or len(model.functions) > 0:
-        got = ", ".join(sorted(unknown)) or "functions of its own"
-        raise CheckpointError(f"{path} must consist of ONNX's own operators", got=got, remedy="export it anew")
-    if any(tensor.data_location != tensor.DEFAULT or tensor.external_data for tensor in _tensors(model.graph)):
-        raise CheckpointError(f"{path} must hold its weights itself", got="other files", remedy="export it anew")
+def _check(path: Path, model: Any) -> None:
+    """Refuse a model that does more than compute, or whose weights are not in it, or are no finite numbers."""
+    import onnx
+    from onnx import numpy_helper
 
+    def refuse(expected: str, got: object) -> None:
+        raise CheckpointError(f"{path} must {expected}", got=got, remedy="export it anew")
 
-def _tensors(graph: Any) -> Iterator[Any]:
-    """All tensors of a graph: weights, sparse weights, attributes of nodes, and those of inner graphs."""
-    yield from graph.initializer
-    for sparse in graph.sparse_initializer:
-        yield from (sparse.values, sparse.indices)
+    graph, scalars = model.graph, onnx.AttributeProto
+    kinds = {scalars.FLOAT, scalars.INT, scalars.STRING, scalars.INTS}
+    if others := {opset.domain for opset in model.opset_import} - {""}:
+        refuse("consist of ONNX's own operators", ", ".join(sorted(others)))
+    if model.functions or model.training_info or graph.sparse_initializer:
+        refuse("be one plain graph", "functions or sparse weights")
     for node in graph.node:
-        for attribute in node.attribute:
-            yield from (attribute.t, *attribute.tensors)
-            for inner in (attribute.g, *attribute.graphs):
-                if inner.node or inner.initializer or inner.sparse_initializer:
-                    yield from _tensors(inner)
+        if node.domain or node.op_type not in OPERATORS:
+            refuse("consist of the operators of lfref's networks", f"{node.domain} {node.op_type}".strip()[:80])
+        # Graphs within nodes, tensors and types are kinds of attributes too.
+        if any(attribute.type not in kinds or attribute.ref_attr_name for attribute in node.attribute):
+            refuse("give operators numbers and texts only", node.op_type)
+    for tensor in graph.initializer:
+        if tensor.data_location != tensor.DEFAULT or tensor.external_data:
+            refuse("hold its weights itself", "other files")
+        if tensor.data_type not in NUMBERS or not np.isfinite(numpy_helper.to_array(tensor)).all():
+            refuse("hold finite weights", tensor.name[:80])

@@ -1,25 +1,40 @@
 """OpenVINO files: NAME.xml, the graph, and NAME.bin beside it, the weights.
 
-Neither can run code, but the weights must be those of the graph: their SHA-256 stands in NAME.xml.
+The SHA-256 of both stands in NAME.xml. Graphs are hostile input: other layers than those of our networks are refused
+before OpenVINO sees them.
 """
 
 import hashlib
+import re
 import tempfile
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
 
 from lfref.engines import by_openvino
 from lfref.engines.engine import BF16, FP16, FP32, INT8, Run
 from lfref.engines.files import as_onnx
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
 from lfref.errors import CheckpointError
-from lfref.io import atomic
+from lfref.io import atomic, digests
 
 PRECISIONS = (FP32, FP16, BF16, INT8)
 """fp16 weights are stored in half precision; bf16 is only said to the runtime."""
 PACKAGES = (*by_openvino.PACKAGES, *as_onnx.PACKAGES)
-WEIGHTS_KEY = "lfref_weights"
-"""Key of the SHA-256 of the weights."""
+DIGEST_KEY, FORMER_KEY = "lfref_digest", "lfref_weights"
+"""Key of the SHA-256 of both files; in files of earlier versions, that of the weights alone."""
+LAYERS = {
+    "Add", "Concat", "Const", "Convert", "Convolution", "DepthToSpace", "Divide", "Elu", "FakeQuantize", "Gather",
+    "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LogicalAnd", "MVN", "MatMul",
+    "Multiply", "PReLU", "Pad", "Parameter", "Range", "ReLU", "ReduceMean", "Reshape", "Result", "Select", "ShapeOf",
+    "Sigmoid", "Slice", "SoftPlus", "SpaceToDepth", "Split", "Squeeze", "Subtract", "Swish", "Transpose", "Unsqueeze",
+    "VariadicSplit",
+}  # fmt: skip
+"""Layers that our networks and shift-and-sum need: none that repeats, branches, or keeps a state."""
+LARGEST = 2**26
+"""Bytes of NAME.xml."""
 
 
 def write(path: Path, graph: Graph, manifest: Manifest) -> None:
@@ -43,11 +58,11 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
         port.get_node().set_partial_shape(openvino.PartialShape([-1 if isinstance(n, str) else n for n in axes]))
     model.validate_nodes_and_infer_types()
     model.set_rt_info(manifest.text(), KEY)
+    model.set_rt_info(digests.BLANK, DIGEST_KEY)
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder, "model.xml")
-        for _ in range(2):  # the digest of the weights is known after the first time
-            openvino.save_model(model, draft, compress_to_fp16=manifest.precision == FP16)
-            model.set_rt_info(_digest(draft.with_suffix(".bin")), WEIGHTS_KEY)
+        openvino.save_model(model, draft, compress_to_fp16=manifest.precision == FP16)
+        digests.write(draft, draft.with_suffix(".bin"))
         for suffix in (".bin", ".xml"):
             with atomic.replacing(path.with_suffix(suffix)) as partial:
                 partial.write_bytes(draft.with_suffix(suffix).read_bytes())
@@ -65,28 +80,43 @@ def read(path: Path) -> tuple[Run, Manifest]:
     if not weights.is_file():
         raise CheckpointError(f"{path} must have its weights beside it, {weights.name}", remedy="copy both")
     try:
+        has_digest = digests.check(path, weights)
+        _check(path)
         model = openvino.Core().read_model(path, weights)
-        manifest, sha256 = parse(path, _metadata(model, KEY)), _metadata(model, WEIGHTS_KEY)
-        if sha256 != _digest(weights):
+        manifest = parse(path, _metadata(model, KEY), has_digest)
+        if not has_digest and _metadata(model, FORMER_KEY) != hashlib.sha256(weights.read_bytes()).hexdigest():
             raise CheckpointError(f"{weights} must be the weights of {path.name}", got="others", remedy="copy both")
+        for layer in model.get_ordered_ops():
+            if layer.get_type_name() == "Constant" and not np.isfinite(layer.data).all():
+                got = layer.get_friendly_name()[:80]
+                raise CheckpointError(f"{weights} must hold finite weights", got=got, remedy="export it anew")
+        names = [port.get_any_name() for port in model.inputs]
         precision = by_openvino.beside_int8() if manifest.precision == INT8 else manifest.precision
         run = by_openvino.compile_model(model, BF16 if precision == BF16 else FP32)
     except CheckpointError:
         raise
-    # On a foreign file the library raises whatever it likes; its last line says most.
+    # On a foreign file the library raises any error; its last line says most.
     except Exception as error:
         got = (str(error).strip() or type(error).__name__).splitlines()[-1][:200]
         raise CheckpointError(f"{path} must be a model of OpenVINO", got=got, remedy="export it anew") from error
-    names = [port.get_any_name() for port in model.inputs]
     if names != list(manifest.inputs):
         raise CheckpointError(f"{path} must read {list(manifest.inputs)}", got=names, remedy="export it anew")
     return run, manifest
 
 
+def _check(path: Path) -> None:
+    """Refuse layers that no network of ours has, and XML that grows when it is read."""
+    text = path.read_bytes()
+    if len(text) > LARGEST or b"<!" in text or b"\0" in text:
+        raise CheckpointError(f"{path} must be a plain graph", got="declarations, or 64 MiB", remedy="export it anew")
+    for layer in ElementTree.fromstring(text).iter("layer"):
+        kind, version = str(layer.get("type")), str(layer.get("version"))
+        if kind not in LAYERS or not re.fullmatch(r"opset\d{1,2}", version):
+            got = f"{kind} of {version}"[:80]
+            raise CheckpointError(
+                f"{path} must consist of the layers of lfref's networks", got=got, remedy="export it anew"
+            )
+
+
 def _metadata(model: Any, key: str) -> str | None:
     return str(model.get_rt_info(key).astype(str)) if model.has_rt_info(key) else None
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,15 +1,17 @@
 """PT2 archives of `torch.export`: run by PyTorch, and made into programs by its compiler.
 
-`torch.export.load` unpickles members of the archive, evaluates expressions as Python and calls functions of PyTorch by
-name. Archives are hostile input, so each is checked first: plain weights, expressions of sizes, operators of ATen.
+`torch.export.load` unpickles members of the archive, evaluates expressions as Python, imports modules and calls
+functions of PyTorch by name. Archives are hostile input, so each is checked first: plain weights, expressions of sizes,
+and the operators that our own networks need.
 """
 
 import copy
 import io
 import json
+import math
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from lfref.engines.engine import BF16, FP16, FP32, Run
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
 from lfref.engines.files.network_copies import half_convolutions
 from lfref.errors import CheckpointError, first_line
-from lfref.io import atomic
+from lfref.io import atomic, digests
 
 PRECISIONS = (FP32, FP16, BF16)
 PACKAGES: tuple[str, ...] = ()
@@ -37,13 +39,69 @@ MEMBERS = re.compile(
 """Names of members that an archive may have; compiled code for processors is not among them."""
 SAMPLE_INPUTS = "data/sample_inputs/model.pt"
 """A member that PyTorch would unpickle unless it is empty."""
-TARGETS = re.compile(r"torch\.ops\.aten\.\w+\.\w+|_operator\.(add|sub|mul|floordiv|mod|neg|ge|gt|le|lt|eq|ne)")
-"""Functions that a graph may call."""
+OPERATORS = {
+    "_operator.add": "sym_int int",
+    "_operator.floordiv": "sym_int int",
+    "_operator.mul": "sym_int int",
+    "_operator.sub": "sym_int int",
+    "torch.ops.aten.__and__.Tensor": "tensor",
+    "torch.ops.aten._assert_tensor_metadata.default": "tensor scalar_type device layout",
+    "torch.ops.aten.add.Tensor": "tensor",
+    "torch.ops.aten.addcmul.default": "tensor",
+    "torch.ops.aten.arange.default": "sym_int device bool",
+    "torch.ops.aten.batch_norm.default": "tensor bool float",
+    "torch.ops.aten.cat.default": "tensors int",
+    "torch.ops.aten.conv2d.default": "tensor none ints int",
+    "torch.ops.aten.elu.default": "tensor float",
+    "torch.ops.aten.flatten.using_ints": "tensor int",
+    "torch.ops.aten.ge.Tensor": "tensor",
+    "torch.ops.aten.gelu.default": "tensor",
+    "torch.ops.aten.group_norm.default": "tensor int float bool",
+    "torch.ops.aten.gt.Scalar": "tensor int",
+    "torch.ops.aten.gt.Tensor": "tensor",
+    "torch.ops.aten.hardsigmoid.default": "tensor",
+    "torch.ops.aten.index_select.default": "tensor int",
+    "torch.ops.aten.instance_norm.default": "tensor none bool float",
+    "torch.ops.aten.leaky_relu.default": "tensor float",
+    "torch.ops.aten.lt.Tensor": "tensor",
+    "torch.ops.aten.matmul.default": "tensor",
+    "torch.ops.aten.mul.Tensor": "tensor float int",
+    "torch.ops.aten.narrow.default": "tensor int sym_int",
+    "torch.ops.aten.pad.default": "tensor ints string",
+    "torch.ops.aten.permute.default": "tensor ints",
+    "torch.ops.aten.pixel_shuffle.default": "tensor int",
+    "torch.ops.aten.pixel_unshuffle.default": "tensor int",
+    "torch.ops.aten.reciprocal.default": "tensor",
+    "torch.ops.aten.relu.default": "tensor",
+    "torch.ops.aten.reshape.default": "tensor ints sym_ints",
+    "torch.ops.aten.rsub.Scalar": "tensor sym_int",
+    "torch.ops.aten.select.int": "tensor int",
+    "torch.ops.aten.silu.default": "tensor",
+    "torch.ops.aten.slice.Tensor": "tensor int sym_int none",
+    "torch.ops.aten.softplus.default": "tensor float",
+    "torch.ops.aten.split.Tensor": "tensor int",
+    "torch.ops.aten.sym_size.int": "tensor int",
+    "torch.ops.aten.to.device": "tensor device scalar_type",
+    "torch.ops.aten.to.dtype": "tensor scalar_type",
+    "torch.ops.aten.transpose.int": "tensor int",
+    "torch.ops.aten.unflatten.int": "tensor int ints",
+    "torch.ops.aten.unsqueeze.default": "tensor int",
+    "torch.ops.aten.where.ScalarOther": "tensor float",
+}
+"""Functions that a graph may call, and the kinds of their arguments: those that our networks and shift-and-sum need."""
+BYTES = {5: 8, 6: 2, 7: 4, 12: 1, 13: 2}
+"""Types of weights and constants, as archives number them: int64, float16, float32, bool, bfloat16; and their bytes."""
+NOTES = ("stack_trace", "nn_module_stack", "torch_fn", "source_fn_stack", "from_node", "custom")
+"""Notes of the exporter about nodes: lines and paths of source code."""
 EXPRESSION = re.compile(
     r"('[su]\d+'|\b(Symbol|Integer|Add|Mul|FloorDiv|CeilDiv|Mod|PythonMod|Max|Min|positive|nonnegative|integer|True)\b"
     r"|\d{1,12}\b|[ (),=-])*"
 )
-"""An expression of sizes; whatever else could be any Python."""
+"""An expression of sizes; anything else could be any Python."""
+SPECIFICATION = re.compile(
+    r'([\[\]{}:, 1]|"(type|context|children_spec|null|\[\]|builtins\.(tuple|list|dict))"|null)*', re.ASCII
+)
+"""How arguments are nested; of other containers, PyTorch imports the modules that a file names."""
 
 
 def write(path: Path, graph: Graph, manifest: Manifest) -> None:
@@ -60,13 +118,17 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     axes = tuple(dict.fromkeys(free, torch.export.Dim.DYNAMIC) for free in graph.free)
     with torch.no_grad():
         program = torch.export.export(module, graph.example, dynamic_shapes=axes)
-    # Example inputs would be pickled, and guards are Python code.
+    # Example inputs would be pickled, guards are Python code, and notes hold paths of this machine.
     program.example_inputs = None
     program._guards_code.clear()
+    for node in program.graph.nodes:
+        for note in NOTES:
+            node.meta.pop(note, None)
     archive = io.BytesIO()
     torch.export.save(program, archive, extra_files={KEY: manifest.text()})
     with atomic.replacing(path) as partial:
         partial.write_bytes(archive.getvalue())
+        digests.write_to_archive(partial)
 
 
 def read(path: Path) -> tuple[Run, Manifest]:
@@ -76,13 +138,18 @@ def read(path: Path) -> tuple[Run, Manifest]:
         CheckpointError: Another file, or one that could do more than compute.
     """
     try:
+        has_digest = digests.check_archive(path)
         _check(path)
         texts = {KEY: ""}
         program = torch.export.load(path, extra_files=texts)
-        manifest, module = parse(path, texts[KEY] or None), program.module(check_guards=False)
+        manifest = parse(path, texts[KEY] or None, has_digest)
+        for name, weight in (*program.state_dict.items(), *program.constants.items()):
+            if not bool(weight.isfinite().all()):
+                raise _refusal(path, f"{name[:80]}, which is not finite")
+        module = program.module(check_guards=False)
     except CheckpointError:
         raise
-    # On a foreign file PyTorch raises whatever it likes.
+    # On a foreign file PyTorch raises any error.
     except Exception as error:
         raise CheckpointError(
             f"{path} must be an archive of torch.export", got=first_line(error), remedy="export it anew"
@@ -99,34 +166,61 @@ def read(path: Path) -> tuple[Run, Manifest]:
 def _check(path: Path) -> None:
     """Refuse an archive with which PyTorch would do more than compute."""
     with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
-        if path.stat().st_size > LARGEST or sum(member.file_size for member in members) > LARGEST:
+        members = {member.filename.partition("/")[2]: member for member in archive.infolist()}
+        if path.stat().st_size > LARGEST or sum(member.file_size for member in members.values()) > LARGEST:
             raise _refusal(path, "more than 8 GiB")
-        if any(member.compress_type != zipfile.ZIP_STORED for member in members):
-            raise _refusal(path, "compressed members")
         # Of two members with one name, another reader might see the other one.
-        if len({member.filename for member in members}) < len(members):
+        if len(members) < len(archive.infolist()):
             raise _refusal(path, "members of one name")
-        for member in members:
-            name = member.filename.partition("/")[2]
+        for name, member in members.items():
             is_empty_input = name == SAMPLE_INPUTS and member.file_size == 0
-            if not (is_empty_input or MEMBERS.fullmatch(name)):
+            if member.compress_type != zipfile.ZIP_STORED or not (is_empty_input or MEMBERS.fullmatch(name)):
                 raise _refusal(path, name[:80])
             if name.endswith((".json", f"/{KEY}")) and member.file_size > LARGEST_TEXT:
                 raise _refusal(path, f"{member.file_size} bytes of {name}")
-        for member in members:
-            if member.filename.endswith(".json"):
-                _check_text(path, json.loads(archive.read(member)))
+        for name, member in members.items():
+            if name.endswith(".json"):
+                text = json.loads(archive.read(member))
+                _check_text(path, text)
+                if name.startswith("data/"):
+                    _check_sizes(path, text, name.rpartition("/")[0], members)
+                else:
+                    _check_nodes(path, text["graph_module"]["graph"]["nodes"])
 
 
 def _check_text(path: Path, text: Any) -> None:
-    """Refuse pickles, Python code and functions that a text of an archive names."""
+    """Refuse pickles, Python code, and names of modules and functions in a text of an archive."""
+    n_graphs = 0
     for key, value in _pairs(text):
-        is_code = key in ("use_pickle", "guards_code") and value
-        is_expression = isinstance(value, str) and len(value) <= LONGEST_EXPRESSION and EXPRESSION.fullmatch(value)
-        is_call = key == "target" and isinstance(value, str) and "." in value
-        if is_code or (key == "expr_str" and not is_expression) or (is_call and not TARGETS.fullmatch(value)):
+        n_graphs += key == "nodes"
+        is_text = isinstance(value, str) and len(value) <= LONGEST_EXPRESSION
+        is_code = (
+            key in ("use_pickle", "guards_code", "treespec_namedtuple_fields", "as_custom_obj", "as_graph") and value
+        )
+        is_expression = key != "expr_str" or (is_text and EXPRESSION.fullmatch(value))
+        is_specification = key not in ("in_spec", "out_spec") or (is_text and SPECIFICATION.fullmatch(value))
+        if is_code or not (is_expression and is_specification) or n_graphs > 1:
             raise _refusal(path, f"{key} {str(value)[:80]!r}")
+
+
+def _check_nodes(path: Path, nodes: list[dict[str, Any]]) -> None:
+    """Refuse operators and kinds of arguments that no network of ours needs."""
+    for node in nodes:
+        target = str(node["target"])
+        allowed = {f"as_{kind}" for kind in OPERATORS.get(target, "").split()}
+        kinds = {kind for argument in node["inputs"] for kind in argument["arg"]}
+        if not allowed or kinds - allowed or any(note in node["metadata"] for note in ("custom", "from_node")):
+            raise _refusal(path, f"{target[:80]} of {', '.join(sorted(kinds - allowed)) or 'any arguments'}")
+
+
+def _check_sizes(path: Path, text: Any, folder: str, members: Mapping[str, zipfile.ZipInfo]) -> None:
+    """Refuse weights of other types, or that are not as large as their member of the archive."""
+    for name, entry in text["config"].items():
+        meta = entry["tensor_meta"]
+        sizes = [int(size["as_int"]) for size in meta["sizes"]]
+        size = BYTES.get(meta["dtype"], 0) * math.prod(sizes)
+        if meta["dtype"] not in BYTES or members[f"{folder}/{entry['path_name']}"].file_size != size:
+            raise _refusal(path, f"{name[:80]} of another size")
 
 
 def _pairs(text: Any) -> Iterator[tuple[str, Any]]:
@@ -143,5 +237,7 @@ def _pairs(text: Any) -> Iterator[tuple[str, Any]]:
 
 def _refusal(path: Path, got: str) -> CheckpointError:
     return CheckpointError(
-        f"{path} must hold plain weights, and a graph of ATen's operators", got=got, remedy="export it anew"
+        f"{path} must hold plain weights, and a graph of the operators of lfref's networks",
+        got=got,
+        remedy="export it anew",
     )

@@ -16,10 +16,12 @@ from torch import nn
 
 from lfref.engines.engine import EngineWorkload, Inputs
 from lfref.errors import CheckpointError
+from lfref.io import digests
 
 KEY = "lfref"
 """Key of the text in the metadata of a file."""
-FORMAT = 1
+FORMAT = 2
+"""Files of format 1 have no digest of the whole file (`lfref.io.digests`)."""
 LONGEST = 2**20
 """Characters of the text, at most."""
 VIEWS, FEATURES = "views", "features"
@@ -91,14 +93,20 @@ class Manifest:
         return json.dumps({"format": FORMAT} | asdict(self))
 
 
-def parse(path: Path, text: str | None) -> Manifest:
-    """The manifest in the text under `KEY` of the file at `path`; CheckpointError if it is none of this version."""
+def parse(path: Path, text: str | None, has_digest: bool) -> Manifest:
+    """The manifest in the text under `KEY` of the file at `path`, which has a digest or comes from an earlier version.
+
+    Raises:
+        CheckpointError: It is none, or the digest is missing.
+    """
     if text is None or len(text) > LONGEST:
         raise CheckpointError(f"{path} was not written by lfref export", remedy="export it anew")
     try:
         entries = json.loads(text)
-        if entries.pop("format") != FORMAT:
+        if (number := entries.pop("format")) not in (1, FORMAT):
             raise CheckpointError(f"{path} must have format {FORMAT}", remedy="update lfref, or export it anew")
+        if number == FORMAT and not has_digest:
+            raise CheckpointError(f"{path} is damaged or was changed", got="no SHA-256", remedy="export it anew")
         inputs = {str(name): _axes(axes) for name, axes in entries.pop("inputs").items()}
         manifest = Manifest(inputs=inputs, output=_axes(entries.pop("output")), **entries)
     except CheckpointError:
@@ -107,6 +115,8 @@ def parse(path: Path, text: str | None) -> Manifest:
         raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
     if next(iter(inputs), None) not in (VIEWS, FEATURES, FORMER_FEATURES) or not isinstance(manifest.config, dict):
         raise CheckpointError(f"{path} must read {VIEWS} or {FEATURES}", got=list(inputs), remedy="export it anew")
+    if not has_digest:
+        digests.warn(path)
     return manifest
 
 
