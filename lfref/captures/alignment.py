@@ -1,7 +1,7 @@
 """Misaligned views: each view is shifted as a whole, L(x) -> L(x - s), by a fraction of a pixel.
 
 The scene does not determine the mean of all shifts (where the scene is), nor parts in proportion to the view's row or
-column (the scene's disparities): these are left at 0.
+column (the scene's disparities): these are left at 0. A file of its own, as each defect has.
 Letters: `V U` view rows and columns, `s` shift.
 """
 
@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from lfref.captures import registration, resampling
-from lfref.captures.estimates import Estimates
 from lfref.captures.registration import Registration
 from lfref.lightfield import LightField
 
@@ -57,27 +56,18 @@ class AlignmentDefect:
         return resampling.resample_field(field, rows + down, columns + right)
 
 
-def find(estimates: Estimates) -> AlignmentDefect:
-    """Estimate the shift of every view."""
-    registered, grid = estimates.registration, estimates.field.grid
+def find(grid: tuple[int, int], registered: Registration | None) -> AlignmentDefect:
+    """Estimate the shift of every view; unknown without a registration."""
     if registered is None:
         return AlignmentDefect(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"))
     shifts = registered.explanation.shifts
-    if float(shifts.square().mean().sqrt()) > SHOWN:
-        shifts = _with_linear_parts(registered)
-    return AlignmentDefect(shifts.unflatten(0, grid), _standard_error(registered))
-
-
-def _with_linear_parts(registered: Registration) -> Tensor:
-    """Shifts with parts linear in the other coordinate of the place, if these are about as large as the rest."""
-    without = registered.explanation.shifts
-    shifts = registered.explain(registration.proportional_shifts(registered.positions)).shifts
-    linear = registration.linear_shifts(registered.positions).mT @ shifts.flatten()
-    rms = float(without.square().mean().sqrt())
-    return shifts if float(linear.abs().max()) < LINEAR * rms else without
-
-
-def _standard_error(registered: Registration) -> float:
-    unknown = registration.linear_shifts(registered.positions)
-    shifts = torch.stack([registered.explain(unknown, quarter).shifts for quarter in registered.quarters()])
-    return float(shifts.var(0).mean().sqrt() / len(shifts) ** 0.5)
+    rms = float(shifts.square().mean().sqrt())
+    linear = registration.linear_shifts(registered.positions)
+    if rms > SHOWN:
+        # Parts linear in the other coordinate of the place count only if they are about as large as the rest.
+        larger = registered.explain(registration.proportional_shifts(registered.positions)).shifts
+        if float((linear.mT @ larger.flatten()).abs().max()) < LINEAR * rms:
+            shifts = larger
+    quarters = torch.stack([registered.explain(linear, quarter).shifts for quarter in registered.quarters()])
+    error = float(quarters.var(0).mean().sqrt() / len(quarters) ** 0.5)
+    return AlignmentDefect(shifts.unflatten(0, grid), error)

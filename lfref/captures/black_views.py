@@ -2,6 +2,7 @@
 
 Corners are black because of the camera if they are round, present in all four corners of a view, and as sharp as the
 camera's own edge. A dark scene has no such corners.
+A file of its own, as each defect has.
 Letters: `V U` view rows and columns, `h w` rows and columns counted from a corner.
 """
 
@@ -13,7 +14,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 
 BLACK_VIEW = 0.05  # of the light of most views, by trial: below, a view is black and not only vignetted
@@ -58,9 +58,8 @@ class BlackViewsDefect:
         return dataclasses.replace(field, weight=weight)
 
 
-def find(estimates: Estimates) -> BlackViewsDefect:
+def find(field: LightField) -> BlackViewsDefect:
     """Find black views and corners among the views that have a weight."""
-    field = estimates.field
     # Every fourth sample gives the brightest twentieth of a view well enough.
     brightest = field.views[..., ::4, ::4].amax(2).flatten(2)
     light = brightest.kthvalue(max(1, int(0.95 * brightest.shape[2])), 2).values

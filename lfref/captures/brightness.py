@@ -46,21 +46,13 @@ class Ratios(NamedTuple):
 
 @torch.no_grad()
 def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Ratios:
-    """Compare all views with the central one.
-
-    Args:
-        field: The light field.
-        disparity: Of the central view, in pixels per view step, [H, W].
-        centre: Row and column of that view.
-    """
+    """Compare all views with the central one, whose disparity is in pixels per view step, [H, W]."""
     height, width = field.size
-    # Views of fewer than 32 pixels keep 8 reduced ones.
-    factor = max(1, min(REDUCTION, min(height, width) // 8))
     images = field.views.flatten(0, 1)
     # At 1 or, after white balance, above: what is white in a darker picture is not clipped.
     limits = CLIPPED * images[..., ::8, ::4].amax((0, 2, 3)).clamp(min=1)
-    reduced = block_means(images, factor, limits)
-    disparity = block_means(disparity[None, None].to(reduced), factor, torch.tensor([math.inf]))[0, 0] / factor
+    reduced = block_means(images, REDUCTION, limits)
+    disparity = block_means(disparity[None, None].to(reduced), REDUCTION, torch.tensor([math.inf]))[0, 0] / REDUCTION
     views = registration.positions_of(field).unflatten(0, field.grid).movedim(-1, 0).to(reduced)
     v, u = (views - views[:, centre[0], centre[1], None, None])[..., None, None]
     # Where each view shows each reduced pixel of the central one, [V, U, h, w].
@@ -78,7 +70,7 @@ def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Rat
     log = torch.where(known[:, :, None], ratio, 1.0).clamp(min=LEAST_RATIO).log()
     half_diagonal = math.hypot(height, width) / 2
     places = [
-        ((_window_means(place[:, :, None], side)[:, :, 0] + 0.5) * factor - length / 2) / half_diagonal
+        ((_window_means(place[:, :, None], side)[:, :, 0] + 0.5) * REDUCTION - length / 2) / half_diagonal
         for place, length in ((rows, height), (columns, width))
     ]
     shape = (disparity.shape[0] // side, disparity.shape[1] // side)

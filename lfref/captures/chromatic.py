@@ -4,6 +4,7 @@ Channel c shows at `m_c y + t_c + d_c p` what the middle channel shows at y: mag
 centre, offset t, added disparity d. Disparities of a channel come from its own patches in all views; magnification and
 offset from each channel's mean over the views, compared with that of the middle one. What is common to all colours is
 unknown, and the middle colour stays as it is.
+A file of its own, as each defect has.
 Letters: `C` channels, `p` position of a view, `y` pixel from the picture's centre, `k` patch, `i` view, `c` channel.
 """
 
@@ -15,7 +16,6 @@ from torch import Tensor
 
 from lfref.captures import displacements, registration, resampling
 from lfref.captures.displacements import TINY, Fitted, Observed
-from lfref.captures.estimates import Estimates
 from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
 
@@ -79,21 +79,21 @@ class ChromaticDefect:
         return resampling.resample_field(field, sizes * rows + down, sizes * columns + right)
 
 
-def find(estimates: Estimates) -> ChromaticDefect:
-    """Estimate how colours differ."""
-    n_channels, registered = estimates.field.views.shape[2], estimates.registration
+def find(field: LightField, registered: Registration | None) -> ChromaticDefect:
+    """Estimate how the colours of a light field differ; unknown without a registration."""
+    n_channels = field.views.shape[2]
     if n_channels < 2 or registered is None:
         reason = "there is one channel" if n_channels < 2 else "unknown: too little texture, or too few views"
         nothing = torch.zeros(n_channels, 2, dtype=torch.float64)
         return ChromaticDefect(1 + nothing[:, 0], nothing, nothing[:, 1].clone(), reason)
-    first = dispersions(registered, registered.observed)
+    dispersions = disperse(registered, registered.observed)
     reach = float(registered.positions.abs().max())
-    sure = torch.tensor([_is_sure(dispersion, reach) for dispersion in first])
-    total = torch.where(sure, _values(first), 0.0)
-    # Large differences are estimated from where the channels now seem to lie; twice, by trial.
-    for _ in range(2 if bool(sure.any()) else 0):
-        again = observe_again(registered, total[:, :2], total[:, 2], total[:, 3])
-        total = total + torch.where(sure, _values(dispersions(registered, again)), 0.0)
+    is_sure = torch.tensor([is_certain(dispersion, reach) for dispersion in dispersions])
+    total = torch.where(is_sure, _values(dispersions), 0.0)
+    # Large differences are estimated again, twice (by trial), from where the channels then seem to lie.
+    for _ in range(2 if bool(is_sure.any()) else 0):
+        observed = observe_again(registered, total[:, :2], total[:, 2], total[:, 3])
+        total = total + torch.where(is_sure, _values(disperse(registered, observed)), 0.0)
     return ChromaticDefect(1 + total[:, 2], total[:, :2], total[:, 3])
 
 
@@ -102,7 +102,7 @@ def _values(dispersions: list[Dispersion]) -> Tensor:
     return torch.stack([torch.cat([one.lateral.values, one.axial.values]) for one in dispersions])
 
 
-def _is_sure(dispersion: Dispersion, reach: float) -> list[bool]:
+def is_certain(dispersion: Dispersion, reach: float) -> list[bool]:
     """Whether each of the four values is certain and shows, in views as far as `reach` from the centre."""
     lateral, axial = dispersion
     is_lateral = abs(float(lateral.values[2])) > SURE * float(lateral.errors[2])
@@ -117,13 +117,8 @@ def _is_sure(dispersion: Dispersion, reach: float) -> list[bool]:
     return [*has_offset, is_lateral, is_axial]
 
 
-def dispersions(registered: Registration, observed: Observed) -> list[Dispersion]:
-    """Compare all channels with the middle one.
-
-    Args:
-        registered: Registration of all channels together.
-        observed: Patches, each channel read where it is expected; displacements relative to that.
-    """
+def disperse(registered: Registration, observed: Observed) -> list[Dispersion]:
+    """Compare all channels with the middle one; each channel is observed where it is expected."""
     n_channels = observed.templates.shape[1]
     middle = n_channels // 2  # green of three
     # Disparities of each patch and channel along rows and columns, and their precisions, [K, C, 2].
@@ -132,32 +127,29 @@ def dispersions(registered: Registration, observed: Observed) -> list[Dispersion
     own = torch.einsum("ki,ia,kica->kca", trust, positions, observed.moments)
     disparities = torch.linalg.solve(displacements.ridged(inner), own)
     precision = inner.diagonal(dim1=-2, dim2=-1) / registration.noise_of(observed)[..., None]
-    found = []
+    dispersions = []
     for channel in range(n_channels):
         if channel == middle:
             none = (torch.zeros(n, dtype=torch.float64) for n in (3, 1))
-            found.append(Dispersion(*(Fitted(zeros, zeros, 0.0, 0.0) for zeros in none)))
+            dispersions.append(Dispersion(*(Fitted(zeros, zeros, 0.0, 0.0) for zeros in none)))
             continue
-        information, moved = _compared(observed.templates[:, channel], observed.templates[:, middle])
+        information, moved = compare_colours(observed.templates[:, channel], observed.templates[:, middle])
         eye = torch.eye(2, dtype=moved.dtype).expand(len(moved), 2, 2)
         lateral = displacements.fit_linear(torch.cat([eye, _centred(registered)[..., None]], -1), moved, information)
         differences = disparities[:, channel] - disparities[:, middle]
-        variance = (1 / precision[:, [channel, middle]].clamp(min=TINY)).sum(1) + LEAST_ERROR**2
-        model = torch.ones(*differences.shape, 1, dtype=differences.dtype)
-        axial = displacements.fit_linear(model, differences, torch.diag_embed(1 / variance))
-        found.append(Dispersion(lateral, axial))
-    return found
+        dispersions.append(Dispersion(lateral, added_disparity(differences, precision[:, [channel, middle]])))
+    return dispersions
+
+
+def added_disparity(differences: Tensor, precision: Tensor) -> Fitted:
+    """Mean difference [1] of disparities [K, 2], weighted by the precisions of both colours, [K, 2 colours, 2]."""
+    variance = (1 / precision.clamp(min=TINY)).sum(1) + LEAST_ERROR**2
+    model = torch.ones(*differences.shape, 1, dtype=differences.dtype)
+    return displacements.fit_linear(model, differences, torch.diag_embed(1 / variance))
 
 
 def observe_again(registered: Registration, offsets: Tensor, sizes: Tensor, disparities: Tensor) -> Observed:
-    """Patches with each channel read where it lies.
-
-    Args:
-        registered: Registration of all channels together.
-        offsets: In pixels, [C, 2].
-        sizes: Magnifications less 1, [C].
-        disparities: Added ones, in pixels per view step, [C].
-    """
+    """Patches with each channel read where it lies: by its offset [C, 2], magnification less 1, added disparity [C]."""
     views = registered.field.views.detach().cpu().flatten(0, 1)
     middles = _centred(registered)[:, None] + registered.expected
     samples = []
@@ -172,7 +164,7 @@ def _centred(registered: Registration) -> Tensor:
     return registered.patches.centres - (torch.tensor(registered.field.size) - 1) / 2
 
 
-def _compared(templates: Tensor, others: Tensor) -> tuple[Tensor, Tensor]:
+def compare_colours(templates: Tensor, others: Tensor) -> tuple[Tensor, Tensor]:
     """Displacement of templates [K, h, w] against those of another colour: information [K, 2, 2], moved [K, 2]."""
     light, *slopes = displacements.texture(templates).double().unbind(-1)
     other, *other_slopes = displacements.texture(others).double().unbind(-1)

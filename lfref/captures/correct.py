@@ -1,35 +1,39 @@
-"""Correcting a capture: only defects that it shows; their estimates can be reported, saved and used again."""
+"""Correcting a capture: the defects that it shows, and no others; the estimates can be reported, saved and used again.
+
+`estimate_and_correct` is the whole sequence. It runs against the light's way through the camera, and estimates each
+defect in the light field that the corrections before have left.
+"""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import torch
+from torch import Tensor
 
-from lfref.captures import alignment, black_views, chromatic, exposure, hot_pixels, noise, spacing, vignetting
-from lfref.captures.estimates import Defect, Estimates, describe_shape
+from lfref.captures import (
+    alignment,
+    black_views,
+    brightness,
+    chromatic,
+    exposure,
+    hot_pixels,
+    registration,
+    spacing,
+    vignetting,
+)
+from lfref.captures.noise import NoiseDefect
 from lfref.errors import FileError, InputError
+from lfref.functional import noise_line
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
+from lfref.refocus.focus import slope_range
+from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
 VERSION = 1
 """Of all corrections, in the keys of caches: to be raised when corrected light fields change."""
-
-DETECTORS: dict[type[Defect], Callable[[Estimates], Defect]] = {
-    hot_pixels.HotPixelsDefect: hot_pixels.find,
-    black_views.BlackViewsDefect: black_views.find,
-    vignetting.VignettingDefect: vignetting.find,
-    exposure.ExposureDefect: exposure.find,
-    chromatic.ChromaticDefect: chromatic.find,
-    alignment.AlignmentDefect: alignment.find,
-    spacing.SpacingDefect: spacing.find,
-    noise.NoiseDefect: noise.find,
-}
-"""Estimator of each defect, in the order of correction: the reverse of the light's way through the camera. Each defect
-is estimated in the field that the corrections before have left."""
-
 SMALLEST = 32
 """Least height and width of views: 8 of the 4-pixel blocks that brightness is compared in."""
 FORMAT = "lfref corrections 1"
@@ -40,6 +44,53 @@ FORMER_FIELDS = {
 }
 """Names of fields in files that earlier versions saved."""
 AUTO, NONE = "auto", "none"
+
+
+@runtime_checkable
+class Defect(Protocol):
+    """An estimated defect: a frozen dataclass of numbers, texts, tuples of them, and tensors."""
+
+    name: ClassVar[str]
+    """Its name in reports and files."""
+    needs_light: ClassVar[bool]
+    """Whether it measures or scales light: samples that are still encoded do not allow that."""
+
+    def reason_to_skip(self) -> str | None:
+        """Why nothing is corrected; None: `corrected` does something."""
+
+    def summary(self) -> str:
+        """The estimate in one line, with units, and what remains unknown."""
+
+    def corrected(self, field: LightField) -> LightField:
+        """A light field of the same grid and size without the defect; called only without a reason to skip."""
+
+
+KINDS: tuple[type[Defect], ...] = (
+    hot_pixels.HotPixelsDefect,
+    black_views.BlackViewsDefect,
+    vignetting.VignettingDefect,
+    exposure.ExposureDefect,
+    chromatic.ChromaticDefect,
+    alignment.AlignmentDefect,
+    spacing.SpacingDefect,
+    NoiseDefect,
+)
+"""All defects in the order of `estimate_and_correct`."""
+
+
+class CentralView(NamedTuple):
+    """Disparity of the central view, of which all estimates start."""
+
+    reference: tuple[int, int]
+    """Row and column of the view that the maps belong to; 7, 7 of 14x14."""
+    disparity: Tensor
+    """In pixels per view step, [H, W]. Reduced pixels are repeated: no value lies between two surfaces."""
+    confidence: Tensor
+    """In [0, 1], [H, W]; above 1/2 the standard error of the disparity is below .03 reduced pixels."""
+    coarse: CoarseDisparity
+    """The same maps at low resolution."""
+    reduced: ReducedViews
+    """The small views that they were estimated from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +138,7 @@ class Corrections:
         if (field.grid, field.size) != (self.grid, self.size):
             (n_rows, n_columns), (height, width) = self.grid, self.size
             expected = f"the corrections are of {n_rows}x{n_columns} views of {height}x{width} pixels"
-            raise InputError(expected, got=describe_shape(field))
+            raise InputError(expected, got=_shape(field))
         for defect in self.skipping(_skipped_of_encoded(field))._active():
             field = defect.corrected(field)
         return field
@@ -143,7 +194,7 @@ def correct(
     if profile is not None:
         corrections = profile if isinstance(profile, Corrections) else load(profile)
         return corrections.apply(field), corrections.skipping(_skipped_of_encoded(field))
-    return estimate_and_correct(Estimates(field, white))
+    return estimate_and_correct(field, white)
 
 
 def correct_by_option(
@@ -171,34 +222,103 @@ def correct_by_option(
     return dataclasses.replace(corrected, positions=field.positions), corrections
 
 
-def estimate_and_correct(estimates: Estimates) -> tuple[LightField, Corrections]:
-    """As `correct`, from estimates that are there already."""
-    field, defects = estimates.field, list[Defect]()
-    skipped = _skipped_of_unusable(field) or _skipped_of_encoded(field)
-    for kind, find in DETECTORS.items():
-        if kind.name in skipped:
-            continue
-        defects.append(defect := find(estimates))
-        if defect.reason_to_skip() is None:
-            estimates = Estimates(defect.corrected(estimates.field), estimates.white)
-    return estimates.field, Corrections(field.grid, field.size, tuple(defects), skipped)
+def estimate_and_correct(
+    field: LightField, white: LightField | None = None, view: CentralView | None = None
+) -> tuple[LightField, Corrections]:
+    """Estimate all defects in turn, and correct those that show.
+
+    Args:
+        field: The light field.
+        white: A picture of a white scene by the same camera.
+        view: The central view of `field`, if it is there already.
+
+    Raises:
+        InputError: A white picture of another grid or size, or of encoded samples beside linear light.
+    """
+    _check_white(field, white)
+    grid, size, defects = field.grid, field.size, list[Defect]()
+    reason = _reason_to_estimate_nothing(field)
+    if reason:
+        return field, Corrections(grid, size, (), {kind.name: reason for kind in KINDS})
+
+    def correct_if_due(defect: Defect) -> bool:
+        """Note a defect, and correct the light field if it shows; returns whether it did."""
+        nonlocal field
+        defects.append(defect)
+        if defect.reason_to_skip() is not None:
+            return False
+        field = defect.corrected(field)
+        return True
+
+    # Each correction changes what is estimated after it.
+    view = view or central_view(field)
+    is_new = correct_if_due(hot_pixels.find(field, view.disparity, view.reference))
+    is_new |= correct_if_due(black_views.find(field))
+    view = central_view(field) if is_new else view
+    if field.is_linear:
+        ratios = brightness.ratios(field, view.disparity, view.reference)
+        shading = vignetting.find(ratios) if white is None else vignetting.find_by_white(white)
+        if correct_if_due(shading):
+            view = central_view(field)
+            ratios = brightness.ratios(field, view.disparity, view.reference)
+        if correct_if_due(exposure.find(ratios)):
+            view = central_view(field)
+    registered = registration.register(field, view.disparity, view.reference)
+    if correct_if_due(chromatic.find(field, registered)):
+        view = central_view(field)
+        registered = registration.register(field, view.disparity, view.reference)
+    if correct_if_due(alignment.find(field.grid, registered)):
+        view = central_view(field)
+        registered = registration.register(field, view.disparity, view.reference)
+    correct_if_due(spacing.find(registered))
+    if field.is_linear:
+        correct_if_due(NoiseDefect(*noise_line.measure(field)))
+    return field, Corrections(grid, size, tuple(defects), _skipped_of_encoded(field))
 
 
-def _skipped_of_unusable(field: LightField) -> dict[str, str]:
-    """All defects, each with the reason why this light field allows no estimate; none where it does."""
+def central_view(field: LightField) -> CentralView:
+    """Estimate the disparity of the central view; takes some milliseconds."""
+    reduced = slope_range.reduce_views(field.views, field.weight, field.positions)
+    coarse = slope_range.disparity_of_reduced(reduced)
+    # The last reduced row and column also cover the rest up to the border.
+    rows, columns = (
+        (torch.arange(length) // coarse.factor).clamp(max=n - 1)
+        for length, n in zip(field.size, coarse.disparity.shape, strict=True)
+    )
+    disparity, confidence = (small[rows][:, columns] for small in (coarse.disparity, coarse.confidence))
+    return CentralView(reduced.indices[0], disparity, confidence, coarse, reduced)
+
+
+def _check_white(field: LightField, white: LightField | None) -> None:
+    if white is None:
+        return
+    if (white.grid, white.size) != (field.grid, field.size):
+        expected = f"the white picture must have the {_shape(field)} of {field.name or 'the light field'}"
+        remedy = "read both with the same reader options, or leave white= out"
+        raise InputError(expected, got=_shape(white), remedy=remedy)
+    if field.is_linear and not white.is_linear:
+        remedy = "read both with the same reader.encoding"
+        raise InputError("the white picture must hold linear light", got="encoded samples", remedy=remedy)
+
+
+def _reason_to_estimate_nothing(field: LightField) -> str:
+    """Why this light field allows no estimate at all; empty where it does."""
     # The extremes are NaN where any sample is; `isfinite` of all samples would take three times as long.
-    is_finite = all(bool(extreme.isfinite()) for extreme in field.views.aminmax())
-    reasons = {
-        f"views are smaller than {SMALLEST} pixels": min(field.size) < SMALLEST,
-        "a single view cannot be compared": field.grid == (1, 1),
-        "views hold NaN or infinity": not is_finite,
-    }
-    return {kind.name: reason for reason, holds in reasons.items() if holds for kind in DETECTORS}
+    if not all(bool(extreme.isfinite()) for extreme in field.views.aminmax()):
+        return "views hold NaN or infinity"
+    if field.grid == (1, 1):
+        return "a single view cannot be compared"
+    return f"views are smaller than {SMALLEST} pixels" if min(field.size) < SMALLEST else ""
 
 
 def _skipped_of_encoded(field: LightField) -> dict[str, str]:
     reason = "encoded samples are no light (reader.encoding=none)"
-    return {} if field.is_linear else {kind.name: reason for kind in DETECTORS if kind.needs_light}
+    return {} if field.is_linear else {kind.name: reason for kind in KINDS if kind.needs_light}
+
+
+def _shape(field: LightField) -> str:
+    """Grid and size for messages."""
+    return f"{field.grid[0]}x{field.grid[1]} views of {field.size[0]}x{field.size[1]} pixels"
 
 
 def load(path: str | Path) -> Corrections:
@@ -217,7 +337,7 @@ def load(path: str | Path) -> Corrections:
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise FileError(f"{path} must hold corrections", got="another file", remedy=remedy)
-    kinds = {kind.name: kind for kind in DETECTORS}
+    kinds = {kind.name: kind for kind in KINDS}
     try:
         defects = []
         for name, fields in content["findings"].items():

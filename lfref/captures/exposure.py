@@ -1,6 +1,6 @@
 """Exposure: views, or channels of them, that are brighter or darker throughout than the central view.
 
-After the correction of vignetting, one gain for each view and channel remains.
+After the correction of vignetting, one gain for each view and channel remains. A file of its own, as each defect has.
 Letters: `V U` view rows and columns, `C` channels, `n` windows.
 """
 
@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from lfref.captures.brightness import LEAST_WINDOWS, Ratios
-from lfref.captures.estimates import Estimates
 from lfref.lightfield import LightField
 
 SURE = 6.0  # standard errors, by trial
@@ -50,21 +49,20 @@ class ExposureDefect:
         return dataclasses.replace(field, views=field.views / gains)
 
 
-def find(estimates: Estimates) -> ExposureDefect:
+def find(ratios: Ratios) -> ExposureDefect:
     """Estimate the gain of every view and channel, in a field without vignetting."""
-    field = estimates.field
-    ones = torch.ones(*field.grid, field.views.shape[2], dtype=torch.float64)
-    return ExposureDefect(ones, 0.0) if max(field.grid) < 2 else _significant(estimates.ratios, ones)
-
-
-def _significant(ratios: Ratios, ones: Tensor) -> ExposureDefect:
     level, error = levels(ratios)
-    is_enough = ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS
-    is_sure = (level.abs() > SURE * error) & (level.abs() < LARGEST) & is_enough
-    shows = bool((is_sure & (level.abs() > SHOWN)).any())
-    gains = torch.where(is_sure & (level.abs() > LEAST), level.exp(), 1.0).to(ones) if shows else ones
-    typical = float(error[is_enough.expand_as(error)].median()) if bool(is_enough.any()) else 0.0
-    return ExposureDefect(gains, typical)
+    is_enough = (ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS).expand_as(error)
+    typical = float(error[is_enough].median()) if bool(is_enough.any()) else 0.0
+    return ExposureDefect(certain_gains(level, error.masked_fill(~is_enough, torch.inf)), typical)
+
+
+def certain_gains(level: Tensor, error: Tensor) -> Tensor:
+    """Gains from their logarithms and standard errors, 1 where none is certain; all 1 if none shows, [V, U, C]."""
+    is_sure = (level.abs() > SURE * error) & (level.abs() < LARGEST)
+    if not bool((is_sure & (level.abs() > SHOWN)).any()):
+        return torch.ones_like(level, dtype=torch.float64, device="cpu")
+    return torch.where(is_sure & (level.abs() > LEAST), level.exp(), 1.0).cpu().double()
 
 
 def levels(ratios: Ratios) -> tuple[Tensor, Tensor]:

@@ -2,6 +2,7 @@
 
 They are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow down all
 refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
+A file of its own, as each defect has.
 Letters: `V U` view rows and columns, `C` channels, `K` samples, `v u c y x` their indices.
 """
 
@@ -17,7 +18,6 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
-from lfref.captures.estimates import Estimates
 from lfref.functional import threads
 from lfref.functional.jit import compiled, inlined
 from lfref.lightfield import LightField
@@ -71,31 +71,30 @@ class HotPixelsDefect:
         return dataclasses.replace(field, views=views)
 
 
-def find(estimates: Estimates) -> HotPixelsDefect:
-    """Find hot and dead pixels."""
+def find(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> HotPixelsDefect:
+    """Find hot and dead pixels; the disparity [H, W] is that of the reference view."""
     none = HotPixelsDefect(torch.zeros(0, 5, dtype=torch.long), 0)
-    field = estimates.field
-    if field.grid[0] * field.grid[1] < 3 or min(field.size) < 2 * REACH + 1:
+    if field.grid[0] * field.grid[1] < 3:
         return none
-    samples, heights = _candidates(field.views)
+    samples, heights = candidates(field.views)
     if not len(samples):
         return none
     positions = registration.positions_of(field).unflatten(0, field.grid).movedim(-1, 0).float()
-    v, u = estimates.reference
+    v, u = reference
     steps = positions - positions[:, v, u, None, None]
-    neighbours = _neighbours(field.views.shape, samples, estimates.disparity.cpu(), steps)
+    neighbours = _neighbours(field.views.shape, samples, disparity.cpu(), steps)
     own = _patches(field.views, samples)
     # The median over the neighbouring views: one of them may have a hot sample at the same place.
     others = torch.stack([_patches(field.views, places) for places in neighbours]).float().nanquantile(0.5, 0)
-    is_hot = _is_unconfirmed(own, others, heights)
+    is_hot = is_unconfirmed(own, others, heights)
     if not bool(is_hot.any()):
         return none
-    spoilt = _with_spoilt(own[is_hot], others[is_hot], samples[is_hot], field.size)
+    spoilt = with_spoilt(own[is_hot], others[is_hot], samples[is_hot], field.size)
     return HotPixelsDefect(spoilt, int(is_hot.sum()))
 
 
-def _candidates(views: Tensor) -> tuple[Tensor, Tensor]:
-    """Samples that stick out of their own view, [K, 5], and their heights, [K]."""
+def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
+    """Samples that stick out of their own view, [K, 5], and their heights, [K]; none of a channel with too many."""
     images = views.detach().float().cpu().flatten(0, 1).contiguous().numpy()
     samples, heights = [], []
     for channel in range(images.shape[1]):
@@ -156,8 +155,14 @@ def _neighbours(shape: torch.Size, samples: Tensor, disparity: Tensor, steps: Te
     return neighbours
 
 
-def _is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
-    """Whether neighbouring views show nothing alike within a pixel, [K]."""
+def is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
+    """Whether neighbouring views show nothing alike within a pixel, [K].
+
+    Args:
+        own: Surroundings of each candidate in its own view, [K, 7, 7].
+        others: The same in the neighbouring views, their median, [K, 7, 7].
+        heights: Of the candidates, [K].
+    """
     middle = slice(REACH - 1, REACH + 2)
     # Surroundings without the middle 3x3, which a mosaic may have spoilt.
     ring = ~F.pad(torch.ones(3, 3, dtype=torch.bool), (REACH - 1,) * 4)
@@ -176,7 +181,7 @@ def _is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
     return is_clear & (int(is_clear.sum()) > RARE * len(heights))
 
 
-def _with_spoilt(own: Tensor, others: Tensor, samples: Tensor, size: tuple[int, int]) -> Tensor:
+def with_spoilt(own: Tensor, others: Tensor, samples: Tensor, size: tuple[int, int]) -> Tensor:
     """The hot samples and those around them that they have spoilt, [K, 5]."""
     rest = own - others
     height = rest[:, REACH, REACH, None, None]

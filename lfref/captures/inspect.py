@@ -10,8 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from lfref import geometry
-from lfref.captures.correct import Corrections, estimate_and_correct
-from lfref.captures.estimates import Defect, Estimates
+from lfref.captures.correct import Corrections, Defect, central_view, estimate_and_correct
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
@@ -43,7 +42,7 @@ class AutoPlanes:
 
     def of(self, field: LightField) -> FocalPlanes:
         """The planes of a light field; from -1 to 1 where its range is unknown."""
-        return self.between(slope_range.slope_range(Estimates(field).coarse_disparity), field)
+        return self.between(slope_range.slope_range(central_view(field).coarse), field)
 
     def between(self, ends: tuple[float, float] | None, field: LightField) -> FocalPlanes:
         """Planes between two slopes, or a little beyond, where nothing would change between the ends.
@@ -71,8 +70,14 @@ class Inspection:
         (None, 16)
     """
 
-    estimates: Estimates
-    """The light field, with maps of its disparity."""
+    field: LightField
+    """The inspected light field."""
+    reference: tuple[int, int]
+    """Row and column of the central view, that of the maps."""
+    disparity: Tensor
+    """Disparity of the central view, in pixels per view step, [H, W]."""
+    confidence: Tensor
+    """Confidence of the disparity, [0, 1], [H, W]."""
     slopes: tuple[float, float] | None
     """Range of the scene in pixels per view step, without a hundredth of outliers at either end; None: unknown."""
     confident_share: float
@@ -82,21 +87,6 @@ class Inspection:
     median_light: float
     """Median of the samples of the central view."""
     corrections: Corrections
-
-    @property
-    def field(self) -> LightField:
-        """The inspected light field."""
-        return self.estimates.field
-
-    @property
-    def disparity(self) -> Tensor:
-        """Disparity of the central view, in pixels per view step, [H, W]."""
-        return self.estimates.disparity
-
-    @property
-    def confidence(self) -> Tensor:
-        """Confidence of the disparity, [0, 1], [H, W]."""
-        return self.estimates.confidence
 
     @cached_property
     def planes(self) -> FocalPlanes:
@@ -183,15 +173,19 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         >>> inspection.disparity.shape, inspection.is_reversed
         (torch.Size([64, 80]), False)
     """
-    estimates = Estimates(field, white)
-    central = field.views[estimates.reference].flatten()
+    view = central_view(field)
+    corrections = estimate_and_correct(field, white, view)[1]
+    central = field.views[view.reference].flatten()
     # About 50,000 samples, by trial: the median need not be exact.
     median = central[:: max(1, central.numel() // 50_000)].float().nan_to_num().median()
     return Inspection(
-        estimates,
-        slope_range.slope_range(estimates.coarse_disparity),
-        float(slope_range.on_surfaces(estimates.coarse_disparity).float().mean()),
-        slope_range.seems_reversed(estimates.reduced),
+        field,
+        view.reference,
+        view.disparity,
+        view.confidence,
+        slope_range.slope_range(view.coarse),
+        float(slope_range.on_surfaces(view.coarse).float().mean()),
+        slope_range.seems_reversed(view.reduced),
         float(median),
-        estimate_and_correct(estimates)[1],
+        corrections,
     )

@@ -1,14 +1,13 @@
 """Noise: the variance a x + b of a sample that holds the light x.
 
 It is measured and never corrected: refocusing averages it away. Methods set their own limits by it.
+A file of its own, as each defect has.
 """
 
 import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lfref.captures.estimates import Estimates
-from lfref.functional import noise_line
 from lfref.lightfield import LightField
 
 
@@ -40,8 +39,3 @@ class NoiseDefect:
     def corrected(self, field: LightField) -> LightField:
         """The same light field."""
         return field
-
-
-def find(estimates: Estimates) -> NoiseDefect:
-    """Measure the noise in flat parts of views."""
-    return NoiseDefect(*noise_line.measure(estimates.field))

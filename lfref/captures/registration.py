@@ -16,7 +16,6 @@ from lfref.captures import displacements
 from lfref.captures.displacements import OUTLYING, SIDE, TINY, Observed, Patches
 from lfref.lightfield import LightField
 
-ROUNDS = 4  # by trial: of reading patches at their estimated places, and of weighting outliers
 SETTLED = 0.08  # pixels, by trial: patches that moved less are not read again
 FEWEST_PATCHES = 12  # three for each quarter
 LOOSE = 0.3  # pixels, by trial: standard deviation of shifts before any measurement
@@ -52,7 +51,7 @@ class Registration(NamedTuple):
     explanation: Explanation
 
     def explain(self, unknown: Tensor, chosen: Tensor | slice = slice(None)) -> Explanation:
-        """Explain the displacements of some patches, other shifts left at 0; see `explain`."""
+        """Explain the displacements of some patches, with other unknown shifts; see the function `explain`."""
         information, moved, shown = combined(self.observed.moved(self.expected))
         return explain(information[chosen], moved[chosen], shown[chosen], self.positions, unknown)
 
@@ -64,15 +63,12 @@ class Registration(NamedTuple):
 
 
 def register(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> Registration | None:
-    """Read patches in all views, and explain their displacements.
+    """Read patches in all views, and explain their displacements; None: too few views or patches.
 
     Args:
         field: The light field.
         disparity: Of the reference view, in pixels per view step, [H, W].
         reference: Row and column of that view.
-
-    Returns:
-        None: too few views or patches.
     """
     views = field.views.detach().cpu().flatten(0, 1)
     if len(views) < 3 or min(field.size) < 4 * SIDE:
@@ -84,7 +80,7 @@ def register(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
         return None
     shown = _shown(field, patches, positions)
     expected = patches.disparity[:, None, None] * positions
-    for _ in range(ROUNDS):
+    for _ in range(4):  # readings at the estimated places; by trial
         read_at = expected
         observed = displacements.observe(displacements.read_patches(views, patches, read_at), shown)
         explanation = explain(*combined(observed.moved(read_at)), positions, linear_shifts(positions))
@@ -125,7 +121,7 @@ def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor
         unknown: Shifts that are left at 0, orthonormal, [2I, M].
     """
     n_views, trust = len(positions), shown
-    for _ in range(ROUNDS):
+    for _ in range(4):  # weightings of outliers; by trial
         weights = trust[..., None, None] * information[:, None]
         # Normal equations of (shifts, disparities). Disparities are eliminated first: they belong to one patch each.
         right = (weights @ moved[..., None])[..., 0]
@@ -165,11 +161,7 @@ def linear_shifts(positions: Tensor) -> Tensor:
 
 
 def combined(observed: Observed) -> tuple[Tensor, Tensor, Tensor]:
-    """All channels of patches together, weighted by their noise.
-
-    Returns:
-        Information [K, 2, 2], displacements [K, I, 2], and which of them count [K, I].
-    """
+    """Information [K, 2, 2] and displacements [K, I, 2] of all channels, weighted by noise; which count, [K, I]."""
     noise = noise_of(observed)
     together = (observed.information / noise[..., None, None]).sum(1)
     moments = (observed.moments / noise[:, None, :, None]).sum(2)

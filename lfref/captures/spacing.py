@@ -2,7 +2,7 @@
 
 Disparities along rows are `ratio` times those along columns, plus what shifts in proportion to the view's row or
 column add by chance. The scale of both is unknown, so columns keep their positions.
-Letters: `V U` view rows and columns.
+A file of its own, as each defect has.
 """
 
 import dataclasses
@@ -14,7 +14,6 @@ from torch import Tensor
 
 from lfref.captures import displacements
 from lfref.captures.displacements import TINY, Fitted
-from lfref.captures.estimates import Estimates
 from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
 
@@ -60,22 +59,34 @@ class SpacingDefect:
         return dataclasses.replace(field, positions=positions)
 
 
-def find(estimates: Estimates) -> SpacingDefect:
-    """Compare disparities along rows and along columns."""
-    registered = estimates.registration if min(estimates.field.grid) > 1 else None
-    if registered is None:
+def find(registered: Registration | None) -> SpacingDefect:
+    """Compare disparities along rows and along columns; unknown without a registration, or in a single row."""
+    if registered is None or min(registered.field.grid) == 1:
         return SpacingDefect(1.0, float("nan"), float("inf"))
-    fit, ratio = _fit(registered, torch.ones(len(registered.observed.shown), dtype=torch.bool))
-    quarters = torch.tensor([_fit(registered, quarter)[1] for quarter in registered.quarters()])
+    fit, ratio = fit_ratio(registered, torch.ones(len(registered.observed.shown), dtype=torch.bool))
+    quarters = torch.tensor([fit_ratio(registered, quarter)[1] for quarter in registered.quarters()])
     error = max(float(fit.errors[1]), float(quarters.std()) / len(quarters) ** 0.5)
-    excess, disparities = abs(float(fit.values[1])), registered.explanation.disparities[:, 1].abs()
-    farthest = float(disparities.quantile(0.9) * registered.positions[:, 0].abs().max())
-    is_sure = excess > SURE * error and excess * farthest > SHOWN
-    is_sure = is_sure and excess * float(disparities.median()) > CLEAR * fit.scatter
+    disparities = registered.explanation.disparities[:, 1].abs()
+    outermost = float(registered.positions[:, 0].abs().max())
+    is_sure = is_certain(abs(float(fit.values[1])), error, disparities, outermost, fit.scatter)
     return SpacingDefect(ratio if is_sure else 1.0, ratio, error)
 
 
-def _fit(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:
+def is_certain(excess: float, error: float, disparities: Tensor, outermost: float, scatter: float) -> bool:
+    """Whether a difference between rows and columns is certain, and shows in the outermost view.
+
+    Args:
+        excess: Of disparities along rows over those along columns, as a share.
+        error: Its standard error.
+        disparities: Absolute, of patches along columns, in pixels per view step, [K].
+        outermost: Position of the outermost row of views, in view steps.
+        scatter: Standard deviation of what the excess does not explain, in pixels per view step.
+    """
+    shift = excess * float(disparities.quantile(0.9)) * outermost
+    return excess > SURE * error and shift > SHOWN and excess * float(disparities.median()) > CLEAR * scatter
+
+
+def fit_ratio(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:
     """Fit the difference of both disparities as a + b d to the chosen patches; the ratio that follows."""
     explanation = registered.explanation
     disparities, precision = explanation.disparities[chosen], explanation.precision[chosen].clamp(min=TINY)

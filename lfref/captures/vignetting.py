@@ -9,6 +9,7 @@ The rim is a disc of `radius` view steps, displaced by `displacement` times the 
 share of its cell that lies within. All views lose light by falloff, 1 / (1 + falloff r^2)^2 (cos^4 of the field angle).
 Letters: `y x` place in half diagonals from the picture's centre, `q p` view row and column from the angular centre,
 `r` distance, `n` windows, `i j` parameters.
+A file of its own, as each defect has.
 Source: Goldman and Chen, "Vignette and Exposure Calibration and Compensation", 2005 (moving pictures show falloff).
 """
 
@@ -24,7 +25,6 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.captures import registration
 from lfref.captures.brightness import LEAST_RATIO, LEAST_WINDOWS, Ratios
-from lfref.captures.estimates import Estimates
 from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.lightfield import LightField
@@ -61,8 +61,10 @@ class VignettingDefect:
     def reason_to_skip(self) -> str | None:
         """The rim clips no view, or the white picture is even."""
         if self.white is not None:
-            limit = max(LEAST_LOSS, CERTAIN * self.error)
-            return None if _lost_light(self.white) > limit else "the white picture is even"
+            # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
+            losses = (1 - self.white[..., ::4, ::4].float()).abs().flatten()
+            loss = float(losses.kthvalue(max(1, int(0.99 * len(losses)))).values)
+            return None if loss > max(LEAST_LOSS, CERTAIN * self.error) else "the white picture is even"
         if not self.is_known:
             return "unknown: too little is visible in all views"
         return None if self.displacement else "no view lacks light in its corners that others have"
@@ -98,34 +100,30 @@ class VignettingDefect:
         return Rim(self.falloff, self.displacement, self.radius)
 
 
-def find(estimates: Estimates) -> VignettingDefect:
-    """Estimate the gain of all samples; a white picture alone decides, if there is one."""
-    if estimates.white is not None:
-        # Half precision keeps gains to 1 in 2000, and files small.
-        gain, error = white_gain(estimates.white.views)
-        return VignettingDefect(white=gain.half(), error=error)
-    scatter = None if max(estimates.field.grid) < 2 else _scatter(estimates.ratios)
-    if scatter is None:
+def find_by_white(white: LightField) -> VignettingDefect:
+    """Take the gain of all samples from a white picture."""
+    gain, error = white_gain(white.views)
+    # Half precision keeps gains to 1 in 2000, and files small.
+    return VignettingDefect(white=gain.half(), error=error)
+
+
+def find(ratios: Ratios) -> VignettingDefect:
+    """Estimate the gain of all samples from the brightness of the views."""
+    # Standard deviation of ratios from window to window, by neighbours.
+    log, known = (maps.unflatten(-1, ratios.shape) for maps in (ratios.log.mean(2), ratios.known))
+    steps = (log[..., 1:] - log[..., :-1])[known[..., 1:] & known[..., :-1]]
+    if len(steps) < LEAST_WINDOWS * known.shape[0] * known.shape[1] / 2:
         return VignettingDefect(is_known=False)
-    fit = fit_rim(estimates.ratios, scatter)
+    scatter = 1.4826 * float(steps.abs().median()) / math.sqrt(2)
+    return certain_vignetting(fit_rim(ratios, scatter))
+
+
+def certain_vignetting(fit: "RimFit") -> VignettingDefect:
+    """A rim that explains the views clearly better than none; its falloff only if that is certain."""
     if fit.gain < LEAST_GAIN or not fit.rim.displacement:
         return VignettingDefect()
     falloff = fit.rim.falloff if fit.rim.falloff > SURE * fit.falloff_error else 0.0
     return VignettingDefect(falloff, fit.rim.displacement, fit.rim.radius)
-
-
-def _scatter(ratios: Ratios) -> float | None:
-    """Standard deviation of ratios from window to window, by neighbours; None: too few are known."""
-    log, known = (maps.unflatten(-1, ratios.shape) for maps in (ratios.log.mean(2), ratios.known))
-    steps = (log[..., 1:] - log[..., :-1])[known[..., 1:] & known[..., :-1]]
-    n_views = ratios.known.shape[0] * ratios.known.shape[1]
-    return None if len(steps) < LEAST_WINDOWS * n_views / 2 else 1.4826 * float(steps.abs().median()) / math.sqrt(2)
-
-
-def _lost_light(gain: Tensor) -> float:
-    """Difference from 1 that one sample in a hundred exceeds."""
-    some = (1 - gain[..., ::4, ::4].float()).abs().flatten()
-    return float(some.kthvalue(max(1, int(0.99 * len(some)))).values)
 
 
 class Rim(NamedTuple):
@@ -164,12 +162,7 @@ def falloff_gain(rim: Rim, y: Tensor, x: Tensor) -> Tensor:
 
 
 def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
-    """Find the rim that explains best how brightness changes from view to view.
-
-    Args:
-        ratios: Of the light field.
-        scatter: Standard deviation of their logarithms from window to window.
-    """
+    """Find the rim that explains best how brightness changes; scatter: of logarithms from window to window."""
     scale = 2 * max(scatter, 1e-3)
     # A coarse grid of starts, compared by every second view; the three best are refined by all views.
     radius = math.hypot(*ratios.known.shape[:2]) / 2
@@ -311,15 +304,14 @@ def _middle_level(view: Tensor, share: float) -> Tensor:
 
 def noise_of(image: Tensor) -> float:
     """Standard deviation of an even picture's noise [C, H, W], of its worst channel, as if pixels were independent."""
+    if min(image.shape[-2:]) < 3:
+        return 0.0
     # Interpolated samples share their noise: blocks of 8x8 then have more noise than single samples suggest.
-    blocks = F.avg_pool2d(image, 8) if min(image.shape[-2:]) >= 96 else image[..., :0]
-    return max(_roughness(image), 8 * _roughness(blocks))
+    blocks = 8 * _roughness(F.avg_pool2d(image, 8)) if min(image.shape[-2:]) >= 96 else 0.0
+    return max(_roughness(image), blocks)
 
 
 def _roughness(image: Tensor) -> float:
-    """Standard deviation of differences from pixel to pixel."""
-    if min(image.shape[-2:]) < 3:
-        return 0.0
     # Second differences along both axes: shading that is quadratic along either of them counts for nothing.
     across = image[..., 2:] - 2 * image[..., 1:-1] + image[..., :-2]
     both = across[..., 2:, :] - 2 * across[..., 1:-1, :] + across[..., :-2, :]

@@ -31,18 +31,18 @@ def inspection_sheet(inspection: Inspection) -> Figure:
     figure.suptitle(tables.plot_text(title, 120), fontsize=11, x=0.01, ha="left")
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(top + 0.3, 2.9))[:, 0]
     centre, disparity = above.subplots(1, 2)
-    _draw_view(centre, inspection, inspection.estimates.reference)
+    _draw_view(centre, inspection, inspection.reference)
     _draw_disparity(disparity, inspection)
     corners, light, slopes = below.subfigures(1, 3, squeeze=False, width_ratios=(1.35, 1, 1.5))[0]
     _draw_corners(corners, inspection)
-    _draw_light(light.subplots(), inspection.field, inspection.estimates.reference)
+    _draw_light(light.subplots(), inspection.field, inspection.reference)
     _draw_slopes(slopes.subplots(), inspection)
     return figure
 
 
 def _exposure(inspection: Inspection) -> float:
     """One gain for all views; dark captures are brightened."""
-    return max(1.0, pictures.common_exposure(inspection.field.views[inspection.estimates.reference].nan_to_num()))
+    return max(1.0, pictures.common_exposure(inspection.field.views[inspection.reference].nan_to_num()))
 
 
 def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int]) -> None:

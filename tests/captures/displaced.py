@@ -1,4 +1,4 @@
-"""Light fields that lie where they should not: scenes of the simulator, moved by its own effects."""
+"""Light fields whose views or colours are displaced: scenes of the simulator, moved by its own effects."""
 
 import dataclasses
 import functools
@@ -6,25 +6,10 @@ import functools
 import torch
 
 from lfref import geometry
-from lfref.captures.estimates import Estimates
-from lfref.lightfield import LightField
-from lfref.simulator import sim30
 from lfref.simulator.effects import displacement
 from lfref.simulator.effects.displacement import Chromatic
-from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.simulate import simulate
 
-
-@functools.cache
-def scene(name):
-    """Views of a scene as a perfect camera has them."""
-    made = simulate(dataclasses.replace(sim30.SCENES[name], sensor=Sensor()), outputs=("views",), slopes=[0.0])
-    return LightField(made.views, name)
-
-
-@functools.cache
-def estimates(name):
-    return Estimates(scene(name))
+from .scenes import clean
 
 
 @functools.cache
@@ -37,18 +22,18 @@ def shifts(size=0.25, seed=1):
 
 
 def misaligned(name, moved):
-    field = scene(name)
+    field = clean(name)
     return dataclasses.replace(field, views=displacement.shift(field.views, moved.flip(-1)))
 
 
 def dispersed(name, magnification, disparity):
-    field = scene(name)
+    field = clean(name)
     return dataclasses.replace(field, views=Chromatic(magnification, disparity).apply(field.views, torch.Generator()))
 
 
 def stretched(name, ratio):
     """A picture that is taller has larger disparities along rows: as of rows of views farther apart."""
-    field = scene(name)
+    field = clean(name)
     rows, columns = (geometry.angular_offsets(n) for n in field.size)
     return dataclasses.replace(field, views=displacement.resample(field.views, rows / ratio, columns))
 

@@ -1,9 +1,10 @@
-"""Simulated light fields that several tests look at, rendered once."""
+"""Simulated light fields that several tests use, rendered once, and the estimates that corrections start from."""
 
 import dataclasses
 import functools
 
-from lfref.captures.estimates import Estimates
+from lfref.captures import brightness, registration
+from lfref.captures.correct import central_view
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
@@ -19,14 +20,13 @@ ODD = ("gloss", "window", "mirror", "lamps", "running", "twigs", "thicket")
 @functools.cache
 def clean(name: str) -> LightField:
     """A scene of sim30 without its sensor."""
-    return _seen(dataclasses.replace(sim30.SCENES[name], sensor=Sensor()))
+    return _rendered(dataclasses.replace(sim30.SCENES[name], sensor=Sensor()))
 
 
 @functools.cache
-def recorded(name: str, **effects: object) -> LightField:
-    """A scene of sim30 through a sensor: its own, or one with these effects."""
-    scene = sim30.SCENES[name]
-    return _seen(dataclasses.replace(scene, sensor=Sensor(**effects)) if effects else scene)
+def recorded(name: str) -> LightField:
+    """A scene of sim30 through its sensor."""
+    return _rendered(sim30.SCENES[name])
 
 
 @functools.cache
@@ -34,13 +34,29 @@ def white(name: str) -> LightField:
     """A white wall through the camera and sensor of a scene."""
     surfaces = (Surface(Plane(0.0), Flat((0.8, 0.8, 0.8))),)
     scene = sim30.SCENES[name]
-    return _seen(Scene(scene.camera, surfaces, sensor=scene.sensor, seed=5))
+    return _rendered(Scene(scene.camera, surfaces, sensor=scene.sensor, seed=5))
 
 
-def estimates(field: LightField, white: LightField | None = None) -> Estimates:
-    """What a correction is given."""
-    return Estimates(field, white)
+def view(field: LightField):
+    """Disparity and place of the central view, as arguments of estimates."""
+    return {"disparity": central_view(field).disparity, "reference": central_view(field).reference}
 
 
-def _seen(scene: Scene) -> LightField:
+def ratios(field: LightField):
+    """Brightness of the views over that of the central one."""
+    return brightness.ratios(field, *view(field).values())
+
+
+def registered(field: LightField):
+    """Patches of the views and their displacements."""
+    return registration.register(field, *view(field).values())
+
+
+@functools.cache
+def registered_clean(name: str):
+    """The same of a clean scene, once."""
+    return registered(clean(name))
+
+
+def _rendered(scene: Scene) -> LightField:
     return LightField(simulate(scene, outputs=("views",), slopes=[0.0]).views, scene.name)

@@ -1,101 +1,119 @@
-"""Alignment: known shifts of views come back and are taken off; scenes without any stay as they are."""
+"""Alignment: known shifts of views are estimated and undone; scenes without any stay as they are."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 import lfref
 from lfref.captures import alignment, registration
-from lfref.captures.estimates import Estimates
+from lfref.captures.alignment import AlignmentDefect
 from lfref.lightfield import LightField
 
 from . import displaced
 from .displaced import rms
+from .scenes import clean, registered, registered_clean
 
 
-@pytest.mark.parametrize("name", ["shards", "leaves", "dome"])
-def test_known_shifts_come_back(name):
+def found_in(field):
+    return alignment.find(field.grid, registered(field))
+
+
+@pytest.mark.parametrize("name", ["shards", "leaves"])
+def test_known_shifts_are_estimated(name):
     truth = displaced.shifts()
-    found = alignment.find(Estimates(displaced.misaligned(name, truth)))
-    assert found.reason_to_skip() is None
-    assert rms(found.shifts - truth) < 0.01
-    assert "px" in found.summary()
+    defect = found_in(displaced.misaligned(name, truth))
+    assert defect.reason_to_skip() is None
+    assert rms(defect.shifts - truth) < 0.01
+    assert "px" in defect.summary()
 
 
-def test_in_noise_shifts_come_back_to_a_hundredth_of_a_pixel():
-    truth = displaced.shifts()
-    found = alignment.find(Estimates(displaced.noisy(displaced.misaligned("shards", truth))))
-    assert rms(found.shifts - truth) < 0.01
-
-
-def test_shading_and_contrast_of_views_do_not_move_them():
+@pytest.mark.parametrize("disturbed", ["noise", "shading"])
+def test_noise_and_shading_do_not_move_views(disturbed):
     truth = displaced.shifts()
     field = displaced.misaligned("shards", truth)
     gains = torch.linspace(0.4, 1.2, 49).reshape(7, 7, 1, 1, 1)
-    found = alignment.find(Estimates(dataclasses.replace(field, views=0.05 + gains * field.views)))
-    assert rms(found.shifts - truth) < 0.01
+    shaded = dataclasses.replace(field, views=0.05 + gains * field.views)
+    defect = found_in(displaced.noisy(field) if disturbed == "noise" else shaded)
+    assert rms(defect.shifts - truth) < 0.01
 
 
-def test_views_that_do_not_count_move_no_others():
+def test_views_without_weight_move_no_others():
     truth = displaced.shifts()
     field = displaced.misaligned("shards", truth)
     weight = torch.ones(7, 7, 1, *field.size)
-    for corner in [(0, 0), (0, 6), (6, 0), (6, 6)]:
-        field.views[corner], weight[corner] = 0, 0
-    found = alignment.find(Estimates(dataclasses.replace(field, weight=weight)))
+    field.views[::6, ::6], weight[::6, ::6] = 0, 0
+    defect = found_in(dataclasses.replace(field, weight=weight))
     inside = weight.amax((2, 3, 4)) > 0
-    places = torch.cat([registration.positions_of(field).unflatten(0, (7, 7)), torch.ones(7, 7, 1)], -1).double()[
-        inside
-    ]
-    left = (found.shifts - truth)[inside]
-    assert rms(left - places @ torch.linalg.lstsq(places, left).solution) < 0.01
+    places = registration.positions_of(field).unflatten(0, (7, 7))
+    linear = torch.cat([places, torch.ones(7, 7, 1)], -1).double()[inside]
+    error = (defect.shifts - truth)[inside]
+    assert rms(error - linear @ torch.linalg.lstsq(linear, error).solution) < 0.01
 
 
-@pytest.mark.parametrize("name", ["shards", "stripes", "wall", "window", "gloss", "mirror", "running", "lattice"])
-def test_scenes_without_fault_stay_as_they_are(name):
-    found = alignment.find(displaced.estimates(name))
-    assert found.reason_to_skip() is not None
+@pytest.mark.parametrize("name", ["shards", "stripes", "window", "gloss", "mirror", "running", "lattice"])
+def test_scenes_without_misalignment_stay_as_they_are(name):
+    assert alignment.find((7, 7), registered_clean(name)).reason_to_skip() is not None
 
 
 def test_noise_is_no_misalignment():
-    assert alignment.find(Estimates(displaced.noisy(displaced.scene("leaves"), 0.05))).reason_to_skip() is not None
+    assert found_in(displaced.noisy(clean("leaves"), 0.05)).reason_to_skip() is not None
+
+
+@pytest.mark.parametrize(
+    ("shift", "error", "is_corrected"),
+    [(0.022, 0.0, True), (0.018, 0.0, False), (0.11, 0.02, True), (0.09, 0.02, False), (9.0, float("inf"), False)],
+)
+def test_shifts_are_corrected_from_two_hundredths_of_a_pixel_and_five_standard_errors(shift, error, is_corrected):
+    defect = AlignmentDefect(torch.full((3, 3, 2), shift), error)
+    assert (defect.reason_to_skip() is None) == is_corrected
+
+
+@pytest.mark.parametrize(("size", "is_kept"), [(2.8, True), (3.2, False)])
+def test_linear_parts_count_up_to_three_times_the_other_shifts(size, is_kept):
+    others = 0.1 * displaced.shifts().flatten(0, 1) / rms(displaced.shifts())
+    positions = registration.positions_of(clean("shards"))
+    linear = registration.linear_shifts(positions)[:, 4].unflatten(0, (49, 2))
+    both = others + size * 0.1 * linear
+    stub = SimpleNamespace(
+        positions=positions,
+        explanation=SimpleNamespace(shifts=others),
+        explain=lambda unknown, chosen=None: SimpleNamespace(shifts=both if unknown.shape[1] == 4 else others),
+        quarters=lambda: range(4),
+    )
+    expected = both if is_kept else others
+    torch.testing.assert_close(alignment.find((7, 7), stub).shifts, expected.unflatten(0, (7, 7)))
 
 
 def test_corrected_views_are_those_of_the_scene():
-    truth = displaced.shifts()
-    field = displaced.misaligned("shards", truth)
-    found = alignment.find(Estimates(field))
+    field = displaced.misaligned("shards", displaced.shifts())
     inside = (..., slice(8, -8), slice(8, -8))
-    before = rms((field.views - displaced.scene("shards").views)[inside])
-    after = rms((found.corrected(field).views - displaced.scene("shards").views)[inside])
+    before = rms((field.views - clean("shards").views)[inside])
+    after = rms((found_in(field).corrected(field).views - clean("shards").views)[inside])
     assert after < before / 5
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (3, 3)])
-def test_where_nothing_is_to_be_seen_nothing_moves(shape):
-    found = alignment.find(Estimates(LightField(torch.full((*shape, 3, 80, 96), 0.5))))
-    assert "too little texture" in found.reason_to_skip()
-    assert not found.shifts.any()
+@pytest.mark.parametrize("shape", [(1, 2), (3, 3)])
+def test_flat_views_stay_in_their_places(shape):
+    defect = found_in(LightField(torch.full((*shape, 3, 80, 96), 0.5)))
+    assert "too little texture" in defect.reason_to_skip()
+    assert not defect.shifts.any()
 
 
 def test_a_single_row_of_views_is_aligned():
-    truth = displaced.shifts()[3:4].clone()
+    truth = displaced.shifts()[3]
     field = displaced.misaligned("shards", displaced.shifts())
-    row = dataclasses.replace(field, views=field.views[3:4])
-    found = alignment.find(Estimates(row))
+    defect = found_in(dataclasses.replace(field, views=field.views[3:4]))
     across = torch.linspace(-1, 1, 7, dtype=torch.float64)
+    # Linear parts are unknown along the row, and cannot be trusted across it.
     linear = torch.stack([torch.ones(7, dtype=torch.float64), across], -1)
-    rest = truth[0] - linear @ torch.linalg.lstsq(linear, truth[0]).solution
-    # What is linear in the place cannot be told along the row, nor trusted across it.
-    moved = found.shifts[0] - linear @ torch.linalg.lstsq(linear, found.shifts[0]).solution
-    assert rms(moved - rest) < 0.02
+    error = defect.shifts[0] - truth
+    assert rms(error - linear @ torch.linalg.lstsq(linear, error).solution) < 0.02
 
 
-def test_two_ends_of_a_real_capture_tell_the_same_of_its_views(lytro):
+def test_both_halves_of_a_real_capture_have_the_same_shifts(lytro):
     field = lfref.read(lytro, encoding="linear")
-    found = [alignment.find(Estimates(field.crop(0, left, 300, 330))) for left in (0, 222)]
-    differences = found[0].shifts - found[1].shifts
-    assert rms(differences) < 0.05
-    together = (found[0].shifts * found[1].shifts).sum()
-    assert float(together / (found[0].shifts.norm() * found[1].shifts.norm())) > 0.3
+    left, right = (found_in(field.crop(0, start, 300, 330)).shifts for start in (0, 222))
+    assert rms(left - right) < 0.05
+    assert float((left * right).sum() / (left.norm() * right.norm())) > 0.3

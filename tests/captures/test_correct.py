@@ -1,4 +1,4 @@
-"""Corrections as a whole: only what is shown is taken off, and what was found can be kept and used again."""
+"""Corrections as a whole: only visible defects are corrected; estimates are saved, and used for another capture."""
 
 import dataclasses
 
@@ -6,53 +6,80 @@ import pytest
 import torch
 
 from lfref import encoding
-from lfref.captures.correct import DETECTORS, correct, load
+from lfref.captures.correct import KINDS, Corrections, central_view, correct, correct_by_option, load
+from lfref.captures.spacing import SpacingDefect
 from lfref.errors import FileError, InputError
+from lfref.io.read import read
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 
-from . import displaced
+from . import displaced, scenes
 
 
 @pytest.fixture(scope="module")
 def vignetted():
-    return LightField(simulate(sim30.SCENES["vignetting"], outputs=("views",)).views, "vignetting")
+    return scenes.recorded("vignetting")
 
 
 @pytest.fixture(scope="module")
-def misaligned():
-    return displaced.misaligned("leaves", displaced.shifts())
+def corrected(vignetted):
+    return correct(vignetted)
 
 
-def test_what_was_found_is_kept_and_does_the_same_again(vignetted, tmp_path):
-    mended, found = correct(vignetted)
-    assert found.active == ("vignetting",)
-    found.save(tmp_path / "correction.pt")
-    again, known = correct(vignetted, profile=tmp_path / "correction.pt")
-    assert known.active == found.active
-    assert torch.equal(again.views, mended.views)
-    assert torch.equal(again.weight, mended.weight)
-    assert "vignetting   corrected: " in found.summary()
+@pytest.fixture
+def grey():
+    return LightField(torch.full((3, 3, 3, 32, 40), 0.25), "grey")
 
 
-def test_another_camera_and_another_white_are_refused(vignetted):
-    _, found = correct(vignetted)
+@pytest.fixture
+def spaced(grey, tmp_path):
+    """A file of corrections: rows are 1.25 times as far apart as columns."""
+    Corrections(grey.grid, grey.size, (SpacingDefect(1.25, 1.25, 0.001),)).save(tmp_path / "spacing.pt")
+    return str(tmp_path / "spacing.pt")
+
+
+def encoded(field):
+    """The same samples as a file has them."""
+    return dataclasses.replace(field, views=encoding.SRGB.encode(field.views), is_linear=False)
+
+
+def test_saved_corrections_do_the_same_again(vignetted, corrected, tmp_path):
+    field, corrections = corrected
+    assert corrections.active == ("vignetting",)
+    corrections.save(tmp_path / "correction.pt")
+    again, loaded = correct(vignetted, profile=tmp_path / "correction.pt")
+    assert loaded.active == corrections.active
+    assert torch.equal(again.views, field.views)
+    assert torch.equal(again.weight, field.weight)
+    assert "vignetting   corrected: " in corrections.summary()
+
+
+def test_each_defect_is_estimated_after_the_correction_of_those_before():
+    field = displaced.misaligned("leaves", displaced.shifts())
+    views = field.views.clone()
+    views[0, 0] *= 0.01
+    views[2, 3, 1, 40:60:7, 50:90:9] = 1.0
+    views[5, 1] *= 1.1
+    field, corrections = correct(LightField(views))
+    assert corrections.active == ("hot_pixels", "black_views", "exposure", "alignment")
+    assert correct(field)[1].active == ()
+
+
+def test_a_profile_or_white_picture_of_another_size_is_refused(vignetted, corrected):
     other = vignetted.crop(0, 0, 64, 64)
     with pytest.raises(InputError, match="7x7 views of 64x64"):
-        found.apply(other)
+        corrected[1].apply(other)
     with pytest.raises(InputError, match="white picture must have"):
         correct(vignetted, white=other)
-
-
-def test_what_is_known_needs_no_white_picture(vignetted):
-    _, found = correct(vignetted)
     with pytest.raises(InputError, match="leave one of them out"):
-        correct(vignetted, white=vignetted, profile=found)
+        correct(vignetted, white=vignetted, profile=corrected[1])
+    with pytest.raises(InputError, match="white picture must hold linear light; got encoded samples"):
+        correct(vignetted, white=encoded(vignetted))
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive"])
-def test_a_file_of_something_else_is_one_line(vignetted, tmp_path, content):
+def test_a_file_of_something_else_is_refused(tmp_path, content):
     (tmp_path / "a.pt").write_bytes(content)
     with pytest.raises(FileError, match="must hold corrections"):
         load(tmp_path / "a.pt")
@@ -60,45 +87,105 @@ def test_a_file_of_something_else_is_one_line(vignetted, tmp_path, content):
         load(tmp_path / "b.pt")
 
 
-def encoded(field):
-    """The same samples as a file has them, read without telling what they stand for."""
-    return dataclasses.replace(field, views=encoding.SRGB.encode(field.views), is_linear=False)
+@pytest.mark.parametrize("changed", [{"findings": {"unheard": {}}}, {"findings": {"spacing": {"ratios": 1}}}])
+def test_a_file_of_other_defects_is_refused(spaced, tmp_path, changed):
+    torch.save(torch.load(spaced) | changed, tmp_path / "changed.pt")
+    with pytest.raises(FileError, match="entries that cannot be read"):
+        load(tmp_path / "changed.pt")
 
 
-def test_of_encoded_samples_nothing_is_scaled_as_if_it_were_light(vignetted):
+def test_a_file_of_an_earlier_version_has_other_names(grey, tmp_path):
+    fields = {
+        "hot_pixels": {"places": torch.tensor([[1, 1, 0, 3, 4]]), "count": 1},
+        "vignetting": {"falloff": 0.0, "displacement": 0.5, "radius": 3.0, "known": True, "white": None, "error": 0.0},
+        "spacing": {"ratio": 1.25, "found": 1.25, "error": 0.001},
+    }
+    content = {"format": "lfref corrections 1", "grid": grey.grid, "size": grey.size, "findings": fields}
+    torch.save(content, tmp_path / "former.pt")
+    corrections = load(tmp_path / "former.pt")
+    assert corrections.active == ("hot_pixels", "vignetting", "spacing")
+    assert corrections["hot_pixels"].samples.tolist() == [[1, 1, 0, 3, 4]]
+    assert corrections["spacing"].estimate == 1.25
+    assert corrections.apply(grey).positions[:, 0, 0].tolist() == [-1.25, 0, 1.25]
+
+
+def test_encoded_samples_are_not_scaled_as_light(vignetted, corrected):
     field = encoded(vignetted)
-    mended, found = correct(field)
-    assert mended is field
-    assert set(found.skipped) == {"vignetting", "exposure", "noise"}
-    assert "vignetting   unchanged: encoded samples are no light (reader.encoding=none)" in found.summary()
+    same, corrections = correct(field)
+    assert same is field
+    assert set(corrections.skipped) == {"vignetting", "exposure", "noise"}
+    assert "vignetting   unchanged: encoded samples are no light (reader.encoding=none)" in corrections.summary()
+    assert corrected[1].apply(field) is field
+    same, corrections = correct(field, profile=corrected[1])
+    assert same is field
+    assert corrections.active == ()
 
 
-def test_what_was_found_in_light_is_not_applied_to_encoded_samples(vignetted):
-    _, found = correct(vignetted)
-    field = encoded(vignetted)
-    assert found.apply(field) is field
-    mended, known = correct(field, profile=found)
-    assert mended is field
-    assert known.active == ()
-
-
-def test_views_of_encoded_samples_are_aligned_as_those_of_light(misaligned):
-    (light, found), (coded, told) = correct(misaligned), correct(encoded(misaligned))
-    assert found.active == told.active == ("alignment",)
+def test_encoded_samples_are_aligned_as_light():
+    field = displaced.misaligned("leaves", displaced.shifts())
+    (light, corrections), (coded, others) = correct(field), correct(encoded(field))
+    assert corrections.active == others.active == ("alignment",)
     assert not coded.is_linear
-    apart = encoding.SRGB.decode(coded.views) - light.views
-    before = encoding.SRGB.decode(encoded(misaligned).views) - light.views
-    assert apart.square().mean() < 0.01 * before.square().mean()
+    error = encoding.SRGB.decode(coded.views) - light.views
+    before = field.views - light.views
+    assert error.square().mean() < 0.01 * before.square().mean()
 
 
-def test_a_white_picture_of_encoded_samples_is_refused_beside_light(vignetted):
-    with pytest.raises(InputError, match="white picture must hold linear light; got encoded samples"):
-        correct(vignetted, white=encoded(vignetted))
+@pytest.mark.parametrize(
+    ("views", "reason"),
+    [
+        (torch.rand(3, 3, 3, 31, 40), "views are smaller than 32 pixels"),
+        (torch.rand(1, 1, 3, 40, 40), "a single view cannot be compared"),
+        (torch.full((3, 3, 3, 40, 40), torch.nan), "views hold NaN or infinity"),
+    ],
+)
+def test_views_that_allow_no_estimate_stay_as_they_are(views, reason):
+    field = LightField(views)
+    same, corrections = correct(field)
+    assert same is field
+    assert corrections.skipped == {kind.name: reason for kind in KINDS}
 
 
-def test_where_too_little_is_shown_each_correction_says_so():
-    field = LightField(torch.rand(3, 3, 3, 16, 40))
-    mended, found = correct(field)
-    assert mended is field
-    assert list(found.skipped) == [kind.name for kind in DETECTORS]
-    assert set(found.skipped.values()) == {"views are smaller than 32 pixels"}
+@pytest.mark.parametrize("value", [0.0, 0.25])
+def test_views_of_32_pixels_are_enough_and_flat_ones_stay(value):
+    field = LightField(torch.full((3, 3, 3, 32, 40), value))
+    same, corrections = correct_by_option(field, "auto")
+    assert same is field
+    assert corrections.skipped == {}
+    assert [defect.name for defect in corrections.defects] == [kind.name for kind in KINDS]
+    assert correct_by_option(field, "none") == (field, None)
+
+
+def test_an_even_grid_stays_even_on_request(grey, spaced):
+    corrected, corrections = correct_by_option(grey, spaced)
+    assert corrected.positions[:, 0, 0].tolist() == [-1.25, 0, 1.25]
+    assert corrections.active == ("spacing",)
+    corrected, corrections = correct_by_option(grey, spaced, even_grid_for="networks learned on even ones")
+    assert corrected.positions is None
+    assert corrections.active == ()
+    assert corrections.skipped["spacing"].startswith("rows are 1.2500 times as far apart as columns")
+    assert corrections.skipped["spacing"].endswith(", but networks learned on even ones")
+
+
+def test_disparity_has_the_size_of_the_views():
+    view = central_view(LightField(torch.rand(3, 3, 3, 201, 303)))
+    assert view.coarse.factor > 1
+    assert view.disparity.shape == view.confidence.shape == (201, 303)
+
+
+def test_disparity_of_a_simulated_scene_is_estimated():
+    truth = simulate(sim30.SCENES["shards"], outputs=["views", "disparity"])
+    view = central_view(LightField(truth.views))
+    error = (view.disparity - truth.disparity).abs()
+    assert error.median() < 0.01
+    assert float((error[view.confidence > 0.5] < 0.1).float().mean()) > 0.9
+
+
+def test_a_real_capture_reaches_from_minus_one_and_a_half_to_one_half(lytro):
+    view = central_view(read(lytro, encoding="linear"))
+    assert view.reference == (4, 4)
+    sure = view.disparity[view.confidence > 0.5]
+    assert sure.numel() > 0.9 * view.disparity.numel()
+    low, high = sure.quantile(torch.tensor([0.02, 0.98])).tolist()
+    assert -1.5 < low < -1
+    assert 0 < high < 0.5

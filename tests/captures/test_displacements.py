@@ -1,8 +1,63 @@
-"""Displacements: waves that were moved say by how much; brightness and contrast do not matter."""
+"""Displacements: patches with texture are chosen and read, displaced waves measured, models fitted without outliers."""
 
+import math
+
+import pytest
 import torch
 
+from lfref import geometry
 from lfref.captures import displacements
+from lfref.captures.displacements import Patches
+from lfref.simulator.effects import displacement
+
+PLACES = torch.cartesian_prod(*[geometry.angular_offsets(5)] * 2)
+
+
+def test_patches_lie_where_texture_is_and_inside_all_views():
+    grey = torch.zeros(160, 200)
+    grey[40:120, 48:152] = torch.rand(80, 104)
+    patches = displacements.choose_patches(grey, torch.full((160, 200), 1.5), PLACES, 3)
+    assert len(patches.rows) >= 12
+    for places, low, high in ((patches.rows, 40, 120), (patches.columns, 48, 152)):
+        assert bool(((places >= low - 16) & (places <= high)).all())
+    everywhere = displacements.choose_patches(torch.rand(160, 200), torch.full((160, 200), 6.0), PLACES, 3)
+    assert float(everywhere.rows.min()) >= 12
+    assert float(everywhere.rows.max()) <= 160 - 12 - 16
+
+
+@pytest.mark.parametrize(("n_channels", "low", "high"), [(1, 85, 125), (999, 20, 32)])
+def test_there_are_24_to_100_patches_as_the_amount_of_samples_allows(n_channels, low, high):
+    patches = displacements.choose_patches(torch.rand(400, 400), torch.zeros(400, 400), PLACES, n_channels)
+    assert low < len(patches.rows) < high
+
+
+@pytest.mark.parametrize(("power", "is_chosen"), [(1.8, False), (2.2, True)])
+def test_a_patch_of_disparities_that_scatter_by_a_twentieth_needs_twice_the_texture(power, is_chosen):
+    grey, disparity, pattern = torch.zeros(400, 400), torch.zeros(400, 400), torch.rand(16, 16)
+    grey[48:64, 16:32] = pattern
+    grey[48:64, 48:64] = math.sqrt(power) * pattern
+    disparity[:, 40:80] = 0.05 * (1 - 2.0 * (torch.arange(40) % 2))
+    patches = displacements.choose_patches(grey, disparity, PLACES, 999)
+    assert (48 in patches.columns.tolist()) == is_chosen
+
+
+def test_flat_pictures_have_no_patches():
+    assert len(displacements.choose_patches(torch.ones(128, 128), torch.zeros(128, 128), PLACES, 3).rows) == 0
+
+
+def test_patches_are_read_as_by_the_simulator():
+    views = torch.rand(4, 2, 70, 80)
+    patches = Patches(torch.tensor([20, 25]), torch.tensor([18, 40]), torch.zeros(2).double())
+    moved = 3 * torch.rand(2, 4, 2, dtype=torch.float64) - 1.5
+    samples = displacements.read_patches(views, patches, moved)
+    assert samples.shape == (2, 4, 2, 20, 20)
+    steps = torch.arange(20) - 2
+    for k, i in ((0, 0), (1, 3)):
+        rows = patches.rows[k] + moved[k, i, 0] + steps - (70 - 1) / 2
+        columns = patches.columns[k] + moved[k, i, 1] + steps - (80 - 1) / 2
+        down, across = (displacement.matrix(*axis).float() for axis in ((rows, 70), (columns, 80)))
+        torch.testing.assert_close(samples[k, i], down @ views[i] @ across.mT, atol=2e-6, rtol=0)
+
 
 ALL = torch.ones(1, 4, dtype=torch.float64)
 
@@ -13,28 +68,67 @@ def waves(down, right):
     return (0.5 + 0.2 * torch.sin(0.7 * y + 0.3 * x) + 0.1 * torch.cos(0.5 * x - 0.2 * y)).float()
 
 
-def moved_of(seen):
-    return torch.einsum("kcab,kicb->kica", seen.information.inverse(), seen.moments)[0, :, 0]
+def measured(observed):
+    return torch.einsum("kcab,kicb->kica", observed.information.inverse(), observed.moments)[0, :, 0]
 
 
-def test_moved_content_says_how_far():
+def test_displacements_of_waves_are_measured_whatever_their_brightness_and_contrast():
     truth = torch.tensor([[0.1, 0.0], [-0.1, 0.05], [0.05, -0.1], [-0.05, 0.05]], dtype=torch.float64)
     samples = torch.stack([waves(*shift.tolist()) for shift in truth])[None, :, None]
-    torch.testing.assert_close(moved_of(displacements.observe(samples, ALL)), truth, atol=3e-3, rtol=0)
-    shades = torch.tensor([0.5, 1.0, 1.2, 0.9])[None, :, None, None, None]
-    seen = displacements.observe(0.1 + shades * samples, ALL)
-    moved = moved_of(seen)
+    torch.testing.assert_close(measured(displacements.observe(samples, ALL)), truth, atol=3e-3, rtol=0)
+    contrasts = torch.tensor([0.5, 1.0, 1.2, 0.9])[None, :, None, None, None]
+    moved = measured(displacements.observe(0.1 + contrasts * samples, ALL))
     torch.testing.assert_close(moved - moved.mean(0), truth - truth.mean(0), atol=6e-3, rtol=0)
 
 
-def test_dark_views_do_not_count():
-    samples = torch.stack([waves(0, 0)] * 4)[None, :, None].clone()
-    samples[0, 2] = 0.01
-    assert displacements.observe(samples, ALL).shown.tolist() == [[1, 1, 0, 1]]
+@pytest.mark.parametrize(("contrast", "is_shown"), [(0.24, True), (0.16, False)])
+def test_views_with_a_fifth_of_the_contrast_count(contrast, is_shown):
+    contrasts = torch.ones(1, 40, 1, 1, 1)
+    contrasts[0, 7] = contrast
+    shown = displacements.observe(0.1 + contrasts * waves(0, 0), torch.ones(1, 40).double()).shown
+    assert bool(shown[0, 7]) == is_shown
+    assert int(shown.sum()) == 39 + is_shown
 
 
 def test_known_displacements_are_added():
     samples = torch.stack([waves(0, 0)] * 4)[None, :, None]
     by = torch.rand(1, 4, 2, dtype=torch.float64)
-    seen = displacements.observe(samples, ALL).moved(by)
-    torch.testing.assert_close(moved_of(seen), by[0], atol=1e-4, rtol=0)
+    torch.testing.assert_close(measured(displacements.observe(samples, ALL).moved(by)), by[0], atol=1e-4, rtol=0)
+
+
+X = torch.stack([torch.ones(60), torch.linspace(-1, 3, 60)], -1).double()[:, None]
+TRUTH = torch.tensor([0.4, -1.5], dtype=torch.float64)
+EVEN = torch.ones(60, 1, 1, dtype=torch.float64)
+
+
+def test_parameters_are_fitted_in_spite_of_outliers():
+    observations = X @ TRUTH + 0.01 * torch.randn(60, 1, dtype=torch.float64)
+    observations[::7] += 3
+    fit = displacements.fit_linear(X, observations, EVEN)
+    torch.testing.assert_close(fit.values, TRUTH, atol=0.03, rtol=0)
+    assert fit.scatter == pytest.approx(0.01, rel=0.6)
+    assert fit.effect == pytest.approx(float((X @ TRUTH).square().mean().sqrt()), rel=0.3)
+
+
+def test_an_outlier_pulls_by_half_of_its_weight_at_two_standard_deviations():
+    # All observations but one lie one standard deviation from 0, that one two: the pulls cancel at the fitted mean.
+    observations = torch.tensor([1.0, -1.0] * 50 + [2.0]).double()[:, None]
+    ones = torch.ones(101, 1, 1, dtype=torch.float64)
+    value = displacements.fit_linear(ones, observations, ones).values
+    pulls = (observations - value) / (1 + ((observations - value) / 2).square())
+    assert float(pulls.sum()) == pytest.approx(0, abs=0.02)
+
+
+def test_errors_are_those_of_repeated_trials():
+    noise = 0.1 * torch.randn(60, 60, 1, dtype=torch.float64)
+    trials = [displacements.fit_linear(X, X @ TRUTH + one, EVEN) for one in noise]
+    scatter = torch.stack([fit.values for fit in trials]).std(0)
+    errors = torch.stack([fit.errors for fit in trials]).mean(0)
+    assert bool(((errors / scatter > 0.6) & (errors / scatter < 1.6)).all())
+
+
+def test_a_prior_holds_what_the_observations_leave_open():
+    ones = torch.ones(60, 1, 2, dtype=torch.float64)
+    observations = 1 + 0.01 * torch.randn(60, 1, dtype=torch.float64)
+    fit = displacements.fit_linear(ones, observations, EVEN, torch.tensor([1e4, 1.0], dtype=torch.float64))
+    torch.testing.assert_close(fit.values, torch.tensor([0.0, 1.0]).double(), atol=0.02, rtol=0)

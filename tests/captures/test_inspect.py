@@ -1,4 +1,4 @@
-"""Inspection: the facts of simulated scenes, the real capture, and fields in which nothing is to be seen."""
+"""Inspection: the properties of simulated scenes and of the real capture; planes over the range of a scene."""
 
 import json
 
@@ -6,11 +6,14 @@ import pytest
 import torch
 
 import lfref
-from lfref.captures.inspect import inspect
+from lfref.captures.inspect import AutoPlanes, inspect
 from lfref.errors import InputError
+from lfref.geometry import checked_slopes
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
+
+from .scenes import recorded
 
 
 @pytest.fixture(scope="module")
@@ -19,64 +22,118 @@ def shards() -> LightField:
     return LightField(views, "shards", metadata={"format": "folder", "bits": "8", "encoding": "srgb"})
 
 
-def test_slopes_and_planes_are_those_of_the_scene(shards):
-    seen = lfref.inspect(shards)
-    assert seen.slopes == pytest.approx((-1.05, 0.25), abs=0.06)
-    assert (seen.planes.values[0], seen.planes.values[-1]) == pytest.approx(seen.slopes)
-    assert seen.confident_share > 0.8
-    assert seen.disparity.shape == seen.confidence.shape == shards.size
-    assert seen.advice() == []
+@pytest.fixture(scope="module")
+def inspection(shards):
+    return inspect(shards)
 
 
-def test_everything_is_told_in_lines_and_as_json(shards):
-    seen = inspect(shards)
-    lines = seen.lines()
+def test_slopes_and_planes_are_those_of_the_scene(shards, inspection):
+    assert inspection.slopes == pytest.approx((-1.05, 0.25), abs=0.06)
+    assert (inspection.planes.values[0], inspection.planes.values[-1]) == pytest.approx(inspection.slopes)
+    assert inspection.confident_share > 0.8
+    assert inspection.disparity.shape == inspection.confidence.shape == shards.size
+    assert inspection.advice() == []
+
+
+def test_an_inspection_is_reported_in_lines_and_as_json(inspection):
+    lines = inspection.lines()
     assert all("\n" not in line for line in lines)
     assert "7x7 of 128x192x3" in lines[2]
-    plain = json.loads(json.dumps(seen.as_dict()))
+    plain = json.loads(json.dumps(inspection.as_dict()))
     assert plain["grid"] == [7, 7]
-    assert plain["slopes"] == pytest.approx(seen.slopes)
+    assert plain["slopes"] == pytest.approx(inspection.slopes)
     assert len(plain["planes"]) == 16
 
 
-def test_a_reversed_axis_is_told_with_the_option_to_set(shards):
-    seen = inspect(LightField(shards.views.flip(0)))
-    assert seen.is_reversed
-    assert any("reader.reverse_v=true" in line for line in seen.lines())
+def test_defects_are_named(inspection):
+    vignetted = inspect(recorded("vignetting"))
+    assert [defect.name for defect in vignetted.defects] == ["vignetting"]
+    assert vignetted.defect("vignetting").displacement > 0
+    assert any("correct=none" in line for line in vignetted.advice())
+    assert vignetted.as_dict()["defects"]["vignetting"]["reason_to_skip"] is None
+    assert inspection.defects == ()
 
 
-def test_a_picture_that_was_decoded_twice_is_told_with_the_option_to_set(shards):
-    dark = LightField(shards.views**2.2 / 8, metadata=shards.metadata)
-    assert any("reader.encoding=linear" in line for line in inspect(dark).advice())
-    linear = LightField(dark.views, metadata={"encoding": "linear"})
-    assert not any("encoding" in line for line in inspect(linear).advice())
+def test_the_option_for_a_reversed_axis_is_named(shards):
+    reversed_rows = inspect(LightField(shards.views.flip(0)))
+    assert reversed_rows.is_reversed
+    assert any("reader.reverse_v=true" in line for line in reversed_rows.lines())
+
+
+@pytest.mark.parametrize(
+    ("light", "coding", "is_advised"), [(0.018, "srgb", True), (0.022, "srgb", False), (0.018, "linear", False)]
+)
+def test_the_option_for_a_picture_that_was_decoded_twice_is_named(light, coding, is_advised):
+    dark = LightField(torch.full((3, 3, 1, 32, 32), light), metadata={"encoding": coding})
+    assert any("reader.encoding=linear" in line for line in inspect(dark).advice()) == is_advised
 
 
 @pytest.mark.parametrize(
     "views",
     [
         torch.zeros(5, 5, 3, 64, 64),
-        torch.full((5, 5, 3, 64, 64), 0.5),
         torch.rand(1, 1, 3, 64, 64),
         torch.full((3, 3, 3, 64, 64), torch.nan),
         torch.rand(3, 3, 1, 1, 1),
     ],
 )
-def test_where_nothing_is_to_be_seen_that_is_told(views):
-    seen = inspect(LightField(views))
-    assert seen.slopes is None
-    assert len(seen.planes) == 16
-    assert any("slopes=[" in line for line in seen.advice())
-    json.dumps(seen.as_dict(), allow_nan=False)
+def test_views_in_which_nothing_moves_have_no_range(views):
+    inspection = inspect(LightField(views))
+    assert inspection.slopes is None
+    assert len(inspection.planes) == 16
+    assert any("slopes=[" in line for line in inspection.advice())
+    json.dumps(inspection.as_dict(), allow_nan=False)
 
 
-def test_the_real_capture_goes_from_its_nose_to_the_wall(lytro):
-    seen = inspect(lfref.read(lytro, encoding="linear"))
-    assert seen.slopes == pytest.approx((-1.36, 0.1), abs=0.15)
-    assert not seen.is_reversed
-    assert seen.confident_share > 0.9
+def test_the_real_capture_reaches_from_its_nose_to_the_wall(lytro):
+    inspection = inspect(lfref.read(lytro, encoding="linear"))
+    assert inspection.slopes == pytest.approx((-1.36, 0.1), abs=0.15)
+    assert not inspection.is_reversed
+    assert inspection.confident_share > 0.9
 
 
-def test_a_white_image_of_another_size_is_refused(shards):
+def test_a_white_picture_of_another_size_is_refused(shards):
     with pytest.raises(InputError, match="7x7 views of 128x192 pixels of shards; got 5x5 views of 128x192"):
         inspect(shards, LightField(shards.views[1:6, 1:6]))
+
+
+def flat(grid=(7, 7), size=(128, 192)) -> LightField:
+    return LightField(torch.full((*grid, 1, *size), 0.5))
+
+
+def test_planes_run_from_end_to_end_of_a_scene():
+    truth = simulate(sim30.SCENES["shards"], outputs=["views", "disparity"])
+    planes = AutoPlanes(9).of(LightField(truth.views))
+    assert len(planes) == 9
+    assert planes.values[0] == pytest.approx(float(truth.disparity.min()), abs=0.1)
+    assert planes.values[-1] == pytest.approx(float(truth.disparity.max()), abs=0.1)
+    torch.testing.assert_close(planes.slopes.diff(), planes.slopes.diff()[:1].expand(8))
+
+
+def test_a_deep_scene_has_a_wide_range():
+    assert AutoPlanes().of(LightField(simulate(sim30.SCENES["deep"], outputs=["views"]).views)).values[0] < -2.5
+
+
+def test_a_single_plane_is_surrounded_by_planes_that_blur_it():
+    planes = AutoPlanes(5).between((0.4, 0.4), flat())
+    assert planes.values[2] == pytest.approx(0.4)
+    # Half a pixel at the outermost views, three steps from the centre.
+    assert planes.values[4] - planes.values[2] == pytest.approx(0.5 / 3)
+
+
+def test_planes_of_an_unknown_range_run_from_minus_1_to_1():
+    assert AutoPlanes(3).of(flat()).values == (-1.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("grid", "size"), [((7, 7), (12, 12)), ((14, 14), (30, 40)), ((1, 9), (1, 40)), ((1, 1), (2, 2))]
+)
+def test_no_plane_moves_a_view_too_far(grid, size):
+    planes = AutoPlanes(4).between((-9.0, 9.0), flat(grid, size))
+    checked_slopes(planes.slopes, grid, size)
+
+
+@pytest.mark.parametrize("n", [0, -1, 2.5, True, "16"])
+def test_a_wrong_number_of_planes_is_refused(n):
+    with pytest.raises(InputError, match=r"planes\.n must be a whole number of at least 1"):
+        AutoPlanes(n)

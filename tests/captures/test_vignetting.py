@@ -1,12 +1,18 @@
-"""VignettingDefect: known gains come back, with and without a white picture; what has none stays as it is."""
+"""Vignetting: known gains are estimated, with and without a white picture; views without vignetting stay."""
 
 import dataclasses
+import math
 
 import pytest
 import torch
+from torch.nn import functional as F
 
+from lfref import geometry
 from lfref.captures import vignetting
-from lfref.captures.vignetting import VignettingDefect
+from lfref.captures.brightness import Ratios
+from lfref.captures.registration import positions_of
+from lfref.captures.vignetting import Rim, RimFit, VignettingDefect
+from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
@@ -15,62 +21,124 @@ from lfref.simulator import sim30
 from lfref.simulator.effects.vignetting import clipped_pupil, falloff
 from lfref.simulator.simulate import simulate
 
-from .scenes import ODD, clean, estimates, recorded, white
+from .scenes import ODD, clean, ratios, recorded, white
+
+FIELD = LightField(torch.ones(7, 7, 1, 64, 96))
+RADIUS = math.hypot(7, 7) / 2
 
 
 @pytest.fixture(scope="module")
-def found():
-    return vignetting.find(estimates(recorded("vignetting")))
+def defect():
+    return vignetting.find(ratios(recorded("vignetting")))
 
 
-def test_the_cats_eye_is_found_in_the_views_themselves(found):
+def test_the_cats_eye_is_estimated_from_the_views(defect):
     field = recorded("vignetting")
     expected = clipped_pupil(field.views, 0.5)
-    relative = dataclasses.replace(found, falloff=0.0).gain(field)
+    relative = dataclasses.replace(defect, falloff=0.0).gain(field)
     lit = expected > 0.2
     error = (relative / expected - 1).abs()[lit]
     assert float(error.median()) < 0.01
     assert float(error.quantile(0.95)) < 0.05
 
 
-def test_depth_tells_the_falloff_that_all_views_share(found):
+def test_depth_determines_the_falloff_that_all_views_share(defect):
     field = recorded("vignetting")
-    assert found.falloff == pytest.approx(0.36, rel=0.15)
+    assert defect.falloff == pytest.approx(0.36, rel=0.15)
     whole = falloff(field.views, 0.6) * clipped_pupil(field.views, 0.5)
-    assert float((found.gain(field) / whole - 1).abs()[whole > 0.2].median()) < 0.02
-    assert "falloff to 5" in found.summary()
-    assert "unknown without a white picture" in dataclasses.replace(found, falloff=0.0).summary()
+    assert float((defect.gain(field) / whole - 1).abs()[whole > 0.2].median()) < 0.02
+    assert "falloff to 5" in defect.summary()
+    assert "unknown without a white picture" in dataclasses.replace(defect, falloff=0.0).summary()
 
 
 @pytest.mark.parametrize("name", [*ODD, "plane", "vignetting"])
 def test_a_field_without_vignetting_has_none(name):
-    assert vignetting.find(estimates(clean(name))).reason_to_skip() is not None
+    assert vignetting.find(ratios(clean(name))).reason_to_skip() is not None
+
+
+def test_vignetting_of_black_views_is_unknown():
+    assert "unknown: too little" in vignetting.find(ratios(LightField(torch.zeros(3, 3, 3, 40, 60)))).reason_to_skip()
 
 
 @pytest.mark.parametrize(
-    "views", [torch.zeros(3, 3, 3, 40, 60), torch.ones(1, 1, 3, 40, 60), torch.rand(2, 2, 1, 8, 8)]
+    ("gain", "error", "expected"),
+    [
+        (0.0045, 0.01, (0.065, 1.5)),
+        (0.0035, 0.01, (0.0, 0.0)),  # the clipped pupil explains the views no better
+        (0.0045, 0.012, (0.0, 1.5)),  # the falloff is below six standard errors
+    ],
 )
-def test_where_little_is_to_be_seen_nothing_is_found(views):
-    found = vignetting.find(estimates(LightField(views)))
-    assert not found.is_known
-    assert "unknown: too little" in str(found.reason_to_skip())
+def test_a_rim_counts_if_it_explains_the_views_and_falloff_if_it_is_certain(gain, error, expected):
+    defect = vignetting.certain_vignetting(RimFit(Rim(0.065, 1.5, 4.0), gain, error))
+    assert (defect.falloff, defect.displacement) == expected
+    assert (defect.reason_to_skip() is None) == bool(expected[1])
 
 
-def test_a_white_picture_tells_every_gain():
-    field, made = recorded("vignetting"), white("vignetting")
-    found = vignetting.find(estimates(field, made))
+def test_gains_of_a_rim_are_those_of_the_simulator():
+    y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(64, 96) for length in (64, 96))
+    q, p = (places[:, :, None, None].float() for places in positions_of(FIELD).unflatten(0, (7, 7)).movedim(-1, 0))
+    rim = Rim(0.36, 0.5 * RADIUS, RADIUS)
+    torch.testing.assert_close(
+        vignetting.rim_gain(rim, y[:, None], x, q, p)[:, :, None], clipped_pupil(FIELD.views, 0.5)
+    )
+    torch.testing.assert_close(vignetting.falloff_gain(rim, y[:, None], x), falloff(FIELD.views, 0.6))
+
+
+def ratios_of(rim, noise, disparity):
+    """Ratios of a lens and windows at some disparities, [n]."""
+    y, x = torch.meshgrid(torch.linspace(-0.5, 0.5, 12), torch.linspace(-0.8, 0.8, 18), indexing="ij")
+    q, p = (places.float()[..., None] for places in positions_of(FIELD).unflatten(0, (7, 7)).movedim(-1, 0))
+    rows, columns = ((place.flatten() + step * disparity).expand(7, 7, -1) for place, step in ((y, q), (x, p)))
+    own = vignetting.rim_gain(rim, rows, columns, q, p) * vignetting.falloff_gain(rim, rows, columns)
+    log = (own / own[3, 3]).clamp(min=0.02).log() + noise * torch.randn(7, 7, y.numel())
+    known = torch.ones(7, 7, y.numel(), dtype=bool)
+    return Ratios(log[:, :, None], known, torch.stack([rows, columns]), torch.stack([q, p]), (12, 18), (3, 3))
+
+
+@pytest.mark.parametrize("rim", [Rim(0.3, 1.5, RADIUS), Rim(0.0, 3.0, RADIUS), Rim(0.1, 2.0, 4.0)])
+def test_a_rim_is_fitted(rim):
+    fit = vignetting.fit_rim(ratios_of(rim, 0.01, 0.03 * torch.rand(216) - 0.02), 0.01)
+    assert fit.rim.displacement == pytest.approx(rim.displacement, abs=0.06)
+    assert fit.rim.radius == pytest.approx(rim.radius, abs=0.06)
+    assert fit.rim.falloff == pytest.approx(rim.falloff, abs=4 * fit.falloff_error)
+    assert 0.001 < fit.falloff_error < 0.1
+
+
+def test_falloff_is_certain_in_a_scene_with_depth_only():
+    rim = Rim(0.3, 1.5, RADIUS)
+    flat = vignetting.fit_rim(ratios_of(rim, 0.01, torch.zeros(216)), 0.01)
+    deep = vignetting.fit_rim(ratios_of(rim, 0.01, 0.04 * torch.rand(216)), 0.01)
+    assert deep.falloff_error < 0.1 * flat.falloff_error or flat.falloff_error < 1e-6
+    assert abs(deep.rim.falloff - 0.3) < 0.05
+
+
+def test_views_that_differ_by_noise_and_exposure_have_no_rim():
+    even = ratios_of(Rim(), 0.02, torch.zeros(216))
+    even = even._replace(log=even.log + 0.3 * torch.rand(7, 7, 1, 1))
+    assert vignetting.fit_rim(even, 0.02).rim.displacement == 0
+
+
+def test_a_white_picture_gives_every_gain():
+    field = recorded("vignetting")
+    by_white = vignetting.find_by_white(white("vignetting"))
     whole = falloff(field.views, 0.6) * clipped_pupil(field.views, 0.5)
-    assert float((found.gain(field) - whole).abs().max()) < 3e-3
-    assert "white picture, down to" in found.summary()
+    assert float((by_white.gain(field) - whole).abs().max()) < 3e-3
+    assert "white picture, down to" in by_white.summary()
 
 
-def test_an_even_white_picture_changes_nothing():
-    even = LightField(0.8 + 0.002 * torch.randn(3, 3, 3, 40, 60))
-    assert vignetting.find(estimates(LightField(torch.rand(3, 3, 3, 40, 60)), even)).reason_to_skip() is not None
+@pytest.mark.parametrize(
+    ("gain", "error", "is_corrected"),
+    [(0.988, 0.0, True), (0.992, 0.0, False), (0.93, 0.01, True), (0.95, 0.01, False)],
+)
+def test_a_white_picture_counts_if_it_lacks_a_hundredth_of_the_light_with_certainty(gain, error, is_corrected):
+    by_white = VignettingDefect(white=torch.full((2, 2, 1, 32, 32), gain), error=error)
+    assert (by_white.reason_to_skip() is None) == is_corrected
 
 
 def test_a_noisy_white_picture_of_an_even_lens_changes_nothing():
-    assert "even" in str(vignetting.find(estimates(recorded("grainy"), white("grainy"))).reason_to_skip())
+    assert "even" in str(vignetting.find_by_white(white("grainy")).reason_to_skip())
+    even = LightField(0.8 + 0.002 * torch.randn(3, 3, 3, 40, 60))
+    assert "even" in str(vignetting.find_by_white(even).reason_to_skip())
 
 
 def test_dark_samples_weigh_less_and_black_ones_nothing():
@@ -90,10 +158,57 @@ def interior_psnr(field, truth, slopes):
     return float(psnr(stack[..., 24:-24, 24:-24], truth[..., 24:-24, 24:-24]).mean())
 
 
-def test_refocused_pictures_come_near_the_truth_again(found):
-    slopes, field = [-3.0, -1.0, -0.3, 0.25], recorded("vignetting")
+def test_corrected_pictures_are_near_the_truth(defect):
+    slopes, field = [-1.0, 0.25], recorded("vignetting")
     truth = simulate(sim30.SCENES["vignetting"], outputs=("truth",), slopes=slopes).truth
-    told = vignetting.find(estimates(field, white("vignetting")))
     assert interior_psnr(field, truth, slopes) < 25
-    assert interior_psnr(found.corrected(field), truth, slopes) > 40
-    assert interior_psnr(told.corrected(field), truth, slopes) > 45
+    assert interior_psnr(defect.corrected(field), truth, slopes) > 40
+    assert interior_psnr(vignetting.find_by_white(white("vignetting")).corrected(field), truth, slopes) > 45
+
+
+def shaded():
+    x = torch.linspace(-1, 1, 60)
+    shade = 1 - 0.4 * x.square()[:, None] - 0.3 * x.square()
+    views = 0.7 * shade.expand(3, 3, 3, -1, -1).clone()
+    views[:, :, 2] *= 0.5
+    return views
+
+
+def test_gains_are_the_white_picture_over_its_middle_whatever_its_colour():
+    gains, error = vignetting.white_gain(shaded())
+    assert error < 1e-3
+    torch.testing.assert_close(gains[:, :, 2], gains[:, :, 0])
+    assert float(gains[1, 1, 0, 30, 30]) == pytest.approx(1, abs=0.01)
+    assert float(gains[0, 2, 1, 0, 30]) == pytest.approx(0.6, abs=0.01)
+
+
+def test_noise_is_smoothed_away_and_dust_stays():
+    field = shaded()
+    noisy = field + 0.01 * torch.randn(field.shape)
+    exact, _ = vignetting.white_gain(field)
+    gains, estimated = vignetting.white_gain(noisy)
+    error = float((gains - exact)[..., 10:-10, 10:-10].std())
+    assert error < 0.005
+    assert error == pytest.approx(estimated, rel=0.5)
+    field[0, 0, :, 20, 20] *= 0.5
+    dusty = float(vignetting.white_gain(field)[0][0, 0, 0, 20, 20])
+    assert dusty == pytest.approx(0.5 * float(exact[0, 0, 0, 20, 20]), rel=0.02)
+
+
+@pytest.mark.parametrize(("noise", "width"), [(0.0019, 0.0), (0.0021, 0.5), (0.0709, 10.0), (1.0, 10.0)])
+def test_the_smoothing_leaves_half_a_level_of_noise_and_is_ten_pixels_at_most(noise, width):
+    assert vignetting.smoothing_width(noise) == pytest.approx(width, rel=0.01)
+
+
+def test_the_noise_of_a_smooth_picture_is_measured():
+    assert vignetting.noise_of(shaded()[1, 1] + 0.02 * torch.randn(3, 60, 60)) == pytest.approx(0.02, rel=0.25)
+    assert vignetting.noise_of(shaded()[1, 1]) < 1e-3
+    shared = F.avg_pool2d(torch.randn(3, 242, 242), 3, 1)
+    assert vignetting.noise_of(0.7 + 0.03 * shared) == pytest.approx(0.03, rel=0.25)
+    assert vignetting.noise_of(torch.ones(3, 2, 2)) == 0
+
+
+@pytest.mark.parametrize("views", [torch.zeros(3, 3, 3, 16, 16), torch.full((3, 3, 3, 16, 16), torch.nan)])
+def test_a_black_white_picture_is_refused(views):
+    with pytest.raises(InputError, match="white"):
+        vignetting.white_gain(views)

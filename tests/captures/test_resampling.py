@@ -1,4 +1,4 @@
-"""Resampling: what the simulator's matrices read, and weights that stay weights."""
+"""Resampling: as the simulator's matrices do it, and weights that stay weights."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from lfref.lightfield import LightField
 from lfref.simulator.effects import displacement
 
 
-def test_it_reads_what_the_simulator_reads():
+def test_views_are_resampled_as_by_the_simulator():
     views = torch.rand(2, 3, 3, 20, 33, dtype=torch.float64)
     rows = geometry.angular_offsets(20) * 1.02 + torch.rand(2, 3, 1, 1, dtype=torch.float64)
     columns = geometry.angular_offsets(33) - 3 * torch.rand(2, 3, 3, 1, dtype=torch.float64)
