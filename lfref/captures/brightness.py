@@ -94,15 +94,9 @@ def _window_means(maps: Tensor, side: int) -> Tensor:
 
 @torch.no_grad()
 def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
-    """Means of square blocks; rows and columns that fill no block are dropped.
+    """Means of square blocks of images [B, C, H, W]; rows and columns that fill no block are dropped.
 
-    Args:
-        images: Floating point, [B, C, H, W].
-        factor: Pixels along a block's side, from 1 to H and W.
-        limits: Value of each channel from which on samples count as clipped, [C].
-
-    Returns:
-        [B, C, H // factor, W // factor]; NaN where a sample of the block is clipped or NaN.
+    A mean is NaN where a sample of the block is NaN, or at least the limit of its channel, [C].
     """
     if images.device.type != "cpu" or images.dtype not in (torch.float32, torch.float64):
         is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]

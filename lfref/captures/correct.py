@@ -225,16 +225,7 @@ def correct_by_option(
 def estimate_and_correct(
     field: LightField, white: LightField | None = None, view: CentralView | None = None
 ) -> tuple[LightField, Corrections]:
-    """Estimate all defects in turn, and correct those that show.
-
-    Args:
-        field: The light field.
-        white: A picture of a white scene by the same camera.
-        view: The central view of `field`, if it is there already.
-
-    Raises:
-        InputError: A white picture of another grid or size, or of encoded samples beside linear light.
-    """
+    """Estimate all defects in turn, and correct those that show; view: the central one, if it is known already."""
     _check_white(field, white)
     grid, size, defects = field.grid, field.size, list[Defect]()
     reason = _reason_to_estimate_nothing(field)

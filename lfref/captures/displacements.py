@@ -49,14 +49,7 @@ class Patches(NamedTuple):
 
 
 def choose_patches(grey: Tensor, disparity: Tensor, positions: Tensor, n_channels: int) -> Patches:
-    """The best patch of each cell of the picture.
-
-    Args:
-        grey: Central view, [H, W].
-        disparity: In pixels per view step, [H, W].
-        positions: Of the views, (v, u) from the angular centre, [I, 2].
-        n_channels: Channels that will be read.
-    """
+    """The best patch of each cell of the central view [H, W], for views at these positions [I, 2]."""
     # About 2^22 samples of all patches in all views and channels, by trial, to limit the time.
     count = min(MOST, max(FEWEST, (1 << 22) // (len(positions) * n_channels * (SIDE + 2 * RING) ** 2)))
     stride = SIDE // 2
@@ -83,16 +76,9 @@ def choose_patches(grey: Tensor, disparity: Tensor, positions: Tensor, n_channel
 def read_patches(
     views: Tensor, patches: Patches, displacements: Tensor, channels: Sequence[int] | None = None
 ) -> Tensor:
-    """Patches with a ring of `RING` pixels around them, as each view shows them.
+    """Patches with a ring of `RING` pixels, interpolated in views [I, C, H, W]: float32, [K, I, C, 20, 20].
 
-    Args:
-        views: Floating point, CPU, [I, C, H, W].
-        patches: Where to read.
-        displacements: How much lower and farther right each view is read, in pixels, float64, [K, I, 2].
-        channels: Channels to read; None: all.
-
-    Returns:
-        Interpolated samples, float32, [K, I, C, SIDE + 2 RING, SIDE + 2 RING].
+    Each view is read lower and farther right by its displacements, in pixels, float64, [K, I, 2].
     """
     starts = torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
     side = SIDE + 2 * RING
@@ -114,19 +100,8 @@ def read_patches(
 
 @jit.compiled
 def _read(views, channels, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
-    """Fill the patches from `first` to before `last`.
-
-    Args:
-        views: Samples, [I, all channels, H, W].
-        channels: Channels to read, [C].
-        rows: First source row of each patch in each view, [K, I].
-        columns: First source column, [K, I].
-        row_weights: Weights of T rows side by side, [K, I, T].
-        column_weights: Weights of T columns, [K, I, T].
-        patches: Result, float32, [K, I, C, h, w].
-        first: First patch.
-        last: One past the last patch.
-    """
+    """Fill the patches [K, I, C, h, w] from `first` to before `last`: from the first source rows and columns [K, I] on,
+    T of each with their weights [K, I, T]."""
     n_views, n_channels, height, width = patches.shape[1:]
     taps = row_weights.shape[2]
     line = np.empty(width + taps - 1, np.float32)
@@ -172,11 +147,9 @@ class Observed(NamedTuple):
 
 
 def observe(samples: Tensor, shown: Tensor) -> Observed:
-    """Displacement of each view's patch against the mean of all views, at free brightness and contrast.
+    """Displacements of patches [K, I, C, h, w] against the mean of all views, at free brightness and contrast.
 
-    Args:
-        samples: With a ring for gradients, [K, I, C, h, w].
-        shown: 1 where a view shows a patch, else 0, [K, I].
+    `shown` is 1 where a view shows a patch, else 0, [K, I].
     """
     share = (shown / shown.sum(1, keepdim=True).clamp(min=1)).to(samples)
     templates = torch.einsum("ki,kichw->kchw", share, samples)

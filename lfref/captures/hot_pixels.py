@@ -53,7 +53,7 @@ class HotPixelsDefect:
         return None if self.count else "no sample sticks out that other views do not confirm"
 
     def summary(self) -> str:
-        """Number of samples."""
+        """Number of hot and dead samples."""
         return f"{self.count} hot or dead samples take the mean of the samples beside them"
 
     def corrected(self, field: LightField) -> LightField:
@@ -158,10 +158,7 @@ def _neighbours(shape: torch.Size, samples: Tensor, disparity: Tensor, steps: Te
 def is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
     """Whether neighbouring views show nothing alike within a pixel, [K].
 
-    Args:
-        own: Surroundings of each candidate in its own view, [K, 7, 7].
-        others: The same in the neighbouring views, their median, [K, 7, 7].
-        heights: Of the candidates, [K].
+    Surroundings of candidates [K, 7, 7] are from their own view, and the median of those from the neighbouring views.
     """
     middle = slice(REACH - 1, REACH + 2)
     # Surroundings without the middle 3x3, which a mosaic may have spoilt.

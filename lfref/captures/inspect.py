@@ -45,12 +45,7 @@ class AutoPlanes:
         return self.between(slope_range.slope_range(central_view(field).coarse), field)
 
     def between(self, ends: tuple[float, float] | None, field: LightField) -> FocalPlanes:
-        """Planes between two slopes, or a little beyond, where nothing would change between the ends.
-
-        Args:
-            ends: Slopes in pixels per view step; None: unknown.
-            field: The light field that they are for; no view moves by half its size or more.
-        """
+        """Planes between two slopes, or a little beyond, where nothing would change between the ends; None: unknown."""
         low, high = ends or (-1.0, 1.0)
         outermost = (max(field.grid) - 1) / 2
         middle, half = (low + high) / 2, max((high - low) / 2, LEAST_BLUR / max(outermost, 1))

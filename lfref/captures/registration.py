@@ -65,10 +65,7 @@ class Registration(NamedTuple):
 def register(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> Registration | None:
     """Read patches in all views, and explain their displacements; None: too few views or patches.
 
-    Args:
-        field: The light field.
-        disparity: Of the reference view, in pixels per view step, [H, W].
-        reference: Row and column of that view.
+    The disparity is that of the reference view, in pixels per view step, [H, W].
     """
     views = field.views.detach().cpu().flatten(0, 1)
     if len(views) < 3 or min(field.size) < 4 * SIDE:

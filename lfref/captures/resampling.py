@@ -62,17 +62,10 @@ def _taps(positions: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, T
 
 @jit.compiled
 def _resample(pictures, rows, row_weights, starts, column_weights, result, first, last):  # type: ignore[no-untyped-def]
-    """Fill the pictures from `first` to before `last`.
+    """Fill the pictures [B, H, W] of the result from `first` to before `last`.
 
-    Args:
-        pictures: Samples, [B, H, W].
-        rows: Source rows of each row of the result, [B, H, T].
-        row_weights: Their weights, [B, H, T].
-        starts: First of the T source columns of each column of the result, from -T + 1 to W - 1, [B, W].
-        column_weights: Their weights, [B, T, W].
-        result: [B, H, W].
-        first: First picture.
-        last: One past the last picture.
+    Each row has T source rows and weights [B, H, T]; each column the first of T source columns [B, W], from -T + 1 to
+    W - 1, and weights [B, T, W].
     """
     height, width = result.shape[1:]
     n_taps = rows.shape[2]

@@ -73,14 +73,9 @@ def find(registered: Registration | None) -> SpacingDefect:
 
 
 def is_certain(excess: float, error: float, disparities: Tensor, outermost: float, scatter: float) -> bool:
-    """Whether a difference between rows and columns is certain, and shows in the outermost view.
+    """Whether an excess of disparities along rows is certain, shows in the outermost view, and exceeds the scatter.
 
-    Args:
-        excess: Of disparities along rows over those along columns, as a share.
-        error: Its standard error.
-        disparities: Absolute, of patches along columns, in pixels per view step, [K].
-        outermost: Position of the outermost row of views, in view steps.
-        scatter: Standard deviation of what the excess does not explain, in pixels per view step.
+    `disparities` are absolute values of patches, [K]; `scatter` is what the excess does not explain of them.
     """
     shift = excess * float(disparities.quantile(0.9)) * outermost
     return excess > SURE * error and shift > SHOWN and excess * float(disparities.median()) > CLEAR * scatter

@@ -266,20 +266,10 @@ class _RimProblem:
 
 
 def white_gain(white: Tensor) -> tuple[Tensor, float]:
-    """The gain of every sample from a white picture, smoothed as far as its noise requires.
+    """The gain of every sample from a white picture, smoothed as far as its noise requires; and its standard deviation.
 
     A gain is relative to the middle of the central view, channel by channel: brightness and colour of a capture stay as
     they are there.
-
-    Args:
-        white: Linear light, [V, U, C, H, W].
-
-    Returns:
-        Gains of the same shape, at least 0, 1 in the middle of the central view; and the standard deviation that noise
-        leaves in them.
-
-    Raises:
-        InputError: The picture is black, or not finite.
     """
     centre = white[white.shape[0] // 2, white.shape[1] // 2]
     rough = _middle_level(centre, 1 / 32)
