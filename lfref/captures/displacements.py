@@ -141,10 +141,6 @@ class Observed(NamedTuple):
     shown: Tensor
     """1 where a view shows a patch about as clearly as the others, else 0, [K, I]."""
 
-    def moved(self, by: Tensor) -> "Observed":
-        """The same with displacements that are larger by so much, [K, I, 2]."""
-        return self._replace(moments=self.moments + torch.einsum("kcab,kib->kica", self.information, by))
-
 
 def observe(samples: Tensor, shown: Tensor) -> Observed:
     """Displacements of patches [K, I, C, h, w] against the mean of all views, at free brightness and contrast.

@@ -47,13 +47,17 @@ class Registration(NamedTuple):
     expected: Tensor
     """Displacements at which patches were read, in pixels, [K, I, 2]."""
     observed: Observed
-    """Displacements from there."""
+    """Displacements from there, of each channel."""
+    information: Tensor
+    """Of all channels, in inverse square pixels, [K, 2, 2]."""
+    moved: Tensor
+    """Displacements (down, right) in pixels, [K, I, 2]."""
     explanation: Explanation
 
     def explain(self, unknown: Tensor, chosen: Tensor | slice = slice(None)) -> Explanation:
         """Explain the displacements of some patches, with other unknown shifts; see the function `explain`."""
-        information, moved, shown = combined(self.observed.moved(self.expected))
-        return explain(information[chosen], moved[chosen], shown[chosen], self.positions, unknown)
+        shown = self.observed.shown[chosen]
+        return explain(self.information[chosen], self.moved[chosen], shown, self.positions, unknown)
 
     def quarters(self) -> list[Tensor]:
         """Patches of each quarter of the picture, bool [K] each: up to four independent estimates."""
@@ -80,11 +84,12 @@ def register(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
     for _ in range(4):  # readings at the estimated places; by trial
         read_at = expected
         observed = displacements.observe(displacements.read_patches(views, patches, read_at), shown)
-        explanation = explain(*combined(observed.moved(read_at)), positions, linear_shifts(positions))
+        information, moved = combined(observed, read_at)
+        explanation = explain(information, moved, observed.shown, positions, linear_shifts(positions))
         expected = explanation.disparities[:, None] * positions + explanation.shifts
         if float((expected - read_at).abs().amax((1, 2)).median()) < SETTLED:
             break
-    return Registration(field, patches, positions, read_at, observed, explanation)
+    return Registration(field, patches, positions, read_at, observed, information, moved, explanation)
 
 
 def positions_of(field: LightField) -> Tensor:
@@ -157,13 +162,13 @@ def linear_shifts(positions: Tensor) -> Tensor:
     return torch.cat([proportional_shifts(positions), crossed / crossed.norm(dim=0).clamp(min=TINY)], 1)
 
 
-def combined(observed: Observed) -> tuple[Tensor, Tensor, Tensor]:
-    """Information [K, 2, 2] and displacements [K, I, 2] of all channels, weighted by noise; which count, [K, I]."""
+def combined(observed: Observed, read_at: Tensor) -> tuple[Tensor, Tensor]:
+    """Information [K, 2, 2] and displacements [K, I, 2] of all channels, weighted by their noise."""
     noise = noise_of(observed)
     together = (observed.information / noise[..., None, None]).sum(1)
-    moments = (observed.moments / noise[:, None, :, None]).sum(2)
-    moved = moments @ displacements.ridged(together).inverse()
-    return limited(together), moved, observed.shown
+    moments = observed.moments + torch.einsum("kcab,kib->kica", observed.information, read_at)
+    moments = (moments / noise[:, None, :, None]).sum(2)
+    return limited(together), moments @ displacements.ridged(together).inverse()
 
 
 def noise_of(observed: Observed) -> Tensor:

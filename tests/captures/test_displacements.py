@@ -90,12 +90,6 @@ def test_views_with_a_fifth_of_the_contrast_count(contrast, is_shown):
     assert int(shown.sum()) == 39 + is_shown
 
 
-def test_known_displacements_are_added():
-    samples = torch.stack([waves(0, 0)] * 4)[None, :, None]
-    by = torch.rand(1, 4, 2, dtype=torch.float64)
-    torch.testing.assert_close(measured(displacements.observe(samples, ALL).moved(by)), by[0], atol=1e-4, rtol=0)
-
-
 X = torch.stack([torch.ones(60), torch.linspace(-1, 3, 60)], -1).double()[:, None]
 TRUTH = torch.tensor([0.4, -1.5], dtype=torch.float64)
 EVEN = torch.ones(60, 1, 1, dtype=torch.float64)
