@@ -18,6 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 
+from lfref.cli import parts
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 from lfref.io.run import Run
@@ -30,6 +31,10 @@ PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net
 FREE = "_target_", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
 """Entries of these that change nothing in what is learned, or that are compared in another way."""
 SHOWN = 4
+NOT_RESUMED = "hydra", "logger", "output", "folder", "overwrite"
+"""Groups of overrides that say where files go: a run folder may come from somebody else, so they are said again."""
+PLACES = (*parts.PLACES, "cache_folder", "tracking_uri", "scratch")
+"""Last names of such keys in other groups."""
 
 
 def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run.chosen or run.last) -> list[str]:
@@ -54,7 +59,10 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
     run = Run.of(path)
     new = [argument for argument in arguments if argument not in asked]
     said = {key_of(argument) for argument in new} | set(FOLDERS)
-    old = [override for override in run.overrides if key_of(override) not in said]
+    known = [override for override in run.overrides if key_of(override) not in said]
+    old = [override for override in known if not _names_place(key_of(override))]
+    if dropped := [override for override in known if override not in old and key_of(override) != "output"]:
+        print(f"{run.folder.name}: say again what is to hold on: {' '.join(dropped)}", file=sys.stderr)
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
 
@@ -62,6 +70,11 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
 def key_of(override: str) -> str:
     """What an override sets: `+net.width=3` and `net.width=4` are one key."""
     return override.partition("=")[0].lstrip("+~")
+
+
+def _names_place(key: str) -> bool:
+    names = key.split("@")[-1].split(".")
+    return names[0] in NOT_RESUMED or key.split("@")[0] in NOT_RESUMED or names[-1] in PLACES
 
 
 def _path(override: str) -> str | None:

@@ -4,13 +4,15 @@ The mark (see `io.ownership`) lists what the run wrote. `overwrite=true` deletes
 listed file was edited, or the folder is no run folder, it is refused and nothing is deleted.
 """
 
+import functools
 import itertools
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
 from hydra.core.hydra_config import HydraConfig
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
@@ -20,6 +22,8 @@ from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import ownership
 from lfref.io import run as runs
 
+LOCK = ".lfref.lock"
+"""File that a process locks while it writes into a run folder; the system unlocks it when the process ends."""
 NOTES = (ownership.MARK, runs.CONFIG, runs.OVERRIDES)
 """What a run writes before its results: a folder with nothing else is free, so that a mistake costs no folder."""
 
@@ -39,27 +43,60 @@ def make(folder: Path, _: bool = False) -> None:
         raise FileError("output must be a folder that can be written", got=got, remedy="set output=FOLDER") from error
 
 
-def claim(folder: Path, overwrite: bool = False) -> None:
+_locks: list[FileLock] = []
+
+
+def lock(folder: Path) -> None:
+    """Lock a folder until this process ends or locks another one.
+
+    Raises:
+        FileError: Another process writes into it.
+    """
+    unlock()
+    new = FileLock(folder / LOCK)
+    try:
+        new.acquire(blocking=False)
+    except Timeout as error:
+        expected = "output must be a folder that no other run writes into"
+        raise FileError(expected, got=str(folder), remedy="choose another, or wait for that run's end") from error
+    _locks.append(new)
+
+
+def unlock() -> None:
+    """Give up the lock, if there is one."""
+    while _locks:
+        _locks.pop().release()
+
+
+def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None = None) -> None:
     """Make a folder for a new run.
 
     Args:
         folder: Where.
         overwrite: Delete what an earlier run wrote there; other files stay.
+        overrides: Of a training: one that was started by the same ones, and has no checkpoint, starts anew.
 
     Raises:
-        FileError: The folder cannot be written, holds results, or (`overwrite`) is no run folder, or one whose files
-            were edited.
+        FileError: The folder cannot be written, is in use, holds results, or (`overwrite`) is no run folder, or one
+            whose files were edited.
     """
     make(folder)
-    mark = ownership.read_mark(folder)
-    if overwrite:
-        ownership.delete_listed(folder, ownership.RUN)
-    elif not _is_free(folder):
-        is_run = mark is not None and mark.kind == ownership.RUN
-        remedy = "choose another, or say overwrite=true" if is_run else "choose another"
-        if runs.Run(folder).has_checkpoints:
-            remedy = f"choose another, or go on by resume={folder}"
-        raise FileError("output must be a new or an empty folder", got=str(folder), remedy=remedy)
+    # Before it is locked, so that no file appears in somebody else's folder, and after, so that only one run is first.
+    for secure in (lambda _: None, lock):
+        secure(folder)
+        mark = ownership.read_mark(folder)
+        if not (overwrite or _is_free(folder) or (mark is not None and _is_unborn(folder, overrides))):
+            is_run = mark is not None and mark.kind == ownership.RUN
+            remedy = "choose another, or say overwrite=true" if is_run else "choose another"
+            if runs.Run(folder).has_checkpoints:
+                remedy = f"choose another, or go on by resume={folder}"
+            raise FileError("output must be a new or an empty folder", got=str(folder), remedy=remedy)
+    if overwrite and not _is_free(folder):
+        try:
+            ownership.delete_listed(folder, ownership.RUN)
+        except FileError:
+            (folder / LOCK).unlink(missing_ok=True)
+            raise
 
 
 @contextmanager
@@ -76,8 +113,9 @@ def marked(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        written = ownership.files_below(folder) - foreign
+        written = ownership.files_below(folder) - foreign - {LOCK}
         ownership.write_mark(folder, ownership.RUN, ownership.digests(folder, written))
+        unlock()
 
 
 def list_also(folder: Path, part: Path) -> None:
@@ -100,9 +138,23 @@ def is_first_process() -> bool:
     return all(rank == "0" for rank in ranks)
 
 
+def _reopen(folder: Path, _: bool = False) -> None:
+    """Go on in a folder."""
+    make(folder)
+    lock(folder)
+
+
 def _is_free(folder: Path) -> bool:
-    names = [path.name for path in folder.iterdir()]
+    names = [path.name for path in folder.iterdir() if path.name != LOCK]
     return not names or (ownership.MARK in names and all(name in NOTES or name.endswith(".log") for name in names))
+
+
+def _is_unborn(folder: Path, overrides: Sequence[str] | None) -> bool:
+    """Whether a training by these overrides ended before its first checkpoint."""
+    run = runs.Run(folder)
+    with suppress(FileError):
+        return (folder / runs.OVERRIDES).is_file() and not run.has_checkpoints and run.overrides == overrides
+    return False
 
 
 SOURCES = ("input", "runs", "checkpoint", "white", "truth", "correct", "data.path", "data.validation_path")
@@ -130,13 +182,19 @@ class OutputFolder(Callback):
     """Claims the output folder before Hydra makes it, so that a folder that cannot be used is one clear line."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
-        """Before a single run; one that resumes another, or helps its first process, takes the folder as it is."""
-        is_new = is_first_process() and config.get("resume") is None
-        self._prepare(config, "run", claim if is_new else make)
+        """Before a single run; one that resumes in its own folder, or helps its first process, takes it as it is."""
+        resumed = config.get("resume")
+        if not is_first_process():
+            self._prepare(config, "run", make)
+        elif resumed is not None and runs.Run.of(resumed).folder == Path(config.hydra.run.dir).absolute():
+            self._prepare(config, "run", _reopen)
+        else:
+            overrides = list(config.hydra.overrides.task) if config.hydra.job.name == "train" else None
+            self._prepare(config, "run", functools.partial(claim, overrides=overrides))
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Before a sweep, whose jobs have folders of their own."""
-        self._prepare(config, "sweep", make)
+        self._prepare(config, "sweep", _reopen)
 
     def _prepare(self, config: DictConfig, mode: str, prepare: Callable[[Path, bool], None]) -> None:
         # The folder may be named after the command, which Hydra itself makes known only later.

@@ -1,5 +1,7 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
+import functools
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from lfref.io.run import Run
 from lfref.train import failures
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement
 from lfref.train.modules import Fitting, cut_log
+from lfref.train.stopping import Stopping
 
 
 def claim(config: DictConfig, folder: Path) -> bool:
@@ -69,11 +72,17 @@ def train(config: DictConfig, folder: Path) -> None:
     torch.set_float32_matmul_precision(config.matmul_precision)
     data = configs.build(config.data)
     module = _module(config, data)
+    stopping = Stopping(functools.partial(_give_up, folder))
     try:
         with failures.one_line_errors(folder):
-            trainer = _trainer(config)
-            trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
+            trainer = _trainer(config, stopping)
+            with stopping.listening(trainer):
+                trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
     except SystemExit as stopped:
+        if not is_first_process():
+            # The first process prints the line. Where all agreed to stop, status 0: Lightning kills the first process
+            # when another one ends with an error.
+            raise SystemExit(0 if stopping.agreed else stopped.code) from None
         stopped.add_note(_how_to_go_on(folder))
         raise
     finally:
@@ -83,12 +92,19 @@ def train(config: DictConfig, folder: Path) -> None:
         log.info("trained %d epochs; run folder %s", trainer.current_epoch, folder)
 
 
+def _give_up(folder: Path, number: int) -> None:
+    """Print the line of a process that stands still and is ended by force."""
+    if is_first_process():
+        print(f"lfref train: stopped by {signal.Signals(number).name}; {_how_to_go_on(folder)}", file=sys.stderr)
+
+
 def _how_to_go_on(folder: Path) -> str:
     """What is said when a signal ends a fit."""
-    at = f"the last checkpoint is {Run(folder).last}" if Run(folder).has_checkpoints else "no epoch was finished"
+    run = Run(folder)
+    at = f"the last checkpoint is {run.last}" if run.has_checkpoints else "no epoch was finished"
     if resume.is_sweep_job():
         return f"{at}; to go on with the sweep, say its line again with output={HydraConfig.get().sweep.dir}"
-    return f"{at}; go on by lfref train resume={folder}" if Run(folder).has_checkpoints else at
+    return f"{at}; " + (f"go on by lfref train resume={folder}" if run.has_checkpoints else "the same line starts anew")
 
 
 def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
@@ -101,9 +117,9 @@ def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
     return module
 
 
-def _trainer(config: DictConfig) -> Trainer:
+def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
     chosen = [callback for callback in configs.build(config.callbacks).values() if callback is not None]
-    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen]
+    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, stopping]
     loggers = _loggers(config)
     return configs.build(config.trainer, callbacks=callbacks, logger=loggers, plugins=[AtomicCheckpointIO()])
 

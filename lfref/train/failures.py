@@ -8,6 +8,11 @@ from pathlib import Path
 from lfref.errors import CheckpointError, LfrefError, first_line
 from lfref.io import atomic
 
+DEAD_PROCESS = (
+    LfrefError,
+    "all processes of a distributed training must live",
+    "look at what ended the other one, and go on from the last checkpoint by resume=RUN",
+)
 KNOWN: dict[str, tuple[type[LfrefError], str, str]] = {
     "DataLoader worker": (
         LfrefError,
@@ -19,13 +24,16 @@ KNOWN: dict[str, tuple[type[LfrefError], str, str]] = {
         "a process that prepares batches has stood still for data.timeout seconds",
         "look at the disk that the data lies on, or raise data.timeout",
     ),
+    "closed by peer": DEAD_PROCESS,
+    "reset by peer": DEAD_PROCESS,
+    "NCCL": DEAD_PROCESS,
     "Error(s) in loading state_dict": (
         CheckpointError,
         "the network must be the one of the checkpoint",
         "leave net as it was in the run that is resumed",
     ),
 }
-"""Start of the message of a RuntimeError -> the error that is raised instead: class, expectation, remedy."""
+"""Part of the message of a RuntimeError -> the error that is raised instead: class, expectation, remedy."""
 
 
 @contextmanager
@@ -44,7 +52,7 @@ def one_line_errors(folder: Path) -> Iterator[None]:
         with atomic.file_errors(folder, "written"):
             yield
     except RuntimeError as error:
-        known = next((entry for start, entry in KNOWN.items() if str(error).startswith(start)), None)
+        known = next((entry for part, entry in KNOWN.items() if part in str(error)), None)
         if known is None:
             raise
         # A process that hangs would never end, and this one would wait for it at its exit.

@@ -138,7 +138,7 @@ def test_a_run_that_goes_on_elsewhere_takes_its_log_and_its_best_along(lfref, tr
     assert (tmp_path / "more" / "checkpoints" / "best.ckpt").is_file()
     status, error = lfref("train", f"resume={checkpoint}", f"output={tmp_path}/more", "trainer.max_epochs=3")
     assert status == 1
-    assert "output must be a folder without a trained run" in error
+    assert "output must be a new or an empty folder" in error
 
 
 def test_training_over_a_trained_run_is_refused(lfref, trained):
@@ -167,6 +167,20 @@ def test_resume_becomes_the_runs_own_overrides_and_those_that_are_said_anew(run)
     assert resume.expanded(line) == line
 
 
+@pytest.mark.parametrize(
+    "override",
+    ["hydra.run.dir=/x", "data.cache_folder=/x", "logger=wandb", "logger@logger.b=wandb", "logger.csv.save_dir=/x",
+     "callbacks.pictures.folder=/x", "trainer.default_root_dir=/x", "folder=/x", "overwrite=true"],
+)  # fmt: skip
+def test_a_run_folder_does_not_say_where_things_go(run, capsys, override):
+    write_overrides(run, ["net=refnet_small", override])
+    line = resume.expanded([f"resume={run}"])
+    assert override not in line
+    assert "net=refnet_small" in line
+    assert override.startswith("folder") or override in capsys.readouterr().err
+    assert override in resume.expanded([f"resume={run}", override])
+
+
 @pytest.mark.parametrize("name", ["plain", "it's", "a b, [c]={d}", "tail\\'s", '"x"', "(1)"])
 def test_a_quoted_path_is_what_hydra_reads(tmp_path, name):
     (override,) = OverridesParser.create().parse_overrides([f"output={resume.quoted(tmp_path / name)}"])
@@ -183,3 +197,19 @@ def test_what_cannot_be_resumed_is_one_clear_error(run):
     (run / "checkpoints" / "last.ckpt").unlink()
     with pytest.raises(CheckpointError, match=r"must have checkpoints/last\.ckpt; got none"):
         resume.expanded([f"resume={run}"])
+
+
+@pytest.mark.parametrize("mark", [None, '{"kind": "run", "files": {}}'])
+def test_a_run_that_goes_on_elsewhere_leaves_the_folder_of_somebody_else_alone(lfref, trained, tmp_path, mark):
+    folder = tmp_path / "mine"
+    (folder / "log").mkdir(parents=True)
+    for name in ("config.yaml", "overrides.yaml", "log/metrics.csv"):
+        (folder / name).write_text("mine")
+    if mark is not None:
+        (folder / ".lfref.json").write_text(mark)
+    status, error = lfref("train", f"resume={trained}", f"output={folder}", "trainer.max_epochs=3")
+    assert status == 1
+    assert "output must be a new or an empty folder" in error
+    assert [(folder / name).read_text() for name in ("config.yaml", "overrides.yaml", "log/metrics.csv")] == [
+        "mine"
+    ] * 3

@@ -1,5 +1,9 @@
 """One folder a run, never taken from another unasked."""
 
+import subprocess
+import sys
+import time
+
 import pytest
 import torch
 
@@ -19,7 +23,8 @@ def run(folder, **files):
 
 
 def names(folder):
-    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    files = (path for path in folder.rglob("*") if path.is_file() and path.name != run_folder.LOCK)
+    return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
 def test_a_new_and_an_empty_folder_are_free(tmp_path):
@@ -193,3 +198,39 @@ def test_an_output_that_is_or_contains_an_input_is_refused_and_nothing_changes(l
         assert status != 0
         assert "output must be a folder that neither is nor contains an input" in errors
     assert ownership.files_below(tmp_path / "made") == before
+
+
+def test_a_training_without_a_checkpoint_starts_anew_by_the_same_line(tmp_path):
+    run(tmp_path, **{"overrides.yaml": "[a=1]", "log/metrics.csv": "x"})
+    with pytest.raises(FileError, match="new or an empty folder"):
+        run_folder.claim(tmp_path, overrides=["a=2"])
+    run_folder.claim(tmp_path, overrides=["a=1"])
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / "last.ckpt").touch()
+    with pytest.raises(FileError, match="resume="):
+        run_folder.claim(tmp_path, overrides=["a=1"])
+
+
+def test_of_processes_that_start_into_one_folder_at_once_one_wins(tmp_path):
+    code = "import sys, time, pathlib; from lfref.cli import run_folder; run_folder.claim(pathlib.Path(sys.argv[1])); "
+    command = [sys.executable, "-c", code + "print('mine', flush=True); time.sleep(60)", str(tmp_path / "run")]
+    starts = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(4)]
+    try:
+        while sum(start.poll() is None for start in starts) > 1:
+            time.sleep(0.1)
+        (winner,) = (start for start in starts if start.poll() is None)
+        assert winner.stdout.readline() == "mine\n"
+        losers = [start.communicate()[1] for start in starts if start is not winner]
+        assert all("no other run writes into" in error for error in losers)
+    finally:
+        for start in starts:
+            start.kill()
+            start.communicate()
+    run_folder.claim(tmp_path / "run")  # the system has unlocked it
+
+
+def test_a_refused_folder_keeps_no_lock_file(tmp_path):
+    (tmp_path / "mine.txt").touch()
+    with pytest.raises(FileError):
+        run_folder.claim(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

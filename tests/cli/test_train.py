@@ -2,6 +2,7 @@
 
 import pytest
 from hydra.core.hydra_config import HydraConfig
+from lightning.pytorch import Callback
 
 from lfref.cli import train as command
 from lfref.cli.train import _trainer
@@ -21,7 +22,7 @@ def callbacks(trainer, kind):
 
 
 def test_training_is_guarded_unless_told_otherwise(composed):
-    trainer = _trainer(composed("train", "callbacks.guard.patience=3", "trainer.gradient_clip_val=0.5"))
+    trainer = _trainer(composed("train", "callbacks.guard.patience=3", "trainer.gradient_clip_val=0.5"), Callback())
     (guard,) = callbacks(trainer, StepGuard)
     assert guard.patience == 3
     assert trainer.gradient_clip_val == 0.5
@@ -29,12 +30,14 @@ def test_training_is_guarded_unless_told_otherwise(composed):
 
 
 def test_a_callback_that_is_null_is_left_out(composed):
-    trainer = _trainer(composed("train", "callbacks.pictures=null", "callbacks.guard=null"))
+    trainer = _trainer(composed("train", "callbacks.pictures=null", "callbacks.guard=null"), Callback())
     assert not callbacks(trainer, (StackPictures, StepGuard))
     assert callbacks(trainer, BestCheckpoint)
 
 
-@pytest.mark.parametrize(("epoch", "told"), [(0, "no epoch was finished"), (1, "go on by lfref train resume={}")])
+@pytest.mark.parametrize(
+    ("epoch", "told"), [(0, "no epoch was finished; the same line starts anew"), (1, "go on by lfref train resume={}")]
+)
 def test_a_fit_that_is_stopped_names_the_last_checkpoint(composed, tmp_path, monkeypatch, epoch, told):
     def stop(self):
         if self.trainer.current_epoch == epoch:

@@ -1,0 +1,130 @@
+"""Ends of a distributed training: all processes stop together when one gets a signal or dies.
+
+A handler must not start a collective: the others may be in another one, and all would wait for ever (Lightning's own
+notifier does so; it is switched off). Here a handler only sets a flag, which the processes compare after every step.
+A process that stands still, in whatever library, ends by force after `PATIENCE_S`: checkpoints are renamed when they
+are whole, so nothing is lost.
+"""
+
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+import torch
+from lightning.pytorch import Callback, Trainer
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+PATIENCE_S = 15
+"""Seconds from a signal to an end by force."""
+PARENT = "LFREF_FIRST_PROCESS"
+"""Environment variable with the process that started the others."""
+
+
+class Stopping(Callback):
+    """Stops all processes of a training after the step in which one of them got SIGINT or SIGTERM.
+
+    Args:
+        give_up: Prints why a process ends by force, given the signal.
+    """
+
+    def __init__(self, give_up: Callable[[int], None]) -> None:
+        self.give_up = give_up
+        self.number = 0
+        """The signal that has come, or 0."""
+        self.agreed = False
+        """Whether all processes stop after the same step."""
+        self._is_training = False
+
+    @contextmanager
+    def listening(self, trainer: Trainer) -> Iterator[None]:
+        """Handle signals while the trainer runs; a training in one process keeps the handlers that it has."""
+        if trainer.world_size == 1:
+            yield
+            return
+        # Private, but without it every SIGTERM under DDP starts a broadcast inside the handler.
+        trainer._signal_connector._sigterm_notifier_fn = lambda *_: None  # type: ignore[method-assign]
+        self._previous = {number: signal.getsignal(number) for number in SIGNALS}
+        self._owner = os.getpid()
+        for number in SIGNALS:
+            signal.signal(number, self._note)
+        # Handlers of Python wait for the main thread, which may stand still in a library; this pair does not.
+        ours, written = socket.socketpair()
+        written.setblocking(False)
+        before = signal.set_wakeup_fd(written.fileno(), warn_on_full_buffer=False)
+        threading.Thread(target=self._end_by_force, args=(ours, trainer), daemon=True).start()
+        if trainer.global_rank == 0:
+            os.environ[PARENT] = str(os.getpid())
+        elif os.environ.get(PARENT):
+            threading.Thread(target=_end_with_parent, args=(int(os.environ[PARENT]),), daemon=True).start()
+        try:
+            yield
+        except BaseException:
+            self._end_others(trainer)
+            raise
+        finally:
+            signal.set_wakeup_fd(before)
+            written.close()
+            for number, handler in self._previous.items():
+                signal.signal(number, handler)
+
+    def on_train_start(self, trainer: Trainer, module: Any) -> None:
+        """From here on all processes meet after every step."""
+        self._is_training = True
+
+    def on_train_batch_end(self, trainer: Trainer, module: Any, outputs: Any, batch: Any, batch_index: int) -> None:
+        """Stop in all processes if a signal has come in one."""
+        if trainer.world_size > 1:
+            number = torch.tensor(float(self.number), device=trainer.strategy.root_device)
+            if latest := int(trainer.strategy.reduce(number, reduce_op="max")):
+                self.agreed = True
+                self._stop(latest)
+
+    def on_train_end(self, trainer: Trainer, module: Any) -> None:
+        """The others may be gone."""
+        self._is_training = False
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        """Handler: remember the signal; where no step follows, stop at once."""
+        is_first = not self.number
+        if os.getpid() == self._owner:
+            self.number = number
+        if os.getpid() != self._owner or not (self._is_training and is_first):  # a worker, or a second Ctrl-C
+            self._stop(number)
+
+    def _stop(self, number: int) -> None:
+        previous = self._previous[signal.Signals(number)]
+        assert callable(previous), "the command line has set a handler"
+        previous(number, None)
+
+    def _end_by_force(self, signals: socket.socket, trainer: Trainer) -> None:
+        """Wait in a thread of its own for a signal; if the process has not ended some seconds later, end it."""
+        with signals:
+            while numbers := signals.recv(1):
+                if numbers[0] in SIGNALS:
+                    time.sleep(PATIENCE_S)
+                    self.give_up(numbers[0])
+                    self._end_others(trainer, patience_s=0)
+                    os._exit(128 + numbers[0])
+
+    def _end_others(self, trainer: Trainer, patience_s: float = PATIENCE_S / 2) -> None:
+        """Wait until the processes that this one has started have ended, and kill those that do not."""
+        end = time.monotonic() + (patience_s if self.agreed else 0)
+        for process in getattr(trainer.strategy.launcher, "procs", ()):
+            while process.poll() is None and time.monotonic() < end:
+                time.sleep(0.05)
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this process when the one that started it has: it would wait for it in the next collective."""
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
