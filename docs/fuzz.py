@@ -8,12 +8,18 @@ there come from these commands.
 
 import argparse
 import logging
+import os
 import random
+import shutil
+import signal
+import subprocess
 import sys
 import tempfile
+import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -189,9 +195,91 @@ def outcome_of_model(loaded: Path, path: Path, content: bytes, views: torch.Tens
     return "equal" if torch.equal(stack, truth) else "other"
 
 
+TRAINING = (
+    "train", "trainer=ddp", "trainer.accelerator=cpu", "trainer.devices=2", "trainer.max_epochs=12", "data=simulated",
+    "scene.camera.size=[64,64]", "data.patch=32", "data.patches_per_field=1", "data.n_fields=8", "data.n_validation=1",
+    "net=refnet_small", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8", "callbacks.summary=null",
+)  # fmt: skip
+LIMIT_S = 30
+"""Seconds after a signal in which all processes of a training must have ended."""
+
+
+def lfref_process(*words: object) -> subprocess.Popen[str]:
+    """Start the console script in a session of its own."""
+    command = [sys.executable, "-c", "from lfref.cli.main import main; main()", *map(str, words)]
+    return subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def processes_of(session: int) -> list[int]:
+    """Processes of a session that have not ended."""
+    listed = subprocess.run(["ps", "-o", "pid=,stat=", "-s", str(session)], stdout=subprocess.PIPE, text=True).stdout
+    return [int(line.split()[0]) for line in listed.splitlines() if "Z" not in line.split()[1]]
+
+
+def trained_weights(run: Path) -> dict[str, torch.Tensor]:
+    """Weights after the last epoch."""
+    state: dict[str, torch.Tensor] = torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
+    return state
+
+
+def signals(number: int, seed: int) -> Iterator[str]:
+    """Signals to a training in two processes: SIGTERM to the first, SIGKILL to the second, at random moments."""
+    chance = random.Random(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.monotonic()
+        reference = lfref_process(*TRAINING, f"output={folder}/reference")
+        assert reference.wait() == 0, reference.stderr
+        duration = time.monotonic() - start
+        truth = trained_weights(Path(folder) / "reference")
+        yield "| signal | tries | ended in 30 s | slowest, s | status 143, one line | resumed, equal to the bit |"
+        yield "|---|---|---|---|---|---|"
+        for name in ("SIGTERM to the first process", "SIGKILL to the second process"):
+            ended, clean, equal, slowest = 0, 0, 0, 0.0
+            for index in range(number):
+                run = Path(folder) / f"{name[:7]}_{index}"
+                process = lfref_process(*TRAINING, f"output={run}")
+                session = process.pid
+                time.sleep(chance.uniform(0, duration))
+                members = processes_of(session)
+                if name.startswith("SIGTERM"):
+                    target, sent = session, signal.SIGTERM
+                else:
+                    ranks = [pid for pid in members if pid != session and is_rank(pid)]
+                    target, sent = (ranks[0] if ranks else 0), signal.SIGKILL
+                stopped = time.monotonic()
+                if target and process.poll() is None:
+                    os.kill(target, sent)
+                while processes_of(session) and time.monotonic() - stopped < LIMIT_S + 5:
+                    time.sleep(0.1)
+                took = time.monotonic() - stopped
+                slowest, ended = max(slowest, took), ended + (took < LIMIT_S)
+                for pid in processes_of(session):
+                    os.kill(pid, signal.SIGKILL)
+                lines = [line for line in process.communicate()[1].splitlines() if line.startswith(("lfref", "Trace"))]
+                clean += process.returncode in (143, 0) and len(lines) <= 1
+                has_checkpoint = any((run / "checkpoints").glob("*.ckpt"))
+                again = [f"resume={run}"] if has_checkpoint else [*TRAINING, f"output={run}"]
+                status = lfref_process(*again).wait()
+                weights = trained_weights(run) if status == 0 else {}
+                equal += weights.keys() == truth.keys() and all(weights[key].equal(truth[key]) for key in truth)
+                shutil.rmtree(run)
+            tidy = clean if name.startswith("SIGTERM") else "-"
+            yield f"| {name} | {number} | {ended} | {slowest:.0f} | {tidy} | {equal} |"
+
+
+def is_rank(pid: int) -> bool:
+    """Whether a process is a further one of a distributed training."""
+    with suppress(OSError):
+        return b"LOCAL_RANK=1" in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    return False
+
+
 ATTACKS: dict[str, tuple[Callable[[int, int], Iterator[str]], int]] = {
     "captures": (captures, 320),
     "models": (models, 300),
+    "signals": (signals, 50),
 }
 """Name -> function that yields the lines of a table, and how many tries by default."""
 
