@@ -57,11 +57,7 @@ class Rounds(NamedTuple):
 
 
 def configured_rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
-    """The configured rounds; `counted` is the key of the counted ones.
-
-    Raises:
-        InputError: Not numbers, or too small.
-    """
+    """The configured rounds; `counted` is the key of the counted ones."""
     return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
 
 
@@ -74,11 +70,7 @@ def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> li
 
 
 def test_scenes(names: DictConfig | None) -> dict[str, Scene]:
-    """Scenes of sim30 by name; None: all thirty.
-
-    Raises:
-        InputError: There is no such scene.
-    """
+    """Scenes of sim30 by name; None: all thirty."""
     selected = list(sim30.SCENES) if names is None else list(configs.plain(names))
     return {name: chosen("sim30 scene", name, sim30.SCENES) for name in selected}
 
@@ -106,12 +98,7 @@ def write_facts(
 
 
 def causes(config: DictConfig, folder: Path) -> None:
-    """Write `causes.csv`, `causes_by_plane.csv`, `causes_by_scene.csv`, `machine.json` and `causes.png`; see the docs.
-
-    Args:
-        config: `conf/bench.yaml` with `group=causes`.
-        folder: The run folder.
-    """
+    """Write `causes.csv`, `causes_by_plane.csv`, `causes_by_scene.csv`, `machine.json` and `causes.png`."""
     device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
     grids = tuple(int(n) for n in configs.plain(config.grids))
     plan = CauseSettings(fixed_planes(config), margin, configs.build(config.sensor), grids, device)
@@ -138,27 +125,22 @@ Make = Callable[..., NetworkCase]
 
 
 def engines(config: DictConfig, folder: Path) -> None:
-    """Write `engines.csv`, `passes.csv`, `machine.json` and `engines.png`; see the docs.
-
-    Args:
-        config: `conf/bench.yaml` with `group=engines`.
-        folder: The run folder.
-    """
+    """Write `engines.csv`, `passes.csv`, `machine.json` and `engines.png`."""
     device = device_of(config.device)
     choices = engine_timing.choices(configs.plain(config.engines), configs.plain(config.precisions))
-    # Whatever is wrong with the words is told before scenes are drawn.
-    kinds = {name: chosen("subjects", name, SUBJECTS) for name in configs.plain(config.subjects)}
-    if not kinds:
+    # All options are checked before scenes are drawn, which takes time.
+    subjects = {name: chosen("subjects", name, SUBJECTS) for name in configs.plain(config.subjects)}
+    if not subjects:
         raise InputError(f"subjects must be some of {', '.join(SUBJECTS)}", got="none")
-    repeats = {name: int(configs.number(config.passes, name, 1)) for name in kinds}
-    makers = {name: kind(config) for name, kind in kinds.items()}
-    fields = _fields(config)
-    found = [
-        _measured(make(fields=fields, device=device), choices, repeats[name])
-        for name, of_kind in makers.items()
-        for make in of_kind
-    ]
-    starts, passed = (pd.concat(parts) for parts in zip(*found, strict=True))
+    repeats = {name: int(configs.number(config.passes, name, 1)) for name in subjects}
+    cases = [(name, make) for name, makers in subjects.items() for make in makers(config)]
+    source: SimulatedSource = configs.build(config.source)
+    small: SimulatedSource = configs.build(config.calibration)
+    numbers = range(int(configs.number(config, "n_scenes", 1)))
+    whole = [source.field(index) for index in progress(numbers, "drawing scenes")]
+    fields = Fields(whole, [small.field(index) for index in range(len(small))])
+    measured = [_measure(make(fields=fields, device=device), choices, repeats[name]) for name, make in cases]
+    starts, passed = (pd.concat(tables) for tables in zip(*measured, strict=True))
     table = engine_timing.summary(passed, starts)
     for name, rows in {"engines": table, "passes": passed}.items():
         tables.write_table(folder / f"{name}.csv", rows)
@@ -170,15 +152,6 @@ def engines(config: DictConfig, folder: Path) -> None:
     log.info("%d engines and precisions: %s", len(choices), folder / "engines.csv")
 
 
-def _fields(config: DictConfig) -> Fields:
-    """Light fields of the size that times are told of, and small ones of other scenes."""
-    source: SimulatedSource = configs.build(config.source)
-    small: SimulatedSource = configs.build(config.calibration)
-    numbers = range(int(configs.number(config, "n_scenes", 1)))
-    whole = [source.field(index) for index in progress(numbers, "drawing scenes")]
-    return Fields(whole, [small.field(index) for index in range(len(small))])
-
-
 def _networks(config: DictConfig) -> Sequence[Make]:
     """The checkpoints, or the network of the configuration without training."""
     trained, planes = [load(path) for path in paths(configs.plain(config.checkpoint))], fixed_planes(config)
@@ -188,15 +161,18 @@ def _networks(config: DictConfig) -> Sequence[Make]:
         checkpoint.check_number(network, planes)
         return [functools.partial(engine_timing.network_case, network.name, network, planes=planes, is_trained=False)]
     name_apart(trained)
-    return [_trained(each, planes) for each in trained]
-
-
-def _trained(trained: Refocuser, planes: FocalPlanes) -> Make:
-    if not isinstance(trained, NetworkRefocuser):
-        remedy = "give refiner_checkpoint=RUN"
-        raise InputError("checkpoint must be of a network that reads views", got=trained.name, remedy=remedy)
-    its_own, network = trained.planes or planes, trained.network
-    return functools.partial(engine_timing.network_case, trained.name, network, planes=its_own, is_trained=True)
+    makers = []
+    for refocuser in trained:
+        if not isinstance(refocuser, NetworkRefocuser):
+            remedy = "give refiner_checkpoint=RUN"
+            raise InputError("checkpoint must be of a network that reads views", got=refocuser.name, remedy=remedy)
+        own = refocuser.planes or planes
+        makers.append(
+            functools.partial(
+                engine_timing.network_case, refocuser.name, refocuser.network, planes=own, is_trained=True
+            )
+        )
+    return makers
 
 
 def _refiners(config: DictConfig) -> Sequence[Make]:
@@ -209,19 +185,19 @@ def _refiners(config: DictConfig) -> Sequence[Make]:
 
 
 SUBJECTS: dict[str, Callable[[DictConfig], Sequence[Make]]] = {"network": _networks, "refiner": _refiners}
-"""What engines can be measured on."""
+"""Networks on which engines can be measured."""
 
 
-def _measured(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """How engines start, and how they pass; what they hold is gone afterwards."""
+def _measure(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Tables of the starts of the engines and of their passes; the engines are freed afterwards."""
     runs: dict[tuple[str, str], Run] = {}
     starts: list[Row] = []
     for engine, precision in progress(choices, f"{case.name}: starting engines"):
         row: Row = {"network": case.name, "engine": engine, "precision": precision}
         try:
-            made = engine_timing.start(case, engine, precision)
-            runs[engine, precision] = made.run
-            row |= {"start_s": made.start_s, "extra_bytes": made.extra_bytes}
+            started = engine_timing.start(case, engine, precision)
+            runs[engine, precision] = started.run
+            row |= {"start_s": started.start_s, "extra_bytes": started.extra_bytes}
         except InputError as error:
             log.info("%s %s is left out: %s", engine, precision, error)
             row |= {"skipped": str(error)}
@@ -238,29 +214,23 @@ TIMES = ["median_s", "p10_s", "p90_s", "ratio_to_numpy_fft"]
 
 
 def front(config: DictConfig, folder: Path) -> None:
-    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `evaluation.csv`, `machine.json` and two pictures; see the docs.
-
-    Args:
-        config: `conf/bench.yaml` with `group=front`.
-        folder: The run folder.
-    """
+    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `evaluation.csv`, `machine.json` and two pictures."""
     device, rounds = device_of(config.device), configured_rounds(config)
     margin = int(configs.number(config, "margin", 0))
     planes = fixed_planes(config)
     methods = _methods(config, device)
-    judges, fields = _judges(config, methods, planes, device)
-    judged = pd.DataFrame(evaluation.evaluate(judges, methods, planes, margin))
-    cases = [MethodCase(method, field) for field in fields for method in methods]
-    times = operator_costs.times(cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
-    bench = times[TIMES].reset_index().drop(columns="input").merge(evaluation.by_class(judged), "left", "method")
-    by_plane = evaluation.by_plane(judged)
-    written = {"bench": bench, "scenes": evaluation.by_scene(judged), "planes": by_plane, "evaluation": judged}
-    for name, table in written.items():
+    cases, fields = _evaluation_cases(config, methods, planes, device)
+    evaluated = pd.DataFrame(evaluation.evaluate(cases, methods, planes, margin))
+    timed = [MethodCase(method, field) for field in fields for method in methods]
+    times = operator_costs.times(timed, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
+    bench = times[TIMES].reset_index().drop(columns="input").merge(evaluation.by_class(evaluated), "left", "method")
+    by_plane, scenes = evaluation.by_plane(evaluated), evaluation.by_scene(evaluated)
+    for name, table in {"bench": bench, "scenes": scenes, "planes": by_plane, "evaluation": evaluated}.items():
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
     drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
     write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
-    log.info("%d methods on %d scenes: %s", len(methods), judged["scene"].nunique(), folder / "bench.csv")
+    log.info("%d methods on %d scenes: %s", len(methods), evaluated["scene"].nunique(), folder / "bench.csv")
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
@@ -270,81 +240,69 @@ def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     return methods
 
 
-def _judges(
+def _evaluation_cases(
     config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
 ) -> tuple[Iterable[EvaluationCase], list[LightField]]:
-    """What the methods are judged on, and what they are timed on: scenes are small, and time has a size of its own."""
+    """Cases for the accuracy of the methods, and light fields for their time: scenes are too small for that."""
     if config.input is None:
-        scenes = [*test_scenes(config.judged).values(), *_varied(config)]
+        # Sets of planes are drawn from other seeds, so that no network has been trained on these scenes.
+        held_out: RandomScenes = configs.build(config.held_out)
+        varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
+        scenes = [*test_scenes(config.judged).values(), *varied]
         if not scenes:
             raise InputError("there must be scenes to evaluate", got="none", remedy="name some by judged or varied")
         fields = [field.to(device) for field in light_fields(config, methods)]
         chosen("correct", config.correct, CORRECTIONS)
-        return evaluation.scene_cases(
-            progress(scenes, "judging by truth"), planes.slopes, device, config.correct
-        ), fields
-    judges = list(_of_captures(config, methods, planes, device))
-    return progress(judges, f"evaluating against {judges[0].reference}"), [judge.light for judge in judges]
-
-
-def _varied(config: DictConfig) -> list[Scene]:
-    """Scenes drawn at random; sets of planes are drawn from other seeds, so that no network has seen them."""
-    held_out: RandomScenes = configs.build(config.held_out)
-    return [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
-
-
-def _of_captures(
-    config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
-) -> Iterator[EvaluationCase]:
-    """Light fields that are given, every second or third view of them if that is asked for."""
-    read = light_fields(config, methods if config.thin is None else ())
-    fields = (
+        shown = progress(scenes, "evaluating against the truth")
+        return evaluation.scene_cases(shown, planes.slopes, device, config.correct), fields
+    corrected = (
         correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
-        for field in read
+        for field in light_fields(config, methods if config.thin is None else ())
     )
     if config.thin is None:
-        log.info("no truth is known of these light fields: they are judged by exact refocusing of their own views")
-        return evaluation.capture_cases(fields, planes.slopes)
-    return evaluation.hold_out_cases(fields, int(configs.number(config, "thin", 2)), planes.slopes)
+        log.info("no truth is known of these light fields: the reference is exact refocusing of their own views")
+        cases = list(evaluation.capture_cases(corrected, planes.slopes))
+    else:  # methods get every second or third view, the others are the reference
+        cases = list(evaluation.hold_out_cases(corrected, int(configs.number(config, "thin", 2)), planes.slopes))
+    return progress(cases, f"evaluating against {cases[0].reference}"), [case.light for case in cases]
 
 
 # Group `operators`: time and memory of every operator on one light field, and how time scales.
 
 
 def time_operators(config: DictConfig, folder: Path) -> None:
-    """Write `operators.csv`, `scaling.csv`, `exponents.csv`, `machine.json`, `operators.png` and `scaling.png`.
-
-    Args:
-        config: `conf/bench.yaml` with `group=operators`.
-        folder: The run folder.
-    """
+    """Write `operators.csv`, `scaling.csv`, `exponents.csv`, `machine.json`, `operators.png` and `scaling.png`."""
     device, rounds = device_of(config.device), configured_rounds(config)
     scale_rounds = configured_rounds(config, "scale_repeats")
     planes = fixed_planes(config)
     scales: Scales = configs.build(config.scales)
     in_numpy: dict[str, str] = configs.plain(config.in_numpy)
-    field = _only_field(config).to(device)
+    fields = light_fields(config)
+    if len(fields) != 1:
+        raise InputError("this group measures one light field", got=len(fields), remedy="give input=LIGHT_FIELD")
+    field = fields[0].to(device)
     sizes = scales.sizes(Size(field.grid, field.size, len(planes)))
     cases = list(_cases(config, field, set(in_numpy.values())))
-    rows = _costs(cases, planes, rounds, in_numpy)
+    first = operator_costs.first_calls(progress(cases, "first calls"), planes.slopes)
+    counting = progress(rounds.all, "measuring rounds")
+    times = operator_costs.times(cases, planes.slopes, counting, rounds.warmup, in_numpy)
+    peaks = operator_costs.peaks(progress(cases, "measuring memory"), planes.slopes)
+    operators = operator_costs.operators_table(cases, len(planes), first, times, peaks)
     methods = {case.method.name: case.method for case in cases if case.method.name not in in_numpy.values()}
     timed = progress(list(methods.values()), "measuring growth")
     growth = operator_costs.growth_times(timed, sizes, field.views.shape[2], device, *scale_rounds)
-    _write(folder, rows, growth)
+    exponents = operator_costs.growth_exponents(growth)
+    for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
+        tables.write_table(folder / f"{name}.csv", table)
+    drawing.save_figure(bench_plots.operator_costs(operators), folder / "operators.png")
+    drawing.save_figure(bench_plots.growth(growth, exponents), folder / "scaling.png")
     limits = operator_costs.shift_and_sum_limits(field.views, len(planes))
     write_facts(folder, device, [field], planes, rounds.counted, shift_and_sum_limits=limits._asdict())
     log.info("%d operators on %s: %s", len(cases), field.name, folder / "operators.csv")
 
 
-def _only_field(config: DictConfig) -> LightField:
-    fields = light_fields(config)
-    if len(fields) != 1:
-        raise InputError("this group measures one light field", got=len(fields), remedy="give input=LIGHT_FIELD")
-    return fields[0]
-
-
 def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[MethodCase]:
-    """Every method on the field, as it is and, where asked for, as integers; sample weights are left out."""
+    """Every method on the views, and on integer views if the configuration names it; without sample weights."""
     for method in configs.build(config.methods).values():
         views = field.views.cpu() if method.name in on_cpu else field.views
         has_reference = method.name not in config.other_planes
@@ -353,36 +311,14 @@ def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[
             yield MethodCase(method, operator_costs.as_uint8(views), has_reference)
 
 
-def _costs(cases: list[MethodCase], planes: FocalPlanes, rounds: Rounds, in_numpy: dict[str, str]) -> pd.DataFrame:
-    first = operator_costs.first_calls(progress(cases, "first calls"), planes.slopes)
-    times = operator_costs.times(
-        cases, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup, in_numpy
-    )
-    peaks = operator_costs.peaks(progress(cases, "measuring memory"), planes.slopes)
-    return operator_costs.operators_table(cases, len(planes), first, times, peaks)
-
-
-def _write(folder: Path, operators: pd.DataFrame, growth: pd.DataFrame) -> None:
-    exponents = operator_costs.growth_exponents(growth)
-    for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
-        tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(bench_plots.operator_costs(operators), folder / "operators.png")
-    drawing.save_figure(bench_plots.growth(growth, exponents), folder / "scaling.png")
-
-
 # Group `simulate`: time of the simulator by scene and pass, and accuracy of refocused views against the truth.
 
 
 def simulate(config: DictConfig, folder: Path) -> None:
-    """Write `simulate.csv`, `passes.csv`, `rates.csv`, `truth.csv`, `alphas.csv` and their picture; see the docs.
-
-    Args:
-        config: `conf/bench.yaml` with `group=simulate`.
-        folder: The run folder.
-    """
+    """Write `simulate.csv`, `passes.csv`, `rates.csv`, `truth.csv`, `alphas.csv` and their picture."""
     device, rounds = device_of(config.device), configured_rounds(config)
     planes = fixed_planes(config)
-    classes, judged = test_scenes(config.classes), test_scenes(config.judged)
+    classes, scenes = test_scenes(config.classes), test_scenes(config.judged)
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))
     n_workers = torch.get_num_threads() if device.type == "cpu" else 0
@@ -390,7 +326,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     costs = simulation_cost.costs(
         classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup
     )
-    distances = simulation_cost.distances(progress(list(judged.items()), "photographing"), methods, planes, device)
+    distances = simulation_cost.distances(progress(list(scenes.items()), "photographing"), methods, planes, device)
     by_plane = simulation_cost.by_plane(distances)
     written = {
         "simulate": costs,
@@ -400,13 +336,13 @@ def simulate(config: DictConfig, folder: Path) -> None:
         "alphas": by_plane,
     }
     if config.n_points is not None:
-        n_points, scenes = int(configs.number(config, "n_points", 1)), progress(list(judged.items()), "brute force")
-        written["aperture"] = simulation_cost.aperture_errors(scenes, planes, n_points, device)
+        n_points, shown = int(configs.number(config, "n_points", 1)), progress(list(scenes.items()), "brute force")
+        written["aperture"] = simulation_cost.aperture_errors(shown, planes, n_points, device)
     for name, rows in written.items():
         tables.write_table(folder / f"{name}.csv", rows)
     drawing.save_figure(bench_plots.simulation(pd.DataFrame(costs), by_plane), folder / "simulate.png")
     write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
-    log.info("%d classes of scenes, %d scenes judged: %s", len(classes), len(judged), folder / "simulate.csv")
+    log.info("%d classes of scenes, %d scenes for accuracy: %s", len(classes), len(scenes), folder / "simulate.csv")
 
 
 # Group `stability`: all hard cases on every component in every precision, beside textbook forms.
@@ -418,49 +354,35 @@ PARTS: dict[str, Callable[[], list[Component]]] = {
     "exported": stability_components.file_components,
     "simulator": list,
 }
-"""What can be tried; scenes are the simulator's cases, and it is no formulation of tensors."""
+"""Components of each part; the simulator has scenes instead, see `stability_components.simulator_rows`."""
 SHOWN = ("1 - SSIM", "1 / PSNR", "loss", "PSNR")
 """Components in `stability.png`."""
 
 
 def stability(config: DictConfig, folder: Path) -> None:
-    """Write `stability.csv`, `goals.csv` (all parts only), `stability.png`, `machine.json` and `index.html`.
-
-    Args:
-        config: `conf/bench.yaml` with `group=stability`.
-        folder: The run folder.
-    """
+    """Write `stability.csv`, `goals.csv` (all parts only), `stability.png`, `machine.json` and `index.html`."""
     parts = list(configs.plain(config.parts))
     if not parts:
         raise InputError(f"parts must be some of {', '.join(PARTS)}", got="none")
     components = [component for part in parts for component in chosen("parts", part, PARTS)()]
     # Inputs are small: threads would cost more than they give.
     with goals.threads(1):
-        rows = _rows(components, parts)
+        rows: list[Row] = list(trials.run_trials(progress(components, "trying hard cases")))
+        rows += stability_components.missing_formats() if "exported" in parts else []
+        rows += stability_components.simulator_rows() if "simulator" in parts else []
         tables.write_table(folder / "stability.csv", rows)
         if set(parts) == set(PARTS):
             figures = progress(goals.goals(components, rows), "measuring goals")
             # A figure that is not a number is written as such: an empty cell says that there is none.
             measured = pd.DataFrame([goal.row() for goal in figures], dtype=object)
             tables.write_table(folder / "goals.csv", measured.map(lambda cell: "nan" if cell != cell else cell))
-        _show(folder, rows)
-    held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
-    log.info("%d trials, %d of ours hold: %s", len(rows), held, folder / "stability.csv")
-
-
-def _rows(components: list[Component], parts: list[str]) -> list[Row]:
-    rows = list(trials.run_trials(progress(components, "trying hard cases")))
-    rows += stability_components.missing_formats() if "exported" in parts else []
-    rows += stability_components.simulator_rows() if "simulator" in parts else []
-    return rows
-
-
-def _show(folder: Path, rows: list[Row]) -> None:
+    n_held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
     facts = timing.facts(torch.device("cpu"))
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
     shown = [row for row in rows if row["component"] in SHOWN] or rows
     drawing.save_figure(stability_table.heat_map(pd.DataFrame(shown)), folder / "stability.png")
     page.write_page(folder / "index.html", "Hard cases", sections.sections([folder]), facts)
+    log.info("%d trials, %d of ours hold: %s", len(rows), n_held, folder / "stability.csv")
 
 
 GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
@@ -475,12 +397,7 @@ GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
 
 
 def bench(config: DictConfig, folder: Path) -> None:
-    """Measure one group.
-
-    Args:
-        config: `conf/bench.yaml`.
-        folder: The run folder.
-    """
+    """Measure one group."""
     chosen("group", config.group, GROUPS)(config, folder)
 
 

@@ -1,4 +1,4 @@
-"""What all commands share: Hydra around a function, one line for a user's mistake, a run folder with its config."""
+"""Common to all commands: Hydra around a function, one line for a user's mistake, a run folder with its config."""
 
 import functools
 import logging
@@ -31,12 +31,13 @@ console = Console(stderr=True)
 log = logging.getLogger("lfref")
 
 
-def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[[], None]:
-    """Make a command of a function: its configuration is `conf/NAME.yaml`, its output one run folder.
+def command(
+    task: Task, claim: Claim = lambda config, folder: True, expand: Callable[[list[str]], list[str]] = list
+) -> Callable[[], None]:
+    """Make a command of a function of a configuration, `conf/NAME.yaml` for module NAME, and a run folder.
 
-    Args:
-        task: Takes the configuration and the run folder; its module's name is the command's.
-        claim: Takes the same before anything is written into the folder; False if there is nothing to do.
+    `claim` takes the same before anything is written into the folder, and returns False if there is nothing to do;
+    `expand` turns the words of a command line into those of the run that it resumes.
     """
     name = Path(task.__code__.co_filename).stem
 
@@ -46,10 +47,13 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
         with open_dict(config):
             config.folder = str(folder)
         try:
-            _check(config, folder)
+            parts.check(configs.plain(config), folder)
+            if "seed" in config:
+                configs.number(config, "seed", 0, 2**32 - 1)
             if claim(config, folder):
                 with marked(folder) if is_first_process() else nullcontext():
-                    _note(config, folder)
+                    configs.save(config, folder)
+                    runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
                     task(config, folder)
         except Exception as error:
             if resume.is_followed_by_jobs():
@@ -67,7 +71,7 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
     def main() -> None:
         try:
             with patient_pipes(), exit_line_on_signals(name):
-                sys.argv[1:] = composition.check_line(name, sys.argv[1:])
+                sys.argv[1:] = composition.check_line(name, expand(sys.argv[1:]))
                 composed()
                 resume.exit_if_jobs_failed(name)
         except LfrefError as error:
@@ -76,30 +80,13 @@ def command(task: Task, claim: Claim = lambda config, folder: True) -> Callable[
     return main
 
 
-def _check(config: DictConfig, folder: Path) -> None:
-    """Refuse what may not be run."""
-    parts.check(configs.plain(config), folder)
-    if "seed" in config:
-        configs.number(config, "seed", 0, 2**32 - 1)
-
-
-def _note(config: DictConfig, folder: Path) -> None:
-    """Write down what is run."""
-    configs.save(config, folder)
-    runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
-
-
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
-    """Pass items on under a progress bar; how many there are must be said where that cannot be counted."""
+    """Pass items on under a progress bar; `total` is needed for items without a length."""
     return track(items, description=what, total=total, console=console)
 
 
 def device_of(name: str) -> torch.device:
-    """The device of that name; `auto` is a GPU where there is one.
-
-    Raises:
-        InputError: There is no such device here.
-    """
+    """The device of that name; `auto` is a GPU where there is one."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
@@ -111,7 +98,7 @@ def device_of(name: str) -> torch.device:
 
 
 def quiet_libraries() -> None:
-    """Silence what libraries say about settings that are ours on purpose, and their advertisements."""
+    """Silence warnings of libraries about settings that we chose, and their advertisements."""
     logging.getLogger("lightning.pytorch.utilities.rank_zero").setLevel(logging.WARNING)
     for message in (
         ".*does not have many workers.*",
@@ -124,7 +111,7 @@ def quiet_libraries() -> None:
 
 
 def paths(value: str | Sequence[str] | None) -> list[Path]:
-    """One path, several, or none, as a list."""
+    """An option that holds one path, several, or none, as a list."""
     if value is None:
         return []
-    return [Path(value)] if isinstance(value, str) else [Path(each) for each in value]
+    return [Path(value)] if isinstance(value, str) else [Path(path) for path in value]

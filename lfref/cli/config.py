@@ -1,6 +1,6 @@
-"""Configuration: where it lies, how it becomes objects, and how it is kept beside what it made.
+"""Configurations: their folder, the objects that they describe, and their copy in a run folder.
 
-What may become an object stands in `targets`.
+`cli.parts` lists the classes and functions that a configuration may name.
 """
 
 import hashlib
@@ -24,27 +24,14 @@ def directory(name: str = "conf") -> Path:
 
 
 def build(config: Any, **arguments: Any) -> Any:
-    """Make the object that a configuration describes.
-
-    Args:
-        config: A node with `_target_`, or a mapping or list of such nodes.
-        **arguments: Further arguments for the object, made already.
-
-    Raises:
-        InputError: Something that may not be made, or arguments that do not fit it.
-        LfrefError: As the object raises it.
-    """
+    """The object, mapping or list of objects that a configuration describes; `arguments` are passed on to it."""
     node = plain(config)
     parts.check(node)
     return parts.build(node, **arguments)
 
 
 def plain(config: Any) -> Any:
-    """The configuration as resolved plain containers.
-
-    Raises:
-        InputError: A value that is mandatory is missing, or an interpolation leads nowhere.
-    """
+    """The configuration as resolved plain containers."""
     if not isinstance(config, DictConfig | ListConfig):
         return config
     missing = sorted(OmegaConf.missing_keys(config))
@@ -58,17 +45,7 @@ def plain(config: Any) -> Any:
 
 
 def number(config: DictConfig, key: str, least: float, most: float = math.inf) -> Any:
-    """A number of the configuration, once it is known to be one.
-
-    Args:
-        config: Where it stands.
-        key: Its name.
-        least: The smallest that is allowed.
-        most: The largest that is allowed.
-
-    Raises:
-        InputError: It is no number, not finite, or not between them.
-    """
+    """The number `config[key]`; refused if it is no finite number from `least` to `most`."""
     value = config[key]
     if (
         isinstance(value, bool)

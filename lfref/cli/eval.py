@@ -19,12 +19,7 @@ from lfref.report import drawing, pictures, plots, tables
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
-    """Write `planes.csv`, `summary.csv`, `scatter.png`, `quality_by_plane.png` and one comparison per light field.
-
-    Args:
-        config: `conf/eval.yaml`.
-        folder: The run folder.
-    """
+    """Write `planes.csv`, `summary.csv`, `scatter.png`, `quality_by_plane.png` and one comparison per light field."""
     device = device_of(config.device)
     planes = fixed_planes(config)
     references: dict[str, Labels] = configs.build(config.references)

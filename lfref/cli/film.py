@@ -66,14 +66,7 @@ class FocusPull:
         return max(self.keys) + 1
 
     def slopes(self, n_frames: int) -> Tensor:
-        """Slope of each frame, in pixels per view step, float64, [n_frames].
-
-        Args:
-            n_frames: Of the film, at least `length`.
-
-        Raises:
-            InputError: A key frame lies beyond the film.
-        """
+        """Slope of each frame, in pixels per view step, float64, [n_frames]."""
         if n_frames < self.length:
             got = f"a key at frame {self.length - 1} of {n_frames} frames, counted from 0"
             raise InputError("key frames must lie within the film", got=got)
@@ -90,12 +83,7 @@ PLANES_PER_CALL = 16
 
 
 def film(config: DictConfig, folder: Path) -> None:
-    """Write `film.mp4`.
-
-    Args:
-        config: `conf/film.yaml`.
-        folder: The run folder.
-    """
+    """Write `film.mp4`."""
     device, exposure = device_of(config.device), refocusing.exposure(config)
     rate = configs.number(config, "rate", 0.01, 100)
     refocuser: Refocuser = configs.build(config.method, aperture=configs.build(config.aperture)).to(device)

@@ -15,12 +15,7 @@ from lfref.report.inspection import inspection_sheet
 
 
 def info(config: DictConfig, folder: Path) -> None:
-    """Log the properties of each light field, and write `inspection.json` and `inspection.png`.
-
-    Args:
-        config: `conf/info.yaml`.
-        folder: The run folder.
-    """
+    """Log the properties of each light field, and write `inspection.json` and `inspection.png`."""
     fields, named = inputs.find_fields(config), paths(configs.plain(config.input))
     white = None if config.white is None else inputs.read_field(Path(config.white), config)
 

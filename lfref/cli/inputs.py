@@ -6,7 +6,7 @@ so that memory holds few light fields, however many there are.
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,23 +32,13 @@ Outcome = tuple[str, Any, Exception | None]
 
 
 def find_fields(config: DictConfig) -> dict[str, Path]:
-    """The light fields of a configuration, by name.
+    """Name -> path of the light fields of `config.input`, which may be files, folders and patterns as `captures/*.png`.
 
-    Args:
-        config: Has `input`: light fields, folders of light fields, and patterns such as `captures/*.png`; and
-            `reader.pattern`, with which each folder is one light field.
-
-    Returns:
-        Name -> path, in the order of `input`; those of a folder or pattern in the order of the numbers in their names,
-        so that `frame_10` follows `frame_9`. A path that occurs twice counts once.
-
-    Raises:
-        InputError: There is none, or two have the same name.
-        FileError: A folder cannot be read, or nothing matches a pattern.
+    They stand in the order of `input`; those of a folder or pattern in the order of the numbers in their names, so that
+    `frame_10` follows `frame_9`. With `reader.pattern` each folder is one light field.
     """
-    entries = [path for entry in paths(configs.plain(config.input)) for path in _match(entry)]
-    if config.reader.get("pattern") is None:
-        entries = [path for entry in entries for path in _fields_in(entry)]
+    folders_are_fields = config.reader.get("pattern") is not None
+    entries = [path for entry in paths(configs.plain(config.input)) for path in _fields_at(entry, folders_are_fields)]
     fields = list({path.resolve(): path for path in entries}.values())
     # The first of these ways to name them by which all names differ.
     for name in (
@@ -62,17 +52,19 @@ def find_fields(config: DictConfig) -> dict[str, Path]:
     raise InputError("inputs must be light fields of different names", got=", ".join(names) if fields else "none")
 
 
-def _match(path: Path) -> list[Path]:
-    """The path itself, or the light fields that match it if it is a pattern."""
+def _fields_at(path: Path, folders_are_fields: bool) -> list[Path]:
+    """The light fields that a path or a pattern stands for."""
     if path.exists() or not set("*?[") & set(str(path)):
-        return [path]
+        return [path] if folders_are_fields else _fields_in(path)
     parts = path.absolute().parts
     entries = Path(parts[0]).glob(str(Path(*parts[1:])))
     matches = sorted((entry for entry in entries if not entry.name.startswith(".")), key=_numbers)
     if not matches:
         raise FileError(f"{path} must match a file or folder", got="none", remedy="check the pattern")
-    # RUN/* also matches logs and tables: only light fields count, unless nothing looks like one.
-    return [entry for entry in matches if entry.is_dir() or reader.is_field(entry)] or matches
+    if not folders_are_fields:
+        matches = [field for match in matches for field in _fields_in(match)]
+    # RUN/* also matches logs, tables and folders of other pictures: they count only if there are no light fields.
+    return [entry for entry in matches if reader.is_field(entry) or (folders_are_fields and entry.is_dir())] or matches
 
 
 def _fields_in(path: Path) -> list[Path]:
@@ -109,10 +101,6 @@ def read_field(
         config: Has `reader`; without `reader.views` a network determines the number of views.
         refocusers: Methods that will refocus it.
         scratch: Folder for views that do not fit into memory; None keeps them in memory.
-
-    Raises:
-        FileError: It cannot be read.
-        InputError: It does not have the views that a network needs.
     """
     options = configs.plain(config.reader)
     if scratch is not None:
@@ -145,16 +133,14 @@ def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> Non
         fields: Name -> path. The error of a single one is raised as it is.
         steps: In order.
         what: Label of the progress bar, such as `refocusing`.
-
-    Raises:
-        LfrefError: Some failed; all others are done.
     """
     if not fields:
         return
     if len(fields) == 1:
         ((name, result),) = fields.items()
         for step in steps:
-            result = _apply(step, name, result)
+            with _memory_errors(name):
+                result = step(name, result)
         return
     outcomes: Iterable[Outcome] = ((name, path, None) for name, path in fields.items())
     for step in steps[:-1]:
@@ -169,10 +155,11 @@ def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> Non
         raise LfrefError(f"all {len(fields)} light fields must be usable", got=got, remedy="the others are done")
 
 
-def _apply(step: Step, name: str, result: Any) -> Any:
-    """Run a step; an error of numpy or torch about memory becomes one that says what to do."""
+@contextmanager
+def _memory_errors(name: str) -> Iterator[None]:
+    """Turn errors of numpy and torch about memory into one that says what to do."""
     try:
-        return step(name, result)
+        yield
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and not re.search("allocate memory|out of memory", str(error)):
             raise
@@ -185,7 +172,8 @@ def _run_step(step: Step, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
     for name, result, failure in outcomes:
         if failure is None:
             try:
-                result = _apply(step, name, result)
+                with _memory_errors(name):
+                    result = step(name, result)
             except Exception as error:  # whatever it is, it is about this light field
                 result, failure = None, error
         yield name, result, failure

@@ -1,4 +1,4 @@
-"""The console script: `lfref COMMAND [PATH ...] [KEY=VALUE ...]` hands over to the module of that command."""
+"""The console script: `lfref COMMAND [PATH ...] [KEY=VALUE ...]` calls `main` of the module of that command."""
 
 import difflib
 import importlib
@@ -12,15 +12,15 @@ from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
 from lfref.errors import InputError
 
 COMMANDS = {
-    "info": "tell what light fields are, which slopes they occupy, and what is wrong with them",
+    "info": "show properties of light fields, the slopes of their scenes, and their defects",
     "train": "train a network on labels made by an operator",
-    "eval": "judge checkpoints and operators plane by plane against the label sources",
+    "eval": "compare checkpoints and operators plane by plane with the sources of labels",
     "refocus": "refocus light fields into stacks, pictures, films, disparity and point clouds",
     "view": "make a page on which people refocus a light field themselves",
     "film": "make a film of light fields whose focus may move",
     "export": "write a network or an operator as a file that other runtimes load",
     "bench": "measure accuracy against time of every operator and checkpoint",
-    "prepare": "make a set of planes to learn from",
+    "prepare": "make a set of planes for training",
     "simulate": "write simulated light fields",
     "report": "gather runs into one page",
 }
@@ -57,11 +57,7 @@ def main() -> None:
 
 
 def allowed_packages(words: list[str]) -> tuple[list[str], list[str]]:
-    """A command line without its `--allow PACKAGE` (or `--allow=PACKAGE`), and these packages.
-
-    Raises:
-        InputError: `--allow` without a package.
-    """
+    """A command line without its `--allow PACKAGE` (or `--allow=PACKAGE`), and these packages."""
     rest, packages, queue = [], [], list(words)
     while queue:
         word = queue.pop(0)
@@ -79,7 +75,7 @@ def allowed_packages(words: list[str]) -> tuple[list[str], list[str]]:
 
 
 def usage() -> str:
-    """The commands and how to learn more about each."""
+    """The text of `lfref --help`."""
     commands = "\n".join(f"  {name:<9} {what}" for name, what in COMMANDS.items())
     return f"""Light-field refocusing, classical and learned.
 

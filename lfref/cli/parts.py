@@ -19,6 +19,7 @@ from lfref.simulator.effects.sensor import EFFECTS, Sensor
 
 APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
+CALLBACKS = ("BestCheckpoint", "HeadInitialization", "StackPictures", "StepGuard")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
 
 TABLE: dict[str, tuple[str, ...]] = {
@@ -72,10 +73,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     ),
     "measurements": ("lfref.bench.operator_costs.Scales",),
     "trainers": ("lightning.pytorch.Trainer",),
-    "callbacks": (
-        *(f"lfref.train.callbacks.{name}" for name in ("HeadInitialization", "StackPictures")),
-        *(f"lfref.train.callbacks.{name}" for name in ("BestCheckpoint", "StepGuard")),
-    ),
+    "callbacks": tuple(f"lfref.train.callbacks.{name}" for name in CALLBACKS),
     "loggers": ("lfref.train.callbacks.CSVLogger",),
 }
 """Our own parts by group, and the trainer."""
@@ -153,7 +151,7 @@ FAMILIES = {
 DEFERRED = ("operators", "apertures", "optimisers", "schedules")
 """Groups whose parts get their options from the configuration and the other arguments later: `_partial_: true`."""
 WRITERS = ("trainers", "callbacks", "loggers")
-"""Groups whose parts write files: all paths that they are given must lie in the run folder."""
+"""Groups whose parts write files: all paths among their arguments must lie in the run folder."""
 PLACES = ("dirpath", "save_dir", "folder", "default_root_dir", "offline_directory")
 ARGUMENTS = {
     "lightning.pytorch.loggers.CometLogger": (
@@ -199,14 +197,8 @@ MOVED = {
 
 
 def check(node: Any, folder: Path | None = None) -> None:
-    """Refuse a configuration that would build anything else. Of our own and the libraries' parts, nothing is imported.
-
-    Args:
-        node: Plain containers, resolved.
-        folder: The run folder, where all parts that write must write; None skips this check.
-
-    Raises:
-        InputError: A `_target_`, an argument or a path that is not allowed.
+    """Refuse a configuration (plain containers, resolved) that names anything else; of our own and the libraries'
+    parts, nothing is imported. `folder` is the run folder, where all parts that write must write; None: not checked.
     """
     if isinstance(node, dict):
         special = {key for key in node if _is_special(key)}
@@ -217,16 +209,7 @@ def check(node: Any, folder: Path | None = None) -> None:
 
 
 def build(node: Any, **arguments: Any) -> Any:
-    """The objects that a checked configuration describes.
-
-    Args:
-        node: Plain containers.
-        **arguments: Further arguments as objects; they take precedence over those of the node.
-
-    Raises:
-        InputError: Arguments that do not fit.
-        LfrefError: As the part raises it.
-    """
+    """The objects that a checked configuration describes; `arguments` take precedence over those of the node."""
     if isinstance(node, list):
         return [build(child) for child in node]
     if not isinstance(node, dict):
@@ -261,11 +244,7 @@ def group_of(name: object) -> str | None:
 
 
 def resolve(name: str) -> Callable[..., Any]:
-    """The class or function of a part.
-
-    Raises:
-        InputError: There is none of that name.
-    """
+    """The class or function of a part."""
     name = MOVED.get(name, name)
     group = group_of(name)
     if group is None:
@@ -343,6 +322,6 @@ def _check_places(node: dict[str, Any], folder: Path) -> None:
 def _texts(node: Any, key: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(node, str):
         yield key, node
-    pairs = node.items() if isinstance(node, dict) else ((key, each) for each in node) if isinstance(node, list) else ()
+    pairs = node.items() if isinstance(node, dict) else [(key, item) for item in node] if isinstance(node, list) else ()
     for name, value in pairs:
         yield from _texts(value, str(name))

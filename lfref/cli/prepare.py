@@ -1,4 +1,4 @@
-"""`lfref prepare`: make a set of planes to learn from, once, by all processors, from where it was interrupted."""
+"""`lfref prepare`: make a set of planes for training, by all processors; items that exist are kept."""
 
 import json
 import os
@@ -15,59 +15,45 @@ from lfref.data.plane_sets import Recipe
 from lfref.io import atomic
 
 
-class Making(Dataset[int]):
-    """Makes and keeps the items that are asked for.
-
-    Args:
-        recipe: Of the set.
-        folder: Where it lies.
-        missing: Numbers of the items.
-    """
+class MissingItems(Dataset[int]):
+    """Items of a set, by number, that the workers of a data loader make and write."""
 
     def __init__(self, recipe: Recipe, folder: Path, missing: list[int]) -> None:
-        self.recipe = recipe
-        self.folder = folder
-        self.missing = missing
+        self.recipe, self.folder, self.missing = recipe, folder, missing
 
     def __len__(self) -> int:
         return len(self.missing)
 
-    def __getitem__(self, place: int) -> int:
-        index = self.missing[place]
+    def __getitem__(self, position: int) -> int:
+        index = self.missing[position]
         plane_sets.write(plane_sets.path_of(self.folder, index), plane_sets.make(self.recipe, index))
         return index
 
 
 def prepare(config: DictConfig, folder: Path) -> None:
-    """Make what is missing of a set in the cache, and note in the run folder where it lies.
-
-    Args:
-        config: `conf/prepare.yaml`.
-        folder: The run folder.
-    """
+    """Make the missing items of a set in the cache, and write its key and description into the run folder."""
     recipe: Recipe = configs.build(config.recipe)
     n_fields = int(configs.number(config, "n_fields", 1))
     place = plane_sets.folder_of(recipe, Path(config.cache_folder).expanduser())
-    told = json.dumps({"key": recipe.key(), **recipe.description()}, indent=1, default=str)
-    for at in (place, folder):
-        at.mkdir(parents=True, exist_ok=True)
-        atomic.write_text(at / "set.json", told + "\n")
+    description = json.dumps({"key": recipe.key(), **recipe.description()}, indent=1, default=str)
+    for target in (place, folder):
+        target.mkdir(parents=True, exist_ok=True)
+        atomic.write_text(target / "set.json", description + "\n")
     missing = [index for index in range(n_fields) if not plane_sets.path_of(place, index).is_file()]
-    log.info("%d of %d are there", n_fields - len(missing), n_fields)
-    making = Making(recipe, place, missing)
-    made = DataLoader(making, batch_size=None, num_workers=_workers(config), worker_init_fn=_alone)
-    for _ in progress(made, "making planes"):
+    log.info("%d of %d exist", n_fields - len(missing), n_fields)
+    if config.workers == "auto":
+        n_workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    else:
+        n_workers = int(configs.number(config, "workers", 0))
+    items = MissingItems(recipe, place, missing)
+    for _ in progress(
+        DataLoader(items, batch_size=None, num_workers=n_workers, worker_init_fn=_one_thread), "making planes"
+    ):
         pass
     log.info("planes of %d light fields in %s", n_fields, place)
 
 
-def _workers(config: DictConfig) -> int:
-    if config.workers == "auto":
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return int(configs.number(config, "workers", 0))
-
-
-def _alone(worker: int) -> None:
+def _one_thread(worker: int) -> None:
     torch.set_num_threads(1)
 
 

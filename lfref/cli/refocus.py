@@ -1,6 +1,6 @@
 """`lfref refocus`: refocus light fields into stacks, pictures, films, maps of disparity and point clouds."""
 
-import sys
+import functools
 from pathlib import Path
 
 import torch
@@ -11,9 +11,8 @@ from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
 from lfref.cli import inputs, refocusing, result_folders, resume
 from lfref.cli.command import command, device_of, log, paths
-from lfref.cli.exit_codes import fail
 from lfref.cli.refocusing import Planes, planes_of
-from lfref.errors import InputError, LfrefError
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io.run import Run
 from lfref.io.scratch import allocator
@@ -23,18 +22,12 @@ from lfref.refocuser.refocuser import Refocuser, in_bands
 from lfref.report import results
 from lfref.report.refocused import PictureFiles, Refocused
 
-Result = tuple[Refocused, Corrections | None]
-"""A refocused light field, and what was corrected before."""
-
 
 def refocus(config: DictConfig, folder: Path) -> None:
-    """Read, correct, refocus and write each light field; with more than one input each gets its own result folder.
-
-    Args:
-        config: `conf/refocus.yaml`.
-        folder: The run folder.
-    """
-    device, files, exposure = device_of(config.device), _picture_files(config), refocusing.exposure(config)
+    """Read, correct, refocus and write each light field; with more than one input each gets its own result folder."""
+    device, exposure = device_of(config.device), refocusing.exposure(config)
+    bits, quality = (int(configs.number(config, name, 1)) for name in ("bits", "quality"))
+    files = PictureFiles(str(config.format), bits, quality)
     refocuser, configured_planes = _refocuser(config, device)
     optional = [name for name in results.OPTIONAL if config[name]]
     n_rows, scratch = _rows(config, optional), None if config.rows is None else folder
@@ -49,7 +42,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
         inputs.warn_if_reversed(field)
         return field
 
-    def compute(_: str, field: LightField) -> Result:
+    def compute(_: str, field: LightField) -> tuple[Refocused, Corrections | None]:
         field, corrections = refocusing.correct_field(field, config, white, refocuser)
         planes = planes_of(configured_planes, field)
         if n_rows is None:
@@ -58,7 +51,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
             stack = in_bands(refocuser, field, planes.slopes, n_rows, allocator(scratch), device)
         return Refocused(field, stack, planes, refocusing.gain(field, exposure), files), corrections
 
-    def write(name: str, result: Result) -> None:
+    def write(name: str, result: tuple[Refocused, Corrections | None]) -> None:
         refocused, corrections = result
         with result_folders.writing(folder, places[name]) as place:
             results.write_results(place, refocused, optional)
@@ -70,11 +63,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
 
 def _rows(config: DictConfig, optional: list[str]) -> int | None:
-    """Rows that are refocused at a time, or None for all.
-
-    Raises:
-        InputError: `rows` together with an option that needs the whole picture.
-    """
+    """Rows that are refocused at a time, or None for all."""
     if config.rows is None:
         return None
     whole = [f"{name}=true" for name in optional] + (["correct=" + str(config.correct)] * (config.correct != "none"))
@@ -82,11 +71,6 @@ def _rows(config: DictConfig, optional: list[str]) -> int | None:
         expected = "rows=N refocuses light fields larger than memory, and does nothing else with them"
         raise InputError(expected, got=", ".join(whole), remedy="give correct=none and leave the others out")
     return int(configs.number(config, "rows", 1))
-
-
-def _picture_files(config: DictConfig) -> PictureFiles:
-    bits, quality = (int(configs.number(config, name, 1)) for name in ("bits", "quality"))
-    return PictureFiles(str(config.format), bits, quality)
 
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
@@ -103,15 +87,7 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
 
 
 def claim(config: DictConfig, folder: Path) -> bool:
-    """Refuse to resume a run with other settings than its own.
-
-    Args:
-        config: `conf/refocus.yaml`.
-        folder: The run folder.
-
-    Raises:
-        InputError: Settings differ.
-    """
+    """Refuse to resume a run with other settings than its own."""
     if config.resume is not None:
         plain = configs.plain(config)
         decisive = [key for key in plain if key not in (*resume.FOLDERS, "overwrite", "device")]
@@ -119,17 +95,7 @@ def claim(config: DictConfig, folder: Path) -> bool:
     return True
 
 
-_started = command(refocus, claim)
-
-
-def main() -> None:
-    """Expand `resume=RUN` to the command line of that run, and start."""
-    try:
-        sys.argv[1:] = resume.expanded(sys.argv[1:], last=lambda run: run.folder)
-    except LfrefError as error:
-        fail("refocus", error)
-    _started()
-
+main = command(refocus, claim, functools.partial(resume.expanded, last=lambda run: run.folder))
 
 if __name__ == "__main__":
     main()

@@ -23,11 +23,7 @@ Planes = FocalPlanes | AutoPlanes
 
 
 def fixed_planes(config: DictConfig) -> FocalPlanes:
-    """The configured planes, the same for all light fields.
-
-    Raises:
-        InputError: They depend on the light field.
-    """
+    """The configured planes, the same for all light fields."""
     planes: Planes = configs.build(config.planes)
     if isinstance(planes, AutoPlanes):
         expected = "planes of this command must be the same for all light fields"
@@ -48,21 +44,7 @@ def white_field(config: DictConfig, refocuser: Refocuser) -> LightField | None:
 def correct_field(
     field: LightField, config: DictConfig, white: LightField | None, refocuser: Refocuser
 ) -> tuple[LightField, Corrections | None]:
-    """Correct a light field as `config.correct` says, and log what was corrected.
-
-    Args:
-        field: As read.
-        config: Has `correct` and `explain`.
-        white: A white surface by the same camera.
-        refocuser: The method that will refocus it: spacing is corrected only for methods that take camera positions.
-
-    Returns:
-        The corrected light field, and the corrections; None if nothing was measured.
-
-    Raises:
-        InputError: A white picture or corrections of another grid or size.
-        FileError: The file of corrections cannot be read.
-    """
+    """Correct a light field as `config.correct` says, and log what was corrected."""
     remedy = "take method=shift_and_sum_through_cells to have it corrected"
     even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {remedy}"
     corrected, corrections = correct_by_option(field, str(config.correct), white, even)
@@ -79,11 +61,7 @@ def correct_field(
 
 
 def write_corrections(folder: Path, corrections: Corrections | None) -> None:
-    """Write `corrections.txt` for people, and `correction.pt` for other captures if anything was corrected.
-
-    Raises:
-        FileError: A file cannot be written.
-    """
+    """Write `corrections.txt` for people, and `correction.pt` for other captures if anything was corrected."""
     if corrections is not None:
         if corrections.active:
             corrections.save(folder / "correction.pt")
@@ -97,11 +75,7 @@ def refocus_field(refocuser: Refocuser, field: LightField, slopes: Tensor, devic
 
 
 def exposure(config: DictConfig) -> float | None:
-    """Factor of the brightness of pictures; None: each light field gets its own.
-
-    Raises:
-        InputError: `config.exposure` is neither `auto` nor a number above 0.
-    """
+    """Factor of the brightness of pictures; None: each light field gets its own."""
     return None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
 
 

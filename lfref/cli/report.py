@@ -13,22 +13,17 @@ from lfref.report import page, sections
 
 
 def report(config: DictConfig, folder: Path) -> None:
-    """Write `index.html`; what a run cannot show is said there, and as a warning.
-
-    Args:
-        config: `conf/report.yaml`.
-        folder: The run folder.
-    """
+    """Write `index.html`; problems of single runs stand there, and are logged as warnings."""
     runs = paths(configs.plain(config.runs))
     if not runs:
         raise InputError("there must be something to report", remedy="give runs=[FOLDER,...]")
-    made = sections.sections(runs)
-    problems = [section.problem for section in made if section.problem]
-    if len(problems) == len(made):
+    parts = sections.sections(runs)
+    problems = [section.problem for section in parts if section.problem]
+    if len(problems) == len(parts):
         raise InputError("no section could be made", got="; ".join(problems))
     for problem in problems:
         log.warning("not shown: %s", problem)
-    page.write_page(folder / "index.html", config.title, made, _facts(runs))
+    page.write_page(folder / "index.html", config.title, parts, _facts(runs))
     log.info("report: %s", (folder / "index.html").resolve())
 
 

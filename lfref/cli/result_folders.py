@@ -11,14 +11,7 @@ from lfref.io import atomic
 
 
 def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -> Path:
-    """The result folder of one light field: the run folder for a single input, else RUN/NAME.
-
-    Args:
-        folder: The run folder.
-        name: Name of the light field.
-        path: Its path.
-        inputs: All paths of `input`: a single light field in a folder gets RUN/NAME too.
-    """
+    """The result folder of one light field: the run folder for a single input, else RUN/NAME."""
     if {path.resolve()} == {other.resolve() for other in inputs}:
         return folder
     return folder / (f"{name}_results" if name in run_folder.NOTES or name.endswith(".log") else name)
@@ -26,12 +19,7 @@ def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -
 
 @contextmanager
 def writing(folder: Path, results: Path) -> Iterator[Path]:
-    """The folder to write results into: the run folder, or a partial folder that gets its name when it is complete.
-
-    Args:
-        folder: The run folder.
-        results: As from `result_folder`.
-    """
+    """The folder to write results into: the run folder, or a partial folder that gets its name when it is complete."""
     if results == folder:
         yield results
         return
@@ -41,13 +29,7 @@ def writing(folder: Path, results: Path) -> Iterator[Path]:
 
 
 def remaining(fields: Mapping[str, Path], results: Mapping[str, Path], folder: Path) -> dict[str, Path]:
-    """The light fields without results; partial results of a killed run are deleted.
-
-    Args:
-        fields: Name -> path.
-        results: Name -> result folder.
-        folder: The run folder.
-    """
+    """The light fields without results; partial results of a killed run are deleted."""
     for partial in (entry for place in {folder, *results.values()} for entry in atomic.partial_files(place)):
         shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
     waiting = {name: path for name, path in fields.items() if results[name] == folder or not results[name].exists()}

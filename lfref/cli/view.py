@@ -18,16 +18,9 @@ from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 
-PAGE = "index.html"
-
 
 def view(config: DictConfig, folder: Path) -> None:
-    """Write a page for each light field; with more than one input each gets its own result folder.
-
-    Args:
-        config: `conf/view.yaml`.
-        folder: The run folder.
-    """
+    """Write a page for each light field; with more than one input each gets its own result folder."""
     device, exposure = device_of(config.device), refocusing.exposure(config)
     refocusers = [refocuser.to(device) for refocuser in _refocusers(config)]
     configured_planes: Planes = configs.build(config.planes)
@@ -52,7 +45,7 @@ def view(config: DictConfig, folder: Path) -> None:
         }
         if truth is not None:
             shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
-        place = result_folders.result_folder(folder, name, path, named) / PAGE
+        place = result_folders.result_folder(folder, name, path, named) / "index.html"
         view_page.write(place, config.title or field.name, _facts(shown), view_page.page_content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 
@@ -74,15 +67,11 @@ def _refocusers(config: DictConfig) -> list[Refocuser]:
 
 
 def _checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
-    """The stack of the truth.
-
-    Raises:
-        InputError: It has other planes or another size than the light field.
-    """
+    """The stack of the truth."""
     stack, own = truth
     if tuple(stack.shape[-2:]) != field.size or not own.has_slopes(planes.slopes):
-        wanted = f"truth must be {len(planes)} planes of {field.size[0]}x{field.size[1]}, {', '.join(planes.labels)}"
-        raise InputError(wanted, got=f"{list(stack.shape)}, {', '.join(own.labels)}")
+        expected = f"truth must be {len(planes)} planes of {field.size[0]}x{field.size[1]}, {', '.join(planes.labels)}"
+        raise InputError(expected, got=f"{list(stack.shape)}, {', '.join(own.labels)}")
     return stack
 
 

@@ -152,10 +152,14 @@ def test_a_pattern_stands_for_what_fits_it_in_the_order_of_its_numbers(captures)
         find(captures / "film" / "*.png")
 
 
-def test_logs_and_tables_beside_light_fields_are_no_light_fields(captures):
-    (captures / "one" / "simulate.log").write_text("simulated 2 light fields")
-    (captures / "one" / "empty").rmdir()
-    assert list(find(captures / "one" / "*")) == ["a", "b c"]
+def test_what_lies_beside_light_fields_is_skipped(captures):
+    one = captures / "one"
+    (one / "simulate.log").write_text("simulated 2 light fields")
+    for name in ("contact_sheets/a.png", "contact_sheets/b.png", "disparity/a.exr"):
+        images.write_image(one / name, np.zeros((28, 42, 3), np.float32))
+    assert list(find(one / "*")) == ["a", "b c"]
+    assert list(find(captures / "o*")) == ["a", "b c"]
+    assert find(one / "contact_s*") == {"contact_sheets": one / "contact_sheets"}
 
 
 def test_a_name_with_a_bracket_is_a_name(captures):
