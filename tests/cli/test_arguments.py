@@ -1,71 +1,53 @@
 """What people write becomes what Hydra reads: paths as they are, short ways to choose planes."""
 
 import pytest
+import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from lfref.cli import arguments
+from lfref.cli import config as configs
 from lfref.errors import InputError
 
+SWEEPS = configs.directory("sweeps")
+NAMES = sorted(path.stem for path in SWEEPS.glob("*.yaml"))
 AWKWARD = [
-    "a b",
-    "a=b",
-    "[a]",
-    "{a:b}",
-    "a,b",
-    "it's",
-    'say "x"',
-    "a\\",
-    "a\\'b",
-    "$x",
-    "a(b)",
-    "~a",
-    "+a",
-    "ü",
-    "null",
-    "1",
-]
+    "a b", "a=b", "[a]", "{a:b}", "a,b", "it's", 'say "x"', "a\\", "a\\'b", "$x", "a(b)", "~a", "+a", "ü", "null", "1"
+]  # fmt: skip
 
 
-def given(words, command="refocus"):
+def values(words, command="refocus"):
     """Values that Hydra reads, by key."""
     parsed = OverridesParser.create().parse_overrides(arguments.rewritten(command, words))
     return {override.key_or_group: override.value() for override in parsed}
 
 
 @pytest.mark.parametrize("name", AWKWARD)
-def test_a_path_is_taken_as_it_is(tmp_path, name):
-    path = tmp_path / name
-    path.touch()
-    assert given([str(path), "device=cpu"]) == {"input": str(path), "device": "cpu"}
-
-
-@pytest.mark.parametrize("name", AWKWARD)
-def test_a_relative_path_that_exists_is_no_override(tmp_path, monkeypatch, name):
+def test_a_path_is_taken_as_it_is_absolute_or_relative(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).touch()
-    assert given([name]) == {"input": name}
+    assert values([str(tmp_path / name), "device=cpu"]) == {"input": str(tmp_path / name), "device": "cpu"}
+    assert values([name]) == {"input": name}
 
 
 def test_an_interpolation_in_a_path_is_left_alone(tmp_path):
-    assert given([f"{tmp_path}/${{x}}"]) == {"input": f"{tmp_path}/\\${{x}}"}
+    assert values([f"{tmp_path}/${{x}}"]) == {"input": f"{tmp_path}/\\${{x}}"}
 
 
-@pytest.mark.parametrize("command", ["refocus", "eval", "bench"])
-def test_several_paths_become_a_list(command):
-    assert given(["a", "b c", "device=cpu"], command) == {"input": ["a", "b c"], "device": "cpu"}
+def test_several_paths_become_a_list():
+    assert values(["a", "b c", "device=cpu"], "eval") == {"input": ["a", "b c"], "device": "cpu"}
 
 
 def test_paths_of_a_report_are_its_runs():
-    assert given(["run one", "title=x"], "report") == {"runs": "run one", "title": "x"}
+    assert values(["run one", "title=x"], "report") == {"runs": "run one", "title": "x"}
 
 
 @pytest.mark.parametrize("path", ["/no/where/a=b", "./a=b", "../a=b", "~/a=b"])
 def test_what_begins_as_a_path_is_one_even_if_it_is_missing(path):
-    assert given([path]) == {"input": path}
+    assert values([path]) == {"input": path}
 
 
 def test_after_two_hyphens_there_are_paths_only():
-    assert given(["a", "device=cpu", "--", "b=c", "--help"]) == {"input": ["a", "b=c", "--help"], "device": "cpu"}
+    assert values(["a", "device=cpu", "--", "b=c", "--help"]) == {"input": ["a", "b=c", "--help"], "device": "cpu"}
 
 
 @pytest.mark.parametrize("command", ["train", "simulate"])
@@ -129,3 +111,42 @@ def test_an_unknown_option_is_one_line_and_status_2(lfref, words):
 @pytest.mark.parametrize(("command", "key"), list(arguments.RUN.items()))
 def test_a_run_folder_is_what_the_command_takes_one_as(command, key):
     assert arguments.rewritten(command, ["run=runs/mine"]) == [f"{key}=runs/mine"]
+
+
+def test_the_papers_ablations_are_there():
+    assert NAMES == ["activation", "beta_gamma", "blocks", "normalization"]
+
+
+def test_a_sweep_becomes_one_override_a_parameter():
+    expected = ["--multirun", "net.activation=softplus,relu,leaky_relu,gelu,silu,elu", "seed=3"]
+    assert arguments.rewritten("train", ["--multirun", "+sweep=activation", "seed=3"]) == expected
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_sweep_is_also_a_wandb_sweep(name):
+    sweep = yaml.safe_load((SWEEPS / f"{name}.yaml").read_text())
+    assert sweep["method"] == "grid"
+    assert sweep["command"][:2] == ["lfref", "train"]
+    assert sweep["metric"]["name"] == "val/mpsnr"
+    assert all(entry["values"] for entry in sweep["parameters"].values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_hydra_understands_every_override_as_a_choice_sweep(name):
+    parser = OverridesParser.create()
+    for override in parser.parse_overrides(arguments.overrides(name, SWEEPS)):
+        assert override.is_choice_sweep()
+
+
+def test_a_sweep_without_multirun_or_by_an_unknown_name_is_refused():
+    with pytest.raises(InputError, match="--multirun"):
+        arguments.rewritten("train", ["+sweep=activation"])
+    with pytest.raises(InputError, match="sweep must be one of"):
+        arguments.rewritten("train", ["-m", "+sweep=magic"])
+
+
+@pytest.mark.parametrize("text", ["a: [", "parameters: 3", "parameters: {a: {}}", ""])
+def test_a_broken_sweep_file_is_one_clear_error(tmp_path, text):
+    (tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(InputError, match="must hold parameters"):
+        arguments.overrides("bad", tmp_path)

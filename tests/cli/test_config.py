@@ -5,7 +5,6 @@ import pytest
 from omegaconf import OmegaConf
 
 from lfref.cli import config as configs
-from lfref.cli.main import COMMANDS
 from lfref.errors import InputError
 from lfref.io.read import read
 from lfref.nets.refnet import RefNet
@@ -16,11 +15,6 @@ GROUPS = sorted(
     for path in FOLDER.glob("*/*.yaml")
     if path.parent.name not in ("experiment", "method", "group", "aperture", "camera")
 )
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_composes(composed, command):
-    assert "folder" in composed(command)
 
 
 @pytest.mark.parametrize("choice", GROUPS)
@@ -90,11 +84,8 @@ def test_every_group_of_bench_composes_and_has_a_command(composed, name):
     assert [method.name for method in configs.build(methods).values()] == list(methods)
 
 
-def test_accuracy_against_time_is_what_bench_measures_by_default(composed):
+def test_the_papers_network_and_the_front_of_accuracy_against_time_are_the_defaults(composed):
     assert composed("bench").group == "front"
-
-
-def test_the_papers_network_is_the_default(composed):
     assert configs.build(composed("train").net).config == RefNet().config
 
 

@@ -1,11 +1,17 @@
-"""`lfref film`: as many frames as light fields, each focused where its key frames say."""
+"""`lfref film`: as many frames as light fields, each focused where its key frames say, between them monotonously."""
+
+import itertools
 
 import av
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lfref.captures.correct import Corrections
+from lfref.cli.film import MOTIONS, FocusPull
+from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -62,11 +68,11 @@ def test_a_sequence_has_a_frame_a_light_field_focused_by_its_keys(lfref, sequenc
 
 def test_a_pattern_and_a_list_are_sequences_too(lfref, sequence, tmp_path):
     folder, _ = sequence
-    for name, given in (
+    for name, paths in (
         ("pattern", [folder / "frame_1*.exr"]),
         ("list", [folder / "frame_3.exr", folder / "frame_1.exr"]),
     ):
-        status, error = lfref("film", *given, "focus={0:0}", f"output={tmp_path}/{name}", *QUICK)
+        status, error = lfref("film", *paths, "focus={0:0}", f"output={tmp_path}/{name}", *QUICK)
         assert status == 0, error
     assert [len(frames(tmp_path / name / "film.mp4")[1]) for name in ("pattern", "list")] == [3, 2]
 
@@ -96,8 +102,8 @@ def test_what_is_found_in_the_first_light_field_is_corrected_in_all(lfref, seque
         return apply(found, field)
 
     monkeypatch.setattr(Corrections, "apply", noted)
-    given = [sequence[0] / f"frame_{n}.exr" for n in (4, 2, 7)]
-    status, error = lfref("film", *given, "focus={0:0}", f"output={tmp_path}/out", "method=shift_and_sum")
+    shots = [sequence[0] / f"frame_{n}.exr" for n in (4, 2, 7)]
+    status, error = lfref("film", *shots, "focus={0:0}", f"output={tmp_path}/out", "method=shift_and_sum")
     assert status == 0, error
     assert corrected[-2:] == ["frame_2", "frame_7"]
     assert (tmp_path / "out" / "corrections.txt").exists()
@@ -127,3 +133,45 @@ def test_frames_of_another_size_are_told(lfref, sequence, tmp_path):
         "lfref film: frames must be uint8 and of one shape; got (48, 64, 3), then uint8 (40, 64, 3)"
     )
     assert not list((tmp_path / "out").glob("*film*.mp4"))
+
+
+KEYS = st.dictionaries(st.integers(0, 60), st.floats(-3, 3), min_size=1, max_size=6)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@given(keys=KEYS, more=st.integers(0, 5))
+def test_focus_goes_through_its_keys_and_stays_between_them(motion, keys, more):
+    pull = FocusPull(keys, motion)
+    slopes = pull.slopes(pull.length + more)
+    assert slopes.dtype == torch.float64
+    assert len(slopes) == max(keys) + 1 + more
+    at = sorted(keys)
+    for key in at:
+        assert float(slopes[key]) == pytest.approx(keys[key], abs=1e-12)
+    for first, second in itertools.pairwise(at):
+        low, high = sorted((keys[first], keys[second]))
+        between = slopes[first : second + 1]
+        assert low - 1e-12 <= float(between.min()) <= float(between.max()) <= high + 1e-12
+        assert bool((between.diff() * (keys[second] - keys[first]) >= -1e-12).all())
+    assert bool((slopes[: at[0]] == slopes[at[0]]).all())
+    assert bool((slopes[at[-1] :] == slopes[at[-1]]).all())
+
+
+def test_a_smooth_focus_is_slow_where_it_turns():
+    slopes = FocusPull({0: 0.0, 10: 1.0, 20: 0.0}).slopes(21)
+    steps = slopes.diff().abs()
+    assert float(steps[9]) < 0.3 * float(steps[4])
+    assert torch.allclose(steps, steps.flip(0))
+
+
+@pytest.mark.parametrize("keys", [{}, {-1: 0.0}, {0.5: 1.0}, {0: float("nan")}, {0: "near"}, {True: 1.0}])
+def test_what_is_no_key_is_refused(keys):
+    with pytest.raises(InputError, match="key frames from 0"):
+        FocusPull(keys)
+
+
+def test_unknown_motions_and_keys_beyond_the_film_are_refused():
+    with pytest.raises(InputError, match="motion must be one of smooth, linear"):
+        FocusPull({0: 1.0}, "jumpy")
+    with pytest.raises(InputError, match="a key at frame 9 of 9 frames"):
+        FocusPull({0: 1.0, 9: 2.0}).slopes(9)

@@ -127,7 +127,7 @@ WRAPPINGS = {
 
 def filled(value, names):
     if isinstance(value, list):
-        return [filled(each, names) for each in value]
+        return [filled(item, names) for item in value]
     return value.format(**names) if isinstance(value, str) else value
 
 
@@ -156,20 +156,13 @@ def test_many_are_tried():
     assert not {*DANGEROUS} & {*parts.GROUPS, *parts.MOVED}
 
 
-@pytest.mark.parametrize(
-    "special",
-    [
-        {"_args_": [1]},
-        {"_recursive_": False},
-        {"_convert_": "none"},
-        {"_partial_": True},
-        {"_partial_": "true"},
-        {"_method_": "x"},
-    ],
-)
-def test_nothing_else_between_underscores_is_taken(special, untouched):
+SPECIALS = [("_args_", [1]), ("_recursive_", False), ("_convert_", "none"), ("_partial_", True), ("_partial_", "true")]
+
+
+@pytest.mark.parametrize(("key", "value"), [*SPECIALS, ("_method_", "x")])
+def test_nothing_else_between_underscores_is_taken(key, value, untouched):
     with pytest.raises(InputError, match="nothing else between underscores"):
-        configs.build(OmegaConf.create({"_target_": NET, **special}))
+        configs.build(OmegaConf.create({"_target_": NET, key: value}))
 
 
 @pytest.mark.parametrize("target", [None, 3, True, ["os.system"], {"_target_": "os.system"}, ""])
@@ -188,19 +181,16 @@ def test_a_misspelt_target_gets_the_nearest():
         configs.build({"_target_": "lfref.nets.refnet.RefNett"})
 
 
-@pytest.mark.parametrize("name", sorted(NAMED))
-def test_every_target_of_our_configuration_stands_in_the_table(name):
-    assert parts.group_of(name) not in (None, "extensions")
+def test_every_target_of_our_configuration_stands_in_the_table():
+    assert not [name for name in NAMED if parts.group_of(name) in (None, "extensions")]
 
 
-@pytest.mark.parametrize("name", sorted(parts.GROUPS))
-def test_every_entry_of_the_table_is_what_it_says(name):
-    entry = parts.resolve(name)
-    assert inspect.isclass(entry) or inspect.isfunction(entry)
-    assert entry.__name__ == name.rpartition(".")[2]
-    # Lightning and torch offer theirs one floor above where they are defined.
-    assert f"{entry.__module__}.".startswith(name.rpartition(".")[0] + ".") or name.startswith("torch.optim.")
-    assert entry.__module__.partition(".")[0] == name.partition(".")[0]
+def test_every_entry_of_the_table_is_what_it_says():
+    for name in parts.GROUPS:
+        entry = parts.resolve(name)
+        assert inspect.isclass(entry) or inspect.isfunction(entry)
+        assert entry.__name__ == name.rpartition(".")[2]
+        assert f"{entry.__module__}.".startswith(name.rpartition(".")[0] + ".")
 
 
 @pytest.mark.parametrize("group", parts.WRITERS)
@@ -210,7 +200,7 @@ def test_what_writes_must_write_into_the_run_folder(group, tmp_path):
         "callbacks": ["ModelCheckpoint", "OnExceptionCheckpoint"],
         "loggers": ["WandbLogger", "TensorBoardLogger"],
     }
-    for name in [*parts.TABLE[group], *(f"lightning.pytorch.{group}.{each}" for each in libraries.get(group, ()))]:
+    for name in [*parts.TABLE[group], *(f"lightning.pytorch.{group}.{logger}" for logger in libraries.get(group, ()))]:
         for place in (str(run), str(run / "a" / "b")):
             parts.check({"_target_": name, "save_dir": place}, run)
         for key in (*parts.PLACES, "version", "filename"):
@@ -246,10 +236,10 @@ def test_arguments_that_are_made_already_go_before_those_of_the_configuration():
     assert planes.values == (1.0, 2.0)
 
 
-@pytest.mark.parametrize("name", sorted(parts.MOVED))
-def test_names_of_earlier_versions_lead_to_parts_of_today(name):
-    assert parts.group_of(name) in parts.TABLE
-    assert parts.resolve(name).__name__ == name.rpartition(".")[2]
+def test_names_of_earlier_versions_lead_to_parts_of_today():
+    for name in parts.MOVED:
+        assert parts.group_of(name) in parts.TABLE
+        assert parts.resolve(name).__name__ == name.rpartition(".")[2]
 
 
 @pytest.mark.parametrize(

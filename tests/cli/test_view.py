@@ -51,7 +51,7 @@ def test_several_get_a_folder_each(lfref, field, tmp_path):
     other = write.write(tmp_path / "other", cases.scene()[0])
     status, errors = lfref(*WORDS, field, other, f"output={tmp_path}/run")
     assert status == 0, errors
-    assert {each.parent.name for each in (tmp_path / "run").glob("*/index.html")} == {"field", "other"}
+    assert {path.parent.name for path in (tmp_path / "run").glob("*/index.html")} == {"field", "other"}
 
 
 def test_a_page_without_a_method_is_a_line(lfref, field, tmp_path):

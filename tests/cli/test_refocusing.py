@@ -1,4 +1,4 @@
-"""`correct=none`, `auto` or a file, `white=` and `explain=true`: what is applied, said and kept."""
+"""Steps that commands share: `correct=`, `white=` and `explain=`, and planes that may follow the scene."""
 
 import dataclasses
 import logging
@@ -9,8 +9,11 @@ import torch
 from lfref import encoding
 from lfref.captures.correct import Corrections, load
 from lfref.captures.exposure import ExposureDefect
+from lfref.captures.inspect import AutoPlanes
 from lfref.captures.spacing import SpacingDefect
+from lfref.cli import config as configs
 from lfref.cli import refocusing
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io.read import read, read_stack
 from lfref.io.write import write
@@ -20,6 +23,8 @@ from lfref.nets.refnet import RefNet
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
 from tests.captures import displaced, scenes
 from tests.cli.test_bad_input import assert_one_line
 
@@ -74,7 +79,7 @@ def test_explain_says_a_line_of_each_correction(settings, caplog):
     assert name == "vignetting"
     assert [line.split()[0] for line in lines] == NAMES
     assert [line.split()[1] for line in lines] == [
-        "corrected:" if each == "vignetting" else "unchanged:" for each in NAMES
+        "corrected:" if name == "vignetting" else "unchanged:" for name in NAMES
     ]
 
 
@@ -101,23 +106,13 @@ def test_a_file_of_another_grid_is_one_line(lfref, profile, tmp_path):
     assert "corrections are of 3x3 views of 32x40 pixels; got 5x3 views of 32x40 pixels" in line
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [(None, "no corrections at"), (b"", "must hold corrections"), (b"\x80\x02 no archive", "must hold corrections")],
-)
-def test_a_file_that_is_missing_or_damaged_is_one_line(lfref, field, tmp_path, content, said):
+@pytest.mark.parametrize("n_bytes", [0, 100, None])
+def test_a_file_that_is_missing_or_damaged_is_one_line(lfref, field, profile, tmp_path, n_bytes):
     write(tmp_path / "grey.exr", field)
-    if content is not None:
-        (tmp_path / "bad.pt").write_bytes(content)
+    if n_bytes is not None:
+        (tmp_path / "bad.pt").write_bytes(profile.read_bytes()[:n_bytes])
     line = assert_one_line(*lfref("refocus", tmp_path / "grey.exr", f"correct={tmp_path}/bad.pt", *QUICK))
-    assert said in line
-
-
-def test_half_a_file_is_one_line(lfref, field, profile, tmp_path):
-    write(tmp_path / "grey.exr", field)
-    profile.write_bytes(profile.read_bytes()[: profile.stat().st_size // 2])
-    line = assert_one_line(*lfref("refocus", tmp_path / "grey.exr", f"correct={profile}", *QUICK))
-    assert "must hold corrections" in line
+    assert ("no corrections at" if n_bytes is None else "must hold corrections") in line
 
 
 def test_a_white_picture_is_read_like_the_input_and_tells_vignetting(lfref, tmp_path):
@@ -128,21 +123,9 @@ def test_a_white_picture_is_read_like_the_input_and_tells_vignetting(lfref, tmp_
     truth = shift_and_sum(scenes.clean("vignetting").views[1:6, 1:6], [-0.5, 0.5])
     inner = (..., slice(8, -8), slice(8, -8))
     assert (stack - truth)[inner].square().mean().sqrt() < 0.01
-    plain, _ = read_stack(_without(lfref, capture, tmp_path) / "stack.exr")
+    assert lfref("refocus", capture, "correct=none", "reader.views=5", f"output={tmp_path}/none", *QUICK)[0] == 0
+    plain, _ = read_stack(tmp_path / "none" / "stack.exr")
     assert (plain - truth)[inner].square().mean().sqrt() > 0.03
-
-
-def _without(lfref, capture, folder):
-    assert lfref("refocus", capture, "correct=none", "reader.views=5", f"output={folder}/none", *QUICK)[0] == 0
-    return folder / "none"
-
-
-def test_a_white_picture_of_another_size_is_one_line(lfref, field, tmp_path):
-    write(tmp_path / "grey.exr", field)
-    write(tmp_path / "white.exr", field.crop(0, 0, 32, 32))
-    words = (f"white={tmp_path}/white.exr", f"output={tmp_path}/out", *QUICK)
-    line = assert_one_line(*lfref("refocus", tmp_path / "grey.exr", *words))
-    assert "3x3 views of 32x40 pixels of grey; got 3x3 views of 32x32 pixels" in line
 
 
 def test_encoded_samples_are_not_scaled_as_light(settings, caplog):
@@ -221,5 +204,44 @@ def test_a_capture_of_unlike_spacing_is_never_refused_on_default_options(lfref, 
     assert "reader.spacing=[1.1985,1]" in (tmp_path / "auto" / "corrections.txt").read_text()
     assert not (tmp_path / "auto" / "correction.pt").exists()
     assert lfref("refocus", stretched, f"output={tmp_path}/none", "correct=none", *words)[0] == 0
-    auto, none = (read_stack(tmp_path / each / "stack.exr")[0] for each in ("auto", "none"))
+    auto, none = (read_stack(tmp_path / name / "stack.exr")[0] for name in ("auto", "none"))
     assert torch.equal(auto, none)
+
+
+# Planes.
+
+GREY = LightField(torch.full((3, 3, 1, 40, 50), 0.5))
+
+
+def test_refocus_spreads_planes_over_the_scene_unless_told_otherwise(composed):
+    made = configs.build(composed("refocus", "input=x").planes)
+    assert made == AutoPlanes(16)
+    assert configs.build(composed("refocus", "input=x", "planes=paper").planes).alphas[0] == 0.125
+
+
+@pytest.mark.parametrize("command", ["eval", "simulate", "train", "bench"])
+def test_commands_with_planes_for_all_refuse_planes_for_each(composed, command):
+    needs = {"eval": ["input=x"], "bench": ["input=x"]}.get(command, [])
+    with pytest.raises(InputError, match=r"got planes=auto; .*planes=paper"):
+        refocusing.fixed_planes(composed(command, "planes=auto", *needs))
+
+
+def test_every_input_gets_planes_of_its_own(lfref, tmp_path):
+    for name in ("shards", "deep"):
+        views = simulate(sim30.SCENES[name], outputs=["views"]).views
+        write(tmp_path / f"{name}.exr", LightField(views, name))
+    words = ("planes.n=3", "method=shift_and_sum", f"output={tmp_path}/out")
+    assert lfref("refocus", tmp_path / "shards.exr", tmp_path / "deep.exr", *words)[0] == 0
+    for name, low in (("shards", -1.05), ("deep", -3.1)):
+        stack, found = read_stack(tmp_path / "out" / name / "stack.exr")
+        assert len(stack) == 3
+        assert found.values[0] == pytest.approx(low, abs=0.1)
+        assert found.has_slopes(AutoPlanes(3).of(read(tmp_path / f"{name}.exr")).slopes)
+
+
+def test_a_scene_in_which_nothing_moves_is_refocused_all_the_same(lfref, tmp_path):
+    write(tmp_path / "grey.exr", GREY)
+    assert lfref("refocus", tmp_path / "grey.exr", f"output={tmp_path}/out")[0] == 0
+    stack, found = read_stack(tmp_path / "out" / "stack.exr")
+    assert (found.values[0], found.values[-1]) == (-1.0, 1.0)
+    torch.testing.assert_close(stack, torch.full_like(stack, 0.5), atol=1e-3, rtol=0)
