@@ -7,21 +7,16 @@ import pytest
 from lfref.errors import CheckpointError, FileError, InputError, LfrefError, chosen, first_line
 
 
-def test_the_message_is_expected_then_got_then_remedy():
-    error = InputError("alpha must be above 0", got=-1, remedy="alpha = 1 is the captured focus")
-    assert str(error) == "alpha must be above 0; got -1; alpha = 1 is the captured focus"
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({}, "something must be"),
         ({"got": 0}, "something must be; got 0"),
-        ({"got": None}, "something must be; got None"),
+        ({"got": None, "remedy": "do it"}, "something must be; got None; do it"),
         ({"remedy": "do it"}, "something must be; do it"),
     ],
 )
-def test_parts_that_were_not_given_leave_no_trace(arguments, message):
+def test_the_message_is_expected_then_got_then_remedy(arguments, message):
     assert str(LfrefError("something must be", **arguments)) == message
 
 
@@ -47,7 +42,7 @@ def test_errors_cross_process_borders_with_their_message(error):
 
 
 def test_an_error_rebuilt_from_a_workers_traceback_is_its_last_line():
-    # What torch's DataLoader makes of an error in a worker: one text, the whole traceback in it.
+    # A DataLoader turns an error of a worker into one text with the whole traceback.
     text = (
         "Caught InputError in DataLoader worker process 0.\nOriginal Traceback (most recent call last):\n  File ...\n"
     )

@@ -13,25 +13,14 @@ from lfref.errors import InputError
 from lfref.geometry import CONVENTIONS, FocalPlanes, even_planes, planes_at_alphas, planes_from
 
 PAPER = [index / 8 for index in range(1, 17)]
-BAD_ALPHAS = [0.0, -0.0, -1.0, math.nan, math.inf, -math.inf]
 
 
 @pytest.mark.parametrize(
-    ("convention", "alpha", "slope"),
-    [
-        ("ng", 0.125, -7.0),
-        ("ng", 0.5, -1.0),
-        ("ng", 1.0, 0.0),
-        ("ng", 1.25, 0.2),
-        ("ng", 2.0, 0.5),
-        ("parallel", 0.125, -0.875),
-        ("parallel", 1.0, 0.0),
-        ("parallel", 2.0, 1.0),
-    ],
+    ("convention", "slopes"), [("ng", [-7.0, -1.0, 0.0, 0.2, 0.5]), ("parallel", [-0.875, -0.5, 0.0, 0.25, 1.0])]
 )
-def test_slopes_by_hand(convention, alpha, slope):
-    value = geometry.slopes([alpha], convention)
-    torch.testing.assert_close(value, torch.tensor([slope], dtype=torch.float64), atol=1e-15, rtol=0)
+def test_slopes_by_hand(convention, slopes):
+    values = geometry.slopes([0.125, 0.5, 1.0, 1.25, 2.0], convention)
+    torch.testing.assert_close(values, torch.tensor(slopes, dtype=torch.float64), atol=1e-15, rtol=0)
 
 
 def test_the_papers_planes_are_evenly_spaced_only_in_the_parallel_convention():
@@ -57,30 +46,16 @@ def test_a_larger_alpha_never_has_a_smaller_slope(alphas):
         assert bool((values.diff() >= 0).all())
 
 
-@pytest.mark.parametrize("alpha", BAD_ALPHAS)
-@pytest.mark.parametrize("convention", list(CONVENTIONS))
-def test_an_alpha_that_is_no_distance_is_refused(alpha, convention):
-    with pytest.raises(InputError, match="alpha must be finite and above 0; got"):
-        geometry.slopes([1.0, alpha], convention)
-
-
-def test_an_alpha_so_small_that_its_slope_overflows_is_refused():
+@pytest.mark.parametrize("alphas", [[1.0, 0.0], [-0.0], [-1.0], [math.nan], [math.inf], [1e-320], []], ids=str)
+def test_an_alpha_that_is_no_distance_is_refused(alphas):
     with pytest.raises(InputError, match="alpha"):
-        geometry.slopes([1e-320])
-
-
-def test_no_alpha_at_all_is_refused():
-    with pytest.raises(InputError, match="at least one focal plane"):
-        geometry.slopes([])
+        geometry.slopes(alphas)
 
 
 def test_an_unknown_convention_is_refused_by_naming_the_known_ones():
-    for use in (
-        lambda name: geometry.slopes([1.0], name),
-        lambda name: FocalPlanes((0,), name),
-    ):
+    for function in (geometry.slopes, FocalPlanes):
         with pytest.raises(InputError, match="must be one of ng, parallel; got 'Ng'"):
-            use("Ng")
+            function([1.0], "Ng")
 
 
 @pytest.mark.parametrize(
@@ -98,13 +73,6 @@ def test_even_slopes_by_hand(arguments, slopes):
     values = geometry.even_slopes(*arguments)
     assert values.dtype == torch.float64
     assert values.tolist() == slopes
-
-
-@given(n_planes=st.integers(2, 300), first=st.floats(-10, 10), last=st.floats(-10, 10))
-def test_even_slopes_are_an_equal_step_apart_and_keep_their_ends(n_planes, first, last):
-    values = geometry.even_slopes(n_planes, first, last)
-    assert (values[0], values[-1]) == (first, last)
-    torch.testing.assert_close(values.diff(), torch.full_like(values[1:], (last - first) / (n_planes - 1)))
 
 
 @pytest.mark.parametrize("arguments", [(0,), (-3,), (4, math.nan), (4, -1.0, math.inf)])
@@ -134,19 +102,12 @@ def test_a_corner_shift_of_half_the_view_is_refused_by_naming_the_axis(size, axi
         geometry.checked_slopes([0.5, -7.0], (7, 7), size)
 
 
-def test_a_corner_shift_just_below_half_the_view_is_accepted():
-    values = geometry.checked_slopes([0.5, -7.0], (7, 7), (43, 43))
-    assert values.tolist() == [0.5, -7.0]
-
-
-def test_each_axis_is_judged_by_its_own_views_and_pixels():
+def test_a_corner_shift_just_below_half_the_view_is_accepted_along_either_axis():
+    assert geometry.checked_slopes([0.5, -7.0], (7, 7), (43, 43)).tolist() == [0.5, -7.0]
     assert geometry.checked_slopes([3.0], (1, 7), (1, 19)).tolist() == [3.0]
     with pytest.raises(InputError, match="half the height"):
         geometry.checked_slopes([3.0], (7, 1), (18, 19))
-
-
-def test_any_slope_suits_a_single_view():
-    assert geometry.checked_slopes([1e6], (1, 1), (1, 1)).tolist() == [1e6]
+    assert geometry.checked_slopes([1e6], (1, 1), (1, 1)).tolist() == [1e6]  # a single view never shifts
 
 
 @pytest.mark.parametrize(
@@ -156,12 +117,6 @@ def test_slopes_of_any_kind_become_float64_on_the_cpu(slopes):
     values = geometry.checked_slopes(slopes, (3, 3), (8, 8))
     assert (values.dtype, values.device.type, values.requires_grad) == (torch.float64, "cpu", False)
     assert values.tolist() == [0.5]
-
-
-@pytest.mark.parametrize("slopes", [[], [math.nan], [0.0, math.inf], torch.zeros(0)])
-def test_slopes_that_are_not_numbers_are_refused(slopes):
-    with pytest.raises(InputError, match="slopes must be finite and at least one"):
-        geometry.checked_slopes(slopes, (3, 3), (8, 8))
 
 
 def test_planes_are_slopes_whatever_they_were_written_as():

@@ -54,30 +54,26 @@ def test_it_cannot_be_changed(field):
         field.name = "other"
 
 
-@pytest.mark.parametrize("shape", [(3, 5, 7), (3, 3, 5, 7), (2, 3, 3, 0, 7), (0, 3, 3, 5, 7)])
+@pytest.mark.parametrize("shape", [(3, 3, 5, 7), (2, 3, 3, 0, 7), (0, 3, 3, 5, 7)])
 def test_what_is_not_views_is_refused(shape):
     for make in (check_views, LightField):
         with pytest.raises(InputError, match=r"views must be \[\.\.\., V, U, C, H, W\].*got shape"):
             make(torch.zeros(shape))
 
 
-@pytest.mark.parametrize("dtype", [torch.uint8, torch.int64, torch.bool, torch.complex64])
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.complex64])
 def test_numbers_that_are_not_floating_point_are_refused(dtype):
     with pytest.raises(InputError, match="floating point"):
         check_views(torch.zeros(1, 1, 1, 2, 2, dtype=dtype))
 
 
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
-def test_batches_of_any_floating_point_type_are_views(dtype):
-    check_views(torch.zeros(4, 2, 1, 1, 1, 2, 2, dtype=dtype))
-
-
-def test_a_batch_is_not_one_light_field():
+def test_batches_are_views_but_no_light_field():
+    check_views(torch.zeros(4, 2, 1, 1, 1, 2, 2, dtype=torch.bfloat16))
     with pytest.raises(InputError, match="one light field is"):
         LightField(torch.zeros(2, 1, 1, 1, 2, 2))
 
 
-@pytest.mark.parametrize("shape", [(2, 3, 3, 5, 7), (2, 3, 5, 7), (3, 2, 1, 5, 7), (1, 1, 1, 5, 7)])
+@pytest.mark.parametrize("shape", [(2, 3, 3, 5, 7), (3, 2, 1, 5, 7)])
 def test_a_weight_of_another_shape_is_refused(shape):
     with pytest.raises(InputError, match=r"weight must be \[2, 3, 1, 5, 7\]"):
         LightField(torch.zeros(2, 3, 3, 5, 7), weight=torch.ones(shape))
