@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from lfref.simulator import painting, planner
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full
-from lfref.simulator.painting import Painting
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat, Gradient, Noise
@@ -157,20 +156,21 @@ FOUR = (
 )
 
 
-def order(surfaces=FOUR, reach=0.0):
-    return Painting(Scene(Camera((5, 5), (20, 30)), surfaces), torch.device("cpu"), reach)
+def scene_of(surfaces=FOUR):
+    return Scene(Camera((5, 5), (20, 30)), surfaces)
 
 
 def test_indices_go_from_far_to_near_without_hidden_surfaces():
-    assert order().far_to_near == (2, 1, 3, 0)
-    assert order().visible == (1, 3, 0)
+    assert painting.far_to_near(scene_of()) == [2, 1, 3, 0]
+    assert painting.visible_surfaces(scene_of(), 0.0) == [1, 3, 0]
 
 
 def test_hidden_surfaces_cross_nothing():
-    assert order().crossing == {0, 3}
-    assert order((*FOUR[:3], Surface(Plane(-1.0, (0.02, 0.0)), Flat()))).crossing == set()
+    assert painting.crossing_surfaces(scene_of(), 0.0) == {0, 3}
+    hidden = Surface(Plane(-1.0, (0.02, 0.0)), Flat())
+    assert painting.crossing_surfaces(scene_of((*FOUR[:3], hidden)), 0.0) == set()
 
 
 def test_surfaces_may_cross_only_where_refocused_pictures_look():
     surfaces = (Surface(Plane(0.0), Flat()), Surface(Plane(0.6, (0.02, 0.0)), Flat()))
-    assert [bool(order(surfaces, reach).crossing) for reach in (0.0, 7.0)] == [False, True]
+    assert [bool(painting.crossing_surfaces(scene_of(surfaces), reach)) for reach in (0.0, 7.0)] == [False, True]
