@@ -224,6 +224,7 @@ class Perforated(Outline):
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
         """Distance from the nearest hole, below 0 outside of it."""
         along, across = _rotated(x, y[:, None], self.angle)
+        # From the centre of the nearest hole, along both axes of the lattice.
         offsets = [offset - self.pitch * (offset / self.pitch).round() for offset in (along, across)]
         return self.radius - torch.hypot(*offsets)
 

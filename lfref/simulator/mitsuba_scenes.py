@@ -20,8 +20,6 @@ or light on each other. The module stands alone because it needs the extra `mits
 
 import importlib
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +29,7 @@ from torch import Tensor
 from lfref.simulator import painting
 from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
 from lfref.simulator.materials import Emissive, Matte, Mirror
-from lfref.simulator.mattes import Disc, Full, Polygon
+from lfref.simulator.mattes import Disc, Full, Outline, Polygon
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Noise, Stripes, Texture
@@ -101,15 +99,10 @@ FINER = 4
 """Texels of Mitsuba's bitmaps per sample of a canvas, along each axis."""
 MARGIN = 32
 """Samples painted around a canvas, beyond the ringing of the sharpening filter."""
-PARTS = 96
-"""Quadrilaterals of a mesh along each axis."""
 
 mi: Any = importlib.import_module("mitsuba")
 mi.set_variant("scalar_rgb")
 mi.set_log_level(mi.LogLevel.Error)
-
-MeshPoints = tuple[Tensor, Tensor]
-"""X and Y of a mesh, [PARTS + 1, PARTS + 1]; turning from its first axis to its second is clockwise in the picture."""
 
 
 class MitsubaScene:
@@ -174,50 +167,33 @@ def distance(disparity: Any) -> Any:
     return FOCAL / (disparity + HORIZON)
 
 
-def quadrilateral(corners: Sequence[tuple[float, float]]) -> MeshPoints:
-    """The area between four corners, clockwise in the picture."""
-    across, down = _shares()
-    weights = ((1 - across) * (1 - down), across * (1 - down), across * down, (1 - across) * down)
+def mesh_points(matte: Outline, canvas: Canvas) -> tuple[Tensor, Tensor]:
+    """X and Y of a mesh that fills an outline, or all of a canvas.
+
+    Turning from the first axis of the mesh to the second is clockwise in the picture.
+    """
+    shares = torch.linspace(0, 1, 97, dtype=torch.float64)
+    first, second = torch.meshgrid(shares, shares, indexing="ij")
+    if isinstance(matte, Disc):
+        # In polar coordinates: from the centre outwards, and around.
+        radius, angle = matte.radius * first, 2 * torch.pi * second
+        return matte.centre[0] + radius * torch.cos(angle), matte.centre[1] + radius * torch.sin(angle)
+    left, right, top, bottom = (float(edge) for edge in (*canvas.x[[0, -1]], *canvas.y[[0, -1]]))
+    whole = ((left, top), (right, top), (right, bottom), (left, bottom))
+    corners = matte.corners if isinstance(matte, Polygon) else whole
+    weights = ((1 - first) * (1 - second), first * (1 - second), first * second, (1 - first) * second)
     x, y = (
         sum(share * corner for share, corner in zip(weights, axis, strict=True)) for axis in zip(*corners, strict=True)
     )
     return x, y
 
 
-def disc(radius: float, centre: tuple[float, float]) -> MeshPoints:
-    """A circle in polar coordinates: from its centre outwards, and around."""
-    outwards, turn = _shares()
-    distance_from, angle = radius * outwards, 2 * torch.pi * turn
-    return centre[0] + distance_from * torch.cos(angle), centre[1] + distance_from * torch.sin(angle)
-
-
-def whole_canvas(canvas: Canvas) -> MeshPoints:
-    """The area of a canvas."""
-    left, right, top, bottom = (float(edge) for edge in (*canvas.x[[0, -1]], *canvas.y[[0, -1]]))
-    return quadrilateral(((left, top), (right, top), (right, bottom), (left, bottom)))
-
-
-OUTLINES: dict[type, Callable[[Any, Canvas], MeshPoints]] = {
-    Full: lambda matte, canvas: whole_canvas(canvas),
-    Polygon: lambda matte, canvas: quadrilateral(matte.corners),
-    Disc: lambda matte, canvas: disc(matte.radius, matte.centre),
-}
-
-
-def _shares() -> tuple[Tensor, Tensor]:
-    shares = torch.linspace(0, 1, PARTS + 1, dtype=torch.float64)
-    first, second = torch.meshgrid(shares, shares, indexing="ij")
-    return first, second
-
-
 def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     material = surface.material
-    x, y = OUTLINES[type(surface.matte)](surface.matte, canvas)
+    x, y = mesh_points(surface.matte, canvas)
     z = distance(surface.geometry.disparity_at(x, y).expand(x.shape))
-    points, colours = (
-        torch.stack([x * z / FOCAL, y * z / FOCAL, z], -1),
-        _sharpened_texture(surface.texture, canvas, key),
-    )
+    points = torch.stack([x * z / FOCAL, y * z / FOCAL, z], -1)
+    colours = _sharpened_texture(surface.texture, canvas, key)
     if isinstance(material, Matte):
         return _mesh(points, _texture_coordinates(x, y, canvas), {"type": "diffuse", "reflectance": _bitmap(colours)})
     bsdf: dict[str, Any] = {"type": "conductor", "specular_reflectance": material.reflectance}
@@ -231,7 +207,7 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
 def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     """The picture that a mirror shows: as far in front of the mirror, behind the cameras, as its image is behind it."""
     material: Any = surface.material
-    x, y = whole_canvas(canvas)
+    x, y = mesh_points(Full(), canvas)
     image, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)
     assert image > 2 * mirror, "the mirrored picture must stand behind the cameras"
     points = torch.stack([x * image / FOCAL, y * image / FOCAL, torch.full_like(x, 2 * mirror - image)], -1)
@@ -243,13 +219,8 @@ def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
 
 def _sharpened_texture(texture: Texture, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
     """Colours whose means over pixels are the painted ones, [FINER h, FINER w, 3], with MARGIN around the canvas."""
-    wide = replace(
-        canvas,
-        left=canvas.left - MARGIN,
-        top=canvas.top - MARGIN,
-        width=canvas.width + 2 * MARGIN,
-        height=canvas.height + 2 * MARGIN,
-    )
+    left, top, width, height = canvas.left, canvas.top, canvas.width, canvas.height
+    wide = Canvas(left - MARGIN, top - MARGIN, width + 2 * MARGIN, height + 2 * MARGIN, canvas.period)
     painted = texture.paint(wide, key).double()
     for axis in (-2, -1):
         # Beside its mirror image it is periodic without a jump. The mean over a pixel multiplies a spectrum by sinc(f):

@@ -117,6 +117,13 @@ def visible_box(entry: AtlasEntry, reads: int) -> Box:
     return left, top, right, bottom
 
 
+@inlined
+def rays_of_row(p: float, q: float, slope: float, cell: float, y: int, picture: Floats) -> RayRow:
+    """The rays through an aperture point to row y of a picture [3, H, W], in pixels from its centre."""
+    x = slope * p - (picture.shape[2] - 1) / 2
+    return RayRow(p, q, x, y + slope * q - (picture.shape[1] - 1) / 2, slope, cell)
+
+
 @compiled
 def visible_pixels(layers: RayLayers, k: int, row: RayRow, width: int) -> tuple[int, int]:
     """First pixel of a row at which a layer may be visible, and one past the last.
@@ -125,9 +132,11 @@ def visible_pixels(layers: RayLayers, k: int, row: RayRow, width: int) -> tuple[
     """
     near, far = layers.spans[k, 0], layers.spans[k, 1]
     left, top, right, bottom = layers.boxes[k, 0], layers.boxes[k, 1], layers.boxes[k, 2], layers.boxes[k, 3]
+    # The row meets the layer at Y = y - D q, D anywhere in its span.
     high, low = row.y - min(near * row.q, far * row.q), row.y - max(near * row.q, far * row.q)
     if high < top or low > bottom:
         return 0, 0
+    # Pixel x is at row.x + x: it meets the box where left <= row.x + x - D p <= right for some D.
     begin = left - row.x + min(near * row.p, far * row.p)
     stop = right - row.x + max(near * row.p, far * row.p) + 1
     return int(min(max(begin, 0.0), float(width))), int(min(max(np.ceil(stop), 0.0), float(width)))
@@ -183,6 +192,7 @@ def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int,
     centre_x, centre_y = lobe[5] + drift * row.p, lobe[6] + drift * row.q
     red, green, blue = rgba.dtype.type(lobe[0]), rgba.dtype.type(lobe[1]), rgba.dtype.type(lobe[2])
     for x in range(begin, stop):
+        # The lobe and a box of width b = `spread`, whose variance is b^2 / 12; a wider lobe is lower.
         spread = (row.slope - at[2, x] - drift) * row.cell
         variance = width * width + spread * spread / 12
         exponent = ((at[0, x] - centre_x) ** 2 + (at[1, x] - centre_y) ** 2) / (2 * variance)
@@ -197,6 +207,7 @@ def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int,
 @compiled
 def composite_over(rgba: Floats, begin: int, stop: int, radiance: Floats) -> None:
     """Lay a layer, `rgba` [4, W], over `radiance` [3, W] from pixel `begin` to before `stop`."""
+    # Colours are premultiplied by opacity: the layer adds them, and lets through 1 - opacity of what is behind it.
     one = rgba.dtype.type(1)
     for c in range(3):
         for x in range(begin, stop):

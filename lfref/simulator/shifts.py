@@ -72,7 +72,8 @@ def composite_shifted(
     row = np.empty((2, picture.shape[4]), np.float32)
     for y in range(top, end):
         for v in range(picture.shape[0]):
-            # One line for the whole view row, only where one of its four rows is not transparent.
+            # Down: row y of the views reads rows `starts + 2 y` to `+ 3` of the bitmap. One line for the whole view
+            # row, only where one of its four rows is not transparent. Then across, for each view.
             begin, stop = _interpolate_visible(bitmap, down.starts[v] + 2 * y, down.weights[v], lines)
             for u in range(picture.shape[1] if begin < stop else 0):
                 start, weights = across.starts[u], across.weights[u]

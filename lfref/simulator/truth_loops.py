@@ -90,7 +90,7 @@ def composite_fixed(
                         if k >= 0:
                             _composite_line(lines[k], positions.columns[k, i], spans[k], radiance)
                         else:
-                            row = _rays_of_row(cells, i, j, y, picture)
+                            row = rays.rays_of_row(cells.p[i], cells.q[j], cells.slope, cells.width, y, picture)
                             begin, stop = trace_row(traced.layers, traced.blurs, traced.atlas, -1 - k, row, at, rgba)
                             rays.composite_over(rgba, begin, stop, radiance)
                     _add_weighted(cells.weights[j, i], radiance, total)
@@ -109,7 +109,7 @@ def composite_sorted(traced: TracedLayers, cells: ApertureCells, picture: Floats
         for j in range(cells.q.size):
             for i in range(cells.p.size):
                 if cells.weights[j, i] > 0:
-                    row = _rays_of_row(cells, i, j, y, picture)
+                    row = rays.rays_of_row(cells.p[i], cells.q[j], cells.slope, cells.width, y, picture)
                     for k in range(n_layers):
                         begin, stop = trace_row(traced.layers, traced.blurs, traced.atlas, k, row, at[k], rgba[k])
                         # Outside the layer is transparent; `at` may be stale there, which opacity 0 makes harmless.
@@ -259,7 +259,8 @@ def _interpolate_line(shifted: BlurredLayers, k: int, position: float, line: Flo
 def _composite_line(line: Floats, position: float, span: Integers, radiance: Floats) -> None:
     """Lay a row of a layer, [4, o, columns], over the radiance [3, W] behind it; pixel 0 reads `position`.
 
-    The two samples next to the position, m and m + 1, are columns p and q of their phases f and g.
+    Pixel x reads linearly between samples m + o x and m + 1 + o x: columns p + x and q + x of the phases f and g of
+    samples m and m + 1.
     """
     n_phases, width = line.shape[1], radiance.shape[1]
     m = int(position)
@@ -285,14 +286,6 @@ def _composite_line(line: Floats, position: float, span: Integers, radiance: Flo
 
 
 # Traced layers: look-ups at the points where rays meet them.
-
-
-@inlined
-def _rays_of_row(cells: ApertureCells, i: int, j: int, y: int, picture: Floats) -> RayRow:
-    """The rays through the centre of a cell to a row of pixels."""
-    p, q, slope = cells.p[i], cells.q[j], cells.slope
-    x = slope * p - (picture.shape[2] - 1) / 2
-    return RayRow(p, q, x, y + slope * q - (picture.shape[1] - 1) / 2, slope, cells.width)
 
 
 @compiled

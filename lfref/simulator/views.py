@@ -20,7 +20,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.functional import threads
-from lfref.functional.jit import compiled, inlined
+from lfref.functional.jit import compiled
 from lfref.simulator import bitmaps, rays, shifts
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Canvas, Floats
 from lfref.simulator.layers import Layer, as_rays, disparity_span, is_backdrop
@@ -143,6 +143,7 @@ def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
 
     The atlas has bitmaps [4, h, w] of layers that face the camera, and [h, w, 4] of others.
     """
+    # For each row of pixels of each view: follow its rays to all layers, and lay them over each other from far to near.
     at = np.empty((5, picture.shape[4]))
     rgba, mirrored = np.empty((2, 4, picture.shape[4]), picture.dtype)
     # An interpolated line of every bitmap, even and odd columns apart, [N, 4, 2, columns / 2 + padding].
@@ -152,7 +153,7 @@ def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
             _interpolate_lines(layers, atlas, points, v, y, lines)
             for u in range(points.p.size):
                 for k in range(len(layers.forms)):
-                    row = _rays_of_row(points, u, v, y, picture)
+                    row = rays.rays_of_row(points.p[u], points.q[v], points.slope, 0.0, y, picture[v, u])
                     begin, stop = _layer_row(layers, atlas, points, k, u, row, lines, at, rgba, mirrored)
                     rays.composite_over(rgba, begin, stop, picture[v, u, :, y])
 
@@ -161,6 +162,7 @@ def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
 def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
     """The same with layers sorted by depth at every pixel; the pictures are filled."""
     n_layers, width = len(layers.forms), picture.shape[4]
+    # All layers at once: the order differs from pixel to pixel.
     at, order = np.zeros((n_layers, 5, width)), np.empty(n_layers, np.int64)
     rgba, mirrored = np.zeros((n_layers, 4, width), picture.dtype), np.empty((4, width), picture.dtype)
     lines = np.zeros((len(atlas.frames), 4, 2, atlas.frames[:, 2].max() // 2 + 2 * shifts.PAD), atlas.samples.dtype)
@@ -168,19 +170,12 @@ def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
         for v in range(points.q.size):
             _interpolate_lines(layers, atlas, points, v, y, lines)
             for u in range(points.p.size):
-                row = _rays_of_row(points, u, v, y, picture)
+                row = rays.rays_of_row(points.p[u], points.q[v], points.slope, 0.0, y, picture[v, u])
                 for k in range(n_layers):
                     begin, stop = _layer_row(layers, atlas, points, k, u, row, lines, at[k], rgba[k], mirrored)
                     rgba[k, :, :begin] = 0
                     rgba[k, :, stop:] = 0
                 rays.composite_by_depth(rgba, at[:, 2], order, picture[v, u, :, y])
-
-
-@inlined
-def _rays_of_row(points: Viewpoints, u: int, v: int, y: int, picture: Floats) -> RayRow:
-    p, q, slope = points.p[u], points.q[v], points.slope
-    x, y = slope * p - (picture.shape[4] - 1) / 2, y + slope * q - (picture.shape[3] - 1) / 2
-    return RayRow(p, q, x, y, slope, 0.0)
 
 
 @compiled

@@ -147,8 +147,8 @@ def test_legal_colours_are_positive_and_no_more_opaque_than_one():
 @compiled
 def read_linearly(samples, start, rows, columns, i, j, result):
     for point in range(i.size):
-        found = bitmaps.linear_sample(samples, start, rows, columns, i[point], j[point])
-        result[0, point], result[1, point], result[2, point], result[3, point] = found
+        values = bitmaps.linear_sample(samples, start, rows, columns, i[point], j[point])
+        result[0, point], result[1, point], result[2, point], result[3, point] = values
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

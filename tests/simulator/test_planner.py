@@ -107,7 +107,7 @@ def test_an_explanation_reads_as_a_table():
 
 
 @pytest.mark.parametrize(
-    ("passes", "wanted", "message"),
+    ("passes", "outputs", "message"),
     [
         (PASSES, ["z"], "results must be among .*; got 'z'"),
         ([adding("lost", ("nowhere",), "b", 1)], ["b"], "got 'nowhere'"),
@@ -118,6 +118,6 @@ def test_an_explanation_reads_as_a_table():
         (PASSES, "d", "a list of at least one"),
     ],
 )
-def test_what_cannot_be_planned_is_refused(passes, wanted, message):
+def test_what_cannot_be_planned_is_refused(passes, outputs, message):
     with pytest.raises(InputError, match=message):
-        planner.plan(passes, wanted)
+        planner.plan(passes, outputs)

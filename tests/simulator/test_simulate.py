@@ -40,10 +40,10 @@ def test_a_name_is_no_scene():
 
 
 def test_only_what_is_asked_for_is_made():
-    found = simulate(CARDS, outputs=["disparity"])
-    assert found.views is None
-    assert found.truth is None
-    ran = {row.name for row in found.rows if row.state == "run"}
+    result = simulate(CARDS, outputs=["disparity"])
+    assert result.views is None
+    assert result.truth is None
+    ran = {row.name for row in result.rows if row.state == "run"}
     assert ran == {"line up", "paint", "outline", "follow rays", "find disparity"}
 
 
@@ -63,10 +63,10 @@ def test_one_painting_serves_views_and_truths_within_reach(painted):
     scene = random_scene(1)
     simulation = Simulation(scene, reach=0.5)
     views = simulation.run(["views"]).views
-    found = [simulation.run(["truth"], slopes).truth for slopes in (SLOPES, [0.3])]
+    result = [simulation.run(["truth"], slopes).truth for slopes in (SLOPES, [0.3])]
     assert painted == [0.5]
     torch.testing.assert_close(views, simulate(scene, outputs=["views"]).views, atol=1e-6, rtol=0)
-    for truths, slopes in zip(found, (SLOPES, [0.3]), strict=True):
+    for truths, slopes in zip(result, (SLOPES, [0.3]), strict=True):
         torch.testing.assert_close(truths, simulate(scene, outputs=["truth"], slopes=slopes).truth, atol=1e-6, rtol=0)
 
 
@@ -97,12 +97,12 @@ def test_planned_equals_forced_also_in_few_scenes(seed):
 def assert_planned_equals_forced(scene):
     planned, forced = (simulate(scene, 0, OUTPUTS, slopes=[-2.3, 0.3], force=force) for force in (False, True))
     for output in OUTPUTS:
-        found, expected = getattr(planned, output), getattr(forced, output)
+        result, expected = getattr(planned, output), getattr(forced, output)
         scale = max(1.0, float(expected.abs().max()))
-        torch.testing.assert_close(found, expected, atol=1e-6 * scale, rtol=0)
+        torch.testing.assert_close(result, expected, atol=1e-6 * scale, rtol=0)
     # Draw for draw, and not to the nearest step of a quantisation either: the last bit agrees.
     assert torch.equal(planned.views, forced.views)
-    n_planned, n_forced = (sum(row.state == "run" for row in found.rows) for found in (planned, forced))
+    n_planned, n_forced = (sum(row.state == "run" for row in result.rows) for result in (planned, forced))
     assert n_forced == len(forced.rows) >= n_planned
 
 
@@ -215,10 +215,10 @@ LIT = Scene(Camera((3, 3), (20, 24)), (Surface(Plane(0.0), Checker(9.0)),), sens
 
 
 def test_a_plane_in_focus_is_developed_into_its_views():
-    found = simulate(LIT, slopes=[0.0])
-    expected = found.views[1, 1]
-    torch.testing.assert_close(developed(found.truth[0], SENSOR), expected, atol=2e-3, rtol=0)
-    assert float((found.truth[0] - expected).abs().max()) > 0.1
+    result = simulate(LIT, slopes=[0.0])
+    expected = result.views[1, 1]
+    torch.testing.assert_close(developed(result.truth[0], SENSOR), expected, atol=2e-3, rtol=0)
+    assert float((result.truth[0] - expected).abs().max()) > 0.1
 
 
 def test_what_lies_beyond_the_sensors_limit_is_clipped_before_it_is_balanced():

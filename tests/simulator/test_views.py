@@ -141,10 +141,10 @@ CROSSING = (Surface(Plane(0.0, (0.02, 0.0)), Checker(9.0)), Surface(Plane(0.0, (
 def test_pictures_may_be_seen_from_any_points_and_registered_on_any_plane(surfaces):
     layers = painting.paint(Scene(UNEVEN, tuple(surfaces)), reach=2.0)
     p, q = torch.tensor([-1.3, 0.4], dtype=torch.float64), torch.tensor([0.9], dtype=torch.float64)
-    found = views.render(layers, UNEVEN, p, q, -1.7)
+    result = views.render(layers, UNEVEN, p, q, -1.7)
     x, y = UNEVEN.pixels()
     rays = p, q.expand(2), x - 1.7 * p[:, None, None], y - 1.7 * q
-    torch.testing.assert_close(found[0], views.radiance(layers, *rays), atol=1e-5, rtol=0)
+    torch.testing.assert_close(result[0], views.radiance(layers, *rays), atol=1e-5, rtol=0)
 
 
 CENTRAL = Camera((3, 3), (24, 30))
@@ -176,11 +176,11 @@ def test_disparity_is_that_of_what_hides_at_least_half():
         Surface(Plane(0.5), Flat(), LEFT_HALF, opacity=0.4),
         Surface(Plane(0.7), Flat(), Disc(3.0), opacity=0.6),
     )
-    found = views.disparity(painting.paint(Scene(CENTRAL, surfaces)), CENTRAL)
+    result = views.disparity(painting.paint(Scene(CENTRAL, surfaces)), CENTRAL)
     y = torch.arange(24) - 11.5
-    torch.testing.assert_close(found[5:18, 10], -0.5 + 0.01 * y[5:18])
-    assert found[11, 15] == 0.7
-    assert found[0, 0] == 0
+    torch.testing.assert_close(result[5:18, 10], -0.5 + 0.01 * y[5:18])
+    assert result[11, 15] == 0.7
+    assert result[0, 0] == 0
 
 
 def test_all_in_focus_is_the_view_through_the_centre():

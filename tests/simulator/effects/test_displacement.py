@@ -64,10 +64,10 @@ def test_each_colours_radius_shrinks_by_its_magnification():
     y, x = geometry.angular_offsets(41)[:, None], geometry.angular_offsets(50)
     views = (x**2 + y**2).expand(2, 2, 3, 41, 50)
     sizes = (1.03, 1.0, 0.96)
-    made = Chromatic(sizes).apply(views, torch.Generator())
+    result = Chromatic(sizes).apply(views, torch.Generator())
     inner = (..., slice(6, -6), slice(6, -6))
     for channel, size in enumerate(sizes):
-        torch.testing.assert_close(made[:, :, channel][inner], views[:, :, channel][inner] / size**2)
+        torch.testing.assert_close(result[:, :, channel][inner], views[:, :, channel][inner] / size**2)
 
 
 def test_each_colours_disparity_is_added_to_the_surfaces():
@@ -79,10 +79,10 @@ def test_each_colours_disparity_is_added_to_the_surfaces():
         return (x - d * p) + 2 * (y - d * q)
 
     views = slanted(disparity)[:, :, None].expand(2, 3, 3, 30, 31)
-    made = Chromatic(disparity=more).apply(views, torch.Generator())
+    result = Chromatic(disparity=more).apply(views, torch.Generator())
     for channel, extra in enumerate(more):
         expected = slanted(disparity + extra)
-        torch.testing.assert_close(made[:, :, channel, 5:-5, 5:-5], expected[..., 5:-5, 5:-5])
+        torch.testing.assert_close(result[:, :, channel, 5:-5, 5:-5], expected[..., 5:-5, 5:-5])
 
 
 def moved_by(sigma, views, seed=0):
@@ -100,21 +100,21 @@ def band_limited(height, width, share):
 @pytest.mark.parametrize(("share", "tolerance"), [(0.1, 1e-4), (0.15, 2e-3)])
 def test_a_band_limited_picture_moves_as_by_fouriers_shift(share, tolerance):
     picture, (dx, dy) = band_limited(48, 50, share), (0.37, -1.2)
-    made = displacement.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
+    result = displacement.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
     down = fourier.shift_phases(fourier.frequencies(48), torch.tensor(-dy, dtype=torch.float64))[:, None]
     across = fourier.shift_phases(fourier.half_frequencies(50), torch.tensor(-dx, dtype=torch.float64))
     expected = torch.fft.irfft2(torch.fft.rfft2(picture) * down * across, s=(48, 50))
-    torch.testing.assert_close(made[8:-8, 8:-8], expected[8:-8, 8:-8], atol=tolerance, rtol=0)
+    torch.testing.assert_close(result[8:-8, 8:-8], expected[8:-8, 8:-8], atol=tolerance, rtol=0)
 
 
 def test_whole_shifts_move_to_the_right_and_down():
     views = torch.rand(2, 2, 3, 9, 9)
     shifts = torch.tensor([[[0, 0], [1, 0]], [[0, 1], [-2, 3]]])
-    made = displacement.shift(views, shifts)
-    assert torch.equal(made[0, 0], views[0, 0])
-    assert torch.equal(made[0, 1, ..., 1:], views[0, 1, ..., :-1])
-    assert torch.equal(made[1, 0, :, 1:], views[1, 0, :, :-1])
-    assert torch.equal(made[1, 1, :, 3:, :-2], views[1, 1, :, :-3, 2:])
+    result = displacement.shift(views, shifts)
+    assert torch.equal(result[0, 0], views[0, 0])
+    assert torch.equal(result[0, 1, ..., 1:], views[0, 1, ..., :-1])
+    assert torch.equal(result[1, 0, :, 1:], views[1, 0, :, :-1])
+    assert torch.equal(result[1, 1, :, 3:, :-2], views[1, 1, :, :-3, 2:])
 
 
 def test_shifts_spread_as_sigma_says():
@@ -127,6 +127,6 @@ def test_shifts_spread_as_sigma_says():
 
 def test_all_colours_of_a_view_move_together_and_each_seed_moves_differently():
     views = torch.rand(3, 3, 1, 8, 8).expand(3, 3, 3, 8, 8)
-    made = moved_by(0.5, views)
-    assert torch.equal(made[:, :, 0], made[:, :, 2])
-    assert not torch.equal(made, moved_by(0.5, views, seed=1))
+    result = moved_by(0.5, views)
+    assert torch.equal(result[:, :, 0], result[:, :, 2])
+    assert not torch.equal(result, moved_by(0.5, views, seed=1))

@@ -44,8 +44,8 @@ def test_a_constant_colour_stays_up_to_the_edge(pattern, size):
 def test_ramps_of_all_colours_are_exact_inside(pattern):
     y, x = torch.arange(11, dtype=torch.float64)[:, None], torch.arange(12, dtype=torch.float64)
     views = torch.stack([0.1 * x - 0.2 * y + 3, 0.3 * x + 0.05 * y, 1 - 0.07 * x + 0.4 * y])[None, None]
-    made = demosaicked(mosaicked(views, pattern), pattern)
-    torch.testing.assert_close(made[..., 2:-2, 2:-2], views[..., 2:-2, 2:-2], atol=1e-12, rtol=0)
+    result = demosaicked(mosaicked(views, pattern), pattern)
+    torch.testing.assert_close(result[..., 2:-2, 2:-2], views[..., 2:-2, 2:-2], atol=1e-12, rtol=0)
 
 
 @each_pattern
@@ -57,11 +57,11 @@ def test_the_samples_themselves_are_kept(pattern, size):
 
 def test_green_at_red_is_corrected_by_half_of_reds_laplacian():
     raw = torch.rand(1, 1, 1, 12, 12, dtype=torch.float64)
-    samples, made = raw[0, 0, 0], demosaicked(raw, "RGGB")[0, 0]
+    samples, result = raw[0, 0, 0], demosaicked(raw, "RGGB")[0, 0]
     for y, x in ((4, 4), (6, 2)):
         near = samples[y - 1, x] + samples[y + 1, x] + samples[y, x - 1] + samples[y, x + 1]
         far = samples[y - 2, x] + samples[y + 2, x] + samples[y, x - 2] + samples[y, x + 2]
-        assert float(made[1, y, x]) == pytest.approx(float(near / 4 + (samples[y, x] - far / 4) / 2))
+        assert float(result[1, y, x]) == pytest.approx(float(near / 4 + (samples[y, x] - far / 4) / 2))
 
 
 @each_pattern
@@ -69,5 +69,5 @@ def test_it_is_what_the_library_makes(pattern):
     library = pytest.importorskip("colour_demosaicing")
     raw = torch.rand(1, 1, 1, 12, 14, dtype=torch.float64)
     expected = library.demosaicing_CFA_Bayer_Malvar2004(raw[0, 0, 0].numpy(), pattern)
-    made = demosaicked(raw, pattern)[0, 0].movedim(0, -1).numpy()
-    np.testing.assert_allclose(made[2:-2, 2:-2], expected[2:-2, 2:-2], atol=1e-12)
+    result = demosaicked(raw, pattern)[0, 0].movedim(0, -1).numpy()
+    np.testing.assert_allclose(result[2:-2, 2:-2], expected[2:-2, 2:-2], atol=1e-12)

@@ -16,16 +16,16 @@ def applied(effect, views, seed=0):
 @pytest.mark.parametrize(("shot", "read"), [(0.01, 0.0), (0.0, 4e-4), (0.02, 1e-3)])
 def test_variance_is_a_x_plus_b_and_the_mean_is_x(shot, read):
     for seed, level in enumerate(LEVELS):
-        made = applied(Noise(shot, read), torch.full((N,), level), seed).double()
+        result = applied(Noise(shot, read), torch.full((N,), level), seed).double()
         variance = shot * level + read
-        assert float(made.var()) == pytest.approx(variance, rel=0.02)
-        assert float(made.mean()) == pytest.approx(level, abs=5 * (variance / N) ** 0.5 + 1e-7)
+        assert float(result.var()) == pytest.approx(variance, rel=0.02)
+        assert float(result.mean()) == pytest.approx(level, abs=5 * (variance / N) ** 0.5 + 1e-7)
 
 
 def test_samples_are_independent():
-    made = applied(Noise(read=1.0), torch.zeros(4, 4, 3, 120, 120))
-    for axis in range(made.ndim):
-        first, second = made.narrow(axis, 0, made.shape[axis] - 1), made.narrow(axis, 1, made.shape[axis] - 1)
+    result = applied(Noise(read=1.0), torch.zeros(4, 4, 3, 120, 120))
+    for axis in range(result.ndim):
+        first, second = result.narrow(axis, 0, result.shape[axis] - 1), result.narrow(axis, 1, result.shape[axis] - 1)
         assert abs(float((first * second).mean())) < 0.01
 
 

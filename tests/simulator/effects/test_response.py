@@ -62,19 +62,3 @@ def test_srgb_has_the_values_of_the_standard_and_gamma_is_a_root():
     torch.testing.assert_close(applied(ToneCurve("srgb"), radiance), expected, atol=1e-6, rtol=0)
     radiance = torch.tensor([0.25, -0.25, 4.0])
     torch.testing.assert_close(applied(ToneCurve("gamma", 2.0), radiance), torch.tensor([0.5, -0.5, 2.0]))
-
-
-@pytest.mark.parametrize(
-    ("inert", "active"),
-    [
-        (Exposure(), [Exposure(1.01)]),
-        (WhiteBalance(), [WhiteBalance((1, 1, 1.1))]),
-        (Clipping(-math.inf, math.inf), [Clipping(), Clipping(-math.inf, 1e6)]),
-        (Quantisation(), [Quantisation(16)]),
-        (ToneCurve(), CURVES[1:4]),
-        (ToneCurve("gamma", 1.0), []),
-    ],
-)
-def test_only_settings_without_an_effect_are_inert(inert, active):
-    assert inert.inert((3, 2))
-    assert [effect.inert((3, 2)) for effect in active] == [None] * len(active)

@@ -14,9 +14,9 @@ def blank(*shape):
 
 def test_the_axis_keeps_its_light_in_every_view():
     views = torch.rand(3, 5, 3, 7, 9)
-    made = Vignetting(2.0, 1.5).apply(views, torch.Generator())
-    assert torch.equal(made[..., 3, 4], views[..., 3, 4])
-    assert bool((made <= views).all())
+    result = Vignetting(2.0, 1.5).apply(views, torch.Generator())
+    assert torch.equal(result[..., 3, 4], views[..., 3, 4])
+    assert bool((result <= views).all())
 
 
 @pytest.mark.parametrize("field", [0.2, 1.0])
