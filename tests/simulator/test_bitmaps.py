@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfref.functional import fourier
-from lfref.functional.jit import compiled
 from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import Bitmap, Canvas
 from lfref.simulator.textures import Noise
@@ -144,13 +143,6 @@ def test_legal_colours_are_positive_and_no_more_opaque_than_one():
     torch.testing.assert_close(bitmaps.clip_premultiplied(rgba), expected)
 
 
-@compiled
-def read_linearly(samples, start, rows, columns, i, j, result):
-    for point in range(i.size):
-        values = bitmaps.linear_sample(samples, start, rows, columns, i[point], j[point])
-        result[0, point], result[1, point], result[2, point], result[3, point] = values
-
-
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_linear_look_ups_go_on_beyond_the_ends(kind):
     random = np.random.default_rng(0)
@@ -158,8 +150,7 @@ def test_linear_look_ups_go_on_beyond_the_ends(kind):
     i, j = random.uniform(-4, 14, (2, 200))
     i[:3], j[:3] = (0, 8, 5), (6, 0, 2.5)
     row = np.concatenate([np.full(5, np.nan, kind), samples.reshape(-1)])
-    result = np.empty((4, 200), kind)
-    read_linearly(row, 5, 7, 9, i, j, result)
+    result = np.stack([bitmaps.linear_sample(row, 5, 7, 9, *point) for point in zip(i, j, strict=True)], 1)
     places = torch.from_numpy(i)[None, None], torch.from_numpy(j)[None, None]
     expected = bitmaps.linear_at(torch.from_numpy(samples).movedim(-1, 0), *places)[0, :, 0]
     np.testing.assert_allclose(result, expected, atol=1e-6)
