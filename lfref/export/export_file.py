@@ -41,7 +41,7 @@ REPORT = ".parity.json"
 
 @dataclass(frozen=True)
 class ExportFile:
-    """The file to write; InputError if there is no such format, or if it has no such precision."""
+    """The file to write; InputError if `check_available` refuses its format and precision."""
 
     path: Path
     """Without a suffix."""
@@ -52,8 +52,7 @@ class ExportFile:
     """Of lfref."""
 
     def __post_init__(self) -> None:
-        precisions = chosen("format", self.format, PRECISIONS)
-        chosen(f"precision of {self.format}", self.precision, dict.fromkeys(precisions))
+        check_available(self.format, self.precision)
 
     @property
     def file(self) -> Path:
@@ -113,17 +112,31 @@ class ExportFile:
             rows = list(parity.rows(subject, engines, parity.cases(subject, fields)))
             tolerance = self.tolerance(subject)
             worst = parity.worst(rows, tolerance)
-            summary = {"file": self.file.name, "precision": self.precision, "tolerance": tolerance._asdict()}
-            report = json.dumps(summary | {"holds": worst is None, "cases": rows}, indent=1, default=str)
-            atomic.write_text(self.file.with_name(self.file.name + REPORT), report + "\n")
+            refusal: LfrefError | None = None
             if worst is not None:
                 limit = f"at least {tolerance.psnr_db:g} dB" if tolerance.psnr_db else f"within {tolerance.error:g}"
-                raise LfrefError(
-                    f"{self.file.name} must make the pictures of what it was made of, {limit}",
+                refusal = LfrefError(
+                    f"{self.file.name} must compute the pictures of {refocuser.name}, {limit}",
                     got=f"{worst['max_error']:.2g}, {worst['psnr_db']:.1f} dB ({worst['engine']}, {worst['case']})",
                     remedy="no file was left; take another format or precision",
                 )
-            check_draft(draft)
+            else:
+                try:
+                    check_draft(draft)
+                except LfrefError as error:
+                    refusal = error
+            summary = {
+                "file": self.file.name,
+                "precision": self.precision,
+                "tolerance": tolerance._asdict(),
+                "holds": refusal is None,
+                "reason": None if refusal is None else str(refusal),
+                "cases": rows,
+            }
+            report = json.dumps(summary, indent=1, default=str)
+            atomic.write_text(self.file.with_name(self.file.name + REPORT), report + "\n")
+            if refusal is not None:
+                raise refusal
             # The file itself comes last, after its weights: others wait for it.
             for part in sorted(Path(folder).iterdir(), key=lambda path: path == draft):
                 with atomic.replacing(self.path.with_name(part.name)) as partial:
@@ -131,17 +144,33 @@ class ExportFile:
         return rows
 
 
+def check_available(format: str, precision: str) -> None:
+    """InputError if there is no such format, if it has no such precision, or if a package is missing."""
+    chosen(f"precision of {format}", precision, dict.fromkeys(chosen("format", format, PRECISIONS)))
+    if format != SAFETENSORS:
+        file_formats.check_available(format, precision)
+
+
+def check_weights(refocuser: Refocuser) -> None:
+    """InputError if a refocuser has no weights, so that it cannot be kept as safetensors."""
+    if not isinstance(refocuser, RefinedRefocuser | NetworkRefocuser) or (
+        isinstance(refocuser, NetworkRefocuser) and refocuser.planes is None
+    ):
+        raise InputError("safetensors must be of a network", got=refocuser.name, remedy="take onnx, pt2 or openvino")
+
+
 def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str) -> None:
     """Write the weights of a network or a refiner as `NAME.safetensors`; InputError if it has none."""
     dtype = chosen("precision of safetensors", precision, WEIGHT_TYPES)
+    check_weights(refocuser)
     module: nn.Module
-    if isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
-        module, is_linear = refocuser.network, refocuser.is_linear is not False
-        entry = checkpoint.payload(refocuser.network, refocuser.planes, is_linear)
-    elif isinstance(refocuser, RefinedRefocuser):
+    if isinstance(refocuser, RefinedRefocuser):
         module, entry = refocuser.refiner, refined.payload(refocuser.refiner, refocuser.base, refocuser.names)
     else:
-        raise InputError("safetensors must be of a network", got=refocuser.name, remedy="take onnx, pt2 or openvino")
+        assert isinstance(refocuser, NetworkRefocuser)
+        assert refocuser.planes is not None
+        module, is_linear = refocuser.network, refocuser.is_linear is not False
+        entry = checkpoint.payload(refocuser.network, refocuser.planes, is_linear)
     state: dict[str, Tensor] = {}
     for name, weight in module.state_dict().items():
         state[checkpoint.PREFIX + name] = weight.to(dtype) if weight.is_floating_point() else weight

@@ -11,6 +11,8 @@ import torch
 
 from lfref.bench import timing
 from lfref.cli import export
+from lfref.data.field_sources import SimulatedSource
+from lfref.engines.files import file_formats
 from lfref.errors import LfrefError
 from lfref.export.export_file import ExportFile
 from lfref.nets import checkpoint
@@ -90,7 +92,30 @@ def test_whole_numbers_are_kept_only_where_they_are_faster(spent, is_kept, tmp_p
         nullcontext() if is_kept else pytest.raises(LfrefError, match=r"faster than fp32; got 0\.91 times as fast")
     )
     with refused:
-        export._need_faster(tmp_path / "draft.onnx", wanted, None, (), None)
+        export._compare_speed(tmp_path / "draft.onnx", wanted, None, (), None, require_faster=True)
+    export._compare_speed(tmp_path / "draft.onnx", wanted, None, (), None, require_faster=False)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("method=learned", "format=onnx"), "this format needs a package; got no nothing_like_it"),
+        (("method=shift_and_sum", "format=safetensors", "slopes=[0]"), "safetensors must be of a network"),
+        (("method=learned", "require_faster=3"), "require_faster"),
+        (("method=learned", "sizes=[[480,64]]"), "must lie inside"),
+    ],
+)
+def test_failures_that_can_be_known_before_any_work_come_first(words, message, lfref, tmp_path, monkeypatch):
+    def draw(source, index):
+        raise AssertionError("a scene was drawn")
+
+    monkeypatch.setattr(SimulatedSource, "field", draw)
+    if "package" in message:
+        lacking = file_formats.FORMATS["onnx"]._replace(packages=("nothing_like_it",))
+        monkeypatch.setitem(file_formats.FORMATS, "onnx", lacking)
+    status, errors = lfref(*SMALL, *words, f"output={tmp_path}/run")
+    assert status != 0
+    assert message in errors
 
 
 @pytest.mark.parametrize(
@@ -104,7 +129,6 @@ def test_whole_numbers_are_kept_only_where_they_are_faster(spent, is_kept, tmp_p
         (("name=../else",), "name must be that of a file"),
         (("checkpoint=none.ckpt",), "no checkpoint at"),
         (("method=shift_and_sum", "format=safetensors", "slopes=[0]"), "safetensors must be of a network"),
-        (("sizes=[[480,64]]", "method=shift_and_sum", "slopes=[0]"), "a crop must lie inside"),
     ],
 )
 def test_what_cannot_be_exported_is_a_line_and_no_file(words, said, lfref, tmp_path):

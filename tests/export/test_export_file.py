@@ -46,7 +46,7 @@ def test_a_file_that_makes_other_pictures_gets_no_name(tmp_path):
         object.__setattr__(subject, "reference", lambda views: subject.graph.module(views) + 0.01)
         return subject
 
-    with pytest.raises(LfrefError, match=r"net\.onnx must make the pictures .* within 0\.0001; got 0\.01, 4"):
+    with pytest.raises(LfrefError, match=r"net\.onnx must compute the pictures .* within 0\.0001; got 0\.01, 4"):
         write(tmp_path, change=other)
     assert [each.name for each in tmp_path.iterdir()] == ["net.onnx" + export_file.REPORT]
     assert not json.loads((tmp_path / ("net.onnx" + export_file.REPORT)).read_text())["holds"]
@@ -62,6 +62,8 @@ def test_a_file_that_is_refused_for_another_reason_gets_no_name_and_leaves_an_ol
     with pytest.raises(LfrefError, match="too slow"):
         write(tmp_path, further=refuse)
     assert (tmp_path / "net.onnx").read_text() == "old"
+    report = json.loads((tmp_path / ("net.onnx" + export_file.REPORT)).read_text())
+    assert (report["holds"], report["reason"]) == (False, "too slow")
 
 
 @pytest.mark.parametrize(

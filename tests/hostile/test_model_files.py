@@ -25,7 +25,7 @@ import lfref
 from lfref.engines.files import as_onnx, as_pt2
 from lfref.errors import CheckpointError, LfrefError
 from lfref.export import export_file, graphs
-from lfref.io import digests, tensor_files
+from lfref.io import digests, run, tensor_files
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
 from tests.conftest import ROOT
@@ -542,3 +542,13 @@ def test_files_hold_no_path_of_the_machine_that_wrote_them(originals):
     for path in originals.iterdir():
         content = path.read_bytes()
         assert [part for part in paths if part.encode() in content] == []
+
+
+def test_training_does_not_go_on_from_a_damaged_checkpoint(tmp_path):
+    contents = {"loops": {}, "global_step": 3, "optimizer_states": [torch.rand(100)]}
+    tensor_files.write_checkpoint(path := tmp_path / "last.ckpt", contents)
+    assert run.steps_done(path) == 3
+    whole = path.read_bytes()
+    path.write_bytes(whole[:200] + bytes([whole[200] ^ 1]) + whole[201:])
+    with pytest.raises(CheckpointError, match="damaged or was changed"):
+        run.steps_done(path)

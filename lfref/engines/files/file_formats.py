@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from lfref.engines.engine import Run
+from lfref.engines import by_openvino
+from lfref.engines.engine import INT8, Run
 from lfref.engines.files import as_onnx, as_openvino, as_pt2
 from lfref.engines.files.manifest import Graph, Manifest
 from lfref.errors import CheckpointError, InputError, chosen
@@ -56,16 +57,14 @@ def read(path: Path) -> tuple[Run, Manifest]:
     assert file_format is not None, path
     if not path.is_file():
         raise CheckpointError(f"no file at {path}", remedy="give what lfref export wrote")
-    _check_packages(file_format)
+    check_packages(file_format)
     return file_format.read(path)
 
 
 def write(path: Path, name: str, graph: Graph, manifest: Manifest) -> None:
     """Write a file in the format `name`, in the precision of the manifest; InputError if either does not exist."""
-    file_format = chosen("format", name, FORMATS)
-    chosen(f"precision of {name}", manifest.precision, dict.fromkeys(file_format.precisions))
-    _check_packages(file_format)
-    file_format.write(path, graph, manifest)
+    check_available(name, manifest.precision)
+    FORMATS[name].write(path, graph, manifest)
 
 
 def engines(path: Path) -> dict[str, Run]:
@@ -76,7 +75,18 @@ def engines(path: Path) -> dict[str, Run]:
     return {file_format.engine: read(path)[0]} | {name: run(path) for name, run in others.items()}
 
 
-def _check_packages(file_format: NetworkFormat) -> None:
-    if absent := file_format.lacking:
+def check_available(name: str, precision: str) -> None:
+    """InputError if there is no such format, if it has no such precision, or if a package is missing."""
+    file_format = chosen("format", name, FORMATS)
+    chosen(f"precision of {name}", precision, dict.fromkeys(file_format.precisions))
+    check_packages(
+        file_format, by_openvino.PREPARATIONS[INT8].packages if (name, precision) == ("openvino", INT8) else ()
+    )
+
+
+def check_packages(file_format: NetworkFormat, further: tuple[str, ...] = ()) -> None:
+    """InputError if a package of a format is missing, or a further one."""
+    packages = dict.fromkeys((*file_format.packages, *further))
+    if absent := [name for name in packages if importlib.util.find_spec(name) is None]:
         remedy = "pip install 'lfref[export]'"
         raise InputError("this format needs a package", got=f"no {' and no '.join(absent)}", remedy=remedy)
