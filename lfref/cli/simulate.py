@@ -21,9 +21,6 @@ from lfref.simulator.scenes import Scenes
 from lfref.simulator.simulate import Simulated, developed
 from lfref.simulator.simulate import simulate as simulated
 
-ROUNDING = 0.5 / 255
-"""Largest rounding error of an 8-bit sample."""
-
 
 def simulate(config: DictConfig, folder: Path) -> None:
     """Write light fields, `contact_sheets/NAME.png` and, of all outputs asked for, `OUTPUT/NAME.exr` (linear)."""
@@ -49,8 +46,8 @@ def simulate(config: DictConfig, folder: Path) -> None:
 def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes, suffix: str) -> None:
     cells: dict[str, Tensor] = {}
     if simulated.views is not None:
-        views = simulated.views
-        share = float(((views < -ROUNDING) | (views > 1 + ROUNDING)).float().mean())
+        views, levels = simulated.views, (255 * simulated.views).round()
+        share = float(((levels < 0) | (levels > 255)).float().mean())
         if share > 0 and not suffix:
             reach = f"{float(views.min()):.3g} to {float(views.max()):.3g}"
             expected = "%s reaches from %s: PNG clips %.2g %% of it, suffix=.exr keeps all"

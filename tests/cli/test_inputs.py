@@ -129,10 +129,11 @@ def test_pictures_by_unknown_names_are_no_folder_of_lenslet_images(tmp_path):
     assert find(tmp_path / "views") == {"views": tmp_path / "views"}
 
 
-def test_large_pictures_are(tmp_path):
-    for name in ("one", "two"):
-        images.write_image(tmp_path / "images" / f"{name}_eslf.png", np.zeros((inputs.LENSLET_SIDE, 3001, 1), np.uint8))
-    assert list(find(tmp_path / "images")) == ["one_eslf", "two_eslf"]
+def test_pictures_as_large_as_the_smallest_of_lytro_are_and_those_of_common_cameras_are_not(tmp_path):
+    for name, size in (("lytro", (5250, 5251)), ("common", (2000, 3000))):
+        images.write_image(tmp_path / name / "a_eslf.png", np.zeros((*size, 1), np.uint8))
+    assert list(find(tmp_path / "lytro")) == ["a_eslf"]
+    assert list(find(tmp_path / "common")) == ["common"]
 
 
 def test_a_damaged_picture_does_not_hide_the_others(tmp_path):
