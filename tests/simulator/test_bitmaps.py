@@ -117,12 +117,6 @@ def test_quadratics_are_read_exactly():
     torch.testing.assert_close(read[:, 0], quadratic(at_i, at_j).float(), atol=2e-6, rtol=0)
 
 
-def test_samples_are_read_as_they_are():
-    samples = torch.rand(4, 20, 24)
-    i, j = torch.arange(24.0, dtype=torch.float64)[None, None], torch.arange(20.0, dtype=torch.float64)[None, :, None]
-    assert torch.equal(bitmaps.cubic_on_grid(samples, i, j)[0], samples)
-
-
 def test_grids_are_read_as_points_are_within_and_beyond_the_bitmap():
     samples = torch.rand(4, 20, 24)
     i, j = torch.rand(3, 1, 30, dtype=torch.float64) * 40 - 8, torch.rand(3, 25, 1, dtype=torch.float64) * 40 - 8

@@ -45,14 +45,6 @@ def test_cells_of_a_square_are_equal_and_fill_it():
     torch.testing.assert_close(cells.weights, torch.full((2, 4), 1 / 8, dtype=torch.float64))
 
 
-def test_shares_of_a_disc_are_those_of_fine_samples():
-    fine = (torch.arange(1000, dtype=torch.float64) + 0.5) / 500 - 1
-    inside = (fine[:, None].square() + fine.square() <= 1).double()
-    expected = torch.nn.functional.avg_pool2d(inside[None], 200)[0]
-    cells = cut_aperture(Camera((7, 7), aperture="disc"), 5)
-    torch.testing.assert_close(cells.weights, expected / expected.sum(), atol=1e-4, rtol=0)
-
-
 @pytest.mark.parametrize(
     ("surfaces", "slope", "square", "disc"),
     [

@@ -50,16 +50,6 @@ def test_a_wave_is_weakened_most_half_way_between_samples(frequency):
     assert float((gain - 1).abs().max()) == pytest.approx(1 - half_way_gain(frequency), abs=1e-12)
 
 
-def test_rows_and_columns_are_read_where_each_says():
-    views = torch.rand(2, 3, 3, 12, 14, dtype=torch.float64)
-    y, x = geometry.angular_offsets(12) + 1, geometry.angular_offsets(14) - 2
-    read = displacement.resample(views, y, x)
-    torch.testing.assert_close(read[..., :-1, 2:], views[..., 1:, :-2], atol=0, rtol=0)
-    one = displacement.resample(views, torch.stack([y - 1, y])[:, None, None], geometry.angular_offsets(14))
-    torch.testing.assert_close(one[0], views[0], atol=0, rtol=0)
-    torch.testing.assert_close(one[1, ..., :-1, :], views[1, ..., 1:, :], atol=0, rtol=0)
-
-
 def test_each_colours_radius_shrinks_by_its_magnification():
     y, x = geometry.angular_offsets(41)[:, None], geometry.angular_offsets(50)
     views = (x**2 + y**2).expand(2, 2, 3, 41, 50)
