@@ -22,8 +22,8 @@ from lfref.io.lenslet_lattice import Lattice
 
 MIDDLE = 1024
 """Side of the image's middle that is searched for waves, in pixels."""
-LONGEST_WAVE, SHORTEST_WAVE = 128.0, 2.5
-"""Lengths of waves that are looked for, in pixels."""
+SHORTEST_WAVE = 2.5
+"""Length of waves that are looked for, in pixels: longer than the 2 of a colour mosaic."""
 PROMINENCE = 8.0
 """Least amplitude of a lattice's wave, in means of its wavelength; shading has strong waves too, but no lone ones."""
 RELATIVE_AMPLITUDE = 0.25
@@ -86,7 +86,8 @@ def strongest_waves(white: NDArray) -> NDArray | None:
     frequency = np.hypot(y[:, None], x)
     ring = (frequency * MIDDLE / 4).astype(int)
     mean = np.bincount(ring.ravel(), amplitude.ravel()) / np.bincount(ring.ravel())
-    is_candidate = (frequency > 1 / LONGEST_WAVE) & (frequency < 1 / SHORTEST_WAVE)
+    # Of the longest a tile fits into the middle.
+    is_candidate = (frequency > TILE / MIDDLE) & (frequency < 1 / SHORTEST_WAVE)
     amplitude = np.where(is_candidate & (amplitude > PROMINENCE * mean[ring]), amplitude, 0)
 
     # The strongest peaks, each without its neighbourhood and its mirror image.

@@ -113,3 +113,9 @@ def test_no_lenslet_in_the_picture_gives_no_view():
     views = lenslet_lattice.sample_views(np.zeros((10, 300, 1)), made(), (13, 13), (ALL, ALL))
     assert views.size == 0
     assert lenslet_lattice.sample_views(np.zeros((10, 300, 1)), made(is_hexagonal=True), (13, 13), (ALL, ALL)).size == 0
+
+
+def test_pixels_are_square_to_one_in_500():
+    views = np.random.default_rng(0).random((1, 1, 1, 5, 8), np.float32)
+    assert lenslet_lattice.squared(views, upright((14 * 1.0015, 14.0), (0, 0)), np.arange(5)) is views
+    assert lenslet_lattice.squared(views, upright((14 * 1.003, 14.0), (0, 0)), np.arange(5)) is not views

@@ -95,11 +95,60 @@ def test_what_shows_no_lattice_is_refused_in_one_line(make, size, one_line):
     one_line(caught.value, PATH, "regular lattice", "reader.pitch")
 
 
-def test_a_hexagonal_lattice_that_stands_upright_says_so(one_line):
-    truth = made(10.0, 0.2, is_hexagonal=True)
+def crests(*waves, size=(240, 260), noise=0.0, bend=0.0):
+    """A sum of waves: degrees from level, length in pixels, amplitude; their phase bends by so many cycles (rms)."""
+    y, x = np.mgrid[: size[0], : size[1]]
+    late = bend * math.sqrt(2) * np.cos(2 * math.pi * y / size[0])
+    image = noise * np.random.default_rng(0).normal(size=size)
+    for angle, length, amplitude in waves:
+        along = y * math.sin(math.radians(angle)) + x * math.cos(math.radians(angle))
+        image += amplitude * np.cos(2 * math.pi * (along / length + late))
+    return image
+
+
+def pitch_of(*waves, **options):
+    """The pitch that is found, rounded; None if none is."""
+    lattice = lenslet_search.find_lattice(crests(*waves, **options))
+    return None if lattice is None else round(lattice.pitch[1])
+
+
+CROSSED = (3, 10, 1), (93, 10, 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "worse"),
+    [
+        pytest.param({"noise": 5.5}, {"noise": 10.0}, id="waves stand out from the noise"),
+        pytest.param({"bend": 0.1}, {"bend": 0.18}, id="tiles agree on the phase"),
+    ],
+)
+def test_a_lattice_is_found_up_to_a_limit_and_none_beyond_it(options, worse):
+    assert pitch_of(*CROSSED, **options) == 10
+    assert pitch_of(*CROSSED, **worse) is None
+
+
+def test_waves_that_cross_at_no_angle_of_a_lattice_are_none():
+    assert pitch_of((3, 10, 1), (84, 10, 1)) == 10
+    assert pitch_of((3, 10, 1), (80, 10, 1)) is None
+
+
+def test_long_waves_count_if_they_are_strong():
+    assert pitch_of(*CROSSED, (3, 17.3, 0.18), (93, 17.3, 0.18)) == 10
+    assert pitch_of(*CROSSED, (3, 17.3, 0.35), (93, 17.3, 0.35)) == 17
+
+
+def test_the_waves_of_a_colour_mosaic_are_no_lattice():
+    assert pitch_of(*CROSSED, (0, 2, 6), (90, 2, 6)) == 10
+    assert pitch_of((3, 3.3, 1), (93, 3.3, 1)) == 3
+
+
+def test_hexagonal_rows_may_be_turned_by_half_of_the_way_to_the_next_ones(one_line):
+    for rotation in (12.0, -12.0):
+        white = white_image(made(10.0, rotation, is_hexagonal=True), (300, 300))
+        assert lenslet_search.lattice_of(white, PATH).rotation == pytest.approx(rotation, abs=0.05)
     with pytest.raises(FileError) as caught:
-        lenslet_search.lattice_of(white_image(truth, (300, 300)).T, PATH)
-    one_line(caught.value, PATH, "turn both images by 90 degrees")
+        lenslet_search.lattice_of(white_image(made(10.0, 18.0, is_hexagonal=True), (300, 300)), PATH)
+    one_line(caught.value, "turn both images by 90 degrees")
 
 
 PATH = Path("a_eslf.png")
@@ -143,6 +192,22 @@ def test_hexagonal_lenslets_are_seen(one_line):
     assert lenslet_search.spectrum(image[..., None], 1).pitch() == pytest.approx(14.29, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("pitch", "message"),
+    [
+        ((14.04, 14.04), r"set reader\.lenslet=14"),
+        ((14.1, 14.1), r"set reader\.pitch=14\.1"),
+        ((14.29 * 1.012, 14.29), "a pitch of about"),
+        ((14.29 * 1.03, 14.29), "shows none"),
+    ],
+)
+def test_the_remedy_depends_on_whole_and_on_equal_pitches(pitch, message):
+    lattice = upright(pitch, (6.3, 7.9))
+    image = (lenslet_image(lattice, (500, 500)) * white_image(lattice, (500, 500)))[..., None]
+    with pytest.raises(FileError, match=message):
+        lenslet_search.check_pitch(image, 9, PATH)
+
+
 def photograph(size):
     """Edges of all directions at random places."""
     generator = np.random.default_rng(1)
@@ -158,10 +223,10 @@ def side_by_side(size):
     return np.tile(photograph((size[0] // 6, size[1] // 6)), (6, 6, 1))
 
 
-@pytest.mark.parametrize("make", [photograph, side_by_side])
-def test_a_picture_without_lenslets_is_no_light_field(make, one_line):
+@pytest.mark.parametrize(("make", "size"), [(photograph, (240, 420)), (side_by_side, (480, 600))])
+def test_a_picture_without_lenslets_is_no_light_field(make, size, one_line):
     with pytest.raises(FileError) as caught:
-        lenslet_search.check_pitch(make((480, 600)), 14, PATH)
+        lenslet_search.check_pitch(make(size), 14, PATH)
     one_line(caught.value, PATH, "shows none", "folder of views", "reader.pitch=14")
 
 
