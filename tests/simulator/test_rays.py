@@ -103,7 +103,8 @@ def test_layers_that_cross_within_a_cell_share_it():
     """Over a cell the lead goes evenly from -0.5 to 1.5 times the step of disparity across it: 3 / 4 are ahead."""
     rgba, at = np.ones((2, 4, WIDTH), np.float32), np.zeros((2, 5, WIDTH))
     rgba[0, :3] = 0
-    at[1, 2], at[1, 3] = 0.05, 0.1
+    # The gradient of the lead, (0.06, 0.08), has the length 0.1.
+    at[1, 2:] = [[0.05], [0.06], [0.08]]
     crosses = ~np.eye(2, dtype=np.bool_)
     sight, room = np.empty((3, WIDTH), np.float32), np.empty(WIDTH, np.float32)
     row = RayRow(0.0, 0.0, 0.0, 0.0, 4.025, 0.5)
