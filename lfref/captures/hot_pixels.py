@@ -102,25 +102,32 @@ def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
         total, count = total_height(images, channel, 8)
         brightest = float(np.quantile(images[:, channel, ::8, ::8], 0.99))
         limit = max(FAR * total / max(count, 1), LEAST * brightest)
-        parts: list[tuple[NDArray, NDArray]] = []
-
-        def look(first: int, last: int, channel=channel, limit=limit, parts=parts) -> None:  # type: ignore[no-untyped-def]
-            places, highs = np.empty((MOST, 3), np.int64), np.empty(MOST, np.float32)
-            n = sticking_out(images[first:last], channel, limit, places, highs)
-            parts.append((places[:n] + np.array([first, 0, 0]), highs[:n]))
-
-        # 2^18 samples per thread, by trial.
-        jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, 1 << 18))
-        threads.share(look, jobs, len(jobs))
-        if sum(len(highs) for _, highs in parts) >= MOST or not np.isfinite(limit):
+        places, highs = _higher_than(limit, images, channel)
+        if len(highs) >= MOST or not np.isfinite(limit):
             continue
-        image, row, column = torch.from_numpy(np.concatenate([places for places, _ in parts])).unbind(1)
+        image, row, column = places.unbind(1)
         v, u = image // views.shape[1], image % views.shape[1]
         samples.append(torch.stack([v, u, torch.full_like(v, channel), row, column], 1))
-        heights.append(torch.from_numpy(np.concatenate([highs for _, highs in parts])))
+        heights.append(highs)
     if not samples:
         return torch.zeros(0, 5, dtype=torch.long), torch.zeros(0)
     return torch.cat(samples), torch.cat(heights)
+
+
+def _higher_than(limit: float, images: NDArray, channel: int) -> tuple[Tensor, Tensor]:
+    """Image, row, column [K, 3] and height [K] of the samples of a channel that are higher; `MOST` per thread."""
+    parts: list[tuple[NDArray, NDArray]] = []
+
+    def look(first: int, last: int) -> None:
+        places, heights = np.empty((MOST, 3), np.int64), np.empty(MOST, np.float32)
+        n = sticking_out(images[first:last], channel, limit, places, heights)
+        parts.append((places[:n] + np.array([first, 0, 0]), heights[:n]))
+
+    # 2^18 samples per thread, by trial.
+    jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, 1 << 18))
+    threads.share(look, jobs, len(jobs))
+    places, heights = (torch.from_numpy(np.concatenate(arrays)) for arrays in zip(*parts, strict=True))
+    return places, heights
 
 
 def _patches(views: Tensor, samples: Tensor) -> Tensor:

@@ -86,11 +86,6 @@ def test_blocks_are_averaged(factor, size):
     torch.testing.assert_close(block_means(images, factor, UNLIMITED), F.avg_pool2d(images, factor))
 
 
-def test_blocks_of_transposed_pictures_are_averaged():
-    images = torch.rand(2, 3, 16, 20).transpose(2, 3)
-    torch.testing.assert_close(block_means(images, 4, UNLIMITED), F.avg_pool2d(images, 4))
-
-
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 def test_a_block_with_a_clipped_sample_is_unknown(dtype):
     images = torch.full((2, 3, 8, 12), 0.5, dtype=dtype)

@@ -11,8 +11,6 @@ from lfref.captures.spacing import SpacingDefect
 from lfref.errors import FileError, InputError
 from lfref.io.read import read
 from lfref.lightfield import LightField
-from lfref.simulator import sim30
-from lfref.simulator.simulate import simulate
 
 from . import displaced, scenes
 
@@ -171,14 +169,6 @@ def test_disparity_has_the_size_of_the_views():
     view = central_view(LightField(torch.rand(3, 3, 3, 201, 303)))
     assert view.coarse.factor > 1
     assert view.disparity.shape == view.confidence.shape == (201, 303)
-
-
-def test_disparity_of_a_simulated_scene_is_estimated():
-    truth = simulate(sim30.SCENES["shards"], outputs=["views", "disparity"])
-    view = central_view(LightField(truth.views))
-    error = (view.disparity - truth.disparity).abs()
-    assert error.median() < 0.01
-    assert float((error[view.confidence > 0.5] < 0.1).float().mean()) > 0.9
 
 
 def test_a_real_capture_reaches_from_minus_one_and_a_half_to_one_half(lytro):

@@ -7,7 +7,6 @@ import torch
 
 from lfref.captures import exposure
 from lfref.captures.brightness import Ratios
-from lfref.captures.exposure import ExposureDefect
 from lfref.lightfield import LightField
 
 from .scenes import ODD, clean, ratios
@@ -102,9 +101,3 @@ def test_errors_follow_repeated_trials_where_windows_of_one_tile_err_alike():
     assert 0.4 < float(error.mean() / level.std()) < 0.8
     # Larger tiles would give about the same mean from too few numbers.
     assert float(error.std() / error.mean()) < 0.25
-
-
-def test_views_are_divided_by_their_gains():
-    field = LightField(torch.full((2, 2, 3, 4, 4), 0.5))
-    corrected = ExposureDefect(torch.full((2, 2, 3), 2.0, dtype=torch.float64), 0.001).corrected(field)
-    assert torch.equal(corrected.views, torch.full((2, 2, 3, 4, 4), 0.25))

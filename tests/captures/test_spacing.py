@@ -50,14 +50,14 @@ def test_rows_move_to_their_distance_and_columns_stay():
     [
         (0.11, 0.02, 9.0, 0.0, True),  # five standard errors
         (0.09, 0.02, 9.0, 0.0, False),
-        (0.022, 0.0, 2.0, 0.0, True),  # a shift of .04 pixels of the outermost view
-        (0.018, 0.0, 2.0, 0.0, False),
-        (0.5, 0.0, 9.0, 0.75, True),  # .6 of the scatter of patches
-        (0.5, 0.0, 9.0, 0.95, False),
+        (0.022, 0.0, 1.0, 0.0, True),  # a shift of .04 pixels of the outermost view
+        (0.018, 0.0, 1.0, 0.0, False),
+        (0.5, 0.0, 9.0, 1.5, True),  # .6 of the scatter of patches
+        (0.5, 0.0, 9.0, 1.9, False),
     ],
 )
 def test_a_ratio_counts_if_it_is_certain_shows_and_exceeds_the_scatter(excess, error, outermost, scatter, expected):
-    assert spacing.is_certain(excess, error, torch.ones(20), outermost, scatter) == expected
+    assert spacing.is_certain(excess, error, torch.full((20,), 2.0), outermost, scatter) == expected
 
 
 def patches(disparities, precision):
