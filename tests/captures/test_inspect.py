@@ -124,9 +124,11 @@ def test_planes_of_an_unknown_range_run_from_minus_1_to_1():
 @pytest.mark.parametrize(
     ("grid", "size"), [((7, 7), (12, 12)), ((14, 14), (30, 40)), ((1, 9), (1, 40)), ((1, 1), (2, 2))]
 )
-def test_no_plane_moves_a_view_too_far(grid, size):
+def test_planes_move_no_view_by_half_its_size(grid, size):
     planes = AutoPlanes(4).between((-9.0, 9.0), flat(grid, size))
     checked_slopes(planes.slopes, grid, size)
+    shifts = [planes.values[-1] * max((n - 1) / 2, 0.5) / length for n, length in zip(grid, size, strict=True)]
+    assert max(shifts) == pytest.approx(0.49)
 
 
 @pytest.mark.parametrize("n", [0, -1, 2.5, True, "16"])
