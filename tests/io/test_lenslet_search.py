@@ -230,6 +230,15 @@ def test_a_picture_without_lenslets_is_no_light_field(make, size, one_line):
     one_line(caught.value, PATH, "shows none", "folder of views", "reader.pitch=14")
 
 
+@pytest.mark.parametrize(("prominence", "message"), [(0.6, "a pitch of about 10"), (0.4, "shows none")])
+def test_a_comb_of_lines_must_stand_out_to_be_a_lattice(monkeypatch, prominence, message):
+    lines = np.zeros(1025)
+    lines[np.round(np.arange(1, 5) * 2048 / 10).astype(int)] = prominence
+    monkeypatch.setattr(lenslet_search, "spectrum", lambda image, axis: lenslet_search.Spectrum(lines, 500))
+    with pytest.raises(FileError, match=message):
+        lenslet_search.check_pitch(np.zeros((500, 500, 1)), 14, PATH)
+
+
 @pytest.mark.parametrize(
     "image", [np.zeros((500, 600, 3)), np.full((500, 600, 3), 7, np.uint8), photograph((200, 800))]
 )
