@@ -287,3 +287,9 @@ def test_a_file_leaks_like_a_folder(store, tmp_path):
     path = store(kind="exr", bits=32)
     copy = Path(shutil.copy(path, tmp_path / "IMG_1419_eslf.exr"))
     assert datamodules.without_leaks([copy], [path]) == ([], [copy])
+
+
+def test_the_papers_test_set_has_its_30_names():
+    numbers = [int(name[4:8]) for name in datamodules.PAPER_TEST[:25]]
+    assert (len(datamodules.PAPER_TEST), len(set(numbers)), sum(numbers)) == (30, 25, 34194)
+    assert datamodules.PAPER_TEST[25:] == ("Cars", "Flower1", "Flower2", "Rock", "Seahorse")
