@@ -268,3 +268,11 @@ def test_every_rank_has_something_to_validate_and_nothing_is_left_out(n_items, w
     assert all(drawn)
     assert {key for share in drawn for key in share} == {(0, index) for index in range(n_items)}
     assert sum(map(len, drawn)) == max(n_items, world_size)
+
+
+def test_a_patch_is_flat_below_one_level_of_8_bits():
+    for levels, is_flat in ((0.8, True), (1.2, False)):
+        views = torch.zeros(1, 1, 1, 9, 9)
+        views[..., 4, 4] = levels / 255
+        pair = patch_data.cut(LightField(views), label_of(shift_and_sum, planes_at_alphas((1.0,))), 0, 0, 8)
+        assert (pair is None) == is_flat
