@@ -22,13 +22,11 @@ TRUSTED = 0.1
 def filled(views: Tensor, weight: Tensor) -> Tensor:
     """Replace samples of little weight by the weighted mean of all views at that pixel.
 
+    Samples below `TRUSTED` fade to that mean, which is black where no view has any weight.
+
     Args:
         views: Floating point, [..., V, U, C, H, W].
         weight: How far each sample is to be trusted, >= 0, in the type of the views, [..., V, U, 1, H, W].
-
-    Returns:
-        The views; samples of less than a tenth of the largest weight at their pixel fade to the mean of the views,
-        which is black where no view has any weight.
     """
     needed = TRUSTED * weight.amax((-5, -4), keepdim=True)
     # Most pixels have no such sample: only the others are computed.
@@ -44,11 +42,7 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
 
 
 def trusted(weight: Tensor) -> Tensor:
-    """Which samples have enough weight to show by themselves what is there, bool: interpolated weights are seldom 0.
-
-    Args:
-        weight: How far each sample is to be trusted, >= 0, [..., V, U, 1, H, W].
-    """
+    """Which samples have enough weight to show by themselves what is there; interpolated weights are seldom 0."""
     return weight > LEAST * weight.amax((-5, -4, -3, -2, -1), keepdim=True)
 
 
@@ -82,12 +76,7 @@ def _pyramid_fill(images: Tensor, known: Tensor) -> Tensor:
 
 
 def predicted(views: Tensor, weights: Tensor) -> Tensor:
-    """Replace missing views by what disparity layers of the others show from there.
-
-    Args:
-        views: Floating point, [..., V, U, C, H, W].
-        weights: Of each view, 0 where it is missing, at least one above 0, [V, U].
-    """
+    """Replace missing views, of weight 0 [V, U], by what disparity layers of the others show from there."""
     layers, whole = disparity_layers(views, weights=weights), views.clone()
     for v, u in (weights == 0).nonzero().tolist():
         whole[..., v, u, :, :, :] = layers.view(v, u)
@@ -95,11 +84,7 @@ def predicted(views: Tensor, weights: Tensor) -> Tensor:
 
 
 def view_weights(weight: Tensor) -> Tensor | None:
-    """The weight of each view, [V, U], if it is the same at all of its pixels and in all fields; otherwise None.
-
-    Args:
-        weight: Of each sample, [..., V, U, 1, H, W].
-    """
+    """The weight of each view, [V, U], if it is the same at all of its pixels and in all fields; otherwise None."""
     flat = weight.reshape(-1, *weight.shape[-5:])
     first = flat[:1, ..., :1, :1]
     return first[0, :, :, 0, 0, 0] if bool((flat == first).all()) else None

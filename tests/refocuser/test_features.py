@@ -170,6 +170,15 @@ def test_noise_is_limited_by_what_is_rough_about_the_picture_and_by_what_views_d
     assert float((10 ** (2 * (of(LightField(shared), STILL)["noise"] - 1.5))).mean()) < 1e-4
 
 
+def test_noise_is_limited_by_the_deviation_of_a_rough_picture(monkeypatch):
+    monkeypatch.setattr("lfref.functional.noise_line.measure", lambda light: (0.0, 1e4))
+    # Views of different brightness deviate by .3; white noise that all share has a deviation of .02.
+    levels = torch.tensor([-0.3, 0.3])[:, None, None, None, None].expand(2, 2, -1, -1, -1)
+    light = LightField(0.5 + levels + 0.02 * torch.randn(3, 120, 120))
+    noise = 10 ** (2 * (of(light, STILL)["noise"] - 1.5))
+    assert float(noise.mean()) == pytest.approx(0.02, rel=0.1)
+
+
 def test_smoothed_candidates_are_binomial_filters_of_each_other():
     made, kernel = of(surface()), torch.tensor([0.25, 0.5, 0.25])
     before = made["pictures"]

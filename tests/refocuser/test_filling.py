@@ -26,10 +26,10 @@ def test_samples_of_little_weight_give_way_to_the_weighted_mean(level, share, se
     views = torch.rand(2, 3, 2, 5, 6, dtype=torch.float64, generator=generator)
     weight = level * (0.5 + 0.5 * torch.rand(2, 3, 1, 5, 6, dtype=torch.float64, generator=generator))
     at = (..., 2, 3)
-    weight[0, 1, 0, 2, 3] = share * filling.TRUSTED * float(weight[1:, ..., 2, 3].max().maximum(weight[0, 0, 0, 2, 3]))
+    weight[0, 1, 0, 2, 3] = share * 0.1 * float(weight[1:, ..., 2, 3].max().maximum(weight[0, 0, 0, 2, 3]))
     weight[0, 2, 0, 2, 3] = weight[0, 0, 0, 2, 3]
     mean = (views * weight)[at].sum((0, 1)) / weight[at].sum((0, 1))
-    trust = weight[0, 1, 0, 2, 3] / (filling.TRUSTED * weight[at].max())
+    trust = weight[0, 1, 0, 2, 3] / (0.1 * weight[at].max())
     expected = torch.lerp(mean, views[0, 1][at], trust)
     torch.testing.assert_close(filling.filled(views, weight)[0, 1][at], expected, atol=1e-12, rtol=0)
 
