@@ -166,7 +166,7 @@ def models(number: int, seed: int) -> Iterator[str]:
             chance = random.Random(f"{seed} {name}")
             whole, truth = path.read_bytes(), lfref.load(loaded)(views)
             mutants = [damaged(whole, DAMAGES[index % len(DAMAGES)], chance) for index in range(number - 2)]
-            mutants += [scaled(whole), digests.PLACE.sub(64 * b"0", whole)]
+            mutants += [scaled(whole), digests.PLACE.sub(digests.BLANK.encode(), whole)]
             # The weights of OpenVINO hold no digest: it stands in the graph.
             counts = Counter(
                 outcome_of_model(loaded, path, mutant, views, truth) for mutant in mutants if mutant != whole

@@ -17,7 +17,8 @@ log = logging.getLogger(__name__)
 MARK = "lfref-sha256:"
 BLANK = MARK + 64 * "0"
 """Place of the digest in a file that is still without it."""
-PLACE = re.compile(rf"(?<={MARK})[0-9a-f]{{64}}".encode())
+# No look-behind: with one, searching 100 MB took 2.7 s instead of 0.1 s.
+PLACE = re.compile(f"{MARK}([0-9a-f]{{64}})".encode())
 END = b"PK\x05\x06"
 """Start of the last record of a ZIP archive, of 22 bytes; its last two are the length of the comment that follows."""
 
@@ -57,7 +58,7 @@ def _digest(path: Path, beside: tuple[Path, ...]) -> tuple[int, str, str] | None
     if path.stat().st_size == 0:
         return None
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        places = [match.start() for match in PLACE.finditer(content)]
+        places = [match.start(1) for match in PLACE.finditer(content)]
         if not places:
             return None
         place, end = places[0], places[0] + 64

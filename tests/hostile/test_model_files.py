@@ -67,7 +67,7 @@ def refused(path, part=""):
 
 def reseal(path, *beside):
     """Write the digest of a changed file anew."""
-    path.write_bytes(digests.PLACE.sub(64 * b"0", path.read_bytes()))
+    path.write_bytes(digests.PLACE.sub(digests.BLANK.encode(), path.read_bytes()))
     digests.write(path, *beside)
 
 
@@ -348,7 +348,7 @@ def scaled(folder, kind):
 def test_weights_times_another_number_and_a_digest_of_zeros_are_refused(folder, kind):
     path = folder / NAMES[kind]
     whole = path.read_bytes()
-    path.write_bytes(digests.PLACE.sub(64 * b"0", whole))
+    path.write_bytes(digests.PLACE.sub(digests.BLANK.encode(), whole))
     refused(path, "damaged or was changed")
     path.write_bytes(whole)
     assert np.isfinite(stack(path)).all()
