@@ -260,10 +260,14 @@ def signals(number: int, seed: int) -> Iterator[str]:
                 lines = [line for line in process.communicate()[1].splitlines() if line.startswith(("lfref", "Trace"))]
                 clean += process.returncode in (143, 0) and len(lines) <= 1
                 has_checkpoint = any((run / "checkpoints").glob("*.ckpt"))
-                again = [f"resume={run}"] if has_checkpoint else [*TRAINING, f"output={run}"]
-                status = lfref_process(*again).wait()
-                weights = trained_weights(run) if status == 0 else {}
-                equal += weights.keys() == truth.keys() and all(weights[key].equal(truth[key]) for key in truth)
+                again = ["train", f"resume={run}"] if has_checkpoint else [*TRAINING, f"output={run}"]
+                resumed = lfref_process(*again)
+                message = resumed.communicate()[1]
+                weights = trained_weights(run) if resumed.returncode == 0 else {}
+                is_equal = weights.keys() == truth.keys() and all(weights[key].equal(truth[key]) for key in truth)
+                equal += is_equal
+                if not is_equal or took >= LIMIT_S:
+                    print(f"try {index}: {took:.0f} s, {lines}; then {message[-500:]}", file=sys.stderr)
                 shutil.rmtree(run)
             tidy = clean if name.startswith("SIGTERM") else "-"
             yield f"| {name} | {number} | {ended} | {slowest:.0f} | {tidy} | {equal} |"

@@ -28,7 +28,7 @@ KEY = "resume="
 FOLDERS = "output", "folder", "resume"
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
 """What a run is; to change it makes another run."""
-FREE = "_target_", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
+FREE = "_target_", "allow_changes", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
 """Entries of these that change nothing in what is learned, or that are compared in another way."""
 SHOWN = 4
 NOT_RESUMED = "hydra", "logger", "output", "folder", "overwrite"

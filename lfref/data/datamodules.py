@@ -157,6 +157,7 @@ class FolderData(PatchData):
         reader: Arguments of `lfref.read`.
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
         labels: Makes the labels.
+        allow_changes: Whether a training may be resumed with other light fields.
         **options: Arguments of `PatchData`.
     """
 
@@ -169,6 +170,7 @@ class FolderData(PatchData):
         validation_share: float = 0.1,
         reader: Mapping[str, Any] | None = None,
         correct: str = NONE,
+        allow_changes: bool = False,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
@@ -178,6 +180,7 @@ class FolderData(PatchData):
         self.cache_folder = Path(cache_folder).expanduser()
         self.reader = dict(reader or {})
         self.correct = correct
+        self.allow_changes = allow_changes
 
     @property
     def is_linear(self) -> bool:
@@ -202,6 +205,26 @@ class FolderData(PatchData):
             FolderSource(train, self.cache_folder, self.reader, self.correct),
             FolderSource(held, self.cache_folder, self.reader, self.correct),
         )
+
+    def state_dict(self) -> dict[str, list[str]]:
+        """Names of the light fields, which checkpoints keep."""
+        sources = {"train": self.train, "validation": self.validation}
+        return {name: [path.name for path in source.paths] for name, source in sources.items()}  # type: ignore[attr-defined]
+
+    def load_state_dict(self, state: Mapping[str, list[str]]) -> None:
+        """Refuse to resume with other light fields than those of the checkpoint.
+
+        Raises:
+            InputError: Some were added or removed, and `allow_changes` is false.
+        """
+        for name, now in self.state_dict().items():
+            added, removed = sorted(set(now) - set(state[name])), sorted(set(state[name]) - set(now))
+            if (added or removed) and not self.allow_changes:
+                got = "; ".join(
+                    f"{what} {', '.join(names)}" for what, names in (("new:", added), ("gone:", removed)) if names
+                )
+                expected = f"a training goes on with the light fields that it began with ({name})"
+                raise InputError(expected, got=got, remedy="restore them, or give allow_changes=true")
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
         """Training fields, held-out fields, and fields that belong to neither because of their names."""

@@ -293,3 +293,23 @@ def test_the_papers_test_set_has_its_30_names():
     numbers = [int(name[4:8]) for name in datamodules.PAPER_TEST[:25]]
     assert (len(datamodules.PAPER_TEST), len(set(numbers)), sum(numbers)) == (30, 25, 34194)
     assert datamodules.PAPER_TEST[25:] == ("Cars", "Flower1", "Flower2", "Rock", "Seahorse")
+
+
+def test_a_training_is_resumed_with_the_light_fields_that_it_began_with(folder_data, store, tmp_path):
+    for index in range(4):
+        store(f"field_{index}", seed=index)
+    data = folder_data(validation_share=0.25)
+    data.setup("fit")
+    state = data.state_dict()
+    assert sorted(state["train"] + state["validation"]) == [f"field_{index}" for index in range(4)]
+    data.load_state_dict(state)
+    store("field_9", seed=9)
+    for change in (lambda: None, lambda: shutil.rmtree(tmp_path / "fields" / state["train"][0])):
+        change()
+        later = folder_data(validation_share=0.25)
+        later.setup("fit")
+        with pytest.raises(InputError, match="new: "):
+            later.load_state_dict(state)
+        allowed = folder_data(validation_share=0.25, allow_changes=True)
+        allowed.setup("fit")
+        allowed.load_state_dict(state)
