@@ -75,11 +75,11 @@ def test_group_norm_takes_at_most_32_groups_that_divide_the_channels(channels, g
 
 
 def test_layer_norm_looks_at_all_channels_and_pixels_of_a_sample():
-    features = torch.rand(2, 6, 4, 5) * 3 + 1
+    features = torch.rand(2, 6, 4, 5) * 0.1 + 1
     normalised = NORMALIZATIONS["layer"](6)(features)
     torch.testing.assert_close(normalised.mean((1, 2, 3)), torch.zeros(2), atol=1e-6, rtol=0)
     before, after = (each.var((1, 2, 3), correction=0) for each in (features, normalised))
-    torch.testing.assert_close(after, before / (before + EPSILON))
+    torch.testing.assert_close(after, before / (before + 1e-3))
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])

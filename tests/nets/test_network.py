@@ -10,7 +10,6 @@ from torch import nn
 
 from lfref.nets import network as head
 from lfref.nets.blocks import NORMALIZATIONS
-from lfref.nets.network import SPREAD
 from lfref.nets.refnet import RefNet
 
 SEEDS = range(16)
@@ -60,17 +59,16 @@ def test_each_channel_starts_at_its_labels_mean_with_a_small_spread(normalizatio
     network.prime(views, None, labels)
     # As the first training step will see it.
     deviation, mean = torch.std_mean(raw(network.train(), views), dim=(0, 2, 3))
-    torch.testing.assert_close(deviation, torch.full((48,), SPREAD), atol=1e-5, rtol=0)
+    torch.testing.assert_close(deviation, torch.full((48,), 0.1), atol=1e-5, rtol=0)
     torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
 
 
-@pytest.mark.parametrize(("deviation", "is_scaled"), [(1.1 * head.FLAT, True), (0.9 * head.FLAT, False)])
+@pytest.mark.parametrize(("deviation", "is_scaled"), [(1.1e-3, True), (0.9e-3, False)])
 def test_an_output_is_scaled_unless_its_deviation_is_below_a_thousandth(deviation, is_scaled):
     last, features = nn.Conv2d(1, 1, 1), torch.tensor([-1.0, 1.0]).repeat(1, 1, 50, 50)
     nn.init.constant_(last.weight, deviation)
     head.prime(last, features, torch.zeros(1, 1, 50, 100))
-    assert last(features).std().item() == pytest.approx(SPREAD if is_scaled else deviation, rel=1e-3)
-    assert head.FLAT == 1e-3
+    assert last(features).std().item() == pytest.approx(0.1 if is_scaled else deviation, rel=1e-3)
 
 
 def test_only_the_last_convolution_changes():

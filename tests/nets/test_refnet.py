@@ -238,6 +238,13 @@ def test_repeated_runs_are_bit_equal_and_threads_agree_to_a_hundred_thousandth()
         torch.testing.assert_close(alone, together, rtol=0, atol=1e-5 * max(1, alone.abs().max().item()))
 
 
+def test_blocks_that_reach_beyond_the_picture_are_refused():
+    network = RefNet(**TINY, kernel=5, dilation=3)
+    assert bool(network(torch.rand(3, 2, 1, 4, 6)).isfinite().all())
+    with pytest.raises(InputError, match="no farther than the picture; got 6 pixels"):
+        network(torch.rand(3, 2, 1, 5, 5))
+
+
 def test_views_of_one_coarse_pixel_are_refused():
     network = RefNet(**TINY, shuffle=4)
     assert bool(network(torch.rand(3, 2, 1, 4, 5)).isfinite().all())
