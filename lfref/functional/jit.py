@@ -6,12 +6,15 @@ takes from other files: a digest of all of them is its stamp. The cache of light
 
 import functools
 import hashlib
+import logging
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
+
+log = logging.getLogger(__name__)
 
 IMPORT = re.compile(r"^[ \t]*(?:from +([\w.]+) +import +(\([^)]*\)|[^(\n]*)|import +([\w.]+))", re.MULTILINE)
 
@@ -59,21 +62,61 @@ def compiling(**options: object) -> Callable[[Callable], Callable]:
             return jit()(function)
         file = Path(function.__code__.co_filename).resolve()
         package = file.parents[max(function.__module__.count(".") - 1, 0)]
-        kept = loop._cache._cache_file
-        kept._source_stamp = digest(file, package)
-        load_index = kept._load_index
-
-        def load_readable_index() -> dict:
-            # Numba reads the types of the arguments before the stamp: those of an earlier version may be gone.
-            try:
-                return load_index()
-            except (AttributeError, ImportError):
-                return {}
-
-        kept._load_index = load_readable_index
+        keep_safely(loop._cache._cache_file, digest(file, package))
         return loop
 
     return decorate
+
+
+def keep_safely(kept: Any, stamp: str) -> None:
+    """Let Numba's cache of a loop survive damaged files and a full disk: the loop is compiled in memory then.
+
+    Numba writes the index before the machine code, under a number that may have served before. A process that ends in
+    between, or two at once, would leave an index that names the code of another version or of other types. So each file
+    holds its stamp and its key too.
+
+    Args:
+        kept: The cache, `IndexDataCacheFile` of Numba.
+        stamp: Digest of the sources.
+    """
+    kept._source_stamp = stamp
+    load_index, load, save = kept._load_index, kept.load, kept.save
+
+    def load_whole_index() -> dict:
+        try:
+            return load_index()
+        # Numba reads the types of the arguments before the stamp: those of an earlier version may be gone.
+        except (AttributeError, ImportError):
+            return {}
+        except Exception as error:  # the unpickler raises any error
+            warn_once(f"machine code in {kept._cache_path} is damaged and is compiled anew ({error!r})")
+            return {}
+
+    def load_own(key: Any) -> Any:
+        try:
+            contents = load(key)
+        except Exception as error:
+            warn_once(f"machine code in {kept._cache_path} is damaged and is compiled anew ({error!r})")
+            return None
+        return contents[2] if contents is not None and contents[:2] == (stamp, key) else None
+
+    def save_own(key: Any, data: Any) -> None:
+        try:
+            save(key, (stamp, key, data))
+        except OSError as error:
+            warn_once(f"machine code cannot be kept in {kept._cache_path} ({error.strerror}): each start compiles anew")
+
+    kept._load_index, kept.load, kept.save = load_whole_index, load_own, save_own
+
+
+def warn_once(message: str) -> None:
+    """Log the first of all warnings: the files of other loops are most often in the same state."""
+    if not _warned:
+        _warned.append(message)
+        log.warning(message)
+
+
+_warned: list[str] = []
 
 
 compiled = compiling()

@@ -62,9 +62,14 @@ def loops(request, tmp_path, monkeypatch):
     return tmp_path
 
 
+def started(folder, program=PROGRAM):
+    return subprocess.run([sys.executable, "-c", program, str(folder)], capture_output=True, text=True)
+
+
 def result(folder):
     """What the outer loop makes of 10 in a process of its own, and how often kept machine code served."""
-    run = subprocess.run([sys.executable, "-c", PROGRAM, str(folder)], check=True, capture_output=True, text=True)
+    run = started(folder)
+    assert run.returncode == 0, run.stderr
     return tuple(map(int, run.stdout.split()))
 
 
@@ -86,6 +91,45 @@ def test_machine_code_serves_on_when_files_are_only_newer_or_others_have_changed
     for file in (loops / "loops").glob("*.py"):
         os.utime(file)
     assert result(loops) == (11, 1)
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize(
+    "damage", [lambda whole: whole[: len(whole) // 2], lambda whole: b"", lambda whole: b"\0" * 99]
+)
+def test_damaged_machine_code_is_compiled_anew_and_replaced_with_one_warning(loops, suffix, damage):
+    files = list(loops.rglob(f"*.{suffix}"))
+    assert len(files) == 2
+    for file in files:
+        file.write_bytes(damage(file.read_bytes()))
+    run = started(loops)
+    assert (run.stdout, run.stderr.count("compiled anew")) == ("11 0\n", 1), run.stderr
+    assert run.stderr.count("\n") == 1
+    run = started(loops)
+    assert (run.stdout, run.stderr) == ("11 1\n", "")
+
+
+def test_a_full_disk_of_machine_code_is_one_warning(loops):
+    change(loops, "constants", "1", "2")
+    # The limit of file sizes stands in for a full disk.
+    full = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+    full += "resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))\n"
+    run = started(loops, full + PROGRAM)
+    assert run.stdout == "12 0\n"
+    assert "machine code cannot be kept" in run.stderr
+    assert run.stderr.count("\n") == 1
+    assert result(loops) == (12, 0)
+
+
+def test_machine_code_of_an_earlier_version_is_never_taken_for_todays(loops):
+    # As after a process that was killed between the index and the machine code: the index is new, the code is old.
+    before = {file: file.read_bytes() for file in loops.rglob("*.nbc")}
+    change(loops, "constants", "1", "2")
+    assert result(loops) == (12, 0)
+    for file, code in before.items():
+        file.write_bytes(code)
+    assert result(loops) == (12, 0)
+    assert result(loops) == (12, 1)
 
 
 def package(folder, **texts):
