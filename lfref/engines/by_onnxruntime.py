@@ -10,8 +10,8 @@ from torch import Tensor
 
 from lfref.engines.engine import FP32, INT8, EngineWorkload, Inputs, Preparation, Run, arrays, float_convolutions, quiet
 
-ERRORS_ONLY = 3
-"""Level of ONNX Runtime's log."""
+FATAL_ONLY = 4
+"""Level of ONNX Runtime's log: it raises errors too, which become one line."""
 
 
 def fp32(workload: EngineWorkload) -> Run:
@@ -80,8 +80,10 @@ class Session:
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()
-        options.log_severity_level = ERRORS_ONLY
-        self.runtime = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        options.log_severity_level = FATAL_ONLY
+        # Of some damaged models the package prints several lines before it raises an error.
+        with quiet():
+            self.runtime = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         self.names = [value.name for value in self.runtime.get_inputs()]
 
     def __call__(self, *inputs: Tensor) -> Tensor:

@@ -34,6 +34,8 @@ BASES: dict[str, Operator] = {
     for function in (occlusion_aware, refocus_by_layers, shift_and_sum, shift_and_sum_through_cells)
 }
 """Methods whose pictures may be refined, by their names in checkpoints."""
+LARGEST_OPTION = 100
+"""Largest number among a method's options (layers, widths in view steps): a file could ask for any amount of memory."""
 AT_ONCE = 2**23
 """Samples of features that the network is given at once: those of all planes together leave the processor's caches."""
 BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
@@ -163,6 +165,10 @@ def described(entry: Mapping[str, Any]) -> tuple[OperatorRefocuser, list[str]]:
         TypeError: Options that the method has not.
     """
     method, names = entry["base"], renamed(entry)["features"]
+    for name, option in method["options"].items():
+        for value in option if isinstance(option, list | tuple) else [option]:
+            if not (value is None or isinstance(value, str) or abs(float(value)) <= LARGEST_OPTION):
+                raise InputError(f"{name} must be at most {LARGEST_OPTION}", got=f"{value!r:.80}")
     operator = functools.partial(chosen("method", method["operator"], BASES), **method["options"])
     inspect.signature(operator).bind(None, None)
     check_names(names)

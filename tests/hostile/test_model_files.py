@@ -28,6 +28,7 @@ from lfref.export import export_file, graphs
 from lfref.io import digests, run, tensor_files
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
+from lfref.refocuser import refined
 from tests.conftest import ROOT
 from tests.export import cases
 
@@ -526,6 +527,39 @@ print(len(paths), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     number, kilobytes = map(int, done.stdout.split())
     assert number == len(HUGE) + 1
     assert kilobytes < 200_000
+
+
+def save_refiner(path, options=(), **arguments):
+    """A checkpoint of a refiner with other arguments, or with options of its method."""
+    refocuser = cases.refiner()
+    entry = refined.payload(refocuser.refiner, refocuser.base, refocuser.names)
+    entry["base"] |= {"operator": "refocus_by_layers", "options": dict(options)}
+    entry[refined.KIND] = entry[refined.KIND] | arguments
+    state = {checkpoint.PREFIX + name: value for name, value in refocuser.refiner.state_dict().items()}
+    tensor_files.write_checkpoint(path, {"lfref": entry, "state_dict": state})
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"n_features": 10**12},
+        {"width": 10**9},
+        {"n_blocks": 10**9},
+        {"shuffle": 10**6},
+        {"kernel": 10**9 + 1},
+        {"channels": 2**62},
+        {"options": {"n_layers": 101}},
+        {"options": {"fill": 1e9}},
+        {"options": {"ridge": float("nan")}},
+        {"options": {"disparities": [0.0, -101.0]}},
+        {"options": {"out": {}}},
+    ],
+)
+def test_a_refiner_that_asks_for_memory_is_refused(tmp_path, arguments):
+    save_refiner(tmp_path / "net.ckpt", {"n_layers": 100, "fill": 0.5, "border": "edge"})
+    assert isinstance(lfref.load(tmp_path / "net.ckpt"), refined.RefinedRefocuser)
+    save_refiner(tmp_path / "net.ckpt", **arguments)
+    refused(tmp_path / "net.ckpt")
 
 
 def test_a_dilation_beyond_the_picture_is_refused(tmp_path):
