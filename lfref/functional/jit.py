@@ -7,6 +7,7 @@ takes from other files: a digest of all of them is its stamp. The cache of light
 import functools
 import hashlib
 import logging
+import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -73,7 +74,7 @@ def keep_safely(kept: Any, stamp: str) -> None:
 
     Numba writes the index before the machine code, under a number that may have served before. A process that ends in
     between, or two at once, would leave an index that names the code of another version or of other types. So each file
-    holds its stamp and its key too.
+    holds its stamp, its key and a digest too.
 
     Args:
         kept: The cache, `IndexDataCacheFile` of Numba.
@@ -95,14 +96,18 @@ def keep_safely(kept: Any, stamp: str) -> None:
     def load_own(key: Any) -> Any:
         try:
             contents = load(key)
+            if contents is not None and contents[:2] == (stamp, key):
+                if hashlib.sha256(contents[3]).digest() != contents[2]:
+                    raise ValueError("its digest is another one")
+                return pickle.loads(contents[3])
         except Exception as error:
             warn_once(f"machine code in {kept._cache_path} is damaged and is compiled anew ({error!r})")
-            return None
-        return contents[2] if contents is not None and contents[:2] == (stamp, key) else None
+        return None
 
     def save_own(key: Any, data: Any) -> None:
+        code = kept._dump(data)
         try:
-            save(key, (stamp, key, data))
+            save(key, (stamp, key, hashlib.sha256(code).digest(), code))
         except OSError as error:
             warn_once(f"machine code cannot be kept in {kept._cache_path} ({error.strerror}): each start compiles anew")
 

@@ -109,6 +109,15 @@ def test_damaged_machine_code_is_compiled_anew_and_replaced_with_one_warning(loo
     assert (run.stdout, run.stderr) == ("11 1\n", "")
 
 
+def test_a_flipped_bit_of_machine_code_is_noticed(loops):
+    (file,) = loops.rglob("outer*.nbc")
+    whole = bytearray(file.read_bytes())
+    whole[len(whole) // 2] ^= 1
+    file.write_bytes(whole)
+    run = started(loops)
+    assert (run.stdout, run.stderr.count("compiled anew")) == ("11 0\n", 1), run.stderr
+
+
 def test_a_full_disk_of_machine_code_is_one_warning(loops):
     change(loops, "constants", "1", "2")
     # The limit of file sizes stands in for a full disk.
