@@ -44,28 +44,28 @@ def export(config: DictConfig, folder: Path) -> None:
     refocuser, planes = _refocuser(config), fixed_planes(config)
     if config.format == export_file.SAFETENSORS:
         export_file.check_weights(refocuser)
-    wanted = ExportFile(folder / _name(config, refocuser), config.format, config.precision, lfref.__version__)
+    target = ExportFile(folder / _name(config, refocuser), config.format, config.precision, lfref.__version__)
     grid = refocuser.grid or tuple(configs.plain(config.grid))
     subject = graphs.exportable(refocuser, planes, grid)
     fields, patches = _fields(config, grid)
-    if wanted.precision == INT8:
+    if target.precision == INT8:
         scales = [subject.inputs([patch]) for patch in patches]
         subject = dataclasses.replace(subject, graph=dataclasses.replace(subject.graph, patches=scales))
     largest = subject.inputs([max(fields, key=lambda field: field.views.numel())])
 
     def further(draft: Path) -> None:
-        if wanted.precision == INT8:
-            full = dataclasses.replace(wanted, precision=FP32)
+        if target.precision == INT8:
+            full = dataclasses.replace(target, precision=FP32)
             _compare_speed(draft, full, subject, largest, refocuser, config.require_faster)
 
-    rows = wanted.write_checked(refocuser, subject, fields, further)
-    for engine, found in pd.DataFrame(rows).groupby("engine", sort=False):
-        most, least = found["max_error"].max(), found["psnr_db"].min()
-        log.info("%s: off by %.2g at most, %.1f dB at least, in %d cases", engine, most, least, len(found))
+    rows = target.write_checked(refocuser, subject, fields, further)
+    for engine, of_engine in pd.DataFrame(rows).groupby("engine", sort=False):
+        most, least = of_engine["max_error"].max(), of_engine["psnr_db"].min()
+        log.info("%s: off by %.2g at most, %.1f dB at least, in %d cases", engine, most, least, len(of_engine))
     if own := parity.own_noise(rows):
         shown = ", ".join(f"{case} by {error:.2g}" for case, error in own.items())
         log.warning("%s makes noise of flat frames: float32 is off from float64 in %s", refocuser.name, shown)
-    log.info("%s as %s in %s", refocuser.name, config.precision, wanted.file)
+    log.info("%s as %s in %s", refocuser.name, config.precision, target.file)
 
 
 def _refocuser(config: DictConfig) -> Refocuser:
@@ -73,8 +73,8 @@ def _refocuser(config: DictConfig) -> Refocuser:
         return load(config.checkpoint)
     aperture = configs.build(config.aperture)
     is_full = getattr(aperture, "func", aperture) is apertures.full
-    made: Refocuser = configs.build(config.method, aperture=None if is_full else aperture)
-    return made
+    refocuser: Refocuser = configs.build(config.method, aperture=None if is_full else aperture)
+    return refocuser
 
 
 def _name(config: DictConfig, refocuser: Refocuser) -> str:

@@ -1,1 +1,1 @@
-"""Engines: runtimes that compute what a network computes, each in the precisions that it can do."""
+"""Engines: runtimes that compute networks in several precisions."""

@@ -32,7 +32,7 @@ SMALL = 32
 
 @dataclass(frozen=True, eq=False)
 class EngineWorkload:
-    """A network and the inputs that it will be given."""
+    """A network and its inputs."""
 
     network: nn.Module
     """In evaluation mode, its weights in float32; it returns one tensor."""

@@ -64,7 +64,7 @@ def prepare(engine: str, precision: str, workload: EngineWorkload) -> Run:
 
 
 def _types(inputs: Inputs) -> list[str]:
-    return [f"{'x'.join(map(str, each.shape))} {str(each.dtype).removeprefix('torch.')}" for each in inputs]
+    return [f"{'x'.join(map(str, tensor.shape))} {str(tensor.dtype).removeprefix('torch.')}" for tensor in inputs]
 
 
 def _eager(workload: EngineWorkload, precision: str) -> Run:

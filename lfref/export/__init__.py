@@ -1,1 +1,1 @@
-"""Refocusers as files: what each computes as a graph, written in a format, and held against what it was made of."""
+"""Refocusers as files: as a graph, in a format, compared with the refocuser itself."""

@@ -34,7 +34,7 @@ from lfref.refocuser.refocuser import Refocuser
 SAFETENSORS = "safetensors"
 WEIGHT_TYPES = {FP32: torch.float32, FP16: torch.float16, BF16: torch.bfloat16}
 """Precision of safetensors -> type of the weights in the file; computation is in float32."""
-PRECISIONS = {SAFETENSORS: tuple(WEIGHT_TYPES)} | {name: each.precisions for name, each in FORMATS.items()}
+PRECISIONS = {SAFETENSORS: tuple(WEIGHT_TYPES)} | {name: entry.precisions for name, entry in FORMATS.items()}
 """Format -> its precisions."""
 REPORT = ".parity.json"
 

@@ -1,4 +1,4 @@
-"""Comparison of a file with what it was made of: scenes, odd sizes, several fields at once, flat frames."""
+"""Comparison of a file with its refocuser: scenes, odd sizes, several fields at once, flat frames."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 
 class Tolerance(NamedTuple):
-    """How far a file may be from what it was made of."""
+    """How far the pictures of a file may be from those of its refocuser."""
 
     error: float = math.inf
     """Largest distance, in light."""

@@ -66,8 +66,8 @@ def test_a_network_without_training_becomes_a_file_with_a_warning(format, suffix
     words = (f"checkpoint={tmp_path / 'new.ckpt'}", f"format={format}", f"output={tmp_path}/run")
     status, errors = lfref_alone(*SMALL, *words)
     assert status == 0, errors
-    told = (tmp_path / "run" / "export.log").read_text()
-    assert "makes noise of flat frames: float32 is off from float64 in black by" in told
+    text = (tmp_path / "run" / "export.log").read_text()
+    assert "makes noise of flat frames: float32 is off from float64 in black by" in text
     assert (tmp_path / "run" / f"new{suffix}").is_file()
 
 
@@ -87,13 +87,13 @@ def test_whole_numbers_are_kept_only_where_they_are_faster(spent, is_kept, tmp_p
     monkeypatch.setattr(timing, "in_turns", lambda watches, rounds, warmup: spent)
     monkeypatch.setattr(ExportFile, "write_draft", lambda file, folder, *rest: folder / "net.onnx")
     monkeypatch.setattr(export.file_formats, "read", lambda path: (lambda *inputs: None, None))
-    wanted = ExportFile(tmp_path / "net", "onnx", "fp32", "1.2.3")
+    file = ExportFile(tmp_path / "net", "onnx", "fp32", "1.2.3")
     refused = (
         nullcontext() if is_kept else pytest.raises(LfrefError, match=r"faster than fp32; got 0\.91 times as fast")
     )
     with refused:
-        export._compare_speed(tmp_path / "draft.onnx", wanted, None, (), None, require_faster=True)
-    export._compare_speed(tmp_path / "draft.onnx", wanted, None, (), None, require_faster=False)
+        export._compare_speed(tmp_path / "draft.onnx", file, None, (), None, require_faster=True)
+    export._compare_speed(tmp_path / "draft.onnx", file, None, (), None, require_faster=False)
 
 
 @pytest.mark.parametrize(

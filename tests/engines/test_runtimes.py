@@ -30,8 +30,8 @@ def error(workload, stack):
     """Root mean square of the change beside that of what the network makes of its pictures."""
     with torch.no_grad():
         exact = workload.network(*workload.example)
-    made = exact - (workload.example[1] if len(workload.example) > 1 else exact.mean())
-    return float((stack - exact).square().mean().sqrt() / made.square().mean().sqrt())
+    result = exact - (workload.example[1] if len(workload.example) > 1 else exact.mean())
+    return float((stack - exact).square().mean().sqrt() / result.square().mean().sqrt())
 
 
 @pytest.mark.slow
@@ -55,14 +55,14 @@ def test_an_engine_computes_what_the_network_computes(engine, precision, network
 
 
 def test_an_engine_that_cannot_run_here_says_in_a_line_what_it_lacks():
-    def told(preparation):
+    def message_of(preparation):
         return str(preparation.lacking(CPU))
 
     assert Preparation(None).lacking(CPU) is None
     expected = "this engine needs a package; got no nothing_like_it; pip install 'lfref[export]'"
-    assert told(Preparation(None, packages=("torch", "nothing_like_it"))) == expected
-    assert told(Preparation(None, devices=("cuda",))) == "this engine runs on cuda; got cpu"
-    assert told(Preparation(None, programs=("no-such-compiler",))).startswith(
+    assert message_of(Preparation(None, packages=("torch", "nothing_like_it"))) == expected
+    assert message_of(Preparation(None, devices=("cuda",))) == "this engine runs on cuda; got cpu"
+    assert message_of(Preparation(None, programs=("no-such-compiler",))).startswith(
         "this engine needs a C++ compiler; got none"
     )
     assert Preparation(None, programs=("no-such-compiler", "sh")).lacking(CPU) is None
@@ -75,14 +75,14 @@ def test_what_is_missing_is_an_error_where_it_is_asked_for(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("engine", "precision", "said"),
+    ("engine", "precision", "message"),
     [
         ("tensorrt", "fp32", "engine must be one of eager"),
         ("eager", "int8", "precision of engine eager must be"),
     ],
 )
-def test_an_engine_or_precision_that_is_not_there_is_told(engine, precision, said):
-    with pytest.raises(InputError, match=said):
+def test_an_engine_or_precision_that_is_not_there_is_told(engine, precision, message):
+    with pytest.raises(InputError, match=message):
         runtimes.prepare(engine, precision, cases.refnet())
 
 

@@ -30,9 +30,9 @@ FIELDS = [field(), field((24, 32), 1), field((40, 33), 2)]
 
 def network(shuffle=1):
     torch.manual_seed(3)
-    made = RefNet(3, GRID, widths=(16, 8), stem_width=16, shuffle=shuffle).requires_grad_(False)
-    made.prime(FIELDS[0].views[None], None, 0.5 + 0.1 * torch.rand(1, 3, 3, 31, 45))
-    return NetworkRefocuser(made, PLANES, "net", is_linear=True)
+    net = RefNet(3, GRID, widths=(16, 8), stem_width=16, shuffle=shuffle).requires_grad_(False)
+    net.prime(FIELDS[0].views[None], None, 0.5 + 0.1 * torch.rand(1, 3, 3, 31, 45))
+    return NetworkRefocuser(net, PLANES, "net", is_linear=True)
 
 
 def untrained():
@@ -43,13 +43,13 @@ def untrained():
 
 def refiner():
     torch.manual_seed(4)
-    made = Refiner(5, 1, width=8, n_blocks=1).requires_grad_(False)
-    for layer in made.modules():
+    net = Refiner(5, 1, width=8, n_blocks=1).requires_grad_(False)
+    for layer in net.modules():
         if isinstance(layer, torch.nn.Conv2d):
             torch.nn.init.kaiming_normal_(layer.weight)
-    made.head[1].bias[-4:] = 3.0  # the gate, of each of four pixels, is open
+    net.head[1].bias[-4:] = 3.0  # the gate, of each of four pixels, is open
     base = OperatorRefocuser("cells", shift_and_sum_through_cells)
-    return RefinedRefocuser(made, base, FEATURES, "refined")
+    return RefinedRefocuser(net, base, FEATURES, "refined")
 
 
 def operator(**options):

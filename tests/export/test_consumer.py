@@ -55,5 +55,5 @@ def test_views_are_refocused_without_pytorch(packages, tmp_path):
         cases.operator(interpolation="cubic")(SRGB.decode(views / 255), cases.SLOPES.slopes).clamp(0, 1)
     )
     for slope, picture in zip(cases.SLOPES.values, stack, strict=True):
-        made = np.asarray(Image.open(tmp_path / f"slope_{slope:g}.png")).transpose(2, 0, 1)
-        assert float((torch.tensor(made) - 255 * picture).abs().max()) < 0.51
+        result = np.asarray(Image.open(tmp_path / f"slope_{slope:g}.png")).transpose(2, 0, 1)
+        assert float((torch.tensor(result) - 255 * picture).abs().max()) < 0.51

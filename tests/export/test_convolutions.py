@@ -13,19 +13,19 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum
 SLOPES = (-7.0, -1.3, -0.5, 0.0, 0.21, 1.0, 2.5)
 
 
-def both(asked, views):
+def both(options, views):
     """What the convolutions make, and what the operator makes of it in float64."""
-    weights = None if asked.weights is None else torch.tensor(asked.weights)
-    wanted = shift_and_sum(
+    weights = None if options.weights is None else torch.tensor(options.weights)
+    expected = shift_and_sum(
         views.double(),
-        asked.slopes,
-        asked.interpolation,
-        asked.border,
+        options.slopes,
+        options.interpolation,
+        options.border,
         weights,
-        asked.fill,
-        asked.disparity,
+        options.fill,
+        options.disparity,
     )
-    return SumOfViews(asked)(views), wanted.float()
+    return SumOfViews(options)(views), expected.float()
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero"])
@@ -33,8 +33,8 @@ def both(asked, views):
 @pytest.mark.parametrize("fill", [0.0, 1.0])
 def test_convolutions_make_the_planes_of_the_operator(interpolation, border, fill):
     views = torch.rand(2, 5, 5, 1, 45, 40)
-    made, wanted = both(Sum(SLOPES, (5, 5), interpolation, border, fill, 0.3), views)
-    torch.testing.assert_close(made, wanted, atol=3e-6, rtol=0)
+    result, expected = both(Sum(SLOPES, (5, 5), interpolation, border, fill, 0.3), views)
+    torch.testing.assert_close(result, expected, atol=3e-6, rtol=0)
 
 
 @pytest.mark.parametrize("grid", [(1, 1), (2, 3), (7, 4)])
@@ -51,14 +51,14 @@ def test_an_aperture_weighs_the_views():
 
 def test_a_pixel_is_what_a_slow_loop_adds_up():
     views, slope = torch.rand(1, 3, 3, 1, 12, 13), 0.75
-    made = SumOfViews(Sum((slope,), (3, 3)))(views)[0, 0, 0]
+    result = SumOfViews(Sum((slope,), (3, 3)))(views)[0, 0, 0]
     for y, x in ((0, 0), (5, 6), (11, 12), (0, 7)):
         total = count = 0.0
         for v, u in itertools.product(range(3), repeat=2):
             row, column = y + slope * (v - 1), x + slope * (u - 1)
             if 0 <= row <= 11 and 0 <= column <= 12:
                 total, count = total + read(views[0, v, u, 0], row, column), count + 1
-        assert abs(float(made[y, x]) - total / count) < 1e-6
+        assert abs(float(result[y, x]) - total / count) < 1e-6
 
 
 def read(image, row, column):
@@ -70,8 +70,8 @@ def read(image, row, column):
 
 
 @pytest.mark.parametrize(
-    ("interpolation", "border", "said"), [("exact", "edge", "few samples"), ("cubic", "wrap", "border")]
+    ("interpolation", "border", "message"), [("exact", "edge", "few samples"), ("cubic", "wrap", "border")]
 )
-def test_what_is_no_short_convolution_is_refused(interpolation, border, said):
-    with pytest.raises(InputError, match=said):
+def test_what_is_no_short_convolution_is_refused(interpolation, border, message):
+    with pytest.raises(InputError, match=message):
         Sum((0.0,), (3, 3), interpolation, border)

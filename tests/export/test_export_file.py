@@ -18,8 +18,8 @@ pytest.importorskip("openvino")
 def write(folder, kind="network", format="onnx", further=lambda draft: None, change=lambda subject: subject):
     refocuser = cases.SUBJECTS[kind]()
     subject = change(graphs.exportable(refocuser, cases.PLANES, cases.GRID))
-    wanted = ExportFile(folder / "net", format, "fp32", "1.2.3")
-    return wanted, wanted.write_checked(refocuser, subject, cases.FIELDS, further)
+    file = ExportFile(folder / "net", format, "fp32", "1.2.3")
+    return file, file.write_checked(refocuser, subject, cases.FIELDS, further)
 
 
 @pytest.mark.slow
@@ -28,16 +28,16 @@ def write(folder, kind="network", format="onnx", further=lambda draft: None, cha
     [*(("network", format) for format in export_file.PRECISIONS), ("operator", "pt2"), ("refiner", "onnx")],
 )
 def test_files_of_every_format_compute_the_pictures_of_their_refocuser(kind, format, tmp_path):
-    wanted, rows = write(tmp_path, kind, format)
-    report = json.loads((tmp_path / (wanted.file.name + export_file.REPORT)).read_text())
+    file, rows = write(tmp_path, kind, format)
+    report = json.loads((tmp_path / (file.file.name + export_file.REPORT)).read_text())
     assert report["holds"]
     assert len(report["cases"]) == len(rows) == 7 * (2 if format == "onnx" else 1)
-    refocuser, loaded = cases.SUBJECTS[kind](), lfref.load(wanted.file)
+    refocuser, loaded = cases.SUBJECTS[kind](), lfref.load(file.file)
     assert loaded.name == ("net" if format == "safetensors" else refocuser.name)
     field, slopes = cases.FIELDS[0], cases.PLANES.slopes
     assert float((loaded(field, slopes) - refocuser(field, slopes)).abs().max()) < 3e-3
     assert {each.name for each in tmp_path.iterdir()} == {
-        wanted.file.name, wanted.file.name + export_file.REPORT, *(["net.bin"] if format == "openvino" else []),
+        file.file.name, file.file.name + export_file.REPORT, *(["net.bin"] if format == "openvino" else []),
     }  # fmt: skip
 
 
@@ -67,11 +67,11 @@ def test_a_file_that_is_refused_for_another_reason_gets_no_name_and_leaves_an_ol
 
 
 @pytest.mark.parametrize(
-    ("format", "precision", "said"),
+    ("format", "precision", "message"),
     [("tensorrt", "fp32", "format must be one of safetensors, onnx"), ("pt2", "int8", "precision of pt2 must be")],
 )
-def test_formats_and_precisions_that_are_not_there_are_told(format, precision, said, tmp_path):
-    with pytest.raises(InputError, match=said):
+def test_formats_and_precisions_that_are_not_there_are_told(format, precision, message, tmp_path):
+    with pytest.raises(InputError, match=message):
         ExportFile(tmp_path / "net", format, precision, "1.2.3")
 
 
@@ -82,13 +82,13 @@ def test_weights_make_the_refocuser_again(make, precision, tmp_path):
     subject = graphs.exportable(refocuser, cases.PLANES, cases.GRID)
     export_file.write_weights(path := tmp_path / "net.safetensors", refocuser, precision, "1.2.3")
     inputs = subject.inputs(cases.FIELDS[:1])
-    made, wanted = export_file.weights_run(path)(*inputs), subject.reference(*inputs)
+    result, expected = export_file.weights_run(path)(*inputs), subject.reference(*inputs)
     if precision == "fp32":
-        assert torch.equal(made, wanted)
+        assert torch.equal(result, expected)
         stacks = [each(cases.FIELDS[0], cases.PLANES.slopes) for each in (lfref.load(path), refocuser)]
         assert torch.equal(*stacks)
     else:
-        assert 0 < float((made - wanted).detach().abs().max()) < 0.02
+        assert 0 < float((result - expected).detach().abs().max()) < 0.02
 
 
 def test_half_precision_halves_the_file(tmp_path):

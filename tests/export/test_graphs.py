@@ -17,9 +17,11 @@ def test_a_graph_makes_the_pictures_of_its_refocuser(kind):
     refocuser = cases.SUBJECTS[kind]()
     subject = graphs.exportable(refocuser, cases.PLANES, cases.GRID)
     for field in cases.FIELDS:
-        made = subject.graph.module(*subject.inputs([field]))
-        wanted = refocuser(field, cases.PLANES.slopes)
-        torch.testing.assert_close(made.reshape(wanted.shape), wanted, atol=3e-3 if kind == "refiner" else 3e-6, rtol=0)
+        result = subject.graph.module(*subject.inputs([field]))
+        expected = refocuser(field, cases.PLANES.slopes)
+        torch.testing.assert_close(
+            result.reshape(expected.shape), expected, atol=3e-3 if kind == "refiner" else 3e-6, rtol=0
+        )
 
 
 @pytest.mark.parametrize("kind", cases.SUBJECTS)
@@ -27,19 +29,19 @@ def test_inputs_have_the_axes_that_are_told(kind):
     subject = graphs.exportable(cases.SUBJECTS[kind](), cases.PLANES, cases.GRID)
     for tensors in (subject.graph.example, subject.inputs(cases.FIELDS[:1])):
         lengths = {}
-        told = dict(zip(subject.graph.inputs, tensors, strict=True))
+        entries = dict(zip(subject.graph.inputs, tensors, strict=True))
         for name, axes in subject.graph.inputs.items():
-            for axis, length in zip(axes, told[name].shape, strict=True):
+            for axis, length in zip(axes, entries[name].shape, strict=True):
                 assert length == (axis if isinstance(axis, int) else lengths.setdefault(axis, length))
-        made = subject.graph.module(*tensors)
-        assert made.shape == tuple(lengths.get(axis, axis) for axis in subject.graph.output)
+        result = subject.graph.module(*tensors)
+        assert result.shape == tuple(lengths.get(axis, axis) for axis in subject.graph.output)
 
 
 def test_networks_and_operators_say_their_planes():
     for refocuser in (cases.network(), cases.operator()):
-        told = graphs.exportable(refocuser, cases.PLANES, cases.GRID).manifest_entries
-        assert planes_from(told["planes"]) == cases.PLANES
-        assert told["planes"]["alphas"] == [0.5, 1.0, 2.0]
+        entries = graphs.exportable(refocuser, cases.PLANES, cases.GRID).manifest_entries
+        assert planes_from(entries["planes"]) == cases.PLANES
+        assert entries["planes"]["alphas"] == [0.5, 1.0, 2.0]
     assert "planes" not in graphs.exportable(cases.refiner(), cases.PLANES, cases.GRID).manifest_entries
 
 

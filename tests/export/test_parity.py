@@ -87,8 +87,8 @@ def test_a_file_that_corrects_nothing_is_told_however_small_corrections_are():
     rows = [row for row in parity.rows(subject, runs, tried) if row["case"] == "drawn_0"]
     assert all(0 < row["before_db"] < parity.CORRECTED_DB for row in rows)
     assert rows[0]["psnr_db"] == rows[0]["before_db"]
-    told = [row["engine"] for row in rows if parity.worst([row], Tolerance(psnr_db=0.1))]
-    assert told == ["nothing", "too little"]
+    violations = [row["engine"] for row in rows if parity.worst([row], Tolerance(psnr_db=0.1))]
+    assert violations == ["nothing", "too little"]
 
 
 def test_stacks_that_are_not_finite_or_of_another_shape_are_off_by_more_than_anything():

@@ -29,8 +29,8 @@ SECONDS = 120
 def script(folder, name):
     """A script of the page, written into a folder."""
     blocks = PAGE.read_text("utf-8").split("```python\n")[1:]
-    (found,) = (block.partition("```")[0] for block in blocks if block.startswith(f"# {name} "))
-    (folder / name).write_text(found)
+    (text,) = (block.partition("```")[0] for block in blocks if block.startswith(f"# {name} "))
+    (folder / name).write_text(text)
     return folder / name
 
 
@@ -95,10 +95,10 @@ def test_a_client_gets_what_lfref_makes_of_the_file(model, port, tmp_path):
 @pytest.mark.slow
 def test_what_the_model_does_not_read_is_the_clients_mistake(port, tmp_path):
     address = f"http://127.0.0.1:{port}/predict"
-    for shape, said in (((1, 2, 3, 3, 20, 20), "Got: 2 Expected: 3"), ((3, 20, 20), "rank")):
+    for shape, message in (((1, 2, 3, 3, 20, 20), "Got: 2 Expected: 3"), ((3, 20, 20), "rank")):
         np.save(tmp_path / "views.npy", np.zeros(shape, np.float32))
-        status, told = answer(address, (tmp_path / "views.npy").read_bytes())
+        status, body = answer(address, (tmp_path / "views.npy").read_bytes())
         assert status == 400
-        assert said in told
+        assert message in body
     assert answer(address, b"no array")[0] == 400
     assert answer(f"http://127.0.0.1:{port}/health")[0] == 200

@@ -65,8 +65,8 @@ def test_a_block_sees_as_far_as_the_kernel_in_its_middle(kernel, dilation, reach
     block = ResBlock(2, 4, normalization="none", kernel=kernel, dilation=dilation)
     features = torch.rand(1, 2, 13, 13, requires_grad=True)
     block(features)[0, :, 6, 6].sum().backward()
-    seen = features.grad[0].abs().sum(0).nonzero() - 6
-    assert (int(seen.min()), int(seen.max())) == (-reach, reach)
+    visible = features.grad[0].abs().sum(0).nonzero() - 6
+    assert (int(visible.min()), int(visible.max())) == (-reach, reach)
 
 
 @pytest.mark.parametrize(("channels", "groups"), [(64, 32), (48, 16), (8, 8), (30, 2), (7, 1)])
@@ -125,10 +125,10 @@ def test_an_unknown_choice_is_refused_by_naming_the_option(option):
 @pytest.mark.parametrize("size", [(8, 12), (5, 4)])
 def test_edges_are_repeated_until_pixels_are_whole(side, size):
     images = torch.rand(2, 3, *size)
-    made = blocks.padded(images, side)
-    assert made.shape[-2:] == tuple(-(-length // side) * side for length in size)
-    rows, columns = (torch.arange(made.shape[axis]).clamp(max=images.shape[axis] - 1) for axis in (-2, -1))
-    assert torch.equal(made, images[..., rows[:, None], columns])
+    result = blocks.padded(images, side)
+    assert result.shape[-2:] == tuple(-(-length // side) * side for length in size)
+    rows, columns = (torch.arange(result.shape[axis]).clamp(max=images.shape[axis] - 1) for axis in (-2, -1))
+    assert torch.equal(result, images[..., rows[:, None], columns])
 
 
 @pytest.mark.parametrize("size", [(8, 12), (7, 9), (5, 4)])

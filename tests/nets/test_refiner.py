@@ -31,12 +31,12 @@ def test_it_starts_by_leaving_pictures_as_they_are():
 def test_any_size_and_any_leading_axes_keep_their_shape(size, shuffle):
     features, pictures = torch.rand(2, 5, 7, *size), torch.rand(2, 5, 3, *size)
     net = trained(shuffle=shuffle)
-    made = net(features, pictures, scale(pictures))
-    assert made.shape == pictures.shape
+    result = net(features, pictures, scale(pictures))
+    assert result.shape == pictures.shape
     torch.testing.assert_close(
-        made[1, 2], net(features[1, 2], pictures[1, 2], scale(pictures[1, 2])), atol=1e-6, rtol=1e-5
+        result[1, 2], net(features[1, 2], pictures[1, 2], scale(pictures[1, 2])), atol=1e-6, rtol=1e-5
     )
-    assert not torch.equal(made, pictures)
+    assert not torch.equal(result, pictures)
 
 
 def test_planes_do_not_know_of_each_other():
@@ -50,8 +50,8 @@ def test_planes_do_not_know_of_each_other():
 def test_a_shift_by_a_coarse_pixel_shifts_the_correction():
     features, net = torch.rand(7, 64, 64), trained()
     nothing = torch.zeros(3, 64, 64)
-    made, moved = (net(each, nothing, scale(nothing)) for each in (features, features.roll((2, 4), (1, 2))))
-    torch.testing.assert_close(moved[:, 24:40, 24:40], made[:, 22:38, 20:36], atol=1e-6, rtol=1e-5)
+    result, moved = (net(each, nothing, scale(nothing)) for each in (features, features.roll((2, 4), (1, 2))))
+    torch.testing.assert_close(moved[:, 24:40, 24:40], result[:, 22:38, 20:36], atol=1e-6, rtol=1e-5)
 
 
 def test_what_is_added_is_a_mixture_of_the_candidates_the_same_for_all_colours():
@@ -77,8 +77,8 @@ def test_without_blocks_it_is_two_convolutions_written_out():
 
 def test_pictures_keep_their_type_and_what_is_added_comes_in_that_of_the_weights():
     net = trained().bfloat16()
-    made = net(torch.rand(2, 7, 8, 8).bfloat16(), torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8))
-    assert made.dtype == torch.float32
+    result = net(torch.rand(2, 7, 8, 8).bfloat16(), torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8))
+    assert result.dtype == torch.float32
 
 
 def test_gradients():

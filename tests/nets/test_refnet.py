@@ -180,8 +180,8 @@ def reach(**options):
     nn.init.constant_(network.trunk[0].bias, 10.0)
     views = torch.rand(1, 1, 1, 9, 129, requires_grad=True)
     network.double()(views.double())[..., 4, 64].sum().backward()
-    seen = views.grad.abs().sum((0, 1, 2, 3)).nonzero()[:, 0] - 64
-    return -int(seen.min()), int(seen.max())
+    visible = views.grad.abs().sum((0, 1, 2, 3)).nonzero()[:, 0] - 64
+    return -int(visible.min()), int(visible.max())
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""Networks as files that other runtimes load: what stands in them, and how each format is written and opened."""
+"""Networks as files of other runtimes, format by format."""

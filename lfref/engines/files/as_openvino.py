@@ -21,7 +21,7 @@ from lfref.errors import CheckpointError
 from lfref.io import atomic, digests
 
 PRECISIONS = (FP32, FP16, BF16, INT8)
-"""fp16 weights are stored in half precision; bf16 is only said to the runtime."""
+"""fp16 weights are stored in half precision; bf16 is a setting of the runtime."""
 PACKAGES = (*by_openvino.PACKAGES, *as_onnx.PACKAGES)
 DIGEST_KEY, FORMER_KEY = "lfref_digest", "lfref_weights"
 """Key of the SHA-256 of both files; in files of earlier versions, that of the weights alone."""

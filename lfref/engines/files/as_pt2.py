@@ -1,4 +1,4 @@
-"""PT2 archives of `torch.export`: run by PyTorch, and made into programs by its compiler.
+"""PT2 archives of `torch.export`: PyTorch runs them, and its compiler turns them into programs.
 
 `torch.export.load` unpickles members of the archive, evaluates expressions as Python, imports modules and calls
 functions of PyTorch by name. Archives are hostile input, so each is checked first: plain weights, expressions of sizes,

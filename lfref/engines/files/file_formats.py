@@ -48,7 +48,7 @@ FORMATS: dict[str, NetworkFormat] = {
 
 def format_of(path: Path) -> NetworkFormat | None:
     """The format of a file by its suffix; None: none of these."""
-    return next((each for each in FORMATS.values() if each.suffix == path.suffix.lower()), None)
+    return next((entry for entry in FORMATS.values() if entry.suffix == path.suffix.lower()), None)
 
 
 def read(path: Path) -> tuple[Run, Manifest]:

@@ -73,7 +73,7 @@ class Manifest:
     precision: str
     """Precision of its arithmetic or of its weights."""
     sha256: str
-    """Digest of the weights that it was made of, in float32."""
+    """Digest of the network's weights in float32."""
     version: str
     """Of the lfref that wrote it."""
     planes: Mapping[str, Any] | None = None

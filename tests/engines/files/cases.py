@@ -30,8 +30,8 @@ GRAPHS = {"views": views, "refiner": refiner}
 
 
 def manifest(graph, precision="fp32"):
-    told = {"sha256": "0" * 64, "version": "1.2.3", "planes": {"slopes": [-1.0, 0.5], "convention": None}}
-    return Manifest("net", graph.inputs, graph.output, precision, **told)
+    entries = {"sha256": "0" * 64, "version": "1.2.3", "planes": {"slopes": [-1.0, 0.5], "convention": None}}
+    return Manifest("net", graph.inputs, graph.output, precision, **entries)
 
 
 @functools.cache

@@ -29,13 +29,13 @@ def test_a_file_computes_what_it_was_made_of_at_any_size(name, precision, kind, 
         for n, size in SIZES:
             inputs = cases.inputs(graph, n, size)
             with torch.no_grad():
-                made, wanted = run(*inputs), graph.module(*inputs)
-            assert (made.shape, made.dtype) == (wanted.shape, torch.float32), engine
+                result, expected = run(*inputs), graph.module(*inputs)
+            assert (result.shape, result.dtype) == (expected.shape, torch.float32), engine
             if precision == "fp32":
-                assert float((made - wanted).abs().max()) < ERROR[name], engine
+                assert float((result - expected).abs().max()) < ERROR[name], engine
             else:
-                assert float((made - wanted).abs().max()) > 1e-7
-                assert float(psnr(made, wanted).min()) > LEAST_DB[precision], engine
+                assert float((result - expected).abs().max()) > 1e-7
+                assert float(psnr(result, expected).min()) > LEAST_DB[precision], engine
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -52,9 +52,9 @@ def test_a_foreign_file_is_a_line(name, content, tmp_path):
     path = tmp_path / f"net{FORMATS[name].suffix}"
     path.write_bytes(content)
     path.with_suffix(".bin").write_bytes(content)
-    with pytest.raises(CheckpointError) as told:
+    with pytest.raises(CheckpointError) as caught:
         file_formats.read(path)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -33,7 +33,7 @@ def test_what_was_said_comes_back():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (None, "was not written by lfref export"),
         ("{" * (manifest.LONGEST + 1), "was not written by lfref export"),
@@ -48,8 +48,8 @@ def test_what_was_said_comes_back():
         (json.dumps(json.loads(MADE.text()) | {"output": []}), "must say what it holds"),
     ],
 )
-def test_what_cannot_be_is_a_line(text, said):
-    with pytest.raises(CheckpointError, match=said) as error:
+def test_what_cannot_be_is_a_line(text, message):
+    with pytest.raises(CheckpointError, match=message) as error:
         manifest.parse(PATH, text, True)
     assert "\n" not in str(error.value)
 

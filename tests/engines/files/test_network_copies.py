@@ -11,28 +11,28 @@ from lfref.nets.blocks import NORMALIZATIONS
 @pytest.mark.parametrize("precision", HALF_TYPES)
 def test_convolutions_are_halved_and_what_is_between_is_not(precision):
     module = nn.Sequential(nn.Conv2d(3, 8, 3), nn.InstanceNorm2d(8, affine=True), nn.Conv2d(8, 2, 1)).eval()
-    made, images = half_convolutions(module, precision), torch.rand(1, 3, 12, 12)
-    types = [weight.dtype for weight in made.parameters()]
+    result, images = half_convolutions(module, precision), torch.rand(1, 3, 12, 12)
+    types = [weight.dtype for weight in result.parameters()]
     assert types == [HALF_TYPES[precision]] * 2 + [torch.float32] * 2 + [HALF_TYPES[precision]] * 2
     with torch.no_grad():
-        stack, exact = made(images), module(images)
+        stack, exact = result(images), module(images)
     assert stack.dtype == torch.float32
     assert 1e-5 < float((stack - exact).abs().max()) < 0.03
     assert module[0].weight.dtype == torch.float32, "it is left as it is"
 
 
 def test_who_asks_for_the_weights_gets_the_type_that_is_read():
-    made = half_convolutions(nn.Conv2d(2, 2, 1), "fp16")
-    assert made.weight.dtype == torch.float32
-    assert made.convolution.weight.dtype == torch.float16
+    result = half_convolutions(nn.Conv2d(2, 2, 1), "fp16")
+    assert result.weight.dtype == torch.float32
+    assert result.convolution.weight.dtype == torch.float16
 
 
 @pytest.mark.parametrize("name", NORMALIZATIONS)
 def test_a_network_computes_the_same(name):
     module = nn.Sequential(nn.Conv2d(3, 32, 3), NORMALIZATIONS[name](32), nn.ReLU()).eval()
     images = torch.rand(2, 3, 17, 19)
-    made = centred_norms(module)
-    torch.testing.assert_close(made(images), module(images), atol=1e-5, rtol=0)
+    result = centred_norms(module)
+    torch.testing.assert_close(result(images), module(images), atol=1e-5, rtol=0)
     assert isinstance(module[1], type(NORMALIZATIONS[name](32))), "it is left as it is"
 
 
