@@ -268,7 +268,7 @@ def signals(number: int, seed: int) -> Iterator[str]:
                 equal += is_equal
                 if not is_equal or took >= LIMIT_S:
                     print(f"try {index}: {took:.0f} s, {lines}; then {message[-500:]}", file=sys.stderr)
-                shutil.rmtree(run)
+                shutil.rmtree(run, ignore_errors=True)
             tidy = clean if name.startswith("SIGTERM") else "-"
             yield f"| {name} | {number} | {ended} | {slowest:.0f} | {tidy} | {equal} |"
 
