@@ -11,21 +11,13 @@ from lfref.captures.inspect import Inspection
 from lfref.lightfield import LightField
 from lfref.report import drawing, pictures, tables
 
-WIDTH = 11.0  # inches
-BINS = 80
-BEYOND = 0.15  # of the range, that the histogram shows beyond either end
-LEAST_RANGE = 0.01  # of the colours, in pixels per view step
-LEAST_LIGHT = 0.8  # of the central view's: black of the grey scale, unless views are darker
-SURE = 0.5  # least confidence of pixels in the histogram
-STRIDE = 4  # pixels: enough samples for the brightness of a view
-
 
 def inspection_sheet(inspection: Inspection) -> Figure:
     """The central view, its disparities as a map and a histogram, the corner views, and the light of all views."""
     height, width = inspection.field.size
     # Beside each other two pictures of one shape; below them a row of a fixed height.
-    top = min(max((WIDTH / 2 - 0.6) * height / width, 1.2), 7.0)
-    figure = drawing.new_figure(WIDTH, top + 3.2)
+    top = min(max(4.9 * height / width, 1.2), 7.0)  # inches
+    figure = drawing.new_figure(11, top + 3.2)
     rows, columns = inspection.field.grid
     title = f"{inspection.field.name}: {rows}x{columns} views of {height}x{width}"
     figure.suptitle(tables.plot_text(title, 120), fontsize=11, x=0.01, ha="left")
@@ -54,7 +46,7 @@ def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int]) -> Non
 def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
     values, opacity = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
     low, high = inspection.slopes or (float(values.min()), float(values.max()))
-    look: dict[str, Any] = {"cmap": drawing.MAP, "vmin": low, "vmax": max(high, low + LEAST_RANGE)}
+    look: dict[str, Any] = {"cmap": drawing.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
     # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, alpha=0 * opacity, **look)
     bar = axes.figure.colorbar(shown, ax=axes, pad=0.02)
@@ -73,11 +65,13 @@ def _draw_corners(figure: SubFigure, inspection: Inspection) -> None:
 
 
 def _draw_light(axes: Axes, field: LightField, reference: tuple[int, int]) -> None:
-    light = field.views[..., ::STRIDE, ::STRIDE].float().nan_to_num(0, 0, 0).mean((2, 3, 4))
+    # Every fourth pixel is enough for a mean.
+    light = field.views[..., ::4, ::4].float().nan_to_num(0, 0, 0).mean((2, 3, 4))
     if field.weight is not None:
-        light = torch.where(field.weight[..., ::STRIDE, ::STRIDE].amax((2, 3, 4)) > 0, light, torch.nan)
+        light = torch.where(field.weight[..., ::4, ::4].amax((2, 3, 4)) > 0, light, torch.nan)
     relative = (light / light[reference].clamp(min=1e-6)).cpu().numpy()
-    ends = min(LEAST_LIGHT, float(np.nanmin(relative))), max(1.0, float(np.nanmax(relative)))
+    # Black is 0.8 of the central view, unless views are darker: small differences show, and do not look large.
+    ends = min(0.8, float(np.nanmin(relative))), max(1.0, float(np.nanmax(relative)))
     shown = axes.imshow(relative, cmap="gray", vmin=ends[0], vmax=ends[1])
     axes.figure.colorbar(shown, ax=axes, pad=0.03, shrink=0.8)
     axes.set_title("light of each view, central: 1", fontsize=9)
@@ -89,15 +83,15 @@ def _ends(n: int) -> list[int]:
 
 
 def _draw_slopes(axes: Axes, inspection: Inspection) -> None:
-    sure = inspection.disparity[inspection.confidence > SURE].flatten().cpu().numpy()
+    sure = inspection.disparity[inspection.confidence > 0.5].flatten().cpu().numpy()
     drawing.style_axes(axes, "slope, px per view step", "share of confident pixels", "")
     if inspection.slopes is None or not sure.size:
         axes.set_title("too little parallax to measure", fontsize=9, loc="left")
         return
     low, high = inspection.slopes
-    margin = max(BEYOND * (high - low), 0.05)
+    margin = max(0.15 * (high - low), 0.05)
     shares = np.full(sure.size, 1 / sure.size)
-    axes.hist(sure, bins=BINS, range=(low - margin, high + margin), weights=shares, color=drawing.BLUE)
+    axes.hist(sure, bins=80, range=(low - margin, high + margin), weights=shares, color=drawing.BLUE)
     axes.axvspan(low, high, color=drawing.ORANGE, alpha=0.12)
     for end in (low, high):
         axes.axvline(end, color=drawing.ORANGE, linewidth=1.2)

@@ -21,8 +21,7 @@ from lfref.report import drawing, tables
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
 """Value that the gain gives to this percentile of the mean picture."""
-FIGURE_WIDTH = 9.0  # inches
-SHEET_WIDTH, SHEET_COLUMNS = int(FIGURE_WIDTH * drawing.PNG["dpi"]), 4
+SHEET_WIDTH, SHEET_COLUMNS = 9 * drawing.PNG["dpi"], 4
 """Width of a contact sheet in pixels, approximately, and its columns."""
 SHEET_GAP, SHEET_LINE = 14, 30
 """Pixels between two pictures of a contact sheet, and of a line of text."""
@@ -156,9 +155,9 @@ def ends_and_middle(planes: FocalPlanes) -> list[int]:
 
 def _grid(n_rows: int, n_columns: int, image: Tensor, note: str) -> tuple[Figure, np.ndarray]:
     """A figure with a note on its brightness, and its empty cells, [n_rows, n_columns]."""
-    width = FIGURE_WIDTH / n_columns
+    width = 9 / n_columns  # inches
     height = width * image.shape[-2] / image.shape[-1] + 0.25
-    figure = drawing.new_figure(FIGURE_WIDTH, max(height, 0.6) * n_rows + 0.3)
+    figure = drawing.new_figure(9, max(height, 0.6) * n_rows + 0.3)
     figure.supxlabel(f"every picture: {note}", fontsize=8, color=drawing.GREY)
     grid = figure.subplots(n_rows, n_columns, squeeze=False)
     for axes in grid.flat:
@@ -179,10 +178,6 @@ def _array(image: Tensor, ndim: int) -> np.ndarray:
     return image.detach().float().cpu().numpy()
 
 
-SCENE_COLUMNS = 6
-SCENE_COLUMN_WIDTH = 2.4  # inches
-
-
 def view_cells(views: Tensor) -> dict[str, Tensor]:
     """Title -> picture [C, H, W] of the central view and of those in the corners of views [V, U, C, H, W]."""
     last_v, last_u = views.shape[0] - 1, views.shape[1] - 1
@@ -191,8 +186,8 @@ def view_cells(views: Tensor) -> dict[str, Tensor]:
 
 
 def plane_cells(stack: Tensor, planes: FocalPlanes) -> dict[str, Tensor]:
-    """Title -> picture [C, H, W] of up to `SCENE_COLUMNS` planes of a stack, from the first to the last."""
-    indices = np.unique(np.linspace(0, len(planes) - 1, SCENE_COLUMNS).round().astype(int)).tolist()
+    """Title -> picture [C, H, W] of up to six planes of a stack, from the first to the last."""
+    indices = np.unique(np.linspace(0, len(planes) - 1, 6).round().astype(int)).tolist()
     return {planes.labels[n]: stack[n] for n in indices}
 
 
@@ -208,8 +203,8 @@ def views_sheet(cells: Mapping[str, Tensor]) -> Figure:
     if not cells:
         raise InputError("a contact sheet needs at least one picture", got="none")
     height, width = next(iter(cells.values())).shape[-2:]
-    n_columns, n_rows = min(SCENE_COLUMNS, len(cells)), math.ceil(len(cells) / SCENE_COLUMNS)
-    figure = drawing.new_figure(SCENE_COLUMN_WIDTH * n_columns, (SCENE_COLUMN_WIDTH * height / width + 0.3) * n_rows)
+    n_columns, n_rows = min(6, len(cells)), math.ceil(len(cells) / 6)
+    figure = drawing.new_figure(2.4 * n_columns, (2.4 * height / width + 0.3) * n_rows)  # inches
     grid = figure.subplots(n_rows, n_columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()

@@ -18,7 +18,6 @@ from lfref.refocuser.operators import OperatorRefocuser
 from lfref.report import drawing, pictures
 from lfref.report.refocused import Refocused, mean_of_views
 
-WIDTH = 7.0  # inches
 SCALE_CONFIDENCE = 0.1  # least confidence of pixels that determine the scale of colours
 OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # quantile of confidence that is opaque, and the least confidence that is
 OUTLIERS = 0.02  # share of the confidence that lies beyond either end of the scale
@@ -39,7 +38,7 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
             "slopes and confidence must be [H, W]", got=f"{list(slopes.shape)} and {list(confidence.shape)}"
         )
     height, width = slopes.shape
-    figure = drawing.new_figure(WIDTH, 0.4 + (WIDTH - 1) * height / width)
+    figure = drawing.new_figure(7, 0.4 + 6 * height / width)  # inches
     axes = figure.subplots()
     values, sure = slopes.double().cpu().numpy(), confidence.double().cpu().numpy()
     # Relative to most pixels: of planes close together none is much sharper than the next.

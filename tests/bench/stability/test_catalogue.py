@@ -1,10 +1,14 @@
 """Every hard case is what its name says, in every type, and the same each time it is made."""
 
+import json
+from pathlib import Path
+
 import pytest
 import torch
 
-from lfref.bench.stability.catalogue import FIELDS, IMAGES, NETWORK_VIEWS, Demand
+from lfref.bench.stability.catalogue import FIELDS, IMAGES, NETWORK_VIEWS, SCENES, Demand
 
+PUBLISHED = Path(__file__).with_name("hard_cases.json")
 KINDS = {"images": IMAGES, "fields": FIELDS, "network views": NETWORK_VIEWS}
 BY_NAME = {case.name: case for case in IMAGES}
 
@@ -59,3 +63,31 @@ def test_vignetted_views_are_black_in_their_outer_corners_only():
     assert bool((views[0, 0, :, 0, 0] == 0).all())
     assert bool((views[-1, -1, :, -1, -1] == 0).all())
     assert bool((views[:, :, :, 7, 9] > 0).all())
+
+
+def described(case):
+    """Name of a case; shape, mean and largest value of its tensors, in six digits."""
+    text = [case.name]
+    if not case.is_large:
+        for part in case.make(torch.float64):
+            finite = part[part.isfinite()]
+            mean, largest = (finite.abs().mean(), finite.abs().max()) if finite.numel() else (0, 0)
+            text.append(f"{'x'.join(map(str, part.shape))} {float(mean):.5e} {float(largest):.5e}")
+    return "; ".join(text)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cases_are_those_of_the_published_table(kind):
+    # A case that changes is another row of docs/stability.md: measure that page again, then run
+    # `python -m tests.bench.stability.test_catalogue`, which writes this list anew.
+    assert [described(case) for case in KINDS[kind]] == json.loads(PUBLISHED.read_text("utf-8"))[kind]
+
+
+def test_scenes_are_those_of_the_published_table():
+    assert {name: str(scene) for name, scene in SCENES.items()} == json.loads(PUBLISHED.read_text("utf-8"))["scenes"]
+
+
+if __name__ == "__main__":
+    lists = {kind: [described(case) for case in cases] for kind, cases in KINDS.items()}
+    lists["scenes"] = {name: str(scene) for name, scene in SCENES.items()}
+    PUBLISHED.write_text(json.dumps(lists, indent=1) + "\n", "utf-8")
