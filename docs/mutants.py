@@ -1,8 +1,8 @@
 """Mutation test: change one operator or constant of lfref at a time, and see whether a test fails.
 
 Half of the mutants change logic (a comparison, a sign, a product, `and`, `or`), half make a module constant twice or
-half as large. Each runs in a copy of the tree: first the test file of its module, then the tests of its package. A seed
-fixes which mutants are drawn. With `--constants`, every module constant is tried, and no logic.
+half as large. Each runs in a copy of the tree: first the test file of its module, then the tests of its package, then
+the hostile ones. A seed fixes which mutants are drawn. With `--constants`, every module constant is tried, and no logic.
 
 Usage: python docs/mutants.py [--seed 0] [--number 60] [--workers 2] [--within lfref/captures] [--constants]
 """
@@ -156,7 +156,7 @@ def tests_of(file: Path, tree: Path) -> list[list[str]]:
     folder = tree / "tests" / package
     nearest = [str(path) for path in sorted(folder.rglob(f"test_{file.stem}*.py"))]
     whole = [str(folder)] if package else [str(path) for path in sorted(folder.glob("test_*.py"))]
-    return [group for group in (nearest, whole) if group]
+    return [group for group in (nearest, whole, [str(tree / "tests" / "hostile")]) if group]
 
 
 def killed_by(mutant: Mutant, tree: Path) -> str:
