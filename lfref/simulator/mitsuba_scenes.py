@@ -91,8 +91,7 @@ def _card(left: float, top: float, right: float, bottom: float) -> Polygon:
     return Polygon(((left, top), (right, top), (right, bottom), (left, bottom)))
 
 
-FOCAL = 100.0
-"""Focal length f in pixels. Pictures do not depend on it: it scales distances."""
+# The focal length f is 100 pixels. Pictures do not depend on it: it scales distances.
 HORIZON = 4.0
 """c, in pixels per view step: surfaces of disparity -c are at infinity, so that all must be nearer."""
 FINER = 4
@@ -152,7 +151,7 @@ class MitsubaScene:
         film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"}
         sensor = {
             **lens,
-            "fov": math.degrees(2 * math.atan(width / 2 / FOCAL)),
+            "fov": math.degrees(2 * math.atan(width / 2 / 100)),
             "near_clip": 0.01,
             "to_world": mi.ScalarTransform4f().look_at([*origin, 0], [*origin, 1], [0, -1, 0]),
             "film": {**film, "component_format": "float32", "rfilter": {"type": "box"}},
@@ -164,7 +163,7 @@ class MitsubaScene:
 
 def distance(disparity: Any) -> Any:
     """Z of a disparity, a number or a tensor."""
-    return FOCAL / (disparity + HORIZON)
+    return 100 / (disparity + HORIZON)
 
 
 def mesh_points(matte: Outline, canvas: Canvas) -> tuple[Tensor, Tensor]:
@@ -192,7 +191,7 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     material = surface.material
     x, y = mesh_points(surface.matte, canvas)
     z = distance(surface.geometry.disparity_at(x, y).expand(x.shape))
-    points = torch.stack([x * z / FOCAL, y * z / FOCAL, z], -1)
+    points = torch.stack([x * z / 100, y * z / 100, z], -1)
     colours = _sharpened_texture(surface.texture, canvas, key)
     if isinstance(material, Matte):
         return _mesh(points, _texture_coordinates(x, y, canvas), {"type": "diffuse", "reflectance": _bitmap(colours)})
@@ -210,7 +209,7 @@ def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     x, y = mesh_points(Full(), canvas)
     image, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)
     assert image > 2 * mirror, "the mirrored picture must stand behind the cameras"
-    points = torch.stack([x * image / FOCAL, y * image / FOCAL, torch.full_like(x, 2 * mirror - image)], -1)
+    points = torch.stack([x * image / 100, y * image / 100, torch.full_like(x, 2 * mirror - image)], -1)
     colours = _bitmap(_sharpened_texture(material.texture, canvas, key))
     # Flipped: it faces the mirror.
     black, light = {"type": "conductor", "specular_reflectance": 0.0}, {"type": "area", "radiance": colours}

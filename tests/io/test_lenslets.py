@@ -218,3 +218,9 @@ def test_lenslets_that_do_not_show_begin_in_the_corner(tmp_path):
     unsaid = read.read(tmp_path / "a.png", pitch=14.29)
     said = read.read(tmp_path / "a.png", pitch=14.29, offset=[6.645, 6.645])
     torch.testing.assert_close(unsaid.views, said.views, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(("shape", "lenslet"), [((5, 30, 3), 14), ((30, 5, 3), 14), ((30, 30, 3), 0)])
+def test_an_image_smaller_than_a_lenslet_is_refused(shape, lenslet):
+    with pytest.raises(InputError, match="at least one lenslet"):
+        lenslets.unpack(np.zeros(shape), lenslet)
