@@ -182,6 +182,8 @@ SPECIFICATION = (
         ("guards_code", ["__import__('os').mkdir('made')"]),
         ("in_spec", SPECIFICATION),
         ("out_spec", SPECIFICATION),
+        ("metadata", {"nodes": []}),
+        ("metadata", {"custom": "{}"}),
         ("treespec_namedtuple_fields", {"os": {"field_names": ["x"]}}),
     ],
 )
@@ -263,6 +265,11 @@ def loop(model):
     "change",
     [
         put_elsewhere,
+        lambda model: setattr(model.graph.initializer[0], "data_location", 1),
+        lambda model: model.graph.initializer[0].external_data.add(key="location", value="/etc/passwd"),
+        lambda model: setattr(model.graph.node[0], "op_type", "NonZero"),
+        lambda model: setattr(model.graph.node[0].attribute[0], "ref_attr_name", "x"),
+        lambda model: model.training_info.add(),
         loop,
         lambda model: model.opset_import.add(domain="evil", version=1),
         lambda model: model.opset_import.add(domain="com.microsoft", version=1),
