@@ -5,6 +5,7 @@ patch is drawn again: nothing can be learned from it, and normalisation would di
 """
 
 import math
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypedDict
 
@@ -13,6 +14,7 @@ import torch
 from lightning.pytorch import LightningDataModule
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data._utils import signal_handling
 
 from lfref.data.field_sources import Field, Source
 from lfref.data.label_sources import Labels
@@ -169,6 +171,20 @@ def concatenate(items: Sequence[Batch]) -> Batch:
     }
 
 
+class EpochLoader(DataLoader[Any]):
+    """A loader whose workers start at the first batch.
+
+    Lightning makes the iterator of a resumed training before it sets the epoch: workers that start with the iterator
+    would prepare the data of epoch 0. After a training, Lightning removes PyTorch's handler of SIGCHLD: without it, the
+    next training of the process notices a dead worker only after the timeout.
+    """
+
+    def __iter__(self) -> Iterator[Any]:  # type: ignore[override]
+        if self.num_workers and signal.getsignal(signal.SIGCHLD) == signal.SIG_DFL:
+            signal_handling._SIGCHLD_handler_set = False
+        yield from super().__iter__()
+
+
 def epoch_loader(
     module: LightningDataModule,
     items: Any,
@@ -181,7 +197,7 @@ def epoch_loader(
     """Batches of a data module's items in the order of an `EpochSampler`; `timeout` is in seconds a batch, 0: none."""
     trainer = module.trainer
     rank, world_size = (trainer.global_rank, trainer.world_size) if trainer else (0, 1)
-    return DataLoader(
+    return EpochLoader(
         items,
         batch_size=batch_size,
         sampler=EpochSampler(len(items), order_seed, rank, world_size),

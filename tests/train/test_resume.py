@@ -34,7 +34,9 @@ def every_epoch(folder):
 
 
 @quiet
-def test_a_resumed_run_is_bit_equal_to_an_unbroken_one(module, data, trainer, tmp_path):
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_resumed_run_is_bit_equal_to_an_unbroken_one(module, data, trainer, tmp_path, workers):
+    data.workers = workers
     broken = copy.deepcopy(cosine(module, 4))
     callbacks = [HeadInitialization(), unbroken := Rates(), every_epoch(tmp_path)]
     trainer(max_epochs=4, enable_checkpointing=True, callbacks=callbacks).fit(module, datamodule=data)

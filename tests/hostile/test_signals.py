@@ -1,0 +1,94 @@
+"""Signals to a training in two processes: all end soon, with one line, and what they resume is equal to the bit.
+
+`python docs/fuzz.py signals` tries this at random moments; here each kind of signal comes once, after the first epoch.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+from tests.cli.conftest import TINY
+
+pytestmark = pytest.mark.slow
+TRAINING = (
+    *TINY, "trainer=ddp", "trainer.accelerator=cpu", "trainer.devices=2", "data.n_fields=4", "trainer.max_epochs=500",
+    "callbacks.progress=null", "callbacks.summary=null", "callbacks.pictures=null",
+)  # fmt: skip
+LIMIT_S = 30
+
+
+def start(*words) -> subprocess.Popen:
+    command = [sys.executable, "-c", "from lfref.cli.main import main; main()", "train", *map(str, words)]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def training(run) -> subprocess.Popen:
+    """A training that has finished an epoch."""
+    process = start(*TRAINING, f"output={run}")
+    while not (run / "checkpoints" / "last.ckpt").exists():
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.05)
+    return process
+
+
+def members(session) -> list[int]:
+    """Processes of a session that have not ended."""
+    command = ["ps", "-o", "pid=,stat=", "-s", str(session)]
+    lines = subprocess.run(command, stdout=subprocess.PIPE, text=True).stdout.splitlines()
+    return [int(line.split()[0]) for line in lines if "Z" not in line.split()[1]]
+
+
+def line_of(process) -> str:
+    """The one line that a training prints when it is ended; all of its processes are gone by then."""
+    errors = process.communicate(timeout=LIMIT_S)[1]
+    assert members(process.pid) == []
+    assert "Traceback" not in errors, errors
+    (line,) = (line for line in errors.splitlines() if line.startswith("lfref"))
+    return line
+
+
+@pytest.mark.parametrize(("number", "whom"), [(signal.SIGTERM, "the first"), (signal.SIGINT, "all")])
+def test_two_processes_stop_together_and_resume_to_the_bit(tmp_path, number, whom):
+    run = tmp_path / "run"
+    process = training(run)
+    for member in members(process.pid) if whom == "all" else [process.pid]:
+        os.kill(member, number)
+    line = line_of(process)
+    assert process.returncode == 128 + number
+    assert line.startswith(f"lfref train: stopped by {number.name}; ")
+    assert line.endswith(f"go on by lfref train resume={run}")
+    last = torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)
+    length = f"trainer.max_epochs={last['epoch'] + 3}"
+    both = start(f"resume={run}", length), start(*TRAINING, f"output={tmp_path}/whole", length)
+    for process in both:
+        assert process.wait() == 0, process.stderr.read()
+        process.stderr.close()
+    resumed, whole = (
+        torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True) for folder in (run, tmp_path / "whole")
+    )
+    assert resumed["global_step"] == whole["global_step"] > last["global_step"]
+    for name, value in whole["state_dict"].items():
+        assert torch.equal(resumed["state_dict"][name], value), name
+
+
+@pytest.mark.parametrize("victim", ["the first", "the second"])
+def test_when_one_process_is_killed_the_other_ends(tmp_path, victim):
+    process = training(tmp_path / "run")
+    others = [member for member in members(process.pid) if member != process.pid]
+    assert len(others) == 1
+    if victim == "the first":
+        process.kill()
+        process.communicate(timeout=LIMIT_S)
+        start_s = time.monotonic()
+        while members(process.pid) and time.monotonic() - start_s < LIMIT_S:
+            time.sleep(0.1)
+        assert members(process.pid) == []
+        return
+    os.kill(others[0], signal.SIGKILL)
+    assert "all processes of a distributed training must live" in line_of(process)
+    assert process.returncode == 1
