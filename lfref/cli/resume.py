@@ -16,6 +16,7 @@ from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from hydra.types import RunMode
 
 from lfref.cli import parts
@@ -59,8 +60,8 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
     run = Run.of(path)
     new = [argument for argument in arguments if argument not in asked]
     said = {key_of(argument) for argument in new} | set(FOLDERS)
-    known = [override for override in run.overrides if key_of(override) not in said]
-    old = [override for override in known if not _names_place(key_of(override))]
+    known = [override for override in map(str, run.overrides) if key_of(override) not in said]
+    old = [override for override in known if not _names_place(override, run)]
     if dropped := [override for override in known if override not in old and key_of(override) != "output"]:
         print(f"{run.folder.name}: say again what is to hold on: {' '.join(dropped)}", file=sys.stderr)
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
@@ -72,9 +73,30 @@ def key_of(override: str) -> str:
     return override.partition("=")[0].lstrip("+~")
 
 
-def _names_place(key: str) -> bool:
-    names = key.split("@")[-1].split(".")
-    return names[0] in NOT_RESUMED or key.split("@")[0] in NOT_RESUMED or names[-1] in PLACES
+def _names_place(override: str, run: Run) -> bool:
+    """Whether an override of a run folder says where files go, by its key or in a value such as {cache_folder: /x}.
+
+    Raises:
+        InputError: It is no override but, for example, an option of the command line.
+    """
+    try:
+        parsed = OverridesParser.create().parse_override(override)
+        value = parsed.value()
+    except HydraException as error:
+        raise InputError(f"{run.folder / runs.OVERRIDES} must hold overrides KEY=VALUE", got=repr(override)) from error
+    paths = [re.split(r"[./]", name) for name in (parsed.key_or_group, parsed.package) if name]
+    return (
+        any(path[0] in NOT_RESUMED for path in paths)
+        or paths[-1][-1] in PLACES
+        or any(key in PLACES for key in _keys(value))
+    )
+
+
+def _keys(node: Any) -> Iterator[str]:
+    """All keys of nested dictionaries."""
+    for item in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        yield from _keys(item)
+    yield from map(str, node if isinstance(node, dict) else ())
 
 
 def _path(override: str) -> str | None:

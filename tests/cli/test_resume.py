@@ -170,7 +170,8 @@ def test_resume_becomes_the_runs_own_overrides_and_those_that_are_said_anew(run)
 @pytest.mark.parametrize(
     "override",
     ["hydra.run.dir=/x", "data.cache_folder=/x", "logger=wandb", "logger@logger.b=wandb", "logger.csv.save_dir=/x",
-     "callbacks.pictures.folder=/x", "trainer.default_root_dir=/x", "folder=/x", "overwrite=true"],
+     "callbacks.pictures.folder=/x", "trainer.default_root_dir=/x", "folder=/x", "overwrite=true", "hydra/launcher=x",
+     "+hydra/job_logging=none", "logger/csv=wandb", "data={cache_folder: /x}", "+callbacks.x={a: [{dirpath: /x}]}"],
 )  # fmt: skip
 def test_a_run_folder_does_not_say_where_things_go(run, capsys, override):
     write_overrides(run, ["net=refnet_small", override])
@@ -179,6 +180,15 @@ def test_a_run_folder_does_not_say_where_things_go(run, capsys, override):
     assert "net=refnet_small" in line
     assert override.startswith("folder") or override in capsys.readouterr().err
     assert override in resume.expanded([f"resume={run}", override])
+
+
+@pytest.mark.parametrize(
+    "entry", ["--config-dir=/x", "--multirun", "-m", "a b", " hydra.run.dir=/x", 3, {"a": 1}, None, ["a=1"]]
+)
+def test_a_run_folder_holds_no_options_of_the_command_line(run, entry):
+    (run / "overrides.yaml").write_text(yaml.safe_dump(["net=refnet_small", entry]))
+    with pytest.raises(InputError, match=r"overrides\.yaml must hold overrides KEY=VALUE"):
+        resume.expanded([f"resume={run}"])
 
 
 @pytest.mark.parametrize("name", ["plain", "it's", "a b, [c]={d}", "tail\\'s", '"x"', "(1)"])
