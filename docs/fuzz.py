@@ -258,7 +258,9 @@ def signals(number: int, seed: int) -> Iterator[str]:
                 for pid in processes_of(session):
                     os.kill(pid, signal.SIGKILL)
                 lines = [line for line in process.communicate()[1].splitlines() if line.startswith(("lfref", "Trace"))]
-                clean += process.returncode in (143, 0) and len(lines) <= 1
+                # Before the command has begun, the system itself ends it, which a shell shows as 143 too.
+                is_clean = process.returncode in (143, -signal.SIGTERM, 0) and len(lines) <= 1
+                clean += is_clean
                 has_checkpoint = any((run / "checkpoints").glob("*.ckpt"))
                 again = ["train", f"resume={run}"] if has_checkpoint else [*TRAINING, f"output={run}"]
                 resumed = lfref_process(*again)
@@ -266,8 +268,9 @@ def signals(number: int, seed: int) -> Iterator[str]:
                 weights = trained_weights(run) if resumed.returncode == 0 else {}
                 is_equal = weights.keys() == truth.keys() and all(weights[key].equal(truth[key]) for key in truth)
                 equal += is_equal
-                if not is_equal or took >= LIMIT_S:
-                    print(f"try {index}: {took:.0f} s, {lines}; then {message[-500:]}", file=sys.stderr)
+                if not (is_equal and took < LIMIT_S and (is_clean or sent == signal.SIGKILL)):
+                    what = f"try {index}: {took:.0f} s, status {process.returncode}, {lines}; then {message[-500:]}"
+                    print(what, file=sys.stderr)
                 shutil.rmtree(run, ignore_errors=True)
             tidy = clean if name.startswith("SIGTERM") else "-"
             yield f"| {name} | {number} | {ended} | {slowest:.0f} | {tidy} | {equal} |"

@@ -1,0 +1,94 @@
+"""Results of the methods on one fixed noisy capture stay as they are, so that a changed constant is noticed.
+
+The expected values, means of blocks, lie in results.npz, compared with a tolerance, since other machines round
+differently. After a change on purpose: say it in CHANGELOG.md, raise the versions of caches that tests/data/test_versions.py
+guards, and write the file anew by `python -m tests.refocus.test_results`.
+"""
+
+import dataclasses
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from lfref.refocus.disparity.disparity_map import depth_order, disparity_map
+from lfref.refocus.focus import slope_range
+from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.focus.extended_focus import extended_focus
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
+from lfref.refocus.fourier.super_resolution import super_resolve
+from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
+
+EXPECTED = Path(__file__).with_name("results.npz")
+SLOPES = torch.tensor([-1.4, 0.3, 1.1], dtype=torch.float64)
+
+
+@functools.cache
+def views() -> Tensor:
+    """A scene of several surfaces, with noise, [7, 7, 3, 72, 96]."""
+    scene = sim30.SCENES["shards"]
+    scene = dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, size=(72, 96)))
+    clean = simulate(scene, outputs=("views",)).views
+    return clean + 0.01 * torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
+
+
+def stack_of_focus() -> tuple[Tensor, Tensor, Tensor]:
+    result = all_in_focus(shift_and_sum(views(), torch.linspace(-2, 2, 9).double()))
+    return result.image, result.index, result.confidence
+
+
+def reduced() -> tuple[Tensor, ...]:
+    small = slope_range.reduce_views(views())
+    coarse = slope_range.disparity_of_reduced(small)
+    ends = slope_range.slope_range(coarse)
+    assert ends is not None
+    numbers = [*ends, slope_range.axis_correlation(small), float(slope_range.seems_reversed(small))]
+    return coarse.disparity, coarse.confidence, slope_range.on_surfaces(coarse).float(), torch.tensor(numbers)
+
+
+def ordered() -> tuple[Tensor, Tensor, Tensor]:
+    disparity, confidence = disparity_map(views())[:2]
+    order = depth_order(views(), disparity, confidence)
+    return disparity, confidence, torch.tensor([float(order)])
+
+
+RESULTS = {
+    "disparity": ordered,
+    "slope range": reduced,
+    "cells": lambda: (shift_and_sum_through_cells(views(), SLOPES),),
+    "layers": lambda: (refocus_by_layers(views(), SLOPES),),
+    "occlusion aware": lambda: (occlusion_aware(views(), SLOPES),),
+    "super resolution": lambda: (super_resolve(views(), SLOPES),),
+    "all in focus": stack_of_focus,
+    "extended focus": lambda: (extended_focus(views()),),
+}
+
+
+def in_blocks(result: Tensor) -> Tensor:
+    """Means of blocks of 12 x 12 pixels, in a row."""
+    maps = result.detach().float()
+    if maps.ndim < 2:
+        return maps
+    return F.avg_pool2d(maps.reshape(1, -1, *maps.shape[-2:]), min(12, *maps.shape[-2:])).flatten()
+
+
+def computed(name: str) -> np.ndarray:
+    return torch.cat([in_blocks(part) for part in RESULTS[name]()]).numpy()
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_are_those_that_were_stored(name: str) -> None:
+    with np.load(EXPECTED) as stored:
+        np.testing.assert_allclose(computed(name), stored[name], atol=2e-5, rtol=2e-5)
+
+
+if __name__ == "__main__":
+    np.savez_compressed(EXPECTED, **{name: computed(name) for name in RESULTS})
