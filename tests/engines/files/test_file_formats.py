@@ -12,7 +12,11 @@ from lfref.functional.psnr import psnr
 from tests.engines.files import cases
 from tests.engines.files.cases import written
 
-EVERY = [(name, precision) for name, each in FORMATS.items() for precision in each.precisions]
+FILES = [
+    *((name, precision, "views") for name, entry in FORMATS.items() for precision in entry.precisions),
+    *((name, "fp32", "refiner") for name in FORMATS),
+    ("openvino", "int8", "refiner"),
+]
 SIZES = [(1, (24, 28)), (3, (31, 45)), (2, (40, 33))]
 ERROR = {"onnx": 1e-4, "openvino": 1e-4, "pt2": 1e-6}
 LEAST_DB = {"fp16": 50, "bf16": 40, "int8": 30}
@@ -21,8 +25,7 @@ pytest.importorskip("openvino")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", cases.GRAPHS)
-@pytest.mark.parametrize(("name", "precision"), EVERY)
+@pytest.mark.parametrize(("name", "precision", "kind"), FILES)
 def test_a_file_computes_what_it_was_made_of_at_any_size(name, precision, kind, tmp_path):
     path, graph = written(tmp_path, name, precision, kind)
     for engine, run in file_formats.engines(path).items():
