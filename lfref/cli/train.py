@@ -72,7 +72,7 @@ def train(config: DictConfig, folder: Path) -> None:
     torch.set_float32_matmul_precision(config.matmul_precision)
     data = configs.build(config.data)
     module = _module(config, data)
-    stopping = Stopping(functools.partial(_give_up, folder))
+    stopping = Stopping(folder / runs.CHECKPOINTS / "last.ckpt", functools.partial(_give_up, folder))
     try:
         with failures.one_line_errors(folder):
             trainer = _trainer(config, stopping)

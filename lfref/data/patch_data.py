@@ -138,6 +138,8 @@ class EpochSampler(Sampler[tuple[int, int]]):
         self.rank = rank
         self.world_size = world_size
         self.epoch = 0
+        self.skip = 0
+        """Items of the next epoch that a resumed training has had before."""
 
     def set_epoch(self, epoch: int) -> None:
         """Set the next epoch; Lightning calls this."""
@@ -148,7 +150,8 @@ class EpochSampler(Sampler[tuple[int, int]]):
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
         epoch = 0 if self.seed is None else self.epoch
-        return ((epoch, index) for index in self._order())
+        order, self.skip = self._order()[self.skip :], 0
+        return ((epoch, index) for index in order)
 
     def _order(self) -> list[int]:
         if self.seed is None:
@@ -184,6 +187,13 @@ class EpochLoader(DataLoader[Any]):
             signal_handling._SIGCHLD_handler_set = False
         yield from super().__iter__()
 
+    def state_dict(self) -> dict[str, Any]:
+        """Nothing: `epoch_loader` learns from the trainer where to go on. Lightning warns without this method."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Nothing."""
+
 
 def epoch_loader(
     module: LightningDataModule,
@@ -197,10 +207,17 @@ def epoch_loader(
     """Batches of a data module's items in the order of an `EpochSampler`; `timeout` is in seconds a batch, 0: none."""
     trainer = module.trainer
     rank, world_size = (trainer.global_rank, trainer.world_size) if trainer else (0, 1)
+    sampler = EpochSampler(len(items), order_seed, rank, world_size)
+    if trainer and order_seed is not None and trainer.fit_loop.restarting:
+        # The checkpoint may have been written in the middle of an epoch, when a signal came.
+        epochs: Any = trainer.fit_loop.epoch_progress.total
+        batches: Any = trainer.fit_loop.epoch_loop.batch_progress
+        if epochs.processed < epochs.started and not batches.is_last_batch:
+            sampler.skip = batches.current.processed * batch_size
     return EpochLoader(
         items,
         batch_size=batch_size,
-        sampler=EpochSampler(len(items), order_seed, rank, world_size),
+        sampler=sampler,
         collate_fn=collate,
         num_workers=workers,
         persistent_workers=workers > 0,

@@ -1,9 +1,9 @@
 """Ends of a distributed training: all processes stop together when one gets a signal or dies.
 
 A handler must not start a collective: the others may be in another one, and all would wait for ever (Lightning's own
-notifier does so; it is switched off). Here a handler only sets a flag, which the processes compare after every step.
-A process that stands still, in whatever library, ends by force after `PATIENCE_S`: checkpoints are renamed when they
-are whole, so nothing is lost.
+notifier does so; it is switched off). Here a handler only sets a flag, which the processes compare after every step;
+then they write a checkpoint, from which the epoch goes on. A process that stands still, in whatever library, ends by
+force after `PATIENCE_S`: checkpoints are renamed when they are whole, so that of the last epoch stays.
 """
 
 import os
@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -30,10 +31,12 @@ class Stopping(Callback):
     """Stops all processes of a training after the step in which one of them got SIGINT or SIGTERM.
 
     Args:
+        path: The checkpoint to write.
         give_up: Prints why a process ends by force, given the signal.
     """
 
-    def __init__(self, give_up: Callable[[int], None]) -> None:
+    def __init__(self, path: Path, give_up: Callable[[int], None]) -> None:
+        self.path = path
         self.give_up = give_up
         self.number = 0
         """The signal that has come, or 0."""
@@ -78,12 +81,17 @@ class Stopping(Callback):
         self._is_training = True
 
     def on_train_batch_end(self, trainer: Trainer, module: Any, outputs: Any, batch: Any, batch_index: int) -> None:
-        """Stop in all processes if a signal has come in one."""
-        if trainer.world_size > 1:
-            number = torch.tensor(float(self.number), device=trainer.strategy.root_device)
-            if latest := int(trainer.strategy.reduce(number, reduce_op="max")):
-                self.agreed = True
-                self._stop(latest)
+        """Write a checkpoint and stop in all processes if a signal has come in one."""
+        # A checkpoint holds no gradients: those that are accumulated for a step would be lost.
+        if trainer.world_size == 1 or (batch_index + 1) % trainer.accumulate_grad_batches:
+            return
+        number = torch.tensor(float(self.number), device=trainer.strategy.root_device)
+        if latest := int(trainer.strategy.reduce(number, reduce_op="max")):
+            self.agreed = True
+            # After the last batch validation is due, which a resumed training would leave out: it repeats the epoch.
+            if not trainer.fit_loop.epoch_loop.batch_progress.is_last_batch:
+                trainer.save_checkpoint(self.path)
+            self._stop(latest)
 
     def on_train_end(self, trainer: Trainer, module: Any) -> None:
         """The others may be gone."""

@@ -16,7 +16,7 @@ from tests.cli.conftest import TINY
 
 pytestmark = pytest.mark.slow
 TRAINING = (
-    *TINY, "trainer=ddp", "trainer.accelerator=cpu", "trainer.devices=2", "data.n_fields=4", "trainer.max_epochs=500",
+    *TINY, "trainer=ddp", "trainer.accelerator=cpu", "trainer.devices=2", "data.n_fields=20", "trainer.max_epochs=500",
     "callbacks.progress=null", "callbacks.summary=null", "callbacks.pictures=null",
 )  # fmt: skip
 LIMIT_S = 30

@@ -29,6 +29,35 @@ class Rates(Callback):
         self.seen.append(trainer.optimizers[0].param_groups[0]["lr"])
 
 
+class StoppedInEpochOne(Callback):
+    """Writes a checkpoint after the second of three steps of the second epoch, and stops."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def on_train_batch_end(self, trainer, module, outputs, batch, batch_index):
+        if (trainer.current_epoch, batch_index) == (1, 1):
+            trainer.save_checkpoint(self.path)
+            raise SystemExit(143)
+
+
+@quiet
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_run_that_is_stopped_within_an_epoch_is_resumed_to_the_bit(module, data, trainer, tmp_path, workers):
+    data.workers = workers
+    broken, path = copy.deepcopy(cosine(module, 4)), tmp_path / "last.ckpt"
+    trainer(max_epochs=4, callbacks=[HeadInitialization(), unbroken := Rates()]).fit(module, datamodule=data)
+    again = copy.deepcopy(broken)
+    with pytest.raises(SystemExit):
+        trainer(max_epochs=4, callbacks=[HeadInitialization(), StoppedInEpochOne(path)]).fit(broken, datamodule=data)
+    fit = trainer(max_epochs=4, callbacks=[HeadInitialization(), resumed := Rates()])
+    fit.fit(again, datamodule=data, ckpt_path=path, weights_only=True)
+    assert fit.global_step == 12
+    assert resumed.seen == unbroken.seen[2:]
+    for name, value in module.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name]), name
+
+
 def every_epoch(folder):
     return ModelCheckpoint(folder, filename="{epoch}", save_top_k=-1)
 
