@@ -97,3 +97,32 @@ def test_stacks_that_are_not_finite_or_of_another_shape_are_off_by_more_than_any
     rows = list(parity.rows(exact, runs, parity.cases(exact, cases.FIELDS[:1])))
     assert all(row["max_error"] == math.inf for row in rows)
     assert parity.worst(rows, Tolerance(psnr_db=1)) is not None
+
+
+@pytest.mark.parametrize(
+    ("precision", "row", "holds"),
+    [
+        ("fp32", {"max_error": 0.9e-4}, True),
+        ("fp32", {"max_error": 1.1e-4}, False),
+        ("fp16", {"psnr_db": 50.1}, True),
+        ("fp16", {"psnr_db": 49.9}, False),
+        ("bf16", {"psnr_db": 50.1}, True),
+        ("bf16", {"psnr_db": 49.9}, False),
+        ("int8", {"psnr_db": 40.1}, True),
+        ("int8", {"psnr_db": 39.9}, False),
+        # Float32 that differs from float64 by 1e-4 or less is no noise of the network's own.
+        ("fp32", {"case": "black", "own_error": 1.1e-4, "max_error": 4.3e-4}, True),
+        ("fp32", {"case": "black", "own_error": 1.1e-4, "max_error": 4.5e-4}, False),
+        ("fp32", {"case": "black", "own_error": 0.9e-4, "max_error": 1.5e-4}, False),
+        ("int8", {"case": "grey", "psnr_db": 25.1}, True),
+        ("int8", {"case": "grey", "psnr_db": 24.9}, False),
+        # Pictures of a refiner's file come 6 dB nearer than uncorrected ones, unless these are within 90 dB.
+        ("int8", {"before_db": 50.0, "psnr_db": 56.1}, True),
+        ("int8", {"before_db": 50.0, "psnr_db": 55.9}, False),
+        ("int8", {"before_db": 89.0, "psnr_db": 89.0}, False),
+        ("int8", {"before_db": 91.0, "psnr_db": 91.0}, True),
+    ],
+)
+def test_limits_of_every_precision(precision, row, holds):
+    whole = {"case": "drawn", "max_error": 0.0, "psnr_db": 100.0, "own_error": 0.0, "before_db": 0.0} | row
+    assert (parity.worst([whole], parity.TOLERANCES[precision]) is None) == holds
