@@ -50,7 +50,7 @@ def lock(folder: Path) -> None:
     """Lock a folder until this process ends or locks another one.
 
     Raises:
-        FileError: Another process writes into it.
+        FileError: Another process writes into it, or its disk knows no locks.
     """
     unlock()
     new = FileLock(folder / LOCK)
@@ -59,6 +59,9 @@ def lock(folder: Path) -> None:
     except Timeout as error:
         expected = "output must be a folder that no other run writes into"
         raise FileError(expected, got=str(folder), remedy="choose another, or wait for that run's end") from error
+    except OSError as error:
+        expected = "output must lie on a disk whose files can be locked"
+        raise FileError(expected, got=f"{folder} ({error.strerror})", remedy="choose another disk") from error
     _locks.append(new)
 
 

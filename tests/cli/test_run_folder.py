@@ -1,5 +1,8 @@
 """One folder a run, never taken from another unasked."""
 
+import errno
+import fcntl
+import os
 import subprocess
 import sys
 import time
@@ -227,6 +230,16 @@ def test_of_processes_that_start_into_one_folder_at_once_one_wins(tmp_path):
             start.kill()
             start.communicate()
     run_folder.claim(tmp_path / "run")  # the system has unlocked it
+
+
+def test_a_disk_without_locks_is_one_line(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    run_folder.unlock()  # of the test before
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(FileError, match=r"files can be locked; got .*No locks available"):
+        run_folder.claim(tmp_path / "run")
 
 
 def test_a_refused_folder_keeps_no_lock_file(tmp_path):
