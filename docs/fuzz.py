@@ -21,6 +21,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import marked
@@ -33,6 +34,7 @@ import lfref
 from lfref.errors import LfrefError
 from lfref.export import export_file, graphs
 from lfref.io import digests, images
+from lfref.io.read import read_stack
 from lfref.nets import checkpoint
 
 DAMAGES = ("flip a bit", "insert bytes", "cut bytes", "cut the end")
@@ -283,10 +285,124 @@ def is_rank(pid: int) -> bool:
     return False
 
 
+class Job(NamedTuple):
+    """A command that is killed and started again."""
+
+    words: tuple[str, ...]
+    """Without its output."""
+    resume: Callable[[Path, Path], list[str]]
+    """(run folder, folder of the try) -> the words that go on."""
+    result: Callable[[Path], dict[str, bytes]]
+    """Folder of a try -> what the command has computed."""
+
+
+def jobs_of(folder: Path) -> dict[str, Job]:
+    """A training with two data processes, refocusing of 8 captures, and the preparation of a set."""
+    captures = folder / "captures"
+    captures.mkdir()
+    for index in range(8):
+        np.save(captures / f"field_{index}.npy", np.roll(light_field(), index, 3))
+    one = tuple(word for word in TRAINING[1:] if not word.startswith(("trainer=", "trainer.devices", "trainer.max")))
+    training = ("train", *one, "trainer.max_epochs=4", "data.workers=2")
+    refocusing = ("refocus", f"input={captures}", "method=shift_and_sum", "planes=slopes", "planes.slopes=[0,1]")
+    preparing = (
+        "prepare", "n_fields=6", "workers=2", "recipe.grids=[[3,3]]", "recipe.scenes.camera.size=[48,48]",
+    )  # fmt: skip
+
+    def weights(place: Path) -> dict[str, bytes]:
+        return {name: value.numpy().tobytes() for name, value in trained_weights(place / "run").items()}
+
+    def stacks(place: Path) -> dict[str, bytes]:
+        paths = sorted((place / "run").glob("*/stack.exr"))
+        return {path.parent.name: read_stack(path)[0].numpy().tobytes() for path in paths}
+
+    def planes(place: Path) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in sorted((place / "cache").rglob("*.safetensors"))}
+
+    return {
+        "training": Job(
+            training,
+            lambda run, place: ["train", f"resume={run}"] if any((run / "checkpoints").glob("*.ckpt"))
+            else [*training, f"output={run}"],
+            weights,
+        ),
+        "refocusing": Job(
+            refocusing,
+            lambda run, place: ["refocus", f"resume={run}"] if (run / "overrides.yaml").exists()
+            else [*refocusing, f"output={run}"],
+            stacks,
+        ),
+        "preparation": Job(
+            preparing,
+            lambda run, place: [*preparing, f"cache_folder={place}/cache", f"output={place}/again"],
+            planes,
+        ),
+    }  # fmt: skip
+
+
+def kills(number: int, seed: int) -> Iterator[str]:
+    """SIGKILL to all processes of a command at a random moment, and the words that go on."""
+    yield "| killed | tries | went on | results equal to the bit |"
+    yield "|---|---|---|---|"
+    chance = random.Random(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, job in jobs_of(Path(folder)).items():
+            own = [f"cache_folder={folder}/{name}/cache"] if name == "preparation" else []
+            start = time.monotonic()
+            whole = lfref_process(*job.words, *own, f"output={folder}/{name}/run")
+            errors = whole.communicate()[1]
+            assert whole.returncode == 0, errors
+            duration, truth = time.monotonic() - start, job.result(Path(folder) / name)
+            assert truth, "the command has computed nothing"
+            went_on = equal = 0
+            for index in range(number):
+                place = Path(folder) / f"{name}_{index}"
+                run = place / "run"
+                own = [f"cache_folder={place}/cache"] if name == "preparation" else []
+                process = lfref_process(*job.words, *own, f"output={run}")
+                time.sleep(chance.uniform(0, duration))
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.communicate()
+                again = lfref_process(*job.resume(run, place))
+                errors = again.communicate()[1]
+                went_on += again.returncode == 0
+                is_equal = again.returncode == 0 and job.result(place) == truth
+                equal += is_equal
+                if not is_equal:
+                    print(f"{name} {index}: {errors[-500:]}", file=sys.stderr)
+                shutil.rmtree(place, ignore_errors=True)
+            yield f"| {name} | {number} | {went_on} | {equal} |"
+
+
+def starts(number: int, seed: int) -> Iterator[str]:
+    """Commands that start at once into one folder, and into one cache."""
+    yield "| starts at once | did the work | said in one line that another does it | anything else |"
+    yield "|---|---|---|---|"
+    with tempfile.TemporaryDirectory() as folder:
+        jobs = jobs_of(Path(folder))
+        for name in ("one folder", "one cache"):
+            if name == "one folder":
+                lines = [[*jobs["refocusing"].words, f"output={folder}/one"] for _ in range(number)]
+            else:
+                words = [*jobs["preparation"].words, f"cache_folder={folder}/shared/cache"]
+                lines = [[*words, f"output={folder}/{index}"] for index in range(number)]
+            counts = Counter[str]()
+            for process in [lfref_process(*line) for line in lines]:
+                errors = process.communicate()[1].strip()
+                is_refusal = process.returncode == 1 and len(errors.splitlines()) == 1 and "output must be" in errors
+                counts["did" if process.returncode == 0 else "refused" if is_refusal else "else"] += 1
+                if process.returncode not in (0, 1):
+                    print(errors[-500:], file=sys.stderr)
+            yield f"| {number}, {name} | {counts['did']} | {counts['refused']} | {counts['else']} |"
+
+
 ATTACKS: dict[str, tuple[Callable[[int, int], Iterator[str]], int]] = {
     "captures": (captures, 320),
     "models": (models, 300),
     "signals": (signals, 50),
+    "kills": (kills, 40),
+    "starts": (starts, 12),
 }
 """Name -> function that yields the lines of a table, and how many tries by default."""
 
