@@ -28,7 +28,8 @@ Motion = Callable[[NDArray, NDArray, NDArray], NDArray]
 
 def _smooth(frames: NDArray, keys: NDArray, slopes: NDArray) -> NDArray:
     """Monotone cubic interpolation: it slows down at each turn, and never leaves the range of its two keys."""
-    return np.asarray(PchipInterpolator(keys, slopes)(frames))
+    with np.errstate(over="ignore"):  # differences next to 0 have infinite reciprocals, and derivatives of 0
+        return np.asarray(PchipInterpolator(keys, slopes)(frames))
 
 
 MOTIONS: dict[str, Motion] = {"smooth": _smooth, "linear": np.interp}

@@ -6,7 +6,7 @@ import av
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lfref.captures.correct import Corrections
@@ -140,6 +140,7 @@ KEYS = st.dictionaries(st.integers(0, 60), st.floats(-3, 3), min_size=1, max_siz
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @given(keys=KEYS, more=st.integers(0, 5))
+@example(keys={0: 0.0, 1: 2.2250738585072014e-308, 3: 0.0}, more=0)
 def test_focus_goes_through_its_keys_and_stays_between_them(motion, keys, more):
     pull = FocusPull(keys, motion)
     slopes = pull.slopes(pull.length + more)

@@ -122,6 +122,9 @@ def test_each_rank_of_a_distributed_run_gets_its_share():
     class Trainer:
         world_size = 2
 
+        class fit_loop:  # noqa: N801
+            restarting = False
+
         class accelerator:  # noqa: N801
             name = staticmethod(lambda: "cpu")
 
