@@ -62,7 +62,7 @@ class MethodCase:
         return self.method(self.light, slopes)
 
     def workload(self, slopes: Tensor) -> Workload:
-        """The same call for another process."""
+        """What another process needs to make the call of `run` at these slopes."""
         shape, planes = tuple(self.views.shape), tuple(slopes.tolist())
         return Workload(self.method, shape, self.views.dtype, planes, torch.get_num_threads())
 
@@ -240,8 +240,7 @@ class Scales:
     def sizes(self, field: Size) -> dict[str, list[Size]]:
         """Axis -> its sizes, the other two axes being those of the field.
 
-        Sides of views are rounded to lengths that FFTs are fast at, as 375 and 540 are: an FFT of another length takes
-        longer for a reason that is not its size.
+        Sides of views are rounded to lengths at which FFTs are fast, as 375 and 540 are: times depend on size only.
         """
         height, width = field.pixels
         own = field._replace(pixels=(_fast_length(height), _fast_length(width)))

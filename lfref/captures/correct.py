@@ -225,7 +225,10 @@ def correct_by_option(
 def estimate_and_correct(
     field: LightField, white: LightField | None = None, view: CentralView | None = None
 ) -> tuple[LightField, Corrections]:
-    """Estimate all defects in turn, and correct those that show; view: the central one, if it is known already."""
+    """Estimate all defects in turn, and correct those that are measurable.
+
+    `view` is the central view, if the caller has computed it.
+    """
     _check_white(field, white)
     grid, size, defects = field.grid, field.size, list[Defect]()
     reason = _reason_to_estimate_nothing(field)

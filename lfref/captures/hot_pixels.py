@@ -49,7 +49,7 @@ class HotPixelsDefect:
     """Number of hot and dead samples, without those that they have spoilt."""
 
     def reason_to_skip(self) -> str | None:
-        """There is none."""
+        """Why nothing is corrected: no hot or dead sample was measured. None: some were."""
         return None if self.count else "no sample sticks out that other views do not confirm"
 
     def summary(self) -> str:

@@ -45,7 +45,10 @@ class AutoPlanes:
         return self.between(slope_range.slope_range(central_view(field).coarse), field)
 
     def between(self, ends: tuple[float, float] | None, field: LightField) -> FocalPlanes:
-        """Planes between two slopes, or a little beyond, where nothing would change between the ends; None: unknown."""
+        """Planes from one slope to the other. A range too narrow to change the picture is widened.
+
+        `ends` None stands for -1 and 1.
+        """
         low, high = ends or (-1.0, 1.0)
         outermost = (max(field.grid) - 1) / 2
         middle, half = (low + high) / 2, max((high - low) / 2, LEAST_BLUR / max(outermost, 1))

@@ -155,7 +155,7 @@ def proportional_shifts(positions: Tensor) -> Tensor:
 
 
 def linear_shifts(positions: Tensor) -> Tensor:
-    """Shifts of all views alike, and linear in their positions: of length 1, [2I, 6]."""
+    """Six patterns of shifts, of length 1: two equal for all views, four linear in the positions, [2I, 6]."""
     eye = torch.eye(2, dtype=positions.dtype)
     around = positions - positions.mean(0)
     crossed = (around.flip(-1)[:, :, None] * eye).flatten(0, 1)

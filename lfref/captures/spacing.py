@@ -1,7 +1,7 @@
 """Spacing: rows of views that lie closer or farther apart than columns do.
 
-Disparities along rows are `ratio` times those along columns, plus what shifts in proportion to the view's row or
-column add by chance. The scale of both is unknown, so columns keep their positions.
+Disparities along rows are `ratio` times those along columns. Views that are misaligned in proportion to their row or
+column add a constant to each. The scale of both is unknown, so columns keep their positions.
 A file of its own, as each defect has.
 """
 

@@ -59,7 +59,7 @@ class VignettingDefect:
     """Standard deviation of that gain, by the noise of the white picture."""
 
     def reason_to_skip(self) -> str | None:
-        """The rim clips no view, or the white picture is even."""
+        """Why nothing is corrected: the rim clips no view, or the white picture is even. None: it is corrected."""
         if self.white is not None:
             # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
             losses = (1 - self.white[..., ::4, ::4].float()).abs().flatten()

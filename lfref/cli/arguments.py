@@ -117,7 +117,7 @@ def _inputs(command: str, paths: list[str]) -> list[str]:
 
 
 def _expanded(command: str, word: str, before: list[str], is_multirun: bool) -> list[str]:
-    """A word as the words that it stands for."""
+    """Replace a shorthand (`run=`, `slopes=`, `sweep=`) by the overrides that it stands for."""
     key, _, value = word.partition("=")
     if key == "run" and command in RUN:
         return [f"{RUN[command]}={value}"]

@@ -314,7 +314,7 @@ def _explanation(loader: ConfigLoader, overrides: list[Override], error: Excepti
         known = loader.get_group_options(group)
         if known and isinstance(value, str) and value not in known:
             near = _nearest(value, known)
-            remedy = f"perhaps {group}={near}" if near else ""
+            remedy = f"perhaps {group}={near}" if near else "choices of your own need --config-dir FOLDER"
             return InputError(f"{group} must be one of {', '.join(known)}", got=repr(value), remedy=remedy)
     alien = re.search(r"Could not override '([^']+)'.\s+No match in the defaults list", str(error))
     if alien:

@@ -90,7 +90,8 @@ def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None
         mark = ownership.read_mark(folder)
         if not (overwrite or _is_free(folder) or (mark is not None and _is_unborn(folder, overrides))):
             is_run = mark is not None and mark.kind == ownership.RUN
-            remedy = "choose another, or say overwrite=true" if is_run else "choose another"
+            # Training refuses overwrite=true: hours of work are deleted by hand only.
+            remedy = "choose another, or say overwrite=true" if is_run and overrides is None else "choose another"
             if runs.Run(folder).has_checkpoints:
                 remedy = f"choose another, or go on by resume={folder}"
             raise FileError("output must be a new or an empty folder", got=str(folder), remedy=remedy)
@@ -185,7 +186,7 @@ class OutputFolder(Callback):
     """Claims the output folder before Hydra makes it, so that a folder that cannot be used is one clear line."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
-        """Before a single run; one that resumes in its own folder, or helps its first process, takes it as it is."""
+        """Claim the output folder of a run. A resumed run, and further processes of ddp, use it as it is."""
         resumed = config.get("resume")
         if not is_first_process():
             self._prepare(config, "run", make)

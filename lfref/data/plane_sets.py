@@ -183,7 +183,7 @@ def path_of(folder: Path, index: int) -> Path:
 
 
 def write(path: Path, item: Item) -> None:
-    """Store an item in half precision; `missing` is relative to the rounded pictures."""
+    """Store an item in half precision, and add the rounding error of the pictures to `missing`."""
     kept = item.pictures.half()
     missing = item.pictures + item.missing - kept.float()
     parts = item._replace(pictures=kept, missing=missing)._asdict()

@@ -78,7 +78,7 @@ def _network(refocuser: NetworkRefocuser) -> Exportable:
     network, planes, grid = refocuser.network, refocuser.planes, refocuser.grid
     if planes is None or grid is None:
         raise InputError("a network that is exported must make planes of its own of one grid", got=refocuser.name)
-    channels = int(network.config["channels"])
+    channels = int(network.config.get("channels", 3))
     graph = Graph(
         network,
         {VIEWS: ("B", *grid, channels, "H", "W")},

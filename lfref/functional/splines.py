@@ -50,7 +50,7 @@ def _filter_rows(image: NDArray[np.float32]) -> None:
 
 @compiled
 def _filter_columns(image: NDArray[np.float32]) -> None:
-    """Both passes along each column, in place, all columns of a row at once."""
+    """Apply both passes of the spline filter along each column, in place; a step handles a whole row."""
     height, width = image.shape
     if height < 2:
         return

@@ -313,7 +313,7 @@ def _mean(plane: Reals) -> float:
 
 @compiled
 def _center(x: Reals, y: Reals, centres: tuple[float, float], fields: Reals) -> None:
-    """A row of d, s and their squares, each plane centred by its mean: a large one would swamp the variance."""
+    """Write a row of d, s and their squares, with the means subtracted: a large mean would hide the variance."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
     for j in range(len(x)):
         first, second = np.float64(x[j]), np.float64(y[j])

@@ -54,7 +54,7 @@ def check(path: Path, *beside: Path) -> bool:
 
 
 def _digest(path: Path, beside: tuple[Path, ...]) -> tuple[int, str, str] | None:
-    """Place of the digest in a file, the digest there, and that of the file as it is; None: there is no place."""
+    """Position of the stored digest, the stored digest, and the digest computed now; None if the file stores none."""
     if path.stat().st_size == 0:
         return None
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:

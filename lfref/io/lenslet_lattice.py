@@ -48,7 +48,7 @@ class Lattice:
 
     @property
     def name(self) -> str:
-        """As the option `lattice` calls it."""
+        """The value of the option `lattice`: `hexagonal` or `square`."""
         return "hexagonal" if self.is_hexagonal else "square"
 
     def centres(self, i: NDArray, j: NDArray) -> tuple[NDArray, NDArray]:

@@ -134,7 +134,8 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
     check_weights(path, weights)
     # Without a limit, a list or number in a small file builds more layers than fit into memory.
     for name, value in arguments.items():
-        if (isinstance(value, Sequence) and len(value) > max(2, len(weights))) or (
+        is_list = isinstance(value, Sequence) and not isinstance(value, str)
+        if (is_list and len(value) > max(2, len(weights))) or (
             name == "n_blocks" and isinstance(value, int) and value > len(weights)
         ):
             raise CheckpointError(f"{path} must hold the weights of all blocks", got=f"{len(weights)} tensors")

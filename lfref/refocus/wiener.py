@@ -130,7 +130,7 @@ def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
 
 
 def _by_torch(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
-    """The same for derivatives, and on a GPU."""
+    """`_by_loop` in PyTorch: it has derivatives, and runs on a GPU."""
     parts = []
     for first, count in ((0, n_sums), (n_sums, len(spectra) - n_sums)):
         data = torch.view_as_real(spectra[first : first + count]).permute(2, 3, 0, 1, 4)

@@ -181,8 +181,8 @@ def _counts(pairs: Pairs) -> Tensor:
 def _mirrored(factors: Tensor, grid: tuple[int, int]) -> Tensor:
     """Factors [..., V U] at the opposite vertical frequency: those of the views mirrored in the horizontal axis.
 
-    The mirror image of a first view is the opposite of the one in its own row mirrored in the vertical axis, but in
-    the middle row, which the mirror leaves.
+    Only the first of each pair of opposite views is stored. The mirror image (V - 1 - v, u) of such a view is the
+    opposite of (v, U - 1 - u), which is stored; views of the middle row are their own images.
     """
     pairs = opposites(grid)
     v, u = pairs.first // grid[1], pairs.first % grid[1]
@@ -209,7 +209,10 @@ class Axis(NamedTuple):
         return torch.polar(torch.ones_like(angle), angle)
 
     def lens(self, blurs: Tensor, weights: Tensor) -> Tensor:
-        """Transform A of symmetric weights [V], each a cell of one view step, at blurs s - d [N, D]: [N, D, K, 3]."""
+        """Fourier transform A of the aperture along an axis, at blurs s - d [N, D]: [N, D, K, 3].
+
+        The weights [V] are symmetric; each view is a cell of one view step.
+        """
         turn = blurs[:, :, None, None] * self.frequencies
         waves = torch.cos(2 * torch.pi * turn[..., None] * self.offsets) @ weights
         return waves * torch.sinc(turn)

@@ -193,7 +193,10 @@ def _running_mean(samples: Tensor, size: int, axis: int) -> Tensor:
 
 
 def sharpened(samples: Tensor) -> Tensor:
-    """Samples of variance -LINEAR_VARIANCE along each axis, the ends going on, [h, w, C] -> [h + 2, w + 2, C]."""
+    """Sharpen along each axis, to undo the blur of linear look-ups, whose variance is LINEAR_VARIANCE.
+
+    Samples at the border are repeated: [h, w, C] -> [h + 2, w + 2, C].
+    """
     for axis in (0, 1):
         length = samples.shape[axis]
         index = torch.arange(-1, length + 1, device=samples.device)

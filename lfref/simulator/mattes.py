@@ -52,7 +52,7 @@ class Full(Outline):
     lengths = ()
 
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
-        """Infinitely far inside."""
+        """Signed distance to the edge: -inf, since there is no edge."""
         return x.new_full((len(y), len(x)), -math.inf)
 
 

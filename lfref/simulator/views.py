@@ -197,7 +197,10 @@ def _layer_row(
     layers: RayLayers, atlas: Atlas, points: Viewpoints, k: int, u: int, row: RayRow, lines: Floats, at: Float64s,
     rgba: Floats, mirrored: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Fill `at` (as `rays.intersect`) and `rgba` with layer k at a row of pixels; first pixel, one past the last."""
+    """Fill `at` (as `rays.intersect`) and `rgba` with layer k at a row of pixels.
+
+    Returns the first pixel and one past the last.
+    """
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:
         return 0, 0

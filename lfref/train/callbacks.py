@@ -203,7 +203,7 @@ class HeadInitialization(Callback):
         self._is_due = False
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
-        """A run that was resumed keeps its head."""
+        """Prime only new runs: a resumed run keeps its last convolution."""
         self._is_due = trainer.global_step == 0
 
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:

@@ -5,9 +5,11 @@ import torch
 
 from lfref.errors import InputError
 from lfref.export import graphs
-from lfref.geometry import planes_from
+from lfref.geometry import even_planes, planes_from
+from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
 from tests.export import cases
 
@@ -59,3 +61,10 @@ def test_an_aperture_is_exported_with_its_operator():
 def test_what_no_graph_does_is_a_line(refocuser):
     with pytest.raises(InputError, match="must be a network, a refiner, or shift-and-sum"):
         graphs.exportable(refocuser, cases.PLANES, cases.GRID)
+
+
+def test_a_network_that_names_no_channels_has_three():
+    network = RefNet(n_planes=2, grid=(3, 3), widths=(4, 4), stem_width=4, n_blocks=2).requires_grad_(False)
+    network.config = {key: value for key, value in network.config.items() if key != "channels"}
+    subject = graphs.exportable(NetworkRefocuser(network, even_planes(2), "own"), even_planes(2), (3, 3))
+    assert subject.graph.example[0].shape[-3] == 3

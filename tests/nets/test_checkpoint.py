@@ -199,3 +199,19 @@ def test_a_write_that_is_killed_leaves_the_old_file(saved, monkeypatch):
     assert saved.read_bytes() == old
     assert [path.name.startswith(".") for path in saved.parent.iterdir() if path != saved] == [True]
     assert checkpoint.restore(saved)[1] == PLANES
+
+
+class OwnNetwork(torch.nn.Module):
+    """A network of somebody else: few weights, and an argument that is a text."""
+
+    def __init__(self, padding):
+        super().__init__()
+        self.layer = torch.nn.Conv2d(1, 1, 3, padding=padding, bias=False)
+
+
+def test_a_text_among_the_arguments_is_no_list_of_layers(tmp_path):
+    own = OwnNetwork("same")
+    state = {checkpoint.PREFIX + name: value for name, value in own.state_dict().items()}
+    torch.save(state, tmp_path / "net.ckpt")
+    again = checkpoint.built(tmp_path / "net.ckpt", OwnNetwork, {"padding": "same"}, state)
+    assert torch.equal(again.layer.weight, own.layer.weight)

@@ -61,7 +61,7 @@ def _nearly_flat(mean: float, contrast: float) -> Make:
 
 
 def _squared_error(m: float) -> Make:
-    """An error of +-sqrt(m) on every pixel of black, so that the mean squared error is m but for rounding."""
+    """A black target, and a prediction with errors of +-sqrt(m): the mean squared error is m, up to rounding."""
     return _rounded(m**0.5 * noise(*SHAPE).sign(), torch.zeros(SHAPE))
 
 

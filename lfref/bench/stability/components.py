@@ -123,7 +123,7 @@ Operator = Callable[[Tensor, Tensor, Tensor], Tensor]
 
 
 def shift_operator(interpolation: str, border: str = "wrap") -> Operator:
-    """Shift-and-sum with these options."""
+    """An `Operator`: shift-and-sum with this interpolation and border."""
     return lambda views, slopes, weights: shift_and_sum(views, slopes, interpolation, border, weights)
 
 

@@ -267,7 +267,7 @@ class SlopeFit(NamedTuple):
 
 
 def fit_slopes(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, most: float, pad: int) -> list[SlopeFit]:
-    """Fit r after the shift by each of S slopes, in closed form from moments over the views.
+    """For each of S slopes, fit the disparity r that is left after the views are shifted by that slope, in closed form.
 
     Args:
         light: Pictures, 0 where their weight is, with a margin, [K, h + 2 pad, w + 2 pad].
