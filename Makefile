@@ -22,8 +22,8 @@ help:
 	@echo "make test                       linters, types, floors, the site and all tests"
 	@echo "make site                       the pages and the reference as a site, in runs/site"
 	@echo "make figures                    measure the figures of README and docs again"
-	@echo "make paper                      the paper's experiments, judged by truth; goes on where it was stopped"
-	@echo "make ablations                  which of the paper's choices matter, likewise"
+	@echo "make paper                      the paper's experiments, against the truth; goes on where it was stopped"
+	@echo "make ablations                  which of the paper's choices matter; goes on where it was stopped"
 	@echo "make weights                    train the network that ships again"
 	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make clean                      remove runs and caches of this checkout"
@@ -49,8 +49,8 @@ demo: install
 
 figures: $(VENV)/checks
 	$(BIN)/lfref bench overwrite=true output=runs/figures/bench repeats=5
-	$(BIN)/lfref bench correct=white 'judged=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/white repeats=1
-	$(BIN)/lfref bench judged=[] varied=60 overwrite=true output=runs/figures/varied repeats=1
+	$(BIN)/lfref bench correct=white 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/white repeats=1
+	$(BIN)/lfref bench test_scenes=[] varied=60 overwrite=true output=runs/figures/varied repeats=1
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2

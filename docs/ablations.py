@@ -1,7 +1,7 @@
-"""Which of the paper's choices matter when truth judges, and which faster bodies pay: the table of `ablations.md`.
+"""Which of the paper's choices matter against the truth, and which faster bodies pay: the table of `ablations.md`.
 
-Run by `make ablations`; what is trained already is kept, in `runs/ablations`, and the paper's own choice in
-`runs/paper`. With `--runs` elsewhere nothing is written into the pages.
+Run by `make ablations`, which keeps its networks in `runs/ablations`, and the paper's own choice in `runs/paper`. With
+`--runs` elsewhere nothing is written into the pages.
 """
 
 import argparse
@@ -9,8 +9,8 @@ import functools
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-import judged
-import marked
+import experiments
+import markers
 import pandas as pd
 import torch
 import training
@@ -24,8 +24,8 @@ from lfref.simulator import sim30
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
-RUNS = marked.ROOT / "runs" / "ablations"
-OURS = marked.ROOT / "runs" / "paper" / "networks" / "rendered"  # as the paper builds it
+RUNS = markers.ROOT / "runs" / "ablations"
+OURS = markers.ROOT / "runs" / "paper" / "networks" / "rendered"  # as the paper builds it
 SETUP = ("experiment=paper_small", "label=rendered")
 PAPER = "as the paper"
 VARIANTS: dict[str, tuple[str, ...]] = {
@@ -57,8 +57,8 @@ def folders(runs: Path) -> dict[str, list[Path]]:
     return {variant: [folder / f"seed_{seed}" for seed in SEEDS] for variant, folder in (names | {PAPER: base}).items()}
 
 
-def trained(runs: Path, overrides: Iterable[str] = ()) -> dict[Path, list[str]]:
-    """Run folder -> what it is trained by."""
+def overrides_by_run(runs: Path, overrides: Iterable[str] = ()) -> dict[Path, list[str]]:
+    """Run folder -> overrides of `lfref train`."""
     return {
         folder: [*SETUP, *VARIANTS[variant], f"seed={seed}", *overrides]
         for variant, of_seeds in folders(runs).items()
@@ -68,7 +68,7 @@ def trained(runs: Path, overrides: Iterable[str] = ()) -> dict[Path, list[str]]:
 
 def by_truth(names: Sequence[str], networks: Sequence[NetworkRefocuser]) -> Iterator[Row]:
     """Every plane of every scene by every network."""
-    return evaluation.evaluate(judged.judges(names, PLANES), networks, PLANES, judged.MARGIN)
+    return evaluation.evaluate(experiments.cases(names, PLANES), networks, PLANES, experiments.MARGIN)
 
 
 def times(networks: Sequence[NetworkRefocuser], size: tuple[int, int]) -> Iterator[Row]:
@@ -92,13 +92,13 @@ def table(rows: pd.DataFrame, costs: pd.DataFrame) -> Iterator[str]:
     for variant, members in rows.groupby("method", sort=False):
         cost = costs.set_index("method").loc[variant]
         wide, focus = (members[members["alpha"] <= WIDE], members[members["alpha"] >= FOCUS])
-        cells = [f"{cost['n_parameters']:,.0f}", f"{cost['units']:.2f}", judged.spread(members, "psnr_db")]
+        cells = [f"{cost['n_parameters']:,.0f}", f"{cost['units']:.2f}", experiments.mean_and_range(members, "psnr_db")]
         cells.append("" if variant == PAPER else _gain(members.groupby("seed")["psnr_db"].mean() - base))
-        cells += [judged.spread(wide, "psnr_db"), judged.spread(focus, "psnr_db")]
-        yield f"| {' | '.join([str(variant), *cells, judged.spread(members, 'delta_e', '.2f')])} |"
+        cells += [experiments.mean_and_range(wide, "psnr_db"), experiments.mean_and_range(focus, "psnr_db")]
+        yield f"| {' | '.join([str(variant), *cells, experiments.mean_and_range(members, 'delta_e', '.2f')])} |"
     yield ""
     yield f"PSNR by truth, {rows['scene'].nunique()} scenes of sim30 (version {sim30.VERSION}) without a sensor, the"
-    yield f"paper's planes, {judged.MARGIN} px of the border left out; the mean of {len(SEEDS)} seeds (least to most)."
+    yield f"paper's planes, {experiments.MARGIN} px of the border left out; mean of {len(SEEDS)} seeds (least to most)."
     yield "Differences are taken seed by seed, bold where all seeds agree on the sign. Time in NumPy's 4-D FFTs of the"
     yield f"same views. Wide blur: alpha up to {WIDE:g}; near focus: from {FOCUS:g}."
 
@@ -106,31 +106,37 @@ def table(rows: pd.DataFrame, costs: pd.DataFrame) -> Iterator[str]:
 def _gain(differences: pd.Series) -> str:
     """The mean difference, the least and the most, and whether all seeds agree on its sign."""
     agrees = (differences > 0).all() or (differences < 0).all()
-    told = f"{differences.mean():+.1f} ({differences.min():+.1f} to {differences.max():+.1f})"
-    return f"**{told}**" if agrees else told
+    text = f"{differences.mean():+.1f} ({differences.min():+.1f} to {differences.max():+.1f})"
+    return f"**{text}**" if agrees else text
 
 
 def main() -> None:
-    """Train, judge, time; then fill the page, or print what would stand in it."""
-    parser = argparse.ArgumentParser(description="The paper's choices and faster bodies, judged by truth.")
+    """Train, evaluate, time; then fill the page, or print its lines."""
+    parser = argparse.ArgumentParser(description="The paper's choices and faster bodies, against the truth.")
     parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
     parser.add_argument("--runs", type=Path, default=RUNS, help="where everything is kept")
-    parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, to judge by")
-    parser.add_argument("--size", nargs=2, type=int, default=(375, 540), help="height and width that times are told of")
-    asked = parser.parse_args()
-    runs = asked.runs.resolve()
-    failed = training.train(trained(runs, asked.overrides))
-    found = {variant: of_seeds for variant, of_seeds in folders(runs).items() if not failed.keys() & {*of_seeds}}
-    sources = [run for of_seeds in found.values() for run in of_seeds]
-    rows = judged.kept(runs / "truth.csv", sources, lambda: by_truth(asked.scenes, judged.loaded(found)))
-    firsts = {variant: of_seeds[:1] for variant, of_seeds in found.items()}
+    parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, for the evaluation")
+    parser.add_argument(
+        "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"
+    )
+    options = parser.parse_args()
+    runs = options.runs.resolve()
+    failed = training.train(overrides_by_run(runs, options.overrides))
+    complete = {variant: of_seeds for variant, of_seeds in folders(runs).items() if not failed.keys() & {*of_seeds}}
+    sources = [run for of_seeds in complete.values() for run in of_seeds]
+    rows = experiments.cached_table(
+        runs / "truth.csv", sources, lambda: by_truth(options.scenes, experiments.load_networks(complete))
+    )
+    firsts = {variant: of_seeds[:1] for variant, of_seeds in complete.items()}
     with torch.no_grad():
-        costs = judged.kept(runs / "costs.csv", sources, lambda: times(judged.loaded(firsts), tuple(asked.size)))
+        costs = experiments.cached_table(
+            runs / "costs.csv", sources, lambda: times(experiments.load_networks(firsts), tuple(options.size))
+        )
     lines = "\n".join(
-        [*table(rows, costs), *(f"Training failed: {variant}." for variant in VARIANTS if variant not in found)]
+        [*table(rows, costs), *(f"Training failed: {variant}." for variant in VARIANTS if variant not in complete)]
     )
     if runs == RUNS:
-        marked.fill({"ablations": lines})
+        markers.fill({"ablations": lines})
     else:
         print(lines)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import sheets
-import truths
+import simulator_pictures
 from matplotlib.figure import Figure
 from torch import Tensor
 
@@ -31,8 +31,8 @@ def picture() -> Figure:
     cells: list[tuple[str, Tensor]] = []
     for scene in SCENES[:2]:
         (ours,), theirs = _truth(scene("disc"), SLOPES[:1]), MitsubaScene(scene("disc")).through_disc(SLOPES[0])
-        cells += [(f"{scene.__name__}, ours", ours), ("Mitsuba", theirs), truths.difference(ours, theirs)]
-    return sheets.sheet(cells, bar="absolute difference", **truths.DIFFERENCE)
+        cells += [(f"{scene.__name__}, ours", ours), ("Mitsuba", theirs), simulator_pictures.difference(ours, theirs)]
+    return sheets.sheet(cells, bar="absolute difference", **simulator_pictures.DIFFERENCE)
 
 
 def table() -> Iterator[str]:

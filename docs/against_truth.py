@@ -1,6 +1,6 @@
-"""Pictures of refocusing judged by truth: plots of what the bench measured, and methods beside what a lens records.
+"""Pictures of refocusing beside the truth: plots of the tables of `lfref bench`, and methods beside the lens's picture.
 
-Plots are drawn from the tables of `lfref bench`, where `make figures` leaves them: without these they stay as they are.
+The plots are drawn where `make figures` has left the tables; otherwise the old ones stay.
 Letters: `s` slope in pixels per view step.
 """
 
@@ -43,7 +43,7 @@ def causes() -> Figure:
 
 def cells() -> Figure:
     """A scene far out of focus: the sum over points, the integral over cells, and the lens."""
-    views, truth = _seen(WIDE)
+    views, truth = _views_and_truth(WIDE)
     points, filled = (lfref.shift_and_sum(views, [WIDE], "cubic", fill=fill)[0] for fill in (0.0, 1.0))
     shown = [("truth", truth[INNER]), ("49 points", points[INNER]), ("49 cells, fill=1", filled[INNER])]
     errors = [_difference(picture, truth) for picture in (points, filled)]
@@ -53,7 +53,7 @@ def cells() -> Figure:
 
 def near_focus() -> Figure:
     """A scene focused on one of its surfaces, by four methods: what each does wrong."""
-    views, truth = _seen(FOCUS)
+    views, truth = _views_and_truth(FOCUS)
     pictures = {
         "exact_fourier": lfref.exact_fourier(views, [FOCUS]),
         "exact_fourier, fill=1": lfref.exact_fourier(views, [FOCUS], fill=1.0),
@@ -65,10 +65,14 @@ def near_focus() -> Figure:
 
 
 def disparity() -> Figure:
-    """Disparity found in the views of the still life, how sure it is, and the true one."""
+    """Disparity map of the still life, its confidence, and the true disparity."""
     views, truth = scenes.still_life()
-    found = lfref.disparity_map(views)
-    cells = [("confidence, white: 1", found.confidence[None]), ("disparity_map", found.disparity), ("truth", truth)]
+    estimate = lfref.disparity_map(views)
+    cells = [
+        ("confidence, white: 1", estimate.confidence[None]),
+        ("disparity_map", estimate.disparity),
+        ("truth", truth),
+    ]
     return sheets.sheet(cells, bar="disparity, px per view step", vmin=scenes.FAR, vmax=scenes.NEAR, cmap=drawing.MAP)
 
 
@@ -84,7 +88,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def _seen(slope: float) -> tuple[Tensor, Tensor]:
+def _views_and_truth(slope: float) -> tuple[Tensor, Tensor]:
     """Views and truth of the scene at a slope."""
     result = lfref.simulate(sim30.SCENES[SCENE], slopes=(slope,))
     return result.views, result.truth[0]

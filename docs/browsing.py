@@ -1,7 +1,7 @@
 """The page of `lfref view`: how soon it shows its first picture and another plane, and what it looks like.
 
-`python docs/browsing.py` leaves `runs/figures/browsing/browsing.json`, of which `docs/measure.py browsing` makes a
-paragraph, and `page.png`, of which `docs/pictures.py page.jpg` makes a picture.
+`python docs/browsing.py` leaves `runs/figures/browsing/browsing.json`, from which `docs/measure.py browsing` makes a
+paragraph, and `page.png`, from which `docs/pictures.py page.jpg` makes a picture.
 """
 
 import json
@@ -22,7 +22,7 @@ from lfref.report import drawing
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
 SCENE, CLICK = "thicket", (0.535, 0.57)
-"""What the page is seen with, and where someone has clicked: on a twig; shares of the picture's width and height."""
+"""Scene of the picture of the page, and the point that is clicked, on a twig: shares of width and height."""
 WINDOW, PIXELS_WIDE = (1100, 755), 900
 """Of the browser, and of its picture."""
 SIZE, N_PLANES, LOADS, ROUNDS = (375, 540), 16, 7, 3
@@ -49,12 +49,8 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
-def measured(page: Path) -> dict[str, float]:
-    """Milliseconds to the first picture, and to another plane.
-
-    Args:
-        page: What `lfref view` wrote.
-    """
+def measure(page: Path) -> dict[str, float]:
+    """Milliseconds that a page of `lfref view` takes to its first picture, and to another plane."""
     with chromium() as browser:
         paints, switches, first = [], [], []
         for _ in range(LOADS):
@@ -62,9 +58,9 @@ def measured(page: Path) -> dict[str, float]:
             tab.goto(page.as_uri())
             tab.wait_for_selector("#stage[data-drawn=planes]")
             paints.append(tab.evaluate(FIRST_PAINT))
-            taken = [tab.evaluate(SWITCH, plane) for _ in range(ROUNDS) for plane in range(N_PLANES)]
-            first.append(max(taken[:N_PLANES]))
-            switches += taken[N_PLANES:]
+            times = [tab.evaluate(SWITCH, plane) for _ in range(ROUNDS) for plane in range(N_PLANES)]
+            first.append(max(times[:N_PLANES]))
+            switches += times[N_PLANES:]
             tab.context.close()
         version = browser.version
     return {
@@ -78,12 +74,8 @@ def measured(page: Path) -> dict[str, float]:
     }
 
 
-def seen(page: Path) -> None:
-    """Leave a picture of the page, as it is after a click.
-
-    Args:
-        page: What `lfref view` wrote.
-    """
+def photograph(page: Path) -> None:
+    """Write `page.png`, a picture of a page of `lfref view` after a click."""
     with chromium() as browser:
         size = dict(zip(("width", "height"), WINDOW, strict=True))
         tab = browser.new_context(viewport=size, device_scale_factor=PIXELS_WIDE / WINDOW[0]).new_page()
@@ -96,19 +88,19 @@ def seen(page: Path) -> None:
 
 
 def picture() -> Figure:
-    """The page as it was seen."""
+    """The picture of the page."""
     return drawing.new_sheet(images.read_image(RUN / "page.png")[..., :3])
 
 
 def browsing() -> Iterator[str]:
     """How quick the page is."""
-    found = json.loads((RUN / "browsing.json").read_text())
-    told = {name: f"{value:.0f} ms" for name, value in found.items() if name.endswith("_ms")}
-    yield f"A page of {found['megabytes']:.1f} MB (7x7 views of {SIZE[0]}x{SIZE[1]} pixels, {N_PLANES} planes, two"
-    yield f"methods) shows its first picture {told['paint_ms']} after it is opened from disk (median of {LOADS}; the"
-    yield f"longest {told['longest_paint_ms']}), and another plane in {found['switch_ms']:.1f} ms (the longest"
-    yield f"{told['longest_switch_ms']}; {told['longest_first_switch_ms']} when planes are shown for the first time)."
-    yield f"Chromium {found['version']}, without a graphics processor."
+    figures = json.loads((RUN / "browsing.json").read_text())
+    texts = {name: f"{value:.0f} ms" for name, value in figures.items() if name.endswith("_ms")}
+    yield f"A page of {figures['megabytes']:.1f} MB (7x7 views of {SIZE[0]}x{SIZE[1]} pixels, {N_PLANES} planes, two"
+    yield f"methods) shows its first picture {texts['paint_ms']} after it is opened from disk (median of {LOADS}; the"
+    yield f"longest {texts['longest_paint_ms']}), and another plane in {figures['switch_ms']:.1f} ms (the longest"
+    yield f"{texts['longest_switch_ms']}; {texts['longest_first_switch_ms']} when planes are shown for the first time)."
+    yield f"Chromium {figures['version']}, without a graphics processor."
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {"page.jpg": picture} if (RUN / "page.png").is_file() else {}
@@ -117,21 +109,21 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {"browsing": browsing} if IS_ME
 
 
 def main() -> None:
-    """Write pages, open them, and leave what was found."""
+    """Write pages, open them, and write `browsing.json` and `page.png`."""
     lfref = [sys.executable, "-m", "lfref.cli.main"]
     with tempfile.TemporaryDirectory() as name:
         size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
         subprocess.run([*lfref, "simulate", f"output={name}/scene", "n_fields=1", size, "outputs=[views]"], check=True)
         (scene,) = Path(name, "scene").glob("simulated_*")
         subprocess.run([*lfref, "view", str(scene), f"output={name}/view", f"planes.n={N_PLANES}"], check=True)
-        found = measured(Path(name, "view", "index.html"))
+        figures = measure(Path(name, "view", "index.html"))
         RUN.mkdir(parents=True, exist_ok=True)
-        words = ("scene=sim30", f"scene.name={SCENE}", "outputs=[views]", f"output={name}/seen")
+        words = ("scene=sim30", f"scene.name={SCENE}", "outputs=[views]", f"output={name}/thicket")
         subprocess.run([*lfref, "simulate", *words], check=True)
-        subprocess.run([*lfref, "view", f"{name}/seen/{SCENE}", f"output={name}/page"], check=True)
-        seen(Path(name, "page", "index.html"))
-    (RUN / "browsing.json").write_text(json.dumps(found, indent=1))
-    print(json.dumps(found, indent=1))
+        subprocess.run([*lfref, "view", f"{name}/thicket/{SCENE}", f"output={name}/page"], check=True)
+        photograph(Path(name, "page", "index.html"))
+    (RUN / "browsing.json").write_text(json.dumps(figures, indent=1))
+    print(json.dumps(figures, indent=1))
 
 
 if __name__ == "__main__":

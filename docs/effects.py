@@ -60,7 +60,7 @@ def textures() -> Figure:
         Noise((0.4, 0.45, 0.3), (0.25, 0.25, 0.2), hardness=1.0),
     )
     titles = ("Flat", "Gradient", "Stripes", "Checker", "Noise(hardness=0)", "Noise(hardness=1)")
-    return sheets.sheet((title, _seen(Surface(Plane(0.0), kind))) for title, kind in zip(titles, kinds, strict=True))
+    return sheets.sheet((title, _view(Surface(Plane(0.0), kind))) for title, kind in zip(titles, kinds, strict=True))
 
 
 def outlines() -> Figure:
@@ -73,7 +73,7 @@ def outlines() -> Figure:
         Twigs(34, 3, 5, foot=(0, 46), seed=8),
         Perforated(26, 9, angle=20),
     )
-    return sheets.sheet((type(kind).__name__, _seen(WALL, Surface(Plane(0.5), CLOTH, kind))) for kind in kinds)
+    return sheets.sheet((type(kind).__name__, _view(WALL, Surface(Plane(0.5), CLOTH, kind))) for kind in kinds)
 
 
 def materials() -> Figure:
@@ -95,9 +95,9 @@ def light_and_motion() -> Figure:
     moved, thin = dataclasses.replace(LID, motion=(16.0, 4.0)), dataclasses.replace(LID, opacity=0.5)
     return sheets.sheet(
         [
-            ("opacity=0.5", _seen(WALL, CARD, thin)),
-            ("motion=(16, 4)", _seen(WALL, CARD, moved)),
-            ("Light(0.8, (1, 0.8, 0.5))", _seen(WALL, CARD, LID, light=Light(0.8, (1.0, 0.8, 0.5)))),
+            ("opacity=0.5", _view(WALL, CARD, thin)),
+            ("motion=(16, 4)", _view(WALL, CARD, moved)),
+            ("Light(0.8, (1, 0.8, 0.5))", _view(WALL, CARD, LID, light=Light(0.8, (1.0, 0.8, 0.5)))),
         ]
     )
 
@@ -130,7 +130,7 @@ def sensor() -> Figure:
     )
     shown = [("\noff", IDEAL), *((_named(effect), _sensor(effect)) for effect in effects)]
     part = (..., slice(20, 76), slice(44, 128))
-    return sheets.sheet([(title, _seen(WALL, CARD, LID, sensor=on)[part]) for title, on in shown], 4)
+    return sheets.sheet([(title, _view(WALL, CARD, LID, sensor=on)[part]) for title, on in shown], 4)
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
@@ -139,7 +139,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def _seen(*surfaces: Surface, view: tuple[int, int] = MIDDLE, light: Light = DAY, sensor: Sensor = IDEAL) -> Tensor:
+def _view(*surfaces: Surface, view: tuple[int, int] = MIDDLE, light: Light = DAY, sensor: Sensor = IDEAL) -> Tensor:
     """One view of a scene, [3, H, W]."""
     scene = Scene(CAMERA, surfaces, light, sensor)
     return lfref.simulate(scene, outputs=("views",)).views[view]
@@ -147,10 +147,10 @@ def _seen(*surfaces: Surface, view: tuple[int, int] = MIDDLE, light: Light = DAY
 
 def _changes(*effects: Any) -> Figure:
     """Effects off, on, and what they change in the view in the corner."""
-    off = _seen(WALL, CARD, LID, view=CORNER)
+    off = _view(WALL, CARD, LID, view=CORNER)
     cells = []
     for effect in effects:
-        on = _seen(WALL, CARD, LID, view=CORNER, sensor=_sensor(effect))
+        on = _view(WALL, CARD, LID, view=CORNER, sensor=_sensor(effect))
         cells += [("\noff", off), (_named(effect), on), ("\nchange", (on - off).abs().mean(0))]
     return sheets.sheet(cells, bar="absolute change", **CHANGE)
 
@@ -166,7 +166,7 @@ def _from_both_sides(surface: Surface) -> list[tuple[str, Tensor]]:
     paper = dataclasses.replace(surface, material=Matte(), opacity=1.0)
     name = type(surface.material).__name__
     shown = (("Matte", paper, MIDDLE), (f"{name}, from the left", surface, LEFT), ("from the right", surface, RIGHT))
-    return [(title, _seen(WALL, one, view=view, light=DUSK)) for title, one, view in shown]
+    return [(title, _view(WALL, one, view=view, light=DUSK)) for title, one, view in shown]
 
 
 def _named(value: Any) -> str:

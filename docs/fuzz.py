@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import h5py
-import marked
+import markers
 import numpy as np
 import scipy.io
 import torch
@@ -423,7 +423,7 @@ def main() -> None:
         lines.append(line)
     if options.page:
         command = " ".join(["python docs/fuzz.py", *sys.argv[1:]])
-        marked.fill({f"fuzz_{options.attack}": "\n".join([*lines, "", f"`{command}`"])})
+        markers.fill({f"fuzz_{options.attack}": "\n".join([*lines, "", f"`{command}`"])})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the page on hard cases quotes, from the tables of `lfref bench group=stability`, and its picture, tried anew."""
+"""Tables of the page on hard cases, from those of `lfref bench group=stability`, and its picture, from new trials."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -39,16 +39,16 @@ def trials() -> Iterator[str]:
     yield "|---|---|---|---|"
     for component, members in rows.groupby("component", sort=False):
         holds = members["holds"].eq("yes").groupby(members["formulation"], sort=False)
-        ours, *others = (f"{held.sum()} of {len(held)}" for _, held in holds)
+        ours, *others = (f"{trials.sum()} of {len(trials)}" for _, trials in holds)
         _, *names = holds.groups
-        for name, held in zip(names or [""], others or [""], strict=True):
-            yield f"| {component} | {ours} | {name} | {held} |"
+        for name, count in zip(names or [""], others or [""], strict=True):
+            yield f"| {component} | {ours} | {name} | {count} |"
     yield ""
     yield "Of ours these do not hold:"
     yield ""
     lost = rows[(rows["formulation"] == stability_table.OURS) & (rows["holds"] != "yes")]
-    said = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
-    for (component, outcome), cases in said.groupby([lost["component"], lost["outcome"]], sort=False):
+    reasons = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
+    for (component, outcome), cases in reasons.groupby([lost["component"], lost["outcome"]], sort=False):
         yield f"- {component}: {outcome} ({', '.join(cases)})"
 
 

@@ -1,6 +1,6 @@
-"""Measure what the shipped network gains over its rivals: the tables of `learned.md`.
+"""Gains of the shipped network over other methods: the tables of `learned.md`.
 
-Two of them are read from what `lfref bench` left; grids, slopes and paths are rendered here.
+The first is read from the tables of `lfref bench`; for the others, scenes are simulated here.
 """
 
 import dataclasses
@@ -25,10 +25,10 @@ from lfref.simulator.effects.sensor import Sensor
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "figures"
 MOST_UNITS = 2.0
-"""NumPy's 4-D FFTs that a rival may take."""
+"""Time that a rival may take, in NumPy's 4-D FFTs of the same views."""
 LEARNED = "learned"
 CLIPPED = "bokeh"
-"""Lamps that clip with its sensor: nobody can know how bright they are."""
+"""Its lamps clip on its sensor, so that no method can know how bright they are."""
 SHAPES = ("discs", "leaves", "floor", "dome", "deep", "crossing")
 GRIDS = (3, 5, 6, 7, 8, 9, 11)
 MARGIN = 24
@@ -50,31 +50,30 @@ def gains() -> Iterator[str]:
         ("varied", "ideal", "drawn at random, without a sensor"),
         ("varied", "corrected", "drawn at random, with a sensor, corrected"),
     ):
-        judged = tables.read_table(RUNS / run / "evaluation.csv")
-        judged = judged[(judged["class"] == kind) & ~((kind == "corrected") & (judged["scene"] == CLIPPED))]
-        yield _gain(title, judged, rivals)
+        rows = tables.read_table(RUNS / run / "evaluation.csv")
+        rows = rows[rows["class"] == kind]
+        yield _gain(title, rows[rows["scene"] != CLIPPED] if kind == "corrected" else rows, rivals)
 
 
-def _gain(title: str, judged: pd.DataFrame, rivals: list[str]) -> str:
+def _gain(title: str, rows: pd.DataFrame, rivals: list[str]) -> str:
     """One class of scenes: means, and where the network gains least."""
-    wide, delta, light = (
-        judged.pivot(index=["scene", "alpha"], columns="method", values=name)
+    psnr_db, delta_e, brightness = (
+        rows.pivot(index=["scene", "alpha"], columns="method", values=name)
         for name in ("psnr_db", "delta_e", "brightness")
     )
-    best = wide[[name for name in rivals if name in wide]].mean().idxmax()
-    gained = wide[LEARNED] - wide[best]
-    scenes, alphas = (gained.groupby(level).mean() for level in ("scene", "alpha"))
-    n_scenes = len(scenes)
+    best = psnr_db[[name for name in rivals if name in psnr_db]].mean().idxmax()
+    gains = psnr_db[LEARNED] - psnr_db[best]
+    scenes, alphas = (gains.groupby(level).mean() for level in ("scene", "alpha"))
     cells = [
-        f"{title} ({n_scenes})" if "random" in title else title,
+        f"{title} ({len(scenes)})" if "random" in title else title,
         str(best),
-        f"{wide[best].mean():.2f}",
-        f"{wide[LEARNED].mean():.2f}",
-        f"{gained.mean():+.2f}",
+        f"{psnr_db[best].mean():.2f}",
+        f"{psnr_db[LEARNED].mean():.2f}",
+        f"{gains.mean():+.2f}",
         f"{scenes.min():+.2f} ({scenes.idxmin()})",
         f"{alphas.min():+.2f} ({alphas.idxmin():g})",
-        " and ".join(f"{delta[name].mean():.3f}" for name in (best, LEARNED)),
-        " and ".join(f"{(light[name] - 1).abs().max():.4f}" for name in (best, LEARNED)),
+        " and ".join(f"{delta_e[name].mean():.3f}" for name in (best, LEARNED)),
+        " and ".join(f"{(brightness[name] - 1).abs().max():.4f}" for name in (best, LEARNED)),
     ]
     return f"| {' | '.join(cells)} |"
 
@@ -88,8 +87,9 @@ def grids() -> Iterator[str]:
     for grid in GRIDS:
         # As wide an aperture, whatever the number of views.
         ratio = 6 / (grid - 1)
-        found = torch.stack([_judged(_resampled(name, grid, ratio), slopes * ratio) for name in SHAPES]).mean((0, 2))
-        for cells, value in zip(rows.values(), found.tolist(), strict=True):
+        scenes = (_resampled(name, grid, ratio) for name in SHAPES)
+        means = torch.stack([_rival_and_network(scene, slopes * ratio) for scene in scenes]).mean((0, 2))
+        for cells, value in zip(rows.values(), means.tolist(), strict=True):
             cells.append(f"{value:.1f}")
     for title, cells in rows.items():
         yield f"| {title} | {' | '.join(cells)} |"
@@ -110,22 +110,22 @@ def _scaled(geometry: object, ratio: float) -> object:
     scaled = {
         field.name: (
             tuple(ratio * each for each in getattr(geometry, field.name))
-            if field.name == "slant"
+            if field.name == "gradient"
             else ratio * getattr(geometry, field.name)
         )
         for field in dataclasses.fields(geometry)  # type: ignore[arg-type]
-        if field.name in ("disparity", "slant", "bulge")
+        if field.name in ("disparity", "gradient", "bulge")
     }
     return dataclasses.replace(geometry, **scaled)  # type: ignore[type-var]
 
 
-def _judged(scene: sim30.Scene, slopes: Tensor) -> Tensor:
+def _rival_and_network(scene: sim30.Scene, slopes: Tensor) -> Tensor:
     """PSNR of the rival and of the network, [2, N]."""
-    made = lfref.simulate(scene, outputs=("views", "truth"), slopes=slopes)
+    simulated = lfref.simulate(scene, outputs=("views", "truth"), slopes=slopes)
     inner = (..., slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
     methods: tuple[Refocuser, ...] = (OperatorRefocuser("rival", occlusion_aware), lfref.load())
-    stacks = [method(LightField(made.views), slopes) for method in methods]
-    return torch.stack([psnr(stack[inner], made.truth[inner]) for stack in stacks])
+    stacks = [method(LightField(simulated.views), slopes) for method in methods]
+    return torch.stack([psnr(stack[inner], simulated.truth[inner]) for stack in stacks])
 
 
 def paths() -> Iterator[str]:

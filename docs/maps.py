@@ -1,4 +1,4 @@
-"""Measure how near disparity maps come to the truth, and pictures of crosshairs and diagonals to whole apertures.
+"""Errors of disparity maps, and of pictures from crosshairs and diagonals of views against whole apertures.
 
 Tables of `refocusing.md` and `captures.md`, on scenes of sim30. Letters: `v u` view row and column.
 """
@@ -42,8 +42,8 @@ def disparities() -> Iterator[str]:
 
 
 def _errors(name: str) -> Tensor:
-    made = lfref.simulate(sim30.SCENES[name], outputs=("views", "disparity"))
-    return (lfref.disparity_map(made.views).disparity - made.disparity).abs()
+    simulated = lfref.simulate(sim30.SCENES[name], outputs=("views", "disparity"))
+    return (lfref.disparity_map(simulated.views).disparity - simulated.disparity).abs()
 
 
 def _shares(errors: Tensor) -> list[float]:
@@ -63,27 +63,28 @@ def missing_views() -> Iterator[str]:
     """PSNR of pictures from part of the views against those of the whole aperture's truth."""
     steps = torch.arange(7)
     v, u = steps[:, None], steps
-    there: dict[str, Tensor] = {
+    apertures: dict[str, Tensor] = {
         "all 49": torch.ones(7, 7),
         "without corners (45)": 1.0 * ~((v % 6 == 0) & (u % 6 == 0)),
         "diagonals (13)": 1.0 * ((v == u) | (v == 6 - u)),
         "crosshair (13)": 1.0 * ((v == 3) | (u == 3)),
     }
-    seen = {name: lfref.simulate(sim30.SCENES[name], outputs=("views", "truth"), slopes=SLOPES) for name in SHAPES}
-    yield f"| method | {' | '.join(there)} |"
-    yield f"|---|{'---|' * len(there)}"
+    scenes = {name: lfref.simulate(sim30.SCENES[name], outputs=("views", "truth"), slopes=SLOPES) for name in SHAPES}
+    yield f"| method | {' | '.join(apertures)} |"
+    yield f"|---|{'---|' * len(apertures)}"
     for method, operator in METHODS.items():
-        cells = [f"{_quality(operator, weights, seen.values()):.1f}" for weights in there.values()]
+        cells = [f"{_quality(operator, weights, scenes.values()):.1f}" for weights in apertures.values()]
         yield f"| {method} | {' | '.join(cells)} |"
 
 
-def _quality(operator: Callable[..., Tensor], weights: Tensor, seen: Iterable[Simulated]) -> float:
-    refocuser = OperatorRefocuser("asked", operator)
-    found = []
-    for made in seen:
-        weight = weights[..., None, None, None].expand(*weights.shape, 1, *made.views.shape[-2:]).contiguous()
-        found.append(psnr(refocuser(LightField(made.views * weight, weight=weight), SLOPES), made.truth).mean())
-    return float(torch.stack(found).mean())
+def _quality(operator: Callable[..., Tensor], weights: Tensor, scenes: Iterable[Simulated]) -> float:
+    refocuser = OperatorRefocuser("method", operator)
+    psnr_db = []
+    for scene in scenes:
+        weight = weights[..., None, None, None].expand(*weights.shape, 1, *scene.views.shape[-2:]).contiguous()
+        stack = refocuser(LightField(scene.views * weight, weight=weight), SLOPES)
+        psnr_db.append(psnr(stack, scene.truth).mean())
+    return float(torch.stack(psnr_db).mean())
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {"disparities": disparities, "missing_views": missing_views}

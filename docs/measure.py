@@ -1,6 +1,6 @@
-"""Measure the figures that the README and these pages quote, and write them between their markers.
+"""Measure the figures that the README and the pages quote, and write them between their markers (`markers.py`).
 
-Run by `make figures` when `lfref bench` has left its tables; a marker is `<!-- measured: NAME -->` ... `<!-- end -->`.
+Run by `make figures` after `lfref bench`, whose tables it reads.
 """
 
 import argparse
@@ -15,13 +15,13 @@ import browsing
 import hard_cases
 import learned
 import maps
-import marked
+import markers
 import pandas as pd
 import runtimes
 import scale
 import scene_costs
+import simulator_pictures
 import torch
-import truths
 
 from lfref.data.field_sources import SimulatedSource
 from lfref.data.label_sources import OperatorLabels
@@ -48,10 +48,10 @@ def bench() -> Iterator[str]:
     yield "|---|---|---|---|---|---|---|"
     for method, classes in rows.groupby("method", sort=False):
         units = 1 / classes["ratio_to_numpy_fft"].iloc[0]
-        shown = classes.set_index("class").reindex(["ideal", "sensor", "corrected"])
-        worst = _with_note(shown["worst_psnr_db"].iloc[0], shown["worst_scene"].iloc[0])
-        psnr_db, *with_sensor = (_shown(value, ".1f") for value in shown["psnr_db"])
-        cells = [method, f"{units:.3f}", psnr_db, worst, _shown(shown["delta_e"].iloc[0], ".2f"), *with_sensor]
+        by_class = classes.set_index("class").reindex(["ideal", "sensor", "corrected"])
+        worst = _with_note(by_class["worst_psnr_db"].iloc[0], by_class["worst_scene"].iloc[0])
+        psnr_db, *with_sensor = (_number(value, ".1f") for value in by_class["psnr_db"])
+        cells = [method, f"{units:.3f}", psnr_db, worst, _number(by_class["delta_e"].iloc[0], ".2f"), *with_sensor]
         yield f"| {' | '.join(cells)} |"
     yield ""
     yield f"Truth: what a lens would have photographed, 30 scenes of sim30 (version {facts['sim30']}), the paper's"
@@ -62,10 +62,10 @@ def bench() -> Iterator[str]:
     yield f"{facts['repeats']} rounds."
 
 
-def corrected() -> Iterator[str]:
-    """What the best method makes of scenes with a sensor: as they are, corrected, and with a white picture."""
-    read, white = (tables.read_table(RUNS / run / "scenes.csv") for run in ("bench", "white"))
-    best = read.groupby(["scene", "class"])["psnr_db"].max().unstack().dropna(subset="sensor")
+def corrections() -> Iterator[str]:
+    """PSNR of the best method on scenes with a sensor: as they are, corrected, and with a white picture."""
+    plain, white = (tables.read_table(RUNS / run / "scenes.csv") for run in ("bench", "white"))
+    best = plain.groupby(["scene", "class"])["psnr_db"].max().unstack().dropna(subset="sensor")
     best["white"] = white[white["class"] == "corrected"].groupby("scene")["psnr_db"].max()
     yield "| scene | as it is, dB | corrected, dB | with a white picture, dB | without a sensor, dB |"
     yield "|---|---|---|---|---|"
@@ -75,7 +75,7 @@ def corrected() -> Iterator[str]:
 
 
 def causes() -> Iterator[str]:
-    """What each cause of error costs, and the best that a remedy wins, from the table of `lfref bench group=causes`."""
+    """Cost of each cause of error, and the most that a remedy wins back, from `lfref bench group=causes`."""
     facts = json.loads((RUNS / "causes" / "machine.json").read_text())
     rows = tables.read_table(RUNS / "causes" / "causes.csv")
     is_base = rows["is_base"].astype(str) == "True"
@@ -84,7 +84,7 @@ def causes() -> Iterator[str]:
     yield "|---|---|---|---|---|"
     for row in rows[is_base].itertuples():
         won = _with_note(best.loc[row.cause, "won_db"], best.loc[row.cause, "method"])
-        cells = [row.cause, f"{row.psnr_db:.1f}", f"{row.cost_db:.1f}", _shown(row.alone_db, ".1f"), won]
+        cells = [row.cause, f"{row.psnr_db:.1f}", f"{row.cost_db:.1f}", _number(row.alone_db, ".1f"), won]
         yield f"| {' | '.join(cells)} |"
     yield ""
     yield f"PSNR against truth, means over {facts['scenes']} scenes of sim30 (version {facts['sim30']}) and"
@@ -113,7 +113,7 @@ def operators() -> Iterator[str]:
 
 
 def patch_labels() -> Iterator[str]:
-    """How far a patch's Fourier-slice label is from that part of the whole field's label."""
+    """PSNR of a patch's Fourier-slice label against that part of the whole field's label."""
     source = OperatorLabels(
         OperatorRefocuser("fourier_slice", functools.partial(fourier_slice, width=4, padding=2)), PAPER
     )
@@ -130,11 +130,11 @@ def patch_labels() -> Iterator[str]:
 
 FIGURES = {
     "bench": bench,
-    "corrected": corrected,
+    "corrected": corrections,
     "causes": causes,
     "operators": operators,
     "patch_labels": patch_labels,
-    "explanation": truths.explanation,
+    "explanation": simulator_pictures.explanation,
     **against_mitsuba.TABLES,
     **browsing.TABLES,
     **hard_cases.TABLES,
@@ -151,21 +151,21 @@ def _times(rows: pd.DataFrame) -> Iterator[str]:
     yield "|---|---|---|---|---|---|"
     for row in rows.itertuples():
         span = f"{row.median_s:.3f} ({row.p10_s:.3f} to {row.p90_s:.3f})"
-        cells = [row.case, _shown(row.first_call_s, ".2f"), span, f"{row.ratio_to_numpy_fft:.2f}"]
-        yield f"| {' | '.join([*cells, _shown(row.psnr_db, '.1f'), _shown(row.max_error, '.1e')])} |"
+        cells = [row.case, _number(row.first_call_s, ".2f"), span, f"{row.ratio_to_numpy_fft:.2f}"]
+        yield f"| {' | '.join([*cells, _number(row.psnr_db, '.1f'), _number(row.max_error, '.1e')])} |"
 
 
-def _memory(rows: pd.DataFrame, exponents: pd.DataFrame) -> Iterator[str]:
-    powers = exponents.pivot(index="method", columns="axis", values="exponent")
+def _memory(rows: pd.DataFrame, growth: pd.DataFrame) -> Iterator[str]:
+    powers = growth.pivot(index="method", columns="axis", values="exponent")
     yield "| method | memory beside the views, MB | peak / allowed | exponent in pixels | in views | in planes |"
     yield "|---|---|---|---|---|---|"
     for row in rows.drop(columns="planes").join(powers, on="case").itertuples():
-        grown = [_shown(power, ".2f") for power in (row.pixels, row.views, row.planes)]
-        cells = [row.case, _shown(row.extra_bytes / 1e6, ".0f"), _shown(row.memory_ratio, ".2f"), *grown]
+        exponents = [_number(power, ".2f") for power in (row.pixels, row.views, row.planes)]
+        cells = [row.case, _number(row.extra_bytes / 1e6, ".0f"), _number(row.memory_ratio, ".2f"), *exponents]
         yield f"| {' | '.join(cells)} |"
 
 
-def _shown(value: float, form: str) -> str:
+def _number(value: float, form: str) -> str:
     return "" if math.isnan(value) else f"{value:{form}}"
 
 
@@ -181,11 +181,11 @@ def _label_psnr(source: OperatorLabels, index: int, corner: int) -> torch.Tensor
 
 
 def main() -> None:
-    """Fill the markers of the README and the pages beside this file."""
+    """Fill the markers of the README and of the pages."""
     parser = argparse.ArgumentParser(description="Fill the markers of the README and of the pages.")
     parser.add_argument("names", nargs="*", metavar="NAME", choices=[[], *FIGURES], help="markers to fill; none: all")
     names = parser.parse_args().names or FIGURES
-    marked.fill({name: "\n".join(FIGURES[name]()) for name in names})
+    markers.fill({name: "\n".join(FIGURES[name]()) for name in names})
 
 
 if __name__ == "__main__":

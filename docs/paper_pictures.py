@@ -1,4 +1,4 @@
-"""Pictures of `paper.md`, drawn from what `make paper` has left: without that they stay as they are.
+"""Pictures of `paper.md`, drawn where `make paper` has left its tables; otherwise the old ones stay.
 
 Letters: `s` slope in pixels per view step.
 """
@@ -8,11 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import judged
+import experiments
 import pandas as pd
 import sheets
 import torch
-from marked import ROOT
+from markers import ROOT
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -33,7 +33,7 @@ COLOURS = {
     **dict(zip(NETWORKS, (CYAN, MAGENTA, TEAL), strict=True)),
 }
 SCENE, SHOWN = "twigs", (0.125, 2.0)
-INNER = (..., slice(32, -32), slice(judged.MARGIN, -judged.MARGIN))
+INNER = (..., slice(32, -32), slice(experiments.MARGIN, -experiments.MARGIN))
 FINEST = 3e-3  # smaller differences are shown as none
 DIFFERENCE: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(FINEST, 0.3)}
 
@@ -72,17 +72,17 @@ def by_alpha(runs: Path) -> Figure:
 
 def comparison(runs: Path) -> Figure:
     """A scene by truth, by the paper's two methods and by networks, and what each of them lacks."""
-    subject = next(judged.judges([SCENE], PLANES))
-    networks = judged.loaded({method: [_first(runs, label)] for method, label in NETWORKS.items()})
-    pictured = {name: CLASSICAL[name] for name in ("shift_and_sum", "fourier_slice")}
-    pictured |= dict(zip(NETWORKS, networks, strict=True))
-    methods = (CLASSICAL[BEST], *pictured.values())
-    best, *stacks = (subject.stack(method, PLANES.slopes)[INNER] for method in methods)
+    case = next(experiments.cases([SCENE], PLANES))
+    networks = experiments.load_networks({method: [_first(runs, label)] for method, label in NETWORKS.items()})
+    rows = {name: CLASSICAL[name] for name in ("shift_and_sum", "fourier_slice")}
+    rows |= dict(zip(NETWORKS, networks, strict=True))
+    methods = (CLASSICAL[BEST], *rows.values())
+    best, *stacks = (case.stack(method, PLANES.slopes)[INNER] for method in methods)
     cells = []
     for alpha in SHOWN:
         index = (PLANES.alphas or ()).index(alpha)
-        truth = subject.truth[INNER][index]
-        titles = [name.replace("RefNet on ", "RefNet on\n") for name in pictured]
+        truth = case.truth[INNER][index]
+        titles = [name.replace("RefNet on ", "RefNet on\n") for name in rows]
         cells += [(f"truth,\nalpha {alpha:g}", truth), *zip(titles, (stack[index] for stack in stacks), strict=True)]
         cells += [_difference(f"{BEST}\n", best[index], truth)]
         cells += [_difference("difference\n", stack[index], truth) for stack in stacks]
@@ -118,7 +118,7 @@ DRAWN: dict[str, tuple[Callable[[Path], Figure], str]] = {
         "A scene at two planes: truth, methods, networks, and what they lack",
     ),
 }
-"""Name -> how it is drawn from a folder of runs, and its caption."""
+"""Name -> function that draws it from a folder of runs, and its caption."""
 PICTURES: dict[str, Callable[[], Figure]] = {
     name: functools.partial(draw, RUNS) for name, (draw, _) in DRAWN.items() if (RUNS / "truth.csv").exists()
 }

@@ -1,4 +1,4 @@
-"""What refocusing costs in time, told as the paper tells it: one light field, a batch of four, from disk to pictures.
+"""Time of refocusing as the paper measures it: one light field, a batch of four, from disk to pictures.
 
 The unit is the paper's, NumPy's 4-D FFT of the three channels, measured in the same rounds. Networks are untrained:
 weights cost no time.
@@ -38,21 +38,16 @@ NETWORKS = {"RefNet": "refnet", "RefNet, shuffled": "refnet_shuffled", "RefNet, 
 
 
 class Speed(NamedTuple):
-    """What was measured, and on what."""
+    """Times, and facts of the machine."""
 
     rows: pd.DataFrame
     facts: dict[str, Any]
 
 
-def kept(path: Path, size: tuple[int, int]) -> Speed:
-    """What was measured before, or now if it was not.
-
-    Args:
-        path: The CSV file.
-        size: Height and width of the views.
-    """
+def cached(path: Path, size: tuple[int, int]) -> Speed:
+    """The CSV file of this path with its facts; measured on views [H, W] if there is none."""
     if not path.exists():
-        tables.write_table(path, measured(size))
+        tables.write_table(path, measure(size))
         facts = timing.facts(torch.device("cpu")) | {"size": "x".join(map(str, size))}
         atomic.write_text(path.with_suffix(".json"), json.dumps(facts, indent=2) + "\n")
     return Speed(tables.read_table(path), json.loads(path.with_suffix(".json").read_text()))
@@ -73,7 +68,7 @@ def table(speed: Speed) -> Iterator[str]:
 
 
 @torch.no_grad()
-def measured(size: tuple[int, int]) -> pd.DataFrame:
+def measure(size: tuple[int, int]) -> pd.DataFrame:
     """Columns `method, fft_s, one_s, four_s, disk_s`, medians; quick methods in many rounds, the others in few."""
     views = SimulatedSource(1, 7, RandomScenes(Camera(size=size))).field(0).views
     numpy = OperatorRefocuser("fourier_slice_numpy", numpy_baselines.fourier_slice_numpy)

@@ -1,11 +1,11 @@
-"""Tables of `paper.md`, lines of text from what `paper.py` has judged.
+"""Tables of `paper.md`, lines of text from the tables of `paper.py`.
 
 Letters: `s` seconds.
 """
 
 from collections.abc import Callable, Iterator
 
-import judged
+import experiments
 import pandas as pd
 from paper_methods import CLASSICAL, LABELS, NETWORKS, PARALLEL, PARALLEL_NETWORK, PLANES, SEEDS
 
@@ -38,11 +38,13 @@ def claims(tables: Tables, speed: pd.DataFrame) -> Iterator[str]:
     ideal, focus = _ideal(tables).groupby("method"), tables["focus"].groupby("method")
     for label, method in zip(LABELS, NETWORKS, strict=False):
         delta, off = ([form(ideal.get_group(each)) for each in (label, method)] for form in (_delta_e, _off))
-        told = f"Delta E {delta[0]}, network {delta[1]}; brightness off by {off[0]}, network {off[1]}"
-        yield row(f"colours superior to {label}", "two captures, by eye", told)
+        measured = f"Delta E {delta[0]}, network {delta[1]}; brightness off by {off[0]}, network {off[1]}"
+        yield row(f"colours superior to {label}", "two captures, by eye", measured)
         sharp, away = ([form(focus.get_group(each)) for each in (label, method)] for form in (_sharp, _away))
-        told = f"sharpness over the truth's {sharp[0]}, network {sharp[1]}; plane off by {away[0]}, network {away[1]}"
-        yield row(f"depth of field and focus like {label}", "two captures, by eye", told)
+        measured = (
+            f"sharpness over the truth's {sharp[0]}, network {sharp[1]}; plane off by {away[0]}, network {away[1]}"
+        )
+        yield row(f"depth of field and focus like {label}", "two captures, by eye", measured)
 
 
 def quality(tables: Tables) -> Iterator[str]:
@@ -52,19 +54,21 @@ def quality(tables: Tables) -> Iterator[str]:
     )
     for method, rows in tables["truth"].groupby("method", sort=False):
         ideal, sensor = (rows[rows["class"] == name] for name in (IDEAL, SENSOR))
-        cells = [judged.spread(ideal, *column) for column in (("psnr_db",), ("ssim", ".3f"), ("delta_e", ".2f"))]
+        cells = [
+            experiments.mean_and_range(ideal, *column) for column in (("psnr_db",), ("ssim", ".3f"), ("delta_e", ".2f"))
+        ]
         cells.append(f"{100 * (ideal['brightness'] - 1).abs().max():.1f} %")
-        cells += [judged.spread(sensor, *column) for column in (("psnr_db",), ("delta_e", ".2f"))]
+        cells += [experiments.mean_and_range(sensor, *column) for column in (("psnr_db",), ("delta_e", ".2f"))]
         yield row(str(method), *cells)
     scenes = tables["truth"].groupby("class")["scene"].nunique()
     yield ""
     yield f"By truth, {scenes[IDEAL]} scenes of sim30 (version {sim30.VERSION}), {scenes.get(SENSOR, 0)} of them also"
-    yield f"with a sensor; the paper's 16 planes, {judged.MARGIN} px of the border left out. Networks: the mean of"
+    yield f"with a sensor; the paper's 16 planes, {experiments.MARGIN} px of the border left out. Networks: the mean of"
     yield f"{len(SEEDS)} seeds (least to most)."
 
 
 def imitation(tables: Tables) -> Iterator[str]:
-    """The paper's own judge: a network by the labels it learned from, beside what those are worth."""
+    """The paper's evaluation: a network against the labels that it learned from, beside these against the truth."""
     rows = tables["labels"]
     by_truth = rows[rows["reference"] == TRUTH].groupby("method")
     yield from head(
@@ -74,9 +78,14 @@ def imitation(tables: Tables) -> Iterator[str]:
         own = rows[(rows["method"] == method) & (rows["reference"] == (label if label in CLASSICAL else TRUTH))]
         scenes = own.groupby("light_field")["psnr_db"].mean()
         counts = [f"{(scenes < limit).sum()} of {len(scenes)}" for limit in (LEAST, FEW)]
-        teacher = judged.spread(by_truth.get_group(label), "psnr_db") if label in CLASSICAL else ""
-        cells = [judged.spread(own, "psnr_db"), judged.spread(own, "ssim", ".3f"), *counts, teacher]
-        yield row(method, *cells, judged.spread(by_truth.get_group(method), "psnr_db"))
+        teacher = experiments.mean_and_range(by_truth.get_group(label), "psnr_db") if label in CLASSICAL else ""
+        cells = [
+            experiments.mean_and_range(own, "psnr_db"),
+            experiments.mean_and_range(own, "ssim", ".3f"),
+            *counts,
+            teacher,
+        ]
+        yield row(method, *cells, experiments.mean_and_range(by_truth.get_group(method), "psnr_db"))
     yield ""
     yield "Over the whole frame, as in the paper; scenes are counted by the mean of all seeds."
 
@@ -92,7 +101,10 @@ def reach(tables: Tables) -> Iterator[str]:
         for name, method, planes in series:
             rows = tables[name]
             own = rows[(rows["method"] == method) & (rows["reference"] == "shift_and_sum") & (rows["alpha"] == alpha)]
-            cells += [f"{geometry.corner_shift(planes.slopes[[place]], GRID):.1f}", judged.spread(own, "psnr_db")]
+            cells += [
+                f"{geometry.corner_shift(planes.slopes[[place]], GRID):.1f}",
+                experiments.mean_and_range(own, "psnr_db"),
+            ]
         yield row(f"{alpha:g}", *cells)
 
 
@@ -101,8 +113,8 @@ def in_focus(tables: Tables) -> Iterator[str]:
     yield from head("method", "sharpness at alpha 0.125", "at alpha 1", "at alpha 2", "plane off by, px per view step")
     for method, rows in tables["focus"].groupby("method", sort=False):
         at = rows.groupby("alpha")
-        cells = [judged.spread(at.get_group(alpha), "sharpness", ".2f") for alpha in (0.125, 1.0, 2.0)]
-        yield row(str(method), *cells, judged.spread(rows, "away", ".3f"))
+        cells = [experiments.mean_and_range(at.get_group(alpha), "sharpness", ".2f") for alpha in (0.125, 1.0, 2.0)]
+        yield row(str(method), *cells, experiments.mean_and_range(rows, "away", ".3f"))
     yield ""
     yield "Sharpness: mean size of the Laplacian over that of the truth. Plane off by: from where it should be to the"
     yield f"plane of the truth that it is nearest to, in the mean; {tables['focus']['scene'].nunique()} scenes."
@@ -132,7 +144,7 @@ def _ideal(tables: Tables) -> pd.DataFrame:
 
 
 def _delta_e(rows: pd.DataFrame) -> str:
-    return judged.spread(rows, "delta_e", ".2f")
+    return experiments.mean_and_range(rows, "delta_e", ".2f")
 
 
 def _off(rows: pd.DataFrame) -> str:

@@ -20,8 +20,8 @@ import paper_pictures
 import runtimes
 import scenes
 import sheets
+import simulator_pictures
 import torch
-import truths
 from matplotlib.figure import Figure
 from torch import Tensor
 from torch.nn import functional as F
@@ -166,9 +166,9 @@ def all_in_focus() -> Figure:
     views, truth = scenes.still_life()
     slopes = geometry.even_slopes(17, -1.2, 1.2)
     image, index, confidence = lfref.all_in_focus(lfref.exact_fourier(views, slopes))
-    found = index_to_slope(index, slopes)
+    slope_map = index_to_slope(index, slopes)
     pair = [("image", image), ("confidence, white: 1", confidence[None])]
-    return sheets.sheet([*pair, ("index, as slope", found), ("true disparity", truth)], 2, bar=SLOPE_LABEL, **DEPTH)
+    return sheets.sheet([*pair, ("index, as slope", slope_map), ("true disparity", truth)], 2, bar=SLOPE_LABEL, **DEPTH)
 
 
 def super_resolve() -> Figure:
@@ -216,7 +216,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "apertures.jpg": aperture,
     **against_truth.PICTURES,
     **effects.PICTURES,
-    **truths.PICTURES,
+    **simulator_pictures.PICTURES,
     **against_mitsuba.PICTURES,
     **hard_cases.PICTURES,
     **paper_pictures.PICTURES,

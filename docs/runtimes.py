@@ -1,4 +1,4 @@
-"""What engines make of networks: table and picture of the page on deployment, from `lfref bench group=engines`."""
+"""Speed and accuracy of engines: table and picture of the page on deployment, from `lfref bench group=engines`."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ SHOWN = ["engine", "precision", "ratio_to_eager", "min_s", "start_s", "extra_byt
 
 
 def engines() -> Iterator[str]:
-    """A table for each network, the fastest engine first, and which one it should run on."""
+    """A table for each network, the fastest engine first, and the engine to choose."""
     facts = json.loads((RUN / "machine.json").read_text())
     rows = tables.read_table(RUN / "engines.csv")
     yield "![Speed of every engine, and what it costs in accuracy](pictures/engines.png)"

@@ -1,6 +1,6 @@
 """Many light fields, and large ones: what `lfref refocus` takes for them in time and memory.
 
-`python docs/scale.py` measures on simulated captures and leaves `runs/figures/scale/scale.json`, of which
+`python docs/scale.py` measures on simulated captures and leaves `runs/figures/scale/scale.json`, from which
 `docs/measure.py streams large` makes the tables of the page on deployment.
 """
 
@@ -36,31 +36,31 @@ PLANES = planes_at_alphas(step / 8 for step in range(1, 17))
 FIELDS, ROUNDS = 40, 5
 BAND = 128
 WORDS = ["correct=auto", "planes=auto"]
-ALONE = "step-by-step"
+STEP_BY_STEP = "step-by-step"
 
 
-def captures(folder: Path) -> dict[int, Path]:
+def simulate_captures(folder: Path) -> dict[int, Path]:
     """Folders of so many simulated captures, as 8-bit views."""
     size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
     _lfref("simulate", f"output={folder}/scenes", f"n_fields={SCENES}", size, "outputs=[views]")
     scenes = sorted((folder / "scenes").glob("simulated_*"))
     assert len(scenes) == SCENES
-    made = {}
+    folders = {}
     for count in (FEW, TIMED, MANY):
-        made[count] = folder / f"captures_{count}"
+        folders[count] = folder / f"captures_{count}"
         for n in range(count):
-            shutil.copytree(scenes[n % SCENES], made[count] / f"capture_{n}")
-    return made
+            shutil.copytree(scenes[n % SCENES], folders[count] / f"capture_{n}")
+    return folders
 
 
-def streamed(given: dict[int, Path], folder: Path) -> dict[str, float]:
+def measure_streams(captures: dict[int, Path], folder: Path) -> dict[str, float]:
     """Runs of few and of many captures, each a process of its own, and of every step alone."""
-    few, many = (_measured("refocus", given[n], f"output={folder}/out_{n}", *WORDS) for n in (FEW, MANY))
-    alone = subprocess.run(
-        [sys.executable, __file__, ALONE, str(given[TIMED]), str(folder / "out_alone")],
+    few, many = (_measure("refocus", captures[n], f"output={folder}/out_{n}", *WORDS) for n in (FEW, MANY))
+    process = subprocess.run(
+        [sys.executable, __file__, STEP_BY_STEP, str(captures[TIMED]), str(folder / "out_alone")],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    steps = json.loads(alone.stdout.splitlines()[-1])
+    steps = json.loads(process.stdout.splitlines()[-1])
     return {
         "few_mb": few[1],
         "many_mb": many[1],
@@ -70,26 +70,26 @@ def streamed(given: dict[int, Path], folder: Path) -> dict[str, float]:
     }
 
 
-def alone(given: Path, output: Path) -> None:
+def time_steps(captures: Path, output: Path) -> None:
     """Print the median time of each step of `lfref refocus`, one capture and one step after the other."""
     times: dict[str, list[float]] = {"read": [], "compute": [], "write": []}
 
     def each(paths: dict[str, Path], steps: list[Callable[[str, Any], Any]], what: str) -> None:
-        for name, made in paths.items():
-            for step, taken in zip(steps, times.values(), strict=True):
+        for name, result in paths.items():
+            for step, seconds in zip(steps, times.values(), strict=True):
                 start = time.perf_counter()
-                made = step(name, made)
-                taken.append(time.perf_counter() - start)
+                result = step(name, result)
+                seconds.append(time.perf_counter() - start)
 
     inputs.process = each
-    sys.argv = ["lfref", "refocus", str(given), f"output={output}", *WORDS]
+    sys.argv = ["lfref", "refocus", str(captures), f"output={output}", *WORDS]
     commands.main()
     # The first one compiles.
-    print(json.dumps({name: statistics.median(taken[1:]) for name, taken in times.items()}))
+    print(json.dumps({name: statistics.median(seconds[1:]) for name, seconds in times.items()}))
 
 
 def in_memory() -> float:
-    """Light fields a second that shift-and-sum refocuses to 16 planes where they lie in memory, the best of rounds."""
+    """Light fields in memory that shift-and-sum refocuses to 16 planes in a second, in the fastest round."""
     views = [torch.rand(7, 7, 3, *SIZE) for _ in range(SCENES)]
     stack = shift_and_sum(views[0], PLANES.slopes)
     best = 0.0
@@ -110,7 +110,7 @@ def large(folder: Path) -> dict[str, float]:
         view = wall[2 * v : 2 * v + LARGE[0], 2 * u : 2 * u + LARGE[1]]
         images.write_image(folder / "large" / f"large_{v:02d}_{u:02d}.png", view)
     words = ("method=shift_and_sum_cubic", "planes=even", "planes.first=-3", "planes.last=1", "planes.n=16")
-    seconds, peak, _ = _measured(
+    seconds, peak, _ = _measure(
         "refocus", folder / "large", f"output={folder}/out_large", "correct=none", f"rows={BAND}", *words
     )
     return {"large_s": seconds, "large_mb": peak}
@@ -120,22 +120,22 @@ def _lfref(*words: object) -> None:
     subprocess.run([sys.executable, "-m", "lfref.cli.main", *map(str, words)], check=True)
 
 
-def _measured(*words: object) -> tuple[float, float, float]:
+def _measure(*words: object) -> tuple[float, float, float]:
     """Seconds, the most memory of its own that a command held, in MB, and seconds of all cores together.
 
     Files that it looks into are not its own.
     """
-    start, spent, most = time.perf_counter(), _spent(), 0.0
+    start, spent, most = time.perf_counter(), _processor_seconds(), 0.0
     process = subprocess.Popen([sys.executable, "-m", "lfref.cli.main", *map(str, words)], stderr=subprocess.DEVNULL)
     while process.poll() is None:
         most = max(most, _anonymous_mb(process.pid))
         time.sleep(0.02)
     if process.returncode:
         raise SystemExit(f"failed: {' '.join(map(str, words))}")
-    return time.perf_counter() - start, most, _spent() - spent
+    return time.perf_counter() - start, most, _processor_seconds() - spent
 
 
-def _spent() -> float:
+def _processor_seconds() -> float:
     """Seconds that cores have worked for commands that are over."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime
@@ -151,55 +151,56 @@ def _anonymous_mb(pid: int) -> float:
 
 def streams() -> Iterator[str]:
     """Memory and throughput of many captures."""
-    found = json.loads((RUN / "scale.json").read_text())
-    slowest = max(("read", "compute", "write"), key=lambda name: found[f"{name}_s"])
+    figures = json.loads((RUN / "scale.json").read_text())
+    slowest = max(("read", "compute", "write"), key=lambda name: figures[f"{name}_s"])
     yield "| what | measured |"
     yield "|---|---|"
-    yield f"| memory, {FEW} captures | {found['few_mb']:.0f} MB |"
-    yield f"| memory, {MANY} captures | {found['many_mb']:.0f} MB, {found['many_mb'] / found['few_mb']:.2f} times |"
-    steps = ", ".join(f"{found[f'{name}_s']:.2f}" for name in ("read", "compute", "write"))
+    yield f"| memory, {FEW} captures | {figures['few_mb']:.0f} MB |"
+    growth = figures["many_mb"] / figures["few_mb"]
+    yield f"| memory, {MANY} captures | {figures['many_mb']:.0f} MB, {growth:.2f} times |"
+    steps = ", ".join(f"{figures[f'{name}_s']:.2f}" for name in ("read", "compute", "write"))
     yield f"| reading, computing, writing alone | {steps} s |"
-    yield f"| all three at once | {found['seconds_each']:.2f} s a capture |"
-    share, spent = 100 * found[f"{slowest}_s"] / found["seconds_each"], found["processor_seconds_each"]
-    busy = 100 * spent / found["cores"] / found["seconds_each"]
-    yield f"| work of all {found['cores']} cores for it | {spent:.2f} s, which keeps them busy for {busy:.0f} % |"
+    yield f"| all three at once | {figures['seconds_each']:.2f} s a capture |"
+    share, spent = 100 * figures[f"{slowest}_s"] / figures["seconds_each"], figures["processor_seconds_each"]
+    busy = 100 * spent / figures["cores"] / figures["seconds_each"]
+    yield f"| work of all {figures['cores']} cores for it | {spent:.2f} s, which keeps them busy for {busy:.0f} % |"
     yield f"| of the speed of the slowest step alone ({slowest}) | {share:.0f} % |"
-    yield f"| light fields in memory, 16 planes each | {found['fields_per_second']:.1f} a second |"
+    yield f"| light fields in memory, 16 planes each | {figures['fields_per_second']:.1f} a second |"
     yield ""
     yield f"Simulated captures of 7x7 views of {SIZE[0]}x{SIZE[1]} pixels ({SCENES} scenes, copied), as PNG;"
     yield f"`lfref refocus FOLDER {' '.join(WORDS)}`. In memory: `shift_and_sum` with `out=`, the paper's planes,"
-    yield f"float32. {found['processor']}, {found['threads']} threads."
+    yield f"float32. {figures['processor']}, {figures['threads']} threads."
 
 
-def of_large() -> Iterator[str]:
+def large_field() -> Iterator[str]:
     """Memory and time of a large one."""
-    found = json.loads((RUN / "scale.json").read_text())
+    figures = json.loads((RUN / "scale.json").read_text())
     size = LARGE_GRID**2 * 3 * LARGE[0] * LARGE[1] * 4 / 1e9
     yield f"A light field of {LARGE_GRID}x{LARGE_GRID} views of {LARGE[0]}x{LARGE[1]} pixels, {size:.1f} GB in floating"
-    yield f"point, `rows={BAND}`, 16 planes, cubic: {found['large_s']:.0f} s with reading and writing,"
-    yield f"{found['large_mb'] / 1000:.1f} GB of memory."
+    yield f"point, `rows={BAND}`, 16 planes, cubic: {figures['large_s']:.0f} s with reading and writing,"
+    yield f"{figures['large_mb'] / 1000:.1f} GB of memory."
 
 
 IS_MEASURED = (RUN / "scale.json").is_file()
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"streams": streams, "large": of_large} if IS_MEASURED else {}
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"streams": streams, "large": large_field} if IS_MEASURED else {}
 
 
 def main() -> None:
-    """Measure, and leave what was found."""
-    if sys.argv[1:2] == [ALONE]:
-        alone(Path(sys.argv[2]), Path(sys.argv[3]))
+    """Measure, and write `scale.json`."""
+    if sys.argv[1:2] == [STEP_BY_STEP]:
+        time_steps(Path(sys.argv[2]), Path(sys.argv[3]))
         return
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--on", type=Path, default=None, help="a disk with 20 GB")
     with tempfile.TemporaryDirectory(dir=parser.parse_args().on) as name:
         folder = Path(name)
-        found: dict[str, Any] = {"fields_per_second": in_memory()}
-        found |= streamed(captures(folder), folder) | large(folder)
+        figures: dict[str, Any] = {"fields_per_second": in_memory()}
+        figures |= measure_streams(simulate_captures(folder), folder) | large(folder)
     facts = timing.facts(torch.device("cpu"))
     RUN.mkdir(parents=True, exist_ok=True)
-    found |= {"processor": facts["processor"], "threads": facts["threads"], "cores": os.cpu_count()}
-    (RUN / "scale.json").write_text(json.dumps(found, indent=1))
-    print(json.dumps(found, indent=1))
+    figures |= {"processor": facts["processor"], "threads": facts["threads"], "cores": os.cpu_count()}
+    (RUN / "scale.json").write_text(json.dumps(figures, indent=1))
+    print(json.dumps(figures, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the page on the simulator quotes from the tables of `lfref bench group=simulate`."""
+"""Tables of the page on the simulator, from those of `lfref bench group=simulate`."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -8,7 +8,7 @@ from lfref.report import tables
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "simulate"
 BRUTE = RUN.parent / "apertures" / "aperture.csv"
-"""Takes most of an hour, so `make figures` does not make it; the page says what does."""
+"""Takes most of an hour, so `make figures` does not make it; the page names the command."""
 LARGE = 0.1
 """Share of a scene's time from which a pass is named."""
 

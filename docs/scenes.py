@@ -1,4 +1,4 @@
-"""Scenes that `pictures` shows, simulated: three cards, a wall, a slanted page, small print, lights before a sign.
+"""Simulated scenes for `pictures.py`: three cards, a wall, a slanted page, small print, lights before a sign.
 
 Letters: `v u` view row and column, `x y` pixel column and row, `f c b` as in `turned`.
 """
@@ -55,7 +55,7 @@ SMALL = "small print\nthat no single view\nhas seen: samples\nof all views, each
 
 @functools.cache
 def still_life() -> tuple[Tensor, Tensor]:
-    """A wall, stripes before it and a label in front: views, [7, 7, 3, H, W], and what disparity is seen, [H, W]."""
+    """A wall, stripes before it and a label in front: views, [7, 7, 3, H, W], and disparity, [H, W]."""
     plaster = Noise((0.5, 0.33, 0.27), (0.25, 0.2, 0.18), exponent=1.1, hardness=0.6)
     label = _page("all that\nis NEAR\nis sharp", (SIZE[1], SIZE[0]), 20, (0.74, 0.31), paper=YELLOW)
     scene = Scene(
@@ -66,8 +66,8 @@ def still_life() -> tuple[Tensor, Tensor]:
             Surface(Plane(NEAR), label, Polygon(((14, -4), (124, -4), (124, 76), (14, 76)))),
         ),
     )
-    found = lfref.simulate(scene, outputs=("views", "disparity"), slopes=[0.0])
-    return found.views, found.disparity
+    simulated = lfref.simulate(scene, outputs=("views", "disparity"), slopes=[0.0])
+    return simulated.views, simulated.disparity
 
 
 @functools.cache
@@ -97,13 +97,13 @@ def turned(views: Tensor) -> tuple[Tensor, PinholeCameras]:
     intrinsics = pinhole().intrinsics.repeat(*GRID, 1, 1)
     intrinsics[..., :2, 2] -= HORIZON * places[..., :2]
     matrices = intrinsics @ rotation.mT @ torch.linalg.inv(intrinsics)
-    seen = [
+    turned_views = [
         lfref.homography(views[v : v + 1, u : u + 1], matrices[v : v + 1, u : u + 1], "cubic", "edge")[0]
         for v in range(GRID[0])
         for u in range(GRID[1])
     ]
     cameras = PinholeCameras(intrinsics, rotation, (rotation @ places[..., None])[..., 0])
-    return torch.stack(seen).unflatten(0, GRID), cameras
+    return torch.stack(turned_views).unflatten(0, GRID), cameras
 
 
 def pinhole() -> PinholeCameras:

@@ -35,30 +35,31 @@ def train(wanted: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
     left = {folder: overrides for folder, overrides in wanted.items() if not _is_done(folder, overrides)}
     print(f"{len(wanted) - len(left)} of {len(wanted)} networks are trained")
     with ThreadPoolExecutor(os.cpu_count()) as processors:
-        made = processors.map(_train, left.keys(), left.values())
-        told = track(made, description="training", total=len(left))
-        return {folder: error for folder, error in zip(left, told, strict=True) if error}
+        errors = track(processors.map(_train, left.keys(), left.values()), description="training", total=len(left))
+        return {folder: error for folder, error in zip(left, errors, strict=True) if error}
 
 
 def _is_done(folder: Path, overrides: Iterable[str]) -> bool:
     run = Run(folder)
     if not run.has_checkpoints:
         return False
-    if (before := _told(run.overrides)) != (now := _told([*overrides, *QUIET])):
+    if (before := _setup(run.overrides)) != (now := _setup([*overrides, *QUIET])):
         raise SystemExit(f"{folder} holds a run of {' '.join(sorted(before ^ now))}: move it away, or delete it")
     return run.is_finished
 
 
-def _told(overrides: Iterable[str]) -> set[str]:
+def _setup(overrides: Iterable[str]) -> set[str]:
     return {override for override in overrides if key_of(override) not in FOLDERS}
 
 
 def _train(folder: Path, overrides: Sequence[str]) -> str:
-    """Train one network; what it said last if it failed."""
-    said = [f"resume={folder}"] if Run(folder).has_checkpoints else [*overrides, *QUIET, f"output={quoted(folder)}"]
-    if not Run(folder).has_checkpoints:
+    """Train one network; returns the end of its error output if it fails."""
+    if Run(folder).has_checkpoints:
+        words = [f"resume={folder}"]
+    else:
+        words = [*overrides, *QUIET, f"output={quoted(folder)}"]
         shutil.rmtree(folder, ignore_errors=True)  # a run that was stopped before its first epoch ended
-    command = [sys.executable, "-m", "lfref.cli.main", "train", *said]
+    command = [sys.executable, "-m", "lfref.cli.main", "train", *words]
     one_thread = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-    ended = subprocess.run(command, env=one_thread, capture_output=True, text=True)
-    return ended.stderr[-2000:] if ended.returncode else ""
+    process = subprocess.run(command, env=one_thread, capture_output=True, text=True)
+    return process.stderr[-2000:] if process.returncode else ""

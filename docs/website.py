@@ -1,4 +1,4 @@
-"""What mkdocs has to be told of this repository: which of its files are pages, and that docstrings are the reference.
+"""Hooks of mkdocs: which files of this repository are pages, and the reference made from docstrings.
 
 mkdocs calls the functions named `on_...`; a warning that they log fails the build.
 """
@@ -48,14 +48,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for pattern in PUBLISHED
         for path in sorted(ROOT.glob(pattern))
     ]
-    made = {PUBLIC_NAMES: public_names()} | {address(name): description(name) for name in described()}
-    return Files([*theme, *kept, *(File.generated(config, name, content=text) for name, text in made.items())])
+    texts = {PUBLIC_NAMES: public_names()} | {address(name): description(name) for name in described()}
+    return Files([*theme, *kept, *(File.generated(config, name, content=text) for name, text in texts.items())])
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> None:
     """Warn of pages that ask another host for something."""
-    for asked in FETCHED.findall(output):
-        log.warning(f"{page.file.src_uri} asks another host: {asked}")
+    for url in FETCHED.findall(output):
+        log.warning(f"{page.file.src_uri} asks another host: {url}")
 
 
 def described() -> list[str]:
@@ -88,5 +88,5 @@ def public_names() -> str:
 def first_line(home: str, name: str) -> str:
     """First line of the docstring of what a module defines."""
     module = ast.parse(ROOT.joinpath(*home.split(".")).with_suffix(".py").read_text("utf-8"))
-    (found,) = (node for node in module.body if getattr(node, "name", None) == name)
-    return (ast.get_docstring(found) or "").partition("\n")[0]
+    (definition,) = (node for node in module.body if getattr(node, "name", None) == name)
+    return (ast.get_docstring(definition) or "").partition("\n")[0]

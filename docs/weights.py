@@ -47,11 +47,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path)
     parser.add_argument("--to", type=Path, default=networks.SHIPPED)
-    asked = parser.parse_args()
-    run = Run.of(asked.run)
-    told = notes(run)
-    checkpoint.write_weights(asked.to, checkpoint.read(run.best), told)
-    print(yaml.safe_dump({**told, "file": str(asked.to), "bytes": asked.to.stat().st_size}, sort_keys=False))
+    options = parser.parse_args()
+    run = Run.of(options.run)
+    facts = notes(run)
+    checkpoint.write_weights(options.to, checkpoint.read(run.best), facts)
+    print(yaml.safe_dump({**facts, "file": str(options.to), "bytes": options.to.stat().st_size}, sort_keys=False))
 
 
 if __name__ == "__main__":

@@ -104,7 +104,7 @@ def causes(config: DictConfig, folder: Path) -> None:
     plan = CauseSettings(fixed_planes(config), margin, configs.build(config.sensor), grids, device)
     remedies = list(configs.build(config.remedies).values())
     name_apart(remedies)
-    scenes = test_scenes(config.judged)
+    scenes = test_scenes(config.test_scenes)
     measured = pd.DataFrame(
         error_causes.rows(progress(list(scenes.values()), "measuring error causes"), remedies, plan)
     )
@@ -248,9 +248,9 @@ def _evaluation_cases(
         # Sets of planes are drawn from other seeds, so that no network has been trained on these scenes.
         held_out: RandomScenes = configs.build(config.held_out)
         varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
-        scenes = [*test_scenes(config.judged).values(), *varied]
+        scenes = [*test_scenes(config.test_scenes).values(), *varied]
         if not scenes:
-            raise InputError("there must be scenes to evaluate", got="none", remedy="name some by judged or varied")
+            raise InputError("there must be scenes to evaluate", got="none", remedy="set test_scenes or varied")
         fields = [field.to(device) for field in light_fields(config, methods)]
         chosen("correct", config.correct, CORRECTIONS)
         shown = progress(scenes, "evaluating against the truth")
@@ -318,7 +318,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     """Write `simulate.csv`, `passes.csv`, `rates.csv`, `truth.csv`, `alphas.csv` and their picture."""
     device, rounds = device_of(config.device), configured_rounds(config)
     planes = fixed_planes(config)
-    classes, scenes = test_scenes(config.classes), test_scenes(config.judged)
+    classes, scenes = test_scenes(config.classes), test_scenes(config.test_scenes)
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))
     n_workers = torch.get_num_threads() if device.type == "cpu" else 0

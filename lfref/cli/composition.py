@@ -35,6 +35,7 @@ from lfref.errors import InputError, LfrefError
 RENAMED = {
     "guides": "features", "n_guides": "n_features", "n_offers": "n_candidates",
     "fourier_slice_wide": "fourier_slice", "fourier_slice_linear_padded": "fourier_slice",
+    "judged": "test_scenes",
 }  # fmt: skip
 """Keys and choices of earlier versions -> today's, which the error about an unknown one names."""
 

@@ -104,36 +104,36 @@ def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, losses, me
 
 @pytest.mark.parametrize("variant", thinned(ablations.VARIANTS))
 def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, tmp_path, losses, variant):
-    said = (*ablations.SETUP, *TINY_DATA, "net.stem_width=16", *ablations.VARIANTS[variant])
-    config = composed("train", *said, *FAST)
+    words = (*ablations.SETUP, *TINY_DATA, "net.stem_width=16", *ablations.VARIANTS[variant])
+    config = composed("train", *words, *FAST)
     command.train(config, tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
 
 
 def test_every_network_of_the_pages_has_a_folder_of_its_own_and_one_setup():
     experiment = paper.Experiment()
-    wanted = list(experiment.trained()) + list(ablations.trained(ablations.RUNS))
-    own = {folder for folder in wanted if wanted.count(folder) == 1}
-    shared = set(wanted) - own
+    folders = list(experiment.overrides_by_run()) + list(ablations.overrides_by_run(ablations.RUNS))
+    own = {folder for folder in folders if folders.count(folder) == 1}
+    shared = set(folders) - own
     assert len(own) == 3 * 3 + 3 * (len(ablations.VARIANTS) - 1)
     assert shared == set(experiment.folders["RefNet on truth"])
     for folder in shared:
-        assert experiment.trained()[folder] == ablations.trained(ablations.RUNS)[folder]
+        assert experiment.overrides_by_run()[folder] == ablations.overrides_by_run(ablations.RUNS)[folder]
 
 
 @pytest.mark.slow
 def test_what_is_trained_is_kept_and_what_was_stopped_goes_on(tmp_path):
-    said = [*TINY, "trainer.max_epochs=2"]
+    words = [*TINY, "trainer.max_epochs=2"]
     folder = tmp_path / "net"
-    assert training.train({folder: [*said, "seed=1"]}) == {}
+    assert training.train({folder: [*words, "seed=1"]}) == {}
     last = folder / "checkpoints" / "last.ckpt"
     made = last.stat().st_mtime_ns
-    training.train({folder: [*said, "seed=1"]})
+    training.train({folder: [*words, "seed=1"]})
     assert last.stat().st_mtime_ns == made
     with pytest.raises(SystemExit, match="seed=1 seed=2"):
-        training.train({folder: [*said, "seed=2"]})
+        training.train({folder: [*words, "seed=2"]})
     assert last.stat().st_mtime_ns == made
     other = tmp_path / "other"
-    failed = training.train({other: [*said, "net.activation=magic"], folder: [*said, "seed=1"]})
+    failed = training.train({other: [*words, "net.activation=magic"], folder: [*words, "seed=1"]})
     assert list(failed) == [other]
     assert "activation must be one of" in failed[other]

@@ -14,7 +14,7 @@ FEW = tuple(f"~remedies.{name}" for name in NAMES[2:])
 
 
 def test_one_scene_tells_all_causes(lfref, tmp_path):
-    words = ("judged=[discs]", "alphas=[0.5,2]", "grids=[5]", *FEW, "device=cpu")
+    words = ("test_scenes=[discs]", "alphas=[0.5,2]", "grids=[5]", *FEW, "device=cpu")
     status, errors = lfref("bench", "group=causes", *words, f"output={tmp_path}/run")
     assert status == 0, errors
     folder = tmp_path / "run"

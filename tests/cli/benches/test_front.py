@@ -35,7 +35,7 @@ def front(lfref, tmp_path):
 
 
 def test_scenes_are_evaluated_by_truth_without_their_sensor_with_it_and_corrected(front):
-    found, folder = front("judged=[stripes,graded]", "scene.camera.size=[32,40]")
+    found, folder = front("test_scenes=[stripes,graded]", "scene.camera.size=[32,40]")
     assert [(row["method"], row["class"], row["reference"]) for row in found["bench"]] == [
         ("numpy_fft_4d", "", ""),
         *((method, kind, "truth") for method in ("shift_and_sum", "exact_fourier") for kind in CLASSES),
@@ -72,18 +72,19 @@ def test_the_reference_of_every_second_view_is_the_integral_over_all(lfref, fron
 
 
 def test_scenes_that_do_not_exist_are_one_clear_line(lfref, tmp_path):
-    status, errors = lfref("bench", "judged=[moon]", f"output={tmp_path}/run")
+    status, errors = lfref("bench", "test_scenes=[moon]", f"output={tmp_path}/run")
     assert status == 1
     assert "sim30 scene must be one of plane" in errors
 
 
 def test_scenes_are_drawn_at_random_too(front):
-    found, _ = front("judged=[]", "varied=1", "margin=4", "held_out.camera.size=[48,48]", "scene.camera.size=[32,40]")
+    sizes = ("held_out.camera.size=[48,48]", "scene.camera.size=[32,40]")
+    found, _ = front("test_scenes=[]", "varied=1", "margin=4", *sizes)
     assert {row["scene"] for row in found["scenes"]} == {"simulated_s2000003_e0_000"}
     assert {row["class"] for row in found["scenes"]} >= {"ideal", "corrected"}
 
 
 def test_no_scenes_at_all_are_refused_in_a_line(lfref, tmp_path):
-    status, errors = lfref("bench", *QUICK, *FEW, "judged=[]", f"output={tmp_path}/run")
+    status, errors = lfref("bench", *QUICK, *FEW, "test_scenes=[]", f"output={tmp_path}/run")
     assert status == 1
-    assert "there must be scenes to evaluate; got none; name some by judged or varied" in errors
+    assert "there must be scenes to evaluate; got none; set test_scenes or varied" in errors

@@ -11,7 +11,7 @@ ALL = ("simulate", "passes", "rates", "truth", "alphas", "aperture")
 
 
 def test_one_class_of_scenes_is_measured(lfref, tmp_path):
-    words = ("classes=[plane]", "judged=[plane]", "n_patches=1", "repeats=1", "warmup=0", "n_points=2")
+    words = ("classes=[plane]", "test_scenes=[plane]", "n_patches=1", "repeats=1", "warmup=0", "n_points=2")
     status, errors = lfref(
         "bench", "group=simulate", *words, "planes.alphas=[1]", "patches.camera.size=[32,32]", f"output={tmp_path}/run"
     )

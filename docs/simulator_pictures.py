@@ -48,8 +48,8 @@ def aperture() -> Figure:
     """One plane of the truth by the number of cells, against very many."""
     layers, slopes = painting.paint(Scene(CAMERA, GARDEN), reach=abs(BETWEEN)), [BETWEEN]
     finest = truth.stack(layers, CAMERA, slopes, n_cells=FINEST)[0]
-    asked = {"1 cell": 1, "2 x 2 cells": 2, "4 x 4 cells": 4, "as planned": None}
-    planes = {title: truth.stack(layers, CAMERA, slopes, n_cells=n)[0] for title, n in asked.items()}
+    cells = {"1 cell": 1, "2 x 2 cells": 2, "4 x 4 cells": 4, "as planned": None}
+    planes = {title: truth.stack(layers, CAMERA, slopes, n_cells=n)[0] for title, n in cells.items()}
     differences = [difference(plane, finest) for plane in planes.values()]
     return sheets.sheet([*planes.items(), *differences], 4, bar="absolute difference", **DIFFERENCE)
 
@@ -62,12 +62,12 @@ def thirty() -> Figure:
 
 
 def explanation() -> Iterator[str]:
-    """What the planner did for views and truth of a scene, as a block of text."""
+    """The passes that ran for views and truth of a scene, as a block of text."""
     noisy = Scene(CAMERA, GARDEN, sensor=Sensor(noise=SensorNoise(1e-3)))
     # The first call compiles.
-    _, again = (lfref.simulate(noisy, slopes=(FAR, NEAR), timed=True) for _ in range(2))
+    _, timed = (lfref.simulate(noisy, slopes=(FAR, NEAR), timed=True) for _ in range(2))
     yield "```"
-    yield planner.table(again.rows)
+    yield planner.table(timed.rows)
     yield "```"
 
 

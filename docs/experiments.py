@@ -1,4 +1,4 @@
-"""What the experiments with networks share: scenes with their truth, networks by method and seed, tables that are kept.
+"""Shared by `paper.py` and `ablations.py`: scenes with their truth, networks by method and seed, tables made once.
 
 Letters: `N` planes.
 """
@@ -27,45 +27,47 @@ SEED = ", seed "
 """In the name of a network, between its method and its seed."""
 
 
-def judges(names: Iterable[str], planes: FocalPlanes, with_sensor: bool = False) -> Iterator[EvaluationCase]:
-    """What methods are judged on: scenes of sim30 as a perfect sensor records them, and as their own does if asked."""
-    chosen = (sim30.SCENES[name] for name in track(list(names), description="judging"))
-    scenes = chosen if with_sensor else (dataclasses.replace(scene, sensor=Sensor()) for scene in chosen)
+def cases(names: Iterable[str], planes: FocalPlanes, with_sensor: bool = False) -> Iterator[EvaluationCase]:
+    """Scenes of sim30 with their truth, as a perfect sensor records them; `with_sensor`: as their own does too."""
+    scenes = (sim30.SCENES[name] for name in track(list(names), description="evaluating"))
+    if not with_sensor:
+        scenes = (dataclasses.replace(scene, sensor=Sensor()) for scene in scenes)
     return evaluation.scene_cases(scenes, planes.slopes, torch.device("cpu"))
 
 
-def loaded(folders: Mapping[str, Sequence[Path]]) -> list[NetworkRefocuser]:
+def load_networks(folders: Mapping[str, Sequence[Path]]) -> list[NetworkRefocuser]:
     """Trained networks, named after their method and seed.
 
     Args:
         folders: Method -> a run folder for each seed.
     """
-    found = []
+    networks = []
     for method, runs in folders.items():
         for seed, run in enumerate(runs):
-            found.append(load(run))
-            found[-1].name = f"{method}{SEED}{seed}"
-    return found
+            network = load(run)
+            network.name = f"{method}{SEED}{seed}"
+            networks.append(network)
+    return networks
 
 
-def kept(path: Path, sources: Iterable[Path], rows: Callable[[], Iterable[Mapping[str, Any]]]) -> pd.DataFrame:
-    """A table that is made once, and again where what it is made of is newer; `method` and `seed` are columns.
+def cached_table(path: Path, runs: Iterable[Path], rows: Callable[[], Iterable[Mapping[str, Any]]]) -> pd.DataFrame:
+    """A table with columns `method` and `seed`; it is made where it is missing, or older than one of the networks.
 
     Args:
         path: The CSV file.
-        sources: Run folders of the networks in it.
+        runs: Run folders of the networks in it.
         rows: Makes its rows, each with a `method`.
     """
-    made = path.stat().st_mtime if path.exists() else 0.0
-    if any((run / "checkpoints" / "best.ckpt").stat().st_mtime > made for run in sources) or not made:
+    written = path.stat().st_mtime if path.exists() else 0.0
+    if not written or any((run / "checkpoints" / "best.ckpt").stat().st_mtime > written for run in runs):
         table = pd.DataFrame(list(rows()))
         names = table["method"].str.partition(SEED)
         tables.write_table(path, table.assign(method=names[0], seed=pd.to_numeric(names[2]).fillna(0).astype(int)))
     return tables.read_table(path)
 
 
-def spread(rows: pd.DataFrame, column: str, form: str = ".1f") -> str:
-    """The mean over seeds of a method's means, and from which to which they go."""
+def mean_and_range(rows: pd.DataFrame, column: str, form: str = ".1f") -> str:
+    """Mean of a column, and the least and the largest mean of a seed, as text."""
     means = rows.groupby("seed")[column].mean()
     low, mean, high = (f"{value:{form}}" for value in (means.min(), means.mean(), means.max()))
     return mean if len(means) == 1 else f"{mean} ({low} to {high})"
