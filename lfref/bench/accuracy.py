@@ -19,9 +19,13 @@ from lfref.errors import InputError
 from lfref.functional.psnr import image_pair, psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocuser.operators import OperatorRefocuser
 
 Row = dict[str, Any]
 """One row of a table: column -> cell."""
+EXACT = OperatorRefocuser("exact_fourier", exact_fourier)
+"""The reference where no truth is known."""
 WHOLE = "whole_"
 """Prefix of columns measured over the whole frame; the others leave out the border."""
 LEAST_SIDE = 8
@@ -37,12 +41,12 @@ def plane_names(planes: FocalPlanes) -> list[Row]:
 def plane_rows(
     light_field: str, stacks: Mapping[str, Tensor], labels: Mapping[str, Tensor], planes: FocalPlanes
 ) -> Iterator[Row]:
-    """Compare every stack with every label, over the whole frame as the paper does.
+    """Compare every stack (by method) with every label (by source), over the whole frame as the paper does.
 
     Args:
         light_field: Name of the light field.
-        stacks: Method -> stack [N, C, H, W].
-        labels: Label source -> stack [N, C, H, W].
+        stacks: [N, C, H, W] each.
+        labels: [N, C, H, W] each.
         planes: The N planes.
 
     Yields:
@@ -56,10 +60,7 @@ def plane_rows(
 
 
 def summaries(planes: pd.DataFrame) -> pd.DataFrame:
-    """MPSNR and MSSIM: means over the planes of each light field, method and reference (the paper's Eq. 4-5).
-
-    Args:
-        planes: Rows of `plane_rows`.
+    """MPSNR and MSSIM, means of `plane_rows` over planes (the paper's Eq. 4-5).
 
     Returns:
         Columns `light_field, method, reference, mpsnr_db, mssim`.
@@ -68,30 +69,24 @@ def summaries(planes: pd.DataFrame) -> pd.DataFrame:
     return groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean")).reset_index()
 
 
-def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
-    """The part of a stack [..., H, W] that every view covers at every plane, whatever the border rule."""
-    margin = math.ceil(geometry.corner_shift(slopes, grid))
+def without_border(stack: Tensor, margin: int) -> Tensor:
+    """The interior of pictures [..., H, W], without a border of `margin` pixels."""
     return stack[..., margin : stack.shape[-2] - margin, margin : stack.shape[-1] - margin]
 
 
+def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
+    """The part of a stack [..., H, W] that every view covers at every plane, whatever the border rule."""
+    return without_border(stack, math.ceil(geometry.corner_shift(slopes, grid)))
+
+
 def interior_errors(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> dict[str, float]:
-    """PSNR in dB, mean over planes, and the largest absolute error, where every view covers every plane.
-
-    Args:
-        stack: [N, C, H, W].
-        reference: [N, C, H, W].
-        slopes: In pixels per view step, [N].
-        grid: Number of view rows and columns (V, U).
-
-    Returns:
-        `psnr_db` and `max_error`.
-    """
+    """`psnr_db`, a mean over planes, and `max_error` of a stack [N, C, H, W] where every view covers every plane."""
     inner, right = interior(stack, slopes, grid), interior(reference, slopes, grid)
     return {"psnr_db": float(psnr(inner, right).mean()), "max_error": float((inner - right).abs().max())}
 
 
 class DisplayedStack(NamedTuple):
-    """A stack as a screen gets it, and the same in linear light, which colours are compared in."""
+    """A stack as a screen gets it, and in linear light, in which colours are compared."""
 
     encoded: Tensor
     """[N, C, H, W]."""
@@ -99,10 +94,8 @@ class DisplayedStack(NamedTuple):
     """[N, C, H, W]."""
 
     def inside(self, margin: int) -> "DisplayedStack":
-        """The same without a border of `margin` pixels."""
-        height, width = self.encoded.shape[-2:]
-        window = (..., slice(margin, height - margin), slice(margin, width - margin))
-        return DisplayedStack(self.encoded[window], self.linear[window])
+        """Both without a border of `margin` pixels."""
+        return DisplayedStack(without_border(self.encoded, margin), without_border(self.linear, margin))
 
 
 MEASURES: dict[str, Callable[[DisplayedStack, DisplayedStack], Tensor]] = {
@@ -115,31 +108,14 @@ MEASURES: dict[str, Callable[[DisplayedStack, DisplayedStack], Tensor]] = {
 
 
 def check_margin(margin: int, size: tuple[int, int]) -> None:
-    """Refuse a border that leaves too small an interior.
-
-    Args:
-        margin: Width of the border in pixels.
-        size: Height and width of the picture.
-
-    Raises:
-        InputError: Fewer than `LEAST_SIDE` pixels are left.
-    """
+    """Raise an `InputError` if a border of `margin` pixels leaves a side of pictures [H, W] below `LEAST_SIDE`."""
     if min(size) - 2 * margin < LEAST_SIDE:
         expected = f"pictures without a border of {margin} pixels must be {LEAST_SIDE} or more high and wide"
         raise InputError(expected, got=f"pictures of {size[0]}x{size[1]}", remedy="set margin=0, or use larger ones")
 
 
 def plane_measures(stack: DisplayedStack, reference: DisplayedStack, margin: int) -> dict[str, list[float]]:
-    """All `MEASURES` of all planes.
-
-    Args:
-        stack: Of any method.
-        reference: Of the same shape.
-        margin: Width in pixels of the border that the interior lacks.
-
-    Returns:
-        Lists of N numbers: under the names of `MEASURES` of the interior, under `WHOLE` + name of the whole frame.
-    """
+    """All `MEASURES` of all planes: N numbers each of the interior, and under `WHOLE` + name of the whole frame."""
     areas = {"": (stack.inside(margin), reference.inside(margin)), WHOLE: (stack, reference)}
     return {
         f"{area}{name}": measure(*pair).tolist() for area, pair in areas.items() for name, measure in MEASURES.items()

@@ -1,4 +1,4 @@
-"""What each engine makes of a network: time, memory, how long it takes to start, and what accuracy it costs.
+"""Time, memory, start and loss of accuracy of a network in each engine.
 
 Networks are measured on simulated light fields, whose truth is known. Engines take turns on one light field after the
 other, so that a slow spell of the machine falls on all alike. The fastest passes are compared: other work on a machine
@@ -7,9 +7,9 @@ only adds time. Letters: `N` planes, `C H W` channel, pixel row and column.
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import pandas as pd
 import torch
@@ -29,8 +29,6 @@ from lfref.refocuser import refined
 from lfref.refocuser.features import refiner_inputs
 from lfref.refocuser.refined import RefinedRefocuser
 
-Result = TypeVar("Result")
-
 
 class FieldInputs(NamedTuple):
     """One light field as the inputs of a network."""
@@ -49,13 +47,13 @@ class FieldInputs(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NetworkCase:
-    """A network and the light fields it is measured on."""
+    """A network and the light fields on which it is measured."""
 
     name: str
     network: nn.Module
     """In evaluation mode."""
     is_trained: bool
-    """False: its pictures show nothing, so they are not compared with the truth."""
+    """False: its pictures are meaningless, so they are not compared with the truth."""
     fields: Sequence[FieldInputs]
     """At least one, all of one size."""
     calibration: Sequence[Inputs]
@@ -65,11 +63,6 @@ class NetworkCase:
     def workload(self) -> EngineWorkload:
         """The network as engines take it."""
         return EngineWorkload(self.network, self.fields[0].parts[0], self.calibration)
-
-    @property
-    def device(self) -> torch.device:
-        """Where it runs."""
-        return self.workload.device
 
 
 class Fields(NamedTuple):
@@ -118,7 +111,7 @@ COLUMNS = [
     *KEY, "start_s", "min_s", "median_s", "ratio_to_eager", "psnr_db", "loss_db", "agreement_db", "max_error",
     "extra_bytes", "skipped",
 ]  # fmt: skip
-"""Of the summary. `start_s`: seconds from nothing to the first stack; `ratio_to_eager`: times faster than eager
+"""Columns of `summary`. `start_s`: seconds from nothing to the first stack; `ratio_to_eager`: times faster than eager
 float32; `psnr_db`: against the truth, empty without training; `loss_db`: PSNR of eager float32 less that;
 `agreement_db`, `max_error`: PSNR and largest distance from eager float32; `extra_bytes`: memory beside network and
 inputs; `skipped`: why there is no result."""
@@ -160,28 +153,22 @@ def start(case: NetworkCase, engine: str, precision: str) -> StartedEngine:
     Raises:
         InputError: The engine cannot run this network in this precision here.
     """
-    device = case.device
-    # A tiny network first: what an engine loads once counts neither as time nor as memory.
-    tiny = (torch.rand(1, 1, 32, 32, device=device),)
-    workload = EngineWorkload(nn.Conv2d(1, 1, 3).eval().to(device), tiny, [tiny])
-    _or_input_error(lambda: runtimes.prepare(engine, precision, workload)(*tiny))
-
-    before = memory.resident(device)
-    prepare = functools.partial(runtimes.prepare, engine, precision, case.workload)
-    run, prepare_s = _or_input_error(lambda: timing.result_and_seconds(prepare, device))
-    first = functools.partial(timing.seconds, functools.partial(case.fields[0].stack, run), device)
-    first_s, most = _or_input_error(lambda: memory.highest(first, device))
-    return StartedEngine(run, prepare_s + first_s, None if before is None or most is None else most - before)
-
-
-def _or_input_error(act: Callable[[], Result]) -> Result:
-    """Other libraries raise any error over a network that they cannot run: that is a result of the measurement."""
+    device = case.workload.device
+    prepare = functools.partial(runtimes.prepare, engine, precision)
     try:
-        return act()
+        # A tiny network first, so that libraries that are loaded once count neither as time nor as memory.
+        tiny = (torch.rand(1, 1, 32, 32, device=device),)
+        prepare(EngineWorkload(nn.Conv2d(1, 1, 3).eval().to(device), tiny, [tiny]))(*tiny)
+
+        before = memory.resident(device)
+        run, prepare_s = timing.result_and_seconds(functools.partial(prepare, case.workload), device)
+        first = functools.partial(timing.seconds, functools.partial(case.fields[0].stack, run), device)
+        first_s, most = memory.highest(first, device)
     except LfrefError:
         raise
-    except Exception as error:
+    except Exception as error:  # other libraries raise errors of any kind over a network that they cannot run
         raise InputError("this engine must be able to run the network", got=first_line(error)) from error
+    return StartedEngine(run, prepare_s + first_s, None if before is None or most is None else most - before)
 
 
 def passes(case: NetworkCase, runs: Mapping[tuple[str, str], Run], rounds: Iterable[int]) -> Iterator[Row]:
@@ -198,7 +185,7 @@ def passes(case: NetworkCase, runs: Mapping[tuple[str, str], Run], rounds: Itera
     for number in rounds:
         field, reference = case.fields[number % len(case.fields)], None
         for (engine, precision), run in runs.items():
-            stack, seconds = timing.result_and_seconds(functools.partial(field.stack, run), case.device)
+            stack, seconds = timing.result_and_seconds(functools.partial(field.stack, run), case.workload.device)
             stack = stack.cpu()
             reference = stack if reference is None else reference
             yield {
@@ -215,14 +202,11 @@ def passes(case: NetworkCase, runs: Mapping[tuple[str, str], Run], rounds: Itera
 
 
 def summary(passes: pd.DataFrame, starts: pd.DataFrame) -> pd.DataFrame:
-    """Passes of every engine in one row.
+    """Starts and passes of every engine in one row: `COLUMNS`.
 
     Args:
         passes: Rows of `passes`; those of eager float32 among them.
         starts: Rows `network, engine, precision` with `start_s` and `extra_bytes`, or `skipped`.
-
-    Returns:
-        `COLUMNS`, one row for each of the starts.
     """
     table = passes.groupby(KEY, sort=False).agg(
         min_s=("seconds", "min"),
@@ -240,15 +224,12 @@ def summary(passes: pd.DataFrame, starts: pd.DataFrame) -> pd.DataFrame:
 
 
 def fastest(summary: pd.DataFrame, most_db: float = 0.1) -> pd.DataFrame:
-    """The fastest engine of each network that loses at most `most_db`.
+    """The row of the fastest engine of each network among those that lose at most `most_db`.
 
     Args:
-        summary: Of the function of that name.
-        most_db: Decibels; 0.1 is below what people see. For a network without training: those that the distance from
-            eager float32 would cost at 30 dB.
-
-    Returns:
-        Its rows, one per network.
+        summary: From `summary`.
+        most_db: Decibels; nobody sees 0.1. The loss of a network without training is what its distance from eager
+            float32 would cost at 30 dB.
     """
     # Errors add up as squares: 30 dB less `most_db` is an error of 30 dB plus a change `distance` dB below it.
     distance = -10 * math.log10(10 ** (most_db / 10) - 1)

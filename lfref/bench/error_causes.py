@@ -1,4 +1,4 @@
-"""Error causes: what each cause costs alone in decibels, and what each remedy wins back.
+"""Error causes: the cost of each in decibels, and the decibels that each remedy wins back.
 
 Letters: T truth, the picture of a lens through its whole aperture; Q the mean of the lens's pictures through the points
 of the views, without interpolation between pixels; X exact Fourier refocusing of the views, L linear shift-and-sum.
@@ -22,6 +22,7 @@ values, as `encoding=none` does. With n instead of m views along the aperture, d
 large, so that planes keep their places in the scene; this is measured where all surfaces are planes.
 """
 
+import functools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -30,14 +31,13 @@ import torch
 from torch import Tensor
 
 from lfref import encoding
-from lfref.bench import accuracy, simulation_cost
-from lfref.bench.accuracy import Row
-from lfref.bench.evaluation import IDEAL, SENSOR, TRUTH, EvaluationCase
+from lfref.bench import accuracy, evaluation, simulation_cost
+from lfref.bench.accuracy import EXACT, Row
+from lfref.bench.evaluation import SENSOR, TRUTH, EvaluationCase
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
@@ -45,16 +45,16 @@ from lfref.simulator import painting
 from lfref.simulator.effects import sensor as sensors
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.scene import Scene
-from lfref.simulator.simulate import developed, simulate
+from lfref.simulator.simulate import developed
 from lfref.simulator.surfaces import Plane
 
-EXACT, LINEAR = OperatorRefocuser("exact_fourier", exact_fourier), OperatorRefocuser("shift_and_sum", shift_and_sum)
+LINEAR = OperatorRefocuser("shift_and_sum", shift_and_sum)
 MEASURES = ["psnr_db", "cost_db", "alone_db", "won_db"]
 
 
 @dataclass(frozen=True)
 class CauseSettings:
-    """What is measured on every scene."""
+    """Settings of the measurement of every scene."""
 
     planes: FocalPlanes
     margin: int
@@ -64,10 +64,6 @@ class CauseSettings:
     grids: tuple[int, ...]
     """Other numbers of views along both axes of the aperture."""
     device: torch.device
-
-    def psnr(self, stack: Tensor, reference: Tensor) -> Tensor:
-        """PSNR of every plane in the interior, in dB, [N]."""
-        return _interior_psnr(stack, reference, self.margin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,19 +88,12 @@ class Condition:
 
 
 def _interior_psnr(stack: Tensor, reference: Tensor, margin: int) -> Tensor:
-    height, width = stack.shape[-2:]
-    window = (..., slice(margin, height - margin), slice(margin, width - margin))
-    return psnr(stack[window], reference[window]).cpu()
+    return psnr(accuracy.without_border(stack, margin), accuracy.without_border(reference, margin)).cpu()
 
 
 @torch.no_grad()
 def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], settings: CauseSettings) -> Iterator[Row]:
-    """Measure every cause on every scene.
-
-    Args:
-        scenes: Through square apertures.
-        remedies: Methods that might help.
-        settings: What is measured.
+    """Measure every cause, and what each remedy wins back, on scenes through square apertures.
 
     Yields:
         Rows `cause, scene, method, is_base, alpha, slope, psnr_db, cost_db, alone_db, won_db`, one per plane; slopes
@@ -131,18 +120,21 @@ def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], settings: Cause
 def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
     if scene.camera.aperture != "square":
         raise InputError("error causes are measured through square apertures", got=f"a disc in {scene.name}")
-    slopes, margin = settings.planes.slopes, settings.margin
-    ideal = _simulated_case(scene, slopes, settings.device)
+    slopes, margin, device = settings.planes.slopes, settings.margin, settings.device
+    interior_psnr = functools.partial(_interior_psnr, margin=margin)
+    ideal = evaluation.ideal_case(scene, slopes, device)
     truth, exact, linear = ideal.truth, ideal.stack(EXACT, slopes), ideal.stack(LINEAR, slopes)
-    exact_db = settings.psnr(exact, truth)
+    exact_db = interior_psnr(exact, truth)
 
     # Sampling: by points of the aperture, by pixels, between pixels, at the border.
-    points = _pictures_through_points(scene, slopes, settings.device)
-    points_db = settings.psnr(points, truth)
-    without_points_db = settings.psnr(exact - (points - truth), truth)
+    layers, n_views = painting.paint(scene, device, float(slopes.abs().max())), max(scene.camera.grid)
+    pictures = [simulation_cost.through_points(layers, scene.camera, slope, n_views) for slope in slopes.tolist()]
+    points = torch.stack(pictures)
+    points_db = interior_psnr(points, truth)
+    without_points_db = interior_psnr(exact - (points - truth), truth)
     yield Condition("points", ideal, EXACT, without_points_db, slopes, margin, points_db)
-    yield Condition("pixels", ideal, EXACT, points_db, slopes, margin, settings.psnr(exact, points))
-    yield Condition("interpolation", ideal, LINEAR, exact_db, slopes, margin, settings.psnr(linear, exact))
+    yield Condition("pixels", ideal, EXACT, points_db, slopes, margin, interior_psnr(exact, points))
+    yield Condition("interpolation", ideal, LINEAR, exact_db, slopes, margin, interior_psnr(linear, exact))
     yield Condition("border", ideal, EXACT, exact_db, slopes, margin=0)
 
     for name in EFFECTS:
@@ -152,33 +144,17 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
         views = sensors.recorded(ideal.light.views, sensor, scene.seed)
         light = LightField(views, ideal.light.name, is_linear=sensor.encoding == encoding.LINEAR)
         case = EvaluationCase(SENSOR, light, developed(truth, sensor), TRUTH, encoding=sensor.encoding)
-        alone_db = settings.psnr(case.stack(EXACT, slopes), developed(exact, sensor))
+        alone_db = interior_psnr(case.stack(EXACT, slopes), developed(exact, sensor))
         yield Condition(name, case, EXACT, exact_db, slopes, margin, alone_db)
 
     if not all(isinstance(surface.geometry, Plane) for surface in scene.surfaces):
         return
     for n in settings.grids:
         factor = max(scene.camera.grid) / n
-        case = _simulated_case(scaled(scene, factor, (n, n)), factor * slopes, settings.device)
+        case = evaluation.ideal_case(scaled(scene, factor, (n, n)), factor * slopes, device)
         yield Condition(f"{n}x{n} views", case, EXACT, exact_db, factor * slopes, margin)
-    deep = _simulated_case(scaled(scene, 2.0, scene.camera.grid), slopes, settings.device)
+    deep = evaluation.ideal_case(scaled(scene, 2.0, scene.camera.grid), slopes, device)
     yield Condition("range", deep, EXACT, exact_db, slopes, margin)
-
-
-def _simulated_case(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
-    simulated = simulate(scene, slopes=slopes, device=device)
-    assert simulated.views is not None
-    assert simulated.truth is not None
-    return EvaluationCase(IDEAL, LightField(simulated.views, scene.name), simulated.truth, TRUTH)
-
-
-def _pictures_through_points(scene: Scene, slopes: Tensor, device: torch.device) -> Tensor:
-    """Q: the mean of the lens's pictures through the points of the views, [N, 3, H, W]."""
-    layers = painting.paint(scene, device, float(slopes.abs().max()))
-    n_views = max(scene.camera.grid)
-    return torch.stack(
-        [simulation_cost.through_points(layers, scene.camera, slope, n_views) for slope in slopes.tolist()]
-    )
 
 
 def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
@@ -196,11 +172,7 @@ def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
 
 
 def summary(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Means over scenes, and over planes unless they are among the keys.
-
-    Args:
-        rows: Of the function of that name.
-        *keys: More columns to keep apart, such as `alpha` and `slope`.
+    """Means of `rows` over scenes, and over planes unless `keys` name their columns.
 
     Returns:
         Columns `cause, method, is_base, *keys, psnr_db, cost_db, alone_db, won_db, scenes`.

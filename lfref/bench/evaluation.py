@@ -1,4 +1,4 @@
-"""Methods evaluated against a reference stack: where the reference comes from, a row per plane, and means of the rows.
+"""Methods evaluated against a reference stack: sources of the reference, a row per plane, and means of the rows.
 
 A simulated scene has the truth, the picture of a lens. A capture of many views has its dense integral, which a method
 that gets only every second or third view should reproduce. Any other light field has exact Fourier refocusing of its
@@ -18,7 +18,7 @@ Letters: `V U` view rows and columns, `N` planes, `D` dense views along an axis.
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ import torch
 from torch import Tensor
 
 from lfref.bench import accuracy
-from lfref.bench.accuracy import MEASURES, WHOLE, DisplayedStack, Row
+from lfref.bench.accuracy import EXACT, MEASURES, WHOLE, DisplayedStack, Row
 from lfref.captures.correct import AUTO, correct_by_option
 from lfref.encoding import LINEAR, Encoding
 from lfref.errors import InputError
@@ -47,13 +47,15 @@ from lfref.simulator.simulate import developed, simulate, white_picture
 IDEAL, SENSOR, CORRECTED, CAPTURE, HOLD_OUT = "ideal", "sensor", "corrected", "capture", "hold_out"
 """Classes in the tables: scenes without and with a sensor, the latter corrected; captures; captures with hold-out
 views."""
-TRUTH, EXACT, DENSE = "truth", "exact_fourier", "dense_integral"
-"""References in the tables."""
+TRUTH, DENSE = "truth", "dense_integral"
+"""References in the tables, beside `EXACT.name`."""
 APERTURES: dict[str, Aperture | None] = {"square": None, "disc": apertures.disc}
 """Shape of a camera's aperture -> weights of the views; None: all alike."""
 EVEN_GRID = "methods are compared on an even grid"
 """Why corrections leave the cameras on the even grid: some methods read no other positions."""
-EXACT_REFOCUSER = OperatorRefocuser(EXACT, exact_fourier)
+CORRECTIONS = ("none", "auto", "white")
+"""Corrections of scenes with a sensor: none, so no class `corrected`; from the views alone; with a picture that the
+same sensor takes of a white scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,60 +86,49 @@ class EvaluationCase:
         return DisplayedStack(stack, self.encoding.decode(stack))
 
 
-def correct_by_views(scene: Scene, light: LightField) -> LightField:
-    """Views of a scene, corrected by what the views alone show."""
-    return correct_by_option(light, AUTO, even_grid_for=EVEN_GRID)[0]
-
-
-def correct_by_white(scene: Scene, light: LightField) -> LightField:
-    """Views of a scene, corrected with a picture that the same sensor takes of a white scene."""
-    return correct_by_option(light, AUTO, white_picture(scene, light), EVEN_GRID)[0]
-
-
-CORRECTIONS: dict[str, Callable[[Scene, LightField], LightField] | None] = {
-    "none": None,
-    "auto": correct_by_views,
-    "white": correct_by_white,
-}
-"""What is done to the views of scenes with a sensor before they are refocused; `none`: no class `corrected`."""
+def ideal_case(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
+    """Views and truth of a scene without its sensor, the truth at these slopes [N]."""
+    simulated = simulate(replace(scene, sensor=Sensor()), slopes=slopes, device=device)
+    assert simulated.views is not None
+    assert simulated.truth is not None
+    light, aperture = LightField(simulated.views, scene.name), APERTURES[scene.camera.aperture]
+    return EvaluationCase(IDEAL, light, simulated.truth, TRUTH, aperture)
 
 
 def scene_cases(
     scenes: Iterable[Scene], slopes: Tensor, device: torch.device, correction: str = "none"
 ) -> Iterator[EvaluationCase]:
-    """Scenes with their truth: each without its sensor; those that have one also with it, and then corrected.
+    """Scenes with their truth: each without its sensor; those that have one also with it, and corrected.
 
-    With a sensor, the truth is developed as the views are: exposure, clipping, colours and tone curve are no fault of
-    refocusing.
+    With a sensor, the truth is developed as the views are: its exposure, clipping, colours and tone curve are no errors
+    of refocusing.
 
     Args:
         scenes: Of any grid and size.
         slopes: In pixels per view step, [N].
         device: For rendering.
-        correction: A key of `CORRECTIONS`.
+        correction: One of `CORRECTIONS`.
     """
     for scene in scenes:
-        aperture, correct = APERTURES[scene.camera.aperture], CORRECTIONS[correction]
-        clean = simulate(replace(scene, sensor=Sensor()), slopes=slopes, device=device)
-        assert clean.views is not None
-        assert clean.truth is not None
-        yield EvaluationCase(IDEAL, LightField(clean.views, scene.name), clean.truth, TRUTH, aperture)
+        ideal = ideal_case(scene, slopes, device)
+        yield ideal
         if scene.sensor == Sensor():
             continue
         views, encoding = simulate(scene, outputs=("views",), slopes=[0.0], device=device).views, scene.sensor.encoding
         assert views is not None
         light = LightField(encoding.decode(views), scene.name)
-        truth = encoding.decode(developed(clean.truth, scene.sensor))
-        case = EvaluationCase(SENSOR, light, truth, TRUTH, aperture, encoding)
+        truth = encoding.decode(developed(ideal.truth, scene.sensor))
+        case = EvaluationCase(SENSOR, light, truth, TRUTH, ideal.aperture, encoding)
         yield case
-        if correct is not None:
-            yield replace(case, kind=CORRECTED, light=correct(scene, light))
+        if correction != "none":
+            white = white_picture(scene, light) if correction == "white" else None
+            yield replace(case, kind=CORRECTED, light=correct_by_option(light, AUTO, white, EVEN_GRID)[0])
 
 
 def capture_cases(fields: Iterable[LightField], slopes: Tensor) -> Iterator[EvaluationCase]:
     """Light fields without a known truth; the reference is exact refocusing of their own views at these slopes [N]."""
     for field in fields:
-        yield EvaluationCase(CAPTURE, field, EXACT_REFOCUSER(field, slopes), EXACT)
+        yield EvaluationCase(CAPTURE, field, EXACT(field, slopes), EXACT.name)
 
 
 class AxisSplit(NamedTuple):
@@ -179,7 +170,7 @@ def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> I
     Raises:
         InputError: Too few views.
     """
-    integral = OperatorRefocuser(EXACT, dense_integral)
+    integral = OperatorRefocuser(DENSE, dense_integral)
     for field in fields:
         rows, columns = (split_axis(n_views, step) for n_views in field.grid)
         weights = rows.shares[:, None] * columns.shares
@@ -231,7 +222,7 @@ def evaluate(
     for case in cases:
         accuracy.check_margin(margin, case.light.size)
         truth = case.displayed(case.truth)
-        exact = case.displayed(case.stack(EXACT_REFOCUSER, planes.slopes)).inside(margin).encoded
+        exact = case.displayed(case.stack(EXACT, planes.slopes)).inside(margin).encoded
         for method in methods:
             stack = case.displayed(case.stack(method, planes.slopes))
             measures = accuracy.plane_measures(stack, truth, margin)

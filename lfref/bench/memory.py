@@ -1,8 +1,8 @@
-"""Peak memory of one call: what it holds at its highest beyond the views, the stack included.
+"""Peak memory of one call, beyond the views and including the stack.
 
 PyTorch counts allocations on a GPU but not on the CPU. There the peak resident memory of a fresh process is read,
 before and after the call, with the views in memory and the operator warmed up on a field of a few pixels, so that
-libraries and compilation do not count. The process makes random views of its own: only a description travels.
+libraries and compilation do not count. The process makes random views of its own, so that only a description travels.
 """
 
 import ctypes
@@ -24,12 +24,12 @@ from lfref import geometry
 Result = TypeVar("Result")
 
 PROCESS = Path("/proc/self")
-"""Where Linux tells what a process holds."""
+"""Memory of this process, on Linux."""
 
 
 @dataclass(frozen=True)
 class Workload:
-    """A call, described so that another process can make it."""
+    """A call that another process can make."""
 
     operator: Callable[[Tensor, Tensor], Tensor]
     """(views, slopes) -> stack; a function of a module, or a partial of one."""
@@ -75,12 +75,7 @@ class Peak(NamedTuple):
 
 
 def peak(workload: Workload, device: torch.device) -> Peak | None:
-    """Memory of a call at its highest; None on the CPU of a system without the `/proc` of Linux.
-
-    Args:
-        workload: The call.
-        device: Where it is made.
-    """
+    """Memory of a call at its highest; None on the CPU of a system without the `/proc` of Linux."""
     if device.type == "cuda" or not _can_measure():
         return _beyond_views(workload, device)
     context = multiprocessing.get_context("spawn")
@@ -89,7 +84,7 @@ def peak(workload: Workload, device: torch.device) -> Peak | None:
 
 
 def resident(device: torch.device) -> int | None:
-    """Bytes that this process holds on a GPU or in the machine, freed memory given back first; None as for `peak`."""
+    """Bytes that this process holds on the device, without freed memory; None as for `peak`."""
     if device.type == "cuda":
         torch.cuda.empty_cache()
         return torch.cuda.memory_allocated(device)
@@ -103,7 +98,7 @@ def resident(device: torch.device) -> int | None:
 
 
 def highest(run: Callable[[], Result], device: torch.device) -> tuple[Result, int | None]:
-    """Result of a call, and the bytes that this process holds at the highest during it; None as for `peak`."""
+    """Result of a call, and the most bytes that this process holds during it; None as for `peak`."""
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
         return run(), torch.cuda.max_memory_allocated(device)

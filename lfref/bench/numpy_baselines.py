@@ -1,4 +1,4 @@
-"""Fourier-slice refocusing in plain NumPy, as one writes it without this package: a baseline for time only.
+"""Fourier-slice refocusing in plain NumPy, as written without this package: a baseline for time only.
 
 Letters: `u v` view column and row, `k` frequency in cycles per pixel, `M` padded angular size, `W` kernel width.
 Sources: Ng, "Fourier Slice Photography", 2005; Beatty et al., 2005, for the kernel (`lfref.refocus.fourier.slice`).

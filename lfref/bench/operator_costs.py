@@ -1,8 +1,7 @@
-"""What one call of every method costs: time beside NumPy's 4-D FFT, memory, the error it leaves, and growth with size.
+"""Costs of one call of every method: time beside NumPy's 4-D FFT, memory, error, and growth with size.
 
-Each measurement is a table with a row per method and type of input, which are its index; a method measured on several
-light fields has one row for all. Errors are distances from exact Fourier refocusing of the same light field. Growth is
-the exponent p of `t ~ n^p` along one axis at a time: pixels of a view, views, planes.
+A method measured on several light fields has one row for all. Errors are distances from exact Fourier refocusing of the
+same light field. Growth is the exponent p of `t ~ n^p` along one axis at a time: pixels of a view, views, planes.
 Letters: `N` planes, `V U` view rows and columns, `C H W` channel, pixel row and column.
 """
 
@@ -19,17 +18,16 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.bench import accuracy, memory, timing
+from lfref.bench.accuracy import EXACT
 from lfref.bench.memory import Workload
 from lfref.bench.timing import FFT
 from lfref.errors import InputError
 from lfref.functional import fourier
 from lfref.lightfield import LightField
-from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocuser.operators import OperatorRefocuser
 from lfref.refocuser.refocuser import Refocuser
 
 KEY = ["method", "input"]
-EXACT = OperatorRefocuser("exact_fourier", exact_fourier)
+"""Index of all tables: a row per method and type of input."""
 COLUMNS = (
     "device", "n_views", "height", "width", "channels", "planes", "first_call_s", "median_s", "p10_s", "p90_s",
     "ratio_to_numpy_fft", "ratio_to_same_in_numpy", "psnr_db", "max_error", "extra_bytes", "memory_ratio",
@@ -62,14 +60,9 @@ class MethodCase:
         return self.method(self.light, slopes)
 
     def workload(self, slopes: Tensor) -> Workload:
-        """What another process needs to make the call of `run` at these slopes."""
+        """The call of `run` at these slopes [N], for another process."""
         shape, planes = tuple(self.views.shape), tuple(slopes.tolist())
         return Workload(self.method, shape, self.views.dtype, planes, torch.get_num_threads())
-
-
-def as_uint8(views: Tensor) -> Tensor:
-    """Radiance in [0, 1] as an 8-bit file holds it."""
-    return (views * 255).round().clamp(0, 255).to(torch.uint8)
 
 
 @torch.no_grad()
@@ -77,8 +70,8 @@ def first_calls(cases: Iterable[MethodCase], slopes: Tensor) -> pd.DataFrame:
     """Time of the first call, which compiles, plans and fills caches, and errors of its stack at these slopes [N].
 
     Returns:
-        Columns `first_call_s, psnr_db, max_error`, means over the light fields, errors in the interior. Errors are
-        empty for a stack of other planes, or on another grid than the views'.
+        Columns `first_call_s, psnr_db, max_error`, means over the light fields, errors in the interior; no errors for a
+        stack of other planes, or on another grid than the views'.
     """
     # Cases on one light field follow each other; the cache saves exact refocusing for each.
     exact = functools.lru_cache(maxsize=4)(lambda light: EXACT(light, slopes).cpu())
@@ -105,7 +98,7 @@ def times(
     """Time all methods and NumPy's 4-D FFT in turns.
 
     Args:
-        cases: The first one in floating point: the FFT is taken of all views that its method is measured on.
+        cases: The first one in floating point; the FFT is taken of all views of its method.
         slopes: In pixels per view step, [N].
         rounds: One item per round.
         warmup: Number of first rounds that do not count.
@@ -120,18 +113,18 @@ def times(
     """
     if not cases:
         raise InputError("there must be something to measure", got="no method or no light field")
-    watches: list[tuple[tuple[str, str], Callable[[], float]]] = [
-        ((FFT, case.key[1]), functools.partial(timing.numpy_fft_time, case.views))
-        for case in cases
+    # A method occurs once per light field: its place among the cases is part of the key.
+    watches: dict[tuple[str, str, int], Callable[[], float]] = {
+        (FFT, case.key[1], place): functools.partial(timing.numpy_fft_time, case.views)
+        for place, case in enumerate(cases)
         if case.key == cases[0].key
-    ]
-    for case in cases:
+    }
+    for place, case in enumerate(cases):
         run = functools.partial(case.run, slopes)
-        watches.append((case.key, functools.partial(timing.seconds, run, case.views.device)))
-    # A key occurs once per light field, so the turns are counted by place.
-    spent = timing.in_turns(dict(enumerate(watch for _, watch in watches)), rounds, warmup)
-    seconds = pd.DataFrame([(*key, run) for place, (key, _) in enumerate(watches) for run in spent[place]])
-    spans = seconds.set_axis([*KEY, "s"], axis=1).groupby(KEY, sort=False)["s"].quantile([0.5, 0.1, 0.9]).unstack()
+        watches[*case.key, place] = functools.partial(timing.seconds, run, case.views.device)
+    seconds = timing.in_turns(watches, rounds, warmup)
+    runs = pd.DataFrame([(*key[:2], s) for key, counted in seconds.items() for s in counted], columns=[*KEY, "s"])
+    spans = runs.groupby(KEY, sort=False)["s"].quantile([0.5, 0.1, 0.9]).unstack()
     table = spans.set_axis(["median_s", "p10_s", "p90_s"], axis=1)
     medians, twins = table["median_s"], in_numpy or {}
     table["ratio_to_numpy_fft"] = medians.iloc[0] / medians
@@ -158,12 +151,13 @@ def peaks(cases: Iterable[MethodCase], slopes: Tensor) -> pd.DataFrame:
 
 def operators_table(cases: Sequence[MethodCase], n_planes: int, *measurements: pd.DataFrame) -> pd.DataFrame:
     """Sizes and measurements (of the functions above) side by side: `KEY` and `COLUMNS`, the FFT's row first."""
-    fft = MethodCase(OperatorRefocuser(FFT, exact_fourier), cases[0].views.cpu())
-    rows = []
-    for case in (fft, *cases):
+
+    def row(case: MethodCase) -> tuple[str | int | None, ...]:
         n_rows, n_columns, channels, height, width = case.views.shape
-        planes = None if case is fft else n_planes
-        rows.append((*case.key, case.views.device.type, n_rows * n_columns, height, width, channels, planes))
+        return (*case.key, case.views.device.type, n_rows * n_columns, height, width, channels, n_planes)
+
+    _, kind, _, *size, _ = row(cases[0])
+    rows = [(FFT, kind, "cpu", *size, None), *map(row, cases)]
     sizes = pd.DataFrame(rows, columns=[*KEY, *COLUMNS[:6]]).set_index(KEY).astype({"planes": "Int64"})
     return sizes.join([*measurements]).reindex(columns=[*COLUMNS]).reset_index()
 
@@ -178,7 +172,7 @@ class SpeedLimits(NamedTuple):
 
 
 LIMIT_ROUNDS = 5
-"""Runs of which the fastest counts."""
+"""Runs, of which the fastest counts."""
 MATRIX_SIDE = 2048
 """Of the matrix product: large enough for the full rate, a fraction of a second on a CPU."""
 
@@ -275,12 +269,10 @@ def growth_times(
     fields = {size: torch.rand(*size.views, channels, *size.pixels, device=device) for size in distinct}
     rows = []
     for method in methods:
-        watches = {
-            size: functools.partial(
-                timing.seconds, functools.partial(method, views, fractional_slopes(size.planes)), device
-            )
-            for size, views in fields.items()
-        }
+        watches = {}
+        for size, views in fields.items():
+            run = functools.partial(method, views, fractional_slopes(size.planes))
+            watches[size] = functools.partial(timing.seconds, run, device)
         seconds = timing.in_turns(watches, range(warmup + rounds), warmup)
         for axis, steps in sizes.items():
             for size in steps:

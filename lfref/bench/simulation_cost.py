@@ -1,28 +1,26 @@
 """Costs of the simulator, pass by pass, and the distance of refocused views from the truth.
 
-A planned simulation runs the passes that change a result, a forced one runs all. A scene with few effects should cost
-less planned, and one with all effects no more. Distances are measured where every view covers every pixel.
+A planned simulation runs only the passes that change a result, a forced one runs all. Distances are measured where
+every view covers every pixel.
 Letters: `N` planes, `H W` height and width.
 """
 
 import functools
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 
 import pandas as pd
 import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from lfref.bench import accuracy, timing
+from lfref.bench import accuracy, evaluation, timing
 from lfref.bench.accuracy import Row
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, Slopes
 from lfref.refocuser.refocuser import Refocuser
 from lfref.simulator import painting, truth
 from lfref.simulator import views as render
-from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.layers import Layer
 from lfref.simulator.scene import Camera, Scene
 from lfref.simulator.scenes import Scenes
@@ -98,7 +96,7 @@ def rates(scenes: Scenes, n_scenes: int, slopes: Tensor, device: torch.device, n
     Args:
         scenes: Source.
         n_scenes: Number of scenes.
-        slopes: Of the truth's planes in pixels per view step, [N].
+        slopes: Of the truth's planes, [N].
         device: For rendering.
         n_workers: Processes of one thread that share the scenes; 0: this process, with all its threads.
 
@@ -128,14 +126,10 @@ def distances(
     """
     rows: list[Row] = []
     for name, scene in scenes:
-        # A sensor's noise and clipping are no fault of refocusing.
-        clean = replace(scene, sensor=Sensor())
-        simulated = simulate(clean, slopes=planes.slopes, device=device)
-        assert simulated.views is not None
-        assert simulated.truth is not None
-        reference = simulated.truth.cpu()
+        case = evaluation.ideal_case(scene, planes.slopes, device)
+        reference = case.truth.cpu()
         for method in methods:
-            stack = method(simulated.views, planes.slopes).cpu()
+            stack = method(case.light.views, planes.slopes).cpu()
             # Plane by plane: the interior of one is larger than that of all.
             for n, plane in enumerate(accuracy.plane_names(planes)):
                 one = slice(n, n + 1)
@@ -159,7 +153,7 @@ def aperture_errors(
     """PSNR of truths against the mean over very many points of the aperture, `n_points` along a side.
 
     Returns:
-        Rows `scene, psnr_db, worst_plane`, the PSNR that of the worst plane.
+        Rows `scene, psnr_db, worst_plane`; the PSNR is that of the worst plane.
     """
     rows: list[Row] = []
     for name, scene in scenes:
@@ -172,16 +166,13 @@ def aperture_errors(
 
 
 def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_points: int) -> Tensor:
-    """A plane as the mean of pictures through points of the aperture, none of them blurred.
+    """The plane at a slope as the mean of sharp pictures through points of the aperture, [3, H, W].
 
     Args:
         layers: From far to near, painted for a reach of |slope|.
         camera: The lens and the size of the picture.
-        slope: Of the plane in pixels per view step.
+        slope: In pixels per view step.
         n_points: Points along each side of the square about the aperture.
-
-    Returns:
-        Picture, [3, H, W].
     """
     shares = (torch.arange(n_points, dtype=torch.float64) + 0.5) / n_points - 0.5
     total, count = torch.zeros(3, *camera.size, dtype=torch.float64), 0

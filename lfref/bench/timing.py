@@ -1,4 +1,4 @@
-"""Reliable times: after a warm-up, in turns, synchronised with the device; and the facts of the machine beside them.
+"""Reliable times, after a warm-up, in turns, synchronised with the device; and the facts of the machine.
 
 The unit of comparison is the paper's: NumPy's 4-D FFT of the three colour channels, which Fourier-slice refocusing
 needs before its first plane.
@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 FFT = "numpy_fft_4d"
 """Name of NumPy's 4-D FFT in tables."""
 PACKAGES = ("torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
-"""Whose versions `facts` lists."""
+"""Packages whose versions `facts` lists."""
 
 
 def seconds(run: Callable[[], object], device: torch.device) -> float:
@@ -31,12 +31,7 @@ def seconds(run: Callable[[], object], device: torch.device) -> float:
 
 
 def result_and_seconds(run: Callable[[], Result], device: torch.device) -> tuple[Result, float]:
-    """Result and time of one run, from an idle device to an idle device.
-
-    Args:
-        run: The work.
-        device: Where the work is done.
-    """
+    """Result and time of one run, from an idle device to an idle device."""
     _synchronize(device)
     start = time.perf_counter()
     result = run()
@@ -77,11 +72,7 @@ def numpy_fft_time(views: Tensor) -> float:
 
 
 def facts(device: torch.device) -> dict[str, str | int | None]:
-    """Machine, libraries and thread count, so that a table can be read a year later.
-
-    Args:
-        device: Where the work is done.
-    """
+    """Machine, libraries and thread count, for the readers of a table."""
     return {
         "processor": processor(),
         "cores": os.cpu_count() or 1,

@@ -252,7 +252,7 @@ def _evaluation_cases(
         if not scenes:
             raise InputError("there must be scenes to evaluate", got="none", remedy="set test_scenes or varied")
         fields = [field.to(device) for field in light_fields(config, methods)]
-        chosen("correct", config.correct, CORRECTIONS)
+        chosen("correct", config.correct, dict.fromkeys(CORRECTIONS))
         shown = progress(scenes, "evaluating against the truth")
         return evaluation.scene_cases(shown, planes.slopes, device, config.correct), fields
     corrected = (
@@ -308,7 +308,7 @@ def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[
         has_reference = method.name not in config.other_planes
         yield MethodCase(method, views, has_reference)
         if method.name in config.integer_input:
-            yield MethodCase(method, operator_costs.as_uint8(views), has_reference)
+            yield MethodCase(method, (255 * views).round().clamp(0, 255).byte(), has_reference)
 
 
 # Group `simulate`: time of the simulator by scene and pass, and accuracy of refocused views against the truth.

@@ -1,7 +1,7 @@
 """Accuracy against time: every method is a labelled point, and a line joins the Pareto front.
 
-The unit of time is the paper's, NumPy's 4-D FFT of the same views. Labels are placed where they overlap nothing. In a
-module of its own since the placing of labels is a task of its own.
+The unit of time is the paper's, NumPy's 4-D FFT of the same views. A module of its own because of the search for places
+where labels overlap nothing.
 """
 
 import math

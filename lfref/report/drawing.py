@@ -1,7 +1,7 @@
 """Shared by all plots: the palette, figures without a display, the style of axes, PNG files.
 
 PSNR is capped at 100 dB; where a plot has capped and other values, the empty stretch between them is shrunk.
-Colours are ones that colour-blind readers tell apart (Tol, "Colour schemes", SRON 2021, scheme "vibrant").
+Colour-blind readers can distinguish the colours (Tol, "Colour schemes", SRON 2021, scheme "vibrant").
 """
 
 from collections.abc import Callable, Sequence

@@ -1,11 +1,12 @@
 """The sheet of `lfref info`: central view, disparity, corner views, and light of each view."""
 
+import itertools
 from typing import Any
 
 import numpy as np
 import torch
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
 
 from lfref.captures.inspect import Inspection
 from lfref.lightfield import LightField
@@ -26,19 +27,19 @@ def inspection_sheet(inspection: Inspection) -> Figure:
     _draw_view(centre, inspection, inspection.reference)
     _draw_disparity(disparity, inspection)
     corners, light, slopes = below.subfigures(1, 3, squeeze=False, width_ratios=(1.35, 1, 1.5))[0]
-    _draw_corners(corners, inspection)
+    v_ends, u_ends = (sorted({0, n - 1}) for n in (rows, columns))
+    grid = corners.subplots(len(v_ends), len(u_ends), squeeze=False)
+    for axes, view in zip(grid.flat, itertools.product(v_ends, u_ends), strict=True):
+        _draw_view(axes, inspection, view)
     _draw_light(light.subplots(), inspection.field, inspection.reference)
     _draw_slopes(slopes.subplots(), inspection)
     return figure
 
 
-def _exposure(inspection: Inspection) -> float:
-    """One gain for all views; dark captures are brightened."""
-    return max(1.0, pictures.common_exposure(inspection.field.views[inspection.reference].nan_to_num()))
-
-
 def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int]) -> None:
-    axes.imshow(pictures.for_display(inspection.field.views[view].clamp(0, None), _exposure(inspection)))
+    # One gain for all views; dark captures are brightened.
+    gain = max(1.0, pictures.common_exposure(inspection.field.views[inspection.reference].nan_to_num()))
+    axes.imshow(pictures.for_display(inspection.field.views[view].clamp(0, None), gain))
     axes.set_title(f"view {view[0]}, {view[1]}", fontsize=9)
     axes.set_axis_off()
 
@@ -57,13 +58,6 @@ def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
     axes.set_axis_off()
 
 
-def _draw_corners(figure: SubFigure, inspection: Inspection) -> None:
-    rows, columns = (sorted({0, n - 1}) for n in inspection.field.grid)
-    grid = figure.subplots(len(rows), len(columns), squeeze=False)
-    for axes, view in zip(grid.flat, [(v, u) for v in rows for u in columns], strict=True):
-        _draw_view(axes, inspection, view)
-
-
 def _draw_light(axes: Axes, field: LightField, reference: tuple[int, int]) -> None:
     # Every fourth pixel is enough for a mean.
     light = field.views[..., ::4, ::4].float().nan_to_num(0, 0, 0).mean((2, 3, 4))
@@ -75,11 +69,8 @@ def _draw_light(axes: Axes, field: LightField, reference: tuple[int, int]) -> No
     shown = axes.imshow(relative, cmap="gray", vmin=ends[0], vmax=ends[1])
     axes.figure.colorbar(shown, ax=axes, pad=0.03, shrink=0.8)
     axes.set_title("light of each view, central: 1", fontsize=9)
-    axes.set(xlabel="view column", ylabel="view row", xticks=_ends(field.grid[1]), yticks=_ends(field.grid[0]))
-
-
-def _ends(n: int) -> list[int]:
-    return sorted({0, n // 2, n - 1})
+    yticks, xticks = (sorted({0, n // 2, n - 1}) for n in field.grid)
+    axes.set(xlabel="view column", ylabel="view row", xticks=xticks, yticks=yticks)
 
 
 def _draw_slopes(axes: Axes, inspection: Inspection) -> None:

@@ -1,6 +1,6 @@
-"""The report page: one HTML file with its pictures inside, for a desk, a phone and the dark.
+"""The report page: one HTML file with style and pictures inside, for wide, narrow and dark screens.
 
-It needs no network and no other file: style and pictures are part of it. All text is escaped.
+All text is escaped.
 """
 
 import base64
@@ -9,7 +9,6 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import jinja2
 import pandas as pd
@@ -44,12 +43,6 @@ class Section:
             tables.require(table)
 
 
-class _Png(NamedTuple):
-    source: str
-    width: int
-    height: int
-
-
 def write_page(path: str | Path, title: str, sections: Sequence[Section], facts: Mapping[str, object]) -> None:
     """Write the page as one file, all or nothing.
 
@@ -78,16 +71,17 @@ def _is_numeric(column: pd.Series) -> bool:
     return is_number and not tables.is_text(column.name)
 
 
-def _png(picture: Figure | str | Path) -> _Png:
-    content = _drawn(picture) if isinstance(picture, Figure) else _read_png(Path(picture))
+def _png(picture: Figure | str | Path) -> dict[str, object]:
+    """Source, width and height of an image element."""
+    if isinstance(picture, Figure):
+        buffer = io.BytesIO()
+        picture.savefig(buffer, **drawing.PNG)
+        content = buffer.getvalue()
+    else:
+        content = _read_png(Path(picture))
+    width, height = struct.unpack(">II", content[16:24])
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
-    return _Png(source, *struct.unpack(">II", content[16:24]))
-
-
-def _drawn(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, **drawing.PNG)
-    return buffer.getvalue()
+    return {"source": source, "width": width, "height": height}
 
 
 def _read_png(path: Path) -> bytes:

@@ -1,7 +1,7 @@
 """Pictures of light fields: methods beside each other, all planes of a stack, and the sheet of a simulated scene.
 
-Light is linear, and captures may be dark. All pictures of a figure have one gain, taken from the mean of all views (or
-of all planes), so that a difference in brightness between two methods stays visible.
+Captures may be dark, so pictures have a gain. All pictures of a figure have the same, from the mean of all views (or of
+all planes), so that a difference in brightness between two methods stays visible.
 """
 
 import math
@@ -36,7 +36,7 @@ def common_exposure(mean_image: Tensor) -> float:
     Returns:
         The gain; 1 for a black image.
     """
-    bright = float(np.nanpercentile(_array(mean_image, 3), BRIGHT_PERCENTILE))
+    bright = float(np.nanpercentile(_array(mean_image), BRIGHT_PERCENTILE))
     return BRIGHT / bright if bright > 1e-6 else 1.0
 
 
@@ -54,7 +54,7 @@ def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB)
     Raises:
         InputError: The image has another shape.
     """
-    array = _array(image, 3)
+    array = _array(image)
     if array.shape[0] not in (1, 3):
         raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(array.shape))
     clean = np.nan_to_num(array * np.float32(exposure), nan=0.0, posinf=0.0, neginf=0.0)
@@ -171,10 +171,10 @@ def _show(axes: Axes, title: str, image: np.ndarray) -> None:
     axes.imshow(image)
 
 
-def _array(image: Tensor, ndim: int) -> np.ndarray:
-    """The image as a float32 array with that many axes."""
-    if image.ndim != ndim or not image.numel():
-        raise InputError(f"pictures must be tensors with {ndim} axes, [..., C, H, W]", got=tuple(image.shape))
+def _array(image: Tensor) -> np.ndarray:
+    """An image [C, H, W] as a float32 array."""
+    if image.ndim != 3 or not image.numel():
+        raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(image.shape))
     return image.detach().float().cpu().numpy()
 
 

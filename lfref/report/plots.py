@@ -77,17 +77,13 @@ def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) ->
 
 
 KNOWN_METRICS = ("step", "epoch", "val/mpsnr", "val/mssim", *LOSS_TERMS)
-"""Columns of metrics.csv that `training_curves` draws, or that are no metrics."""
+"""Columns of metrics.csv that `training_curves` draws, or that hold no metrics."""
 
 
 def other_metrics(metrics: pd.DataFrame) -> Figure | None:
-    """A panel per numeric column that `training_curves` does not draw, such as metrics of a user's configuration.
+    """A panel per numeric column of metrics.csv that `training_curves` does not draw; None if there is none.
 
-    Args:
-        metrics: Lightning's metrics.csv with `step`.
-
-    Returns:
-        None where there is no such column.
+    Such a column is a metric of a user's configuration.
     """
     kept = {
         column: tables.with_numbers(metrics, "step", column)
@@ -135,8 +131,7 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
     """PSNR against alpha, or slope where not all have one: a panel a class, a line a method.
 
     Args:
-        planes: `class`, `method`, `reference`, `alpha`, `slope`, `psnr_db`, a row for each plane of each method in each
-            class.
+        planes: `class`, `method`, `reference`, `alpha`, `slope`, `psnr_db`, a row a plane of each method and class.
     """
     tables.require(planes, "class", *SERIES, "alpha", "slope")
     place = tables.plane_axis(planes)

@@ -126,7 +126,7 @@ class Refocused:
         return pictures.for_display(image, self.gain, self.field.picture_encoding)
 
     def picture(self, image: Tensor) -> NDArray[np.float32]:
-        """As `encoded`, but grey stays one channel."""
+        """An image as `encoded` makes it, but with one channel if it is grey."""
         return self.encoded(image)[..., : image.shape[0]]
 
     def save(self, path: Path, image: Tensor) -> None:

@@ -31,7 +31,7 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
         confidence: In [0, 1], [H, W].
 
     Raises:
-        InputError: They are no maps of one size.
+        InputError: They are not two maps of one size.
     """
     if slopes.ndim != 2 or slopes.shape != confidence.shape:
         raise InputError(
@@ -75,12 +75,12 @@ def write_results(folder: Path, refocused: Refocused, options: Iterable[str] = (
     """Write the standard results, and those of the options.
 
     Args:
-        folder: It is made.
+        folder: Created if missing.
         refocused: The light field with its stack.
         options: Keys of `OPTIONAL`.
 
     Raises:
-        InputError: A result that this light field has not, such as points of a flat scene.
+        InputError: This light field has no such result, such as points of a flat scene.
         FileError: The folder cannot be written.
     """
     for result in (*ALWAYS.values(), *(OPTIONAL[name] for name in options)):
@@ -122,12 +122,9 @@ def _disparity(folder: Path, refocused: Refocused) -> None:
         pfm.write(folder / f"{name}.pfm", array)
         images.write_image(folder / f"{name}.exr", array[..., None])
     images.write_image(folder / "confidence.png", array[..., None], bits=16)
-    _write_scaled(folder, refocused.disparity.disparity.double().cpu().numpy())
     drawing.save_figure(focus_map(*refocused.disparity), folder / "map.png")
-
-
-def _write_scaled(folder: Path, disparity: NDArray) -> None:
-    """A PNG of 16 bits; its name holds the disparities of black and white."""
+    # A PNG of 16 bits, whose name holds the disparities of black and white.
+    disparity = refocused.disparity.disparity.double().cpu().numpy()
     low, high = np.floor(100 * disparity.min()) / 100, np.floor(100 * disparity.max() + 1) / 100
     description = f"disparity in px per view step = {low:.2f} + sample / 65535 * {high - low:.2f}"
     part = images.Part(((disparity - low) / (high - low))[..., None], attributes={"ImageDescription": description})

@@ -1,7 +1,4 @@
-"""Sections of the report page, made from the files in run folders.
-
-A run folder is recognised by its files; a folder of runs (a multirun) becomes one table of its jobs.
-"""
+"""Sections of the report page, made from the files in run folders; a multirun becomes one table of its jobs."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,7 +24,7 @@ OPERATOR_COLUMNS = [
 
 
 def sections(folders: Sequence[Path]) -> list[Section]:
-    """One section per kind of result in the run folders, in their order; one that cannot be made says why.
+    """One section per kind of result in the run folders, in their order; a section without content says why.
 
     Args:
         folders: Run folders of `lfref train`, `eval`, `refocus`, `bench`, or of a multirun.
@@ -144,6 +141,17 @@ def operators(folder: Path) -> Section:
     return Section("Costs of operators", text, figures, figures_of_rows)
 
 
+def simulation(folder: Path) -> Section:
+    """Time of the simulator, and refocused views against its truth, of `lfref bench group=simulate`."""
+    costs, planes = (tables.read_table(folder / f"{name}.csv") for name in ("simulate", "alphas"))
+    text = (
+        "A planned simulation runs only the passes that change a result, a forced one runs all. Refocused views are "
+        "compared with the truth, the picture of a lens, where every view covers every pixel."
+    )
+    figures = {"Time and accuracy": bench_plots.simulation(costs, planes)}
+    return Section("Simulator", text, figures, {"Time by scene": costs, "Accuracy by plane": planes})
+
+
 def engines(folder: Path) -> Section:
     """Speed and accuracy of engines, of `lfref bench group=engines`."""
     rows = tables.read_table(folder / "engines.csv")
@@ -174,6 +182,7 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "bench.csv": benchmark,
     "causes.csv": error_causes,
     "operators.csv": operators,
+    "simulate.csv": simulation,
     "engines.csv": engines,
     "goals.csv": stability_table.goals,
     "stability.csv": stability_table.hard_cases,

@@ -61,12 +61,12 @@ def heat_map(trials: pd.DataFrame) -> Figure:
 
 
 def heat_maps(trials: pd.DataFrame) -> dict[str, Figure]:
-    """Caption -> heat map of the components with the same cases, up to `WIDEST` columns each."""
+    """Caption -> heat map of components with the same cases, at most `WIDEST` columns each."""
     tables.require(trials, *COLUMNS)
     panels = dict(list(trials[trials["outcome"] != "missing"].groupby("component", sort=False)))
     return {
         " to ".join(dict.fromkeys((names[0], names[-1]))): heat_map(pd.concat([panels[name] for name in names]))
-        for names in _pictures(panels)
+        for names in _groups(panels)
     }
 
 
@@ -109,8 +109,8 @@ def failures(trials: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({"component": ["none"]}) if ours.empty else ours.reindex(columns=kept)
 
 
-def _pictures(panels: Mapping[str, pd.DataFrame]) -> Iterator[list[str]]:
-    """The names of the panels of each picture: the same cases and widths, at most `WIDEST` columns."""
+def _groups(panels: Mapping[str, pd.DataFrame]) -> Iterator[list[str]]:
+    """Names of the panels of each picture, with the same cases and widths, at most `WIDEST` columns."""
     cases = {name: set(panel["case"]) for name, panel in panels.items()}
     widths = {name: len(_columns(panel)) for name, panel in panels.items()}
     rest = list(panels)

@@ -1,4 +1,4 @@
-"""Tables of results: pandas' data frames as CSV files, what a table must have, and the text of headings and cells.
+"""Tables of results: data frames as CSV files, checks of their columns, and the text of headings and cells.
 
 An empty cell is NaN (or None); a column of names stays text even where they look like numbers.
 """
@@ -26,12 +26,12 @@ def heading(column: str) -> str:
 
 
 def is_text(column: object) -> bool:
-    """Whether a column holds names, even where they look like numbers: light field "0012" is not 12."""
+    """Whether a column holds names; they may look like numbers: light field "0012" is not 12."""
     return COLUMNS.get(str(column), ("", _plain))[1] is str
 
 
 def plot_text(name: object, width: int = 28) -> str:
-    """A user's name for matplotlib: wrapped after words and underscores, `$` being no formula."""
+    """A name as matplotlib text: wrapped after words and underscores, with `$` escaped."""
     wrapped = textwrap.fill(str(name).replace("_", "_ "), width).replace("_ ", "_").replace("$", r"\$")
     return f" {wrapped}" if wrapped.startswith("_") else wrapped  # matplotlib hides labels that begin with _
 
@@ -119,6 +119,12 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "loss_db": ("Lost (dB)", "{:.3f}".format),
     "agreement_db": ("PSNR against eager fp32 (dB)", _decibel),
     "skipped": ("Skipped because", str),
+    "output": ("Output", str),
+    "planned_s": ("Planned (s)", _short),
+    "forced_s": ("Forced (s)", _short),
+    "forced_over_planned": ("Forced / planned", _times),
+    "mean_db": ("Mean PSNR (dB)", _decibel),
+    "worst_db": ("Worst scene (dB)", _decibel),
     "component": ("Component", str),
     "case": ("Case", str),
     "precision": ("Precision", str),
@@ -141,15 +147,7 @@ OLD_COLUMNS = {"subject": "network", "asked": "output", "usual": "textbook"}
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
-    """Write a CSV file, all or nothing.
-
-    Args:
-        path: CSV file; its folder is made.
-        rows: A table with at least one row, or its rows.
-
-    Raises:
-        InputError: There are no rows.
-    """
+    """Write a table, or its rows, as a CSV file, all or nothing; raises an `InputError` if there are none."""
     table = pd.DataFrame(rows)
     require(table)
     atomic.write_text(Path(path), table.to_csv(index=False, lineterminator="\n"))
@@ -162,13 +160,13 @@ def read_table(path: str | Path) -> pd.DataFrame:
         path: CSV file in UTF-8.
 
     Returns:
-        A column is numeric where all its cells are numbers or empty, else text; names always are text.
+        A column is numeric if all its cells are numbers or empty, else text; names always are text.
 
     Raises:
         FileError: The file is missing, empty, no CSV, or has a line of another length than its header.
     """
     try:
-        # The Python engine tells an empty cell from a missing one.
+        # Only the Python engine distinguishes an empty cell from a missing one.
         lines = pd.read_csv(path, header=None, dtype=str, keep_default_na=False, engine="python", encoding="utf-8-sig")
     except pd.errors.EmptyDataError:
         lines = pd.DataFrame()
@@ -222,18 +220,12 @@ def require_numbers(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
 
 
 def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
-    """The rows that no other row beats: none is at most as dear and at least as good, and better in one of the two.
+    """The rows that no other row beats in cost and gain, from cheap to expensive; equal rows are on it together.
 
     Args:
         table: Rows with an empty cell in either column are left out.
         cost: Column that should be small, such as `median_s`.
         gain: Column that should be large, such as `psnr_db`.
-
-    Returns:
-        The front from cheap to dear; rows equal in both columns are on it together.
-
-    Raises:
-        InputError: The table has no rows, or lacks one of the columns.
     """
     kept = with_numbers(table, cost, gain).sort_values([cost, gain], ascending=[True, False], kind="stable")
     is_cheapest = kept[cost] == kept.groupby(gain)[cost].transform("min")

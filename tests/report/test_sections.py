@@ -142,6 +142,18 @@ def test_a_benchmark_shows_every_class_and_plane(benchmark):
     assert {text.get_text() for text in axes.texts} == {"exact", "sum", "NumPy 4-D FFT, 2 s"}
 
 
+def test_the_simulator_has_its_times_and_its_accuracy(tmp_path):
+    costs = [{"scene": "wall", "output": "views", "planned_s": 0.5, "forced_s": 1.0, "forced_over_planned": 2.0}]
+    planes = [{"method": "sum", "alpha": 1.0, "slope": 0.0, "mean_db": 40.0, "worst_db": 35.0, "worst_scene": "wall"}]
+    tables.write_table(tmp_path / "simulate.csv", costs)
+    tables.write_table(tmp_path / "alphas.csv", planes)
+    (section,) = sections.sections([tmp_path])
+    assert [table.to_dict("records") for table in section.tables.values()] == [costs, planes]
+    left, right = section.figures["Time and accuracy"].axes
+    assert list(left.lines[0].get_xdata()) == [2.0]
+    assert [list(line.get_ydata()) for line in right.lines] == [[40.0], [35.0]]
+
+
 def test_costs_of_operators_are_two_tables_and_two_figures(operators):
     (section,) = sections.sections([operators])
     assert section.title == "Costs of operators"

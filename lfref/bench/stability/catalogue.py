@@ -1,6 +1,6 @@
 """The catalogue of hard cases: inputs on which textbook formulas lose digits, overflow or divide by zero.
 
-A case makes its input in any type, always the same one, and states what must hold for whatever is computed from it.
+A case makes the same input in any type, and states what must hold for the results.
 Letters: `x y` prediction and target, [B, C, H, W]; `V U` view rows and columns, `N` planes.
 """
 
@@ -25,7 +25,7 @@ Make = Callable[[torch.dtype], tuple[Tensor, ...]]
 
 
 class Demand(StrEnum):
-    """What must hold for a case."""
+    """Demand on the result of a case."""
 
     ACCURATE = "finite, with a finite gradient, and accurate"
     VISIBLE = "not finite where the input is not, and only in that image"
@@ -39,7 +39,7 @@ class HardCase(NamedTuple):
     make: Make
     demand: Demand = Demand.ACCURATE
     is_large: bool = False
-    """Takes seconds: tried in float32 and bfloat16 only, and not on components that are sums of others."""
+    """It takes seconds: only for float32 and bfloat16, and not for components that are sums of others."""
 
 
 def noise(*shape: int, seed: int = 0) -> Tensor:

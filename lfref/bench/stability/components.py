@@ -1,6 +1,6 @@
-"""The parts of the package that are tried on hard cases: losses and metrics, operators, networks, files, simulator.
+"""The components of the package for trials on hard cases: losses and metrics, operators, networks, files, simulator.
 
-Each component has our formulation, textbook forms where there are some, reference values and a tolerance. Letters:
+Each has our formulation, textbook forms where there are some, reference values and a tolerance. Letters:
 `x y` prediction and target, [B, C, H, W]; `V U` view rows and columns, `N` planes.
 """
 
@@ -166,11 +166,11 @@ PERIODIC: dict[str, Operator] = {
     "per-pixel slope": _constant_slope_map,
     "homography": _coplanar_homography,
 }
-"""Operators that can take views as periodic, which keeps their mean."""
+"""Operators with periodic borders, which keep the mean of the views."""
 _INTERPOLATION = {"shift-and-sum nearest": "nearest", "shift-and-sum cubic": "cubic"} | dict.fromkeys(
     ("shift-and-sum linear", "tilt-shift", "per-pixel slope", "homography"), "linear"
 )
-"""Of the operators of `PERIODIC` that do not interpolate exactly."""
+"""Interpolation of the operators of `PERIODIC` that is not exact."""
 _SLICE_ERRORS = {"Fourier slice, linear": 0.2, "Fourier slice, width 4": 1e-3, "Fourier slice, width 6": 1e-5}
 """Error of a kernel of that width, as a share of the brightest sample (design.md, section 2)."""
 _TEXTBOOK_OPERATORS: dict[str, dict[str, Operator]] = {
@@ -229,7 +229,7 @@ def share_of_brightest(error: float) -> Tolerance:
 
 
 def _any_number(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor:
-    """Where two planes are equally sharp, either is correct: the result only has to be finite."""
+    """Any finite result: where two planes are equally sharp, either is correct."""
     return torch.full_like(values, torch.inf)
 
 
@@ -249,10 +249,7 @@ def network_components() -> list[Component]:
     components = []
     for activation, normalization in choices:
         ours = network(activation, normalization)
-        forms: dict[str, nn.Module] = {
-            OURS: ours,
-            "textbook": textbook.with_textbook_layers(copy.deepcopy(ours)),
-        }
+        forms: dict[str, nn.Module] = {OURS: ours, "textbook": textbook.with_textbook_layers(copy.deepcopy(ours))}
         name, exact = f"RefNet, {activation}, {normalization} norm", copy.deepcopy(ours).double()
         components.append(
             Component(name, catalogue.NETWORK_VIEWS, forms, exact, _network_tolerance, without_reference=("textbook",))
@@ -275,7 +272,7 @@ def network(activation: str = "softplus", normalization: str = "instance", seed:
 
 
 def _network_tolerance(values: Tensor, precision: Precision, *views: Tensor) -> Tensor:
-    """Half types only have to stay finite through 11 blocks."""
+    """In half types, any finite result: errors grow through 11 blocks."""
     brightest = float(values.nan_to_num(0, 0, 0).abs().max())
     return torch.full_like(values, NETWORK_ERROR * brightest if precision == FLOAT32 else torch.inf)
 
@@ -320,11 +317,7 @@ COLOUR_ERROR = 1e-6
 
 
 def simulator_rows() -> Iterator[Row]:
-    """Simulate every scene of the catalogue.
-
-    Yields:
-        Rows as from `trials.run_trials`, one for the views and one for the truth of each scene.
-    """
+    """Rows as from `trials.run_trials`, one for the views and one for the truth of each scene of the catalogue."""
     for name, scene in catalogue.SCENES.items():
         simulated = simulate(scene, slopes=torch.tensor(catalogue.SCENE_SLOPES, dtype=torch.float64))
         colour = scene.light.gain * scene.surfaces[0].texture.colour[0]  # type: ignore[attr-defined]

@@ -1,6 +1,6 @@
-"""Acceptance goals for hard cases: figures of losses, operators and networks beside the limits set for them.
+"""Acceptance goals for hard cases: figures of losses, operators and networks, and their limits.
 
-A figure is measured of the textbook form too where there is one. Letters: `m` mean squared error, `x y` prediction and
+Where there is a textbook form, its figure stands beside ours. Letters: `m` mean squared error, `x y` prediction and
 target, [B, C, H, W]; alphas are the paper's.
 """
 
@@ -42,7 +42,7 @@ class AcceptanceGoal(NamedTuple):
     limit: float
     measure: Callable[[], float]
     textbook: Callable[[], float] | None = None
-    """Measures the same of the textbook form."""
+    """The measure of the textbook form."""
     at_least: bool = False
     """The limit is the least value, not the largest."""
 
@@ -60,19 +60,16 @@ class AcceptanceGoal(NamedTuple):
 
 
 def goals(components: Sequence[Component], rows: Sequence[Row]) -> list[AcceptanceGoal]:
-    """All goals that need no training run.
-
-    Args:
-        components: Of which differences between runs and threads are measured.
-        rows: Of their trials, as from `trials.run_trials`.
-    """
+    """All goals that need no training run, for components and the rows of their trials (`trials.run_trials`)."""
     loss = CompositeLoss()
     by_threads = functools.cache(lambda: differences_between_threads(components))
-    papers = "1 / PSNR against the paper, {}, relative".format
-    ssim_figure = "1 - SSIM, all means up to 1000, {}".format
     goals = [
-        AcceptanceGoal(papers("float64"), 1e-12, lambda: error_of_paper_term(torch.float64)),
-        AcceptanceGoal(papers("float32"), 1e-6, lambda: error_of_paper_term(torch.float32)),
+        AcceptanceGoal(
+            "1 / PSNR against the paper, float64, relative", 1e-12, lambda: error_of_paper_term(torch.float64)
+        ),
+        AcceptanceGoal(
+            "1 / PSNR against the paper, float32, relative", 1e-6, lambda: error_of_paper_term(torch.float32)
+        ),
         AcceptanceGoal(
             "finite losses, metrics and gradients, catalogue", 1, lambda: finite_share(components, rows), at_least=True
         ),
@@ -87,7 +84,7 @@ def goals(components: Sequence[Component], rows: Sequence[Row]) -> list[Acceptan
     for name, limit in {"float32": 1e-7, "autocast float16": 1e-6, "autocast bfloat16": 1e-6}.items():
         ours = functools.partial(error_of_ssim, one_minus_ssim, PRECISIONS[name])
         theirs = functools.partial(error_of_ssim, textbook.one_minus_ssim, PRECISIONS[name])
-        goals.append(AcceptanceGoal(ssim_figure(name), limit, ours, theirs))
+        goals.append(AcceptanceGoal(f"1 - SSIM, all means up to 1000, {name}", limit, ours, theirs))
     return [
         *goals,
         AcceptanceGoal("SSIM against torchmetrics, benign", 1e-5, difference_from_torchmetrics),
@@ -115,23 +112,16 @@ def goals(components: Sequence[Component], rows: Sequence[Row]) -> list[Acceptan
 
 
 def finite_share(components: Sequence[Component], rows: Sequence[Row]) -> float:
-    """Share of our trials on images that end in finite numbers where there is an answer, and in none elsewhere.
-
-    Args:
-        components: Those of the rows.
-        rows: Of `trials.run_trials`.
-    """
+    """Share of our trials on images that end in finite numbers where there is an answer, and in none elsewhere."""
     names = {component.name for component in components if component.cases is catalogue.IMAGES}
     outcomes = [row["outcome"] for row in rows if row["component"] in names and row["formulation"] == OURS]
     return sum(outcome in ("holds", "inexact", "refused") for outcome in outcomes) / len(outcomes)
 
 
 def error_of_paper_term(dtype: torch.dtype, n: int = 2001) -> float:
-    """Largest relative error of 1 / PSNR from 8.69 to 100 dB, against the paper's formula in extended precision.
+    """Largest relative error of 1 / PSNR at n values from 8.69 to 100 dB, against the paper's in extended precision.
 
-    Args:
-        dtype: float64: of the function of m; float32: of images too.
-        n: Number of errors between the two ends.
+    In float64 it is that of the function of m, in float32 that of images.
     """
     m = torch.logspace(-10, math.log10(reference.JOIN), n, dtype=torch.float64).clamp(reference.FLOOR, reference.JOIN)
     if dtype == torch.float64:
@@ -188,11 +178,7 @@ def falls_of_loss(n: int = 20001) -> int:
 
 
 def drawn_pairs(n: int, seed: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
-    """Random pairs of images of any brightness, contrast and error, many of them degenerate.
-
-    Yields:
-        Prediction and target, [1, 2, 7, 9], float32, float16 and bfloat16 in turn.
-    """
+    """Random pairs of images [1, 2, 7, 9] of three types, of any brightness, contrast and error, many degenerate."""
     generator = torch.Generator().manual_seed(seed)
     dtypes = itertools.cycle((torch.float32, torch.float16, torch.bfloat16))
     for dtype in itertools.islice(dtypes, n):
@@ -217,8 +203,7 @@ def share_with_finite_gradient(loss: ImageFunction, n: int = 2000) -> float:
 def dead_channels(is_primed: bool) -> int:
     """Output channels that are black on every pixel at the start, over all seeds and two initialisations.
 
-    Args:
-        is_primed: Whether the last layer is set on the first batch before, as training does.
+    Training sets the last layer on the first batch (`is_primed`).
     """
     views = (0.5 + 0.4 * noise(2, *catalogue.NETWORK_GRID, 3, 16, 16)).float()
     labels = (0.5 + 0.3 * noise(2, 16, 3, 16, 16, seed=1)).float()
@@ -257,7 +242,7 @@ def gradients_not_finite() -> int:
 def worst_fit(loss: ImageFunction, steps: int = 150) -> float:
     """Least PSNR in dB, over all seeds, of a patch whose pixels Adam fits from a squared error of 4.
 
-    -inf where a fit ends in numbers that are not finite.
+    It is -inf where a fit ends in numbers that are not finite.
     """
     decibels = []
     for seed in SEEDS:

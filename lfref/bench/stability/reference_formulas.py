@@ -1,4 +1,4 @@
-"""Reference values: losses, metrics and refocused stacks in float64, in forms whose every step is well conditioned.
+"""Reference values: losses, metrics and refocused stacks in float64, in forms whose steps are all well conditioned.
 
 They share no code with the package: local means are products with banded matrices, views are read through a matrix of
 the interpolation's kernel, the continuation of 1 / PSNR is written out piece by piece.
@@ -109,17 +109,11 @@ KERNELS: dict[str, Kernel] = {"nearest": _linear, "linear": _linear, "cubic": _c
 def refocused(
     views: Tensor, slopes: Tensor, weights: Tensor, interpolation: str = "exact", border: str = "wrap"
 ) -> Tensor:
-    """The stack by matrices: the weighted sum of `rows @ view @ columns^T`, over the weight of the views that count.
+    """The stack [N, C, H, W]: the weighted sum of `rows @ view @ columns^T`, over the weight of the views that count.
 
-    Args:
-        views: [V, U, C, H, W], float64; views of weight 0 are skipped, so they may hold NaN.
-        slopes: In pixels per view step, [N].
-        weights: Of the views, [V, U].
-        interpolation: A key of `KERNELS`, or `exact` (periodic only).
-        border: `wrap`, `edge`, or `renormalize`: only views with a sample count.
-
-    Returns:
-        Stack, [N, C, H, W].
+    Views [V, U, C, H, W] are float64; those of weight 0 are skipped, so they may hold NaN. The interpolation is a key
+    of `KERNELS`, or `exact` (periodic only); the border `wrap`, `edge`, or `renormalize`, where only views with a
+    sample count.
     """
     share = weights / weights.max()  # first, so that weights of 1e308 or 5e-324 neither overflow nor vanish
     return torch.stack([_plane(views, float(s), share / share.sum(), interpolation, border) for s in slopes])

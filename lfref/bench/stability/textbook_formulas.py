@@ -1,6 +1,6 @@
-"""Textbook formulas: losses, metrics, operators and network layers in the forms in wide use, to compare ours with.
+"""Textbook formulas: losses, metrics, operators and network layers as they are in wide use, for comparison with ours.
 
-None is a straw man: on benign input in float32 each is as accurate as its definition allows.
+On benign input in float32 each is as accurate as its definition allows.
 Letters: `x y` prediction and target, [B, C, H, W]; `u v` view column and row, `s` slope in pixels per view step.
 """
 
@@ -38,7 +38,7 @@ def psnr(x: Tensor, y: Tensor) -> Tensor:
 
 
 def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
-    """The paper's psi_2 as it stands, [B]."""
+    """The paper's psi_2, [B]."""
     return 1 / (-10 * torch.log10(mse(x, y)))
 
 
@@ -144,9 +144,7 @@ class Softplus(nn.Module):
 class Standardized(nn.Module):
     """(x - mean) / deviation as the paper writes it, without a constant in the denominator.
 
-    Args:
-        axes: Over which mean and deviation are taken, of [B, groups, C / groups, H, W].
-        groups: Of channels; None: a group per channel.
+    Mean and deviation are taken over `axes` of [B, groups, C / groups, H, W]; without `groups`, a group per channel.
     """
 
     def __init__(self, axes: tuple[int, ...], groups: int | None = None) -> None:
@@ -162,11 +160,7 @@ class Standardized(nn.Module):
 
 
 def with_textbook_layers(network: nn.Module) -> nn.Module:
-    """Replace PyTorch's softplus and normalisations by the textbook's, in place.
-
-    Args:
-        network: Its normalisations still have scale 1 and offset 0: the textbook's have neither.
-    """
+    """Replace PyTorch's softplus and normalisations, of scale 1 and offset 0, by the textbook's, in place."""
     for module in network.modules():
         for name, child in module.named_children():
             if type(child) in REPLACEMENTS:

@@ -61,7 +61,7 @@ class Component(NamedTuple):
     has_inference_path: bool = False
     """It computes in another way where no derivative is needed; both ways are run."""
     without_reference: tuple[str, ...] = ()
-    """Formulations that are another function by definition: they only have to stay finite."""
+    """Formulations of another function by definition, which only have to stay finite."""
 
 
 class TrialResult(NamedTuple):
@@ -70,8 +70,8 @@ class TrialResult(NamedTuple):
     values: Tensor
     """float64."""
     gradient: Tensor | None
-    """With respect to the first tensor of the input and the weights of a network: a row per image if there are no
-    weights, else one row."""
+    """With respect to the first tensor of the input and the weights of a network: a row per image, or one row if there
+    are weights."""
 
 
 def run_trials(components: Iterable[Component]) -> Iterator[Row]:
@@ -141,14 +141,9 @@ def run_formulation(
     has_gradient: bool = True,
     has_inference_path: bool = False,
 ) -> TrialResult:
-    """Run a formulation forwards and backwards.
+    """Run a formulation forwards, and backwards if it has a gradient; a network is copied and converted first.
 
-    Args:
-        function: A network is copied and converted first.
-        inputs: Of a case.
-        precision: Types of input and computation.
-        has_gradient: False: forwards only.
-        has_inference_path: True: values are those of a second run without derivatives.
+    With an inference path, the values are those of a second run without derivatives.
     """
     if isinstance(function, nn.Module):
         function = copy.deepcopy(function).to(precision.dtype)
@@ -168,16 +163,10 @@ def run_formulation(
 
 
 def compare(result: TrialResult, reference: Tensor, tolerance: Tensor) -> Row:
-    """Outcome of a trial.
+    """Outcome of a trial: `error, times_allowed, not_finite, gradient, outcome, holds, note`.
 
-    Args:
-        result: Of a formulation.
-        reference: Correct values, float64. An image or plane of it that is not finite has no answer: there the result
-            must not be finite either, and its gradient does not count.
-        tolerance: Allowed absolute error of each value.
-
-    Returns:
-        `error, times_allowed, not_finite, gradient, outcome, holds, note`.
+    An image or plane of the reference that is not finite has no answer: there the result must not be finite either, and
+    its gradient does not count. The tolerance is the allowed absolute error of each value.
     """
     if result.values.shape != reference.shape:
         return _outcome("error", note=f"shape {list(result.values.shape)} for {list(reference.shape)}")
@@ -185,7 +174,7 @@ def compare(result: TrialResult, reference: Tensor, tolerance: Tensor) -> Row:
     bad = int((~result.values[has_answer].isfinite()).sum())
     gradient = result.gradient
     if gradient is not None and not bool(has_answer.all()):
-        # Rows of single images can be told apart; one row for all cannot.
+        # Only the rows of single images can be left out.
         gradient = gradient[has_answer] if len(gradient) == len(has_answer) > 1 else None
     if gradient is not None:
         bad += int((~gradient.isfinite()).sum())
