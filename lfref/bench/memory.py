@@ -65,7 +65,7 @@ class Peak(NamedTuple):
     """Memory of one call."""
 
     extra_bytes: int
-    """At the highest, beyond the views, the stack included."""
+    """Highest use beyond the views; it includes the stack."""
     stack_bytes: int
 
     def ratio(self, workload: Workload) -> float:
@@ -75,7 +75,7 @@ class Peak(NamedTuple):
 
 
 def peak(workload: Workload, device: torch.device) -> Peak | None:
-    """Memory of a call at its highest; None on the CPU of a system without the `/proc` of Linux."""
+    """Highest memory use of a call; None on the CPU of a system without the `/proc` of Linux."""
     if device.type == "cuda" or not _can_measure():
         return _beyond_views(workload, device)
     context = multiprocessing.get_context("spawn")

@@ -19,14 +19,14 @@ Array = NDArray[Any]
 def fourier_slice_numpy(views: Tensor, slopes: Tensor | Sequence[float], width: int = 4, padding: float = 2) -> Tensor:
     """Fourier-slice refocusing by `numpy.fft.fftn`, one channel after the other as the paper does.
 
-    The same spectrum as `lfref.refocus.fourier.slice.fourier_slice` with the Kaiser-Bessel kernel, to some 1e-5, except
-    at frequency 0 (1e-3) and at the highest frequency of even sizes.
+    Its spectrum is that of `lfref.refocus.fourier.slice.fourier_slice` with the Kaiser-Bessel kernel to about 1e-5,
+    except at frequency 0 (1e-3) and at the highest frequency of even sizes.
 
     Args:
         views: Radiance, float32 or float64, CPU, [V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
         width: Angular bins that the kernel spans.
-        padding: Padded over original number of views along each angular axis, >= 1.
+        padding: Ratio of the padded number of views to the original one, along each angular axis, >= 1.
 
     Returns:
         Stack, type of the views, [N, C, H, W].

@@ -33,7 +33,7 @@ class AlignmentDefect:
     """Standard error of a shift along an axis in pixels, from the quarters of the picture; infinite: unknown."""
 
     def reason_to_skip(self) -> str | None:
-        """Shifts that are too small to matter, or not much larger than their errors."""
+        """Why nothing is corrected: shifts are unknown, too small to matter, or not much larger than their errors."""
         if self.error == float("inf"):
             return "unknown: too little texture, or too few views"
         rms = float(self.shifts.square().mean().sqrt())

@@ -37,7 +37,7 @@ class BlackViewsDefect:
     """Which samples lie in black corners, [V, U, 1, H, W]; None: there are none."""
 
     def reason_to_skip(self) -> str | None:
-        """All views have light in all corners."""
+        """Why nothing is corrected: all views have light in all corners."""
         return None if self.views or self.corners is not None else "all views have light in all corners"
 
     def summary(self) -> str:

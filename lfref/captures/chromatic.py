@@ -53,7 +53,7 @@ class ChromaticDefect:
     """Why nothing could be estimated."""
 
     def reason_to_skip(self) -> str | None:
-        """No colour certainly differs."""
+        """Why nothing is corrected: no colour differs from another by more than its error explains."""
         if bool((self.magnifications != 1).any() | (self.offsets != 0).any() | (self.disparities != 0).any()):
             return None
         return self.reason or "colours agree in size and focus, as far as is known"

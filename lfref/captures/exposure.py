@@ -34,7 +34,7 @@ class ExposureDefect:
     """Standard error of a gain, the median over views and channels."""
 
     def reason_to_skip(self) -> str | None:
-        """No gain differs from 1 by more than its error explains."""
+        """Why nothing is corrected: no gain differs from 1 by more than its error explains."""
         return None if bool((self.gains != 1).any()) else f"views and colours agree to {self.error:.2%}"
 
     def summary(self) -> str:

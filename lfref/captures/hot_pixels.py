@@ -252,7 +252,7 @@ def _smaller(a: float, b: float) -> float:
 
 @compiled
 def _row_heights(above: NDArray, row: NDArray, below: NDArray, scratch: NDArray) -> None:
-    """Height of each sample of a row, into scratch[2]; below 0: it is no extreme."""
+    """Write to scratch[2] how far each sample of a row lies beyond all 8 neighbours; below 0: it lies among them."""
     high, low, heights = scratch[0], scratch[1], scratch[2]
     # Extremes of each column of three, shared by the neighbours on both sides.
     for x in range(row.size):

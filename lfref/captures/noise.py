@@ -24,7 +24,7 @@ class NoiseDefect:
     """Variance b in the dark."""
 
     def reason_to_skip(self) -> str | None:
-        """Noise is never corrected."""
+        """Why nothing is corrected: noise is only measured."""
         return f"only measured: {self.summary()}"
 
     def summary(self) -> str:

@@ -39,7 +39,7 @@ class SpacingDefect:
     """Its standard error."""
 
     def reason_to_skip(self) -> str | None:
-        """Rows and columns seem to be equally far apart, or it is unknown."""
+        """Why nothing is corrected: rows and columns seem to be equally far apart, or their distances are unknown."""
         if self.ratio != 1:
             return None
         if self.estimate != self.estimate:

@@ -266,10 +266,10 @@ class _RimProblem:
 
 
 def white_gain(white: Tensor) -> tuple[Tensor, float]:
-    """The gain of every sample from a white picture, smoothed as far as its noise requires; and its standard deviation.
+    """The gain of every sample from a white picture, smoothed as far as noise requires, and its standard deviation.
 
-    A gain is relative to the middle of the central view, channel by channel: brightness and colour of a capture stay as
-    they are there.
+    Gains are relative to the middle of the central view, channel by channel, so that a corrected capture keeps its
+    brightness and colour there.
     """
     centre = white[white.shape[0] // 2, white.shape[1] // 2]
     rough = _middle_level(centre, 1 / 32)

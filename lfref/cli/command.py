@@ -34,10 +34,10 @@ log = logging.getLogger("lfref")
 def command(
     task: Task, claim: Claim = lambda config, folder: True, expand: Callable[[list[str]], list[str]] = list
 ) -> Callable[[], None]:
-    """Make a command of a function of a configuration, `conf/NAME.yaml` for module NAME, and a run folder.
+    """Make a command of a function (configuration, run folder); `conf/NAME.yaml` is the configuration of module NAME.
 
-    `claim` takes the same before anything is written into the folder, and returns False if there is nothing to do;
-    `expand` turns the words of a command line into those of the run that it resumes.
+    `claim` (configuration, run folder) runs before anything is written, and returns False if there is nothing to do.
+    `expand` replaces `resume=RUN` in the words of a command line by the overrides of that run.
     """
     name = Path(task.__code__.co_filename).stem
 

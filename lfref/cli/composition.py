@@ -6,9 +6,9 @@
    Hydra itself would suggest `+key` for a misspelt key, and takes any text for true.
 3. `check_line` composes a command line before `hydra.main` gets it, and `CheckedJobs` does so for each job of a sweep.
 
-Not of the documented Hydra are two things only. `CheckedJobs` replaces the attribute `config_loader` of the running
-application: Hydra calls nothing of ours between the composition of a job and its log handlers. And `COMPONENTS`
-names the classes of the launcher and the sweeper that Hydra ships.
+Two things rely on what Hydra does not document. `CheckedJobs` replaces the attribute `config_loader` of the running
+application, since Hydra calls nothing of ours between the composition of a job and its log handlers. `COMPONENTS` names
+the classes of the launcher and the sweeper that come with Hydra.
 """
 
 import difflib
@@ -176,7 +176,7 @@ def find(base: DictConfig, path: str, key: str, others: Iterable[str], may_add: 
         path: Keys and indices.
         key: The word on the command line that stands for this path.
         others: Further names that a misspelt key without dots may stand for.
-        may_add: Arguments of a component, and entries of a mapping of components, may be added.
+        may_add: Arguments of a part, and entries of a mapping of parts, may be added.
 
     Raises:
         InputError: It does not exist; names the nearest key that does.

@@ -276,10 +276,12 @@ def _unknown(name: object) -> InputError:
     module, _, attribute = str(name).rpartition(".")
     if module in FAMILIES and attribute in FAMILIES[module].left_out:
         reason = f"{attribute} {FAMILIES[module].left_out[attribute]}"
-        return InputError("_target_ must be a component that lfref knows", got=repr(name), remedy=reason)
+        return InputError("_target_ must be a part that lfref knows", got=repr(name), remedy=reason)
     near = difflib.get_close_matches(str(name), GROUPS, 1)
-    remedy = extensions.remedy(name) or (f"perhaps {near[0]}" if near else "docs/extending.md shows how to add yours")
-    return InputError("_target_ must be a component that lfref knows", got=repr(name), remedy=remedy)
+    own = "a new part of lfref needs its name in lfref/cli/parts.py" if module.partition(".")[0] == "lfref" else ""
+    default = own or "docs/extending.md shows how to add yours"
+    remedy = extensions.remedy(name) or (f"perhaps {near[0]}" if near else default)
+    return InputError("_target_ must be a part that lfref knows", got=repr(name), remedy=remedy)
 
 
 def _is_special(key: Any) -> bool:

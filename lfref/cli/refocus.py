@@ -66,10 +66,13 @@ def _rows(config: DictConfig, optional: list[str]) -> int | None:
     """Rows that are refocused at a time, or None for all."""
     if config.rows is None:
         return None
-    whole = [f"{name}=true" for name in optional] + (["correct=" + str(config.correct)] * (config.correct != "none"))
-    if whole:
-        expected = "rows=N refocuses light fields larger than memory, and does nothing else with them"
-        raise InputError(expected, got=", ".join(whole), remedy="give correct=none and leave the others out")
+    others = [f"{name}=true" for name in optional]
+    remedies = [f"leave {' and '.join(others)} out"] if others else []
+    if config.correct != "none":
+        others, remedies = [f"correct={config.correct}", *others], ["give correct=none", *remedies]
+    if others:
+        expected = "rows=N, for light fields larger than memory, must neither correct nor add results"
+        raise InputError(expected, got=", ".join(others), remedy=", ".join(remedies))
     return int(configs.number(config, "rows", 1))
 
 

@@ -33,9 +33,9 @@ FREE = "_target_", "allow_changes", "cache_folder", "workers", "timeout", "optim
 """Entries of these that change nothing in what is learned, or that are compared in another way."""
 SHOWN = 4
 NOT_RESUMED = "hydra", "logger", "output", "folder", "overwrite"
-"""Groups of overrides that say where files go: a run folder may come from somebody else, so they are said again."""
+"""Groups of overrides that say where files go. They are not taken over: a run folder may come from somebody else."""
 PLACES = (*parts.PLACES, "cache_folder", "tracking_uri", "scratch")
-"""Last names of such keys in other groups."""
+"""Last names of keys in other groups that say where files go."""
 
 
 def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run.chosen or run.last) -> list[str]:
@@ -43,27 +43,27 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
 
     Args:
         arguments: Command line after the command's name.
-        last: Where a run stood: the checkpoint that was asked for, or its last one.
+        last: (run) -> what `resume` becomes: the checkpoint that was chosen, else the last one of the run.
 
     Raises:
         CheckpointError: The run has no checkpoint.
         FileError: It is no run.
         InputError: It is a sweep that should resume one run.
     """
-    asked = [argument for argument in arguments if argument.startswith(KEY)]
-    path = _path(asked[-1]) if asked else None
+    resumes = [argument for argument in arguments if argument.startswith(KEY)]
+    path = _path(resumes[-1]) if resumes else None
     if path is None:
         return arguments
     if {"--multirun", "-m"} & set(arguments):
-        remedy = "to go on with a sweep, say its line again with output=SWEEP"
+        remedy = "to go on with a sweep, give its command line again with output=SWEEP"
         raise InputError("resume goes on with one run, not with a sweep", remedy=remedy)
     run = Run.of(path)
-    new = [argument for argument in arguments if argument not in asked]
-    said = {key_of(argument) for argument in new} | set(FOLDERS)
-    known = [override for override in map(str, run.overrides) if key_of(override) not in said]
+    new = [argument for argument in arguments if argument not in resumes]
+    replaced = {key_of(argument) for argument in new} | set(FOLDERS)
+    known = [override for override in map(str, run.overrides) if key_of(override) not in replaced]
     old = [override for override in known if not _names_place(override, run)]
     if dropped := [override for override in known if override not in old and key_of(override) != "output"]:
-        print(f"{run.folder.name}: say again what is to hold on: {' '.join(dropped)}", file=sys.stderr)
+        print(f"{run.folder.name}: not taken over, give again what is to hold: {' '.join(dropped)}", file=sys.stderr)
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
 
@@ -181,11 +181,11 @@ def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: 
     # Interpolated values stand in several places: the first one names them all.
     named = {(name.rpartition(".")[2], values): f"{name} ({values})" for name, values in reversed(found)}
     if named:
-        told = list(reversed(named.values()))
-        more = f" and {len(told) - SHOWN} more" if len(told) > SHOWN else ""
+        changes = list(reversed(named.values()))
+        more = f" and {len(changes) - SHOWN} more" if len(changes) > SHOWN else ""
         raise InputError(
             f"run {run.name} must go on with {what}",
-            got=", ".join(told[:SHOWN]) + more,
+            got=", ".join(changes[:SHOWN]) + more,
             remedy=remedy,
         )
 
@@ -202,7 +202,7 @@ def _changes(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
 
 
 def _kind(node: dict[str, Any]) -> str:
-    """What is made of a node, wherever a version of lfref keeps it."""
+    """The class or function of a node, without its module: versions of lfref keep it in different ones."""
     kind = str(node.get("_target_")).rpartition(".")[2]
     return "planes_at_alphas" if kind == "FocalPlanes" and "alphas" in node else kind
 

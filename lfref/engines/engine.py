@@ -81,8 +81,8 @@ def float_convolutions(kernels: Mapping[str, Sequence[int]]) -> list[str]:
     """Names of the convolutions that stay in floating point under int8.
 
     The first one reads light, whose finest differences between views matter: with 8 bits a small RefNet lost 7 dB.
-    Those of one pixel read sums that nothing has normalised, and are the smaller part of the work. Without both, int8
-    costs 0.001 dB.
+    Convolutions of 1x1 pixels read sums that nothing has normalised, and are the smaller part of the work. With all of
+    these in floating point, int8 costs 0.001 dB.
 
     Args:
         kernels: Height and width of each convolution by its name, in the order in which the network has them.

@@ -1,4 +1,4 @@
-"""Areas of a grid's cells that a figure covers: the weights of views under an aperture."""
+"""How much of each cell of a grid a figure covers: the weights of views under an aperture."""
 
 import math
 
@@ -10,7 +10,7 @@ STRIPS = 4096
 
 
 def of_disc(rows: Tensor, columns: Tensor, radius: float = 1.0) -> Tensor:
-    """Area of each cell that a disc about 0 covers.
+    """How much of the area of each cell a disc about 0 covers.
 
     Args:
         rows: Edges of the rows of cells, rising, float64, [J + 1].
@@ -27,7 +27,7 @@ def of_disc(rows: Tensor, columns: Tensor, radius: float = 1.0) -> Tensor:
 
 
 def of_polygon(rows: Tensor, columns: Tensor, n_corners: int, radius: float = 1.0, turn: float = 0.0) -> Tensor:
-    """Area of each cell that a regular polygon about 0 covers.
+    """How much of the area of each cell a regular polygon about 0 covers.
 
     Args:
         rows: Edges of the rows of cells, rising, float64, [J + 1].

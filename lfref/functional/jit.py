@@ -70,11 +70,11 @@ def compiling(**options: object) -> Callable[[Callable], Callable]:
 
 
 def keep_safely(kept: Any, stamp: str) -> None:
-    """Let Numba's cache of a loop survive damaged files and a full disk: the loop is compiled in memory then.
+    """Let Numba's cache of a loop survive damaged files and a full disk: the loop is then compiled anew.
 
-    Numba writes the index before the machine code, under a number that may have served before. A process that ends in
-    between, or two at once, would leave an index that names the code of another version or of other types. So each file
-    holds its stamp, its key and a digest too.
+    Numba writes an index before the file of machine code that it names, and that file may have the name of an older
+    one. If a process ends between the two, or two processes write at once, the index names code of another version or
+    of other types. So each file also holds its stamp, its key and a digest; code that does not fit them is not used.
 
     Args:
         kept: The cache, `IndexDataCacheFile` of Numba.

@@ -1,7 +1,7 @@
 """Filters over neighbouring pixels: box means and maxima, binomial and Gaussian means.
 
-Boxes are computed by shifting whole pictures against each other, one axis after the other, which takes a fraction of
-the time of PyTorch's pooling: that reads each window anew.
+Boxes are computed by shifting whole pictures against each other, one axis after the other. This takes a fraction of the
+time of PyTorch's pooling, which reads each window anew.
 """
 
 import math

@@ -131,7 +131,7 @@ OPENERS: dict[bytes, Callable[[Path], AbstractContextManager[list[StoredArray]]]
 
 @contextmanager
 def open_arrays(path: Path) -> Iterator[list[StoredArray]]:
-    """The arrays of a file while it is open, none of them loaded; damage is a `FileError`, in the body too."""
+    """The arrays of an open file, not loaded yet; damage raises a `FileError`, also when the `with` block loads one."""
     try:
         with atomic.file_errors(path, "read"):
             with path.open("rb") as file:

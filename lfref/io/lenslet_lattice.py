@@ -63,7 +63,7 @@ class Lattice:
         return (row_y / down, row_x / down), (column_y / along, column_x / along)
 
     def within(self, size: tuple[int, int], reach: Pair) -> tuple[range, range]:
-        """Rows and columns of a large block of lenslets that lie wholly in a picture; either may be empty.
+        """Rows and columns of a large block of lenslets, all of them wholly in a picture; empty if there is none.
 
         Args:
             size: Height and width of the picture, in pixels.

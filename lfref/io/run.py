@@ -1,4 +1,4 @@
-"""The run folder of `lfref train` on the disk, and the files in it.
+"""The run folder of a command, and the files in it; all but the first two are of `lfref train`.
 
 RUN/config.yaml, overrides.yaml, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv, pictures/*.png
 """

@@ -210,8 +210,8 @@ def _square_or_option(
 def square(first: int, last: int, count: int) -> tuple[int, int] | None:
     """The square grid of views that are numbered through from 0 or 1, or from any number without holes.
 
-    A grid with holes that looks the same upside down has its ends equally far from its middle: first + last tells the
-    side, and whether numbers begin at 0 or at 1, since no two squares differ by 2.
+    Holes of a grid are usually symmetric about its middle. Then first + last = 2 base + side^2 - 1, where `base`, 0 or
+    1, is the number at which a grid without holes begins. Only one base fits, since no two squares differ by 2.
 
     Returns:
         Rows (or columns), and the number of the first view; None: no such grid.

@@ -2,11 +2,11 @@
 
 Samples lie at multiples of half a pixel from the picture's centre, so that every pixel of the central view has one.
 Views read them by cubic convolution (Keys 1981, a = -1/2, which reproduces quadratics), which is sharp. The truth reads
-blurred copies, linearly: it blurs a surface by the way that it moves within a cell of the aperture, which differs from
-pixel to pixel of a slanted surface. Such a blur is the mean of two copies with fixed box blurs, weighted so that the
-variance is right. A linear look-up blurs by itself, by up to 1/4 of a sample squared; the first copy is sharpened by as
-much, so that variances go on below 0. The ends of a bitmap go on beyond it. PyTorch's forms run on any device; the
-compiled ones, which read one point at a time, are for the loops on the CPU.
+blurred copies: within a cell of the aperture a surface moves, and is blurred by that distance, which differs from pixel
+to pixel of a slanted surface. Copies have fixed box blurs, and the weighted mean of two of them has the required
+variance. They are read linearly, which adds a variance of up to 1/4 of a sample squared. To make up for that, the first
+copy is sharpened: its variance is -1/4. Beyond the edge of a bitmap its outermost samples repeat. PyTorch's forms run
+on any device; the compiled ones, which read one point at a time, are for the loops on the CPU.
 Letters: `X Y` as in `surfaces`, `M` aperture points, `h w` rows and columns, `i j` column and row, in samples,
 `t` fraction of a sample.
 """
@@ -96,7 +96,7 @@ class Bitmap:
     def window(self, size: tuple[int, int], margin: int = 0) -> Tensor:
         """The samples under the H x W pixels of the central view and a margin of pixels around it.
 
-        The first of each pixel's samples is at its middle; ends of the bitmap go on beyond it.
+        The first of each pixel's samples is at its middle; beyond the bitmap its outermost samples repeat.
         Result: [C, OVERSAMPLING (H + 2 margin), OVERSAMPLING (W + 2 margin)].
         """
         rows, columns = (
@@ -142,7 +142,7 @@ def margin(level: int) -> int:
 
 
 def levels(variances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Level of each blur, with a fraction between two copies, from its variance along an axis in samples squared."""
+    """Levels of the copies that have these variances along an axis, in samples squared; a fraction mixes two copies."""
     table = [variance(0)]
     while table[-1] < variances.max():
         table.append(variance(len(table)))
@@ -150,7 +150,7 @@ def levels(variances: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def box_blurred(samples: Tensor, size: int) -> Tensor:
-    """Means over `size` x `size` samples (odd), the ends going on, [h, w, C] -> [h + size - 1, w + size - 1, C]."""
+    """Means over `size` x `size` samples (odd), edge samples repeated, [h, w, C] -> [h + size - 1, w + size - 1, C]."""
     if samples.device.type == "cpu" and size > 1:
         height, width, n_channels = samples.shape
         result = torch.empty(height + size - 1, width + size - 1, n_channels, dtype=samples.dtype)
@@ -183,7 +183,7 @@ def box_mean(samples: Floats, size: int, result: Floats) -> None:
 
 
 def _running_mean(samples: Tensor, size: int, axis: int) -> Tensor:
-    """The same along one axis by PyTorch, for other devices."""
+    """Means over `size` samples along one axis, edge samples repeated, by PyTorch on any device."""
     if size == 1:
         return samples
     length = samples.shape[axis]
@@ -207,7 +207,7 @@ def sharpened(samples: Tensor) -> Tensor:
 
 
 def cubic_weights(t: Tensor) -> Tensor:
-    """Keys' weights of four samples for fractions [...], [..., 4]."""
+    """Weights of four samples by Keys (1981), [..., 4], for fractions of a sample, [...]."""
     return torch.stack(splines.weights(t), dim=-1)
 
 

@@ -87,7 +87,7 @@ def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
 
 
 class CellFilter(NamedTuple):
-    """The blur of a bitmap that faces the camera within a cell, and the position where it is read through each cell."""
+    """How a plane reads a bitmap that faces the camera: blurred within each cell, at one position for each cell."""
 
     down: NDArray[np.float64]  # taps along a column
     across: NDArray[np.float64]  # taps along a row
@@ -131,14 +131,14 @@ def combined_taps(taps: NDArray, positions: NDArray, weights: NDArray) -> tuple[
 
 @dataclass(eq=False)
 class Windows:
-    """Bitmaps that face the camera, cut to what the planes of a stack see of them; all planes share them."""
+    """Parts of bitmaps that the planes of a stack see, cut once for all planes; the bitmaps face the camera."""
 
     camera: Camera
     margin: int  # greatest of any plane, in pixels around the central view
     _samples: dict[Bitmap, Tensor] = field(default_factory=dict)
 
     def cut(self, bitmap: Bitmap, margin: int) -> Tensor:
-        """Samples under the central view and a margin around it, ends going on beyond the bitmap, [4, h, w]."""
+        """Samples under the central view and a margin around it, edge samples repeated beyond the bitmap, [4, h, w]."""
         if bitmap not in self._samples:
             self._samples[bitmap] = bitmap.window(self.camera.size, self.margin)
         samples = self._samples[bitmap]
@@ -182,7 +182,7 @@ class FocalPlane:
         return top, left
 
     def filter(self, disparity: float) -> CellFilter:
-        """The blur within a cell of a bitmap that faces the camera."""
+        """The filter of a bitmap that faces the camera."""
         return cell_filter(self.slope - disparity, self.cells, self.margin)
 
     def crosses(self) -> NDArray[np.bool_]:

@@ -246,7 +246,10 @@ def _bitmap(values: Tensor) -> dict[str, Any]:
 
 
 def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict[str, Any] | None = None) -> Any:
-    """A mesh of points [.., 3] with coordinates in a bitmap [.., 2]; its face is where it turns clockwise."""
+    """A mesh of points [.., 3] with texture coordinates [.., 2].
+
+    Seen from its front, turning from the first axis of the points to the second is clockwise.
+    """
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
     if light is not None:

@@ -130,13 +130,13 @@ def simulate(
 
     Args:
         scene: The scene.
-        seed: Added to the scene's own: other textures and noise of the same kind.
+        seed: Added to the seed of the scene: another one draws other textures and noise.
         outputs: Any of `views`, `truth`, `disparity`, `all_in_focus`, `masks`.
         slopes: Planes of the truth, in pixels per view step, [N]; None takes the paper's 16.
-        force: Run inert passes too, and each of them on every surface: all rays are followed one by one, with
-            highlights without light and mirrors that reflect nothing, sorted by depth at each pixel, and all effects of
-            the sensor are applied. The results are the same and take longer. The number of the aperture's cells does
-            not change; a single layer is composited cell by cell instead of filtered by the sum of them.
+        force: Run inert passes too, and each pass on every surface. The results are the same and take longer: all rays
+            are followed one by one, layers are sorted by depth at each pixel, every surface gets a highlight and a
+            mirror (black where the scene has none), a single layer is composited cell by cell instead of filtered
+            once, and all effects of the sensor are applied. The aperture is cut into as many cells.
         device: Device that renders.
         timed: Measure the milliseconds of each pass, waiting for an idle GPU before and after it.
 
@@ -203,7 +203,7 @@ def _enlarged(part: Any, factor: int) -> Any:
 
 
 def nearest(disparity: Tensor, factor: int) -> Tensor:
-    """Greatest disparity [H, W] in squares of `factor` x `factor` pixels, per view step of a square's side."""
+    """Greatest disparity in each square of `factor` x `factor` pixels of a map, in sides of a square per view step."""
     return F.max_pool2d(disparity[None], factor)[0] / factor
 
 

@@ -86,7 +86,7 @@ class Geometry(abc.ABC):
         return disparity
 
     def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
-        """Least and greatest disparity in a central view of H x W pixels; of a bump all, in the picture or not."""
+        """Least and greatest disparity in a central view of H x W pixels; a bump counts even outside of the picture."""
         return self.ray_disparity_range(((size[1] - 1) / 2, (size[0] - 1) / 2), (0, 0))
 
     def ray_disparity_range(
@@ -94,7 +94,8 @@ class Geometry(abc.ABC):
     ) -> tuple[float, float]:
         """Least and greatest disparity that rays can meet, for pixels up to (|x|, |y|) and apertures up to (|p|, |q|).
 
-        D of a plane is monotonic in each of x, y, p and q: its extremes are at corners. All of a bump is added.
+        D of a plane is monotonic in each of x, y, p and q, so its extremes are at corners. The whole height of a bump
+        is added, wherever it is.
         """
         disparity, a, b, bulge = self.form[:4]
         corners = itertools.product(*((-half, half) for half in (*half_size, *half_aperture)))

@@ -93,7 +93,7 @@ class Gradient(_Wave):
     """A cosine from one colour to the other and back."""
 
     def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
-        """The cosine, or the mean colour where pixels cannot record it."""
+        """The cosine; its mean colour if the period is too short for pixels to record."""
         amplitude = 1.0 if self.period * NYQUIST > 1 else 0.0
         return self._mix(-amplitude * torch.cos(2 * torch.pi * self._cycles(canvas, 0)))
 

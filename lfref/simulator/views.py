@@ -160,7 +160,7 @@ def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
 
 @compiled
 def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
-    """The same with layers sorted by depth at every pixel; the pictures are filled."""
+    """Fill rows of the pictures with layers that are sorted by depth at every pixel."""
     n_layers, width = len(layers.forms), picture.shape[4]
     # All layers at once: the order differs from pixel to pixel.
     at, order = np.zeros((n_layers, 5, width)), np.empty(n_layers, np.int64)
@@ -180,7 +180,7 @@ def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
 
 @compiled
 def _interpolate_lines(layers: RayLayers, atlas: Atlas, points: Viewpoints, v: int, y: int, lines: Floats) -> None:
-    """One line of each bitmap that faces the camera, for all columns of aperture points."""
+    """Fill `lines` with what row y of the pictures from aperture row v reads of each bitmap that faces the camera."""
     for k in range(len(layers.forms)):
         # Mirrored pictures (1) always face the camera, a layer's own bitmap (0) only if the layer does.
         for which in range(0 if layers.is_parallel[k] else 1, 2):

@@ -147,7 +147,7 @@ def test_nothing_dangerous_is_reached_however_it_is_wrapped(target, untouched):
     arguments = filled(DANGEROUS[target], untouched)
     for wrapped in WRAPPINGS.values():
         node = wrapped({"_target_": target, "_args_": arguments})
-        with pytest.raises(InputError, match="must be a component that lfref knows"):
+        with pytest.raises(InputError, match="must be a part that lfref knows"):
             configs.build(OmegaConf.create(node))
 
 
@@ -167,12 +167,12 @@ def test_nothing_else_between_underscores_is_taken(key, value, untouched):
 
 @pytest.mark.parametrize("target", [None, 3, True, ["os.system"], {"_target_": "os.system"}, ""])
 def test_a_target_that_is_no_name_is_refused(target, untouched):
-    with pytest.raises(InputError, match="must be a component that lfref knows"):
+    with pytest.raises(InputError, match="must be a part that lfref knows"):
         configs.build({"_target_": target})
 
 
 def test_special_keys_without_a_target_are_refused(untouched):
-    with pytest.raises(InputError, match="must be a component that lfref knows"):
+    with pytest.raises(InputError, match="must be a part that lfref knows"):
         configs.build({"_partial_": True, "x": 1})
 
 
@@ -269,7 +269,7 @@ def test_every_class_of_a_family_is_a_part_or_left_out_for_a_reason(module):
         if inspect.isclass(value) and issubclass(value, base) and not attribute.startswith("_"):
             assert (parts.group_of(name) == family.group) is (attribute not in family.left_out)
         elif not attribute.startswith("_"):
-            with pytest.raises(InputError, match="must be a component that lfref knows"):
+            with pytest.raises(InputError, match="must be a part that lfref knows"):
                 parts.resolve(name)
 
 

@@ -102,7 +102,7 @@ def test_bands_of_rows_make_the_same_pictures(lfref, captures, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("rows=8",), "rows=N refocuses light fields larger than memory"),
+        (("rows=8",), "rows=N, for light fields larger than memory, must neither"),
         (("rows=8", "correct=none", "video=true"), "got video=true"),
         (("rows=0", "correct=none"), "rows must be a number of at least 1"),
         (("rows=8", "correct=none", "method=exact_fourier"), "got exact_fourier, which looks at the whole picture"),

@@ -217,7 +217,7 @@ def operator_components() -> list[Component]:
 
 
 def share_of_brightest(error: float) -> Tolerance:
-    """This share of the brightest sample; a half type may round the result besides."""
+    """A tolerance of this share of the brightest sample, plus the rounding of the result to a half type."""
 
     def tolerance(values: Tensor, precision: Precision, views: Tensor, *others: Tensor) -> Tensor:
         kind = torch.finfo(precision.dtype)

@@ -279,7 +279,7 @@ def runs_that_differ(components: Sequence[Component]) -> int:
 
 
 def differences_between_threads(components: Sequence[Component], most: int = 4) -> tuple[float, float]:
-    """Largest differences between one thread and `most`, as a share of the largest number: of values, of gradients."""
+    """Largest differences of values and of gradients between one thread and `most`, as shares of the largest number."""
     differences = []
     for component in components:
         with threads(1):

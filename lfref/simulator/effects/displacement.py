@@ -68,7 +68,7 @@ class Chromatic(Effect):
         checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if all channels keep their size, and their focus or the only view."""
+        """Inert if every magnification is 1, and every added disparity is 0 or there is only one view."""
         if any(size != 1 for size in self.magnification):
             return None
         if not any(self.disparity):
