@@ -160,7 +160,7 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
 def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
     """A scene of planes with all disparities times `factor`, seen by another grid of views (rows, columns).
 
-    With the old number of views over the new as factor, the aperture is the same.
+    The aperture stays the same if `factor` is the old number of views over the new one.
     """
     surfaces = []
     for surface in scene.surfaces:

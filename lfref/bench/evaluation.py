@@ -141,7 +141,7 @@ class AxisSplit(NamedTuple):
 
 
 def split_axis(n_views: int, step: int) -> AxisSplit:
-    """Keep every `step`-th view of an axis, as many as there can be, with the centre of the dense ones.
+    """Keep every `step`-th view of an axis, as many as possible, so that kept and dense views have the same centre.
 
     Raises:
         InputError: Fewer than two views are left.

@@ -94,15 +94,15 @@ class ExportFile:
 
         Args:
             refocuser: What is exported.
-            subject: The same as a graph, with patches if int8 is to be calibrated.
+            subject: The refocuser as a graph, with patches if int8 is to be calibrated.
             fields: Light fields on which the file is tried.
-            check_draft: Raises an error if the file must not get its name for another reason.
+            check_draft: (path of the draft) -> None; raises an error if the file must be refused for another reason.
 
         Returns:
             The comparison, which is also written to `NAME.SUFFIX.parity.json`.
 
         Raises:
-            LfrefError: The pictures differ; only the comparison is left then.
+            LfrefError: The pictures differ, or `check_draft` refused; no file is written then but the comparison.
             InputError: The refocuser cannot be written in this format.
             FileError: The disk refuses.
         """

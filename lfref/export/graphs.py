@@ -44,7 +44,7 @@ class Exportable:
     reference: Callable[..., Tensor]
     """(inputs) -> what lfref computes of them."""
     exact: Callable[..., Tensor]
-    """The same in float64."""
+    """(inputs) -> what lfref computes of them in float64."""
     rounding: float = 1e-6
     """Distance in light between the graph and lfref that the order of additions explains."""
     uncorrected: Callable[..., Tensor] | None = None

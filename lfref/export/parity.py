@@ -104,7 +104,7 @@ def worst(rows: Iterable[Row], tolerance: Tolerance) -> Row | None:
 
 
 def own_noise(rows: Iterable[Row]) -> dict[str, float]:
-    """Flat frames on which the subject itself makes noise: case -> distance of float32 from float64."""
+    """Flat frames on which rounding makes the subject noisy: case -> distance of its float32 from its float64."""
     return {row["case"]: row["own_error"] for row in rows if row["own_error"] > NOISE}
 
 

@@ -86,7 +86,7 @@ def plane_values(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
 
 
 def formula(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    """The same as `plane_values`, by PyTorch's own operations."""
+    """`plane_values` by PyTorch's own operations."""
     x, y = x.double(), y.double()
     # Each plane is centred by its mean first, or the squares of a bright plane would swamp its variance. The result
     # does not depend on what was subtracted, so no gradient need flow through it.

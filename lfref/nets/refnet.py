@@ -140,7 +140,7 @@ class RefNet(Network):
         return self.trunk(self._coarse(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:])))
 
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """As in `Network`; of slopes only the number counts. The stack is radiance >= 0."""
+        """As in `Network`; only the number of slopes is checked: the planes are fixed. The stack is radiance >= 0."""
         if slopes is not None and len(slopes) != self.n_planes:
             raise InputError(f"this network makes {self.n_planes} planes", got=f"{len(slopes)} slopes")
         height, width = views.shape[-2:]

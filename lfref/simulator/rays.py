@@ -99,8 +99,8 @@ def ray_layers(
 def visible_box(entry: AtlasEntry, reads: int) -> Box:
     """The box of points, in pixels, whose look-ups meet more than transparent samples of a bitmap.
 
-    A look-up reads `reads` samples on either side of its point. Ends of a bitmap go on beyond it: a side of which the
-    outermost samples are not transparent has no limit.
+    A look-up reads `reads` samples on either side of its point. Edge samples repeat beyond a bitmap: towards an
+    edge that is not transparent throughout, the box has no limit.
     """
     margin = (reads + 1) / OVERSAMPLING  # one sample more for rounding
     is_visible = entry.opacity != 0

@@ -18,7 +18,7 @@ from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import Quadruple
 
 PAD = 2
-"""Pairs of columns, black, by which a line goes on beyond its bitmap on each side: a cubic reads that many."""
+"""Pairs of black columns on each side of a line: a cubic reads that many beyond the bitmap."""
 
 Integers = NDArray[np.int64]
 Float32s = NDArray[np.float32]

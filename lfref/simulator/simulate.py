@@ -160,7 +160,7 @@ def simulate(
 
 
 def finer(scene: Scene, factor: int) -> Scene:
-    """The same scene for a camera whose pixels are `factor` times smaller along each axis.
+    """This scene for a camera whose pixels are `factor` times smaller along each axis.
 
     Lengths and disparities are in pixels, so that they are multiplied; random textures are drawn anew, down to the
     smaller pixels. The mean over `factor` by `factor` pixels of one picture is a pixel of the other, where slopes are

@@ -99,7 +99,7 @@ def composite_fixed(
 
 @compiled
 def composite_sorted(traced: TracedLayers, cells: ApertureCells, picture: Floats, top: int, end: int) -> None:
-    """The same for layers that cross: the rays to all are followed, and layers are sorted by depth at every pixel."""
+    """Fill rows of a picture for layers that cross: all rays are followed, layers sorted by depth at every pixel."""
     n_layers, width = len(traced.order), picture.shape[2]
     radiance, total = np.zeros((3, width), picture.dtype), np.zeros((3, width))
     rgba, at = np.zeros((n_layers, 4, width), picture.dtype), np.zeros((n_layers, 5, width))
@@ -132,10 +132,10 @@ def _add_weighted(weight: float, radiance: Floats, total: Floats) -> None:
 
 @compiled
 def blur_layer(samples: Floats, down: Floats, across: Floats, result: Floats, first: Integers, last: Integers) -> None:
-    """Filter a layer [4, rows, columns] along both axes, its ends going on, and sort its columns by phase.
+    """Filter a layer [4, rows, columns] along both axes, edge samples repeated, and sort its columns by phase.
 
-    Taps are symmetric and odd in number. Filled: `result` [4, rows, o, columns / o], and for each row the first column
-    of pixels that is not transparent and one past the last.
+    Taps are symmetric and odd in number. The loop fills `result` [4, rows, o, columns / o], and, for each row, `first`
+    and `last`: the first column of pixels that is not transparent, and one past the last.
     """
     n_phases, n_columns = result.shape[2:]
     side, half = across.size // 2, down.size // 2
@@ -188,7 +188,7 @@ def _filter_down(samples: Floats, m: int, down: Floats, begin: int, end: int, si
     for t in range(down.size):
         source = min(max(m + t - down.size // 2, 0), samples.shape[0] - 1)
         _accumulate(down[t], samples[source, begin:end], target)
-    # Ends of the bitmap go on; ends of the visible part do not.
+    # Edge samples of the bitmap repeat beyond it; those of the visible part do not.
     if begin == 0:
         row[:side] = row[side]
     if end == samples.shape[1]:

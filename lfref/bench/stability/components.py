@@ -172,7 +172,7 @@ _INTERPOLATION = {"shift-and-sum nearest": "nearest", "shift-and-sum cubic": "cu
 )
 """Interpolation of the operators of `PERIODIC` that is not exact."""
 _SLICE_ERRORS = {"Fourier slice, linear": 0.2, "Fourier slice, width 4": 1e-3, "Fourier slice, width 6": 1e-5}
-"""Error of a kernel of that width, as a share of the brightest sample (design.md, section 2)."""
+"""Error of the kernel, as a share of the brightest sample."""
 _TEXTBOOK_OPERATORS: dict[str, dict[str, Operator]] = {
     "exact Fourier": {"float32 phases": textbook.phase_ramps},
     "Fourier slice, width 4": {"no compensation": textbook.slice_without_compensation},

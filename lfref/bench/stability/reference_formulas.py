@@ -46,7 +46,8 @@ def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
 def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
     """1 - SSIM of each image, [...].
 
-    With d = x - y and s = x + y, 1 - SSIM = a + b - ab (design.md, section 4): no two near numbers are subtracted.
+    With d = x - y and s = x + y, 1 - SSIM = a + b - ab, where a compares the means and b the variances of d and s: no
+    two nearly equal numbers are subtracted.
     """
     d, s = x - y, (x - _mean(x)) + (y - _mean(y))
     (mu_d, var_d), (mu_s, var_s) = _local(d), _local(s)

@@ -49,7 +49,7 @@ class Graph:
 
     @property
     def workload(self) -> EngineWorkload:
-        """The same for an engine."""
+        """The module with its inputs, as engines take it."""
         return EngineWorkload(self.module, self.example, self.patches)
 
     @property
