@@ -1,4 +1,4 @@
-"""Which of the paper's choices matter against the truth, and which faster bodies pay: the table of `ablations.md`.
+"""Ablations against the truth: the paper's choices, and faster bodies of the network; the table of `ablations.md`.
 
 Run by `make ablations`, which keeps its networks in `runs/ablations`, and the paper's own choice in `runs/paper`. With
 `--runs` elsewhere nothing is written into the pages.
@@ -44,7 +44,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "kernel 5": ("net.kernel=5",),
     "dilation 2": ("net.dilation=2",),
 }
-"""What differs from the paper's choice: softplus, instance norm, beta .65, gamma 500, 11 blocks of 3x3."""
+"""Overrides beside the paper's choice: softplus, instance norm, beta .65, gamma 500, 11 blocks of 3x3."""
 SCENES = tuple(sim30.SCENES)[::3]
 WIDE, FOCUS = 0.25, 0.75  # alphas up to where blur is wide, and from where scenes are near focus
 ROUNDS = 4  # of which the first is a warm-up

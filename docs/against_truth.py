@@ -36,7 +36,7 @@ def accuracy_time() -> Figure:
 
 
 def causes() -> Figure:
-    """What each cause of error costs, and what the remedies win back."""
+    """Cost of each cause of error, and gains of the remedies."""
     rows = tables.read_table(CAUSES)
     return bench_plots.error_causes(rows, panels_at=(0.125, 2.0))
 

@@ -24,7 +24,7 @@ RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
 SCENE, CLICK = "thicket", (0.535, 0.57)
 """Scene of the picture of the page, and the point that is clicked, on a twig: shares of width and height."""
 WINDOW, PIXELS_WIDE = (1100, 755), 900
-"""Of the browser, and of its picture."""
+"""Size of the window, and width of the picture, in pixels."""
 SIZE, N_PLANES, LOADS, ROUNDS = (375, 540), 16, 7, 3
 FIRST_PAINT = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
 SWITCH = """async (plane) => {
@@ -93,7 +93,7 @@ def picture() -> Figure:
 
 
 def browsing() -> Iterator[str]:
-    """How quick the page is."""
+    """Times to the first picture and to another plane."""
     figures = json.loads((RUN / "browsing.json").read_text())
     texts = {name: f"{value:.0f} ms" for name, value in figures.items() if name.endswith("_ms")}
     yield f"A page of {figures['megabytes']:.1f} MB (7x7 views of {SIZE[0]}x{SIZE[1]} pixels, {N_PLANES} planes, two"

@@ -91,7 +91,7 @@ def materials() -> Figure:
 
 
 def light_and_motion() -> Figure:
-    """What else changes a scene before any camera: light, opacity, motion."""
+    """Changes of a scene before any camera: light, opacity, motion."""
     moved, thin = dataclasses.replace(LID, motion=(16.0, 4.0)), dataclasses.replace(LID, opacity=0.5)
     return sheets.sheet(
         [
@@ -118,7 +118,7 @@ def lenslets() -> Figure:
 
 
 def sensor() -> Figure:
-    """What the sensor does to the middle view, and the software behind it, a part enlarged."""
+    """Part of the middle view with each effect of the sensor and of its software."""
     effects = (
         Exposure(0.5),
         Mosaic("BGGR"),

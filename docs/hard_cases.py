@@ -33,7 +33,7 @@ def goals() -> Iterator[str]:
 
 
 def trials() -> Iterator[str]:
-    """How many trials hold, ours beside the textbook forms, and which of ours do not."""
+    """Number of trials that hold, ours beside the textbook forms, and those of ours that do not."""
     rows = tables.read_table(RUN / "stability.csv")
     yield "| component | ours hold | textbook form | it holds |"
     yield "|---|---|---|---|"

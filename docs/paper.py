@@ -31,14 +31,14 @@ SETUP = "experiment=paper_small"
 
 @dataclass(frozen=True)
 class Experiment:
-    """Where the experiment lies, and how large it is."""
+    """Folder and size of the experiment."""
 
     runs: Path = RUNS
     scenes: tuple[str, ...] = tuple(sim30.SCENES)
     size: tuple[int, int] = (375, 540)
-    """Of the light field for the times."""
+    """Height and width of the light field for the times."""
     overrides: tuple[str, ...] = ()
-    """Of training, beside the experiment's own."""
+    """More overrides of `lfref train`."""
 
     @property
     def folders(self) -> dict[str, list[Path]]:
@@ -47,7 +47,7 @@ class Experiment:
 
     @property
     def parallel(self) -> dict[str, list[Path]]:
-        """The same of the network whose planes are written by the other convention."""
+        """Run folders of the network whose planes follow the other convention."""
         return {PARALLEL_NETWORK: self._runs("parallel")}
 
     def overrides_by_run(self) -> dict[Path, list[str]]:
@@ -91,14 +91,14 @@ def by_labels(names: Iterable[str], methods: Iterable[Refocuser], planes: FocalP
     for case in experiments.cases(names, planes):
         stacks = {method.name: case.stack(method, planes.slopes) for method in methods}
         labels = {label: CLASSICAL[label](case.light, planes.slopes) for label in LABELS}
-        yield from accuracy.plane_rows(case.light.name, stacks, labels | {"truth": case.truth}, planes)
+        yield from accuracy.plane_rows(case.light.name, stacks, labels | {"truth": case.reference}, planes)
 
 
 def by_focus(names: Iterable[str], methods: Iterable[Refocuser]) -> Iterator[Row]:
-    """How sharp each plane is beside its truth, and which plane of the truth it is nearest to."""
+    """Sharpness of each plane over its truth's, and its distance from the most similar plane of the truth."""
     inside = (..., slice(experiments.MARGIN, -experiments.MARGIN), slice(experiments.MARGIN, -experiments.MARGIN))
     for case in experiments.cases(names, PLANES):
-        truth = case.truth[inside]
+        truth = case.reference[inside]
         for method in methods:
             stack = case.stack(method, PLANES.slopes)[inside]
             nearest = ((stack[:, None] - truth[None]) ** 2).mean((2, 3, 4)).argmin(1)

@@ -33,7 +33,7 @@ CLASSICAL = {
         BEST: occlusion_aware,
     }.items()
 }
-"""As `conf/method` has them."""
+"""The settings of `conf/method`."""
 NETWORKS = {
     "RefNet on shift_and_sum": "shift_and_sum",
     "RefNet on fourier_slice": "fourier_slice",

@@ -81,7 +81,7 @@ def comparison(runs: Path) -> Figure:
     cells = []
     for alpha in SHOWN:
         index = (PLANES.alphas or ()).index(alpha)
-        truth = case.truth[INNER][index]
+        truth = case.reference[INNER][index]
         titles = [name.replace("RefNet on ", "RefNet on\n") for name in rows]
         cells += [(f"truth,\nalpha {alpha:g}", truth), *zip(titles, (stack[index] for stack in stacks), strict=True)]
         cells += [_difference(f"{BEST}\n", best[index], truth)]
@@ -122,4 +122,4 @@ DRAWN: dict[str, tuple[Callable[[Path], Figure], str]] = {
 PICTURES: dict[str, Callable[[], Figure]] = {
     name: functools.partial(draw, RUNS) for name, (draw, _) in DRAWN.items() if (RUNS / "truth.csv").exists()
 }
-"""As `pictures.py` draws them."""
+"""Name -> function, for `pictures.py`."""

@@ -34,7 +34,7 @@ BATCH = 4
 QUICK_ROUNDS, SLOW_ROUNDS = 6, 2  # the first of each is a warm-up
 QUICK = ("shift_and_sum", "shift_and_sum_through_cells", "fourier_slice", "occlusion_aware")
 NETWORKS = {"RefNet": "refnet", "RefNet, shuffled": "refnet_shuffled", "RefNet, narrow": "refnet_narrow"}
-"""As tables call them -> a file of `conf/net`."""
+"""Name in tables -> file of `conf/net`."""
 
 
 class Speed(NamedTuple):

@@ -91,7 +91,7 @@ def imitation(tables: Tables) -> Iterator[str]:
 
 
 def reach(tables: Tables) -> Iterator[str]:
-    """How well shift-and-sum is imitated plane by plane, with planes written by either convention."""
+    """PSNR of networks against shift-and-sum plane by plane, with planes by either convention."""
     yield from head(
         "alpha", "`ng`: outer views move by, px", "by its labels, dB", "`parallel`: px", "by its labels, dB"
     )

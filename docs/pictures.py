@@ -101,7 +101,7 @@ def exact_fourier() -> Figure:
 
 
 def fourier_slice() -> Figure:
-    """How far Fourier slices are from the reference, by kernel and padding."""
+    """Errors of Fourier slices against the reference, by kernel and padding."""
     views, _ = scenes.still_life()
     exact = lfref.exact_fourier(views, [scenes.NEAR])[0]
     settings: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -186,7 +186,7 @@ def super_resolve() -> Figure:
 
 
 def aperture() -> Figure:
-    """What lights out of focus look like through four apertures."""
+    """Lights out of focus through four apertures."""
     grid = (15, 15)
     views = scenes.lights(1.3, grid)
     weights = {

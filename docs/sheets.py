@@ -1,4 +1,4 @@
-"""How the pictures of these pages are laid out: titled cells side by side, maps with a colour bar, small letters.
+"""Layout of the pictures of the pages: titled cells side by side, maps with a colour bar, small letters.
 
 All are 900 pixels wide. Photographs are written as JPEG, which takes a third of PNG's space for them.
 """

@@ -67,7 +67,7 @@ def described() -> list[str]:
 
 
 def address(name: str) -> str:
-    """Where the page on a package lies."""
+    """Path of the page on a package."""
     return f"reference/{name}.md"
 
 

@@ -20,7 +20,7 @@ PLACES = ("output=", "data.folder=", "data.cache_folder=")
 
 
 def notes(run: Run) -> dict[str, object]:
-    """How the network of a run was made, and what it came to on fields that it was not trained on."""
+    """Training of the network of a run, and its accuracy on fields outside the training set."""
     validated = [row for row in run.metrics if row.get("val/gain") is not None]
     best = max(validated, key=lambda row: row["val/gain"] or 0.0)
     folder = Path(run.config["data"]["folder"] or _folder(run))
@@ -37,7 +37,7 @@ def notes(run: Run) -> dict[str, object]:
 
 
 def _folder(run: Run) -> Path:
-    """Where the set of a run lies in the cache."""
+    """Folder of the set of a run in the cache."""
     recipe = configs.build(run.config["recipe"])
     return plane_sets.folder_of(recipe, Path(run.config["data"]["cache_folder"]).expanduser())
 

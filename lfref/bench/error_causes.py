@@ -84,7 +84,7 @@ class Condition:
 
     def psnr(self, method: Refocuser) -> Tensor:
         """PSNR of a method against the truth at every plane, in dB, [N]."""
-        return _interior_psnr(self.case.stack(method, self.slopes), self.case.truth, self.margin)
+        return _interior_psnr(self.case.stack(method, self.slopes), self.case.reference, self.margin)
 
 
 def _interior_psnr(stack: Tensor, reference: Tensor, margin: int) -> Tensor:
@@ -123,7 +123,7 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
     slopes, margin, device = settings.planes.slopes, settings.margin, settings.device
     interior_psnr = functools.partial(_interior_psnr, margin=margin)
     ideal = evaluation.ideal_case(scene, slopes, device)
-    truth, exact, linear = ideal.truth, ideal.stack(EXACT, slopes), ideal.stack(LINEAR, slopes)
+    truth, exact, linear = ideal.reference, ideal.stack(EXACT, slopes), ideal.stack(LINEAR, slopes)
     exact_db = interior_psnr(exact, truth)
 
     # Sampling: by points of the aperture, by pixels, between pixels, at the border.

@@ -52,7 +52,7 @@ TRUTH, DENSE = "truth", "dense_integral"
 APERTURES: dict[str, Aperture | None] = {"square": None, "disc": apertures.disc}
 """Shape of a camera's aperture -> weights of the views; None: all alike."""
 EVEN_GRID = "methods are compared on an even grid"
-"""Why corrections leave the cameras on the even grid: some methods read no other positions."""
+"""Reason why corrections leave the cameras on the even grid: some methods read no other positions."""
 CORRECTIONS = ("none", "auto", "white")
 """Corrections of scenes with a sensor: none, so no class `corrected`; from the views alone; with a picture that the
 same sensor takes of a white scene."""
@@ -60,26 +60,25 @@ same sensor takes of a white scene."""
 
 @dataclass(frozen=True, eq=False)
 class EvaluationCase:
-    """A light field and the stack that methods should make of it."""
+    """A light field and the stack that methods should compute from it."""
 
     kind: str
     """Its class in the tables, such as `ideal`."""
     light: LightField
-    truth: Tensor
+    reference: Tensor
     """[N, C, H, W], in linear light where the views are."""
-    reference: str
-    """What the truth is."""
+    reference_name: str
     aperture: Aperture | None = None
-    """Weights of the views through which the truth was taken; None: all alike."""
+    """Weights of the views by the reference's aperture; None: all equal."""
     encoding: Encoding = LINEAR
-    """Of pictures on a screen; views that are not linear have it already."""
+    """For pictures on a screen; views that are not linear have it already."""
 
     def stack(self, method: Refocuser, slopes: Tensor) -> Tensor:
-        """The stack of a method at these slopes [N]; operators use the truth's aperture, networks have none."""
+        """The stack of a method at these slopes [N]; operators use the reference's aperture, networks have none."""
         return method.through(self.aperture)(self.light, slopes)
 
     def displayed(self, stack: Tensor) -> DisplayedStack:
-        """A stack [N, C, H, W] of these views, or their truth, as a screen shows it."""
+        """A stack [N, C, H, W] of these views, or their reference, as a screen shows it."""
         stack = stack.cpu()
         if self.light.is_linear:
             return DisplayedStack(self.encoding.encode(stack), stack)
@@ -117,7 +116,7 @@ def scene_cases(
         views, encoding = simulate(scene, outputs=("views",), slopes=[0.0], device=device).views, scene.sensor.encoding
         assert views is not None
         light = LightField(encoding.decode(views), scene.name)
-        truth = encoding.decode(developed(ideal.truth, scene.sensor))
+        truth = encoding.decode(developed(ideal.reference, scene.sensor))
         case = EvaluationCase(SENSOR, light, truth, TRUTH, ideal.aperture, encoding)
         yield case
         if correction != "none":
@@ -174,9 +173,10 @@ def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> I
     for field in fields:
         rows, columns = (split_axis(n_views, step) for n_views in field.grid)
         weights = rows.shares[:, None] * columns.shares
-        truth = integral(_select_views(field, rows.dense, columns.dense), slopes / step)
+        reference = integral(_select_views(field, rows.dense, columns.dense), slopes / step)
         light = _select_views(field, rows.kept, columns.kept)
-        yield EvaluationCase(HOLD_OUT, light, truth, DENSE, functools.partial(apertures.mask, rows=weights))
+        aperture = functools.partial(apertures.mask, rows=weights)
+        yield EvaluationCase(HOLD_OUT, light, reference, DENSE, aperture)
 
 
 def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
@@ -221,13 +221,18 @@ def evaluate(
     """
     for case in cases:
         accuracy.check_margin(margin, case.light.size)
-        truth = case.displayed(case.truth)
+        reference = case.displayed(case.reference)
         exact = case.displayed(case.stack(EXACT, planes.slopes)).inside(margin).encoded
         for method in methods:
             stack = case.displayed(case.stack(method, planes.slopes))
-            measures = accuracy.plane_measures(stack, truth, margin)
+            measures = accuracy.plane_measures(stack, reference, margin)
             measures["exact_psnr_db"] = psnr(stack.inside(margin).encoded, exact).tolist()
-            names = {"class": case.kind, "scene": case.light.name, "method": method.name, "reference": case.reference}
+            names = {
+                "class": case.kind,
+                "scene": case.light.name,
+                "method": method.name,
+                "reference": case.reference_name,
+            }
             for plane, *values in zip(accuracy.plane_names(planes), *measures.values(), strict=True):
                 yield names | plane | dict(zip(measures, values, strict=True))
 

@@ -6,8 +6,10 @@ Letters: `N` planes, `H W` height and width.
 """
 
 import functools
+import itertools
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import pandas as pd
 import torch
@@ -26,9 +28,6 @@ from lfref.simulator.scene import Camera, Scene
 from lfref.simulator.scenes import Scenes
 from lfref.simulator.simulate import simulate
 
-OUTPUTS = {"views": ("views",), "truth": ("truth",), "views and truth": ("views", "truth")}
-"""Name in tables -> outputs of `simulate`."""
-
 
 def costs(
     scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device, rounds: Iterable[int], warmup: int = 1
@@ -38,19 +37,15 @@ def costs(
     Returns:
         Rows `scene, output, planned_s, forced_s, forced_over_planned` with medians in seconds.
     """
-    watches = {
-        (name, output, is_forced): functools.partial(
-            timing.seconds,
-            functools.partial(simulate, scene, outputs=OUTPUTS[output], slopes=slopes, force=is_forced, device=device),
-            device,
+    watches = {}
+    for name, output, is_forced in itertools.product(scenes, ("views", "truth"), (False, True)):
+        run = functools.partial(
+            simulate, scenes[name], outputs=(output,), slopes=slopes, force=is_forced, device=device
         )
-        for name, scene in scenes.items()
-        for output in ("views", "truth")
-        for is_forced in (False, True)
-    }
+        watches[name, output, is_forced] = functools.partial(timing.seconds, run, device)
     median = {key: statistics.median(times) for key, times in timing.in_turns(watches, rounds, warmup).items()}
     rows: list[Row] = []
-    for name, output in dict.fromkeys((name, output) for name, output, _ in watches):
+    for name, output in itertools.product(scenes, ("views", "truth")):
         planned, forced = median[name, output, False], median[name, output, True]
         times = {"planned_s": planned, "forced_s": forced, "forced_over_planned": forced / planned}
         rows.append({"scene": name, "output": output, **times})
@@ -65,28 +60,29 @@ def passes(scenes: Mapping[str, Scene], slopes: Slopes, device: torch.device) ->
     """
     rows: list[Row] = []
     for name, scene in scenes.items():
-        run = functools.partial(simulate, scene, outputs=OUTPUTS["views and truth"], slopes=slopes, device=device)
+        run = functools.partial(simulate, scene, outputs=("views", "truth"), slopes=slopes, device=device)
         run()  # compiles
         times = {row.name: row.milliseconds for row in run(timed=True).rows if row.milliseconds is not None}
         total = sum(times.values())
-        rows += [
-            {"scene": name, "pass": step, "milliseconds": spent, "share": spent / total}
-            for step, spent in times.items()
-        ]
+        rows += [{"scene": name, "pass": step, "milliseconds": ms, "share": ms / total} for step, ms in times.items()]
     return rows
 
 
+@dataclass(eq=False)
 class RandomPatches(Dataset[int]):
-    """Random scenes, simulated one by one and thrown away, as the workers of a data loader would."""
+    """Simulates random scenes one by one, for the workers of a data loader; the results are dropped."""
 
-    def __init__(self, scenes: Scenes, n_scenes: int, output: str, slopes: Tensor, device: torch.device) -> None:
-        self.scenes, self.n_scenes, self.output, self.slopes, self.device = scenes, n_scenes, output, slopes, device
+    scenes: Scenes
+    n_scenes: int
+    outputs: tuple[str, ...]
+    slopes: Tensor
+    device: torch.device
 
     def __len__(self) -> int:
         return self.n_scenes
 
     def __getitem__(self, index: int) -> int:
-        simulate(self.scenes.scene(0, 0, index), outputs=OUTPUTS[self.output], slopes=self.slopes, device=self.device)
+        simulate(self.scenes.scene(0, 0, index), outputs=self.outputs, slopes=self.slopes, device=self.device)
         return index
 
 
@@ -103,15 +99,16 @@ def rates(scenes: Scenes, n_scenes: int, slopes: Tensor, device: torch.device, n
     Returns:
         Rows `output, n_scenes, n_workers, per_second`.
     """
-    n_first = 4 * max(1, n_workers)  # workers are a few scenes ahead of what was fetched
+    n_first = 4 * max(1, n_workers)  # workers run a few scenes ahead
     rows: list[Row] = []
-    for output in ("views", "views and truth"):
-        patches = RandomPatches(scenes, n_first + n_scenes, output, slopes, device)
-        fetched = iter(DataLoader(patches, batch_size=None, num_workers=n_workers))
+    for outputs in (("views",), ("views", "truth")):
+        patches = RandomPatches(scenes, n_first + n_scenes, outputs, slopes, device)
+        batches = iter(DataLoader(patches, batch_size=None, num_workers=n_workers))
         for _ in range(n_first):
-            next(fetched)
-        spent = timing.seconds(functools.partial(list, fetched), device)
-        rows.append({"output": output, "n_scenes": n_scenes, "n_workers": n_workers, "per_second": n_scenes / spent})
+            next(batches)
+        per_second = n_scenes / timing.seconds(functools.partial(list, batches), device)
+        names = {"output": " and ".join(outputs), "n_scenes": n_scenes, "n_workers": n_workers}
+        rows.append(names | {"per_second": per_second})
     return rows
 
 
@@ -127,7 +124,7 @@ def distances(
     rows: list[Row] = []
     for name, scene in scenes:
         case = evaluation.ideal_case(scene, planes.slopes, device)
-        reference = case.truth.cpu()
+        reference = case.reference.cpu()
         for method in methods:
             stack = method(case.light.views, planes.slopes).cpu()
             # Plane by plane: the interior of one is larger than that of all.

@@ -264,7 +264,7 @@ def _evaluation_cases(
         cases = list(evaluation.capture_cases(corrected, planes.slopes))
     else:  # methods get every second or third view, the others are the reference
         cases = list(evaluation.hold_out_cases(corrected, int(configs.number(config, "thin", 2)), planes.slopes))
-    return progress(cases, f"evaluating against {cases[0].reference}"), [case.light for case in cases]
+    return progress(cases, f"evaluating against {cases[0].reference_name}"), [case.light for case in cases]
 
 
 # Group `operators`: time and memory of every operator on one light field, and how time scales.

@@ -33,7 +33,7 @@ class Section:
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Caption -> table."""
     problem: str = ""
-    """Why the section has no content."""
+    """Reason why the section has no content."""
 
     def __post_init__(self) -> None:
         for picture in self.figures.values():

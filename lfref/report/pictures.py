@@ -79,7 +79,14 @@ def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Te
         raise InputError("a comparison must have at least one method", got="none")
     shown = ends_and_middle(planes)
     middle, exposure = (len(stacks) + 1) // 2, common_exposure(mean_image)
-    figure, grid = _grid(len(stacks) + 1, len(shown), mean_image, f"exposure \N{MULTIPLICATION SIGN} {exposure:.3g}")
+    cell_height = 9 / len(shown) * mean_image.shape[-2] / mean_image.shape[-1] + 0.25  # inches
+    figure = drawing.new_figure(9, max(cell_height, 0.6) * (len(stacks) + 1) + 0.3)
+    note = f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}"
+    figure.supxlabel(note, fontsize=8, color=drawing.GREY)
+    grid = figure.subplots(len(stacks) + 1, len(shown), squeeze=False)
+    for axes in grid.flat:
+        axes.set(xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
     _show(grid[middle, len(shown) // 2], "mean of all views, not refocused", for_display(mean_image, exposure))
     for line, (name, stack) in zip(np.delete(grid, middle, axis=0), stacks.items(), strict=True):
         if stack.ndim != 4 or len(stack) != len(planes):
@@ -151,19 +158,6 @@ def ends_and_middle(planes: FocalPlanes) -> list[int]:
     """Indices of the planes of least slope, of slope nearest to 0, and of greatest slope, none of them twice."""
     slopes = planes.slopes
     return [*dict.fromkeys(int(place) for place in (slopes.argmin(), slopes.abs().argmin(), slopes.argmax()))]
-
-
-def _grid(n_rows: int, n_columns: int, image: Tensor, note: str) -> tuple[Figure, np.ndarray]:
-    """A figure with a note on its brightness, and its empty cells, [n_rows, n_columns]."""
-    width = 9 / n_columns  # inches
-    height = width * image.shape[-2] / image.shape[-1] + 0.25
-    figure = drawing.new_figure(9, max(height, 0.6) * n_rows + 0.3)
-    figure.supxlabel(f"every picture: {note}", fontsize=8, color=drawing.GREY)
-    grid = figure.subplots(n_rows, n_columns, squeeze=False)
-    for axes in grid.flat:
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(False)
-    return figure, grid
 
 
 def _show(axes: Axes, title: str, image: np.ndarray) -> None:

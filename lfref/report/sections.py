@@ -40,14 +40,15 @@ def sections(folders: Sequence[Path]) -> list[Section]:
                 got="none of their results",
                 remedy="give runs=[FOLDER,...]",
             )
-    return [_section_or_problem(make, folder) for folder, makers in kinds for make in makers or [unfinished]]
-
-
-def _section_or_problem(make: Callable[[Path], Section], folder: Path) -> Section:
-    try:
-        return make(folder)
-    except LfrefError as error:
-        return Section(f"Not shown: {folder.name}", problem=f"{make.__name__} of {folder}: {error}")
+    result = []
+    for folder, makers in kinds:
+        for make in makers or [unfinished]:
+            try:
+                section = make(folder)
+            except LfrefError as error:
+                section = Section(f"Not shown: {folder.name}", problem=f"{make.__name__} of {folder}: {error}")
+            result.append(section)
+    return result
 
 
 def unfinished(folder: Path) -> Section:
@@ -137,8 +138,8 @@ def operators(folder: Path) -> Section:
         "Growth of time, and its exponents": bench_plots.growth(times, exponents),
     }
     by_axis = exponents.pivot_table("exponent", "method", "axis", sort=False).add_prefix("exponent_").reset_index()
-    figures_of_rows = {"All figures": rows[OPERATOR_COLUMNS], "Exponents of time along each axis": by_axis}
-    return Section("Costs of operators", text, figures, figures_of_rows)
+    listed = {"All figures": rows[OPERATOR_COLUMNS], "Exponents of time along each axis": by_axis}
+    return Section("Costs of operators", text, figures, listed)
 
 
 def simulation(folder: Path) -> Section:

@@ -47,11 +47,6 @@ def test_there_is_a_row_for_every_plane_of_every_method_and_reference():
     assert rows["ssim"].tolist() == pytest.approx([1] * 4 + ssim(stacks["off"], GREY).tolist() * 2)
 
 
-def test_stacks_of_another_number_of_planes_are_refused():
-    with pytest.raises(InputError):
-        list(accuracy.plane_rows("field", {"short": GREY[:1]}, {"label": GREY}, PLANES))
-
-
 def test_planes_given_as_slopes_have_no_alpha():
     rows = list(accuracy.plane_rows("field", {"a": GREY}, {"b": GREY}, FocalPlanes([-1, 0.5])))
     assert [(row["alpha"], row["slope"]) for row in rows] == [(None, -1.0), (None, 0.5)]

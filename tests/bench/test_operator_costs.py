@@ -12,12 +12,9 @@ from lfref.bench import accuracy, memory, operator_costs, timing
 from lfref.bench.memory import Peak
 from lfref.bench.operator_costs import MethodCase, Scales, Size
 from lfref.errors import InputError
-from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.nets.refnet import RefNet
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.operators import OperatorRefocuser
 
 SLOPES = torch.tensor([-0.5, 0.0, 0.7], dtype=torch.float64)
@@ -79,12 +76,6 @@ def test_stacks_on_another_grid_or_of_other_planes_have_no_error(views):
     table = operator_costs.first_calls([half, other], SLOPES)
     assert table[["psnr_db", "max_error"]].isna().to_numpy().all()
     assert table["first_call_s"].notna().all()
-
-
-def test_a_network_of_other_planes_is_refused(views):
-    network = RefNet(n_planes=1, grid=(3, 3), widths=(4,), stem_width=4)
-    with pytest.raises(InputError):
-        operator_costs.first_calls([MethodCase(NetworkRefocuser(network, FocalPlanes([0.0])), views)], SLOPES)
 
 
 @pytest.fixture

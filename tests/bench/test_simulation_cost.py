@@ -66,7 +66,7 @@ def test_rates_count_scenes_by_output(n_workers):
 def test_patches_are_random_scenes_with_the_outputs_of_the_table(monkeypatch):
     calls = []
     monkeypatch.setattr(simulation_cost, "simulate", lambda scene, outputs, **_: calls.append((scene.name, outputs)))
-    patches = simulation_cost.RandomPatches(RandomScenes(CAMERA), 2, "views and truth", PLANES.slopes, CPU)
+    patches = simulation_cost.RandomPatches(RandomScenes(CAMERA), 2, ("views", "truth"), PLANES.slopes, CPU)
     assert [patches[index] for index in range(len(patches))] == [0, 1]
     assert calls == [(f"simulated_s0_e0_00{index}", ("views", "truth")) for index in range(2)]
 

@@ -23,17 +23,6 @@ def clock(monkeypatch):
     return now
 
 
-def test_a_run_is_made_once_and_takes_what_the_clock_says(clock):
-    runs = []
-
-    def run():
-        runs.append(1)
-        clock[0] += 0.25
-
-    assert timing.seconds(run, CPU) == 0.25
-    assert len(runs) == 1
-
-
 def test_the_clock_runs_from_an_idle_device_to_an_idle_device(monkeypatch, clock):
     events = []
 

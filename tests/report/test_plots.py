@@ -66,7 +66,7 @@ def test_a_run_without_any_loss_is_refused():
 
 
 @pytest.mark.parametrize("column", ["step", "val/mpsnr", "val/mssim"])
-def test_a_missing_training_column_is_line_of(column):
+def test_a_missing_training_column_is_named(column):
     with pytest.raises(InputError, match=f"'{column}'"):
         plots.training_curves(metrics().drop(columns=column))
 
@@ -97,7 +97,7 @@ def test_planes_without_alphas_lie_at_their_slopes():
 
 
 @pytest.mark.parametrize("column", ["method", "reference", "alpha", "slope", "psnr_db", "ssim"])
-def test_a_missing_quality_column_is_line_of(column):
+def test_a_missing_quality_column_is_named(column):
     with pytest.raises(InputError, match=f"'{column}'"):
         plots.quality_by_plane(planes("net", "a").drop(columns=column))
 

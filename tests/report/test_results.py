@@ -173,7 +173,7 @@ def test_the_scale_is_that_of_pixels_of_some_confidence():
     assert high < 1.1
 
 
-def test_one_slope_everywhere_can_be_drawn_map():
+def test_one_slope_everywhere_can_be_drawn():
     _, shown = drawn_map(torch.full((4, 5), 0.5), torch.zeros(4, 5))
     assert shown.get_clim() == (0.5, 0.5)
 

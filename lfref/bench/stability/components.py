@@ -9,6 +9,7 @@ import functools
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -87,23 +88,13 @@ def _metric(metric: type[StackQuality]) -> Formulation:
 
 def image_components() -> list[Component]:
     """The terms of the loss, the loss, and the metrics."""
-
-    def component(
-        name: str,
-        formulations: Mapping[str, Formulation],
-        values: Formulation,
-        tolerance: Tolerance,
-        takes_large: bool = True,
-        has_gradient: bool = True,
-    ) -> Component:
-        return Component(name, catalogue.IMAGES, formulations, values, tolerance, takes_large, has_gradient)
-
+    component = functools.partial(Component, cases=catalogue.IMAGES)
+    metric = functools.partial(component, takes_large=False, has_gradient=False)
     ssim_forms = {OURS: one_minus_ssim, **textbook.SSIMS}
     psnr_term: dict[str, Formulation] = {OURS: inverse_psnr, "textbook": textbook.inverse_psnr}
     loss = {OURS: _per_image(CompositeLoss()), "textbook": textbook.composite}
     mpsnr = {OURS: _metric(MPSNR), "torchmetrics": textbook.psnr}
     mssim = {OURS: _metric(MSSIM), "torchmetrics": textbook.ssim}
-    metric = {"takes_large": False, "has_gradient": False}
     return [
         component("mse", {OURS: mean_squared_error, "textbook": textbook.mse}, reference.mse, _relative),
         component("l1", {OURS: mean_absolute_error, "textbook": textbook.l1}, reference.l1, _relative),
@@ -111,8 +102,8 @@ def image_components() -> list[Component]:
         component("1 / PSNR", psnr_term, reference.inverse_psnr, _inverse_psnr_tolerance),
         component("loss", loss, reference.composite, _composite_tolerance, takes_large=False),
         component("PSNR", {OURS: psnr, "torchmetrics": textbook.psnr}, reference.psnr, _decibels),
-        component("MPSNR", mpsnr, reference.psnr, _decibels, **metric),
-        component("MSSIM", mssim, reference.ssim, _absolute, **metric),
+        metric("MPSNR", mpsnr, reference.psnr, _decibels),
+        metric("MSSIM", mssim, reference.ssim, _absolute),
     ]
 
 
@@ -155,35 +146,40 @@ def _twice_as_fine(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
     return super_resolve(views, slopes, 2, weights)
 
 
-PERIODIC: dict[str, Operator] = {
-    **{f"shift-and-sum {name}": shift_operator(name) for name in ("nearest", "linear", "cubic", "exact")},
-    "exact Fourier": exact_fourier,
-    "Fourier slice, linear": _slice_operator("linear", 2),
-    "Fourier slice, width 4": _slice_operator("kaiser_bessel", 4),
-    "Fourier slice, width 6": _slice_operator("kaiser_bessel", 6),
-    "focal stack transform": focal_stack_transform.at_slopes,
-    "tilt-shift": _untilted,
-    "per-pixel slope": _constant_slope_map,
-    "homography": _coplanar_homography,
-}
-"""Operators with periodic borders, which keep the mean of the views."""
-_INTERPOLATION = {"shift-and-sum nearest": "nearest", "shift-and-sum cubic": "cubic"} | dict.fromkeys(
-    ("shift-and-sum linear", "tilt-shift", "per-pixel slope", "homography"), "linear"
-)
-"""Interpolation of the operators of `PERIODIC` that is not exact."""
-_SLICE_ERRORS = {"Fourier slice, linear": 0.2, "Fourier slice, width 4": 1e-3, "Fourier slice, width 6": 1e-5}
-"""Error of the kernel, as a share of the brightest sample."""
-_TEXTBOOK_OPERATORS: dict[str, dict[str, Operator]] = {
-    "exact Fourier": {"float32 phases": textbook.phase_ramps},
-    "Fourier slice, width 4": {"no compensation": textbook.slice_without_compensation},
+class PeriodicOperator(NamedTuple):
+    """An operator with periodic borders, which keeps the mean of the views."""
+
+    run: Operator
+    interpolation: str = "exact"
+    error: float = 1e-6
+    """Tolerance as a share of the brightest sample."""
+    textbook: Mapping[str, Operator] = {}
+
+
+PERIODIC = {
+    "shift-and-sum nearest": PeriodicOperator(shift_operator("nearest"), "nearest"),
+    "shift-and-sum linear": PeriodicOperator(shift_operator("linear"), "linear"),
+    "shift-and-sum cubic": PeriodicOperator(shift_operator("cubic"), "cubic"),
+    "shift-and-sum exact": PeriodicOperator(shift_operator("exact")),
+    "exact Fourier": PeriodicOperator(exact_fourier, textbook={"float32 phases": textbook.phase_ramps}),
+    # Errors of Fourier slices are those of their kernels.
+    "Fourier slice, linear": PeriodicOperator(_slice_operator("linear", 2), error=0.2),
+    "Fourier slice, width 4": PeriodicOperator(
+        _slice_operator("kaiser_bessel", 4),
+        error=1e-3,
+        textbook={"no compensation": textbook.slice_without_compensation},
+    ),
+    "Fourier slice, width 6": PeriodicOperator(_slice_operator("kaiser_bessel", 6), error=1e-5),
+    "focal stack transform": PeriodicOperator(focal_stack_transform.at_slopes),
+    "tilt-shift": PeriodicOperator(_untilted, "linear"),
+    "per-pixel slope": PeriodicOperator(_constant_slope_map, "linear"),
+    "homography": PeriodicOperator(_coplanar_homography, "linear"),
 }
 
 
 def operator_components() -> list[Component]:
     """Every operator, against the matrices of its interpolation."""
-
-    def component(name: str, forms: Mapping[str, Operator], values: Operator, tolerance: Tolerance) -> Component:
-        return Component(name, catalogue.FIELDS, forms, values, tolerance, has_inference_path=True)
+    component = functools.partial(Component, cases=catalogue.FIELDS, has_inference_path=True)
 
     def matrices(interpolation: str, border: str) -> Operator:
         return functools.partial(reference.refocused, interpolation=interpolation, border=border)
@@ -191,9 +187,9 @@ def operator_components() -> list[Component]:
     components = [
         component(
             name,
-            {OURS: operator} | _TEXTBOOK_OPERATORS.get(name, {}),
-            matrices(_INTERPOLATION.get(name, "exact"), "wrap"),
-            share_of_brightest(_SLICE_ERRORS.get(name, 1e-6)),
+            {OURS: operator.run, **operator.textbook},
+            matrices(operator.interpolation, "wrap"),
+            share_of_brightest(operator.error),
         )
         for name, operator in PERIODIC.items()
     ]
@@ -252,7 +248,7 @@ def network_components() -> list[Component]:
         forms: dict[str, nn.Module] = {OURS: ours, "textbook": textbook.with_textbook_layers(copy.deepcopy(ours))}
         name, exact = f"RefNet, {activation}, {normalization} norm", copy.deepcopy(ours).double()
         components.append(
-            Component(name, catalogue.NETWORK_VIEWS, forms, exact, _network_tolerance, without_reference=("textbook",))
+            Component(name, forms, exact, _network_tolerance, catalogue.NETWORK_VIEWS, without_reference=("textbook",))
         )
     return components
 
@@ -293,7 +289,7 @@ def file_components() -> list[Component]:
             order = ExportFile(Path(folder, "network"), name, FP32, str(timing.version("lfref")))
             forms = {OURS: load(order.write_draft(Path(folder), ours, graph))}
         title = f"exported network, {name}"
-        components.append(Component(title, catalogue.NETWORK_VIEWS, forms, exact, _file_tolerance, has_gradient=False))
+        components.append(Component(title, forms, exact, _file_tolerance, catalogue.NETWORK_VIEWS, has_gradient=False))
     return components
 
 

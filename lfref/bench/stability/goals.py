@@ -268,7 +268,7 @@ def error_of_brightness() -> float:
     worst = 0.0
     for name, operator in PERIODIC.items():
         slopes = even if name == "focal stack transform" else paper
-        means = operator(views, slopes, weights).double().mean((-3, -2, -1))
+        means = operator.run(views, slopes, weights).double().mean((-3, -2, -1))
         worst = max(worst, float((means / mean - 1).abs().max()))
     return worst
 

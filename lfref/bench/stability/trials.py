@@ -50,12 +50,12 @@ class Component(NamedTuple):
     """A part of the package and the formulations that compute it."""
 
     name: str
-    cases: tuple[HardCase, ...]
     formulations: Mapping[str, Formulation]
     """Ours and textbook forms; a network is copied for every trial."""
     reference: Formulation
     """The correct values, of the same input in float64."""
     tolerance: Tolerance
+    cases: tuple[HardCase, ...]
     takes_large: bool = True
     has_gradient: bool = True
     has_inference_path: bool = False
@@ -188,7 +188,7 @@ def compare(result: TrialResult, reference: Tensor, tolerance: Tensor) -> Row:
 
 
 def _finite_images(values: Tensor) -> Tensor:
-    """Which images or planes hold finite numbers only."""
+    """Whether each image or plane holds finite numbers only."""
     return values.reshape(len(values), -1).isfinite().all(1)
 
 

@@ -2,13 +2,11 @@
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from lfref.bench import timing
 from lfref.bench.stability import components, goals
 from lfref.bench.stability import textbook_formulas as textbook
-from lfref.bench.stability.catalogue import noise
+from lfref.bench.stability.components import PeriodicOperator
 from lfref.bench.stability.goals import AcceptanceGoal
 from lfref.bench.stability.trials import OURS, PRECISIONS
 from lfref.functional.ssim import one_minus_ssim
@@ -93,31 +91,6 @@ def test_our_loss_is_finite_on_drawn_pairs_and_the_papers_is_not():
     assert goals.share_with_finite_gradient(textbook.composite, 300) < 0.8
 
 
-@settings(max_examples=400, deadline=None, database=None)
-@given(
-    level=st.floats(0, 1000, width=16),
-    contrast=st.sampled_from([0, 1e-8, 1e-3, 0.1, 1]),
-    error=st.floats(-1000, 1000, width=16) | st.sampled_from([0.0, 1e-30, 1e-15, 1e-6]),
-    kind=st.sampled_from(["flat", "noise", "board", "pixel"]),
-    dtype=st.sampled_from([torch.float32, torch.float16, torch.bfloat16]),
-)
-def test_loss_and_gradient_are_finite_whatever_is_drawn(level, contrast, error, kind, dtype):
-    patterns = {
-        "flat": torch.ones(7, 8),
-        "noise": noise(7, 8, seed=3),
-        "board": 1.0 - 2 * (torch.arange(56).reshape(7, 8) % 2),
-        "pixel": torch.eye(7, 8) * (torch.arange(8) == 3),
-    }
-    target = (level + contrast * noise(1, 1, 7, 8)).to(dtype)
-    x = (target.double() + error * patterns[kind]).to(dtype).requires_grad_()
-    if not bool(x.isfinite().all()):
-        return
-    loss = LOSS(x, target)
-    (gradient,) = torch.autograd.grad(loss, x)
-    assert bool(loss.isfinite())
-    assert bool(gradient.isfinite().all())
-
-
 def test_no_channel_is_dead_after_priming():
     assert goals.dead_channels(is_primed=True) == 0
     assert goals.dead_channels(is_primed=False) > 50
@@ -137,7 +110,7 @@ def test_every_fit_reaches_30_db_and_none_by_the_papers_loss(monkeypatch):
 def test_every_operator_keeps_the_mean_of_periodic_views(monkeypatch):
     assert goals.error_of_brightness() <= 1e-6
     linear = components.shift_operator("linear")
-    monkeypatch.setattr(goals, "PERIODIC", {"brighter": lambda *field: 1.01 * linear(*field)})
+    monkeypatch.setattr(goals, "PERIODIC", {"brighter": PeriodicOperator(lambda *field: 1.01 * linear(*field))})
     assert goals.error_of_brightness() == pytest.approx(0.01, rel=1e-3)
 
 

@@ -18,7 +18,7 @@ def double(x):
 
 def first_row(function, make=lambda dtype: (torch.ones(2, 3, dtype=dtype),), demand=Demand.ACCURATE, **more):
     component = Component(
-        "sum", (HardCase("a case", make, demand),), {OURS: function}, double, lambda right, *_: 0 * right + 0.1, **more
+        "sum", {OURS: function}, double, lambda right, *_: 0 * right + 0.1, (HardCase("a case", make, demand),), **more
     )
     rows = list(trials.run_trials([component]))
     assert [row["precision"] for row in rows] == list(PRECISIONS)
@@ -96,7 +96,7 @@ def test_refusing_is_right_where_it_is_demanded():
 
 def test_a_number_where_the_reference_has_no_answer_is_hidden():
     case = HardCase("a case", lambda dtype: (torch.ones(1, 1, dtype=dtype),))
-    component = Component("refusing", (case,), {OURS: double, "other": refuse}, refuse, lambda right, *_: right)
+    component = Component("refusing", {OURS: double, "other": refuse}, refuse, lambda right, *_: right, (case,))
     assert [row["outcome"] for row in trials.run_trials([component])][:2] == ["hidden", "refused"]
 
 
@@ -107,7 +107,7 @@ def test_formulations_of_another_definition_only_have_to_stay_finite():
 
 def test_large_cases_are_tried_less_often_and_not_by_all():
     case = HardCase("large", lambda dtype: (torch.ones(2, 3, dtype=dtype),), is_large=True)
-    make = lambda takes: Component("sum", (case,), {OURS: double}, double, lambda right, *_: right, takes)  # noqa: E731
+    make = lambda takes: Component("sum", {OURS: double}, double, lambda right, *_: right, (case,), takes)  # noqa: E731
     assert [row["precision"] for row in trials.run_trials([make(True)])] == list(trials.FOR_LARGE)
     assert list(trials.run_trials([make(False)])) == []
 
