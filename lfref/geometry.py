@@ -44,7 +44,7 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
         Slopes in pixels per view step, float64, [N].
 
     Raises:
-        InputError: An alpha is not finite or not above 0, there is none, or the convention is unknown.
+        InputError: An alpha is not finite or not above 0, the list is empty, or the convention is unknown.
 
     Example:
         >>> slopes([0.125, 1, 2]).tolist()

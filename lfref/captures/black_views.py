@@ -102,7 +102,10 @@ def _black_near_corner(views: Tensor, rows: int, columns: int, limit: Tensor) ->
 
 
 def _corner_region(black: Tensor) -> Tensor:
-    """The black corner at the first pixel, which narrows away from both edges, bool, [V, U, h, w]."""
+    """The black corner at the first pixel, bool, [V, U, h, w].
+
+    Each of its rows begins at the first column and is at most as long as the row above it.
+    """
     runs = _run(black).cummin(2).values
     depth = (runs > 0).sum(2)
     is_corner = (depth >= LEAST_CORNER) & (runs[..., 0] >= LEAST_CORNER)

@@ -1,7 +1,7 @@
-"""Brightness of every view over that of the central one, window by window, where both show the same part of the scene.
+"""Brightness of every view relative to the central one, in windows where both show the same part of the scene.
 
-Views are reduced, and read where the disparity of the central view puts what it shows. Clipped samples and what lies
-beyond a view are unknown. Exposure and vignetting are estimated from these ratios.
+Views are reduced. Each is read where, by the disparity of the central view, it shows the same points. Clipped samples
+and points beyond a view are unknown. Exposure and vignetting are estimated from these ratios.
 Letters: `V U` view rows and columns, `C` channels, `n` windows; `y x` places in half diagonals from a view's centre.
 """
 

@@ -133,7 +133,7 @@ class Corrections:
             field: Of the same grid and size; what measures or scales light is skipped for encoded samples.
 
         Raises:
-            InputError: Another grid or size.
+            InputError: The light field has another grid or size.
         """
         if (field.grid, field.size) != (self.grid, self.size):
             (n_rows, n_columns), (height, width) = self.grid, self.size
@@ -147,7 +147,7 @@ class Corrections:
         """Write a file that `load` reads.
 
         Raises:
-            FileError: It cannot be written.
+            FileError: The file cannot be written.
         """
         values = {
             defect.name: {field.name: getattr(defect, field.name) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
@@ -169,17 +169,17 @@ def correct(
     """Correct the defects that a light field shows, and no others.
 
     Args:
-        field: A capture, or any light field. For encoded samples (`encoding=none`), only alignment, spacing, colours'
-            places, black views and hot pixels are corrected.
+        field: A capture, or any light field. For encoded samples (`encoding=none`), only hot pixels, black views,
+            chromatic aberration, alignment and spacing are corrected.
         white: A picture of a white scene by the same camera, of the same grid and size.
         profile: Corrections of another capture of the camera, or their file; applied without new estimates.
 
     Returns:
-        The light field, itself where nothing is corrected; and the corrections.
+        The corrected light field (`field` itself if nothing is corrected), and the corrections.
 
     Raises:
-        InputError: A white picture or a profile of another grid or size, both of them, or a white picture of encoded
-            samples.
+        InputError: The white picture or the profile has another grid or size; both are given; or the white picture has
+            encoded samples.
         FileError: The profile cannot be read.
 
     Example:
@@ -319,7 +319,7 @@ def load(path: str | Path) -> Corrections:
     """Read a file that `Corrections.save` wrote, in this version or an earlier one.
 
     Raises:
-        FileError: It is missing, damaged, or another file.
+        FileError: The file is missing or damaged, or holds no corrections.
     """
     remedy = "give a file that correct=auto wrote, correction.pt"
     if not Path(path).is_file():

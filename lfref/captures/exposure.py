@@ -23,7 +23,7 @@ TILES = 5  # along a side, by trial: tiles are larger than highlights and edges,
 
 @dataclass(frozen=True, eq=False)
 class ExposureDefect:
-    """Brightness of every view and channel over that of the central view."""
+    """Brightness of every view and channel, relative to the central view."""
 
     name: ClassVar[str] = "exposure"
     needs_light: ClassVar[bool] = True

@@ -49,8 +49,8 @@ class HotPixelsDefect:
     """Number of hot and dead samples, without those that they have spoilt."""
 
     def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: no hot or dead sample was measured. None: some were."""
-        return None if self.count else "no sample sticks out that other views do not confirm"
+        """Why nothing is corrected: no sample is hot or dead."""
+        return None if self.count else "other views confirm every sample that sticks out"
 
     def summary(self) -> str:
         """Number of hot and dead samples."""
@@ -94,7 +94,7 @@ def find(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> Ho
 
 
 def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
-    """Samples that stick out of their own view, [K, 5], and their heights, [K]; none of a channel with too many."""
+    """Samples that stick out of their view, [K, 5], and their heights, [K]; channels with too many are left out."""
     images = views.detach().float().cpu().flatten(0, 1).contiguous().numpy()
     samples, heights = [], []
     for channel in range(images.shape[1]):

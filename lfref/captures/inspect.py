@@ -164,7 +164,7 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         white: The same camera's picture of an evenly lit white surface, of the same grid and size.
 
     Raises:
-        InputError: A white picture of another grid or size, or of encoded samples beside linear light.
+        InputError: The white picture has another grid or size, or is encoded although the light field is linear.
 
     Example:
         >>> inspection = lfref.inspect(lfref.LightField(torch.rand(5, 5, 3, 64, 80)))

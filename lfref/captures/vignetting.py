@@ -40,7 +40,7 @@ WIDEST = 10.0  # pixels, by trial: largest standard deviation of the smoothing, 
 
 @dataclass(frozen=True, eq=False)
 class VignettingDefect:
-    """Light that reaches each sample, over that in the middle of the central view."""
+    """Light that reaches each sample, relative to the middle of the central view."""
 
     name: ClassVar[str] = "vignetting"
     needs_light: ClassVar[bool] = True
@@ -59,7 +59,7 @@ class VignettingDefect:
     """Standard deviation of that gain, by the noise of the white picture."""
 
     def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: the rim clips no view, or the white picture is even. None: it is corrected."""
+        """Why nothing is corrected: the rim clips no view, the white picture is even, or too little is visible."""
         if self.white is not None:
             # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
             losses = (1 - self.white[..., ::4, ::4].float()).abs().flatten()
@@ -67,7 +67,7 @@ class VignettingDefect:
             return None if loss > max(LEAST_LOSS, CERTAIN * self.error) else "the white picture is even"
         if not self.is_known:
             return "unknown: too little is visible in all views"
-        return None if self.displacement else "no view lacks light in its corners that others have"
+        return None if self.displacement else "no view is darker in its corners than others"
 
     def summary(self) -> str:
         """Light left in the darkest corner, and what is unknown."""
@@ -80,7 +80,7 @@ class VignettingDefect:
         return f"{cats_eye}; falloff to {left:.0%} in all corners, by parallax"
 
     def gain(self, field: LightField) -> Tensor:
-        """Light of each sample over that in the middle of the central view, float32, [V, U, C or 1, H, W]."""
+        """Light that reaches each sample, relative to the middle of the central view, float32, [V, U, C or 1, H, W]."""
         if self.white is not None:
             return self.white.float()
         y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(*field.size) for length in field.size)
@@ -119,7 +119,7 @@ def find(ratios: Ratios) -> VignettingDefect:
 
 
 def certain_vignetting(fit: "RimFit") -> VignettingDefect:
-    """A rim that explains the views clearly better than none; its falloff only if that is certain."""
+    """The rim of a fit, if it explains the views clearly better than no rim; its falloff is 0 where it is uncertain."""
     if fit.gain < LEAST_GAIN or not fit.rim.displacement:
         return VignettingDefect()
     falloff = fit.rim.falloff if fit.rim.falloff > SURE * fit.falloff_error else 0.0
@@ -127,7 +127,7 @@ def certain_vignetting(fit: "RimFit") -> VignettingDefect:
 
 
 class Rim(NamedTuple):
-    """A lens; in the order of the fit's parameters."""
+    """Parameters of a lens, in the order of the fit."""
 
     falloff: float = 0.0
     """Square of the tangent of the field angle at the picture's corner."""
@@ -149,7 +149,7 @@ class RimFit(NamedTuple):
 
 
 def rim_gain(rim: Rim, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
-    """Share of each view that the rim lets through, over that in the centre of the view, [0, 1]; any shapes."""
+    """Share of each view that the rim lets through, relative to the centre of the view, [0, 1]; any shapes."""
     distance = torch.hypot(q - rim.displacement * y, p - rim.displacement * x)
     # A cell is one view step wide: its share falls from 1 to 0 over one step across the rim.
     own = (rim.radius + 0.5 - torch.hypot(q, p)).clamp(LEAST_RATIO, 1)
@@ -193,7 +193,7 @@ class _RimProblem:
         self.q0, self.p0 = ratios.views[(slice(None), *ratios.centre)]
 
     def explained(self, rim: Rim) -> Tensor:
-        """Logarithm of each view's gain over that of the central view, [VU, n]."""
+        """Logarithm of each view's gain, relative to the central view, [VU, n]."""
         own, central = (
             rim_gain(rim, y, x, q, p).clamp(min=LEAST_RATIO).log()
             + falloff_gain(rim, y, x).clamp(min=LEAST_RATIO).log()

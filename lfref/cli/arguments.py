@@ -25,7 +25,7 @@ def overrides(name: str, folder: Path) -> list[str]:
     """Hydra overrides `key=a,b,c` of the sweep `folder/name.yaml`.
 
     Raises:
-        InputError: No such sweep, or a file that is none.
+        InputError: There is no such sweep, or its file is no sweep.
     """
     known = sorted(path.stem for path in folder.glob("*.yaml"))
     if name not in known:

@@ -1,6 +1,6 @@
 """`lfref bench`: measurements in groups; `group=NAME` selects one function of `GROUPS`.
 
-Shared first: rounds, light fields, scenes, facts of the machine. Then one section per group.
+What the groups share comes first: rounds, light fields, scenes, facts of the machine. One section per group follows.
 """
 
 import functools

@@ -152,7 +152,10 @@ OF_SEVERAL_KINDS = ("devices", "fast_dev_run", "log_model")
 
 
 def check_overrides(base: DictConfig, overrides: Iterable[Override], others: Iterable[str]) -> None:
-    """Refuse overrides of keys that `base` does not have, and values of another type; `others` as in `find`."""
+    """Refuse overrides of keys that `base` does not have, and values of another type.
+
+    `others` are further names that a misspelt key without dots may stand for.
+    """
     for override in overrides:
         key = override.key_or_group
         default = find(base, key, key, others, override.is_add() or override.is_force_add())
@@ -192,6 +195,11 @@ def find(base: DictConfig, path: str, key: str, others: Iterable[str], may_add: 
             is_open = is_open and all(child is None or isinstance(child, DictConfig) for child in children.values())
             if may_add and (name in options or is_open):
                 return None
+            if name in options:
+                remedy = f"add +{above}{name}=VALUE"
+                raise InputError(
+                    "a key that the configuration does not set must be added", got=repr(key), remedy=remedy
+                )
             known = [*children, *options, *(() if above else others)]
             near = _nearest(name, [other for other in known if other[0] != "_"])
             remedy = f"perhaps {above}{near}" if near else "--cfg job shows all"
@@ -220,7 +228,7 @@ def _nearest(name: str, known: Iterable[str]) -> str | None:
 
 
 def check_line(command: str, words: list[str]) -> list[str]:
-    """The words of a command line, options first, once what they compose is checked; exits with one line if refused."""
+    """Compose and check a command line; returns its words, options first, or exits with one line."""
     options = arguments.options(command, words)
     folder, shows = options["config_dir"], any(options[name] for name in ("help", "hydra_help", "cfg", "info"))
     if folder is not None and not Path(folder).is_dir():

@@ -72,7 +72,7 @@ class _Patient:
 
 @contextmanager
 def patient_pipes() -> Iterator[None]:
-    """Who reads our output may stop, as `head` does: that is no error, and the work goes on to its end."""
+    """Let whoever reads our output stop early, as `head` does: that is no error, and the work is finished."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = map(_Patient, before)
     try:

@@ -28,10 +28,11 @@ from lfref.train import modules
 KEY = "resume="
 FOLDERS = "output", "folder", "resume"
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
-"""What a run is; to change it makes another run."""
+"""Parts of a configuration that must stay as they are when a run is resumed."""
 FREE = "_target_", "allow_changes", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
-"""Entries of these that change nothing in what is learned, or that are compared in another way."""
+"""Entries in these parts that may change: they do not change what is learned, or are compared in another way."""
 SHOWN = 4
+"""Differences that an error names, at most."""
 NOT_RESUMED = "hydra", "logger", "output", "folder", "overwrite"
 """Groups of overrides that say where files go. They are not taken over: a run folder may come from somebody else."""
 PLACES = (*parts.PLACES, "cache_folder", "tracking_uri", "scratch")
@@ -47,8 +48,8 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
 
     Raises:
         CheckpointError: The run has no checkpoint.
-        FileError: It is no run.
-        InputError: It is a sweep that should resume one run.
+        FileError: `resume=` names no run.
+        InputError: The line starts a sweep, which cannot resume one run.
     """
     resumes = [argument for argument in arguments if argument.startswith(KEY)]
     path = _path(resumes[-1]) if resumes else None
@@ -77,7 +78,7 @@ def _names_place(override: str, run: Run) -> bool:
     """Whether an override of a run folder says where files go, by its key or in a value such as {cache_folder: /x}.
 
     Raises:
-        InputError: It is no override but, for example, an option of the command line.
+        InputError: The text is no override but, for example, an option of the command line.
     """
     try:
         parsed = OverridesParser.create().parse_override(override)
@@ -113,14 +114,14 @@ def quoted(path: Path) -> str:
 
 
 def prepare(config: dict[str, Any], folder: Path) -> None:
-    """Make the folder ready to go on in: the earlier log up to the checkpoint, the best checkpoint.
+    """Make the folder ready to continue: the log up to the checkpoint and, in a new folder, the run's files.
 
     Args:
         config: The resolved configuration, with the checkpoint in `resume`.
-        folder: Where training goes on: the run's own, or a new one, which gets a copy.
+        folder: Folder in which training continues: the run's own, or a new one, which gets a copy of the run.
 
     Raises:
-        CheckpointError: The checkpoint is damaged, or of no training.
+        CheckpointError: The checkpoint is damaged, or holds a network without the state of its training.
         InputError: The configuration would train something else.
     """
     run, checkpoint = Run.of(config["resume"]), Path(config["resume"])
@@ -139,7 +140,7 @@ def refuse_occupied(folder: Path) -> None:
     """Refuse to train over the checkpoints of another run.
 
     Raises:
-        InputError: There are some.
+        InputError: The folder holds checkpoints.
     """
     if Run(folder).has_checkpoints:
         raise InputError(
@@ -150,30 +151,30 @@ def refuse_occupied(folder: Path) -> None:
 
 
 def refuse_changes(run: Run, config: dict[str, Any]) -> None:
-    """Refuse to go on with other data, labels, planes, loss or network than the run's.
+    """Refuse to resume a run with other data, labels, planes, loss or network.
 
     Args:
         run: The run.
-        config: The configuration to go on with.
+        config: The configuration of the resumed run.
 
     Raises:
-        InputError: They differ; they are named.
+        InputError: Some differ; the message names them.
     """
     refuse_other(run, config, PROTECTED, "leave it as it was, or give allow_changes=true", "what it was trained on")
 
 
 def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: str, what: str) -> None:
-    """Refuse to go on with other values than the run's.
+    """Refuse to resume a run with other values.
 
     Args:
         run: The run.
-        config: The configuration to go on with.
+        config: The configuration of the resumed run.
         keys: Entries that must be the same.
         remedy: What may be done.
         what: What they are.
 
     Raises:
-        InputError: They differ; they are named.
+        InputError: Some differ; the message names them.
     """
     kept = run.config
     known = [key for key in keys if key in kept]  # an older version of lfref may not have had all
@@ -256,7 +257,7 @@ def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:
         overrides: Overrides of the job.
 
     Raises:
-        InputError: Another run lies there.
+        InputError: The folder holds another run.
     """
     if not Run(folder).has_checkpoints:
         return None

@@ -25,14 +25,15 @@ from lfref.io import run as runs
 LOCK = ".lfref.lock"
 """File that a process locks while it writes into a run folder; the system unlocks it when the process ends."""
 NOTES = (ownership.MARK, runs.CONFIG, runs.OVERRIDES)
-"""What a run writes before its results: a folder with nothing else is free, so that a mistake costs no folder."""
+"""What a run writes before its results, besides the lock and logs. A folder that holds nothing else counts as free, so
+that a mistake in a command does not use up its output folder."""
 
 
 def make(folder: Path, _: bool = False) -> None:
     """Make a folder, or find it and leave in it what there is.
 
     Raises:
-        FileError: It cannot be written.
+        FileError: The folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -50,7 +51,7 @@ def lock(folder: Path) -> None:
     """Lock a folder until this process ends or locks another one.
 
     Raises:
-        FileError: Another process writes into it, or its disk knows no locks.
+        FileError: Another process writes into the folder, or its disk has no locks.
     """
     unlock()
     new = FileLock(folder / LOCK)
@@ -77,7 +78,8 @@ def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None
     Args:
         folder: Where.
         overwrite: Delete what an earlier run wrote there; other files stay.
-        overrides: Of a training: one that was started by the same ones, and has no checkpoint, starts anew.
+        overrides: Those of a training, else None. A folder is also free for a training if one with the same overrides
+            ended there before its first checkpoint.
 
     Raises:
         FileError: The folder cannot be written, is in use, holds results, or (`overwrite`) is no run folder, or one
@@ -91,7 +93,7 @@ def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None
         if not (overwrite or _is_free(folder) or (mark is not None and _is_unborn(folder, overrides))):
             is_run = mark is not None and mark.kind == ownership.RUN
             # Training refuses overwrite=true: hours of work are deleted by hand only.
-            remedy = "choose another, or say overwrite=true" if is_run and overrides is None else "choose another"
+            remedy = "choose another, or give overwrite=true" if is_run and overrides is None else "choose another"
             if runs.Run(folder).has_checkpoints:
                 remedy = f"choose another, or go on by resume={folder}"
             raise FileError("output must be a new or an empty folder", got=str(folder), remedy=remedy)
@@ -149,8 +151,12 @@ def _reopen(folder: Path, _: bool = False) -> None:
 
 
 def _is_free(folder: Path) -> bool:
-    names = [path.name for path in folder.iterdir() if path.name != LOCK]
-    return not names or (ownership.MARK in names and all(name in NOTES or name.endswith(".log") for name in names))
+    names = {path.name for path in folder.iterdir()}
+    others = {name for name in names if name != LOCK and not name.endswith(".log")}
+    if ownership.MARK in names:
+        return others <= set(NOTES)
+    # Only a free folder is locked. A run that was refused before it marked the folder leaves the lock and a log.
+    return not others and (LOCK in names or not names)
 
 
 def _is_unborn(folder: Path, overrides: Sequence[str] | None) -> bool:
@@ -169,7 +175,7 @@ def refuse_inputs(config: DictConfig, folder: Path) -> None:
     """Refuse an output folder that is an input, or that contains one: `overwrite=true` could delete it.
 
     Raises:
-        FileError: It is or does.
+        FileError: The output folder is an input or contains one.
     """
     for key in SOURCES:
         value = OmegaConf.select(config, key, throw_on_missing=False)

@@ -28,20 +28,23 @@ from lfref.train.stopping import Stopping
 
 
 def claim(config: DictConfig, folder: Path) -> bool:
-    """Find out where training starts, before anything in the folder changes; False if nothing is left to train.
+    """Find the checkpoint from which training starts, if any, and cut the log after it.
 
     Args:
-        config: `conf/train.yaml`; `resume` is set where a member of a sweep goes on.
+        config: `conf/train.yaml`; gets `resume` where a job of a sweep continues.
         folder: The run folder.
 
+    Returns:
+        False if nothing is left to train.
+
     Raises:
-        InputError: It holds another run, or one that was trained on something else.
-        CheckpointError: There is nothing to go on from.
+        InputError: The folder holds another run, or the run to resume was trained on something else.
+        CheckpointError: The checkpoint to resume is missing or damaged.
     """
     if config.resume is None and resume.is_sweep_job():
         last = resume.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
         config.resume = None if last is None else str(last)
-    # The first process has looked already; in a sweep, the others learn from the folder that it goes on.
+    # Only the first process checks. Where a job of a sweep continues, the others find its checkpoint in the folder.
     if not is_first_process():
         config.resume = config.resume or (str(Run(folder).last) if Run(folder).has_checkpoints else None)
         return True
@@ -99,21 +102,23 @@ def _give_up(folder: Path, number: int) -> None:
 
 
 def _how_to_go_on(folder: Path) -> str:
-    """What is said when a signal ends a fit."""
+    """The text that names the last checkpoint, and how to resume, when a signal ends a training."""
     run = Run(folder)
     at = f"the last checkpoint is {run.last}" if run.has_checkpoints else "no epoch was finished"
     if resume.is_sweep_job():
-        return f"{at}; to go on with the sweep, say its line again with output={HydraConfig.get().sweep.dir}"
-    return f"{at}; " + (f"go on by lfref train resume={folder}" if run.has_checkpoints else "the same line starts anew")
+        return f"{at}; to continue the sweep, repeat its command with output={HydraConfig.get().sweep.dir}"
+    return f"{at}; " + (
+        f"go on by lfref train resume={folder}" if run.has_checkpoints else "the same command starts anew"
+    )
 
 
 def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
-    told = (
+    known = (
         {"planes": fixed_planes(config), "is_linear": getattr(data, "is_linear", True)}
         if "planes" in config.task
         else {}
     )
-    module: Fitting = configs.build(config.task, **told)
+    module: Fitting = configs.build(config.task, **known)
     return module
 
 
@@ -125,7 +130,7 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
 
 
 def _loggers(config: DictConfig) -> list[Any]:
-    """The loggers, each told the whole configuration."""
+    """The loggers; each has logged the whole configuration."""
     loggers = [configs.build(logger) for logger in config.logger.values()]
     try:
         for logger in loggers:

@@ -178,7 +178,7 @@ class _Along(nn.Module):
         return torch.cat([sums.narrow(self.axis, 0, rest), tail], self.axis)
 
     def _beside(self, samples: Tensor, matrices: Tensor) -> Tensor:
-        """What q samples at an edge add to the P pixels beside it."""
+        """What the q outermost samples at one edge add to the P pixels at that edge."""
         by_group = samples.transpose(-1, self.axis).unflatten(1, (self.n_groups, -1))  # [B, G, u, L, q]
         added = by_group.transpose(2, 3).flatten(3) @ matrices  # [B, G, L, M * P]
         return added.unflatten(-1, (-1, self.n_beside)).transpose(2, 3).flatten(1, 2).transpose(-1, self.axis)

@@ -152,7 +152,7 @@ def check_available(format: str, precision: str) -> None:
 
 
 def check_weights(refocuser: Refocuser) -> None:
-    """InputError if a refocuser has no weights, so that it cannot be kept as safetensors."""
+    """Refuse a refocuser without weights, which a safetensors file cannot hold, by an InputError."""
     if not isinstance(refocuser, RefinedRefocuser | NetworkRefocuser) or (
         isinstance(refocuser, NetworkRefocuser) and refocuser.planes is None
     ):
@@ -160,7 +160,7 @@ def check_weights(refocuser: Refocuser) -> None:
 
 
 def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str) -> None:
-    """Write the weights of a network or a refiner as `NAME.safetensors`; InputError if it has none."""
+    """Write the weights of a network or a refiner as `NAME.safetensors`; a refocuser without any raises InputError."""
     dtype = chosen("precision of safetensors", precision, WEIGHT_TYPES)
     check_weights(refocuser)
     module: nn.Module

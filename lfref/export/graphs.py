@@ -52,7 +52,7 @@ class Exportable:
 
 
 def exportable(refocuser: Refocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
-    """A network, a refiner or shift-and-sum, on the CPU, as a graph; InputError if it is none of these.
+    """A network, a refiner or shift-and-sum, on the CPU, as a graph; others raise InputError.
 
     `planes` and `grid` (view rows and columns) are those of an operator, and those with which a refiner is compared.
     """

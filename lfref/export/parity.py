@@ -98,7 +98,7 @@ def rows(subject: Exportable, runs: Mapping[str, Run], cases: Iterable[ParityCas
 
 
 def worst(rows: Iterable[Row], tolerance: Tolerance) -> Row | None:
-    """The row of `rows` that violates a tolerance most; None: none does."""
+    """The row of `rows` that violates a tolerance most; None if all rows meet it."""
     beyond = [row for row in rows if not _holds(row, tolerance)]
     return max(beyond, key=lambda row: row["max_error"], default=None)
 

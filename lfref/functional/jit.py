@@ -25,7 +25,7 @@ def digest(file: Path, package: Path) -> str:
     """SHA-256 of a module's source and of all that it imports from its package, directly or not.
 
     Args:
-        file: Of the module.
+        file: The module's file.
         package: Folder of its package; imports from elsewhere do not count.
     """
     files = [file]
@@ -36,7 +36,7 @@ def digest(file: Path, package: Path) -> str:
 
 @functools.cache
 def imported(file: Path, package: Path) -> list[Path]:
-    """Files of a package that a file of it imports, inside functions too; arguments as of `digest`."""
+    """Files in the folder `package` that one of its files imports directly, at its top or inside functions."""
     files: dict[Path, None] = {}
     for origin, names, whole in IMPORT.findall(file.read_text(encoding="utf-8")):
         for module in (whole or origin, *(f"{origin}.{name}" for name in re.findall(r"\w+", names))):

@@ -163,7 +163,7 @@ class _Values(torch.autograd.Function):
 
 
 class _Gradients(torch.autograd.Function):
-    """The weighted gradient; its own derivative, which is rarely needed, comes from `formula`."""
+    """The compiled gradients times the weight of each plane; their own derivatives (rarely needed) are of `formula`."""
 
     @staticmethod
     def forward(

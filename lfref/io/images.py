@@ -1,7 +1,7 @@
 """Image files by OpenImageIO: every damage is one `FileError` that names the file, and no half file is ever written.
 
-An image is an array [H, W, C]: row y, column x, channel; of 2 and 4 channels the last is a weight (alpha), which is
-never multiplied into the colours. EXR files may hold several images, called parts.
+An image is an array [H, W, C]: row y, column x, channel. The last of 2 or 4 channels is a weight (alpha); it is never
+multiplied into the colours. EXR files may hold several images, called parts.
 
 OpenImageIO reports damage late and sometimes not at all: a truncated JPEG gives an array and an error, a PNG without
 its last bytes gives an array and none.

@@ -295,7 +295,7 @@ def spectrum(image: NDArray, axis: int) -> Spectrum | None:
 
 
 def check_pitch(image: NDArray, pitch: int, path: Path) -> None:
-    """Refuse an image [H, W, C] whose lenslets clearly have another pitch along both axes, or which shows none."""
+    """Refuse an image [H, W, C] without lenslets, or with lenslets that clearly have another pitch along both axes."""
     down, across = spectrum(image, 0), spectrum(image, 1)
     if down is None or across is None or pitch < SHORTEST_PITCH or down.shows(pitch) or across.shows(pitch):
         return

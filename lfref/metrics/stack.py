@@ -22,7 +22,7 @@ class StackQuality(Metric):
         data_range: Difference between white and black, finite and above 0.
 
     Raises:
-        InputError: There is not at least one plane.
+        InputError: `n_planes` is below 1.
     """
 
     full_state_update = False

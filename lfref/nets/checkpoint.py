@@ -71,7 +71,7 @@ def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[
 
 
 def read(path: str | Path) -> dict[str, Any]:
-    """The entries `lfref` and `state_dict` of a file, and those of Lightning; CheckpointError if it is none of ours."""
+    """The entries `lfref` and `state_dict` of a file, and those of Lightning; CheckpointError if it is not ours."""
     if "://" in str(path):
         raise CheckpointError("a checkpoint must be a local file", got=path, remedy="download it first")
     if not Path(path).is_file():
@@ -89,7 +89,7 @@ def read(path: str | Path) -> dict[str, Any]:
 
 
 def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
-    """The network of a checkpoint, on the CPU, and its planes; CheckpointError if it holds none."""
+    """The network of a checkpoint, on the CPU, and its planes; CheckpointError if it holds no network."""
     return restored(path, read(path))
 
 

@@ -120,7 +120,7 @@ class Refiner(Corrector):
         Args:
             features: In the type of the weights, candidates first, [..., N, K, H, W].
             pictures: What is corrected, [..., N, C, H, W]; any type.
-            error_scale: Light that candidates are in units of, in the type of the pictures, [..., N, 1, H, W].
+            error_scale: Light by which candidates are multiplied, in the type of the pictures, [..., N, 1, H, W].
 
         Raises:
             InputError: Features have another number of channels.

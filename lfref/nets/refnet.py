@@ -114,7 +114,8 @@ class RefNet(Network):
         """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up.
 
         Raises:
-            InputError: Another grid, number of channels or type than the network was built for, or one (coarse) pixel.
+            InputError: The views have another grid or number of channels than the network was built for, another type
+                of sample, or too few pixels.
         """
         check_views(views)
         expected = (*self.config["grid"], self.config["channels"])

@@ -62,9 +62,12 @@ def above_zero(what: str, *values: float) -> None:
 def kind(what: str, value: object, base: type) -> None:
     """Refuse a part of a scene that is not an instance of a class; the error names the classes to choose from."""
     if not isinstance(value, base):
-        raise InputError(f"{what} must be one of {', '.join(sorted(_leaf_classes(base)))}", got=repr(value))
+        classes = sorted(_leaf_classes(base), key=lambda cls: cls.__name__)
+        remedy = f"in yaml, write _target_: {classes[0].__module__}.{classes[0].__name__}"
+        expected = f"{what} must be one of {', '.join(cls.__name__ for cls in classes)}"
+        raise InputError(expected, got=repr(value), remedy=remedy if isinstance(value, dict) else "")
 
 
-def _leaf_classes(base: type) -> list[str]:
+def _leaf_classes(base: type) -> list[type]:
     subclasses: list[type] = base.__subclasses__()
-    return [name for cls in subclasses for name in _leaf_classes(cls)] if subclasses else [base.__name__]
+    return [leaf for cls in subclasses for leaf in _leaf_classes(cls)] if subclasses else [base]

@@ -1,11 +1,12 @@
 """What photographing a plane takes: the layers that are visible, cells of the aperture, and blurs within a cell.
 
-The aperture of a lens spans the views' cells, U x V view steps; a disc is the inscribed ellipse. It is cut into cells
-of one size, as nearly square as whole numbers of them allow. A cell stands for every surface seen through its middle,
-blurred by the way that the surface moves within the cell: a box of |e| h samples, e the relative slope and h the cell's
-side. A bitmap of disparity d that faces the camera is at x + e p in the plane of slope s, e = s - d: all aperture
-points see the central view's part of it and a margin around. The module stands apart from `truth`, which alone uses it,
-since it decides how exact a truth is: its choices are tested by numbers, not by pictures.
+The aperture of a lens spans the cells of all views, U x V view steps; a disc is the inscribed ellipse. It is cut into
+equal cells that are nearly square. Each cell shows every surface as it looks from the cell's middle, blurred by the
+distance that the surface moves within the cell: a box of |e| times the cell's side. In the plane of slope s, a bitmap
+of disparity d that faces the camera is read at x + e p, where e = s - d. All aperture points together therefore see the
+part of the bitmap under the central view, and a margin around that part.
+The module stands apart from `truth`, which alone uses it, because it decides how exact a truth is. Its choices are
+tested by numbers, not by pictures.
 Letters: `p q` aperture column and row in view steps, `J I` rows and columns of cells, `e` relative slope in pixels per
 view step, `K` layers from far to near, `h w` rows and columns in samples, `T` steps of |e|.
 """

@@ -152,7 +152,7 @@ def _half_size(camera: Camera, reach: float) -> Extent:
 def disparity_lead(near: Geometry, far: Geometry, within: Extent) -> tuple[float, float]:
     """Bounds of the disparity of one surface minus that of another, over a part of the central view.
 
-    Planes differ most at a corner of it; of bumps, which may lie anywhere, all heights are added.
+    Planes differ most at a corner of that part. Bumps may lie anywhere, so that their whole heights are added.
     """
     one, other = near.form, far.form
     middle = one.disparity - other.disparity

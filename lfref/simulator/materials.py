@@ -82,7 +82,7 @@ class Glossy(Material):
 
 @dataclass(frozen=True)
 class _Reflecting(Material):
-    """Shows another texture at another disparity: `share` of the light comes from there, the rest is its own."""
+    """Shows another texture at another disparity: `share` of the light comes from it, the rest from the surface."""
 
     lengths = ("disparity",)
     share: float  # Reflectance, from 0 to 1

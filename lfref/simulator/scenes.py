@@ -272,7 +272,7 @@ RANDOM_EFFECTS: dict[str, Callable[[RandomSensor, RandomDraws], Any]] = {
     "white_balance": lambda of, draws: WhiteBalance(_around_green(1, draws, of.gains)),
     "tone_curve": lambda of, draws: ToneCurve("srgb"),
 }
-"""Random effect of each field of `Sensor`."""
+"""Field of `Sensor` -> a function of the shares and ranges that draws its effect, in the order of the draws."""
 
 
 @dataclass(frozen=True)

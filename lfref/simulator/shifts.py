@@ -33,9 +33,9 @@ class TrimmedBitmap(NamedTuple):
 
 
 class ShiftTaps(NamedTuple):
-    """Cubic look-ups of n pictures along one axis: pixel 0 reads four samples from `starts`, pixel x from `+ 2 x`."""
+    """Cubic look-ups of n pictures along one axis: pixel x reads the four samples from `starts + 2 x` on."""
 
-    starts: Integers  # first of the four samples, [n]
+    starts: Integers  # first of the four samples of pixel 0, [n]
     weights: Float32s  # [n, 4]
 
 

@@ -1,10 +1,10 @@
 """sim30: thirty fixed scenes with everything that the simulator can show, the counterpart of the 30 Scenes test set.
 
 Their disparities lie among the slopes of the paper's planes in either convention, most of them between -1 and 0.5
-pixels per view step. Figures are comparable between equal `VERSION`s.
+pixels per view step. Figures are comparable only between equal `VERSION`s.
 
-In version 1 nothing that is painted ends beyond half a cycle a pixel. In version 2 cameras average over several samples
-a pixel, so that textures and edges go on beyond it, as in photographs: views alias.
+In version 1, what is painted has no frequencies above half a cycle per pixel. In version 2, cameras average over
+several samples per pixel, so that textures and edges have higher frequencies and views alias, as in photographs.
 """
 
 import dataclasses

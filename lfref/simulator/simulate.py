@@ -4,9 +4,9 @@
                             -> truth of a lens with the whole aperture
                             -> disparity, picture and masks of the central view
 
-A truth is linear and has none of a sensor's effects. To be compared with views, or learned from, it is `developed`:
-it takes on what sensor and software do to every sample alike. Defects of the views (noise, mosaic, quantisation,
-vignetting, crosstalk, aberrations, misalignment) stay with the views.
+A truth is linear and has no effects of a sensor. Before it is compared with views, or a network learns from it,
+`developed` applies the effects that treat all samples alike (`SHARED_EFFECTS`). Defects of the views (noise, mosaic,
+quantisation, vignetting, crosstalk, aberrations, misalignment) stay with the views.
 Letters: `V U` view rows and columns, `N` planes, `K` surfaces.
 """
 

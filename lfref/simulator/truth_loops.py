@@ -40,7 +40,7 @@ class BlurredLayers(NamedTuple):
 
 
 class CellPositions(NamedTuple):
-    """Position in samples where pixel 0 reads each shifted layer, at least 0."""
+    """Position where pixel 0 reads each shifted layer, in samples, at least 0."""
 
     rows: Float64s  # through each row of cells, [K, J]
     columns: Float64s  # through each column of cells, [K, I]
@@ -165,7 +165,7 @@ def blur_layer(samples: Floats, down: Floats, across: Floats, result: Floats, fi
 
 @compiled
 def _visible_spans(opacity: Floats) -> tuple[Integers, Integers]:
-    """First column of each row that is not transparent, and one past the last; [rows] each."""
+    """First column that is not transparent and one past the last such column, of each row, [rows] each."""
     n_rows, n_columns = opacity.shape
     begins, ends = np.full(n_rows, n_columns), np.zeros(n_rows, np.int64)
     for m in range(n_rows):

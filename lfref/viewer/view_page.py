@@ -91,7 +91,7 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         `cameras` (x, y from the middle, in view steps).
 
     Raises:
-        InputError: There is no method, or they have other planes.
+        InputError: There is no method, or the methods have different planes.
     """
     if not methods:
         raise InputError("the page must show at least one method", got="none")

@@ -317,6 +317,8 @@ def test_what_does_not_fit_is_refused_with_the_nearest(word, said):
 def test_a_missing_argument_of_a_component_may_be_added():
     base = OmegaConf.create({"net": {"_target_": "lfref.geometry.even_planes", "n": 3}})
     composition.check_overrides(base, OverridesParser.create().parse_overrides(["+net.last=2"]), [])
+    with pytest.raises(InputError, match=r"got 'net\.last'; add \+net\.last=VALUE"):
+        composition.check_overrides(base, OverridesParser.create().parse_overrides(["net.last=2"]), [])
 
 
 def test_files_may_be_added_only_where_a_command_reads_them(lfref):

@@ -55,6 +55,21 @@ def test_a_run_that_failed_before_its_results_leaves_a_free_folder(tmp_path):
     run_folder.claim(tmp_path)
 
 
+def test_a_run_that_was_refused_before_it_marked_the_folder_leaves_a_free_folder(tmp_path):
+    run_folder.claim(tmp_path)
+    (tmp_path / "refocus.log").touch()
+    run_folder.claim(tmp_path)
+    (tmp_path / "config.yaml").write_text("mine")
+    with pytest.raises(FileError, match="choose another"):
+        run_folder.claim(tmp_path)
+
+
+def test_a_folder_with_a_log_of_somebody_else_is_refused(tmp_path):
+    (tmp_path / "refocus.log").touch()
+    with pytest.raises(FileError, match="choose another"):
+        run_folder.claim(tmp_path)
+
+
 def test_overwriting_deletes_what_the_run_wrote_and_nothing_else(tmp_path):
     run(tmp_path, **{"config.yaml": "x", "planes/a.png": "x", "kept/b.png": "x"})
     (tmp_path / "notes.txt").write_text("mine")

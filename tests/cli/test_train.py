@@ -36,7 +36,8 @@ def test_a_callback_that_is_null_is_left_out(composed):
 
 
 @pytest.mark.parametrize(
-    ("epoch", "told"), [(0, "no epoch was finished; the same line starts anew"), (1, "go on by lfref train resume={}")]
+    ("epoch", "told"),
+    [(0, "no epoch was finished; the same command starts anew"), (1, "go on by lfref train resume={}")],
 )
 def test_a_fit_that_is_stopped_names_the_last_checkpoint(composed, tmp_path, monkeypatch, epoch, told):
     def stop(self):

@@ -50,3 +50,5 @@ def test_values_of_another_kind_are_refused(check, valid, invalid):
 def test_parts_of_another_kind_are_refused_with_the_choices():
     with pytest.raises(InputError, match="a geometry must be one of Dome, Plane; got 'plane'"):
         checks.kind("a geometry", "plane", Geometry)
+    with pytest.raises(InputError, match=r"got {'disparity': 0}; .* _target_: lfref\.simulator\.surfaces\.Dome$"):
+        checks.kind("a geometry", {"disparity": 0}, Geometry)

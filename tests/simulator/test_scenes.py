@@ -167,10 +167,18 @@ def digest(drawn):
     return hashlib.sha256(rounded.encode()).hexdigest()[:12]
 
 
+EFFECTS_OF_BEFORE = (
+    "chromatic", "vignetting", "misalignment", "crosstalk", "exposure", "mosaic", "noise", "clipping", "quantisation",
+    "white_balance", "tone_curve",
+)  # fmt: skip
+"""Without later effects, whose own numbers shift those that are drawn after them."""
+
+
 def test_scenes_of_before_are_drawn_again():
     # Figures in the docs were measured on scenes of this distribution: a new option must not shift the draws.
     assert digest([draw(seed) for seed in range(30)]) == "b01022d5bb08"
-    assert digest([draw(seed, **EVERYTHING) for seed in range(60)]) == "3bffe592d1d8"
+    before = EVERYTHING | {"sensor": RandomSensor(**dict.fromkeys(EFFECTS_OF_BEFORE, 0.5))}
+    assert digest([draw(seed, **before) for seed in range(60)]) == "3bffe592d1d8"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -73,7 +73,7 @@ def read(path: Path) -> tuple[Run, Manifest]:
     """A model that `write` wrote, ready to run, and its manifest.
 
     Raises:
-        CheckpointError: Another file, or one that this runtime cannot run.
+        CheckpointError: `write` did not write the file, or this runtime cannot run it.
     """
     import onnx
 

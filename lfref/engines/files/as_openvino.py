@@ -72,7 +72,8 @@ def read(path: Path) -> tuple[Run, Manifest]:
     """A model that `write` wrote, ready to run, and its manifest.
 
     Raises:
-        CheckpointError: Another file, its weights are missing or others, or this runtime cannot run it.
+        CheckpointError: `write` did not write the file, its weights are missing or those of another model, or this
+            runtime cannot run it.
     """
     import openvino
 

@@ -135,7 +135,7 @@ def read(path: Path) -> tuple[Run, Manifest]:
     """An archive that `write` wrote, ready to run, and its manifest.
 
     Raises:
-        CheckpointError: Another file, or one that could do more than compute.
+        CheckpointError: `write` did not write the file, or it could do more than compute.
     """
     try:
         has_digest = digests.check_archive(path)

@@ -47,12 +47,12 @@ FORMATS: dict[str, NetworkFormat] = {
 
 
 def format_of(path: Path) -> NetworkFormat | None:
-    """The format of a file by its suffix; None: none of these."""
+    """The format of a file by its suffix; None if no format has this suffix."""
     return next((entry for entry in FORMATS.values() if entry.suffix == path.suffix.lower()), None)
 
 
 def read(path: Path) -> tuple[Run, Manifest]:
-    """A file with the suffix of one of `FORMATS`, ready to run, and its manifest; CheckpointError if it is none."""
+    """A file with the suffix of a format, ready to run, and its manifest; CheckpointError if it is of another kind."""
     file_format = format_of(path)
     assert file_format is not None, path
     if not path.is_file():

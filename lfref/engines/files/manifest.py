@@ -85,7 +85,7 @@ class Manifest:
 
     @property
     def reads_views(self) -> bool:
-        """Whether it refocuses by itself, or corrects pictures that lfref refocused."""
+        """Whether the network makes stacks of views; if not, it corrects pictures that lfref has refocused."""
         return VIEWS in self.inputs
 
     def text(self) -> str:
@@ -97,7 +97,7 @@ def parse(path: Path, text: str | None, has_digest: bool) -> Manifest:
     """The manifest in the text under `KEY` of the file at `path`, which has a digest or comes from an earlier version.
 
     Raises:
-        CheckpointError: It is none, or the digest is missing.
+        CheckpointError: The text is no manifest, or the digest is missing.
     """
     if text is None or len(text) > LONGEST:
         raise CheckpointError(f"{path} was not written by lfref export", remedy="export it anew")

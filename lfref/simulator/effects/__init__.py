@@ -6,12 +6,18 @@ from torch import Generator, Tensor
 
 
 class Effect(abc.ABC):
-    """A frozen dataclass of plain numbers whose defaults change nothing; see `sensor.Sensor` for the order of all."""
+    """A frozen dataclass of plain numbers whose defaults change nothing; `sensor.Sensor` has the order of all effects.
+
+    An effect whose default does change something has an inert form in `sensor.OFF`.
+    """
 
     @abc.abstractmethod
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """The reason why it leaves views of so many rows and columns as they are; None if it may change them."""
+        """Why the effect leaves views of a `grid` (V rows, U columns) as they are; None if it may change them."""
 
     @abc.abstractmethod
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """Views [V, U, C, H, W] with the effect. Random numbers are drawn on the CPU: the same on every device."""
+        """Views [V, U, C, H, W] with the effect; C is 1 between mosaic and demosaicing.
+
+        Random numbers are drawn on the CPU by the generator, so that they are the same on every device.
+        """

@@ -1,7 +1,8 @@
 """A camera's optics and sensor as a chain of effects on views, in the order in which light meets them.
 
 To add an effect, write its class with `inert` and `apply` in a file of this folder, and add a field to `Sensor` at its
-place in the chain. Scenes then set it by `sensor.NAME`.
+place in the chain. Scenes then set it by `sensor.NAME: {_target_: CLASS}`. All else that belongs to it stands in
+CONTRIBUTING.md.
 """
 
 import functools

@@ -12,7 +12,7 @@ from lfref.simulator.effects.displacement import Chromatic, Misalignment
 from lfref.simulator.effects.mosaic import Demosaic, Mosaic
 from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
-from lfref.simulator.effects.sensor import Sensor, effect_chain
+from lfref.simulator.effects.sensor import EFFECTS, Sensor, effect_chain
 from lfref.simulator.effects.vignetting import Vignetting
 
 SHAPES = [(3, 2, 3, 6, 7), (1, 1, 3, 3, 3)]
@@ -26,6 +26,10 @@ ACTIVE = [
 ANGULAR = [Chromatic(disparity=(0.2, 0.0, 0.0)), Crosstalk(0.1), Crosstalk(1 / 3)]
 """Effects that need neighbouring views."""
 INERT = [*effect_chain(Sensor()).values(), ToneCurve("gamma", 1.0)]
+
+
+def test_all_effects_of_a_sensor_are_tried():
+    assert set(EFFECTS.values()) == {type(effect) for effect in ACTIVE + ANGULAR}
 
 
 def applied(effect, views, seed=0):

@@ -67,7 +67,9 @@ def test_all_effects_together_are_one_after_the_other():
             expected = effect_chain(FULL)[name].apply(expected, torch.Generator())
     assert torch.equal(views, expected)
     assert torch.equal(recorded(radiance, FULL, 4), views)
-    assert [name for name in effect_chain(FULL) if name in ORDER] == ORDER
+    assert list(effect_chain(FULL)) == ORDER
+    assert all(vars(FULL).values())
+    assert drawing.EFFECTS.keys() == vars(FULL).keys()
     assert planned(Sensor(), radiance).run()["views"] is radiance
 
 
