@@ -57,7 +57,7 @@ class AlignmentDefect:
 
 
 def find(grid: tuple[int, int], registered: Registration | None) -> AlignmentDefect:
-    """Estimate the shift of every view; unknown without a registration."""
+    """Estimate the shift of every view; without a registration the shifts are unknown."""
     if registered is None:
         return AlignmentDefect(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"))
     shifts = registered.explanation.shifts

@@ -180,7 +180,7 @@ def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
 
 
 class _RimProblem:
-    """Logarithms of brightness to be explained, [VU, n]; a constant of each view is its exposure."""
+    """The fit of a rim to logarithms of brightness, [VU, n], to each view up to a constant: its exposure."""
 
     def __init__(self, ratios: Ratios, scale: float, every: int = 1) -> None:
         known = ratios.known.flatten(0, 1)[::every]

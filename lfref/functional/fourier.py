@@ -36,7 +36,9 @@ def shift_phases(frequencies: Tensor, shifts: Tensor) -> Tensor:
 
 
 def real_at_nyquist(factors: Tensor, frequencies: Tensor) -> Tensor:
-    """Factors of a real signal's spectrum; at the Nyquist bin, which both signs share, the mean of the two.
+    """Factors by which the spectrum of a real signal may be multiplied: at the Nyquist frequency they become real.
+
+    Both signs of that frequency share one bin, which gets the mean of their factors.
 
     Args:
         factors: Complex, conjugate at the negative frequency, [..., K].

@@ -236,7 +236,7 @@ def window() -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=32)
 def bands(n: int) -> Bands:
-    """The weights of an axis of n pixels, more than `RADIUS`."""
+    """The weights of an axis of n pixels; n must exceed `RADIUS`."""
     places, mean = np.arange(n), np.zeros((n, n))
     for offset, weight in zip(range(-RADIUS, RADIUS + 1), window(), strict=True):
         mean[places, n - 1 - abs(n - 1 - abs(places + offset))] += weight

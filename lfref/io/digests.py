@@ -44,7 +44,7 @@ def write_to_archive(path: Path) -> None:
 
 
 def check(path: Path, *beside: Path) -> bool:
-    """Whether a file holds its digest; CheckpointError if the file is another one than the digest is of."""
+    """Whether a file holds its digest; CheckpointError if the file does not match its digest."""
     result = _digest(path, beside)
     if result is not None and result[1] != result[2]:
         raise CheckpointError(
@@ -79,9 +79,9 @@ def warn(path: Path) -> None:
 
 
 def check_archive(path: Path) -> bool:
-    """As `check`, of a ZIP archive with plain members; of one without a digest, their checksums are compared.
+    """Check a ZIP archive like `check`, and that its members are plain; without a digest, also their checksums.
 
-    PyTorch reads neither the checksums, nor how much the members unpack to.
+    PyTorch checks neither the checksums nor the size of the unpacked members.
     """
     has_digest = check(path)
     with zipfile.ZipFile(path) as archive:

@@ -92,7 +92,7 @@ class Lattice:
 
 
 def upright(pitch: Pair, offset: Pair, rotation: float = 0.0, is_hexagonal: bool = False) -> Lattice:
-    """The lattice of rows at a right angle to their succession; arguments as the properties of `Lattice`."""
+    """A lattice whose steps along and between rows are at a right angle; `offset` is its origin."""
     cosine, sine = math.cos(math.radians(rotation)), math.sin(math.radians(rotation))
     rows = pitch[0] * cosine, -pitch[0] * sine
     return Lattice(offset, rows, (pitch[1] * sine, pitch[1] * cosine), is_hexagonal)

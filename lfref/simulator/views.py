@@ -180,7 +180,7 @@ def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
 
 @compiled
 def _interpolate_lines(layers: RayLayers, atlas: Atlas, points: Viewpoints, v: int, y: int, lines: Floats) -> None:
-    """Fill `lines` with what row y of the pictures from aperture row v reads of each bitmap that faces the camera."""
+    """Fill `lines`, one per bitmap that faces the camera, with its row at row y of the views from aperture row v."""
     for k in range(len(layers.forms)):
         # Mirrored pictures (1) always face the camera, a layer's own bitmap (0) only if the layer does.
         for which in range(0 if layers.is_parallel[k] else 1, 2):
@@ -272,7 +272,7 @@ def composite(rgba: Sequence[Tensor]) -> Tensor:
 
 
 def ray_disparities(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Disparity that rays (as from `layers.as_rays`) meet of each layer, [K, M, H, W]."""
+    """Disparity at which rays (as from `layers.as_rays`) meet each layer, [K, M, H, W]."""
     shape = torch.broadcast_shapes(p.shape, q.shape, x.shape, y.shape)
     return torch.stack([layer.surface.geometry.ray_disparity(x, y, p, q).expand(shape) for layer in layers])
 

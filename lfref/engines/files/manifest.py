@@ -43,7 +43,7 @@ class Graph:
     output: Axes
     """Axes of the output."""
     example: Inputs
-    """Inputs with which it is traced: the lengths of free axes are no special case, least of all 1."""
+    """Inputs with which the network is traced; no free axis may have a length that is a special case, such as 1."""
     patches: Sequence[Inputs] = ()
     """Inputs by which int8 is calibrated."""
 
