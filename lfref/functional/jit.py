@@ -17,6 +17,9 @@ import numba
 
 log = logging.getLogger(__name__)
 
+LANES = 16
+"""Numbers that loops pass through each step together: as many float32 as a register of 512 bits holds."""
+
 IMPORT = re.compile(r"^[ \t]*(?:from +([\w.]+) +import +(\([^)]*\)|[^(\n]*)|import +([\w.]+))", re.MULTILINE)
 
 

@@ -8,12 +8,10 @@ sums of eight products, but not a loop over them.
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.functional.jit import compiled
+from lfref.functional.jit import LANES, compiled
 
 TAPS = 8
 """Taps that one pass over a row adds up: more would leave no registers for their weights."""
-VECTOR = 16
-"""Row lengths are rounded up to this many samples."""
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.floating]
@@ -21,7 +19,7 @@ Reals = NDArray[np.floating]
 
 def rounded_up(width: int) -> int:
     """A width rounded up to whole vectors, so that no loop ends in single steps."""
-    return width + -width % VECTOR
+    return width + -width % LANES
 
 
 @compiled

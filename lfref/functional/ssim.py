@@ -34,8 +34,6 @@ RADIUS = 5
 """Pixels that the window reaches to each side."""
 SIGMA = 1.5
 TAPS = 2 * RADIUS + 1
-PIXELS_PER_THREAD = 1 << 17
-"""Pixels from which one more thread saves more than it costs."""
 
 Reals = NDArray[np.floating]
 
@@ -123,8 +121,8 @@ def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bo
         else:
             set_values(x_part, y_part, tables, outputs[0])
 
-    # A thread computes whole planes, so the number of threads changes no digit.
-    n_threads = min(threads.worthwhile(x.numel(), PIXELS_PER_THREAD), max(len(x), 1))
+    # A thread computes whole planes, so the number of threads changes no digit. One more pays from 2^17 pixels on.
+    n_threads = min(threads.worthwhile(x.numel(), 1 << 17), max(len(x), 1))
     threads.share(work, threads.bands(len(x), n_threads), n_threads)
     return results
 

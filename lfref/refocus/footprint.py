@@ -27,10 +27,6 @@ ENDS = 5
 """Taps fitted at each end of a box; fewer miss the errors above, more would only cost."""
 BAND = 0.4
 """Highest frequency at which the response has to be right, in cycles per sample."""
-ABOVE = 0.01
-"""What power above the band counts beside power within: it keeps the response from growing there."""
-N_FREQUENCIES = 200
-"""Frequencies at which the response is compared: many times as many as fitted taps, so more change nothing."""
 PER_E_FOLD = 4
 """Levels while w^2 grows by a factor of e; fewer miss the errors above, more would only cost."""
 NARROW = 2.0
@@ -47,10 +43,11 @@ def taps(width: float) -> tuple[float, ...]:
     times = torch.where(n == 0, 1.0, 2.0)  # how often a weight stands in the symmetric filter
     n_inner, ends = max(0, len(n) - ENDS), slice(max(0, len(n) - ENDS), None)
     # Least squares for the end taps under one condition, the sum 1, by its Lagrange multiplier.
-    k = (torch.arange(N_FREQUENCIES, dtype=torch.float64) + 0.5) / (2 * N_FREQUENCIES)
+    k = (torch.arange(200, dtype=torch.float64) + 0.5) / 400  # so fine that more frequencies change nothing
     waves = times * torch.cos(2 * torch.pi * k[:, None] * n)
     free, fixed = waves[:, ends], waves[:, :n_inner].sum(1) / width
-    power = (torch.where(k < BAND, 1.0, ABOVE) / k.square())[:, None]
+    # Above the band little weight keeps the response from growing.
+    power = (torch.where(k < BAND, 1.0, 0.01) / k.square())[:, None]
     system = torch.zeros(free.shape[1] + 1, free.shape[1] + 1, dtype=torch.float64)
     system[:-1, :-1] = free.T @ (power * free)
     system[-1, :-1] = system[:-1, -1] = times[ends]

@@ -26,8 +26,6 @@ from lfref.refocus.sampling import BORDERS, Border
 LEAST_SHARE = 0.125
 """Least share of its own coverage that a pixel needs in the blurred coverage: the fitted taps of a box are negative in
 places, and a quotient by next to nothing would be a dot."""
-WORTH_A_THREAD = 1 << 16
-"""Samples of a stack from which one more thread saves more than it costs."""
 
 
 def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
@@ -152,7 +150,7 @@ def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: 
 
     wide = [n for n, width in enumerate(widths) if width > 0]
     jobs = itertools.product(range(stack.shape[0]), wide, range(stack.shape[2]))
-    threads.share(work, jobs, threads.worthwhile(stack.size, WORTH_A_THREAD))
+    threads.share(work, jobs, threads.worthwhile(stack.size, 1 << 16))  # samples from which one more thread pays
 
 
 def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
@@ -163,7 +161,7 @@ def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor
         level: _box(footprint.width(level), border, planes.shape[-2:], planes.dtype)
         for level in set(itertools.chain(*levels))
     }
-    n_threads = threads.worthwhile(planes.size, WORTH_A_THREAD)
+    n_threads = threads.worthwhile(planes.size, 1 << 16)
     coverage = np.ones((len(levels), 1, 1), planes.dtype) if covered is None else covered.numpy()
     factors, total = np.ones(shares.shape, planes.dtype), np.empty(planes.shape, planes.dtype)
     real = planes.dtype.type  # whole numbers would make the loop compute in float64

@@ -35,9 +35,6 @@ from lfref.refocus.sampling import (
     Interpolation,
 )  # fmt: skip
 
-WORTH_A_THREAD = 1 << 16
-"""Samples of a stack from which one more thread saves more than it costs."""
-
 _cubic_weights = inlined(splines.weights)
 
 
@@ -179,7 +176,7 @@ def means_numba(
     working = np.float64 if views.dtype == torch.float64 else np.float32
     stack = np.empty((len(fields), len(tables), views.shape[3], *size), working)
     coverage = np.empty((len(tables), *size))
-    n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
+    n_threads = threads.worthwhile(stack.size, 1 << 16)  # samples from which one more thread pays
 
     def work(b: int, n: int, band: tuple[int, int]) -> None:
         # All light fields write the same coverage.

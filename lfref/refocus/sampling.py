@@ -20,7 +20,7 @@ NEAREST, LINEAR, CUBIC = range(3)
 ON_VIEW = 1e-9
 """Pixels beyond the outermost sample that still count as on it: what rounding of float64 positions can add, with room
 for any size of picture, and far below what can be seen."""
-FARTHEST = 2.0**50
+FARTHEST = 1 / torch.finfo(torch.float64).eps
 """Positions beyond have no fraction left in float64, and soon no index in int64."""
 
 Tap = tuple[Tensor, Tensor]

@@ -21,12 +21,11 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import fourier, jit, threads
+from lfref.functional.jit import LANES
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites
 
-LANES = 16
-"""Frequencies of a row that pass every step of the loop together: one machine instruction serves them all."""
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
 

@@ -6,6 +6,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfref.functional import threads
 from lfref.refocus import footprint, footprint_blur
 from lfref.refocus.footprint_blur import RowFactors
 from lfref.refocus.sampling import BORDERS
@@ -130,13 +131,12 @@ def test_maps_equal_eager(border, n_maps):
 
 @pytest.mark.parametrize("n_threads", [2, 5])
 def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
-    monkeypatch.setattr(footprint_blur, "WORTH_A_THREAD", 1)
     stack, places = torch.rand(2, 3, 2, 9, 13), 4 * torch.rand(1, 3, 9, 13)
     alone = (
         boxed_numba(stack, [1.0, 2.0, 3.0], "edge"),
         footprint_blur.blurred_numba(stack, places, BORDERS["edge"], None),
     )
-    monkeypatch.setattr(torch, "get_num_threads", lambda: n_threads)
+    monkeypatch.setattr(threads, "worthwhile", lambda *_: n_threads)
     assert torch.equal(boxed_numba(stack, [1.0, 2.0, 3.0], "edge"), alone[0])
     assert torch.equal(footprint_blur.blurred_numba(stack, places, BORDERS["edge"], None), alone[1])
 

@@ -237,6 +237,10 @@ def test_planes_that_the_reference_does_not_see_everywhere_are_refused(planes, m
         plane_homographies(rig(2, 2, disorder=0), single(), planes, SIZE)
 
 
+def test_rotations_may_be_rounded_to_a_few_digits():
+    PinholeCameras(INTRINSICS, (1 + 3.5e-5) * torch.eye(3).double(), torch.zeros(3))
+
+
 def test_many_references_are_refused():
     with pytest.raises(InputError, match="reference must be a single camera"):
         plane_homographies(rig(2, 2, disorder=0), rig(2, 2, disorder=0), torch.tensor([[0.0, 0, 1, 4]]), SIZE)
@@ -250,6 +254,7 @@ def test_many_references_are_refused():
         ({"intrinsics": INTRINSICS * torch.tensor([0, 1, 1])}, "intrinsics must be invertible"),
         ({"rotation": torch.eye(3).repeat(2, 1, 1)}, r"rotation must be finite, \[3, 3\]; got shape \[2, 3, 3\]"),
         ({"rotation": 1.1 * torch.eye(3)}, "without scale or mirror; got R'R - 1 of up to 0.21"),
+        ({"rotation": (1 + 7e-5) * torch.eye(3).double()}, "got R'R - 1 of up to 0.00014"),
         ({"rotation": torch.diag(torch.tensor([1.0, 1, -1]))}, "without scale or mirror"),
         ({"translation": torch.tensor([0, 0, math.nan])}, "translation must be finite"),
     ],

@@ -8,9 +8,10 @@ import torch
 from torch.nn import functional as F
 
 from lfref.errors import InputError
+from lfref.functional.jit import LANES
 from lfref.refocus import wiener as module
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.wiener import LANES, add_rows, wiener
+from lfref.refocus.wiener import add_rows, wiener
 from lfref.refocus.wiener_filters import Prior, opposites, prior_between
 
 SLOPES = [-2.0, -0.4, 0.3]

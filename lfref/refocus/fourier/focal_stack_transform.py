@@ -16,10 +16,6 @@ from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint, footprint_blur
 
-BAND = 8
-"""Rows of the spectra that become planes at a time, so that the padded sums stay small beside the stack; the result
-does not depend on it."""
-
 
 def focal_stack_transform(
     views: Tensor,
@@ -70,15 +66,16 @@ def focal_stack_transform(
     before, between, after = _chirps(slopes, grid[1], kx)
     after = after * cell.responses(slopes, kx)[:, :, None]
     rows, before, between, after = (factors.to(device, dtype) for factors in (rows, before, between, after))
-    # Spectra of the planes in bands of rows, [B, N, C, h, W // 2 + 1].
-    factors = rows[..., None].split(BAND, dim=-2)
+    # Spectra of the planes in bands of rows, [B, N, C, h, W // 2 + 1]: the padded sums stay small beside the stack.
+    height = 8
+    factors = rows[..., None].split(height, dim=-2)
     shape = (len(batch), n_planes, batch.shape[3])
     bands = [rows.new_zeros(*shape, part.shape[-2], len(kx)) for part in factors]
     for v, view_row in enumerate(batches.without_unread(batch, aperture).unbind(1)):
         # One view row at a time: its spectra are all that is held beside the planes.
         spectra = torch.fft.rfft2(batches.radiance(view_row))
         weighted = before * aperture[v].to(rows)[:, None, None, None]
-        for band, part, factor in zip(bands, spectra.split(BAND, dim=-2), factors, strict=True):
+        for band, part, factor in zip(bands, spectra.split(height, dim=-2), factors, strict=True):
             padded = torch.fft.fft(part * weighted, n=len(between), dim=1)
             band.addcmul_(torch.fft.ifft(padded * between, dim=1)[:, :n_planes], factor[:, v, None])
     stack = torch.cat([band.mul_(after) for band in bands], dim=-2)

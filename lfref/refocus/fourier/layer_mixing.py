@@ -26,10 +26,9 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.errors import InputError, chosen
 from lfref.functional import fourier, jit, threads
+from lfref.functional.jit import LANES
 from lfref.refocus import batches
 
-LANES = 16
-"""Frequencies of a row that pass every step of the loops together: one machine instruction serves them all."""
 SPARE = 2
 """Pixels of a period beyond the reach of shifts, for the support of interpolation and blur."""
 

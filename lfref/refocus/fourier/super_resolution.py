@@ -29,24 +29,20 @@ from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.wiener_filters import DECAY, OUTER
 
 RIDGE = 0.03
 """Penalty of a frequency as strong as the lowest, as a share of the views' whole weight: for light out of focus, which
 no picture explains, rather than for noise."""
-DECAY = 2.5
-"""Power of natural pictures falls with frequency to this power."""
-OUTER = 0.01
-"""Cycles per pixel below which that power stays level."""
 TIED = 1e-3
-"""Penalty of lowest frequencies where several are: shares out what no view may tell apart."""
-ENTRIES = 1 << 22
-"""Entries of the matrices that are held at a time, 64 MB; the result does not depend on it."""
+"""Penalty of the lowest frequencies where there are several, as a share of the views' whole weight."""
 RADIUS = 4
 """Pixels around a pixel whose errors are compared."""
 SURE, UNSURE = 0.2, 0.6
 """Share of the plane's squared error that is left to the finer picture: below all of it is taken, above nothing."""
 LEAST_ERROR = 1e-7
-"""Squared error, of views whose brightest pixel is 1, below which both pictures are as good: rounding of float32."""
+"""Squared error, of views whose brightest pixel is 1, below which both pictures are as good: a tenth of that of
+rounding to 8 bits."""
 
 
 def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tensor | None = None) -> Tensor:
@@ -140,8 +136,11 @@ def check_factor(factor: int) -> None:
 
 def pictures(views: Tensor, slopes: Tensor, factor: int, aperture: Tensor) -> Iterator[Tensor]:
     """The fine picture [B, C, r H, r W] of each slope, of views [B, V, U, C, H, W] weighed by an aperture of sum 1."""
-    views, size = batches.without_unread(views, aperture), (views.shape[-2], views.shape[-1])
-    planes = [_Regression(float(slope), factor, aperture, size) for slope in slopes]
+    views, size = batches.without_unread(views, aperture), views.shape[-2:]
+    planes = slopes.tolist()
+    phases = [
+        [_phases(length, factor, n, slope) for length, n in zip(size, aperture.shape, strict=True)] for slope in planes
+    ]
     # E of every plane, [B, C, r, H, r, W].
     dtype = fourier.complex_dtype(batches.working_dtype(views.dtype))
     shape = (views.shape[0], views.shape[3], factor, size[0], factor, size[1])
@@ -149,10 +148,12 @@ def pictures(views: Tensor, slopes: Tensor, factor: int, aperture: Tensor) -> It
     for v, view_row in enumerate(views.unbind(1)):
         # One view row at a time: its spectra are all that is held beside the sums.
         spectra = torch.fft.fft2(batches.radiance(view_row))
-        for n, plane in enumerate(planes):
-            sums[n] = sums[n] + plane.row_sum(spectra, v)
-    for plane in planes:
-        yield _picture(plane.solved(sums.pop(0)))
+        for n, (down, across) in enumerate(phases):
+            columns = (across * aperture[v, :, None, None]).to(spectra)
+            total = torch.einsum("buchw,urw->bchrw", spectra, columns)
+            sums[n] = sums[n] + total[:, :, None] * down[v].to(spectra)[:, :, None, None]
+    for slope in planes:
+        yield _picture(_solved(sums.pop(0), slope, factor, aperture))
 
 
 def band_limited(stack: Tensor, factor: int) -> Tensor:
@@ -202,48 +203,31 @@ def _waves(turns: Tensor) -> Tensor:
     return torch.polar(torch.ones_like(turns), 2 * torch.pi * turns)
 
 
-class _Regression:
-    """The regression of one plane."""
-
-    def __init__(self, slope: float, factor: int, aperture: Tensor, size: tuple[int, int]) -> None:
-        self.factor, self.slope, self.aperture = factor, slope, aperture
-        self.rows, self.columns = (_frequencies(length, factor).T for length in size)  # [length, r]
-        self.means = [_mean(length, factor).T for length in size]
-        self.phases = [_phases(n, factor, views, slope) for n, views in zip(size, aperture.shape, strict=True)]
-
-    def row_sum(self, spectra: Tensor, v: int) -> Tensor:
-        """What a row of views with spectra [B, U, C, H, W] adds to E."""
-        columns = (self.phases[1] * self.aperture[v, :, None, None]).to(spectra)
-        across = torch.einsum("buchw,urw->bchrw", spectra, columns)
-        return across[:, :, None] * self.phases[0][v].to(spectra)[:, :, None, None]
-
-    def solved(self, sums: Tensor) -> Tensor:
-        """The spectrum of the fine picture, of E; both [B, C, r, H, r, W]."""
-        step = max(1, ENTRIES // (self.factor**4 * sums.shape[-1]))
-        spectra = []
-        for first in range(0, sums.shape[3], step):
-            part = slice(first, first + step)
-            folded = sums[:, :, :, part].permute(3, 5, 2, 4, 0, 1)  # K W r r B C
-            solution = self._solution(part).to(sums) @ folded.flatten(4).flatten(2, 3)
-            spectra.append(solution.reshape(folded.shape).permute(4, 5, 2, 0, 3, 1))
-        return torch.cat(spectra, 3)
-
-    def _solution(self, part: slice) -> Tensor:
-        """r^2 (D* G D + P)^-1 D*, which turns E into F^, at some rows of k, complex128, [K, W, r r, r r]."""
-        mean = (self.means[0][part, None, :, None] * self.means[1][:, None]).flatten(2)
-        squares = (self.rows[part, None, :, None].square() + self.columns[:, None].square()).flatten(2) + OUTER**2
-        less_power = (squares / squares.amin(2, keepdim=True)).pow(DECAY / 2) - 1
-        is_lowest = less_power < 1e-9
-        penalty = RIDGE * less_power + TIED * (is_lowest & (is_lowest.sum(2, keepdim=True) > 1))
-        matrix = mean.conj()[..., None] * self._gram(part) * mean[..., None, :] + torch.diag_embed(penalty)
-        return self.factor**2 * torch.linalg.solve(matrix, torch.diag_embed(mean.conj()))
-
-    def _gram(self, part: slice) -> Tensor:
-        """G of every two q, sum_i w_i exp(2 pi i s i (q - q')), complex128, [K, W, r r, r r]."""
-        lags = torch.arange(1 - self.factor, self.factor, dtype=torch.float64)  # q - q' is whole
-        down, across = (_waves(self.slope * lags[:, None] * geometry.angular_offsets(n)) for n in self.aperture.shape)
-        of_lags = down @ self.aperture.to(down) @ across.T
-        rows, columns = (
-            (q[:, :, None] - q[:, None]).round().long() + self.factor - 1 for q in (self.rows[part], self.columns)
-        )
-        return of_lags[rows[:, None, :, None, :, None], columns[:, None, :, None, :]].flatten(4).flatten(2, 3)
+def _solved(sums: Tensor, slope: float, factor: int, aperture: Tensor) -> Tensor:
+    """The spectrum F^ = r^2 (D* G D + P)^-1 D* E of the fine picture; E and F^ [B, C, r, H, r, W]."""
+    size = sums.shape[3], sums.shape[5]
+    q_rows, q_columns = (_frequencies(length, factor).T for length in size)  # [H, r] and [W, r]
+    mean_rows, mean_columns = (_mean(length, factor).T for length in size)
+    # G of two q, sum_i w_i exp(2 pi i s i (q - q')), is a table by their distance, which is whole along both axes.
+    lags = torch.arange(1 - factor, factor, dtype=torch.float64)
+    down, across = (_waves(slope * lags[:, None] * geometry.angular_offsets(n)) for n in aperture.shape)
+    gram_of_lags = down @ aperture.to(down) @ across.T
+    lag_rows, lag_columns = (
+        (q[:, :, None] - q[:, None]).round().long() + factor - 1 for q in (q_rows, q_columns)
+    )  # [H, r, r] and [W, r, r]
+    spectra = []
+    # The matrices [K, W, r r, r r] of some rows of k at a time: 64 MB.
+    for part in torch.arange(size[0]).split(max(1, (1 << 22) // (factor**4 * size[1]))):
+        mean = (mean_rows[part, None, :, None] * mean_columns[:, None]).flatten(2)
+        gram = gram_of_lags[lag_rows[part, None, :, None, :, None], lag_columns[:, None, :, None, :]]
+        squares = (q_rows[part, None, :, None].square() + q_columns[:, None].square()).flatten(2) + OUTER**2
+        penalty = RIDGE * ((squares / squares.amin(2, keepdim=True)).pow(DECAY / 2) - 1)
+        # Where several q are the lowest, no view may tell them apart: they share.
+        is_lowest = squares < (1 + 1e-9) * squares.amin(2, keepdim=True)
+        penalty = penalty + TIED * (is_lowest & (is_lowest.sum(2, keepdim=True) > 1))
+        matrix = mean.conj()[..., None] * gram.flatten(4).flatten(2, 3) * mean[..., None, :] + torch.diag_embed(penalty)
+        solution = factor**2 * torch.linalg.solve(matrix, torch.diag_embed(mean.conj()))
+        folded = sums[:, :, :, part].permute(3, 5, 2, 4, 0, 1)  # K W r r B C
+        solved = solution.to(sums) @ folded.flatten(4).flatten(2, 3)
+        spectra.append(solved.reshape(folded.shape).permute(4, 5, 2, 0, 3, 1))
+    return torch.cat(spectra, 3)

@@ -20,9 +20,6 @@ from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift import shift_plan, shift_torch
 from lfref.refocus.shift.shift_plan import Plan
 
-MARGIN = 3
-"""Samples that interpolations (2 by cubic) and the fitted ends of boxes reach beyond a shift, at most."""
-
 
 def shift_and_sum(
     views: Tensor,
@@ -130,8 +127,8 @@ def reach(
     planes = torch.as_tensor(slopes, dtype=torch.float64)
     farthest = max(float(offsets.abs().max()) for offsets in lines.lines(grid, positions))
     shift = float(planes.abs().max()) * farthest
-    blur = fill * float((planes - float(disparity)).abs().max()) / 2
-    return math.ceil(shift) + math.ceil(blur) + MARGIN
+    # A cubic interpolation reads one sample beyond the two around a position.
+    return math.ceil(shift) + 1 + footprint.radius(fill * float((planes - float(disparity)).abs().max()))
 
 
 def planned_stack(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tensor:

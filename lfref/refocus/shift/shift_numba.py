@@ -29,9 +29,6 @@ from lfref.refocus import batches, footprint_blur, sampling
 from lfref.refocus.footprint_blur import RowFactors
 from lfref.refocus.shift.shift_plan import Plan
 
-WORTH_A_THREAD = 1 << 18
-"""Samples of a stack from which one more thread saves more than it costs."""
-
 
 class ViewMemory(NamedTuple):
     """Views where they lie in memory, and what continues them beyond their edges."""
@@ -138,7 +135,7 @@ def shift_and_sum(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
         room = torch.from_numpy(np.empty((len(views), len(plan.planes), views.shape[3], *plan.size), working))
     stack = room.numpy()
     sources = [_memory(field, tables, plan) for field in samples]
-    n_threads = threads.worthwhile(stack.size, WORTH_A_THREAD)
+    n_threads = threads.worthwhile(stack.size, 1 << 18)  # samples from which one more thread pays
     first = np.concatenate([[0], np.cumsum(tables.down.highest - tables.down.lowest + 1)])
 
     def refocus(index: int, band: tuple[int, int]) -> None:

@@ -7,7 +7,6 @@ import torch
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.refocus.fourier import focal_stack_transform as module
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.focal_stack_transform import at_slopes, focal_stack_transform
 from tests.refocus.conftest import dirichlet
@@ -53,14 +52,6 @@ def test_float32_holds_at_full_width_with_many_planes_and_large_slopes():
     expected = exact_fourier(views, geometry.even_slopes(200, -7.0, 7.0))
     stack = focal_stack_transform(views.float(), 200, -7.0, 7.0)
     torch.testing.assert_close(stack.double(), expected, atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize("band", [1, 3, 100])
-def test_bands_of_any_height_make_the_same_stack(band, monkeypatch):
-    views = torch.rand(3, 2, 3, 17, 8, dtype=torch.float64)
-    expected = focal_stack_transform(views, 4)
-    monkeypatch.setattr(module, "BAND", band)
-    torch.testing.assert_close(focal_stack_transform(views, 4), expected, atol=1e-14, rtol=0)
 
 
 @pytest.mark.parametrize(
