@@ -25,22 +25,11 @@ def rounded_up(width: int) -> int:
 @compiled
 def set_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
     """The weighted sum of `TAPS` stretches of `rows`, in one pass."""
-    n = total.size
-    r0, r1, r2, r3 = (
-        rows[starts[0] : starts[0] + n],
-        rows[starts[1] : starts[1] + n],
-        rows[starts[2] : starts[2] + n],
-        rows[starts[3] : starts[3] + n],
-    )
-    r4, r5, r6, r7 = (
-        rows[starts[4] : starts[4] + n],
-        rows[starts[5] : starts[5] + n],
-        rows[starts[6] : starts[6] + n],
-        rows[starts[7] : starts[7] + n],
-    )
+    r0, r1, r2, r3 = rows[starts[0] :], rows[starts[1] :], rows[starts[2] :], rows[starts[3] :]
+    r4, r5, r6, r7 = rows[starts[4] :], rows[starts[5] :], rows[starts[6] :], rows[starts[7] :]
     w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
     w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
-    for x in range(n):
+    for x in range(total.size):
         low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
         total[x] = low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]
 
@@ -48,21 +37,10 @@ def set_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> Non
 @compiled
 def add_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
     """The weighted sum of `TAPS` stretches of `rows`, added to `total`."""
-    n = total.size
-    r0, r1, r2, r3 = (
-        rows[starts[0] : starts[0] + n],
-        rows[starts[1] : starts[1] + n],
-        rows[starts[2] : starts[2] + n],
-        rows[starts[3] : starts[3] + n],
-    )
-    r4, r5, r6, r7 = (
-        rows[starts[4] : starts[4] + n],
-        rows[starts[5] : starts[5] + n],
-        rows[starts[6] : starts[6] + n],
-        rows[starts[7] : starts[7] + n],
-    )
+    r0, r1, r2, r3 = rows[starts[0] :], rows[starts[1] :], rows[starts[2] :], rows[starts[3] :]
+    r4, r5, r6, r7 = rows[starts[4] :], rows[starts[5] :], rows[starts[6] :], rows[starts[7] :]
     w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
     w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
-    for x in range(n):
+    for x in range(total.size):
         low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
         total[x] += low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]

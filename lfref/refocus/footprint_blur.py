@@ -1,8 +1,8 @@
 """Finished planes blurred by the boxes of `footprint`: on the CPU by compiled loops, elsewhere by PyTorch.
 
 Beyond its edge a plane continues by the border rule. Where only samples count it is black there, and so is its
-coverage: the blurred sum over the blurred coverage is the mean of what there is. Every sample has a tap; a running sum
-would drift, and saves little up to boxes as wide as any slope makes them.
+coverage: the blurred sum over the blurred coverage is the mean of what there is. Every sample under a box has a tap: a
+running sum would drift, and would save little at the widths that slopes lead to.
 Letters: `y x` row and column, `k` tap, `G` groups of `TAPS` taps, `d` disparity, `s` slope.
 """
 

@@ -116,8 +116,8 @@ def sample(images: Tensor, x: Tensor, y: Tensor, method: Interpolation, border: 
     """
     assert method.weights is not None, "this interpolation reads all samples"
     taps, has_sample = [], torch.ones_like(x, dtype=torch.bool)
-    for wanted, length in zip((y, x), images.shape[-2:], strict=True):
-        position = (wanted + 0.5).floor() if method.rounds else wanted
+    for exact, length in zip((y, x), images.shape[-2:], strict=True):
+        position = (exact + 0.5).floor() if method.rounds else exact
         within = position.clamp(-FARTHEST, FARTHEST)
         whole = within.detach().floor()
         weights = enumerate(method.weights(within - whole))

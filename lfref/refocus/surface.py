@@ -38,10 +38,8 @@ def per_pixel(
         interpolation: `nearest`, `linear` or `cubic`.
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
-        fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
-            over the aperture.
-        disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
-            one for each light field, [..., H, W].
+        fill: Side of a view's cell in view steps, >= 0, as in `shift_and_sum`.
+        disparity: Of the scene, in pixels per view step, as in `shift_and_sum`.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:

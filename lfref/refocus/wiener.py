@@ -3,10 +3,15 @@
 Of all sums of filtered views, `I_s = sum_i g_si * L_i`, it is the one of least mean square error over scenes with the
 given disparities (`wiener_filters` solves for the g). It knows that a view stands for a cell of the aperture, so that
 wide blur has no copies; that pixels fold detail back, which views at different fractions of a pixel tell apart; and
-that light of several disparities is mixed. Steps: filters of limited reach for one square; the views cut into
-overlapping squares; spectra of sums and differences of opposite views, for which the filters are real; their weighted
-sum; the inner part of each square back in its place.
-Letters: `B` light fields, `N` planes, `T` squares of a row, `K` columns of frequencies.
+that light of several disparities is mixed. The steps:
+
+1. Solve for filters of limited reach, as factors of the frequencies of one square of pixels.
+2. Cut the views into squares that overlap by twice that reach, one row of squares at a time.
+3. Transform the sums and differences of opposite views: for these the factors are real (`Pairs`).
+4. Add up the spectra times their factors.
+5. Transform back; the inner part of each square is the picture there.
+
+Letters: `B` light fields, `N` planes, `T` squares of a row, `J` all of their pictures, `K` columns of frequencies.
 Source: Levin, Durand, "Linear view synthesis using a dimensionality gap light field prior", 2010.
 """
 
@@ -64,7 +69,7 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
 
 
 def checked_aperture(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
-    """Weights [V, U] that sum to 1, float64, CPU, once they are known to be symmetric about both axes."""
+    """Weights of sum 1, float64, CPU, [V, U]; an InputError unless they are symmetric about both axes."""
     aperture = batches.checked_weights(weights, grid)
     if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
         raise InputError(
@@ -116,7 +121,7 @@ def _filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tens
 
 
 def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
-    """Spectra [V U, J, side, K] times factors, added up, [N, J, side, K]; from `n_sums` on factors are times i."""
+    """Spectra [V U, J, side, K] times factors, added up, [N, J, side, K]; those after the first `n_sums` are times i."""
     pairs = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
     total = np.empty((len(factors), *pairs.shape[1:]), pairs.dtype)
     # Factors of one lane lie together: [n, y, x lanes, p, LANES].

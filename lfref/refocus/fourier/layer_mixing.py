@@ -94,7 +94,7 @@ def cell_response(distances: Tensor, fill: float, size: tuple[int, int]) -> Matr
 
 
 def checked_fill(fill: float) -> float:
-    """The width of a view's cell in view steps, once it is known to be finite and at least 0."""
+    """The width of a view's cell in view steps; an InputError unless it is finite and at least 0."""
     if not (math.isfinite(fill) and fill >= 0):
         raise InputError("fill must be finite and at least 0, in view steps", got=fill)
     return float(fill)
@@ -187,7 +187,7 @@ def _by_loop(loop: Callable[..., None], spectra: Tensor, matrices: Matrices, *mo
 
 
 def _by_torch(spectra: Tensor, matrices: Matrices, step: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    """The same by a step of matrices [F, m, n] and numbers [F, n, C], one band of rows after the other."""
+    """A step of matrices [F, m, n] and numbers [F, n, C] at all frequencies, one band of rows after the other."""
     dtype = spectra.dtype if matrices.rows.is_complex() else spectra.real.dtype
     rows, columns = (factors.to(spectra.device, dtype) for factors in matrices)
     height = max(1, (1 << 13) // columns.shape[-1])  # so many frequencies that their matrices stay in the cache

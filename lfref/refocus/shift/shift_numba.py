@@ -1,12 +1,17 @@
 """Shift-and-sum on the CPU at the speed of its caches: compiled loops that read each source row once for every plane.
 
-For a row y of the views of one line, and for each plane, one pass adds up the horizontally shifted views; the sum goes,
-weighted, into the output rows that it lies between. All of that stays in the first two caches: the source rows of a
-line as floating point, one row of sums, and a ring of unfinished output rows a plane, each written out once when
-complete. Source rows that need neither conversion nor what lies beyond their ends are not copied: what a pass reads
-there is summed again, by the taps that count. The tables say which samples each plane reads with which weights; they
-depend on slopes and sizes only, so the last ones are kept. Threads are plain ones, started for the call: they work
-after a fork, and are as many as PyTorch's.
+`add_band` takes four steps for a source row y of one line of views:
+
+1. `_gather` copies the rows of the line's views one after the other, as floating point, continued beyond both ends.
+   Where no conversion is needed and every tap that counts lies on its view, rows are read in place instead.
+2. `_sum_row` adds up the horizontally shifted views for a plane, in passes over the whole row; `_sum_edge` then sums
+   again, tap by tap, the columns at both ends that not all views serve.
+3. `_add` adds this sum, weighted, to the output rows that it lies between: a ring of unfinished rows for each plane.
+4. An output row is written out once, when the last source row that it reads has passed.
+
+So the source rows of a line, one row of sums and the rings stay in the first two caches. The tables say which samples
+each plane reads with which weights; they depend on slopes and sizes only, so the last ones are kept. Threads are plain
+ones, started for the call: they work after a fork, and are as many as PyTorch's.
 It is kept beside `shift_torch` for its time, measured on 7x7x3x375x540 views and 16 planes with two threads: 21
 (cubic), 32 (linear) and 44 times (nearest) less than PyTorch's operations, which run with `batches.COMPILERS` empty.
 Letters: `n` plane, `v u` line of views and view in it, `c` channel, `y x` source row and column, `r` output row, `k`
@@ -36,11 +41,11 @@ class ViewMemory(NamedTuple):
     samples: NDArray
     """Memory of the views, any type, one axis."""
     direct: Reals
-    """The same where rows can be read in place, neither converted nor continued; else empty."""
+    """This memory if rows can be read in place; else empty."""
     starts: Integers
-    """`Horizontal.starts`, but in the views' own rows, counted from `reach` before the first, [N, R, G, TAPS]."""
+    """`Horizontal.starts` for rows read in place, from `reach` samples before the first view's row, [N, R, G, TAPS]."""
     last: int
-    """Last position in `direct` from which all of these taps stay within it; -1: none."""
+    """Last position in `direct` from which all taps stay within the memory; -1: none."""
     strides: Integers
     """Steps in it along v, u, c, y, x."""
     n_columns: int
@@ -48,7 +53,7 @@ class ViewMemory(NamedTuple):
     rows: Integers
     """Source row at each position from -reach to H + reach; -1: black, [H + 2 reach]."""
     columns: Integers
-    """The same for columns, the end filled up to whole vectors, [reach + W + reach + ...]."""
+    """Source column at each position from -reach to W + reach; -1: black, filled up to whole vectors, [...]."""
 
 
 class Horizontal(NamedTuple):
@@ -161,11 +166,11 @@ def _memory(field: NDArray, tables: Tables, plan: Plan) -> ViewMemory:
     strides = np.array(field.strides, np.int64) // field.itemsize
     span = 1 + int((strides * (np.array(field.shape) - 1)).sum())
     memory = np.lib.stride_tricks.as_strided(field, (span,), (field.itemsize,))
-    # Rows are read in place if every tap, wherever it counts, reads samples that the views have: a cubic reads beyond.
+    # Rows are read in place if every tap lies on its view wherever it counts; those of a cubic reach beyond.
     offsets, counts = across.starts % row_length - plan.reach, across.begins < across.ends
-    stays = ((across.begins + offsets >= 0) & (across.ends + offsets <= plan.size[1])) | ~counts
+    is_on_view = (across.begins + offsets >= 0) & (across.ends + offsets <= plan.size[1])
     direct, starts, last = np.empty(0, across.weights.dtype), across.starts, -1
-    if field.dtype == direct.dtype and strides[4] == 1 and bool(stays.all()):
+    if field.dtype == direct.dtype and strides[4] == 1 and bool((is_on_view | ~counts).all()):
         u, position = np.divmod(starts, row_length)
         direct, starts = memory, position + u * strides[1]
         last = span - int(starts.max()) - rounded_up(plan.size[1])
@@ -229,7 +234,7 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
     left, right = np.zeros(shape[:2], np.int64), np.full(shape[:2], width)
     for n, r in np.ndindex(shape[:2]):
         taps = planes[n][r]
-        # What fills up the last group reads what is read anyway: 0 times a NaN from elsewhere would be NaN here.
+        # Taps that fill up the last group read what the first tap reads: 0 times a NaN from elsewhere would be NaN.
         starts[n, r] = taps[0][1] if taps else 0
         for k, (u, start, weight, (begin, end)) in enumerate(taps):
             g, i = divmod(k, TAPS)
