@@ -15,8 +15,6 @@ from lfref.functional.jit import compiled
 
 POLE = 3**0.5 - 2
 """Pole of the recursive filter that turns samples into coefficients."""
-REACH = 16
-"""Samples after which powers of the pole are below float32's precision."""
 
 
 def coefficients(images: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -37,10 +35,11 @@ def _filter_columns(image: NDArray[np.float32]) -> None:
     height, width = image.shape
     if height < 2:
         return
-    # The forward pass starts with the mirrored samples before the first.
+    # The forward pass starts with the mirrored samples before the first; after 16 of them the powers of the pole are
+    # below float32's precision.
     period, power = 2 * height - 2, 1.0
     first = np.zeros(width)
-    for y in range(REACH):
+    for y in range(16):
         place = y % period
         row = image[place if place < height else period - place]
         for x in range(width):

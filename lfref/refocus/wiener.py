@@ -121,7 +121,7 @@ def _filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tens
 
 
 def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
-    """Spectra [V U, J, side, K] times factors, added up, [N, J, side, K]; those after the first `n_sums` are times i."""
+    """Spectra [V U, J, side, K] times factors, added up, [N, J, side, K]; times i after the first `n_sums`."""
     pairs = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
     total = np.empty((len(factors), *pairs.shape[1:]), pairs.dtype)
     # Factors of one lane lie together: [n, y, x lanes, p, LANES].

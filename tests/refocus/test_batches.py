@@ -33,15 +33,6 @@ def test_weights_may_be_as_small_or_large_as_numbers_are(scale):
     torch.testing.assert_close(batches.checked_weights(weights, (2, 3)), torch.full((2, 3), 1 / 6).double())
 
 
-@pytest.mark.parametrize("weights", [[[1, 3]], torch.tensor([[1, 3]]), torch.tensor([[True, True]]) * 1])
-def test_weights_of_any_kind_are_taken(weights):
-    assert batches.checked_weights(weights, (1, 2)).sum() == 1
-
-
-def test_a_view_may_weigh_nothing():
-    assert batches.checked_weights(torch.tensor([[0.0, 2.0]]), (1, 2)).tolist() == [[0, 1]]
-
-
 def test_views_that_are_not_read_are_copied_only_where_they_could_do_harm():
     views, aperture = torch.ones(1, 2, 3, 1, 300, 300, dtype=torch.float16), torch.ones(2, 3)
     aperture[0, 1] = 0
@@ -117,10 +108,6 @@ def test_types_without_a_full_scale_are_refused(dtype):
 def test_what_is_not_views_is_refused():
     with pytest.raises(InputError, match="views must be"):
         batches.flattened(torch.rand(2, 1, 4, 4))
-
-
-def test_grid_and_size_are_those_of_one_light_field():
-    assert batches.grid_and_size(torch.empty(9, 2, 3, 1, 4, 5)) == ((2, 3), (4, 5))
 
 
 PLAIN = torch.rand(2, 3)

@@ -8,6 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfref.errors import InputError
 from lfref.refocus import apertures, batches, lines
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
@@ -197,6 +198,17 @@ def test_takes_half_precision_and_integers(name):
         contracts.assert_half_precision(variants(name)[0], SHAPES[0], dtype)
     for dtype in batches.FULL_SCALE:
         contracts.assert_integers(variants(name)[0], SHAPES[0], dtype)
+
+
+@for_each(OPERATORS)
+def test_refuses_types_that_are_no_radiance_and_weights_that_are_no_aperture(name):
+    operator, views = OPERATORS[name], torch.zeros(3, 4, 1, 9, 11)
+    with pytest.raises(InputError, match="uint8 or uint16"):
+        operator(views.to(torch.int32))
+    with pytest.raises(InputError, match="not all zero"):
+        operator(views, weights=torch.zeros(3, 4))
+    with pytest.raises(InputError, match="one for each view"):
+        operator(views, weights=torch.ones(4, 3))
 
 
 @pytest.mark.parametrize(

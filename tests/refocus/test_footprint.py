@@ -46,11 +46,6 @@ def test_weights_are_of_sum_1_and_symmetric(width):
     assert weights == weights[::-1]
 
 
-def test_a_point_is_the_pixel_alone():
-    assert footprint.taps(0.0) == (1.0,)
-    assert footprint.radius(0.0) == 0
-
-
 @pytest.mark.parametrize("width", [1e-300, 1e-12, 1e-6, 1e-4])
 def test_a_narrow_box_is_nearly_a_point(width):
     weights = footprint.taps(width)
@@ -69,10 +64,6 @@ def test_the_spread_is_that_of_a_box(width):
 def test_a_level_lies_at_its_own_width(level):
     place = footprint.place(torch.tensor(footprint.width(level), dtype=torch.float64).square())
     assert float(place) == pytest.approx(level, abs=1e-9)
-
-
-def test_level_0_is_a_point():
-    assert footprint.width(0) == 0
 
 
 def test_places_are_smooth_at_width_0():
@@ -120,25 +111,6 @@ def test_every_light_field_may_have_a_map_of_its_own():
     disparity = torch.rand(2, 8, 9)
     widths = footprint.checked(1, disparity, VIEWS).widths(SLOPES)
     torch.testing.assert_close(widths, SLOPES.float()[:, None, None] - disparity[:, None])
-
-
-def test_slopes_may_differ_from_pixel_to_pixel():
-    slopes = torch.rand(3, 8, 9, dtype=torch.float64)
-    cell = footprint.checked(1, torch.tensor(0.25), VIEWS)
-    assert cell.varies(slopes)
-    assert not cell.varies(SLOPES)
-    torch.testing.assert_close(cell.widths(slopes), slopes[None] - 0.25)
-
-
-def test_the_response_is_of_width_times_frequency():
-    response = footprint.checked(1, 0.5, VIEWS).responses(SLOPES, torch.tensor([0.0, 0.5]))
-    expected = torch.tensor([[[1, 2 / (0.75 * 2 * math.pi) * math.sin(0.75 * math.pi)]], [[1, 1]]])
-    torch.testing.assert_close(response, expected.double())
-
-
-def test_cells_whose_blur_varies_let_all_frequencies_pass():
-    response = footprint.checked(1, torch.zeros(8, 9), VIEWS).responses(SLOPES, torch.tensor([0.0, 0.5]))
-    assert bool((response == 1).all())
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -16,43 +15,13 @@ from lfref.refocus.gather import ViewMap, mean_of_views
 from lfref.refocus.homography import homography
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.surface import per_pixel
+from tests.refocus.slow import slow_sample
 
 LOCAL = ["nearest", "linear", "cubic"]
 
 
 def sample(images, x, y, interpolation="linear", border="renormalize"):
     return gather.sample(images, x, y, INTERPOLATIONS[interpolation], BORDERS[border])
-
-
-def keys(distance: float) -> float:
-    """Keys' cubic kernel, a = -1/2, piece by piece as in the paper."""
-    distance = abs(distance)
-    if distance < 1:
-        return 1.5 * distance**3 - 2.5 * distance**2 + 1
-    return -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2 if distance < 2 else 0.0
-
-
-KERNELS = {"nearest": lambda d: float(d == 0), "linear": lambda d: max(0.0, 1 - abs(d)), "cubic": keys}
-
-
-def slow_sample(image: np.ndarray, x: float, y: float, interpolation: str, border: str) -> np.ndarray | None:
-    """The definition: every pixel of the endless continuation of the image times the kernel; None where none is."""
-    height, width = image.shape[-2:]
-    if interpolation == "nearest":
-        x, y = math.floor(x + 0.5), math.floor(y + 0.5)
-    if border == "renormalize" and not (0 <= x <= width - 1 and 0 <= y <= height - 1):
-        return None
-    kernel, total = KERNELS[interpolation], np.zeros(image.shape[:-2])
-    for row in range(math.floor(y) - 2, math.floor(y) + 4):
-        for column in range(math.floor(x) - 2, math.floor(x) + 4):
-            if border == "zero" and not (0 <= row < height and 0 <= column < width):
-                continue
-            if border == "wrap":
-                pixel = image[..., row % height, column % width]
-            else:
-                pixel = image[..., min(max(row, 0), height - 1), min(max(column, 0), width - 1)]
-            total += kernel(y - row) * kernel(x - column) * pixel
-    return total
 
 
 def doubles(*values: float) -> torch.Tensor:
@@ -66,21 +35,10 @@ def test_equals_the_slow_reference_on_and_beyond_the_image(interpolation, border
     x, y = torch.rand(60, dtype=torch.float64) * 20 - 7, torch.rand(60, dtype=torch.float64) * 16 - 6
     samples, has_sample = sample(image, x, y, interpolation, border)
     for i, (column, row) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
-        slow = slow_sample(image.numpy(), column, row, interpolation, border)
+        slow = slow_sample(image, column, row, interpolation, border)
         assert bool(has_sample[i]) == (slow is not None)
         if slow is not None:
-            np.testing.assert_allclose(samples[:, i].numpy(), slow, atol=1e-13)
-
-
-@pytest.mark.parametrize("shape", [(4,), (2, 3), (2, 1, 3)])
-def test_samples_stand_where_the_positions_stand_behind_the_batch(shape):
-    images = torch.rand(3, 2, 4, 5)
-    x, y = torch.rand(shape, dtype=torch.float64) * 4, torch.rand(shape, dtype=torch.float64) * 3
-    samples, has_sample = sample(images, x, y)
-    assert samples.shape == (3, 2, *shape)
-    assert samples.dtype == images.dtype
-    assert has_sample.shape == shape
-    torch.testing.assert_close(samples[1, 0], sample(images[1, 0], x, y)[0])
+            torch.testing.assert_close(samples[:, i], slow, atol=1e-13, rtol=0)
 
 
 @pytest.mark.parametrize("interpolation", LOCAL)
@@ -91,20 +49,6 @@ def test_whole_positions_read_their_pixel_and_no_other(interpolation):
     y, x = torch.meshgrid(torch.arange(5).double(), torch.arange(6).double(), indexing="ij")
     assert torch.equal(sample(image, x, y, interpolation)[0], image)
     torch.testing.assert_close(sample(spoilt, x, y, interpolation)[0], spoilt, atol=0, rtol=0, equal_nan=True)
-
-
-@given(coefficients=st.lists(st.floats(-1, 1), min_size=6, max_size=6), x=st.floats(1, 6), y=st.floats(1, 5))
-def test_cubic_reproduces_quadratics_and_linear_planes(coefficients, x, y):
-    def surface(x, y, terms):
-        monomials = (1.0, x, y, x * y, x**2, y**2)
-        return sum(c * m for c, m in zip(terms, monomials[: len(terms)], strict=True))
-
-    columns, rows = torch.arange(8).double(), torch.arange(7).double()[:, None]
-    for interpolation, n_terms in (("cubic", 6), ("linear", 4)):
-        terms = coefficients[:n_terms]
-        image = surface(columns, rows, terms) + torch.zeros(7, 8)
-        read = sample(image, doubles(x), doubles(y), interpolation)[0]
-        assert float(read) == pytest.approx(surface(x, y, terms), abs=1e-12)
 
 
 @pytest.mark.parametrize("interpolation", LOCAL)
@@ -243,15 +187,6 @@ def test_gives_what_pytorchs_operations_give(monkeypatch, interpolation, border)
     for refocus, places in ((per_pixel, slope_maps(spread)), (homography, matrices(0.1 * spread))):
         fast, slow = by_both(monkeypatch, refocus, views, places, interpolation, border)
         torch.testing.assert_close(fast, slow, atol=1e-6, rtol=0)
-
-
-def test_takes_every_layout_and_leaves_closed_views_alone(monkeypatch):
-    views = noise(*GRID, *SIZE, 3, 2).movedim((-1, -2), (0, 3))
-    views[:, 1, 2] = torch.nan
-    weights = torch.tensor([[1.0, 0, 2], [3, 1, 0]])
-    fast, slow = by_both(monkeypatch, per_pixel, views, slope_maps(2.0), "linear", "renormalize", weights)
-    torch.testing.assert_close(fast, slow, atol=1e-6, rtol=0)
-    assert bool(fast.isfinite().all())
 
 
 @pytest.mark.parametrize("interpolation", LOCAL)

@@ -1,7 +1,6 @@
 """Cameras anywhere: what they separate into, and every operator that takes them against the sum over views."""
 
 import functools
-import math
 
 import pytest
 import torch
@@ -11,7 +10,6 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import splines
 from lfref.refocus import lines
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.homography import homography, slope_homographies
@@ -19,6 +17,7 @@ from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
 from lfref.refocus.surface import per_pixel, tilt_shift
 from tests.refocus.conftest import dirichlet, texture
+from tests.refocus.slow import slow_shift_and_sum
 
 GRID, SIZE, SLOPES = (3, 4), (14, 17), [-1.3, 0.0, 0.41, 1.0]
 
@@ -39,43 +38,6 @@ KINDS = ["even", "separable", "rows", "general"]
 each_kind = pytest.mark.parametrize("kind", KINDS)
 
 
-def tapped(position: float, interpolation: str) -> list[tuple[int, float]]:
-    """Samples and weights, as in every textbook."""
-    whole, t = math.floor(position), position - math.floor(position)
-    if interpolation == "nearest":
-        return [(math.floor(position + 0.5), 1.0)]
-    if interpolation == "linear":
-        return [(whole, 1 - t), (whole + 1, t)]
-    return [(whole + i - 1, weight) for i, weight in enumerate(splines.weights(t))]
-
-
-def slow(views: Tensor, slope: float, positions: Tensor, interpolation: str, border: str, weights: Tensor) -> Tensor:
-    """The definition: one pixel, one view, one sample at a time."""
-    n_rows, n_columns, _, height, width = views.shape
-    image = torch.zeros_like(views[0, 0])
-    for y in range(height):
-        for x in range(width):
-            covered = 0.0
-            for v in range(n_rows):
-                for u in range(n_columns):
-                    at = y + slope * float(positions[v, u, 0]), x + slope * float(positions[v, u, 1])
-                    if interpolation == "nearest":
-                        at = math.floor(at[0] + 0.5), math.floor(at[1] + 0.5)
-                    if border == "renormalize" and not (0 <= at[0] <= height - 1 and 0 <= at[1] <= width - 1):
-                        continue
-                    covered += float(weights[v, u])
-                    for row, down in tapped(at[0], interpolation):
-                        for column, across in tapped(at[1], interpolation):
-                            y_in, x_in = (
-                                (row % height, column % width)
-                                if border == "wrap"
-                                else (min(max(row, 0), height - 1), min(max(column, 0), width - 1))
-                            )
-                            image[:, y, x] += weights[v, u] * down * across * views[v, u, :, y_in, x_in]
-            image[:, y, x] /= covered if covered > 0 else 1.0
-    return image
-
-
 @each_kind
 @pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
 @pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
@@ -87,7 +49,7 @@ def test_shift_and_sum_equals_the_slow_reference(kind, interpolation, border):
     differentiated = shift_and_sum(views.requires_grad_(), SLOPES, interpolation, border, weights, positions=positions)
     torch.testing.assert_close(differentiated.detach(), stack, atol=1e-12, rtol=0)
     for image, slope in zip(stack, SLOPES, strict=True):
-        expected = slow(views.detach(), slope, positions, interpolation, border, weights)
+        expected = slow_shift_and_sum(views.detach(), slope, interpolation, border, weights, positions)
         torch.testing.assert_close(image, expected, atol=1e-12, rtol=0)
 
 
@@ -95,7 +57,7 @@ def test_shift_and_sum_equals_the_slow_reference(kind, interpolation, border):
 @given(st.data())
 def test_compiled_loops_equal_eager_operations_wherever_cameras_stand(data):
     grid = data.draw(st.tuples(st.integers(1, 5), st.integers(1, 5)))
-    size = data.draw(st.tuples(st.integers(2, 20), st.integers(2, 40)))
+    size = data.draw(st.tuples(st.integers(1, 20), st.integers(1, 40)))
     positions = uneven(data.draw(st.sampled_from(KINDS)), grid) * data.draw(st.floats(0, 1))
     extent = lines.lines(grid, positions).extent
     steepest = min((n / (m - 1) for n, m in zip(size, extent, strict=True) if m > 1), default=3)
@@ -193,12 +155,6 @@ def test_no_positions_are_the_even_grid():
     assert lines.lines(GRID).extent == GRID
     views = torch.rand(*GRID, 2, *SIZE)
     assert torch.equal(shift_and_sum(views, SLOPES), shift_and_sum(views, SLOPES, positions=uneven("even")))
-
-
-def test_spacing_may_differ_between_rows_and_columns():
-    views = torch.rand(*GRID, 1, *SIZE, dtype=torch.float64)
-    wide = shift_and_sum(views[:1], [0.8], "cubic", positions=uneven("even", (1, 4)) * 1.5)
-    torch.testing.assert_close(wide, shift_and_sum(views[:1], [1.2], "cubic"), atol=1e-12, rtol=0)
 
 
 @each_kind

@@ -113,15 +113,6 @@ def test_mirrored_views_make_mirrored_planes():
         torch.testing.assert_close(mirrored.flip(axis), stack, atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize("side", [50, 100])
-def test_squares_of_any_side_agree(side, monkeypatch):
-    views = torch.rand(3, 4, 1, 90, 101, dtype=torch.float64)
-    monkeypatch.setattr(module, "_side", lambda margin, size: 180)  # holds the whole picture
-    whole = wiener(views, SLOPES, KNOWN)
-    monkeypatch.setattr(module, "_side", lambda margin, size: side)
-    torch.testing.assert_close(wiener(views, SLOPES, KNOWN), whole, atol=1e-5, rtol=0)
-
-
 def test_a_photograph_through_one_view_is_that_view():
     aperture = torch.zeros(3, 3)
     aperture[1, 1] = 1

@@ -10,8 +10,12 @@ frequency k of the views meet r x r frequencies q = k + m of the fine picture F,
     L^_i(k) = sum_q D(q) F^(q) exp(-2 pi i s i q) / r^2,   D the transform of the mean over r x r fine pixels.
 
 Least squares over the views are a small system for every k, (D* G D + P) F^ / r^2 = D* E: E(q) is what exact Fourier
-refocusing finds at q, the Gram matrix G depends only on how far two q lie apart, and the penalty P is the greater the
-less power natural pictures have at q beside the lowest q. So the lowest one, which one view alone determines, is free.
+refocusing finds at q, the Gram matrix G depends only on how far two q lie apart, and P(q) = RIDGE (S(q0) / S(q) - 1) is
+the penalty of q that has less power S, as in `wiener_filters`, than the lowest of the q, q0. So q0, which one view alone
+determines, is free.
+
+From top to bottom: the two operators; the regression (`pictures`, `_solved`); the plane on the finer grid, and views
+predicted by a picture; errors; transforms along one axis.
 Letters: `i` view, `v u` its row and column, `k` frequency in cycles per pixel of the views, `q` one of the fine
 picture, `r` factor, `s` slope, `K` rows of frequencies at a time.
 Source: Ur, Gross, "Improved resolution from subpixel shifted pictures", 1992 (folded frequencies as unknowns).
@@ -72,36 +76,17 @@ def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tenso
     batch = batches.without_unread(batch, aperture)
     if batch.is_floating_point():
         batch = batch.to(batches.working_dtype(batch.dtype))  # half types are rounded once, at the end
-    stack = band_limited(exact_fourier(batch, planes, aperture), factor)
+    # Both pictures predict the views in grey, the brightest pixel 1.
     grey = torch.stack([batches.radiance(row).mean(2) for row in batch.unbind(1)], 1)
     brightest = grey.detach().abs().amax((1, 2, 3, 4)).clamp(min=torch.finfo(grey.dtype).tiny)[:, None, None]
     grey = grey / brightest[..., None, None]
-    blends = []
-    finer_pictures = pictures(batch, planes, factor, aperture)
-    for slope, plane, fine in zip(planes.tolist(), stack.unbind(1), finer_pictures, strict=True):
-        of_fine, of_plane = (
-            _errors(grey, picture.mean(1) / brightest, slope, aperture, factor) for picture in (fine, plane)
-        )
+    stack = band_limited(exact_fourier(batch, planes, aperture), factor)
+    finer, blends = pictures(batch, planes, factor, aperture), []
+    for slope, plane, fine in zip(planes.tolist(), stack.unbind(1), finer, strict=True):
+        of_fine, of_plane = (_errors(grey, each.mean(1) / brightest, slope, aperture, factor) for each in (fine, plane))
         share = ((UNSURE - of_fine / of_plane) / (UNSURE - SURE)).clamp(0, 1)
         blends.append(torch.lerp(plane, fine, F.interpolate(share, scale_factor=factor, mode="bilinear")))
     return batches.restored(torch.stack(blends, 1), views)
-
-
-def _errors(views: Tensor, picture: Tensor, slope: float, aperture: Tensor, factor: int) -> Tensor:
-    """Mean squared error [B, 1, H, W] of a picture [B, r H, r W] that predicts views, around each of its pixels.
-
-    Views [B, V, U, H, W] and picture are grey, the brightest pixel of the views 1; the aperture [V, U] is of sum 1.
-    """
-    grid = (views.shape[1], views.shape[2])
-    squares = (views - predicted_views(picture, slope, factor, grid)).square() * aperture.to(views)[:, :, None, None]
-    down, across = ((-slope * geometry.angular_offsets(n)).round().long().tolist() for n in grid)
-    # Each view's errors go back to the pixels of the picture that they come from.
-    total = torch.zeros_like(squares[:, 0, 0])
-    for v, y in enumerate(down):
-        for u, x in enumerate(across):
-            total = total + squares[:, v, u].roll((y, x), (-2, -1))
-    around = F.pad(total[:, None], (RADIUS,) * 4, mode="replicate")
-    return F.avg_pool2d(around, 2 * RADIUS + 1, 1) + LEAST_ERROR
 
 
 def in_focus(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tensor | None = None) -> Tensor:
@@ -156,53 +141,6 @@ def pictures(views: Tensor, slopes: Tensor, factor: int, aperture: Tensor) -> It
         yield _picture(_solved(sums.pop(0), slope, factor, aperture))
 
 
-def band_limited(stack: Tensor, factor: int) -> Tensor:
-    """Pictures [..., H, W] on a finer grid without more detail, [..., r H, r W]; means over r x r give them back."""
-    axes = []
-    for length in stack.shape[-2:]:
-        q = _frequencies(length, factor).abs()
-        is_lowest = (q == q.amin(0)).double()
-        axes.append(is_lowest / is_lowest.sum(0) / torch.where(is_lowest > 0, _mean(length, factor), 1))
-    factors = (factor**2 * axes[0][:, :, None, None] * axes[1]).to(stack.device, fourier.complex_dtype(stack.dtype))
-    return _picture(torch.fft.fft2(stack)[..., None, :, None, :] * factors)
-
-
-def predicted_views(fine: Tensor, slope: float, factor: int, grid: tuple[int, int]) -> Tensor:
-    """The views [..., V, U, H, W] of a periodic fine picture [..., r H, r W] that is in focus at the slope."""
-    folds = torch.fft.fft2(fine).unflatten(-1, (factor, -1)).unflatten(-3, (factor, -1))  # r H r W
-    rows, columns = (
-        (_mean(length, factor) * _phases(length, factor, n_views, -slope) / factor).to(folds)
-        for length, n_views in zip((folds.shape[-3], folds.shape[-1]), grid, strict=True)
-    )
-    across = torch.einsum("...ahbw,ubw->...uahw", folds, columns)
-    return torch.fft.ifft2(torch.einsum("...uahw,vah->...vuhw", across, rows)).real
-
-
-def _picture(spectrum: Tensor) -> Tensor:
-    """The fine picture of a spectrum, [..., r, H, r, W] -> [..., r H, r W]."""
-    return torch.fft.ifft2(spectrum.flatten(-2).flatten(-3, -2)).real
-
-
-def _frequencies(length: int, factor: int) -> Tensor:
-    """The q of every k, in cycles per pixel of the views, float64, [r, length]."""
-    return (factor * fourier.frequencies(factor * length)).reshape(factor, length)
-
-
-def _mean(length: int, factor: int) -> Tensor:
-    """D(q) along one axis, complex128, [r, length]."""
-    return _waves(_frequencies(length, factor)[..., None] * torch.arange(factor) / factor).mean(-1)
-
-
-def _phases(length: int, factor: int, n_views: int, slope: float) -> Tensor:
-    """exp(2 pi i s v q), complex128, [V, r, length]."""
-    return _waves(slope * geometry.angular_offsets(n_views)[:, None, None] * _frequencies(length, factor))
-
-
-def _waves(turns: Tensor) -> Tensor:
-    """exp(2 pi i turns), complex128."""
-    return torch.polar(torch.ones_like(turns), 2 * torch.pi * turns)
-
-
 def _solved(sums: Tensor, slope: float, factor: int, aperture: Tensor) -> Tensor:
     """The spectrum F^ = r^2 (D* G D + P)^-1 D* E of the fine picture; E and F^ [B, C, r, H, r, W]."""
     size = sums.shape[3], sums.shape[5]
@@ -231,3 +169,67 @@ def _solved(sums: Tensor, slope: float, factor: int, aperture: Tensor) -> Tensor
         solved = solution.to(sums) @ folded.flatten(4).flatten(2, 3)
         spectra.append(solved.reshape(folded.shape).permute(4, 5, 2, 0, 3, 1))
     return torch.cat(spectra, 3)
+
+
+def band_limited(stack: Tensor, factor: int) -> Tensor:
+    """Pictures [..., H, W] on a finer grid without more detail, [..., r H, r W]; means over r x r give them back."""
+    axes = []
+    for length in stack.shape[-2:]:
+        q = _frequencies(length, factor).abs()
+        is_lowest = (q == q.amin(0)).double()
+        axes.append(is_lowest / is_lowest.sum(0) / torch.where(is_lowest > 0, _mean(length, factor), 1))
+    factors = (factor**2 * axes[0][:, :, None, None] * axes[1]).to(stack.device, fourier.complex_dtype(stack.dtype))
+    return _picture(torch.fft.fft2(stack)[..., None, :, None, :] * factors)
+
+
+def predicted_views(fine: Tensor, slope: float, factor: int, grid: tuple[int, int]) -> Tensor:
+    """The views [..., V, U, H, W] of a periodic fine picture [..., r H, r W] that is in focus at the slope."""
+    folds = torch.fft.fft2(fine).unflatten(-1, (factor, -1)).unflatten(-3, (factor, -1))  # r H r W
+    rows, columns = (
+        (_mean(length, factor) * _phases(length, factor, n_views, -slope) / factor).to(folds)
+        for length, n_views in zip((folds.shape[-3], folds.shape[-1]), grid, strict=True)
+    )
+    across = torch.einsum("...ahbw,ubw->...uahw", folds, columns)
+    return torch.fft.ifft2(torch.einsum("...uahw,vah->...vuhw", across, rows)).real
+
+
+def _errors(views: Tensor, picture: Tensor, slope: float, aperture: Tensor, factor: int) -> Tensor:
+    """Mean squared error [B, 1, H, W] of a picture [B, r H, r W] that predicts views, around each of its pixels.
+
+    Views [B, V, U, H, W] and picture are grey, the brightest pixel of the views 1; the aperture [V, U] is of sum 1.
+    """
+    grid = (views.shape[1], views.shape[2])
+    squares = (views - predicted_views(picture, slope, factor, grid)).square() * aperture.to(views)[:, :, None, None]
+    down, across = ((-slope * geometry.angular_offsets(n)).round().long().tolist() for n in grid)
+    # Each view's errors go back to the pixels of the picture that they come from.
+    total = torch.zeros_like(squares[:, 0, 0])
+    for v, y in enumerate(down):
+        for u, x in enumerate(across):
+            total = total + squares[:, v, u].roll((y, x), (-2, -1))
+    around = F.pad(total[:, None], (RADIUS,) * 4, mode="replicate")
+    return F.avg_pool2d(around, 2 * RADIUS + 1, 1) + LEAST_ERROR
+
+
+def _picture(spectrum: Tensor) -> Tensor:
+    """The fine picture of a spectrum, [..., r, H, r, W] -> [..., r H, r W]."""
+    return torch.fft.ifft2(spectrum.flatten(-2).flatten(-3, -2)).real
+
+
+def _frequencies(length: int, factor: int) -> Tensor:
+    """The q of every k, in cycles per pixel of the views, float64, [r, length]."""
+    return (factor * fourier.frequencies(factor * length)).reshape(factor, length)
+
+
+def _mean(length: int, factor: int) -> Tensor:
+    """D(q) along one axis, complex128, [r, length]."""
+    return _waves(_frequencies(length, factor)[..., None] * torch.arange(factor) / factor).mean(-1)
+
+
+def _phases(length: int, factor: int, n_views: int, slope: float) -> Tensor:
+    """exp(2 pi i s v q), complex128, [V, r, length]."""
+    return _waves(slope * geometry.angular_offsets(n_views)[:, None, None] * _frequencies(length, factor))
+
+
+def _waves(turns: Tensor) -> Tensor:
+    """exp(2 pi i turns), complex128."""
+    return torch.polar(torch.ones_like(turns), 2 * torch.pi * turns)

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from lfref import geometry
-from lfref.refocus import batches
 from lfref.refocus.fourier import exact
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -82,13 +81,6 @@ def test_a_map_of_one_disparity_is_nearly_that_number(plane):
     torch.testing.assert_close(mapped, exact_fourier(views, SLOPES, fill=1.0, disparity=0.2), atol=2e-3, rtol=0)
 
 
-def test_weights_choose_the_views():
-    views = torch.rand(3, 3, 1, 8, 9, dtype=torch.float64)
-    weights = torch.zeros(3, 3)
-    weights[1, 1] = 5
-    torch.testing.assert_close(exact_fourier(views, [0.8], weights)[0], views[1, 1], atol=1e-14, rtol=0)
-
-
 def slow_filter_and_sum(views, rows, columns, weights):
     """Circular convolutions by rolling the views about; rows [N, V, H] and columns [N, U, W] are real filters."""
     stack = np.zeros((len(views), len(rows), *views.shape[3:]))
@@ -108,33 +100,10 @@ def filters(grid, size, n_planes=2):
 
 @pytest.mark.parametrize("size", [(6, 8), (5, 7), (6, 5), (1, 4), (2, 1)])
 @pytest.mark.parametrize("grid", [(3, 2), (1, 4)])
-@pytest.mark.parametrize("batch", [1, 2])
-def test_equals_the_slow_reference(size, grid, batch):
-    views = torch.rand(batch, *grid, 2, *size, dtype=torch.float64)
+def test_equals_the_slow_reference(size, grid):
+    views = torch.rand(2, *grid, 2, *size, dtype=torch.float64)
     weights = torch.rand(grid, dtype=torch.float64)
     taps, factors = filters(grid, size)
     stack = exact.filter_and_sum(views, *factors, weights)
     expected = slow_filter_and_sum(views.numpy(), *taps, weights.numpy())
     np.testing.assert_allclose(stack.numpy(), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("dtype", "working"),
-    [(torch.float16, torch.float32), (torch.float32, torch.float32), (torch.float64, torch.float64)],
-)
-def test_half_precision_is_computed_in_float32(dtype, working):
-    views, weights = torch.rand(1, 2, 3, 1, 6, 7).to(dtype), torch.rand(2, 3, dtype=torch.float64)
-    _, factors = filters((2, 3), (6, 7))
-    stack = exact.filter_and_sum(views, *factors, weights)
-    assert stack.dtype == working
-    expected = exact.filter_and_sum(views.double(), *factors, weights)
-    torch.testing.assert_close(stack.double(), expected, atol=1e-4, rtol=1e-5)
-
-
-@pytest.mark.parametrize("dtype", list(batches.FULL_SCALE))
-def test_integers_are_scaled_to_radiance(dtype):
-    views = torch.randint(0, 256, (1, 2, 3, 1, 6, 7)).to(dtype)
-    weights = torch.rand(2, 3, dtype=torch.float64)
-    _, factors = filters((2, 3), (6, 7))
-    expected = exact.filter_and_sum(batches.radiance(views), *factors, weights)
-    assert torch.equal(exact.filter_and_sum(views, *factors, weights), expected)

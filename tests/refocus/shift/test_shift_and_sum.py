@@ -1,74 +1,31 @@
 import math
 
-import numpy as np
 import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus import footprint
+from lfref.refocus import footprint, lines
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
-
-
-def slow_shift_and_sum(views: np.ndarray, slope: float, border: str, nearest: bool, weights: np.ndarray) -> np.ndarray:
-    """The definition, one sample at a time."""
-    n_rows, n_columns, channels, height, width = views.shape
-    image = np.zeros((channels, height, width))
-    for y in range(height):
-        for x in range(width):
-            total, weight_sum = np.zeros(channels), 0.0
-            for v in range(n_rows):
-                for u in range(n_columns):
-                    sample = slow_sample(
-                        views[v, u],
-                        x + slope * (u - (n_columns - 1) / 2),
-                        y + slope * (v - (n_rows - 1) / 2),
-                        border,
-                        nearest,
-                    )
-                    if sample is not None:
-                        total += weights[v, u] * sample
-                        weight_sum += weights[v, u]
-            image[:, y, x] = total / weight_sum if weight_sum > 0 else 0
-    return image
-
-
-def slow_sample(view: np.ndarray, x: float, y: float, border: str, nearest: bool) -> np.ndarray | None:
-    height, width = view.shape[1:]
-    if nearest:
-        x, y = math.floor(x + 0.5), math.floor(y + 0.5)
-    if border == "renormalize" and not (0 <= x <= width - 1 and 0 <= y <= height - 1):
-        return None
-    total = np.zeros(view.shape[0])
-    for row, row_weight in ((math.floor(y), 1 - y % 1), (math.floor(y) + 1, y % 1)):
-        for column, column_weight in ((math.floor(x), 1 - x % 1), (math.floor(x) + 1, x % 1)):
-            if border == "zero" and not (0 <= row < height and 0 <= column < width):
-                continue
-            if border == "wrap":
-                pixel = view[:, row % height, column % width]
-            else:
-                pixel = view[:, min(max(row, 0), height - 1), min(max(column, 0), width - 1)]
-            total += row_weight * column_weight * pixel
-    return total
+from lfref.refocus.shift.shift_and_sum import coverage, reach, shift_and_sum
+from tests.refocus.slow import slow_shift_and_sum
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
-@pytest.mark.parametrize("interpolation", ["nearest", "linear"])
-@pytest.mark.parametrize("grid", [(3, 4), (2, 5)])
+@pytest.mark.parametrize(("interpolation", "grid"), [("nearest", (3, 4)), ("linear", (2, 5)), ("cubic", (4, 3))])
 def test_equals_the_slow_reference(border, interpolation, grid):
     views = torch.rand(*grid, 2, 9, 11, dtype=torch.float64)
     weights = torch.rand(grid, dtype=torch.float64)
     slopes = [-1.4, -1.0, 0.0, 0.37, 1.5]
     stack = shift_and_sum(views, slopes, interpolation, border, weights)
     for image, slope in zip(stack, slopes, strict=True):
-        slow = slow_shift_and_sum(views.numpy(), slope, border, interpolation == "nearest", weights.numpy())
-        np.testing.assert_allclose(image.numpy(), slow, atol=1e-12)
+        slow = slow_shift_and_sum(views, slope, interpolation, border, weights, lines.even(grid))
+        torch.testing.assert_close(image, slow, atol=1e-12, rtol=0)
 
 
 def test_float32_is_within_1e_6_of_the_slow_reference():
     views = torch.rand(7, 7, 1, 20, 21)
-    slow = slow_shift_and_sum(views.double().numpy(), 0.71, "renormalize", False, np.ones((7, 7)))
-    np.testing.assert_allclose(shift_and_sum(views, [0.71])[0].numpy(), slow, atol=1e-6)
+    slow = slow_shift_and_sum(views.double(), 0.71, "linear", "renormalize", torch.ones(7, 7), lines.even((7, 7)))
+    torch.testing.assert_close(shift_and_sum(views, [0.71])[0].double(), slow, atol=1e-6, rtol=0)
 
 
 def test_slope_0_is_the_plain_mean():
@@ -186,6 +143,18 @@ def test_a_stack_in_the_memory_of_the_views_is_refused():
         shift_and_sum(memory[:9].reshape(3, 3, 1, 12, 13), [0.5, -1.0], out=memory[9:11])
 
 
+@pytest.mark.parametrize(("fill", "expected"), [(0.0, 3), (1.0, 6)])
+def test_samples_count_as_far_as_the_reach_and_no_farther(fill, expected):
+    # The cubic reads 1 beyond a shift of up to 2 pixels; a box of 2.3 pixels has three taps on either side.
+    views, options = (
+        torch.zeros(3, 3, 1, 41, 41, dtype=torch.float64),
+        {"border": "edge", "fill": fill, "disparity": -0.6},
+    )
+    views[..., 20, 20] = 1
+    rows = shift_and_sum(views, [1.7], "cubic", **options)[0, 0].any(1).nonzero()[:, 0] - 20
+    assert reach([1.7], (3, 3), "cubic", **options) == int(rows.abs().max()) == expected
+
+
 def test_coverage_counts_the_weighted_views_with_a_sample():
     weights = torch.tensor([[1.0, 2.0, 1.0]])
     share = coverage([1.5], (1, 3), (4, 6), weights=weights)[0]
@@ -212,10 +181,6 @@ def test_pixels_without_any_view_are_black_and_their_coverage_is_0():
         ({"fill": -1.0}, "fill must be finite"),
         ({"fill": 1.0, "disparity": torch.zeros(3, 3)}, "disparity must be a number or a map"),
         ({"fill": 30.0}, "at most the picture's 10 px"),
-        ({"weights": torch.zeros(3, 3)}, "not all zero"),
-        ({"weights": torch.ones(2, 3)}, "one for each view"),
-        ({"views": torch.zeros(3, 3, 1, 10)}, "views must be"),
-        ({"views": torch.zeros(3, 3, 1, 10, 10, dtype=torch.int16)}, "floating point"),
     ],
 )
 def test_bad_arguments_are_refused(change, message):

@@ -5,8 +5,6 @@ import sys
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from lfref.functional import threads
 from lfref.refocus import lines
@@ -36,27 +34,6 @@ def test_equals_eager(border, interpolation, dtype):
         fast, slow = both(views, SLOPES[1:] if grid[1] == 9 else SLOPES, interpolation, border)
         assert fast.dtype == slow.dtype == (torch.float64 if dtype == torch.float64 else torch.float32)
         torch.testing.assert_close(fast, slow, atol=1e-12 if dtype == torch.float64 else 1e-6, rtol=0)
-
-
-@settings(deadline=None, max_examples=25)
-@given(st.data())
-def test_equals_eager_on_any_grid_size_slope_and_aperture(data):
-    grid = data.draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
-    size = data.draw(st.tuples(st.integers(1, 20), st.integers(1, 40)))
-    steepest = min(
-        (length / (n_views - 1) for length, n_views in zip(size, grid, strict=True) if n_views > 1), default=3
-    )
-    slopes = data.draw(st.lists(st.floats(-0.99, 0.99).map(lambda share: share * steepest), min_size=1, max_size=4))
-    weights = torch.tensor(
-        data.draw(st.lists(st.sampled_from([0.0, 0.5, 1.0]), min_size=grid[0] * grid[1], max_size=grid[0] * grid[1]))
-    ).reshape(grid)
-    if weights.sum() == 0:
-        weights[0, 0] = 1
-    border = data.draw(st.sampled_from(["renormalize", "edge", "zero"]))
-    interpolation = data.draw(st.sampled_from(["nearest", "linear", "cubic"]))
-    views = torch.rand(1, *grid, 1, *size, dtype=torch.float64)
-    fast, slow = both(views, slopes, interpolation, border, weights)
-    torch.testing.assert_close(fast, slow, atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
