@@ -11,8 +11,8 @@ frequency k of the views meet r x r frequencies q = k + m of the fine picture F,
 
 Least squares over the views are a small system for every k, (D* G D + P) F^ / r^2 = D* E: E(q) is what exact Fourier
 refocusing finds at q, the Gram matrix G depends only on how far two q lie apart, and P(q) = RIDGE (S(q0) / S(q) - 1) is
-the penalty of q that has less power S, as in `wiener_filters`, than the lowest of the q, q0. So q0, which one view alone
-determines, is free.
+the penalty. S is the power of natural pictures, as in `wiener_filters`; q0 is the lowest q, which one view alone
+determines: it is free.
 
 From top to bottom: the two operators; the regression (`pictures`, `_solved`); the plane on the finer grid, and views
 predicted by a picture; errors; transforms along one axis.
