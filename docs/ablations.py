@@ -114,7 +114,7 @@ def main() -> None:
     """Train, evaluate, time; then fill the page, or print its lines."""
     parser = argparse.ArgumentParser(description="The paper's choices and faster bodies, against the truth.")
     parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="where everything is kept")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks and tables")
     parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, for the evaluation")
     parser.add_argument(
         "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"

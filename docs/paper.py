@@ -132,7 +132,7 @@ def main() -> None:
 def _from_arguments() -> Experiment:
     parser = argparse.ArgumentParser(description="The paper's experiments, against the truth.")
     parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="where everything is kept")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks and tables")
     parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30, for the evaluation")
     parser.add_argument(
         "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"

@@ -43,13 +43,13 @@ def on_config(config: MkDocsConfig) -> None:
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Publish what `PUBLISHED` names as it lies in the repository, and the reference; the theme's files stay."""
     theme = [file for file in files if file.src_dir != config.docs_dir]
-    kept = [
+    pages = [
         File(path.relative_to(ROOT).as_posix(), str(ROOT), config.site_dir, config.use_directory_urls)
         for pattern in PUBLISHED
         for path in sorted(ROOT.glob(pattern))
     ]
     texts = {PUBLIC_NAMES: public_names()} | {address(name): description(name) for name in described()}
-    return Files([*theme, *kept, *(File.generated(config, name, content=text) for name, text in texts.items())])
+    return Files([*theme, *pages, *(File.generated(config, name, content=text) for name, text in texts.items())])
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> None:

@@ -234,5 +234,5 @@ def fastest(summary: pd.DataFrame, most_db: float = 0.1) -> pd.DataFrame:
     # Errors add up as squares: 30 dB less `most_db` is an error of 30 dB plus a change `distance` dB below it.
     distance = -10 * math.log10(10 ** (most_db / 10) - 1)
     holds = summary["loss_db"].le(most_db).where(summary["loss_db"].notna(), summary["agreement_db"] >= 30 + distance)
-    kept = summary[holds.astype(bool) & summary["min_s"].notna()]
-    return kept.loc[kept.groupby("network", sort=False)["min_s"].idxmin()]
+    accurate = summary[holds.astype(bool) & summary["min_s"].notna()]
+    return accurate.loc[accurate.groupby("network", sort=False)["min_s"].idxmin()]

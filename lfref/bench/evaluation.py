@@ -131,29 +131,29 @@ def capture_cases(fields: Iterable[LightField], slopes: Tensor) -> Iterator[Eval
 
 
 class AxisSplit(NamedTuple):
-    """Views along one angular axis: those of the reference and those that methods get."""
+    """Views along one angular axis: dense ones for the reference, sparse ones for the methods."""
 
     dense: slice
-    kept: slice
+    sparse: slice
     shares: Tensor
-    """Weight of each kept view, in (0, 1], float64, [n]."""
+    """Weight of each sparse view, in (0, 1], float64, [n]."""
 
 
 def split_axis(n_views: int, step: int) -> AxisSplit:
-    """Keep every `step`-th view of an axis, as many as possible, so that kept and dense views have the same centre.
+    """Keep every `step`-th view of an axis, as many as possible, so that sparse and dense views have the same centre.
 
     Raises:
         InputError: Fewer than two views are left.
     """
-    n_kept = (n_views - 1) // step + 1
-    if step < 2 or n_kept < 2:
+    n_sparse = (n_views - 1) // step + 1
+    if step < 2 or n_sparse < 2:
         expected = "every second view or fewer must be kept, and two at least"
         raise InputError(expected, got=f"every {step} of {n_views}", remedy="set thin=2, and reader.views to read more")
-    reach = (n_kept - 1) * step
-    # An odd rest of views has no common centre with the kept ones: the last dense view is left out.
+    reach = (n_sparse - 1) * step
+    # An odd rest of views has no common centre with the sparse ones: the last dense view is left out.
     start, odd = divmod(n_views - 1 - reach, 2)
     n_dense = n_views - odd
-    shares = torch.ones(n_kept, dtype=torch.float64)
+    shares = torch.ones(n_sparse, dtype=torch.float64)
     shares[[0, -1]] = (n_dense - reach + step) / (2 * step)
     return AxisSplit(slice(0, n_dense), slice(start, start + reach + 1, step), shares)
 
@@ -164,7 +164,7 @@ def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> I
     Args:
         fields: With many views, linear, on the device of the computation.
         step: At least 2.
-        slopes: In pixels per step of the kept views, [N].
+        slopes: In pixels per step of the sparse views, [N].
 
     Raises:
         InputError: Too few views.
@@ -174,7 +174,7 @@ def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> I
         rows, columns = (split_axis(n_views, step) for n_views in field.grid)
         weights = rows.shares[:, None] * columns.shares
         reference = integral(_select_views(field, rows.dense, columns.dense), slopes / step)
-        light = _select_views(field, rows.kept, columns.kept)
+        light = _select_views(field, rows.sparse, columns.sparse)
         aperture = functools.partial(apertures.mask, rows=weights)
         yield EvaluationCase(HOLD_OUT, light, reference, DENSE, aperture)
 

@@ -42,10 +42,10 @@ def accuracy_time(rows: pd.DataFrame) -> Figure:
     if fft_s.empty:
         raise InputError(f"the table must have the time of {FFT}, which is the unit", got="no such row")
     unit = float(fft_s.iloc[0])
-    kept = tables.capped(tables.require_numbers(rows, "median_s", "psnr_db"), "psnr_db")
-    kept = kept.reindex(columns=["method", "class", "reference", *SPANS, "psnr_db"])
-    kept = kept[kept["median_s"].between(0, math.inf, inclusive="neither")]
-    in_units = kept.assign(**{column: kept[column] / unit for column in SPANS})
+    methods = tables.capped(tables.require_numbers(rows, "median_s", "psnr_db"), "psnr_db")
+    methods = methods.reindex(columns=["method", "class", "reference", *SPANS, "psnr_db"])
+    methods = methods[methods["median_s"].between(0, math.inf, inclusive="neither")]
+    in_units = methods.assign(**{column: methods[column] / unit for column in SPANS})
     classes = list(in_units.groupby(["class", "reference"], sort=False, dropna=False))
     figure = new_figure(9, 1 + 4.4 * len(classes))
     panels = figure.subplots(len(classes), squeeze=False)[:, 0]

@@ -31,9 +31,9 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
     remedies = by_plane.loc[~by_plane["is_base"], "method"].unique().tolist()
     place = tables.plane_axis(by_plane)
     means = by_plane.groupby(["cause", "method", "is_base"], sort=False)[["cost_db", "won_db"]].mean().reset_index()
-    kept = by_plane if panels_at is None else by_plane[by_plane[place].isin(panels_at)]
+    shown = by_plane if panels_at is None else by_plane[by_plane[place].isin(panels_at)]
     panels = {"mean over planes": means}
-    panels |= {f"{tables.heading(place)} {value:g}": rows for value, rows in kept.groupby(place)}
+    panels |= {f"{tables.heading(place)} {value:g}": rows for value, rows in shown.groupby(place)}
     figure = new_figure(2 + 2.6 * len(panels), 1.6 + 0.32 * len(causes))
     all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axes, (title, rows) in zip(all_axes, panels.items(), strict=True):
@@ -62,25 +62,25 @@ def operator_costs(operators: pd.DataFrame) -> Figure:
     """
     tables.require(operators, "method", "input", "memory_ratio")
     timed = tables.require_numbers(operators, "median_s", "p10_s", "p90_s", "ratio_to_numpy_fft")
-    kept = timed.sort_values("ratio_to_numpy_fft", kind="stable").reset_index(drop=True)
-    figure = new_figure(9, 1.2 + 0.32 * len(kept))
+    rows = timed.sort_values("ratio_to_numpy_fft", kind="stable").reset_index(drop=True)
+    figure = new_figure(9, 1.2 + 0.32 * len(rows))
     speed, memory = figure.subplots(1, 2, sharey=True, width_ratios=(1.4, 1))
-    kinds = np.where(kept["input"] == "float32", "", " (" + kept["input"] + ")")
-    speed.set_yticks(kept.index, (kept["method"] + kinds).str.replace("$", r"\$"))
+    kinds = np.where(rows["input"] == "float32", "", " (" + rows["input"] + ")")
+    speed.set_yticks(rows.index, (rows["method"] + kinds).str.replace("$", r"\$"))
 
-    ratios = kept["ratio_to_numpy_fft"]
-    fft_s = ratios * kept["median_s"]
+    ratios = rows["ratio_to_numpy_fft"]
+    fft_s = ratios * rows["median_s"]
     speed.set_xscale("log")
     speed.axvline(1, color=RED, linestyle="--", linewidth=1.2)
-    speed.hlines(kept.index, fft_s / kept["p90_s"], fft_s / kept["p10_s"], color=BLUE, lw=1.2, alpha=0.6)
-    speed.plot(ratios, kept.index, "o", color=BLUE, markersize=6)
+    speed.hlines(rows.index, fft_s / rows["p90_s"], fft_s / rows["p10_s"], color=BLUE, lw=1.2, alpha=0.6)
+    speed.plot(ratios, rows.index, "o", color=BLUE, markersize=6)
     low, high = math.log10(min(ratios.min(), 1)), math.log10(max(ratios.max(), 1))
     margin = max(0.1 * (high - low), 0.1)
     speed.set_xlim(10 ** (low - margin), 10 ** (high + margin))
     _label_log_axis(speed, (1, 2, 5) if high - low < 2 else (1, 3))
     style_axes(speed, "Times faster than NumPy's 4-D FFT (log scale)", "", "Speed: to the right is better")
 
-    shares = tables.with_numbers(kept, "memory_ratio")["memory_ratio"]
+    shares = tables.with_numbers(rows, "memory_ratio")["memory_ratio"]
     memory.axvline(1, color=RED, linestyle="--", linewidth=1.2)
     memory.barh(shares.index, shares, height=0.5, color=[TEAL if share <= 1 else ORANGE for share in shares])
     memory.set_axisbelow(True)
@@ -104,14 +104,14 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     """
     tables.require(times, "method", "axis")
     tables.require(exponents, "method", "axis", "exponent")
-    kept = tables.require_numbers(times, "n", "min_s").merge(exponents, on=["method", "axis"])
-    axis_names, methods = kept["axis"].unique(), kept["method"].unique().tolist()
+    rows = tables.require_numbers(times, "n", "min_s").merge(exponents, on=["method", "axis"])
+    axis_names, methods = rows["axis"].unique(), rows["method"].unique().tolist()
     figure = new_figure(4 * len(axis_names), 4 + 0.2 * len(methods))
     panels = figure.subplots(1, len(axis_names), sharey=True, squeeze=False)[0]
     for axes, axis in zip(panels, axis_names, strict=True):
-        rows = kept[kept["axis"] == axis]
+        of_axis = rows[rows["axis"] == axis]
         for index, method in enumerate(methods):
-            points = rows[rows["method"] == method].sort_values("n")
+            points = of_axis[of_axis["method"] == method].sort_values("n")
             if points.empty:
                 continue
             style, exponent = drawing.series_style(index), points["exponent"].iloc[0]
@@ -121,7 +121,7 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
             axes.plot(points["n"], fit, color=style["color"], linewidth=1.2, alpha=0.6)
             label = f"{tables.plot_text(method, 40)}  {exponent:.2f}".replace("-", tables.MINUS)
             axes.plot(points["n"], points["min_s"], linestyle="", markersize=4.5, label=label, **style)
-        sizes = sorted(rows["n"].unique())
+        sizes = sorted(of_axis["n"].unique())
         axes.set(xscale="log", yscale="log")
         axes.set_xticks(sizes, [tables.format_cell("n", size) for size in sizes])
         axes.xaxis.set_minor_locator(NullLocator())
@@ -200,8 +200,8 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     left, right = figure.subplots(1, 2)
     left.set_yticks(range(len(scenes)), scenes)
     for output, colour in {"views": BLUE, "truth": ORANGE}.items():
-        kept = costs[costs["output"] == output]
-        left.plot(kept["forced_over_planned"], kept["scene"].map(scenes.index), "o", color=colour, label=output)
+        rows = costs[costs["output"] == output]
+        left.plot(rows["forced_over_planned"], rows["scene"].map(scenes.index), "o", color=colour, label=output)
     left.set_xscale("log")
     _label_log_axis(left, (1, 3))
     left.axvline(1, color=RED, linestyle="--", linewidth=1)
@@ -209,10 +209,10 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     left.legend(frameon=False, fontsize=8)
 
     place = tables.plane_axis(planes)
-    for index, (method, kept) in enumerate(planes.groupby("method", sort=False)):
+    for index, (method, rows) in enumerate(planes.groupby("method", sort=False)):
         style = {"color": drawing.series_style(index)["color"], "markersize": 3}
-        right.plot(kept[place], kept["mean_db"], "o-", label=f"{method}, mean", **style)
-        right.plot(kept[place], kept["worst_db"], "o:", label=f"{method}, worst scene", **style)
+        right.plot(rows[place], rows["mean_db"], "o-", label=f"{method}, mean", **style)
+        right.plot(rows[place], rows["worst_db"], "o:", label=f"{method}, worst scene", **style)
     style_axes(right, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
     # Below the panel: lines cross all of it.
     right.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))

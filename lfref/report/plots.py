@@ -60,10 +60,10 @@ def _draw_losses(axes: Axes, metrics: pd.DataFrame) -> None:
 
 
 def _draw_rise(axes: Axes, metrics: pd.DataFrame) -> None:
-    kept = tables.require_numbers(metrics, "step", "val/mpsnr")
-    values = kept["val/mpsnr"]
-    first, best, last, step = values.iloc[0], values.max(), values.iloc[-1], kept["step"][values.idxmax()]
-    _draw_steps(axes, kept, "val/mpsnr", color=BLUE)
+    rows = tables.require_numbers(metrics, "step", "val/mpsnr")
+    values = rows["val/mpsnr"]
+    first, best, last, step = values.iloc[0], values.max(), values.iloc[-1], rows["step"][values.idxmax()]
+    _draw_steps(axes, rows, "val/mpsnr", color=BLUE)
     axes.axhline(first, color=GREY, linestyle="--", linewidth=1)
     if best > first:
         axes.annotate("", (step, best), (step, first), arrowprops={"arrowstyle": "<->", "color": GREY})
@@ -72,8 +72,8 @@ def _draw_rise(axes: Axes, metrics: pd.DataFrame) -> None:
 
 
 def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) -> None:
-    kept = tables.with_numbers(metrics, "step", column)
-    axes.plot(kept["step"], kept[column], marker="o" if len(kept) < 40 else "", markersize=3.5, **style)
+    rows = tables.with_numbers(metrics, "step", column)
+    axes.plot(rows["step"], rows[column], marker="o" if len(rows) < 40 else "", markersize=3.5, **style)
 
 
 KNOWN_METRICS = ("step", "epoch", "val/mpsnr", "val/mssim", *LOSS_TERMS)
@@ -85,12 +85,12 @@ def other_metrics(metrics: pd.DataFrame) -> Figure | None:
 
     Such a column is a metric of a user's configuration.
     """
-    kept = {
+    by_column = {
         column: tables.with_numbers(metrics, "step", column)
         for column in metrics
         if column not in KNOWN_METRICS and not pd.api.types.is_bool_dtype(metrics[column])
     }
-    panels = {column: rows for column, rows in kept.items() if not rows.empty}
+    panels = {column: rows for column, rows in by_column.items() if not rows.empty}
     if not panels:
         return None
     n_columns, n_rows = min(3, len(panels)), math.ceil(len(panels) / 3)
@@ -114,13 +114,13 @@ def quality_by_plane(planes: pd.DataFrame) -> Figure:
     place, planes = tables.plane_axis(planes), _with_dashes(planes)
     styles, figure = _styles(planes), new_figure(9, 4.6)
     for axes, column in zip(figure.subplots(1, 2), ("psnr_db", "ssim"), strict=True):
-        kept = tables.capped(tables.require_numbers(planes, place, column), column)
-        for series, group in kept.groupby(SERIES, sort=False):
+        rows = tables.capped(tables.require_numbers(planes, place, column), column)
+        for series, group in rows.groupby(SERIES, sort=False):
             means = group.groupby(place)[column].mean()
             axes.plot(means.index, means, markersize=5, **styles[series])
         fold_below_cap(axes)
         if place == "alpha":
-            _label_slopes(axes, kept)
+            _label_slopes(axes, rows)
         style_axes(axes, tables.heading(place), tables.heading(column), "")
     handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=2, frameon=False, fontsize=9)
@@ -135,8 +135,8 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
     """
     tables.require(planes, "class", *SERIES, "alpha", "slope")
     place = tables.plane_axis(planes)
-    kept = tables.capped(tables.require_numbers(planes, place, "psnr_db"), "psnr_db")
-    classes, methods = kept.groupby(["class", "reference"], sort=False), kept["method"].unique().tolist()
+    rows = tables.capped(tables.require_numbers(planes, place, "psnr_db"), "psnr_db")
+    classes, methods = rows.groupby(["class", "reference"], sort=False), rows["method"].unique().tolist()
     figure = new_figure(9, 1.2 + 3.8 * len(classes))
     panels = figure.subplots(len(classes), squeeze=False)[:, 0]
     for axes, ((name, reference), group) in zip(panels, classes, strict=True):
@@ -188,11 +188,11 @@ def scatter(summary: pd.DataFrame) -> Figure:
         summary: Of an evaluation: `method`, `reference`, `mpsnr_db`, `mssim`.
     """
     tables.require(summary, *SERIES)
-    kept = tables.capped(tables.require_numbers(_with_dashes(summary), "mpsnr_db", "mssim"), "mpsnr_db")
+    rows = tables.capped(tables.require_numbers(_with_dashes(summary), "mpsnr_db", "mssim"), "mpsnr_db")
     styles = _styles(_with_dashes(summary))
     figure = new_figure(7.5, 5)
     axes = figure.add_subplot()
-    for series, group in kept.groupby(SERIES, sort=False):
+    for series, group in rows.groupby(SERIES, sort=False):
         shape = {**styles[series], "color": REFERENCE_COLOURS.get(series[1], ORANGE), "linestyle": ""}
         axes.plot(group["mssim"], group["mpsnr_db"], markersize=6.5, alpha=0.75, **shape)
     fold_below_cap(axes)

@@ -104,9 +104,9 @@ def counts(trials: pd.DataFrame) -> pd.DataFrame:
 
 def failures(trials: pd.DataFrame) -> pd.DataFrame:
     """Our own trials that do not hold; a row "none" if all do."""
-    kept = ["component", "case", "precision", "outcome", "error", "times_allowed", "note"]
+    columns = ["component", "case", "precision", "outcome", "error", "times_allowed", "note"]
     ours = trials[(trials["formulation"] == OURS) & (trials["holds"] != "yes")]
-    return pd.DataFrame({"component": ["none"]}) if ours.empty else ours.reindex(columns=kept)
+    return pd.DataFrame({"component": ["none"]}) if ours.empty else ours.reindex(columns=columns)
 
 
 def _groups(panels: Mapping[str, pd.DataFrame]) -> Iterator[list[str]]:

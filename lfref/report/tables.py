@@ -211,12 +211,12 @@ def with_numbers(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
 
 def require_numbers(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
     """Like `with_numbers`, but raises an `InputError` if there is no such row."""
-    kept = with_numbers(table, *columns)
-    if kept.empty:
+    rows = with_numbers(table, *columns)
+    if rows.empty:
         raise InputError(
             f"a row of the table must have numbers in {', '.join(map(repr, columns))}", got="none that has"
         )
-    return kept
+    return rows
 
 
 def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
@@ -227,9 +227,9 @@ def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
         cost: Column that should be small, such as `median_s`.
         gain: Column that should be large, such as `psnr_db`.
     """
-    kept = with_numbers(table, cost, gain).sort_values([cost, gain], ascending=[True, False], kind="stable")
-    is_cheapest = kept[cost] == kept.groupby(gain)[cost].transform("min")
-    return kept[is_cheapest & (kept[gain] == kept[gain].cummax())]
+    rows = with_numbers(table, cost, gain).sort_values([cost, gain], ascending=[True, False], kind="stable")
+    is_cheapest = rows[cost] == rows.groupby(gain)[cost].transform("min")
+    return rows[is_cheapest & (rows[gain] == rows[gain].cummax())]
 
 
 def capped(table: pd.DataFrame, column: str) -> pd.DataFrame:

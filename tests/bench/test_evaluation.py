@@ -111,8 +111,8 @@ def test_captures_are_compared_with_exact_refocusing():
 def test_kept_views_have_the_centre_and_the_aperture_of_all(n_views, step, dense, places, end):
     split = evaluation.split_axis(n_views, step)
     all_places = torch.arange(n_views, dtype=torch.float64)
-    assert all_places[split.kept].tolist() == places
-    assert all_places[split.dense].mean() == all_places[split.kept].mean()
+    assert all_places[split.sparse].tolist() == places
+    assert all_places[split.dense].mean() == all_places[split.sparse].mean()
     assert len(all_places[split.dense]) == dense
     assert split.shares.tolist() == pytest.approx([end, *[1] * (len(places) - 2), end])
     assert float(step * split.shares.sum()) == pytest.approx(dense)
