@@ -1,7 +1,7 @@
 """The noise line: variance a x + b of the noise at light x, measured in the flattest blocks of a light field's views.
 
 The noise of interpolated samples, as after demosaicing, is correlated between neighbours. Only the part of it that
-changes from pixel to pixel is measured, so that the result is too small for them.
+changes from pixel to pixel is measured, so that the result is too small for such samples.
 Source: Immerkaer, "Fast Noise Variance Estimation", 1996 (the filter); Foi et al., "Practical Poissonian-Gaussian Noise
 Modeling and Fitting for Single-Image Raw-Data", 2008 (the model).
 """
