@@ -64,6 +64,11 @@ def chosen(what: str, name: str, table: Mapping[str, Value]) -> Value:
     return table[name]
 
 
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number and its noun, as `1 epoch` or `3 epochs`; the plural is the noun with s if none is given."""
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
 def first_line(message: Exception | str) -> str:
     """The first line of another library's error or message, at most 200 characters; never empty.
 

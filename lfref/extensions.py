@@ -5,6 +5,7 @@ classes and functions that a package itself defines, for one command. The user d
 line; no configuration file, run folder or checkpoint can widen this.
 """
 
+import difflib
 import functools
 import importlib
 import importlib.util
@@ -110,4 +111,9 @@ def remedy(name: object) -> str:
         return ""
     if importlib.util.find_spec(top) is None:
         return ""
+    parts = [part for part in declared() if part.partition(".")[0] == top]
+    if parts and top not in allowed():
+        near = difflib.get_close_matches(name, parts, 1)
+        perhaps = f"perhaps {near[0]}: " if near else ""
+        return f"{perhaps}{top} declares {', '.join(sorted(parts))}; lfref --allow {top} trusts all of its classes"
     return f"if you trust {top}, say lfref --allow {top}"

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from lfref.errors import CheckpointError, FileError, InputError, LfrefError, chosen, first_line
+from lfref.errors import CheckpointError, FileError, InputError, LfrefError, chosen, counted, first_line
 
 
 @pytest.mark.parametrize(
@@ -67,3 +67,8 @@ def test_a_choice_is_handed_back_and_an_unknown_one_refused_by_naming_the_known_
 )
 def test_what_others_say_is_one_line(error, line):
     assert first_line(error) == line
+
+
+def test_one_of_a_thing_is_no_plural():
+    assert [counted(n, "epoch") for n in (0, 1, 2)] == ["0 epochs", "1 epoch", "2 epochs"]
+    assert [counted(n, "class", "classes") for n in (1, 2)] == ["1 class", "2 classes"]

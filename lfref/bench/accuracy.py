@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 from lfref.functional.psnr import image_pair, psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
@@ -145,7 +145,7 @@ def colour_difference(prediction: Tensor, target: Tensor) -> Tensor:
     """
     prediction, target = image_pair(prediction, target)
     if prediction.shape[-3] != 3:
-        raise InputError("colour differences need three channels", got=f"{prediction.shape[-3]} channels")
+        raise InputError("colour differences need three channels", got=counted(prediction.shape[-3], "channel"))
     return delta_e_2000(lab(prediction.clamp(0, 1)), lab(target.clamp(0, 1)))
 
 

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.errors import counted
 from lfref.lightfield import LightField
 
 BLACK_VIEW = 0.05  # of the light of most views, by trial: below, a view is black and not only vignetted
@@ -43,7 +44,8 @@ class BlackViewsDefect:
     def summary(self) -> str:
         """Number of black views, and share of black corners."""
         share = 0.0 if self.corners is None else float(self.corners.float().mean())
-        texts = [f"{len(self.views)} black views"] * bool(self.views) + [f"black corners ({share:.1%})"] * (share > 0)
+        texts = [counted(len(self.views), "black view")] if self.views else []
+        texts += [f"black corners ({share:.1%})"] if share > 0 else []
         return f"{' and '.join(texts)} weigh nothing"
 
     def corrected(self, field: LightField) -> LightField:

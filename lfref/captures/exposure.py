@@ -41,7 +41,8 @@ class ExposureDefect:
         """Range of the gains, and their error."""
         count, n_views = int((self.gains != 1).any(2).sum()), self.gains.shape[0] * self.gains.shape[1]
         span = f"{self.gains.min():.3f} to {self.gains.max():.3f}"
-        return f"{count} of {n_views} views are {span} as bright as the central one, known to {self.error:.2%}"
+        views = f"{count} of {n_views} views " + ("is" if count == 1 else "are")
+        return f"{views} {span} as bright as the central one, known to {self.error:.2%}"
 
     def corrected(self, field: LightField) -> LightField:
         """Views divided by their gains."""

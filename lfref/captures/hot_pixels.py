@@ -18,6 +18,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
+from lfref.errors import counted
 from lfref.functional import threads
 from lfref.functional.jit import compiled, inlined
 from lfref.lightfield import LightField
@@ -54,7 +55,8 @@ class HotPixelsDefect:
 
     def summary(self) -> str:
         """Number of hot and dead samples."""
-        return f"{self.count} hot or dead samples take the mean of the samples beside them"
+        samples = counted(self.count, "hot or dead sample takes", "hot or dead samples take")
+        return f"{samples} the mean of the samples beside them"
 
     def corrected(self, field: LightField) -> LightField:
         """The light field with these samples replaced."""

@@ -29,7 +29,7 @@ from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.refocusing import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import Run
-from lfref.errors import InputError, chosen
+from lfref.errors import InputError, chosen, counted
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
@@ -114,7 +114,8 @@ def causes(config: DictConfig, folder: Path) -> None:
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(bench_plots.error_causes(by_plane), folder / "causes.png")
     write_facts(folder, device, [], plan.planes, 1, sim30=sim30.VERSION, scenes=len(scenes), margin=margin)
-    log.info("%d causes in %d scenes: %s", measured["cause"].nunique(), len(scenes), folder / "causes.csv")
+    n_causes = measured["cause"].nunique()
+    log.info("%s in %s: %s", counted(n_causes, "cause"), counted(len(scenes), "scene"), folder / "causes.csv")
 
 
 # Group `engines`: time, memory and accuracy of each runtime of a network on this machine.
@@ -149,7 +150,7 @@ def engines(config: DictConfig, folder: Path) -> None:
     write_facts(folder, device, fields.whole, fixed_planes(config), max(repeats.values()), passes=repeats, **packages)
     for row in engine_timing.fastest(table).itertuples():
         log.info("%s: %s in %s is %.1f times faster", row.network, row.engine, row.precision, row.ratio_to_eager)
-    log.info("%d engines and precisions: %s", len(choices), folder / "engines.csv")
+    log.info("engines and precisions: %d; %s", len(choices), folder / "engines.csv")
 
 
 def _networks(config: DictConfig) -> Sequence[Make]:
@@ -202,7 +203,7 @@ def _measure(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: int
             log.info("%s %s is left out: %s", engine, precision, error)
             row |= {"skipped": str(error)}
         starts.append(row)
-    rounds = progress(range(repeats), f"{case.name}: passes of {len(runs)} engines")
+    rounds = progress(range(repeats), f"{case.name}: passes of {counted(len(runs), 'engine')}")
     return pd.DataFrame(starts), pd.DataFrame(engine_timing.passes(case, runs, rounds))
 
 
@@ -230,7 +231,8 @@ def front(config: DictConfig, folder: Path) -> None:
     drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
     drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
     write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
-    log.info("%d methods on %d scenes: %s", len(methods), evaluated["scene"].nunique(), folder / "bench.csv")
+    n_scenes = evaluated["scene"].nunique()
+    log.info("%s on %s: %s", counted(len(methods), "method"), counted(n_scenes, "scene"), folder / "bench.csv")
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
@@ -298,7 +300,7 @@ def time_operators(config: DictConfig, folder: Path) -> None:
     drawing.save_figure(bench_plots.growth(growth, exponents), folder / "scaling.png")
     limits = operator_costs.shift_and_sum_limits(field.views, len(planes))
     write_facts(folder, device, [field], planes, rounds.counted, shift_and_sum_limits=limits._asdict())
-    log.info("%d operators on %s: %s", len(cases), field.name, folder / "operators.csv")
+    log.info("%s on %s: %s", counted(len(cases), "operator"), field.name, folder / "operators.csv")
 
 
 def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[MethodCase]:
@@ -342,7 +344,8 @@ def simulate(config: DictConfig, folder: Path) -> None:
         tables.write_table(folder / f"{name}.csv", rows)
     drawing.save_figure(bench_plots.simulation(pd.DataFrame(costs), by_plane), folder / "simulate.png")
     write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
-    log.info("%d classes of scenes, %d scenes for accuracy: %s", len(classes), len(scenes), folder / "simulate.csv")
+    n_classes = counted(len(classes), "class of scenes", "classes of scenes")
+    log.info("%s, %s for accuracy: %s", n_classes, counted(len(scenes), "scene"), folder / "simulate.csv")
 
 
 # Group `stability`: all hard cases on every component in every precision, beside textbook forms.
@@ -382,7 +385,7 @@ def stability(config: DictConfig, folder: Path) -> None:
     shown = [row for row in rows if row["component"] in SHOWN] or rows
     drawing.save_figure(stability_table.heat_map(pd.DataFrame(shown)), folder / "stability.png")
     page.write_page(folder / "index.html", "Hard cases", sections.sections([folder]), facts)
-    log.info("%d trials, %d of ours hold: %s", len(rows), n_held, folder / "stability.csv")
+    log.info("%s, %d of ours hold: %s", counted(len(rows), "trial"), n_held, folder / "stability.csv")
 
 
 GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {

@@ -12,7 +12,7 @@ from lfref.cli import inputs
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.refocusing import fixed_planes
 from lfref.data.label_sources import Labels
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import drawing, pictures, plots, tables
@@ -43,7 +43,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     tables.write_table(folder / "summary.csv", summary)
     drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
     drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
-    log.info("%d light fields, %d methods: %s", len(fields), len(methods), folder / "summary.csv")
+    log.info("%s, %s: %s", counted(len(fields), "light field"), counted(len(methods), "method"), folder / "summary.csv")
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:

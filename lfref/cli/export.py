@@ -18,7 +18,7 @@ from lfref.cli.refocusing import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import FP32, INT8, Inputs
 from lfref.engines.files import file_formats
-from lfref.errors import InputError, LfrefError
+from lfref.errors import InputError, LfrefError, counted
 from lfref.export import export_file, graphs, parity
 from lfref.export.export_file import ExportFile
 from lfref.export.graphs import Exportable
@@ -61,7 +61,8 @@ def export(config: DictConfig, folder: Path) -> None:
     rows = target.write_checked(refocuser, subject, fields, further)
     for engine, of_engine in pd.DataFrame(rows).groupby("engine", sort=False):
         most, least = of_engine["max_error"].max(), of_engine["psnr_db"].min()
-        log.info("%s: off by %.2g at most, %.1f dB at least, in %d cases", engine, most, least, len(of_engine))
+        n_cases = counted(len(of_engine), "case")
+        log.info("%s: off by %.2g at most, %.1f dB at least, in %s", engine, most, least, n_cases)
     if own := parity.own_noise(rows):
         shown = ", ".join(f"{case} by {error:.2g}" for case, error in own.items())
         log.warning("%s makes noise of flat frames: float32 is off from float64 in %s", refocuser.name, shown)

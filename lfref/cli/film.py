@@ -15,7 +15,7 @@ from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli import inputs, refocusing
 from lfref.cli.command import command, device_of, log, progress
-from lfref.errors import InputError, chosen
+from lfref.errors import InputError, chosen, counted
 from lfref.functional.threads import ahead
 from lfref.io import video
 from lfref.lightfield import LightField
@@ -69,7 +69,7 @@ class FocusPull:
     def slopes(self, n_frames: int) -> Tensor:
         """Slope of each frame, in pixels per view step, float64, [n_frames]."""
         if n_frames < self.length:
-            got = f"a key at frame {self.length - 1} of {n_frames} frames, counted from 0"
+            got = f"a key at frame {self.length - 1} of {counted(n_frames, 'frame')}, counted from 0"
             raise InputError("key frames must lie within the film", got=got)
         keys = np.array(sorted(self.keys), np.float64)
         values = np.array([self.keys[int(key)] for key in keys], np.float64)
@@ -120,7 +120,7 @@ def film(config: DictConfig, folder: Path) -> None:
     video.write_video(folder / FILM, progress(ahead(frames()), "refocusing", len(slopes)), rate)
     refocusing.write_corrections(folder, corrections)
     ends = f"slopes {float(slopes.min()):.2f} to {float(slopes.max()):.2f}"
-    log.info("%s: %d frames, %s, by %s", folder / FILM, len(slopes), ends, refocuser.name)
+    log.info("%s: %s, %s, by %s", folder / FILM, counted(len(slopes), "frame"), ends, refocuser.name)
 
 
 def _slopes(config: DictConfig, opening: LightField, n_fields: int, rate: float) -> Tensor:

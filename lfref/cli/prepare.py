@@ -12,6 +12,7 @@ from lfref.cli import config as configs
 from lfref.cli.command import command, log, progress
 from lfref.data import plane_sets
 from lfref.data.plane_sets import Recipe
+from lfref.errors import counted
 from lfref.io import atomic
 
 
@@ -50,7 +51,7 @@ def prepare(config: DictConfig, folder: Path) -> None:
         DataLoader(items, batch_size=None, num_workers=n_workers, worker_init_fn=_one_thread), "making planes"
     ):
         pass
-    log.info("planes of %d light fields in %s", n_fields, place)
+    log.info("planes of %s in %s", counted(n_fields, "light field"), place)
 
 
 def _one_thread(worker: int) -> None:

@@ -12,7 +12,7 @@ from lfref.cli import config as configs
 from lfref.cli import inputs, refocusing, result_folders, resume
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.refocusing import Planes, planes_of
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
 from lfref.io.run import Run
 from lfref.io.scratch import allocator
@@ -57,7 +57,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
             results.write_results(place, refocused, optional)
             refocusing.write_corrections(place, corrections)
         n_planes = len(refocused.planes)
-        log.info("%s refocused by %s to %d planes in %s", name, refocuser.name, n_planes, places[name])
+        log.info("%s refocused by %s to %s in %s", name, refocuser.name, counted(n_planes, "plane"), places[name])
 
     inputs.process(fields, [read, compute, write], "refocusing")
 

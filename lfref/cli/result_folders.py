@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lfref.cli import run_folder
 from lfref.cli.command import log
+from lfref.errors import counted
 from lfref.io import atomic
 
 
@@ -33,5 +34,5 @@ def remaining(fields: Mapping[str, Path], results: Mapping[str, Path], folder: P
     for partial in (entry for place in {folder, *results.values()} for entry in atomic.partial_files(place)):
         shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
     waiting = {name: path for name, path in fields.items() if results[name] == folder or not results[name].exists()}
-    log.info("%d of %d light fields are done", len(fields) - len(waiting), len(fields))
+    log.info("done: %d of %s", len(fields) - len(waiting), counted(len(fields), "light field"))
     return waiting

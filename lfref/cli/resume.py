@@ -63,7 +63,7 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
     replaced = {key_of(argument) for argument in new} | set(FOLDERS)
     known = [override for override in map(str, run.overrides) if key_of(override) not in replaced]
     old = [override for override in known if not _names_place(override, run)]
-    if dropped := [override for override in known if override not in old and key_of(override) != "output"]:
+    if dropped := [override for override in known if override not in old]:
         print(f"{run.folder.name}: not taken over, give again what is to hold: {' '.join(dropped)}", file=sys.stderr)
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
@@ -184,11 +184,8 @@ def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: 
     if named:
         changes = list(reversed(named.values()))
         more = f" and {len(changes) - SHOWN} more" if len(changes) > SHOWN else ""
-        raise InputError(
-            f"run {run.name} must go on with {what}",
-            got=", ".join(changes[:SHOWN]) + more,
-            remedy=remedy,
-        )
+        got = ", ".join(changes[:SHOWN]) + more
+        raise InputError(f"run {run.name} must go on with {what}", got=got, remedy=remedy)
 
 
 def _changes(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:

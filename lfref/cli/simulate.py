@@ -10,7 +10,7 @@ from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, progress
 from lfref.cli.refocusing import fixed_planes
 from lfref.encoding import LINEAR, SRGB
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.lightfield import LightField
@@ -40,7 +40,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
         _write(folder, scene, result, planes, suffix)
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))
-    log.info("simulated %d light fields in %s", n_fields, folder)
+    log.info("simulated %s in %s", counted(n_fields, "light field"), folder)
 
 
 def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes, suffix: str) -> None:

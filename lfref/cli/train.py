@@ -18,7 +18,7 @@ from lfref.cli.command import command, log, quiet_libraries
 from lfref.cli.exit_codes import fail
 from lfref.cli.refocusing import fixed_planes
 from lfref.cli.run_folder import is_first_process
-from lfref.errors import InputError, LfrefError
+from lfref.errors import InputError, LfrefError, counted
 from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.train import failures
@@ -92,7 +92,7 @@ def train(config: DictConfig, folder: Path) -> None:
         # Without this, the jobs of a multirun share one wandb run.
         wandb.finish()
     if trainer.is_global_zero:
-        log.info("trained %d epochs; run folder %s", trainer.current_epoch, folder)
+        log.info("trained %s; run folder %s", counted(trainer.current_epoch, "epoch"), folder)
 
 
 def _give_up(folder: Path, number: int) -> None:
@@ -113,12 +113,10 @@ def _how_to_go_on(folder: Path) -> str:
 
 
 def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
-    known = (
-        {"planes": fixed_planes(config), "is_linear": getattr(data, "is_linear", True)}
-        if "planes" in config.task
-        else {}
-    )
-    module: Fitting = configs.build(config.task, **known)
+    options: dict[str, Any] = {}
+    if "planes" in config.task:
+        options = {"planes": fixed_planes(config), "is_linear": getattr(data, "is_linear", True)}
+    module: Fitting = configs.build(config.task, **options)
     return module
 
 

@@ -16,7 +16,7 @@ from lfref.data import cache
 from lfref.data.field_sources import FolderSource, SimulatedSource, Source
 from lfref.data.label_sources import Labels, RenderedLabels
 from lfref.data.patch_data import Batch, FieldPatches, concatenate, epoch_loader
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 from lfref.io import read as reader
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes, Scenes
@@ -61,7 +61,7 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
     usable = without_test_set(paths)
     if len(usable) < 2 or not 0 < share < 1:
         expected = "a split needs two light fields outside the paper's test set and a share in (0, 1)"
-        got, remedy = f"{len(usable)} fields and {share}", "add fields, or give data.validation_path"
+        got, remedy = f"{counted(len(usable), 'field')} and {share}", "add fields, or give data.validation_path"
         raise InputError(expected, got=got, remedy=remedy)
     count = min(len(usable) - 1, max(1, round(share * len(usable))))
     chosen = set(np.random.default_rng(seed).permutation(len(usable))[:count].tolist())

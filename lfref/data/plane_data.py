@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader, Dataset
 from lfref.data import plane_sets
 from lfref.data.patch_data import epoch_loader
 from lfref.data.plane_sets import Recipe
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 
 
 class PlaneBatch(TypedDict):
@@ -145,7 +145,7 @@ class PlaneData(LightningDataModule):
         paths = sorted(self.folder.glob(f"*{plane_sets.SUFFIX}"))[: self.n_fields]
         if len(paths) <= self.n_validation or (self.n_fields or 0) > len(paths):
             raise InputError(
-                f"{self.folder} must hold {self.n_fields or self.n_validation + 1} light fields",
+                f"{self.folder} must hold {counted(self.n_fields or self.n_validation + 1, 'light field')}",
                 got=len(paths),
                 remedy="make them by lfref prepare with the same recipe",
             )

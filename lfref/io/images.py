@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from lfref.encoding import Encoding
-from lfref.errors import FileError, InputError, first_line, printable
+from lfref.errors import FileError, InputError, counted, first_line, printable
 from lfref.io import atomic, lengths, ownership
 
 LIMIT_MB = 1024
@@ -148,7 +148,7 @@ def read_part(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDAr
     spec = source.spec(part)
     kind = str(spec.format)
     if kind not in ARRAY_TYPES or not 1 <= spec.nchannels <= 4:
-        got = f"{spec.nchannels} channels of {kind}"
+        got = f"{counted(spec.nchannels, 'channel')} of {kind}"
         raise FileError(f"{path} must hold 1 to 4 channels of {', '.join(ARRAY_TYPES)}", got=got, remedy="convert it")
     samples = source.read_image(part, 0, 0, spec.nchannels, ARRAY_TYPES[kind])
     if (reason := source.geterror()) or samples is None:

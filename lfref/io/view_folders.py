@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lfref import encoding as encodings
 from lfref.encoding import Encoding
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError, InputError, counted
 from lfref.io import atomic, grid, images, ownership
 from lfref.io.options import ReadOptions
 from lfref.io.scratch import allocator
@@ -170,7 +170,7 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
     is_one_row = len({row for row, _ in numbered}) == 1
     is_even = all(len(file.match["row"]) == len(file.match["column"]) for file in field)
     if options.pattern is None and is_one_row and not is_even and math.isqrt(len(field)) ** 2 == len(field) > 1:
-        got = f"{len(field)} views named like {field[0].path.name}"
+        got = f"{counted(len(field), 'view')} named like {field[0].path.name}"
         remedy = "give reader.pattern=index for a square grid row by row, or reader.pattern=row_column for one row"
         raise FileError(f"{folder} must say its rows and columns", got=got, remedy=remedy)
     # Rows and columns may begin at any number and count in any common step.
@@ -193,7 +193,7 @@ def _square_or_option(
         n_views = shape[0] * shape[1]
         base = first if last - first + 1 == n_views else min(first, 1)
         if min(shape) < 1 or last - base >= n_views:
-            got, remedy = f"{count} views numbered {first} to {last}", "set reader.grid to fit"
+            got, remedy = f"{counted(count, 'view')} numbered {first} to {last}", "set reader.grid to fit"
             raise InputError(f"{folder} must hold {shape[0]}x{shape[1]} views", got=got, remedy=remedy)
         return shape, base
     if side_and_base := square(first, last, count):
@@ -247,7 +247,7 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
     else:
         fields = fields_of(files) or [field for field in numbered_fields(files) if _looks_like_views(field)]
     if not fields:
-        got = f"{len(files)} images named like {files[0].name}"
+        got = f"{counted(len(files), 'image')} named like {files[0].name}"
         remedy = "give reader.pattern: index (row by row), or a regular expression with groups row and column"
         raise FileError(f"{folder} must hold views whose names say their rows and columns", got=got, remedy=remedy)
     if len(fields) > 1:

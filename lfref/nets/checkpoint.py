@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from lfref import extensions
-from lfref.errors import CheckpointError, InputError, first_line
+from lfref.errors import CheckpointError, InputError, counted, first_line
 from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import tensor_files
 from lfref.nets.network import Network
@@ -138,7 +138,7 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
         if (is_list and len(value) > max(2, len(weights))) or (
             name == "n_blocks" and isinstance(value, int) and value > len(weights)
         ):
-            raise CheckpointError(f"{path} must hold the weights of all blocks", got=f"{len(weights)} tensors")
+            raise CheckpointError(f"{path} must hold the weights of all blocks", got=counted(len(weights), "tensor"))
     # Networks of other packages may not be buildable so; the user trusts these packages.
     if kind.__module__.startswith("lfref."):
         with torch.device("meta"):

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 from lfref.lightfield import check_views
 from lfref.nets import blocks, network
 from lfref.nets.blocks import ResBlock
@@ -120,10 +120,11 @@ class RefNet(Network):
         check_views(views)
         expected = (*self.config["grid"], self.config["channels"])
         if tuple(views.shape[-5:-2]) != expected:
+            grid = f"[{expected[0]},{expected[1]}]"
             raise InputError(
                 f"this network reads views [..., {', '.join(map(str, expected))}, H, W]",
                 got=f"shape {list(views.shape)}",
-                remedy=f"cut the light field to that grid (reader.views={expected[0]})",
+                remedy=f"set reader.views={grid}, or scene.camera.grid={grid} for simulated scenes",
             )
         if max(views.shape[-2:]) <= self.shuffle:
             raise InputError(
@@ -143,7 +144,9 @@ class RefNet(Network):
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
         """As in `Network`; only the number of slopes is checked: the planes are fixed. The stack is radiance >= 0."""
         if slopes is not None and len(slopes) != self.n_planes:
-            raise InputError(f"this network makes {self.n_planes} planes", got=f"{len(slopes)} slopes")
+            raise InputError(
+                f"this network makes {counted(self.config['n_planes'], 'plane')}", got=counted(len(slopes), "slope")
+            )
         height, width = views.shape[-2:]
         images = F.pixel_shuffle(torch.relu(self.head(self.features(views))), self.shuffle)[..., :height, :width]
         return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], height, width)

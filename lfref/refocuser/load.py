@@ -112,7 +112,7 @@ class ExportedNetwork(Network):
             raise InputError(
                 f"this file reads views [..., {self.grid[0]}, {self.grid[1]}, {self.config['channels']}, H, W]",
                 got=f"shape {list(views.shape)}",
-                remedy=f"cut the light field to that grid (reader.views={self.grid[0]})",
+                remedy=f"read them with reader.views=[{self.grid[0]},{self.grid[1]}]",
             )
         stack = _computed(self.run, views.reshape(-1, *views.shape[-5:]))
         return stack.reshape(*batch, *stack.shape[1:])

@@ -21,7 +21,7 @@ from lightning.pytorch.plugins import TorchCheckpointIO
 from torch import Tensor, nn
 
 from lfref.data.patch_data import Batch
-from lfref.errors import InputError, LfrefError
+from lfref.errors import InputError, LfrefError, counted
 from lfref.io import images, tensor_files
 
 log = logging.getLogger(__name__)
@@ -137,7 +137,7 @@ class StepGuard(Callback):
         log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, cause)
         if self.in_a_row >= self.patience:
             raise LfrefError(
-                f"training needs steps with a finite loss and gradient; got none in {self.in_a_row} steps",
+                f"training needs steps with a finite loss and gradient; got none in {counted(self.in_a_row, 'step')}",
                 remedy=f"last cause: {cause}; lower optimizer.lr or set trainer.gradient_clip_val=1",
             )
 

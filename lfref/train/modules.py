@@ -184,8 +184,17 @@ class Refocusing(Fitting):
         return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
+        for method in ("terms", "total"):
+            if not callable(getattr(self.loss, method, None)):
+                raise _wrong_loss(f"{type(self.loss).__name__} without {method}")
         terms = self.loss.terms(stack, labels)
+        if not isinstance(terms, Mapping):
+            raise _wrong_loss(f"terms of type {type(terms).__name__}")
         total = self.loss.total(terms)
+        for name, value in {**terms, "total": total}.items():
+            if not isinstance(value, Tensor) or value.numel() != 1:
+                got = f"shape {list(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
+                raise _wrong_loss(f"{name} of {got}")
         self.log_stage(stage, {"loss": total, **terms}, len(labels))
         return total
 
@@ -246,6 +255,11 @@ class Refining(Fitting):
         loss: Tensor = self.loss(output, truth, batch["pictures"], batch["error_scale"])
         self.log_stage(stage, {"loss": loss}, len(output))
         return loss
+
+
+def _wrong_loss(got: str) -> InputError:
+    expected = "a loss must have terms(stack, labels) -> {name: scalar tensor} and total(terms) -> scalar tensor"
+    return InputError(expected, got=got, remedy='see "What each part owes" in docs/extending.md')
 
 
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:

@@ -103,6 +103,12 @@ def test_only_what_a_package_declares_or_defines_is_a_part(installed, name, is_a
         parts.resolve(name)
 
 
+def test_a_mistyped_part_of_a_package_is_answered_by_those_that_it_declares(installed):
+    declared = "lfref_extra.FewScenes, lfref_extra.JsonLogger, lfref_extra.LargestError, lfref_extra.OneLayer"
+    with pytest.raises(InputError, match=f"perhaps lfref_extra.OneLayer: lfref_extra declares {declared};"):
+        parts.check({"_target_": "lfref_extra.OneLayr"})
+
+
 def test_allow_lets_the_classes_of_a_package_through_without_entry_points(installed, monkeypatch):
     monkeypatch.setattr(extensions, "declared", dict)
     with pytest.raises(InputError, match="lfref --allow lfref_extra"):

@@ -83,7 +83,7 @@ def test_a_run_that_was_killed_goes_on_and_leaves_the_same_files(lfref, tmp_path
     assert status == 0, error
     assert contents(out) == contents(tmp_path / "whole")
     assert stamps == {path: path.stat().st_mtime_ns for path in done}
-    assert f"{len(done)} of 6 light fields are done" in (out / "refocus.log").read_text()
+    assert f"done: {len(done)} of 6 light fields" in (out / "refocus.log").read_text()
     # All of it, what was written before the end came too, is the run's own.
     assert lfref("refocus", tmp_path / "captures", f"output={out}", "overwrite=true", *QUICK)[0] == 0
 

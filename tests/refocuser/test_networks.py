@@ -71,7 +71,7 @@ def test_views_that_are_not_finite_are_refused(refocuser, bad):
 
 
 def test_views_of_another_grid_or_device_are_refused(refocuser):
-    with pytest.raises(InputError, match=r"this network reads views .*reader.views=3"):
+    with pytest.raises(InputError, match=r"this network reads views .*views=\[3,3\], or scene.camera.grid=\[3,3\]"):
         refocuser(torch.rand(2, 2, 1, 6, 5))
     with pytest.raises(InputError, match="must be on the network's device, cpu; got meta"):
         refocuser(torch.empty(3, 3, 1, 8, 8, device="meta"))

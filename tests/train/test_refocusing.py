@@ -89,6 +89,33 @@ def test_another_number_of_planes_than_the_labels_is_refused(module):
         Refocusing(module.net, CompositeLoss(), planes_at_alphas((1.0, 2.0)), torch.optim.Adam)
 
 
+class OwnLoss:
+    """A loss of a user's package, with the mistake that a test passes in."""
+
+    def __init__(self, terms, total):
+        self.terms = lambda stack, labels: terms((stack - labels).square())
+        self.total = total
+
+
+@pytest.mark.parametrize(
+    ("loss", "got"),
+    [
+        (torch.nn.MSELoss(), "MSELoss without terms"),
+        (OwnLoss(lambda errors: {"mse": errors.mean()}, None), "OwnLoss without total"),
+        (OwnLoss(lambda errors: errors.mean(), lambda terms: terms), "terms of type Tensor"),
+        (OwnLoss(lambda errors: {"mse": errors.mean((-3, -2, -1))}, lambda terms: terms["mse"].mean()), "mse of shape"),
+        (OwnLoss(lambda errors: {"mse": errors.mean()}, lambda terms: terms), "total of dict"),
+    ],
+)
+def test_a_loss_of_another_form_is_refused_in_one_line(module, data, loss, got):
+    data.setup("fit")
+    batch = next(iter(data.train_dataloader()))
+    own = Refocusing(module.net, loss, module.planes, module.optimizer)
+    with pytest.raises(InputError, match=rf"a loss must have terms.*; got {got}.*docs/extending.md") as caught:
+        own.training_step(batch, 0)
+    assert len(str(caught.value).splitlines()) == 1
+
+
 def test_a_metric_with_the_name_of_a_logged_value_is_refused(module):
     metrics = {"mssim": PeakSignalNoiseRatio(data_range=1.0)}
     with pytest.raises(InputError, match="mssim"):
