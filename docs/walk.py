@@ -34,12 +34,14 @@ class Walk:
         """Called by Python at each call of a function."""
         if event != "call" or frame is None or not _is_ours(frame.f_code):
             return
-        self.functions.add(frame.f_code)
-        chain = []
+        code, chain = frame.f_code, []
         while frame is not None:
+            if frame.f_code.co_filename.startswith(PACKAGE) and frame.f_code.co_name == "<module>":
+                return  # a module that is loaded makes its constants
             if _is_ours(frame.f_code):
                 chain.append(f"{frame.f_code.co_filename.removeprefix(PACKAGE)}:{frame.f_code.co_qualname}")
             frame = frame.f_back
+        self.functions.add(code)
         if len(chain) > len(self.deepest):
             self.deepest = chain[::-1]
 

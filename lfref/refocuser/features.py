@@ -1,9 +1,29 @@
-"""What a refiner reads of refocused planes: the pictures, candidates for them, and features that tell where they err.
+"""What a refiner reads of refocused planes: their pictures, other pictures of the same planes, and signs of errors.
 
-Everything is made of the light field and the slopes alone, so any view grid and any number of planes serve. Candidates
-are other pictures of the same plane; the refiner mixes its correction of their differences from the picture, in units
-of the error scale, as in kernel-predicting denoisers (Bako et al., 2017).
-Letters: `N` planes, `C H W` channel, pixel row and column, `K` channels of features, `s` slope, `d` disparity.
+All of it follows from the light field and the slopes, so any view grid and any number of planes serve. The features of
+a plane at slope `s`, where `e` is the error scale of its picture `p`, `n` the noise in it, and `d` the disparity:
+
+    fine middle coarse    p through filters of about 2, 5 and 9 pixels
+    sum                   the plain sum of the views
+    cells                 the sum of the views through cells
+    central               the view at the angular centre
+    picture               p - 1/2
+    inner                 the plain sum through the middle half of the aperture less that through all of it
+    spread                standard deviation over the views of which the plain sum is the mean
+    defocus               tanh(s - d) and tanh(0.3 |s - d|)
+    relief                tanh of the range of d within squares of 9 and of 33 pixels
+    coverage              share of the views that do not see the pixel, doubled
+    fraction              distance of s from a whole slope, at which no view is read between its pixels, doubled
+    views                 log2(number of views) / 3 - 2
+    error_scale noise     log10(e) / 2 + 3/2, log10(n) / 2 + 3/2
+
+The first six are candidates: the refiner mixes its correction of their differences from `p`, as kernel-predicting
+denoisers do (Bako et al., 2017). These, `inner` and `spread` are in units of the error scale, which is
+
+    e = hypot(mean of |o - p| over a square, n), or 0 where not all views see the pixel,
+
+with `o` the nearer one of `sum` and `cells`, without the one that `p` itself may be.
+Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
 import functools
@@ -26,15 +46,16 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser import filling
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.operators import Operator, OperatorRefocuser
+from lfref.refocuser.refocuser import Aperture
 
 CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central")
-"""Features that are other pictures of the plane: the picture smoothed, sums of the views, the central view."""
+"""Features that are other pictures of the plane."""
 FEATURES = (
     *CANDIDATES,
     *("picture", "inner", "spread", "defocus", "relief", "coverage", "fraction", "views", "error_scale", "noise"),
 )
-"""Names of all features; `refiner_inputs` says what each is."""
+"""Names of all features."""
 FORMER_NAMES = {
     "guides": "features",
     "doubts": "error_scale",
@@ -44,14 +65,14 @@ FORMER_NAMES = {
     "n_offers": "n_candidates",
 }
 """Old -> new names, of features and of entries of files that earlier versions wrote."""
-POINTS = functools.partial(shift_and_sum, interpolation="cubic")
-"""The plain sum of the views, which spread and inner are measured by."""
+PLAIN_SUM = functools.partial(shift_and_sum, interpolation="cubic")
+"""What `sum`, `inner` and `spread` are measured by."""
 
 # The values below are those that the shipped network was trained with.
 WINDOW = 5
 """Pixels along the side of the square over which differences are averaged."""
 BLACK = 1e-6
-"""Light added to the error scale before it divides."""
+"""Light added to error scale and noise before one divides by them or takes their logarithm."""
 LIMIT = 3.0
 """Error scales that no candidate exceeds."""
 ROUGHNESS = 1.57
@@ -61,22 +82,22 @@ RELIEF_WINDOWS = (9, 33)
 
 
 class RefinerInputs(NamedTuple):
-    """What a refiner is called with."""
+    """Arguments of a refiner."""
 
     features: Tensor
-    """One after the other in the order of the names, [N, K, H, W]."""
+    """Features in the order of their names, [N, K, H, W]."""
     pictures: Tensor
-    """What is corrected, in light, [N, C, H, W]."""
+    """Pictures to correct, in light, [N, C, H, W]."""
     error_scale: Tensor
-    """How far the pictures may be off, in light, [N, 1, H, W]."""
+    """Expected error of the pictures, in light, [N, 1, H, W]."""
 
 
 def renamed(entry: Mapping[str, Any]) -> dict[str, Any]:
     """An entry of a file with today's names for its keys, and for the names of features that it lists."""
-    made = {FORMER_NAMES.get(key, key): value for key, value in entry.items()}
-    if isinstance(made.get("features"), list | tuple):
-        made["features"] = [FORMER_NAMES.get(name, name) for name in made["features"]]
-    return made
+    entry = {FORMER_NAMES.get(key, key): value for key, value in entry.items()}
+    if isinstance(entry.get("features"), list | tuple):
+        entry["features"] = [FORMER_NAMES.get(name, name) for name in entry["features"]]
+    return entry
 
 
 def check_names(names: Sequence[str], n_candidates: int = 0) -> None:
@@ -84,7 +105,7 @@ def check_names(names: Sequence[str], n_candidates: int = 0) -> None:
 
     Args:
         names: Of features.
-        n_candidates: How many of them the refiner takes for candidates: the first ones.
+        n_candidates: How many of them, the first ones, the refiner takes for candidates.
 
     Raises:
         InputError: A name is not in `FEATURES`, or one of the first is not in `CANDIDATES`.
@@ -93,10 +114,8 @@ def check_names(names: Sequence[str], n_candidates: int = 0) -> None:
         raise InputError(f"features must be among {', '.join(FEATURES)}", got=", ".join(map(str, unknown)))
     first = tuple(names)[:n_candidates]
     if len(first) < n_candidates or not set(first) <= set(CANDIDATES):
-        remedy = "order the features of the recipe, or set net.n_candidates"
-        raise InputError(
-            f"the first {n_candidates} features must be among {', '.join(CANDIDATES)}", got=first, remedy=remedy
-        )
+        expected = f"the first {n_candidates} features must be among {', '.join(CANDIDATES)}"
+        raise InputError(expected, got=first, remedy="order the features of the recipe, or set net.n_candidates")
 
 
 def refiner_inputs(
@@ -112,7 +131,7 @@ def refiner_inputs(
     Args:
         light: Floating point.
         slopes: In pixels per view step, float64, [N].
-        base: The method that makes the pictures; the aperture it looks through counts for the features too.
+        base: The method that makes the pictures; its aperture counts for the features too.
         names: Of `FEATURES`, in the order in which the refiner reads them.
         n_at_once: Planes in each part; None: all.
         dtype: Of the features.
@@ -124,11 +143,11 @@ def refiner_inputs(
         InputError: There is no such feature.
     """
     check_names(names)
-    # 1. The views without gaps: samples of little weight replaced by what the other views show.
-    views, weight, positions = light.views, light.weight, light.positions
+    views, weight = light.views, light.weight
+    # Disparity and central view need every sample: those of little weight are replaced by what the other views show.
     whole = views if weight is None else filling.filled(views, weight.to(views))
 
-    # 2. Coarse disparity of the central view, [H, W]. It is costly: left out where nothing uses it.
+    # Disparity of the central view, [H, W]: it is costly, and left out where nothing uses it.
     takes_disparity = base.takes("disparities")
     disparity = whole.new_zeros(light.size)
     if max(light.grid) > 1 and (takes_disparity or {"central", "defocus", "relief"} & {*names}):
@@ -136,59 +155,51 @@ def refiner_inputs(
     if takes_disparity:
         base = replace(base, operator=functools.partial(base.operator, disparities=disparity))
 
-    # 3. The pictures, and two other ways to make them: the plain sum, and the sum through cells.
-    pictures = base.stack(views, weight, slopes, positions)
-    points = OperatorRefocuser("points", POINTS, base.aperture)
-    sums = points.stack(views, weight, slopes, positions)
-    through_cells = OperatorRefocuser("cells", shift_and_sum_through_cells, base.aperture)
-    cells = through_cells.stack(views, weight, slopes, positions)
+    def refocused(images: Tensor, operator: Operator, aperture: Aperture | None = base.aperture) -> Tensor:
+        return OperatorRefocuser("a feature", operator, aperture).stack(images, weight, slopes, light.positions)
 
-    # 4. Standard deviation over the views that a pixel is the sum of, and what the middle of the aperture, half as
-    # wide, shows more than all of it: both of grey views, [N, 1, H, W].
+    # Of all planes: the pictures, two other ways to make them, and the features that compare the views.
+    pictures = base.stack(views, weight, slopes, light.positions)
+    sums, cells = refocused(views, PLAIN_SUM), refocused(views, shift_and_sum_through_cells)
     grey, grey_sums = views.mean(2, keepdim=True), sums.mean(1, keepdim=True)
-    squares = points.stack(grey.square(), weight, slopes, positions)
-    spread = (squares - grey_sums.square()).clamp(min=0).sqrt()
-    half = OperatorRefocuser("half", POINTS, lambda grid: apertures.square(grid, min(grid) / 2))
-    inner = half.stack(grey, weight, slopes, positions) - grey_sums
+    spread = (refocused(grey.square(), PLAIN_SUM) - grey_sums.square()).clamp(min=0).sqrt()
+    inner = refocused(grey, PLAIN_SUM, lambda grid: apertures.square(grid, min(grid) / 2)) - grey_sums
+    covered = coverage(slopes, views)
+    fraction = 2 * (slopes - slopes.round()).abs().to(views)[:, None, None, None]
 
-    # 5. What the light field says of all planes: noise, range of the disparities, frame of the views, central view.
+    # Of the light field: central view, range of disparities, and variance of the noise, shot * light + read.
+    central = _central_view(whole, disparity)
+    depth = disparity[None, None]
+    relief = torch.cat([box_max(depth, window) + box_max(-depth, window) for window in RELIEF_WINDOWS], 1).tanh()
     shot, read = noise_line.measure(light)
     aperture = views.new_ones(light.grid) if base.aperture is None else base.aperture(light.grid)
     n_views = float(aperture.sum().square() / aperture.square().sum())  # equal views that average noise as much
-    depth = disparity[None, None]
-    relief = torch.cat([box_max(depth, window) + box_max(-depth, window) for window in RELIEF_WINDOWS], 1).tanh()
-    covered = coverage(slopes, views)
-    central = _central_view(whole, disparity)
-    # How far each slope is from a whole one, at which no view is read between its pixels, 0 to 1.
-    fraction = 2 * (slopes - slopes.round()).abs().to(views)[:, None, None, None]
 
     # A method that is one of the two sums is measured by the other.
     others = [stack for stack in (sums, cells) if not torch.equal(pictures, stack)] or [sums, cells]
 
-    for planes in torch.arange(len(slopes)).split(n_at_once or len(slopes)):
-        part = slice(int(planes[0]), int(planes[-1]) + 1)
+    n_at_once = n_at_once or len(slopes)
+    for first in range(0, len(slopes), n_at_once):
+        part = slice(first, first + n_at_once)
         picture = pictures[part]
-        # 6. The picture through wider and wider filters, of about 2, 5 and 9 pixels.
         fine = binomial(picture)
         middle = binomial(fine, 2)
         coarse = binomial(middle, 4)
 
-        # 7. Standard deviation that the noise of the views leaves in the picture: never more than is rough about the
-        # picture, nor than the views differ by. (The spread is that of grey views: noise of its own in each of C
-        # channels is sqrt(C) times as large.)
+        # Noise that the views leave in the picture: what the line says, but never more than is rough about the picture,
+        # nor than the views differ by. (Grey views differ less: noise of its own in each of C channels is sqrt(C) times
+        # as large.)
         noise = ((shot * picture.mean(1, keepdim=True).clamp(min=0) + read) / n_views).sqrt()
         roughness = ROUGHNESS * box_mean((picture - fine).abs().mean(1, keepdim=True), WINDOW)
         deviation = math.sqrt(views.shape[2] / n_views) * box_mean(spread[part], WINDOW)
         noise = noise.minimum(roughness).minimum(deviation)
 
-        # 8. The error scale: the noise, and the distance to the nearer one of the other pictures. Where not all views
-        # see a pixel nothing can be known: the scale is 0, and the picture stays as it is.
         nearer = functools.reduce(torch.minimum, [(other[part] - picture).abs() for other in others])
         error_scale = box_mean(nearer.mean(1, keepdim=True), WINDOW).hypot(noise)
+        # Nothing can be known where a view is missing: at 0 the picture stays as it is.
         error_scale = error_scale * (covered[part] > 0.999)  # 1, but for rounding
-        unit = error_scale + BLACK
 
-        # 9. The features, each of the order of 1.
+        unit = error_scale + BLACK
         defocus = slopes[part].to(disparity)[:, None, None, None] - disparity
         one = torch.ones_like(error_scale)
         features = {
@@ -219,7 +230,7 @@ def candidate(other: Tensor, picture: Tensor, unit: Tensor) -> Tensor:
 
 
 def compressed(difference: Tensor, unit: Tensor) -> Tensor:
-    """asinh of a difference in units of the error scale: clean and noisy scenes look alike, large ones grow slowly."""
+    """asinh of a difference in units of the error scale, so that clean and noisy scenes look alike."""
     ratio = difference / unit
     # torch.asinh takes ten times as long.
     return (ratio.abs() + (ratio.square() + 1).sqrt()).log().copysign(ratio)
@@ -238,7 +249,7 @@ def coverage(slopes: Tensor, views: Tensor) -> Tensor:
 
 
 def _central_view(whole: Tensor, disparity: Tensor) -> Tensor:
-    """The view at the angular centre, [C, H, W]; of even grids, the mean of those around it at each pixel's slope."""
+    """The view at the angular centre, [C, H, W]; of even grids, the mean of the middle ones at the disparity."""
     rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in whole.shape[:2])
     middle = whole[rows, columns]
     if middle.shape[:2].numel() == 1:

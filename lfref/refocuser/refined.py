@@ -30,14 +30,16 @@ KIND = "refiner"
 """Entry of a checkpoint that holds the network's arguments."""
 FORMAT = 1
 BASES: dict[str, Operator] = {
-    function.__name__: function
-    for function in (occlusion_aware, refocus_by_layers, shift_and_sum, shift_and_sum_through_cells)
+    "occlusion_aware": occlusion_aware,
+    "refocus_by_layers": refocus_by_layers,
+    "shift_and_sum": shift_and_sum,
+    "shift_and_sum_through_cells": shift_and_sum_through_cells,
 }
 """Methods whose pictures may be refined, by their names in checkpoints."""
 LARGEST_OPTION = 100
 """Largest number among a method's options (layers, widths in view steps): a file could ask for any amount of memory."""
 AT_ONCE = 2**23
-"""Samples of features that the network is given at once: those of all planes together leave the processor's caches."""
+"""Samples of features that the network reads at once: those of all planes together exceed the processor's caches."""
 BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 """Instructions that multiply matrices of bfloat16: with either, networks of refiners took half the time."""
 
@@ -85,22 +87,22 @@ class RefinedRefocuser(Refocuser):
         n_channels = int(self.refiner.config["channels"])
         if views.shape[-3] not in (1, n_channels):
             raise InputError(f"{self.name} refocuses views of {n_channels} channels or one", got=views.shape[-3])
-        radiance = batches.flattened(radiance).expand(-1, -1, -1, n_channels, -1, -1)
-        weights = None if weight is None else weight.reshape(-1, *weight.shape[-5:]).to(like)
-        n_samples = int(self.refiner.config["n_features"]) * math.prod(views.shape[-2:])
-        n_at_once = max(1, AT_ONCE // n_samples)
-        is_half = _is_half_faster(views.device)
-        dtype = torch.bfloat16 if is_half else radiance.dtype
-        stacks = radiance.new_empty(len(radiance), len(slopes), *radiance.shape[-3:])
-        for index, field in enumerate(radiance):
-            light, first = LightField(field, weight=None if weights is None else weights[index]), 0
-            for part in refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype):
-                with torch.autocast(views.device.type, torch.bfloat16, enabled=is_half):
-                    corrected = self.refiner(*part)
-                stacks[index, first : first + len(corrected)] = corrected
-                first += len(corrected)
-        # Grey views are refocused as coloured ones.
+        fields = batches.flattened(radiance).expand(-1, -1, -1, n_channels, -1, -1)  # grey ones become coloured
+        weights = [None] * len(fields) if weight is None else weight.reshape(-1, *weight.shape[-5:]).to(like)
+        stacks = fields.new_empty(len(fields), len(slopes), *fields.shape[-3:])
+        for stack, field, of_field in zip(stacks, fields, weights, strict=True):
+            self._correct(LightField(field, weight=of_field), slopes, stack)
         return batches.restored(stacks.mean(-3, keepdim=True) if views.shape[-3] == 1 else stacks, views)
+
+    def _correct(self, light: LightField, slopes: Tensor, stack: Tensor) -> None:
+        """Write the corrected planes of a light field into its stack, as many at once as the caches hold."""
+        n_at_once = max(1, AT_ONCE // (int(self.refiner.config["n_features"]) * math.prod(light.size)))
+        device, is_half = stack.device.type, _is_half_faster(stack.device)
+        dtype = torch.bfloat16 if is_half else stack.dtype
+        parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
+        for planes, part in zip(stack.split(n_at_once), parts, strict=True):
+            with torch.autocast(device, torch.bfloat16, enabled=is_half):
+                planes.copy_(self.refiner(*part))
 
 
 def _is_half_faster(device: torch.device) -> bool:
@@ -110,7 +112,7 @@ def _is_half_faster(device: torch.device) -> bool:
 
 
 def payload(refiner: Corrector, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
-    """The entry `lfref` of a checkpoint: what builds the refocuser again.
+    """The entry `lfref` of a checkpoint, from which the refocuser is built again.
 
     Args:
         refiner: The network.
