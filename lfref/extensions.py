@@ -105,7 +105,7 @@ def _is_defined_by_allowed(part: Callable[..., Any]) -> bool:
 
 
 def remedy(name: object) -> str:
-    """What to do about a name that is not trusted; empty where it belongs to no installed package of the user's."""
+    """Advice about a name that is not trusted: the parts that its package declares, or `--allow`."""
     top = str(name).partition(".")[0]
     if not isinstance(name, str) or not NAME.fullmatch(name) or top in FIXED or top in sys.stdlib_module_names:
         return ""

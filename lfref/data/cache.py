@@ -1,10 +1,10 @@
 """Decoded light fields on disk: read once, then a crop of all views costs milliseconds.
 
 A PNG of a whole lenslet image decodes in seconds, and only from front to back. The cache keeps memory-mapped arrays
-[V, U, C, H, W] in the file's own depth. The key of an entry is the SHA-256 of the content, the reader's options,
-`read.VERSION`, and, for corrected light fields, the correction and `correct.VERSION`: whoever changes what these
-modules compute raises the number (tests/data/test_versions.py notices). Corrected light fields are kept as linear
-float32. An entry ends in its own CRC-32. Entries of earlier keys are never read again: delete the folder to free them.
+[V, U, C, H, W] in the file's own depth; corrected light fields are linear float32. The key of an entry is the SHA-256
+of the content, the reader's options, `read.VERSION`, and, for corrected light fields, the correction and
+`correct.VERSION`. These versions are raised when results change (tests/data/test_versions.py notices). Entries of
+earlier versions are never read again: delete the folder to free their space. An entry ends in its own CRC-32.
 """
 
 import functools
@@ -45,8 +45,7 @@ log = logging.getLogger(__name__)
 def content_hash(path: Path, folder: Path | None = None) -> str:
     """SHA-256 of a light field's images without their file names, so that renamed copies are recognised.
 
-    A hash of this process, or one that the cache folder stores, is valid as long as the names, sizes and times of all
-    files stay as they were.
+    A stored hash is valid as long as the names, sizes and times of all files are unchanged.
     """
     files = view_folders.image_files(path) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):
@@ -60,7 +59,7 @@ def content_hash(path: Path, folder: Path | None = None) -> str:
 
 
 def store_hashes(folder: Path) -> None:
-    """Write the hashes of this process into a cache folder; if that fails, the next run computes them again."""
+    """Write the hashes of this process into a cache folder. If that fails, the next run computes them again."""
     stored = _stored_hashes(folder)
     if not _hashes(folder).items() <= stored.items():
         with suppress(FileError):
@@ -102,10 +101,10 @@ class CachedField:
         return self.samples.shape[3], self.samples.shape[4]
 
     def crop(self, top: int, left: int, height: int, width: int) -> LightField:
-        """The same rectangle of every view, in memory, as `LightField.crop`."""
+        """A rectangle of all views, in memory, as `LightField.crop`."""
         if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
             raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
-        # A copy: nobody may write into the memory map.
+        # A copy, since nobody may write into the memory map.
         samples = np.array(self.samples[..., top : top + height, left : left + width])
         n_colours = samples.shape[2] - self.has_weight
         views = torch.from_numpy(images.decoded(samples[:, :, :n_colours], self.encoding))
@@ -130,7 +129,7 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
         field = reader.read(path, **options)
         corrected, _ = correct_by_option(field, correct, even_grid_for=EVEN_GRID)
         if corrected is not field:
-            # Corrected samples are no longer the whole numbers of the file.
+            # Corrected samples are no whole numbers of the file.
             corrected = replace(corrected, metadata={**field.metadata, "bits": "float"})
         entry = _store(corrected, folder / key)
     name = path.absolute().name if path.is_dir() else path.stem

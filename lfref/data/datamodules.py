@@ -21,9 +21,9 @@ from lfref.io import read as reader
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes, Scenes
 
-# Splits: the paper's test set, a repeatable split, and a check for leaks. The public lists leak (one test field is in a
-# training list too, and fields of one set recur in another under new names), so held-out fields are recognised by
-# content. The test set may be absent, so its fields are recognised by name.
+# Splits: the paper's test set, a repeatable split, and a check for leaks. The public lists leak: one test field is in a
+# training list too, and fields of one set recur in another under new names. So held-out fields are recognised by
+# content. The paper's test set may be absent, so its fields are recognised by name.
 
 _NUMBERS = (
     "1085 1086 1184 1187 1306 1312 1316 1317 1320 1321 1324 1325 1327 1328 1340 1389 1390 1411 1419 1528 1541 1554 "
@@ -40,10 +40,10 @@ _NUMBERED = re.compile(rf"img0*({_NUMBERS.replace(' ', '|')})(?!\d)")
 
 
 def without_test_set(paths: Sequence[Path]) -> list[Path]:
-    """Light fields whose names are not in `PAPER_TEST`, however they are spelt.
+    """Light fields whose names are not in `PAPER_TEST`, in any spelling.
 
-    Case, separators, `eslf` and marks of a copy are ignored. `IMG` with a number of the list counts anywhere in the
-    name (`IMG-1085 cropped`); `Cars` and the other words count only alone (not `Cars_at_night`).
+    Case, separators, `eslf` and marks of a copy do not matter. `IMG` with a number of the list counts anywhere in the
+    name (`IMG-1085 cropped`). `Cars` and the other words count only alone (not `Cars_at_night`).
     """
     others = []
     for path in paths:
@@ -72,7 +72,7 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
 def without_leaks(
     train: Sequence[Path], held: Sequence[Path], folder: Path | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """Training fields whose content is not held out, and those whose content is; the cache folder stores the hashes."""
+    """Training fields whose content is not held out, and the others. The cache folder stores the hashes."""
     forbidden = {cache.content_hash(path, folder) for path in held}
     clean = [path for path in train if cache.content_hash(path, folder) not in forbidden]
     if folder is not None:
@@ -94,7 +94,7 @@ class PatchData(LightningDataModule, abc.ABC):
         fields_per_batch: Light fields per batch.
         workers: Processes that prepare batches; 0 prepares them in the training process.
         seed: Seed of order and corners.
-        timeout: Seconds that a process may take to prepare one batch; 0: any time.
+        timeout: Longest time in seconds in which a process prepares one batch; 0: no limit.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class PatchData(LightningDataModule, abc.ABC):
 
     @property
     def is_linear(self) -> bool:
-        """Whether views are linear light, or samples as files hold them."""
+        """Whether views are linear light, or encoded samples as in their files."""
         return True
 
     @abc.abstractmethod
@@ -138,7 +138,7 @@ class PatchData(LightningDataModule, abc.ABC):
         return self._loader(self.train, self.seed)
 
     def val_dataloader(self) -> DataLoader[Batch]:
-        """The same patches of the held-out fields every time."""
+        """Patches of the held-out fields, equal in every epoch."""
         return self._loader(self.validation, None)
 
     def _loader(self, source: Source, order_seed: int | None) -> DataLoader[Batch]:
@@ -184,20 +184,20 @@ class FolderData(PatchData):
 
     @property
     def is_linear(self) -> bool:
-        """Unless files are read without decoding them."""
+        """As in `PatchData`: false if files are read without decoding them."""
         return self.reader.get("encoding") != "none"
 
     def prepare_data(self) -> None:
-        """Hash the fields in one process per machine; the others read its hashes. Lightning calls this first."""
+        """Hash the fields. Lightning calls this first, in one process per machine; the others read the hashes."""
         train, held, _ = self._paths()
         without_leaks(train, held, self.cache_folder)
 
     def sources(self) -> tuple[Source, Source]:
-        """Fields of the folders; the log names the fields left out of training."""
+        """Fields of the folders; the log names those that are left out of training."""
         train, held, test_set = self._paths()
-        _warn("being of the paper's test set", test_set)
+        _warn("in the paper's test set", test_set)
         train, leaks = without_leaks(train, held, self.cache_folder)
-        _warn("being held out too", leaks)
+        _warn("held out too", leaks)
         if not train:
             remedy = "hold out other fields than those you train on"
             raise InputError("no light field is left to train on", remedy=remedy)
@@ -207,7 +207,7 @@ class FolderData(PatchData):
         )
 
     def state_dict(self) -> dict[str, list[str]]:
-        """Names of the light fields, which checkpoints keep."""
+        """Names of the light fields, for checkpoints."""
         sources = {"train": self.train, "validation": self.validation}
         return {name: [path.name for path in source.paths] for name, source in sources.items()}  # type: ignore[attr-defined]
 
@@ -218,16 +218,14 @@ class FolderData(PatchData):
             InputError: Some were added or removed, and `allow_changes` is false.
         """
         for name, now in self.state_dict().items():
-            added, removed = sorted(set(now) - set(state[name])), sorted(set(state[name]) - set(now))
-            if (added or removed) and not self.allow_changes:
-                got = "; ".join(
-                    f"{what} {', '.join(names)}" for what, names in (("new:", added), ("gone:", removed)) if names
-                )
+            changes = {"new": sorted(set(now) - set(state[name])), "gone": sorted(set(state[name]) - set(now))}
+            if any(changes.values()) and not self.allow_changes:
+                got = "; ".join(f"{change}: {', '.join(names)}" for change, names in changes.items() if names)
                 expected = f"a training goes on with the light fields that it began with ({name})"
                 raise InputError(expected, got=got, remedy="restore them, or give allow_changes=true")
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
-        """Training fields, held-out fields, and fields that belong to neither because of their names."""
+        """Training fields, held-out fields, and fields that are neither because of their names."""
         fields = reader.find(self.path)
         if self.validation_path is None:
             train, held = held_out(fields, self.validation_share, self.seed)
@@ -243,14 +241,14 @@ def _warn(reason: str, paths: Iterable[Path]) -> None:
 
 
 class SimulatedData(PatchData):
-    """Patches of simulated scenes: new ones every epoch to train on, fixed ones held out.
+    """Patches of simulated scenes: new scenes in every training epoch, and fixed held-out scenes.
 
     Args:
         labels: Makes the labels.
         n_fields: Scenes per training epoch.
         n_validation: Number of held-out scenes.
         scenes: Distribution of the scenes, or one scene.
-        validation_scenes: Distribution of held-out scenes, the same for every seed; None: other scenes of `scenes`.
+        validation_scenes: Distribution of held-out scenes, equal for every seed; None: other scenes of `scenes`.
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
         **options: Arguments of `PatchData`.
     """

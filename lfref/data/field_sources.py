@@ -1,7 +1,7 @@
 """Sources of light fields: a folder of captures, or a stream of simulated scenes.
 
-A source maps (index, epoch) to a field that can be cropped; a folder ignores the epoch, a simulator draws new
-scenes each epoch.
+A source maps (index, epoch) to a field that can be cropped. A folder ignores the epoch; a simulator draws new scenes
+for each epoch.
 """
 
 import abc
@@ -53,7 +53,7 @@ class FolderSource(Source):
         return len(self.paths)
 
     def field(self, index: int, epoch: int = 0) -> Field:
-        """The light field at that place, the same every epoch."""
+        """The light field at that place, equal in every epoch."""
         return cache.cached(self.paths[index], self.reader, self.cache_folder, self.correct)
 
 
@@ -79,8 +79,8 @@ class SimulatedSource(Source):
     Args:
         n_fields: Fields per epoch.
         seed: Seed of all scenes.
-        scenes: Distribution of the scenes; a single scene is repeated with other textures and noise.
-        reach: Largest |slope| of the photographs, in pixels per view step: the painted scene extends that far.
+        scenes: Distribution of the scenes, or one scene, which is repeated with other textures and noise.
+        reach: Largest |slope| of the photographs, in pixels per view step; determines how far scenes are painted.
         correct: `none`, `auto` (the defects of each field), or a file of corrections.
     """
 

@@ -1,8 +1,8 @@
 """Sources of labels for given focal planes: a refocusing operator, or a photograph of the scene.
 
-Patches are cut with a margin around them, so that a local operator (shift-and-sum) labels a patch exactly as it
-labels the whole field. A Fourier slice depends on every pixel of its input, so its patch labels differ from
-those of the whole field by ringing from the border of the crop; `docs/refocusing.md` states by how much.
+Patches are cut with a margin, so that a local operator (shift-and-sum) labels a patch exactly as it labels the whole
+field. A Fourier slice depends on every pixel of its input, so its patch labels differ from those of the whole field by
+ringing from the border of the crop; `docs/refocusing.md` states by how much.
 """
 
 import abc

@@ -1,7 +1,7 @@
-"""Random patches of light fields with their labels, each repeatable by (seed, epoch, index).
+"""Random patches of light fields with their labels, repeatable by (seed, epoch, index).
 
 One item is one light field. Its patches are cut together, so that a field is read or rendered once per epoch. A flat
-patch is drawn again: nothing can be learned from it, and normalisation would divide by nearly 0.
+patch is drawn again: a network learns nothing from it, and normalisation would divide by nearly 0.
 """
 
 import math
@@ -18,12 +18,12 @@ from torch.utils.data._utils import signal_handling
 
 from lfref.data.field_sources import Field, Source
 from lfref.data.label_sources import Labels
-from lfref.errors import InputError
+from lfref.errors import InputError, counted
 
 FLAT = 1 / 255
 """Least difference between the brightest and the darkest sample of a patch's views: one 8-bit level."""
 DRAWS = 8
-"""Corners drawn for a patch before it is left out."""
+"""Draws of a corner after which a flat patch is left out."""
 
 
 class Batch(TypedDict):
@@ -38,7 +38,7 @@ class Batch(TypedDict):
     where: list[str]
     """Light field and top left corner of each patch, P entries."""
     resampled: int
-    """Number of corners that were drawn again because their patches are flat."""
+    """Number of flat patches that were drawn again."""
 
 
 def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[Tensor, Tensor] | None:
@@ -86,8 +86,8 @@ class FieldPatches(Dataset[Batch]):
             if batch := self._of_field(epoch, (index + step) % len(self)):
                 return batch
         raise InputError(
-            "light fields must have something to see in them",
-            got=f"{len(self)} whose patches are flat",
+            "light fields must have patches that are not flat",
+            got=f"none in {counted(len(self), 'light field')}",
             remedy="give other fields, or set data.patch larger",
         )
 
@@ -101,21 +101,21 @@ class FieldPatches(Dataset[Batch]):
                 remedy="set data.patch smaller",
             )
         random = np.random.default_rng((self.seed, epoch, index))
-        drawn = [drawn for _ in range(self.patches_per_field) for drawn in self._draw(field, random)]
-        found = [(where, *pair) for where, pair in drawn if pair is not None]
-        if not found:
+        draws = [draw for _ in range(self.patches_per_field) for draw in self._draw(field, random)]
+        patches = [(where, *pair) for where, pair in draws if pair is not None]
+        if not patches:
             return None
-        where, views, stacks = zip(*found, strict=True)
+        where, views, stacks = zip(*patches, strict=True)
         return {
             "views": torch.stack(views),
             "labels": torch.stack(stacks),
             "slopes": self.labels.planes.slopes,
             "where": list(where),
-            "resampled": len(drawn) - len(found),
+            "resampled": len(draws) - len(patches),
         }
 
     def _draw(self, field: Field, random: np.random.Generator) -> Iterator[tuple[str, tuple[Tensor, Tensor] | None]]:
-        """Corners with their patches, up to the first patch that is not flat."""
+        """Places NAME@TOP,LEFT with their patches, None for flat ones, up to the first that is not flat."""
         free = np.array(field.size) - self.patch
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
@@ -128,8 +128,8 @@ class FieldPatches(Dataset[Batch]):
 class EpochSampler(Sampler[tuple[int, int]]):
     """Yields (epoch, index), shuffled by (seed, epoch) and divided among the ranks of a distributed run.
 
-    The key holds the epoch, so that persistent workers get it and a resumed run draws the same patches as an
-    uninterrupted one. Without a seed (validation), the order and the epoch 0 stay.
+    The key holds the epoch, so that persistent workers get it, and a resumed run draws the patches of an uninterrupted
+    one. Without a seed (validation), the order and the epoch 0 stay.
     """
 
     def __init__(self, n_items: int, seed: int | None, rank: int = 0, world_size: int = 1) -> None:
@@ -139,7 +139,7 @@ class EpochSampler(Sampler[tuple[int, int]]):
         self.world_size = world_size
         self.epoch = 0
         self.skip = 0
-        """Items of the next epoch that a resumed training has had before."""
+        """Items of the next epoch that a resumed training has already processed."""
 
     def set_epoch(self, epoch: int) -> None:
         """Set the next epoch; Lightning calls this."""
@@ -178,8 +178,8 @@ class EpochLoader(DataLoader[Any]):
     """A loader whose workers start at the first batch.
 
     Lightning makes the iterator of a resumed training before it sets the epoch: workers that start with the iterator
-    would prepare the data of epoch 0. After a training, Lightning removes PyTorch's handler of SIGCHLD: without it, the
-    next training of the process notices a dead worker only after the timeout.
+    would prepare the data of epoch 0. Lightning also removes PyTorch's handler of SIGCHLD after a training: without it,
+    the next training of the process notices a dead worker only after the timeout.
     """
 
     def __iter__(self) -> Iterator[Any]:  # type: ignore[override]
@@ -188,7 +188,7 @@ class EpochLoader(DataLoader[Any]):
         yield from super().__iter__()
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing: `epoch_loader` learns from the trainer where to go on. Lightning warns without this method."""
+        """Nothing: the trainer tells `epoch_loader` where to continue. Lightning warns without this method."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -27,11 +27,11 @@ class PlaneBatch(TypedDict):
     pictures: Tensor
     """Classical pictures that the refiner corrects, [B, C, H, W]."""
     error_scale: Tensor
-    """How far the pictures may be off, [B, 1, H, W]."""
+    """Expected error of the pictures, [B, 1, H, W]."""
     missing: Tensor
     """Truth minus pictures, [B, C, H, W]."""
     where: list[str]
-    """Names of the item's file and of its plane, B entries."""
+    """Names of the item's file and its plane, B entries."""
     resampled: int
     """Always 0: crops of planes are never drawn again. Patches of light fields are."""
 
@@ -88,7 +88,7 @@ def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
-    """Square images in a random one of the eight orientations: no feature depends on orientation."""
+    """Square images in a random one of eight orientations, on which no feature depends."""
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image

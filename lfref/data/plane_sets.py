@@ -1,7 +1,7 @@
 """Sets of planes for training: classical pictures with their features, and the truth.
 
-Drawing a scene costs more than a step of training, so a set is made once. Every item is fixed by the recipe and its
-number alone: a set that was interrupted goes on, and processes share the work.
+Drawing a scene costs more than a step of training, so a set is made once. The recipe and its number determine an item:
+an interrupted set can be continued, and processes share the work.
 Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
@@ -33,43 +33,43 @@ from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation, developed, white_picture
 
 VERSION = 1
-"""Of the items that a recipe gives: to be raised when they change. Sets of earlier versions are prepared anew."""
+"""Version of the items of a recipe, to be raised when they change. Sets of earlier versions are prepared anew."""
 NEAR = 0.15
-"""How far planes near focus lie from what is there, at most, in pixels per view step."""
+"""Largest distance of planes near focus from a disparity of the scene, in pixels per view step."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All choices that determine the items of a set."""
+    """All choices that determine the items of a set. Values of a tuple are drawn with equal probability."""
 
     scenes: RandomScenes
-    """Where they come from; the grid of the camera is one of `grids`."""
+    """Distribution of the scenes; their grid is one of `grids`."""
     base: OperatorRefocuser
-    """Makes the pictures that are to be corrected."""
+    """Method whose pictures are corrected."""
     features: tuple[str, ...] = FEATURES
     """Names of the features that the refiner reads, candidates first."""
     seed: int = 0
-    """Of all items."""
+    """Seed of all items."""
     grids: tuple[tuple[int, int], ...] = ((7, 7),)
-    """View rows and columns, each as often as it stands here."""
+    """View rows and columns."""
     samples: tuple[int, ...] = (1, 2)
-    """Of cameras along each axis of a pixel, each as often: views alias where they are more than one."""
+    """Samples of a camera along each axis of a pixel; with more than one, views alias."""
     depths: tuple[float, ...] = (0.5, 1.0, 2.0)
-    """What disparities of scenes are multiplied by, each as often."""
+    """Factors of the scenes' disparities."""
     plain: float = 0.35
-    """Share of scenes without a sensor whose surfaces are matte and still: what methods do best."""
+    """Share of scenes without a sensor whose surfaces are matte and still, which methods refocus best."""
     flat: float = 0.5
-    """Share of those whose one or two surfaces face the camera: what some methods do without an error."""
+    """Share, among these, of scenes of one or two surfaces that face the camera: some methods are exact there."""
     ideal: float = 0.2
     """Share of further scenes without a sensor."""
     whole: float = 0.25
     """Share of slopes that are rounded to whole ones, at which no view is read between its pixels."""
     n_near: int = 3
-    """Planes near focus: at the disparity of something there is."""
+    """Number of planes near focus, at disparities that occur in the scene."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
-    """Of slopes of further planes, one each."""
+    """Ranges of slopes; each one gives a further plane."""
     correct: str = AUTO
-    """`none`, `auto` or a file of corrections; `auto` has a white picture of cameras with vignetting."""
+    """`none`, `auto` or a file of corrections; `auto` gets a white picture of cameras with vignetting."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "grids", tuple(map(tuple, self.grids)))
@@ -87,15 +87,15 @@ class Recipe:
     def description(self) -> dict[str, Any]:
         """All values of the recipe in plain containers."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        # A method keeps its name whatever options are bound to it.
+        # The name of a method does not tell the options bound to it.
         options = getattr(self.base.operator, "keywords", {})
         return values | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
 
     def key(self) -> str:
         """SHA-256 of the description and of `VERSION`.
 
-        Of the scenes only values that differ from their defaults count: a new field of a scene or a sensor changes no
-        key.
+        Only values of the scenes that differ from their defaults count, so that a new field of a scene or a sensor
+        changes no key.
         """
         parts = [self.description() | {"scenes": _changed_fields(self.scenes)}, VERSION]
         return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
@@ -116,11 +116,11 @@ class Item(NamedTuple):
     features: Tensor
     """[N, K, H, W]."""
     pictures: Tensor
-    """What is to be corrected, [N, C, H, W]."""
+    """Pictures to correct, [N, C, H, W]."""
     error_scale: Tensor
-    """How far the pictures may be off, [N, 1, H, W]."""
+    """Expected error of the pictures, [N, 1, H, W]."""
     missing: Tensor
-    """What a lens would have recorded less the pictures, [N, C, H, W]."""
+    """Truth minus pictures, [N, C, H, W]."""
     slopes: Tensor
     """In pixels per view step, float64, [N]."""
 
@@ -165,8 +165,8 @@ def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
 
 
 def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> tuple[float, ...]:
-    there = random.choice(disparity.flatten().cpu().numpy(), recipe.n_near)
-    near = there + random.uniform(-NEAR, NEAR, recipe.n_near)
+    in_focus = random.choice(disparity.flatten().cpu().numpy(), recipe.n_near)
+    near = in_focus + random.uniform(-NEAR, NEAR, recipe.n_near)
     slopes = np.array([*near, *(random.uniform(*ends) for ends in recipe.ranges)])
     is_whole = random.random(len(slopes)) < recipe.whole
     return tuple(np.where(is_whole, slopes.round(), slopes).tolist())
@@ -204,7 +204,7 @@ def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), col
     with _opened(path) as file:
         slopes = file.get_tensor("slopes")[planes]
         names = [name for name in file.keys() if name != "slopes"]  # noqa: SIM118  it is no mapping
-        # Sets that earlier versions prepared have other names.
+        # Sets of earlier versions have other names.
         images = {FORMER_NAMES.get(name, name): file.get_slice(name)[planes, :, rows, columns] for name in names}
         return Item(**images, slopes=slopes)
 

@@ -28,7 +28,7 @@ def mean_squared_error(prediction: Tensor, target: Tensor) -> Tensor:
 def mean_absolute_error(prediction: Tensor, target: Tensor) -> Tensor:
     """Mean absolute error of each image, [..., C, H, W] -> [...], float32 or the images' wider type.
 
-    The paper writes the l1-norm; a norm that grows with the number of pixels would drown the other terms.
+    The paper writes the l1-norm, but a norm that grows with the number of pixels would drown the other terms.
     """
     prediction, target = image_pair(prediction, target)
     return (prediction - target).abs().mean((-3, -2, -1))
@@ -46,7 +46,7 @@ OF_SQUARES: dict[Term, Callable[[Tensor], Tensor]] = {
     mean_squared_error: Tensor.double,
     inverse_psnr: inverse_psnr_of_mse,
 }
-"""Terms that are functions of the mean squared error alone -> that function: the error is computed once for all."""
+"""Terms that are functions of the mean squared error alone -> that function. So the error is computed once."""
 
 
 def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
@@ -110,7 +110,7 @@ class CompositeLoss(nn.Module):
         return self.total(self.terms(prediction, target))
 
     def terms(self, prediction: Tensor, target: Tensor) -> dict[str, Tensor]:
-        """Each term by name, without its weight, averaged over the images: scalars, as a log shows them."""
+        """Name -> term without its weight, the mean over the images, a scalar."""
         image_pair(prediction, target)
         squares = functools.cache(lambda: mse(prediction, target))
         wide = working_type(prediction, target)
@@ -136,7 +136,7 @@ class CompositeLoss(nn.Module):
 
 
 def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) -> dict[str, float]:
-    """The weights above 0 as floats, once every name and value has been checked."""
+    """The weights above 0 as floats, all names and values checked."""
     if unknown := weights.keys() - terms.keys():
         raise InputError(f"loss terms are {', '.join(terms)}", got=", ".join(sorted(map(str, unknown))))
     checked = {}

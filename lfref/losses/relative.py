@@ -1,7 +1,7 @@
-"""The loss of refiners: the share of each picture's error that is left after the correction.
+"""The loss of refiners: the share of each picture's error that remains after the correction.
 
-Errors of scenes differ by a factor of a thousand; relative to the error before, each picture counts alike, and the mean
-of the logarithms is what PSNR averages. Only pixels with an error scale above 0 count: no other may be corrected.
+Errors of scenes differ by a factor of a thousand. Relative to the error before, each picture counts alike, and PSNR
+averages the logarithm. Only pixels with an error scale above 0 count, since no other may be corrected.
 Letters: `C H W` channel, pixel row and column.
 """
 
@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from lfref.errors import chosen
 
 LEAST = 1e-5
-"""Error in light that is added before dividing: 100 dB, beyond which nothing is gained."""
+"""Error in light that is added before dividing: 100 dB, beyond which pictures need not improve."""
 
 POWERS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "l1": lambda error, share: (share * error.abs()).sum((-3, -2, -1)),
@@ -25,11 +25,11 @@ MEANS: dict[str, Callable[[Tensor], Tensor]] = {
     "ratio": torch.mean,
     "log": lambda left: left.log().mean(),
 }
-"""Mean over the pictures of the shares that are left."""
+"""Mean over the pictures of the shares that remain."""
 
 
 class RelativeError(nn.Module):
-    """Refined pictures, truth, pictures and error scale -> share of the error that is left.
+    """Refined pictures, truth, pictures and error scale -> share of the error that remains.
 
     Args:
         power: A key of `POWERS`.
@@ -50,7 +50,7 @@ class RelativeError(nn.Module):
         self.mean = chosen("mean", mean, MEANS)
 
     def forward(self, refined: Tensor, truth: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-        """The share that is left, a scalar; images [..., C, H, W], the error scale [..., 1, H, W]."""
+        """The share that remains, a scalar; images [..., C, H, W], the error scale [..., 1, H, W]."""
         counts = (error_scale > 0).to(truth).expand_as(truth)
         share = counts / counts.sum((-3, -2, -1), keepdim=True).clamp(min=1)
         after, before = (self.power(images - truth, share) + LEAST for images in (refined, pictures))

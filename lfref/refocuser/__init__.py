@@ -1,1 +1,1 @@
-"""One face for operators and networks: a light field and the planes to focus on in, a stack out."""
+"""One interface for operators and networks: (light field, planes to focus on) -> stack."""

@@ -1,9 +1,9 @@
 """Replacing untrusted samples, for methods that compare the views instead of summing them.
 
-A sum leaves such samples out by their weight. Estimates of disparity or of layers would be misled by black or weighted
-samples: on the `vignetting` scene of sim30, divided by its gain, occlusion-aware refocusing of weighted views reaches
-47.7 dB against the truth, of filled ones 54.9; with its four corner views missing `discs` reaches 35.8 dB, with them
-predicted 57.8 (59.4 with all views).
+A sum leaves such samples out by their weight, but black or weighted samples would mislead estimates of disparity or of
+layers. On the `vignetting` scene of sim30, divided by its gain, occlusion-aware refocusing reaches 47.7 dB against the
+truth with weighted views and 54.9 dB with filled ones. On `discs` without its four corner views it reaches 35.8 dB, and
+57.8 dB if they are predicted (59.4 dB with all views).
 Letters: `V U` view rows and columns, `C H W` channel, pixel row and column.
 """
 
@@ -14,9 +14,9 @@ from torch.nn import functional as F
 from lfref.refocus.fourier.disparity_layers import disparity_layers
 
 LEAST = 0.05
-"""Share of a light field's largest weight below which samples show nothing by themselves."""
+"""Share of a light field's largest weight below which samples are untrusted."""
 TRUSTED = 0.1
-"""Share of the largest weight at a pixel below which samples are replaced, the more the less they weigh."""
+"""Share of the largest weight at a pixel below which samples are replaced, lighter ones more."""
 
 
 def filled(views: Tensor, weight: Tensor) -> Tensor:
@@ -26,10 +26,10 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
 
     Args:
         views: Floating point, [..., V, U, C, H, W].
-        weight: How far each sample is to be trusted, >= 0, in the type of the views, [..., V, U, 1, H, W].
+        weight: Trust in each sample, >= 0, in the type of the views, [..., V, U, 1, H, W].
     """
     needed = TRUSTED * weight.amax((-5, -4), keepdim=True)
-    # Most pixels have no such sample: only the others are computed.
+    # Few pixels have such a sample: only these are computed.
     y, x = ((weight < needed) | (needed == 0)).flatten(0, -3).any(0).nonzero(as_tuple=True)
     if len(y) == 0:
         return views
@@ -42,7 +42,7 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
 
 
 def trusted(weight: Tensor) -> Tensor:
-    """Which samples have enough weight to show by themselves what is there; interpolated weights are seldom 0."""
+    """Which samples have weight beyond `LEAST`: interpolated weights are seldom exactly 0."""
     return weight > LEAST * weight.amax((-5, -4, -3, -2, -1), keepdim=True)
 
 
@@ -50,8 +50,8 @@ def extended(views: Tensor, is_trusted: Tensor) -> Tensor:
     """Continue the views smoothly over pixels where no view is trusted, so that blurs mix in no black.
 
     Args:
-        views: As `filled` leaves them, [..., V, U, C, H, W].
-        is_trusted: As `trusted` says, [..., V, U, 1, H, W].
+        views: Return value of `filled`, [..., V, U, C, H, W].
+        is_trusted: Return value of `trusted`, [..., V, U, 1, H, W].
     """
     known = is_trusted.any(-5).any(-4)
     y, x = (~known).flatten(0, -3).any(0).nonzero(as_tuple=True)
@@ -76,7 +76,7 @@ def _pyramid_fill(images: Tensor, known: Tensor) -> Tensor:
 
 
 def predicted(views: Tensor, weights: Tensor) -> Tensor:
-    """Replace missing views, of weight 0 [V, U], by what disparity layers of the others show from there."""
+    """Replace views of weight 0, [V, U], by those that disparity layers of the other views predict."""
     layers, whole = disparity_layers(views, weights=weights), views.clone()
     for v, u in (weights == 0).nonzero().tolist():
         whole[..., v, u, :, :, :] = layers.view(v, u)
@@ -84,7 +84,7 @@ def predicted(views: Tensor, weights: Tensor) -> Tensor:
 
 
 def view_weights(weight: Tensor) -> Tensor | None:
-    """The weight of each view, [V, U], if it is the same at all of its pixels and in all fields; otherwise None."""
+    """The weight of each view, [V, U], if it is equal at all its pixels and in all fields; otherwise None."""
     flat = weight.reshape(-1, *weight.shape[-5:])
     first = flat[:1, ..., :1, :1]
     return first[0, :, :, 0, 0, 0] if bool((flat == first).all()) else None

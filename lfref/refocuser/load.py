@@ -1,6 +1,6 @@
 """`lfref.load`: runs, checkpoints and exported files as refocusers.
 
-An exported file is computed by a runtime such as ONNX Runtime, and called like the network that it was made of.
+A runtime such as ONNX Runtime computes an exported file, which is called like the network that it was made of.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     Args:
         path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. A file that
             `lfref export` wrote, `NAME.onnx`, `.pt2`, `.xml` or `.safetensors`. None is the model that ships with
-            lfref, which makes any planes of any even grid.
+            lfref, for any planes and any even grid.
         device: Where the network goes.
 
     Returns:
@@ -42,7 +42,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
 
     Raises:
         CheckpointError: Missing, damaged, not ours, or of another shape than it says.
-        InputError: An exported file on another device than the CPU, or a package is missing that runs it.
+        InputError: An exported file for another device than the CPU, or one whose runtime is not installed.
 
     Example:
         >>> from lfref.nets import checkpoint
@@ -67,8 +67,8 @@ def load_exported(path: Path) -> Refocuser:
     """A file that `lfref export` wrote as a refocuser.
 
     Raises:
-        CheckpointError: Another file, or one whose manifest is wrong.
-        InputError: A package is missing that runs it.
+        CheckpointError: The file is another one, or its manifest is wrong.
+        InputError: Its runtime is not installed.
     """
     run, manifest = file_formats.read(path)
     try:
@@ -138,7 +138,7 @@ class ExportedRefiner(Corrector):
 
 
 def _computed(run: Run, *inputs: Tensor) -> Tensor:
-    """What a runtime computes of inputs as float32; errors of any kind become one line."""
+    """Output of a runtime for inputs as float32; errors of any kind become one line."""
     try:
         # The precision of a file was settled when it was written.
         with torch.autocast("cpu", enabled=False):

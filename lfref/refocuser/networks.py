@@ -1,4 +1,4 @@
-"""Trained networks as refocusers, for the planes and the grid that they were trained for; the model that ships."""
+"""Trained networks as refocusers, for the planes and the grid of their training; the model that ships with lfref."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from lfref.refocuser.refined import RefinedRefocuser
 from lfref.refocuser.refocuser import Aperture, Refocuser, check_for_network
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "learned.safetensors"
-"""Its metadata say how it was trained."""
+"""Weights of the model that ships; their metadata state how it was trained."""
 
 
 class NetworkRefocuser(Refocuser):
@@ -22,9 +22,9 @@ class NetworkRefocuser(Refocuser):
 
     Args:
         network: Views and slopes -> stack.
-        planes: What the planes of its labels were.
+        planes: Planes of its labels.
         name: As tables and legends call it; None takes the network's own.
-        is_linear: Whether it was trained on linear light, or on samples as files hold them; None: not known.
+        is_linear: Whether it was trained on linear light or on encoded samples; None: not known.
 
     Raises:
         InputError: The network makes another number of planes.

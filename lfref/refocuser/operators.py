@@ -25,7 +25,7 @@ from lfref.refocuser import filling
 from lfref.refocuser.refocuser import Aperture, Refocuser, uneven
 
 Operator = Callable[..., Tensor]
-"""(views [..., V, U, C, H, W], slopes [N]) -> stack [..., N, C, H, W]; with an aperture, `weights` [V, U] too."""
+"""(views [..., V, U, C, H, W], slopes [N], weights=[V, U] with an aperture) -> stack [..., N, C, H, W]."""
 
 
 @dataclass(eq=False)
@@ -34,8 +34,8 @@ class OperatorRefocuser(Refocuser):
 
     Args:
         name: As tables and legends call it.
-        operator: Refocuses views at slopes; options already bound.
-        aperture: Weights of the views, whatever their grid; None weighs all alike.
+        operator: Refocuses views at slopes; its options are bound already.
+        aperture: Weights of the views of any grid; None weighs all alike.
 
     Raises:
         InputError: An aperture for an operator without a parameter `weights`.
@@ -76,8 +76,8 @@ class OperatorRefocuser(Refocuser):
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The operator's stack, samples counted by their weight, black where no trusted one contributes.
 
-        Views that weigh the same throughout, missing ones too, are an aperture. Otherwise linear operators give the
-        weighted mean of the samples; operators that compare the views get them filled, and all samples count alike.
+        If the weight is constant within each view, which includes missing views, it is an aperture. Otherwise linear
+        operators give the weighted mean of the samples, and operators that compare the views get them filled.
         """
         if positions is not None and not self.takes("positions"):
             raise uneven(self.name)
@@ -94,9 +94,9 @@ class OperatorRefocuser(Refocuser):
         return sample(radiance, weight.to(radiance), slopes, options).to(batches.stack_dtype(views))
 
     def through(self, aperture: Aperture | None) -> "OperatorRefocuser":
-        """As in `Refocuser`; an aperture of its own is kept, and an operator without weights stays as it is."""
-        keeps = aperture is None or self.aperture is not None or not self.takes("weights")
-        return self if keeps else replace(self, aperture=aperture)
+        """As in `Refocuser`."""
+        stays = aperture is None or self.aperture is not None or not self.takes("weights")
+        return self if stays else replace(self, aperture=aperture)
 
     def cell_width(self, slopes: Tensor) -> float:
         """As in `Refocuser`, by the operator's `fill` and `disparity`."""
@@ -104,7 +104,7 @@ class OperatorRefocuser(Refocuser):
         return float(self.options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
 
     def reach(self, slopes: Tensor, field: LightField) -> int | None:
-        """As in `Refocuser`; None with weights of samples, since these are compared across the picture."""
+        """As in `Refocuser`; None for weighted samples, since weights are compared with the picture's largest."""
         if self.function is not shift_and_sum or field.weight is not None:
             return None
         parameters = inspect.signature(sum_reach).parameters
@@ -115,14 +115,14 @@ class OperatorRefocuser(Refocuser):
         """Sum of the weighted samples over the sum of the weights."""
         share = self.operator(weight, slopes, **options)
         weighted = self.operator(views * weight, slopes, **options)
-        # Interpolation by more than two samples weighs some below 0: dividing by next to nothing would leave light and
-        # dark dots, so such pixels are black.
+        # Interpolation by more than two samples gives some of them negative weight. Division by a sum near 0 would
+        # leave light and dark dots, so such pixels are black.
         least = filling.LEAST * share.detach().amax((-3, -2, -1), keepdim=True)
         least = least.clamp(min=torch.finfo(share.dtype).tiny)
         return torch.where(share > least, weighted / torch.maximum(share, least), 0.0)
 
     def _of_filled(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """The stack of views in which untrusted samples are filled, black where only such are reached."""
+        """The stack of views whose untrusted samples are filled, black where no trusted sample is reached."""
         is_trusted = filling.trusted(weight)
         whole = filling.extended(filling.filled(views, weight), is_trusted)
         is_there = (weight.reshape(-1, *weight.shape[-5:]) > 0).any(0).flatten(2).any(2)
@@ -132,7 +132,7 @@ class OperatorRefocuser(Refocuser):
             stack = self._through_views(whole, slopes, is_there.to(views), options)
         if bool(is_trusted.any(-5).any(-4).all()):
             return stack
-        # Black where no trusted sample is reached. The stack may be finer than the views, or a single picture.
+        # The stack may be finer than the views, or a single picture.
         share = shift_and_sum(is_trusted.to(weight), slopes, positions=options.get("positions"))
         if stack.shape[-4] != share.shape[-4]:
             share = share.amax(-4, keepdim=True)
@@ -140,7 +140,7 @@ class OperatorRefocuser(Refocuser):
         return torch.where(share > filling.LEAST * share.amax((-3, -2, -1), keepdim=True), stack, 0.0)
 
     def _through_views(self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """The stack through an aperture of these weights [V, U], which may lack views."""
+        """The stack through an aperture of these weights, [V, U], 0 for missing views."""
         if bool((weights == weights[0, 0]).all()):
             return self.operator(views, slopes, **options)
         if self.function in PREDICTING and not bool((weights > 0).all()):
@@ -167,6 +167,6 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
 
 
 PREDICTING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
-"""Operators that estimate what the whole aperture would have recorded: missing views are predicted."""
+"""Operators that estimate the record of the whole aperture: missing views are predicted for them."""
 COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus}
-"""Operators that compare the views before they sum them: views times their weight would mislead them."""
+"""Operators that compare the views before they sum them, which weighted views would mislead."""

@@ -1,7 +1,7 @@
 """The interface that all refocusing methods share: (light field or views, slopes) -> stack.
 
-A refocuser has a name, says which planes and which view grid it is made for, respects the weight of samples, and takes
-views in floating point, uint8 or uint16.
+A refocuser has a name, states the planes and the view grid that it is made for, respects the weight of samples, and
+takes views in floating point, uint8 or uint16.
 Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
 """
 
@@ -28,11 +28,11 @@ class Refocuser(abc.ABC):
     name: str
     """As tables and legends call it."""
     planes: FocalPlanes | None = None
-    """The only planes that it makes; None: any."""
+    """Planes that it makes, no others; None: any planes."""
     grid: tuple[int, int] | None = None
-    """The only view rows and columns (V, U) that it reads; None: any."""
+    """View rows and columns (V, U) that it reads, no others; None: any."""
     is_linear: bool | None = None
-    """Whether it was trained on linear light, or on samples as files hold them; None: it takes both."""
+    """Whether it was trained on linear light or on encoded samples; None: it takes both."""
 
     @property
     def takes_positions(self) -> bool:
@@ -44,7 +44,7 @@ class Refocuser(abc.ABC):
 
         Args:
             light: A light field, or views [..., V, U, C, H, W] in floating point, uint8 or uint16.
-            slopes: Planes to focus on, in pixels per view step, [N]; None takes the only ones that it makes.
+            slopes: Planes to focus on, in pixels per view step, [N]; None: those of `planes`.
 
         Returns:
             Stack, [..., N, C, H, W], type of the views (float32 for integers).
@@ -78,7 +78,7 @@ class Refocuser(abc.ABC):
         """
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
-        """The same method through an aperture; methods that cannot weigh views, or have weights, stay as they are.
+        """This method with an aperture; itself if it has one already, or cannot weigh views.
 
         Args:
             aperture: Weights of the views of any grid; None changes nothing.
@@ -90,21 +90,21 @@ class Refocuser(abc.ABC):
         return self
 
     def cell_width(self, slopes: Tensor) -> float:
-        """Width in pixels by which a view's cell of the aperture blurs the blurriest of the planes; 0 for points."""
+        """Largest width in pixels of the blur of a view's cell over the planes; 0 for views of no extent."""
         return 0.0
 
     def reach(self, slopes: Tensor, field: LightField) -> int | None:
-        """Distance in pixels at which samples of a field may still count for a pixel; None: unlimited."""
+        """Largest distance in pixels between a pixel and the samples that it depends on; None: unlimited."""
         return None
 
     def slopes(self, requested: Slopes | None) -> Tensor:
-        """The slopes to refocus to, checked against the planes of a network, float64, [N].
+        """The slopes to refocus to, float64, [N].
 
         Args:
-            requested: In pixels per view step, [N]; None: the planes of the network.
+            requested: In pixels per view step, [N]; None: those of `planes`.
 
         Raises:
-            InputError: The network has other planes; or the method takes any planes and none are given.
+            InputError: The network has other planes, or the method takes any planes and none are given.
         """
         if self.planes is None and requested is None:
             raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
@@ -120,15 +120,15 @@ class Refocuser(abc.ABC):
 
 
 RANGE = 1e6
-"""Largest ratio of a sample to the bright ones: at this limit single precision is off by 0.1 times those."""
+"""Largest ratio of a sample to the bright ones, at which single precision is off by 0.1 times the bright ones."""
 
 
 def check_for_network(name: str, views: Tensor, positions: Tensor | None, device: torch.device) -> None:
     """Refuse views that the network of a method cannot read.
 
     Raises:
-        InputError: Cameras off the even grid, views on another device, or views that are not finite or hold one sample
-            beside which the others drown.
+        InputError: Cameras off the even grid, views on another device, views that are not finite, or a sample that
+            exceeds `RANGE` times the bright ones.
     """
     if positions is not None:
         raise uneven(name)
@@ -136,7 +136,7 @@ def check_for_network(name: str, views: Tensor, positions: Tensor | None, device
         raise InputError(f"views must be on the network's device, {device}", got=views.device)
     if not bool(views.isfinite().all()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
-    # The spectra that candidates are made of round to 1e-7 of the largest sample, everywhere in the picture.
+    # Candidates come from spectra, which round to 1e-7 of the largest sample everywhere in the picture.
     some = views.flatten()[:: max(1, views.numel() // 10**6)].abs()
     bright, largest = float(some.quantile(0.99)), views.abs().argmax()
     if 0 < RANGE * bright < float(views.flatten()[largest].abs()):
@@ -147,7 +147,7 @@ def check_for_network(name: str, views: Tensor, positions: Tensor | None, device
 
 
 def uneven(name: str) -> InputError:
-    """The error about cameras off the even grid that the method of this name needs."""
+    """The error about cameras off the even grid, for a method that needs one."""
     return InputError(
         f"{name} needs cameras on an even grid",
         got="positions of their own",
@@ -156,7 +156,7 @@ def uneven(name: str) -> InputError:
 
 
 def name_apart(refocusers: Iterable[Refocuser]) -> None:
-    """Add a number, in place, to the name of each refocuser whose name has occurred before."""
+    """Number the names of refocusers that occur more than once, in place: `name`, `name (2)`, ..."""
     used: set[str] = set()
     for refocuser in refocusers:
         name = refocuser.name
@@ -168,11 +168,11 @@ def name_apart(refocusers: Iterable[Refocuser]) -> None:
 def in_bands(
     refocuser: Refocuser, field: LightField, slopes: Tensor, n_rows: int, allocate: Allocator, device: torch.device
 ) -> Tensor:
-    """The stack of a light field larger than memory, refocused band by band; equal to the whole to the bit.
+    """The stack of a light field larger than memory, refocused band by band, bit-equal to that of the whole.
 
     Args:
         refocuser: One with a limited `reach`.
-        field: Its views may lie on a disk.
+        field: A light field, whose views may lie on a disk.
         slopes: Of the planes, in pixels per view step, float64, [N].
         n_rows: Rows of pixels of a band, at least 1.
         allocate: Allocates the stack.

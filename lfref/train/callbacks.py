@@ -27,27 +27,27 @@ from lfref.io import images, tensor_files
 log = logging.getLogger(__name__)
 
 COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
-"""Counts that are logged as `train/NAME` and kept across a resume -> how processes combine them."""
+"""Counts of `StepGuard`, logged as `train/NAME` and kept across a resume -> how processes combine them."""
 LEAST_SCALE = 1.0
-"""Scale of float16's loss below which a gradient that is not finite is no overflow."""
+"""Least scale of float16's loss at which a gradient that is not finite counts as an overflow."""
 
 
 class BatchRecord(NamedTuple):
-    """What is kept of a batch until its step."""
+    """Record of a batch until its step."""
 
     where: list[str]
     """Name of each patch."""
     is_finite: dict[str, Tensor]
-    """For each kind of images, whether those of each patch are finite, [P]."""
+    """Name of a tensor of images -> whether those of each patch are finite, [P]."""
 
 
 class StepGuard(Callback):
     """Skips steps whose loss or gradient is not finite, and stops after too many in a row.
 
-    A skipped step leaves weights, moments of the optimiser and running statistics unchanged, is counted, and is logged
-    with the patches that caused it; all processes of a distributed run decide alike. A gradient counts as finite if
-    float32 holds its norm, since Adam squares its entries. Under float16, overflow is left to the loss scaler, which
-    then tries a smaller scale, and is counted separately.
+    A skipped step leaves weights, moments of the optimiser and running statistics unchanged. It is counted, and logged
+    with the patches that caused it. All processes of a distributed run decide alike. A gradient counts as finite if
+    float32 holds its norm, since Adam squares its entries. Under float16, the loss scaler handles an overflow by a
+    smaller scale; such steps are counted separately.
 
     Args:
         patience: Steps skipped in a row after which training stops, at least 1.
@@ -65,7 +65,7 @@ class StepGuard(Callback):
         self.overflowed = 0
         """Steps that the loss scaler of float16 skipped."""
         self.in_a_row = 0
-        """Steps skipped since the last one that was not."""
+        """Steps skipped since the last complete one."""
         self.resampled = 0
         """Flat patches that were replaced by others."""
         self._window: list[BatchRecord] = []
@@ -73,7 +73,7 @@ class StepGuard(Callback):
         self._statistics: list[Tensor] = []
 
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Mapping[str, Any], batch_index: int) -> None:
-        """Record the batch, and before the first of a step the running statistics."""
+        """Record the batch, and at the first batch of a step the running statistics."""
         if not self._window:
             self._statistics = [buffer.clone() for buffer in module.buffers()]
         self._window.append(BatchRecord(batch["where"], finite_patches(batch)))
@@ -114,7 +114,7 @@ class StepGuard(Callback):
         """Refuse to write weights that are not finite.
 
         Raises:
-            LfrefError: One of them is not.
+            LfrefError: A weight is not finite.
         """
         refuse_corrupted(checkpoint["state_dict"], "no checkpoint was written; go on from the last one")
 
@@ -143,17 +143,17 @@ class StepGuard(Callback):
 
 
 class BestCheckpoint(ModelCheckpoint):
-    """Keeps the checkpoint with the best value of what it monitors; a value that is not finite is never the best."""
+    """Keeps the checkpoint whose monitored value is the best; a value that is not finite is never the best."""
 
     def check_monitor_top_k(self, trainer: Trainer, current: Tensor | None = None) -> bool:
-        """Whether to save: as Lightning's own, which takes the first value whatever it is."""
+        """Whether to save. Lightning's own method accepts any first value, also NaN."""
         if current is not None and not current.isfinite():
-            log.warning("epoch %d: %s is not finite; no best checkpoint", trainer.current_epoch, self.monitor)
+            log.warning("epoch %d: %s is not finite: best checkpoint unchanged", trainer.current_epoch, self.monitor)
             return False
         return super().check_monitor_top_k(trainer, current)
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore the best score; Lightning's own forgets it if the run folder has moved since."""
+        """Restore the best score. Lightning's own method forgets it if the run folder has moved."""
         own = {name: self._here(state_dict[name]) for name in ("best_model_path", "kth_best_model_path")}
         best = {self._here(path): score for path, score in state_dict["best_k_models"].items()}
         super().load_state_dict(state_dict | own | {"best_k_models": best, "dirpath": self.dirpath})
@@ -175,7 +175,7 @@ def gradient_norm(module: nn.Module) -> Tensor:
 
 
 def not_finite(window: list[BatchRecord]) -> list[str]:
-    """Names of the images that are not finite, with those of their patches."""
+    """Texts NAME of PATCH, one for each tensor of images and patch that are not finite."""
     return [
         f"{name} of {place}"
         for batch in window
@@ -186,35 +186,31 @@ def not_finite(window: list[BatchRecord]) -> list[str]:
 
 
 def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
-    """Refuse tensors that are not finite.
-
-    Raises:
-        LfrefError: One of them is not; it is named.
-    """
+    """Raise an LfrefError that names the first tensor that is not finite."""
     for name, value in state.items():
         if isinstance(value, Tensor) and not bool(value.isfinite().all()):
             raise LfrefError(f"weights must be finite; {name} is not", remedy=remedy)
 
 
 class HeadInitialization(Callback):
-    """Primes the network on the first finite batch: of RefNet, so that no output channel starts dead."""
+    """Primes the network on the first finite batch, so that no output channel of RefNet starts dead."""
 
     def __init__(self) -> None:
         self._is_due = False
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
-        """Prime only new runs: a resumed run keeps its last convolution."""
+        """Only new runs are primed: a resumed run keeps its last convolution."""
         self._is_due = trainer.global_step == 0
 
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
-        """Act once, on the first batch that is finite in every process."""
+        """Prime once, on the first batch that is finite in every process."""
         if not self._is_due:
             return
         is_finite = all(bool(each.all()) for each in finite_patches(batch).values())
         if not trainer.strategy.reduce_boolean_decision(is_finite):
             return
         self._is_due = False
-        # Sums over the processes: all start alike, as with the whole batch.
+        # Sums over the processes give all of them the start that the whole batch would give.
         total = functools.partial(trainer.strategy.reduce, reduce_op="sum")
         module.net.prime(batch["views"], batch["slopes"], batch["labels"], total)
 
@@ -224,7 +220,7 @@ class StackPictures(Callback):
 
     Args:
         folder: Where the PNG files go; loggers that take images get them too.
-        slopes: In pixels per view step; the nearest planes are shown.
+        slopes: Slopes whose nearest planes are shown, in pixels per view step.
     """
 
     def __init__(self, folder: str, slopes: Sequence[float] = (-7.0, 0.0, 0.5)) -> None:
@@ -263,7 +259,7 @@ class RankAgreement(Callback):
         self.fingerprint = fingerprint
 
     def setup(self, trainer: Trainer, pl_module: Any, stage: str) -> None:
-        """Compare with rank 0; every rank learns of a difference, so that none waits for one that has ended."""
+        """Compare with rank 0. Every rank learns of a difference, so that none waits for one that has ended."""
         differs = torch.tensor(float(trainer.strategy.broadcast(self.fingerprint) != self.fingerprint))
         if trainer.strategy.reduce(differs.to(trainer.strategy.root_device), reduce_op="sum") > 0:
             raise InputError(
@@ -311,7 +307,7 @@ class _Continued(ExperimentWriter):
 
 
 class CSVLogger(loggers.CSVLogger):
-    """Lightning's CSV logger, except that it keeps an existing log, which a resumed run continues."""
+    """Lightning's CSV logger, which here continues the existing log of a resumed run."""
 
     @property
     @rank_zero_experiment

@@ -1,4 +1,4 @@
-"""Failures that end a training from outside, as one line: a full disk, a data process that died or hangs."""
+"""Failures that end a training from outside, as errors of one line: a full disk, a dead or hanging data process."""
 
 import multiprocessing
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ KNOWN: dict[str, tuple[type[LfrefError], str, str]] = {
 
 @contextmanager
 def one_line_errors(folder: Path) -> Iterator[None]:
-    """Replace what libraries raise while a network is trained by errors of one line.
+    """Replace errors of libraries during a training by errors of one line.
 
     Args:
         folder: The run folder, to which all files are written.

@@ -34,11 +34,11 @@ SchedulerFactory = Callable[[Optimizer], LRScheduler]
 RESERVED = frozenset({"loss", "mpsnr", "mssim", "gain", *TERMS})
 """Values that validation logs anyway."""
 METRICS = "metrics."
-"""Prefix of the weights of further metrics (LPIPS has some), which are no part of a checkpoint."""
+"""Prefix of the weights of further metrics, such as LPIPS; checkpoints leave them out."""
 
 
 class Fitting(LightningModule, abc.ABC):
-    """Trains a network.
+    """Base of training modules: a network with its optimiser, schedule and further metrics.
 
     Args:
         net: The network.
@@ -72,7 +72,7 @@ class Fitting(LightningModule, abc.ABC):
 
     @abc.abstractmethod
     def payload(self) -> dict[str, Any]:
-        """What a checkpoint must hold besides the weights, so that `lfref.load` can use them."""
+        """Entry of checkpoints from which `lfref.load` builds the network again."""
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """The network's output."""
@@ -83,8 +83,8 @@ class Fitting(LightningModule, abc.ABC):
         """Update the further metrics with validation images and log them.
 
         Args:
-            images: What the network made, [..., C, H, W]; metrics get [images, C, H, W], float32, clamped to [0, 1].
-            truth: Images of the same shape.
+            images: Output of the network, [..., C, H, W]. Metrics get [images, C, H, W], float32, clamped to [0, 1].
+            truth: Images of equal shape.
         """
         pair = [each.flatten(0, -4).float().clamp(0, 1) for each in (images, truth)]
         for name, metric in zip(self.metric_names, self.metrics, strict=True):
@@ -92,7 +92,7 @@ class Fitting(LightningModule, abc.ABC):
             self.log(f"val/{name}", metric)
 
     def log_stage(self, stage: str, values: Mapping[str, Tensor], batch_size: int) -> None:
-        """Log values as `STAGE/NAME`: of `train` each step, of `val` their mean over the epoch."""
+        """Log values as `STAGE/NAME`, for `train` at each step, for `val` as the mean over the epoch."""
         named = {f"{stage}/{name}": value for name, value in values.items()}
         self.log_dict(named, on_step=stage == "train", on_epoch=stage == "val", batch_size=batch_size, sync_dist=True)
 
@@ -113,7 +113,7 @@ class Fitting(LightningModule, abc.ABC):
         checkpoint["state_dict"] = {name: value for name, value in state.items() if not name.startswith(METRICS)}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Continue with today's settings of optimiser and schedule; a checkpoint holds those of its own run."""
+        """Replace the checkpoint's settings of optimiser and schedule by those of this run; add weights of metrics."""
         own = {name: value for name, value in self.state_dict().items() if name.startswith(METRICS)}
         checkpoint["state_dict"] |= own
         n_steps = {
@@ -140,7 +140,7 @@ class Refocusing(Fitting):
         planes: Planes of the labels; goes into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
-        is_linear: Whether the data is linear light, or samples as files hold them; goes into every checkpoint.
+        is_linear: Whether the data are linear light or encoded samples; goes into every checkpoint.
         metrics: Further metrics of refocused images by name, logged as `val/NAME`.
 
     Raises:
@@ -170,7 +170,7 @@ class Refocusing(Fitting):
         return self._loss(batch["labels"], self.net(batch["views"], batch["slopes"]), "train")
 
     def validation_step(self, batch: Batch, batch_index: int) -> Tensor:
-        """The stack of one held-out batch, its loss and metrics logged."""
+        """The stack of one held-out batch; its loss and metrics are logged."""
         stack = self.net(batch["views"], batch["slopes"])
         self._loss(batch["labels"], stack, "val")
         for name, metric in (("val/mpsnr", self.mpsnr), ("val/mssim", self.mssim)):
@@ -180,7 +180,7 @@ class Refocusing(Fitting):
         return stack
 
     def payload(self) -> dict[str, Any]:
-        """What builds the network again, and its planes."""
+        """As in `Fitting`: the network's arguments and its planes."""
         return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
@@ -204,14 +204,14 @@ class Refining(Fitting):
 
     Args:
         net: Features, pictures and error scale -> better pictures.
-        loss: Of refined pictures, truth, pictures and error scale.
-        recipe: Of the set of planes; its method and features go into every checkpoint.
+        loss: Function of refined pictures, truth, pictures and error scale.
+        recipe: Recipe of the set of planes; its method and features go into every checkpoint.
         optimizer: Makes the optimiser from the parameters.
         scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
         metrics: Further metrics of refined planes by name, logged as `val/NAME`.
 
     Raises:
-        InputError: Corrections cannot be mixed of the features of the recipe.
+        InputError: The first features of the recipe are no candidates.
     """
 
     interval = "step"
@@ -235,19 +235,19 @@ class Refining(Fitting):
         return self._loss(batch, self(batch["features"], batch["pictures"], batch["error_scale"]), "train")
 
     def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
-        """Log loss, PSNR and its gain over the pictures, of one held-out light field."""
+        """Log the loss, the PSNR and its gain over the pictures for one held-out light field."""
         output = self(batch["features"], batch["pictures"], batch["error_scale"])
         self._loss(batch, output, "val")
         truth = batch["pictures"] + batch["missing"]
         # Pixels that may not be corrected count as right.
-        refined, given = (torch.where(batch["error_scale"] > 0, each, truth) for each in (output, batch["pictures"]))
-        after, before = (psnr(each, truth).mean() for each in (refined, given))
+        refined, base = (torch.where(batch["error_scale"] > 0, each, truth) for each in (output, batch["pictures"]))
+        after, before = (psnr(each, truth).mean() for each in (refined, base))
         self.update_metrics(refined, truth)
         values = {"val/mpsnr": after, "val/gain": after - before}
         self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
 
     def payload(self) -> dict[str, Any]:
-        """What builds the refiner again, its method and its features."""
+        """As in `Fitting`: the refiner's arguments, its method and its features."""
         return refined_refocuser.payload(self.net, self.recipe.base, self.recipe.features)
 
     def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
@@ -263,14 +263,13 @@ def _wrong_loss(got: str) -> InputError:
 
 
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
-    """Replace the settings of optimiser and schedule in a checkpoint; the moments stay.
+    """Replace the settings of optimiser and schedule in a checkpoint of Lightning, in place; the moments stay.
 
-    The new schedule is stepped to where the old one stood, so that the rate is what it would be with these settings
-    from the start. Nothing changes where the settings are the same.
+    The new schedule takes the steps of the old one, so that the learning rate is that of these settings from the start.
 
     Args:
-        checkpoint: As Lightning wrote it; changed in place.
-        optimizer: A new one with today's settings; its parameters do not matter.
+        checkpoint: Contents of the file.
+        optimizer: With the new settings; its parameters do not matter.
         schedule: Of that optimiser.
         n_steps: Steps of the schedule so far.
     """
@@ -285,11 +284,11 @@ def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRSchedule
 
 
 def cut_log(path: Path, step: int) -> None:
-    """Remove what was logged at a step and after it, and a line that was cut off.
+    """Remove the lines of a log from a step on, and an incomplete line.
 
     Args:
         path: `metrics.csv`; may be missing.
-        step: Step of the checkpoint from which training continues; 0 removes everything.
+        step: Step of the checkpoint from which training continues; 0 deletes the file.
 
     Raises:
         FileError: The file cannot be read or written.

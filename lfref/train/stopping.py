@@ -1,9 +1,10 @@
 """Ends of a distributed training: all processes stop together when one gets a signal or dies.
 
-A handler must not start a collective: the others may be in another one, and all would wait for ever (Lightning's own
-notifier does so; it is switched off). Here a handler only sets a flag, which the processes compare after every step;
-then they write a checkpoint, from which the epoch goes on. A process that stands still, in whatever library, ends by
-force after `PATIENCE_S`: checkpoints are renamed when they are whole, so that of the last epoch stays.
+A handler must not start a collective: other processes may be in another one, and all would wait for ever. Lightning's
+own notifier does so, and is switched off. Here a handler only sets a flag. The processes compare their flags after
+every step; if one is set, they write a checkpoint, from which the epoch continues. A process that stands still in a
+library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives that, since files are renamed
+only when they are whole.
 """
 
 import os
@@ -24,7 +25,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 15
 """Seconds from a signal to an end by force."""
 PARENT = "LFREF_FIRST_PROCESS"
-"""Environment variable with the process that started the others."""
+"""Environment variable with the id of the process that started the others."""
 
 
 class Stopping(Callback):
@@ -32,14 +33,14 @@ class Stopping(Callback):
 
     Args:
         path: The checkpoint to write.
-        give_up: Prints why a process ends by force, given the signal.
+        give_up: Prints why a process ends by force; its argument is the signal.
     """
 
     def __init__(self, path: Path, give_up: Callable[[int], None]) -> None:
         self.path = path
         self.give_up = give_up
         self.number = 0
-        """The signal that has come, or 0."""
+        """The signal that this process got, or 0."""
         self.agreed = False
         """Whether all processes stop after the same step."""
         self._is_training = False
@@ -56,7 +57,8 @@ class Stopping(Callback):
         self._owner = os.getpid()
         for number in SIGNALS:
             signal.signal(number, self._note)
-        # Handlers of Python wait for the main thread, which may stand still in a library; this pair does not.
+        # Python runs handlers in the main thread, which may stand still in a library; this pair of sockets is read by
+        # a thread of its own.
         ours, written = socket.socketpair()
         written.setblocking(False)
         before = signal.set_wakeup_fd(written.fileno(), warn_on_full_buffer=False)
@@ -77,7 +79,7 @@ class Stopping(Callback):
                 signal.signal(number, handler)
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
-        """From here on all processes meet after every step."""
+        """Note that all processes meet after every step from now on."""
         self._is_training = True
 
     def on_train_batch_end(self, trainer: Trainer, module: Any, outputs: Any, batch: Any, batch_index: int) -> None:
@@ -94,11 +96,11 @@ class Stopping(Callback):
             self._stop(latest)
 
     def on_train_end(self, trainer: Trainer, module: Any) -> None:
-        """The others may be gone."""
+        """Note that the processes meet no more: the others may have ended."""
         self._is_training = False
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        """Handler: remember the signal; where no step follows, stop at once."""
+        """Handler of signals: remember the signal, or stop at once where no step follows."""
         is_first = not self.number
         if os.getpid() == self._owner:
             self.number = number
@@ -111,7 +113,7 @@ class Stopping(Callback):
         previous(number, None)
 
     def _end_by_force(self, signals: socket.socket, trainer: Trainer) -> None:
-        """Wait in a thread of its own for a signal; if the process has not ended some seconds later, end it."""
+        """In a thread of its own, wait for a signal, and end the process if it still runs some seconds later."""
         with signals:
             while numbers := signals.recv(1):
                 if numbers[0] in SIGNALS:
@@ -132,7 +134,7 @@ class Stopping(Callback):
 
 
 def _end_with_parent(parent: int) -> None:
-    """End this process when the one that started it has: it would wait for it in the next collective."""
+    """End this process when its parent has ended: it would wait for the parent in the next collective."""
     while os.getppid() == parent:
         time.sleep(1)
     os._exit(1)

@@ -30,14 +30,14 @@ from lfref.report.refocused import Refocused
 PROGRAMS = ("pictures.js", "lens.js", "controls.js")
 """In the order of execution."""
 MOST_VIEW_PIXELS = 12_000_000
-"""Of all views together; larger ones are made smaller, so that the page can be sent by mail."""
+"""Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
 JPEG_QUALITY = 88
 BAR_SIZE = 8, 256
 """Height and width of the colour bar in pixels."""
 LEAST_CONFIDENCE, GREY = 0.1, 0.5
-"""Confidence of a known disparity; the map fades from its colours there to this grey at confidence 0."""
+"""Least confidence of a known disparity; below, the colours of the map fade to this grey."""
 DISPARITY_STEPS = 65535
-"""Between the least and the largest disparity."""
+"""Steps between the least and the largest disparity."""
 
 
 def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> None:
@@ -146,7 +146,7 @@ def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> di
 
 
 def _ends(slopes: NDArray[np.floating], planes: Sequence[float]) -> tuple[float, float]:
-    """Range of the map: that of the planes cut to that of the slopes; all slopes where the two do not overlap."""
+    """Range of the map's colours: the overlap of planes and slopes, or all slopes where there is none."""
     least, largest = float(slopes.min()), float(slopes.max())
     low, high = max(min(planes), least), min(max(planes), largest)
     return (low, high) if low < high else (least, largest)
@@ -160,7 +160,7 @@ def _coloured(slopes: NDArray[np.floating], low: float, high: float) -> NDArray[
 
 
 def _greyed(colours: NDArray[np.float64], confidence: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Colours that fade to grey where the disparity is unknown."""
+    """Colours of the map, faded to grey where the disparity is unknown."""
     share = (confidence / LEAST_CONFIDENCE).clip(0, 1)[..., None]
     greyed: NDArray[np.float64] = share * colours + (1 - share) * GREY
     return greyed

@@ -165,7 +165,7 @@ def test_fields_held_out_by_content_are_left_out_and_named_in_the_log(store, fol
         train, held = folder_data(validation_path=str(tmp_path / "held")).sources()
     assert names(train) == ["field_0", "field_2"]
     assert names(held) == ["under_another_name"]
-    assert "left out of training, being held out too: field_1" in caplog.text
+    assert "left out of training, held out too: field_1" in caplog.text
 
 
 def test_a_copy_on_both_sides_of_a_split_does_not_train(store, folder_data):
@@ -191,7 +191,7 @@ def test_the_papers_test_set_never_trains_and_the_log_says_so(store, folder_data
         with caplog.at_level(logging.WARNING):
             train, held = folder_data(**options).sources()
         assert {*names(train), *names(held)} - {"other"} == {"Cars_at_night", "ordinary"}
-        assert "left out of training, being of the paper's test set: Cars_copy, img-1085_eslf (1)" in caplog.text
+        assert "left out of training, in the paper's test set: Cars_copy, img-1085_eslf (1)" in caplog.text
 
 
 def test_what_one_process_prepares_no_other_reads_again(store, folder_data, monkeypatch):

@@ -163,7 +163,7 @@ def test_a_flat_field_gives_way_to_the_next_one():
 
 
 def test_nothing_but_flat_fields_is_refused():
-    with pytest.raises(InputError, match="something to see in them; got 1 whose patches are flat"):
+    with pytest.raises(InputError, match="patches that are not flat; got none in 1 light field"):
         FieldPatches(Cards(1), label_of(shift_and_sum), 8, 2, 0)[(0, 0)]
 
 
