@@ -71,7 +71,7 @@ def test_a_run_that_is_trained_already_says_so_and_stays_as_it_is(lfref, trained
     }
     status, _ = lfref("train", f"resume={trained}")
     assert status == 0
-    assert "is trained already; trainer.max_epochs=MORE continues it" in (trained / "train.log").read_text()
+    assert "is trained already; trainer.max_epochs=MORE goes on with it" in (trained / "train.log").read_text()
     assert all(path.stat().st_mtime_ns == time for path, time in files.items())
 
 
@@ -202,7 +202,7 @@ def test_a_line_that_resumes_nothing_stays_as_it_is():
 
 
 def test_what_cannot_be_resumed_is_one_clear_error(run):
-    with pytest.raises(InputError, match="continues one run, not a sweep"):
+    with pytest.raises(InputError, match="goes on with one run, not with a sweep"):
         resume.expanded(["-m", f"resume={run}"])
     (run / "checkpoints" / "last.ckpt").unlink()
     with pytest.raises(CheckpointError, match=r"must have checkpoints/last\.ckpt; got none"):
