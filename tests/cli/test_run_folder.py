@@ -73,7 +73,7 @@ def test_a_folder_with_a_log_of_somebody_else_is_refused(tmp_path):
 def test_a_refused_configuration_leaves_a_free_folder(lfref, tmp_path):
     small = ("scene=plane", "scene.camera.size=[24,24]", "scene.camera.grid=[3,3]", "outputs=[views]", "output=out")
     status, error = lfref("simulate", *small, "scene._target_=lfref.simulator.scene.Scenes")
-    assert (status, "_target_ must be a component" in error) == (1, True)
+    assert (status, "_target_ must be a part" in error) == (1, True)
     assert (tmp_path / "out" / "simulate.log").exists()
     assert lfref("simulate", *small)[0] == 0
 
