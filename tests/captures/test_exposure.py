@@ -39,7 +39,7 @@ def test_one_bright_view_is_the_only_one_that_changes():
     is_changed = (corrected != field.views).flatten(2).any(2)
     assert is_changed.nonzero().tolist() == [[1, 5]]
     torch.testing.assert_close(corrected[1, 5], field.views[1, 5], rtol=0.003, atol=0)
-    assert "1 of 49 views are 1.000 to 1.0" in defect.summary()
+    assert "1 of 49 views is 1.000 to 1.0" in defect.summary()
 
 
 @pytest.mark.parametrize("name", [*ODD, "lattice", "floor"])
