@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from lfref import encoding
+from lfref.captures.brightness import ExposureDefect
 from lfref.captures.correct import Corrections, load
-from lfref.captures.exposure import ExposureDefect
 from lfref.captures.inspect import AutoPlanes
-from lfref.captures.spacing import SpacingDefect
+from lfref.captures.registration import SpacingDefect
 from lfref.cli import config as configs
 from lfref.cli import refocusing
 from lfref.errors import InputError
