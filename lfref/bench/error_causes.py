@@ -39,8 +39,7 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 from lfref.simulator import painting
 from lfref.simulator.effects import sensor as sensors
 from lfref.simulator.effects.sensor import EFFECTS, Sensor

@@ -19,8 +19,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
-from lfref.functional import threads
-from lfref.functional.jit import compiled
+from lfref.functional import loops
+from lfref.functional.loops import compiled
 from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become fractions of one
@@ -114,9 +114,9 @@ def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
     height, width = (length // factor for length in images.shape[-2:])
     means = np.empty((len(planes), height, width), planes.dtype)
     # 2^18 samples per thread, by trial.
-    bands = threads.bands(len(planes), threads.worthwhile(planes.size, 1 << 18))
+    bands = loops.bands(len(planes), loops.worthwhile(planes.size, 1 << 18))
     jobs = [(planes[i:j], factor, tops[i:j], means[i:j]) for i, j in bands]
-    threads.share(_reduce, jobs, len(jobs))
+    loops.share(_reduce, jobs, len(jobs))
     return torch.from_numpy(means).unflatten(0, images.shape[:2])
 
 

@@ -35,8 +35,7 @@ from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import accuracy_time, bench_plots, drawing, page, plots, sections, stability_table, tables
 from lfref.simulator import sim30

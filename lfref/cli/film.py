@@ -15,8 +15,8 @@ from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli import inputs, refocusing
 from lfref.cli.command import command, device_of, log, progress
+from lfref.cli.inputs import ahead
 from lfref.errors import InputError, chosen, counted
-from lfref.functional.threads import ahead
 from lfref.io import video
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser

@@ -6,16 +6,16 @@ so that memory holds few light fields, however many there are.
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli.command import log, paths, progress
 from lfref.errors import FileError, InputError, LfrefError, first_line, printable
-from lfref.functional.threads import ahead
 from lfref.io import atomic, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
@@ -29,6 +29,8 @@ Step = Callable[[str, Any], Any]
 """(name, result of the previous step) -> result of this step; the first step gets the path."""
 Outcome = tuple[str, Any, Exception | None]
 """Name of a light field, its result so far, and the error that ended it, if any."""
+Item = TypeVar("Item")
+_END: Any = object()
 
 
 def find_fields(config: DictConfig) -> dict[str, Path]:
@@ -178,3 +180,24 @@ def _run_step(step: Step, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
                 result, failure = None, error
         yield name, result, failure
         del result  # so that a light field is freed before the next one is read
+
+
+def ahead(items: Iterable[Item]) -> Iterator[Item]:
+    """The same items in the same order; a thread computes the next item while one is in use.
+
+    Nested steps (reading, computing, writing) then work at the same time, and at most one item waits between two steps.
+
+    Args:
+        items: An error in computing an item is raised where the item would be used.
+
+    Example:
+        >>> list(ahead(n * n for n in range(4)))
+        [0, 1, 4, 9]
+    """
+    source = iter(items)
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, source, _END)
+        while (item := coming.result()) is not _END:
+            coming = pool.submit(next, source, _END)
+            yield item
+            del item

@@ -26,7 +26,7 @@ from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
 from lfref.refocuser.features import FEATURES, FORMER_NAMES, check_names, refiner_inputs
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes

@@ -17,7 +17,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError, chosen
-from lfref.refocus import batches, footprint, footprint_blur
+from lfref.refocus import batches, footprint
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, Border, Interpolation, sampled
 
 BORDERS_OF_GRAPHS = ("renormalize", "edge", "zero")
@@ -86,9 +86,7 @@ class SumOfViews(nn.Module):
         planes = [box(plane) for box, plane in zip(self.boxes, summed, strict=True)]
         if self.counts_only_samples:
             shares = torch.cat(covered).index_select(0, self.order).split(1)
-            inverses = [
-                footprint_blur.inverse(own, box(own[None])[0]) for box, own in zip(self.boxes, shares, strict=True)
-            ]
+            inverses = [footprint.inverse(own, box(own[None])[0]) for box, own in zip(self.boxes, shares, strict=True)]
             planes = [plane * inverse for plane, inverse in zip(planes, inverses, strict=True)]
         return torch.cat(planes, 1).reshape(n_fields, n_channels, -1, height, width).transpose(1, 2)
 

@@ -21,12 +21,10 @@ from lfref.export.convolutions import Sum, SumOfViews
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import refined
+from lfref.refocuser import networks
 from lfref.refocuser.features import refiner_inputs
-from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refined import RefinedRefocuser
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 
 N, HEIGHT, WIDTH = 2, 36, 44
 """Light fields or planes, height and width with which a module is traced: no special case of any of them."""
@@ -113,7 +111,7 @@ def _refiner(refocuser: RefinedRefocuser, slopes: Tensor) -> Exportable:
     def pictures(features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
         return pictures
 
-    config = refined.payload(refiner, refocuser.base, refocuser.names)
+    config = networks.refiner_entry(refiner, refocuser.base, refocuser.names)
     exact = functools.partial(_in_float64, refiner)
     entries = {"name": refocuser.name, "config": config}
     return Exportable(graph, entries, inputs, refiner, exact, uncorrected=pictures)

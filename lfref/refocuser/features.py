@@ -42,12 +42,10 @@ from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.disparity.disparity_map import coarse_disparity
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser import filling
-from lfref.refocuser.operators import Operator, OperatorRefocuser
-from lfref.refocuser.refocuser import Aperture
+from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser
 
 CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central")
 """Features that are other pictures of the plane."""

@@ -14,7 +14,7 @@ from torch import Tensor
 from lfref.errors import InputError
 from lfref.io import images, pfm, point_cloud, video, write
 from lfref.refocus.surface import per_pixel
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import drawing, pictures
 from lfref.report.refocused import Refocused, mean_of_views
 

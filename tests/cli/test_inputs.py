@@ -1,6 +1,8 @@
 """Light fields are found by paths, folders and patterns, named, read with the views of a network, and processed."""
 
+import gc
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from lfref.lightfield import LightField
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from tests.cli.test_bad_input import assert_one_line
 
 OPERATOR = OperatorRefocuser("sum", shift_and_sum)
@@ -250,3 +252,38 @@ def test_too_little_memory_is_one_line_that_says_what_to_do(tmp_path, allocate):
 def test_where_nothing_is_to_do_nothing_is_shown(capsys):
     inputs.process({}, [pytest.fail], "trying")
     assert capsys.readouterr() == ("", "")
+
+
+def test_items_come_in_their_order_and_one_is_made_ahead():
+    made = []
+
+    def items():
+        for n in range(5):
+            made.append(n)
+            yield n
+
+    coming = inputs.ahead(items())
+    assert next(coming) == 0
+    time.sleep(0.05)
+    assert len(made) <= 2
+    assert list(coming) == [1, 2, 3, 4]
+    assert list(inputs.ahead([])) == []
+
+
+def test_what_making_an_item_raises_is_raised_where_it_is_used():
+    def items():
+        yield 1
+        raise ValueError("the second")
+
+    coming = inputs.ahead(items())
+    assert next(coming) == 1
+    with pytest.raises(ValueError, match="the second"):
+        next(coming)
+
+
+def test_leaving_early_leaves_no_thread():
+    before = threading.active_count()
+    for _ in inputs.ahead(range(100)):
+        break
+    gc.collect()
+    assert threading.active_count() == before

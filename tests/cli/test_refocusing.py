@@ -22,7 +22,7 @@ from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.captures import displaced, scenes

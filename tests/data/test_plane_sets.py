@@ -13,7 +13,7 @@ from lfref.errors import FileError, InputError
 from lfref.functional.psnr import psnr
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.features import FEATURES
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes, RandomSensor
 

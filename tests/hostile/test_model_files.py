@@ -28,7 +28,7 @@ from lfref.export import export_file, graphs
 from lfref.io import digests, run, tensor_files
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
-from lfref.refocuser import refined
+from lfref.refocuser import networks
 from tests.conftest import ROOT
 from tests.export import cases
 
@@ -539,9 +539,9 @@ print(len(paths), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 def save_refiner(path, options=(), **arguments):
     """A checkpoint of a refiner with other arguments, or with options of its method."""
     refocuser = cases.refiner()
-    entry = refined.payload(refocuser.refiner, refocuser.base, refocuser.names)
+    entry = networks.refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
     entry["base"] |= {"operator": "refocus_by_layers", "options": dict(options)}
-    entry[refined.KIND] = entry[refined.KIND] | arguments
+    entry[networks.REFINER] = entry[networks.REFINER] | arguments
     state = {checkpoint.PREFIX + name: value for name, value in refocuser.refiner.state_dict().items()}
     tensor_files.write_checkpoint(path, {"lfref": entry, "state_dict": state})
 
@@ -564,7 +564,7 @@ def save_refiner(path, options=(), **arguments):
 )
 def test_a_refiner_that_asks_for_memory_is_refused(tmp_path, arguments):
     save_refiner(tmp_path / "net.ckpt", {"n_layers": 100, "fill": 0.5, "border": "edge"})
-    assert isinstance(lfref.load(tmp_path / "net.ckpt"), refined.RefinedRefocuser)
+    assert isinstance(lfref.load(tmp_path / "net.ckpt"), networks.RefinedRefocuser)
     save_refiner(tmp_path / "net.ckpt", **arguments)
     refused(tmp_path / "net.ckpt")
 

@@ -26,8 +26,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional import neighbours, splines, threads
-from lfref.functional.jit import compiled, inlined
+from lfref.functional import loops, neighbours, splines
+from lfref.functional.loops import compiled, inlined
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import GreyViews, Integers, Number, Reals, mean_of, read_spline, robust_mean
 
@@ -91,7 +91,7 @@ def aggregate(costs: Tensor, picture: Tensor) -> Tensor:
         for down, right in DIRECTIONS[part]:
             add_paths(pixels_first, _jumps(picture, down, right), CHANGE, down, right, totals[part])
 
-    threads.share(follow, [(part,) for part in range(len(DIRECTIONS))], torch.get_num_threads())
+    loops.share(follow, [(part,) for part in range(len(DIRECTIONS))], torch.get_num_threads())
     return torch.from_numpy(sum(totals[1:], totals[0])).permute(2, 0, 1).contiguous()
 
 
@@ -172,7 +172,7 @@ def gauss_newton(
 ) -> tuple[Tensor, Tensor]:
     """Information (sum w c^2) and step of each pixel, [H, W] each; spline coefficients of the views [K, H, W]."""
     information, steps = np.empty_like(disparity), np.empty_like(disparity)
-    n_threads = threads.worthwhile(disparity.size, 1 << 10)  # pixels from which one more thread pays
+    n_threads = loops.worthwhile(disparity.size, 1 << 10)  # pixels from which one more thread pays
 
     def work(first: int, last: int) -> None:
         rows = slice(first, last)
@@ -180,7 +180,7 @@ def gauss_newton(
             coefficients, views.positions, views.middle, disparity, spread, first, information[rows], steps[rows]
         )
 
-    threads.share(work, threads.bands(len(disparity), n_threads), n_threads)
+    loops.share(work, loops.bands(len(disparity), n_threads), n_threads)
     return torch.from_numpy(information), torch.from_numpy(steps)
 
 

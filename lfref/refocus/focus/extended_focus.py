@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.functional import splines, threads
-from lfref.functional.jit import compiled
+from lfref.functional import loops, splines
+from lfref.functional.loops import compiled
 from lfref.refocus import batches
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import Integers, Reals, mean_of, read_spline, robust_mean
@@ -64,19 +64,19 @@ def _picture(views: Tensor, aperture: Tensor, positions: Tensor | None, disparit
     noise = cost_volume.noise(light, torch.linspace(float(disparity.min()), float(disparity.max()), 9))
     spread, coefficients = cost_volume.spread(light, noise).numpy(), splines.coefficients(light.samples)
     weights = np.empty((*disparity.shape, len(light.samples)), np.float32)
-    n_threads = threads.worthwhile(disparity.numel(), 1 << 10)  # pixels from which one more thread pays
-    bands = threads.bands(len(disparity), n_threads)
+    n_threads = loops.worthwhile(disparity.numel(), 1 << 10)  # pixels from which one more thread pays
+    bands = loops.bands(len(disparity), n_threads)
 
     def weigh(first: int, last: int) -> None:
         weigh_views(coefficients, light.positions, light.middle, d, spread, first, weights[first:last])
 
-    threads.share(weigh, bands, n_threads)
+    loops.share(weigh, bands, n_threads)
     channels = []
     for channel in views.detach()[(aperture > 0).to(views.device)].unbind(1):
         samples = splines.coefficients(batches.radiance(channel).float().cpu().contiguous().numpy())
         picture = np.empty_like(d)
         jobs = [(samples, light.positions, d, weights[a:b], a, picture[a:b]) for a, b in bands]
-        threads.share(add_views, jobs, n_threads)
+        loops.share(add_views, jobs, n_threads)
         channels.append(torch.from_numpy(picture))
     return torch.stack(channels)
 

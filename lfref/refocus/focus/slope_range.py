@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.refocus import batches, lines
+from lfref.refocus import batches
 
 PIXELS = 25_000
 """Pixels of a reduced view, about."""
@@ -101,7 +101,9 @@ def reduce_views(
     """
     height, width = views.shape[-2:]
     factor = min(max(1, round((height * width / pixels) ** 0.5)), height, width)
-    cameras = lines.even((views.shape[0], views.shape[1])) if positions is None else positions.to("cpu", torch.float64)
+    cameras = (
+        batches.even((views.shape[0], views.shape[1])) if positions is None else positions.to("cpu", torch.float64)
+    )
     # A hole in the grid has weight 0 everywhere, which a few of its rows say.
     present = torch.ones(views.shape[:2], dtype=torch.bool)
     if weight is not None:
