@@ -56,7 +56,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     "networks": ("lfref.nets.refnet.RefNet", "lfref.nets.refiner.Refiner"),
     "losses": (
         *(f"lfref.losses.composite.{name}" for name in ("CompositeLoss", "paper_weights")),
-        "lfref.losses.relative.RelativeError",
+        "lfref.losses.composite.RelativeError",
     ),
     "scenes": (
         *(f"lfref.simulator.scene.{name}" for name in ("Camera", "Light", "Scene", "Surface")),
@@ -174,6 +174,7 @@ MOVED = {
     "lfref.data.labels.OperatorLabels": "lfref.data.label_sources.OperatorLabels",
     "lfref.data.labels.RenderedLabels": "lfref.data.label_sources.RenderedLabels",
     "lfref.data.sources.SimulatedSource": "lfref.data.field_sources.SimulatedSource",
+    "lfref.losses.relative.RelativeError": "lfref.losses.composite.RelativeError",
     "lfref.refocus.anywhere.surface.tilt_shift": "lfref.refocus.surface.tilt_shift",
     "lfref.refocus.fourier.layered_refocusing.refocus_by_layers": (
         "lfref.refocus.fourier.disparity_layers.refocus_by_layers"

@@ -20,8 +20,7 @@ from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
-from lfref.losses.composite import TERMS, CompositeLoss
-from lfref.losses.relative import RelativeError
+from lfref.losses.composite import TERMS, CompositeLoss, RelativeError
 from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
