@@ -31,7 +31,7 @@ _HOMES = {
     "homography": "lfref.refocus.homography",
     "super_resolve": "lfref.refocus.fourier.super_resolution",
     "all_in_focus": "lfref.refocus.focus.all_in_focus",
-    "extended_focus": "lfref.refocus.focus.extended_focus",
+    "extended_focus": "lfref.refocus.focus.all_in_focus",
     "disparity_map": "lfref.refocus.disparity.disparity_map",
     "correct": "lfref.captures.correct",
     "adjoint": "lfref.refocus.adjoint",

@@ -3,6 +3,7 @@
 Networks are measured on simulated light fields, whose truth is known. Engines take turns on one light field after the
 other, so that a slow spell of the machine falls on all alike. The fastest passes are compared: other work on a machine
 only adds time. Letters: `N` planes, `C H W` channel, pixel row and column.
+A group of `lfref bench`, one file each.
 """
 
 import functools

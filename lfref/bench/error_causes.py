@@ -1,4 +1,5 @@
 """Error causes: the cost of each in decibels, and the decibels that each remedy wins back.
+A group of `lfref bench`, one file each.
 
 Letters: T truth, the picture of a lens through its whole aperture; Q the mean of the lens's pictures through the points
 of the views, without interpolation between pixels; X exact Fourier refocusing of the views, L linear shift-and-sum.

@@ -2,6 +2,7 @@
 
 A method measured on several light fields has one row for all. Errors are distances from exact Fourier refocusing of the
 same light field. Growth is the exponent p of `t ~ n^p` along one axis at a time: pixels of a view, views, planes.
+A group of `lfref bench`, one file each.
 Letters: `N` planes, `V U` view rows and columns, `C H W` channel, pixel row and column.
 """
 

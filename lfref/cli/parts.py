@@ -49,7 +49,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     "data": (
         "lfref.data.datamodules.FolderData",
         "lfref.data.datamodules.SimulatedData",
-        "lfref.data.plane_data.PlaneData",
+        "lfref.data.plane_sets.PlaneData",
     ),
     "sources": ("lfref.data.field_sources.SimulatedSource",),
     "tasks": ("lfref.train.modules.Refining", "lfref.train.modules.Refocusing"),

@@ -7,6 +7,7 @@ pixels from the centre of the picture, and z is the disparity at a scale that sh
 A PFM file is one picture of 32-bit floats, the usual form of maps in data sets: a text header (`Pf` grey or `PF`
 colour, width and height, a scale whose sign tells the byte order), then the rows from the bottom up.
 Sources of the formats: Turk, "The PLY Polygon File Format", 1994; Debevec's description of PFM.
+Apart from the results that are written in them: other programs define these formats.
 """
 
 import re

@@ -10,6 +10,7 @@ that light of several disparities is mixed. The steps:
 3. Transform the sums and differences of opposite views: for these the factors are real (`Pairs`).
 4. Add up the spectra times their factors.
 5. Transform back; the inner part of each square is the picture there.
+Apart from `occlusion_aware`, which takes it at edges: it is an operator of its own.
 
 Letters: `B` light fields, `N` planes, `T` squares of a row, `J` all of their pictures, `K` columns of frequencies.
 Source: Levin, Durand, "Linear view synthesis using a dimensionality gap light field prior", 2010.

@@ -1,6 +1,7 @@
 """Result files of `lfref refocus`: stack, planes, contact sheet, maps, point cloud, video; one function per entry.
 
 Every picture of a light field has the same brightness.
+Apart from the command, as the place where a result file is added.
 """
 
 from collections.abc import Callable, Iterable

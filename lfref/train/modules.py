@@ -14,8 +14,7 @@ from torch.optim.lr_scheduler import LRScheduler
 from torchmetrics import Metric
 
 from lfref.data.patch_data import Batch
-from lfref.data.plane_data import PlaneBatch
-from lfref.data.plane_sets import Recipe
+from lfref.data.plane_sets import PlaneBatch, Recipe
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes

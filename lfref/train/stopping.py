@@ -6,6 +6,7 @@ own notifier does so, and is switched off. Here a handler only sets a flag. The 
 every step; if one is set, they write a checkpoint, from which the epoch continues. A process that stands still in a
 library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives that, since files are renamed
 only when they are whole.
+Apart from the command: signals and processes are a story of their own.
 """
 
 import multiprocessing

@@ -8,8 +8,7 @@ from lightning.pytorch.callbacks import EMAWeightAveraging
 
 import lfref
 from lfref.data import plane_sets
-from lfref.data.plane_data import PlaneData
-from lfref.data.plane_sets import Item, Recipe
+from lfref.data.plane_sets import Item, PlaneData, Recipe
 from lfref.losses.composite import RelativeError
 from lfref.nets.refiner import Refiner
 from lfref.refocus.shift.shift_and_sum import shift_and_sum

@@ -2,6 +2,7 @@
 
 The SHA-256 of both stands in NAME.xml. Graphs are hostile input: other layers than those of our networks are refused
 before OpenVINO sees them.
+A file of its own, as each format has.
 """
 
 import hashlib

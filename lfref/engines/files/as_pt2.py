@@ -3,6 +3,7 @@
 `torch.export.load` unpickles members of the archive, evaluates expressions as Python, imports modules and calls
 functions of PyTorch by name. Archives are hostile input, so each is checked first: plain weights, expressions of sizes,
 and the operators that our own networks need.
+A file of its own, as each format has.
 """
 
 import copy

@@ -10,7 +10,7 @@ from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.refocus import batches
 from lfref.refocus.disparity.disparity_map import coarse_disparity, depth_order, disparity_map, estimate_range
-from lfref.refocus.focus.extended_focus import extended_focus
+from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import dirichlet, layered_views, shifted_views, slanted_views, texture
