@@ -73,6 +73,8 @@ class RefinedRefocuser(Refocuser):
 
     def through(self, aperture: Aperture | None) -> "RefinedRefocuser":
         """As in `Refocuser`: the method and the features look through the aperture."""
+        if aperture is None:
+            return self
         return RefinedRefocuser(self.refiner, self.base.through(aperture), self.names, self.name)
 
     @torch.no_grad()
@@ -92,25 +94,20 @@ class RefinedRefocuser(Refocuser):
         fields = batches.flattened(radiance).expand(-1, -1, -1, n_channels, -1, -1)  # grey ones become coloured
         weights = [None] * len(fields) if weight is None else weight.reshape(-1, *weight.shape[-5:]).to(like)
         stacks = fields.new_empty(len(fields), len(slopes), *fields.shape[-3:])
+        # A correction needs no more digits than bfloat16, where the processor multiplies matrices of it.
+        device = stacks.device.type
+        able: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)() if device == "cpu" else {}
+        is_half = any(able.get(name) for name in BF16_INSTRUCTIONS)
+        dtype = torch.bfloat16 if is_half else stacks.dtype
+        # As many planes at once as the caches hold.
+        n_at_once = max(1, AT_ONCE // (int(self.refiner.config["n_features"]) * math.prod(fields.shape[-2:])))
         for stack, field, of_field in zip(stacks, fields, weights, strict=True):
-            self._correct(LightField(field, weight=of_field), slopes, stack)
+            light = LightField(field, weight=of_field)
+            parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
+            for planes, part in zip(stack.split(n_at_once), parts, strict=True):
+                with torch.autocast(device, torch.bfloat16, enabled=is_half):
+                    planes.copy_(self.refiner(*part))
         return batches.restored(stacks.mean(-3, keepdim=True) if views.shape[-3] == 1 else stacks, views)
-
-    def _correct(self, light: LightField, slopes: Tensor, stack: Tensor) -> None:
-        """Write the corrected planes of a light field into its stack, as many at once as the caches hold."""
-        n_at_once = max(1, AT_ONCE // (int(self.refiner.config["n_features"]) * math.prod(light.size)))
-        device, is_half = stack.device.type, _is_half_faster(stack.device)
-        dtype = torch.bfloat16 if is_half else stack.dtype
-        parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
-        for planes, part in zip(stack.split(n_at_once), parts, strict=True):
-            with torch.autocast(device, torch.bfloat16, enabled=is_half):
-                planes.copy_(self.refiner(*part))
-
-
-def _is_half_faster(device: torch.device) -> bool:
-    """Whether the processor multiplies matrices of bfloat16; a correction needs no more digits."""
-    able: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)() if device.type == "cpu" else {}
-    return any(able.get(name) for name in BF16_INSTRUCTIONS)
 
 
 def refiner_entry(refiner: Corrector, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def test_a_refiner_reads_the_parts_that_its_refocuser_makes(fields, monkeypatch)
     refiner = RefinedRefocuser(network, BASE, ("central", "picture"), "refined")
     monkeypatch.setattr(networks, "AT_ONCE", 3 * 6 * 32 * 40)
     # Digits are compared here, which half of them would hide.
-    monkeypatch.setattr(networks, "_is_half_faster", lambda device: False)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", dict, raising=False)
     planes = geometry.even_planes(4)
     case = engine_timing.refiner_case(refiner, fields, planes, CPU)
     for inputs, field in zip(case.fields, fields.whole, strict=True):

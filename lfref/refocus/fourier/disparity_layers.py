@@ -85,7 +85,26 @@ def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energie
     Raises:
         InputError: Views that are not finite.
     """
-    sample = _sampled(views.detach(), aperture)
+    # The bins of `rfft2` nearest to 12 circles, whose radii grow in equal ratios, at 24 angles each.
+    height, width = views.shape[-2:]
+    radius = torch.logspace(math.log10(LOWEST), math.log10(HIGHEST), 12, dtype=torch.float64)[:, None]
+    angle = torch.pi * ((torch.arange(24, dtype=torch.float64) + 0.5) / 24 - 0.5)
+    y, x = (radius * angle.sin() * height).round().long() % height, (radius * angle.cos() * width).round().long()
+    bins = torch.unique(y * width + x)
+    y, x = bins // width, bins % width
+    read = batches.without_unread(views.detach()[None], aperture)[0]
+    grey = torch.stack([batches.radiance(row).sum(-3) for row in read])
+    spectra = torch.fft.rfft2(grey)[..., y.to(views.device), x.to(views.device)].cpu().to(torch.complex128)
+    roots = aperture.sqrt()
+    weighted = (spectra * roots[..., None]).flatten(0, 1).T
+    energy = weighted.abs().square().sum(1, keepdim=True)
+    ky, kx = frequencies(height)[y, None, None], half_frequencies(width)[x, None, None]
+    v, u = (geometry.angular_offsets(n_views) for n_views in aperture.shape)
+    sample = _Sample(
+        weighted / energy.sqrt().clamp(min=torch.finfo(torch.float32).tiny),  # black views have no energy
+        (ky * v[:, None] + kx * u).flatten(1),
+        roots.flatten(),
+    )
     if not bool(sample.spectra.isfinite().all()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give disparities")
     # First layers on a grid about 0, as far as the views can shift; those that hold light span the range.
@@ -96,28 +115,6 @@ def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energie
     held = wide.disparities[wide.shares >= min(least, float(wide.shares.max()))]
     ends = (float(held.min()) - STEP / 2, float(held.max()) + STEP / 2)
     return _maximised(sample, geometry.even_slopes(n_layers, *ends))
-
-
-def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
-    height, width = views.shape[-2:]
-    # The bins of `rfft2` nearest to 12 circles, whose radii grow in equal ratios, at 24 angles each.
-    radius = torch.logspace(math.log10(LOWEST), math.log10(HIGHEST), 12, dtype=torch.float64)[:, None]
-    angle = torch.pi * ((torch.arange(24, dtype=torch.float64) + 0.5) / 24 - 0.5)
-    y, x = (radius * angle.sin() * height).round().long() % height, (radius * angle.cos() * width).round().long()
-    bins = torch.unique(y * width + x)
-    y, x = bins // width, bins % width
-    grey = torch.stack([batches.radiance(row).sum(-3) for row in batches.without_unread(views[None], aperture)[0]])
-    spectra = torch.fft.rfft2(grey)[..., y.to(views.device), x.to(views.device)].cpu().to(torch.complex128)
-    roots = aperture.sqrt()
-    weighted = (spectra * roots[..., None]).flatten(0, 1).T
-    energy = weighted.abs().square().sum(1, keepdim=True)
-    ky, kx = frequencies(height)[y, None, None], half_frequencies(width)[x, None, None]
-    v, u = (geometry.angular_offsets(n_views) for n_views in aperture.shape)
-    return _Sample(
-        weighted / energy.sqrt().clamp(min=torch.finfo(torch.float32).tiny),  # black views have no energy
-        (ky * v[:, None] + kx * u).flatten(1),
-        roots.flatten(),
-    )
 
 
 def _maximised(sample: _Sample, disparities: Tensor) -> Energies:

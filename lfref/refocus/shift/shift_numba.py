@@ -155,8 +155,8 @@ def shift_and_sum(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
 
     jobs = itertools.product(range(len(views)), loops.bands(plan.size[0], n_threads))
     loops.share(refocus, jobs, n_threads)
-    if plan.blurs:
-        footprint.box_planes(stack, [shifts.width for shifts in plan.planes], plan.border, tables.blurred)
+    if any(widths := [shifts.width for shifts in plan.planes]):
+        footprint.box_planes(stack, widths, plan.border, tables.blurred)
     return room
 
 
@@ -215,18 +215,16 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
     aperture, width = np.array(plan.aperture), plan.size[1]
     parts = [aperture] if plan.is_separable else np.split(aperture, len(aperture))
     # The taps (u, start, weight, columns served) of every plane and line, without views and samples of weight 0.
-    planes = [
-        [
-            [
-                (u, u * row_length + plan.reach + offset, weight, plan.span(shift, 1))
-                for u, shift in enumerate(columns)
-                for offset, weight in plan.interpolation.taps(shift)
-                if part[:, u].sum() > 0 and weight != 0
-            ]
-            for columns, part in zip(shifts.columns, parts, strict=True)
-        ]
-        for shifts in plan.planes
-    ]
+    planes: list[list[list[tuple[int, int, float, tuple[int, int]]]]] = []
+    for shifts in plan.planes:
+        planes.append([])
+        for columns, part in zip(shifts.columns, parts, strict=True):
+            line = []
+            for u, shift in enumerate(columns):
+                for offset, weight in plan.interpolation.taps(shift) if part[:, u].sum() > 0 else ():
+                    if weight != 0:
+                        line.append((u, u * row_length + plan.reach + offset, weight, plan.span(shift, 1)))
+            planes[-1].append(line)
     groups = np.array([max(-(-len(taps) // TAPS) for taps in plane) for plane in planes])
     shape = (len(planes), len(parts), groups.max(), TAPS)
     starts, begins, ends = (np.zeros(shape, np.int64) for _ in range(3))
