@@ -173,6 +173,7 @@ MOVED = {
     "lfref.captures.auto_planes.AutoPlanes": "lfref.captures.inspect.AutoPlanes",
     "lfref.data.labels.OperatorLabels": "lfref.data.label_sources.OperatorLabels",
     "lfref.data.labels.RenderedLabels": "lfref.data.label_sources.RenderedLabels",
+    "lfref.data.plane_data.PlaneData": "lfref.data.plane_sets.PlaneData",
     "lfref.data.sources.SimulatedSource": "lfref.data.field_sources.SimulatedSource",
     "lfref.losses.relative.RelativeError": "lfref.losses.composite.RelativeError",
     "lfref.refocus.anywhere.surface.tilt_shift": "lfref.refocus.surface.tilt_shift",
