@@ -41,6 +41,7 @@ Outcome = tuple[str, Any, Exception | None]
 """Name of a light field, its result so far, and the error that ended it, if any."""
 Item = TypeVar("Item")
 _END: Any = object()
+Planes = FocalPlanes | AutoPlanes
 
 
 def find_fields(config: DictConfig) -> dict[str, Path]:
@@ -211,9 +212,6 @@ def ahead(items: Iterable[Item]) -> Iterator[Item]:
             coming = pool.submit(next, source, _END)
             yield item
             del item
-
-
-Planes = FocalPlanes | AutoPlanes
 
 
 def fixed_planes(config: DictConfig) -> FocalPlanes:
