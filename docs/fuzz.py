@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 import lfref
 from lfref.errors import LfrefError
 from lfref.export import export_file, graphs
-from lfref.io import digests, images
+from lfref.io import images, tensor_files
 from lfref.io.read import read_stack
 from lfref.nets import checkpoint
 
@@ -169,7 +169,7 @@ def models(number: int, seed: int) -> Iterator[str]:
             chance = random.Random(f"{seed} {name}")
             whole, truth = path.read_bytes(), lfref.load(loaded)(views)
             mutants = [damaged(whole, DAMAGES[index % len(DAMAGES)], chance) for index in range(number - 2)]
-            mutants += [scaled(whole), digests.PLACE.sub(digests.BLANK.encode(), whole)]
+            mutants += [scaled(whole), tensor_files.PLACE.sub(tensor_files.BLANK.encode(), whole)]
             # The weights of OpenVINO hold no digest: it stands in the graph.
             counts = Counter(
                 outcome_of_model(loaded, path, mutant, views, truth) for mutant in mutants if mutant != whole

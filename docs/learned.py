@@ -17,8 +17,7 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
 from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 from lfref.report import tables
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor

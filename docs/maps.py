@@ -13,7 +13,7 @@ import lfref
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.simulate import Simulated

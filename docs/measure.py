@@ -29,7 +29,7 @@ from lfref.data.patch_data import cut
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.fourier.slice import fourier_slice
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import tables
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes

@@ -12,9 +12,8 @@ from torch.nn import functional as F
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocuser.refocuser import OperatorRefocuser
 
 ALPHAS = tuple(step / 8 for step in range(1, 17))
 PLANES = planes_at_alphas(ALPHAS)

@@ -24,8 +24,7 @@ from lfref.data.field_sources import SimulatedSource
 from lfref.io import atomic, write
 from lfref.lightfield import LightField
 from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 from lfref.report import tables
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes

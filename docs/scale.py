@@ -22,8 +22,8 @@ import numpy as np
 import torch
 
 from lfref.bench import timing
-from lfref.cli import inputs
 from lfref.cli import main as commands
+from lfref.cli import steps
 from lfref.geometry import planes_at_alphas
 from lfref.io import images
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -60,13 +60,13 @@ def measure_streams(captures: dict[int, Path], folder: Path) -> dict[str, float]
         [sys.executable, __file__, STEP_BY_STEP, str(captures[TIMED]), str(folder / "out_alone")],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    steps = json.loads(process.stdout.splitlines()[-1])
+    times = json.loads(process.stdout.splitlines()[-1])
     return {
         "few_mb": few[1],
         "many_mb": many[1],
         "seconds_each": (many[0] - few[0]) / (MANY - FEW),
         "processor_seconds_each": (many[2] - few[2]) / (MANY - FEW),
-        **{f"{name}_s": value for name, value in steps.items()},
+        **{f"{name}_s": value for name, value in times.items()},
     }
 
 
@@ -74,14 +74,14 @@ def time_steps(captures: Path, output: Path) -> None:
     """Print the median time of each step of `lfref refocus`, one capture and one step after the other."""
     times: dict[str, list[float]] = {"read": [], "compute": [], "write": []}
 
-    def each(paths: dict[str, Path], steps: list[Callable[[str, Any], Any]], what: str) -> None:
+    def each(paths: dict[str, Path], parts: list[Callable[[str, Any], Any]], what: str) -> None:
         for name, result in paths.items():
-            for step, seconds in zip(steps, times.values(), strict=True):
+            for step, seconds in zip(parts, times.values(), strict=True):
                 start = time.perf_counter()
                 result = step(name, result)
                 seconds.append(time.perf_counter() - start)
 
-    inputs.process = each
+    steps.process = each
     sys.argv = ["lfref", "refocus", str(captures), f"output={output}", *WORDS]
     commands.main()
     # The first one compiles.
@@ -158,8 +158,8 @@ def streams() -> Iterator[str]:
     yield f"| memory, {FEW} captures | {figures['few_mb']:.0f} MB |"
     growth = figures["many_mb"] / figures["few_mb"]
     yield f"| memory, {MANY} captures | {figures['many_mb']:.0f} MB, {growth:.2f} times |"
-    steps = ", ".join(f"{figures[f'{name}_s']:.2f}" for name in ("read", "compute", "write"))
-    yield f"| reading, computing, writing alone | {steps} s |"
+    seconds = ", ".join(f"{figures[f'{name}_s']:.2f}" for name in ("read", "compute", "write"))
+    yield f"| reading, computing, writing alone | {seconds} s |"
     yield f"| all three at once | {figures['seconds_each']:.2f} s a capture |"
     share, spent = 100 * figures[f"{slowest}_s"] / figures["seconds_each"], figures["processor_seconds_each"]
     busy = 100 * spent / figures["cores"] / figures["seconds_each"]

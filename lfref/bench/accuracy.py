@@ -20,7 +20,7 @@ from lfref.functional.psnr import image_pair, psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 
 Row = dict[str, Any]
 """One row of a table: column -> cell."""

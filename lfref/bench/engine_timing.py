@@ -3,6 +3,7 @@
 Networks are measured on simulated light fields, whose truth is known. Engines take turns on one light field after the
 other, so that a slow spell of the machine falls on all alike. The fastest passes are compared: other work on a machine
 only adds time. Letters: `N` planes, `C H W` channel, pixel row and column.
+A group of `lfref bench`, one file each.
 """
 
 import functools
@@ -25,9 +26,8 @@ from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.nets.network import Network
-from lfref.refocuser import refined
 from lfref.refocuser.features import refiner_inputs
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.networks import AT_ONCE, RefinedRefocuser
 
 
 class FieldInputs(NamedTuple):
@@ -93,7 +93,7 @@ def network_case(
 def refiner_case(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, device: torch.device) -> NetworkCase:
     """The network of a refined method; a pass gets as many planes at once as in use."""
     n_samples = int(refiner.refiner.config["n_features"]) * math.prod(fields.whole[0].size)
-    most = max(1, refined.AT_ONCE // n_samples)
+    most = max(1, AT_ONCE // n_samples)
     # All parts have the same number of planes, since an engine is prepared for one shape.
     n_at_once = max(n for n in range(1, len(planes) + 1) if len(planes) % n == 0 and n <= most)
 

@@ -1,4 +1,5 @@
 """Error causes: the cost of each in decibels, and the decibels that each remedy wins back.
+A group of `lfref bench`, one file each.
 
 Letters: T truth, the picture of a lens through its whole aperture; Q the mean of the lens's pictures through the points
 of the views, without interpolation between pixels; X exact Fourier refocusing of the views, L linear shift-and-sum.
@@ -39,8 +40,7 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 from lfref.simulator import painting
 from lfref.simulator.effects import sensor as sensors
 from lfref.simulator.effects.sensor import EFFECTS, Sensor

@@ -35,11 +35,10 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
-from lfref.refocus.disparity.disparity_range import disparity_range
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift import through_cells
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refocuser import Aperture, Refocuser
+from lfref.refocus.shift import shift_and_sum
+from lfref.refocus.shift.shift_and_sum import disparity_range
+from lfref.refocuser.refocuser import Aperture, OperatorRefocuser, Refocuser
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import developed, simulate, white_picture
@@ -185,7 +184,7 @@ def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
     The dense views are points too: far from focus, their sum would leave copies of edges in the reference. There each
     view stands for its cell, blurred by its distance from the middle disparity (`shift_and_sum_through_cells`).
     """
-    boxes = through_cells.widths(slopes, disparity_range(views))
+    boxes = shift_and_sum.cell_widths(slopes, disparity_range(views))
     planes = zip(slopes.tolist(), boxes.tolist(), strict=True)
     return torch.cat([exact_fourier(views, [slope], fill=1.0, disparity=slope - box) for slope, box in planes], -4)
 

@@ -2,6 +2,7 @@
 
 A method measured on several light fields has one row for all. Errors are distances from exact Fourier refocusing of the
 same light field. Growth is the exponent p of `t ~ n^p` along one axis at a time: pixels of a view, views, planes.
+A group of `lfref bench`, one file each.
 Letters: `N` planes, `V U` view rows and columns, `C H W` channel, pixel row and column.
 """
 
@@ -22,8 +23,8 @@ from lfref.bench.accuracy import EXACT
 from lfref.bench.memory import Workload
 from lfref.bench.timing import FFT
 from lfref.errors import InputError
-from lfref.functional import fourier
 from lfref.lightfield import LightField
+from lfref.refocus.fourier.exact import is_fast
 from lfref.refocuser.refocuser import Refocuser
 
 KEY = ["method", "input"]
@@ -248,7 +249,7 @@ class Scales:
 
 def _fast_length(length: float) -> int:
     """The nearest length whose only prime factors are 2, 3 and 5."""
-    return min(filter(fourier.is_fast, range(1, 2 * math.ceil(length) + 1)), key=lambda n: abs(n - length))
+    return min(filter(is_fast, range(1, 2 * math.ceil(length) + 1)), key=lambda n: abs(n - length))
 
 
 @torch.no_grad()

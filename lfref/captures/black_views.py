@@ -70,22 +70,18 @@ def find(field: LightField) -> BlackViewsDefect:
         is_used = field.weight[..., ::4, ::4].flatten(2).amax(2) > 0
     typical = light[is_used].median() if bool(is_used.any()) else light.new_zeros(())
     is_black = is_used & (light < BLACK_VIEW * typical)
-    corners = _find_corners(field.views, light, is_used & ~is_black)
-    return BlackViewsDefect(tuple((int(v), int(u)) for v, u in is_black.nonzero()), corners)
-
-
-def _find_corners(views: Tensor, light: Tensor, is_used: Tensor) -> Tensor | None:
-    """Samples of black corners of the used views that have four of them, bool, [V, U, 1, H, W]."""
+    black_views = tuple((int(v), int(u)) for v, u in is_black.nonzero())
+    # Black corners of the other views that have four of them.
     limit = BLACK * light[..., None, None, None]
-    boxes = [_corner_region(_black_near_corner(views, rows, columns, limit)) for rows, columns in TURNS]
-    has_all = is_used & torch.stack([box.flatten(2).any(2) for box in boxes]).all(0)
+    boxes = [_corner_region(_black_near_corner(field.views, rows, columns, limit)) for rows, columns in TURNS]
+    has_all = is_used & ~is_black & torch.stack([box.flatten(2).any(2) for box in boxes]).all(0)
     if not bool(has_all.any()):
-        return None
-    corners = torch.zeros(*views.shape[:2], *views.shape[-2:], dtype=torch.bool)
+        return BlackViewsDefect(black_views, None)
+    corners = torch.zeros(*field.grid, *field.size, dtype=torch.bool)
     for (rows, columns), box in zip(TURNS, boxes, strict=True):
         where = (..., _side(box.shape[2], rows), _side(box.shape[3], columns))
         corners[where] = _turned(box & has_all[..., None, None].cpu(), rows, columns)
-    return corners[:, :, None]
+    return BlackViewsDefect(black_views, corners[:, :, None])
 
 
 def _black_near_corner(views: Tensor, rows: int, columns: int, limit: Tensor) -> Tensor:

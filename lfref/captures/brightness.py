@@ -1,12 +1,16 @@
-"""Brightness of every view relative to the central one, in windows where both show the same part of the scene.
+"""Brightness of every view relative to the central one, in windows where both show the same part of the scene; and
+exposure: views, or channels of them, that are brighter or darker throughout.
 
 Views are reduced. Each is read where, by the disparity of the central view, it shows the same points. Clipped samples
-and points beyond a view are unknown. Exposure and vignetting are estimated from these ratios.
+and points beyond a view are unknown. `vignetting` is estimated from these ratios too; after its correction, one gain
+for each view and channel remains, its exposure.
 Letters: `V U` view rows and columns, `C` channels, `n` windows; `y x` places in half diagonals from a view's centre.
 """
 
+import dataclasses
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -15,8 +19,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
-from lfref.functional import threads
-from lfref.functional.jit import compiled
+from lfref.functional import loops
+from lfref.functional.loops import compiled
 from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become fractions of one
@@ -25,6 +29,11 @@ LEAST_WINDOWS = 24  # windows that an estimate of brightness needs, by trial
 CLIPPED = 0.98  # of the brightest sample, or of 1, by trial: compression changes clipped samples a little
 DARKEST = 0.03  # of the mean light of the central view, by trial: below, ratios are mostly noise
 LEAST_RATIO = 0.02  # least ratio whose logarithm is used; less light is none
+SURE = 6.0  # standard errors, by trial
+SHOWN = 0.02  # logarithm of a gain: where edges hide much of a scene without a defect, .016 is measured
+LEAST = 0.004  # logarithm of gains that are corrected beside one that shows: half a level of 8 bits at 1/2
+LARGEST = 1.5  # logarithm, by trial: a view with less than a fifth of the light has another defect
+TILES = 5  # along a side, by trial: tiles are larger than highlights and edges, so their errors are about independent
 
 
 class Ratios(NamedTuple):
@@ -105,9 +114,9 @@ def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
     height, width = (length // factor for length in images.shape[-2:])
     means = np.empty((len(planes), height, width), planes.dtype)
     # 2^18 samples per thread, by trial.
-    bands = threads.bands(len(planes), threads.worthwhile(planes.size, 1 << 18))
+    bands = loops.bands(len(planes), loops.worthwhile(planes.size, 1 << 18))
     jobs = [(planes[i:j], factor, tops[i:j], means[i:j]) for i, j in bands]
-    threads.share(_reduce, jobs, len(jobs))
+    loops.share(_reduce, jobs, len(jobs))
     return torch.from_numpy(means).unflatten(0, images.shape[:2])
 
 
@@ -132,3 +141,67 @@ def _reduce(planes: NDArray, factor: int, limits: NDArray, means: NDArray) -> No
                     top = max(top, largest[block * factor + f])
                 # The comparison is false for NaN too.
                 means[n, row, block] = light / factor**2 if top < limits[n] else np.nan
+
+
+@dataclass(frozen=True, eq=False)
+class ExposureDefect:
+    """Brightness of every view and channel, relative to the central view."""
+
+    name: ClassVar[str] = "exposure"
+    needs_light: ClassVar[bool] = True
+
+    gains: Tensor
+    """1 where no difference is certain, float64, [V, U, C]."""
+    error: float
+    """Standard error of a gain, the median over views and channels."""
+
+    def reason_to_skip(self) -> str | None:
+        """Why nothing is corrected: no gain differs from 1 by more than its error explains."""
+        return None if bool((self.gains != 1).any()) else f"views and colours agree to {self.error:.2%}"
+
+    def summary(self) -> str:
+        """Range of the gains, and their error."""
+        count, n_views = int((self.gains != 1).any(2).sum()), self.gains.shape[0] * self.gains.shape[1]
+        span = f"{self.gains.min():.3f} to {self.gains.max():.3f}"
+        views = f"{count} of {n_views} views " + ("is" if count == 1 else "are")
+        return f"{views} {span} as bright as the central one, known to {self.error:.2%}"
+
+    def corrected(self, field: LightField) -> LightField:
+        """Views divided by their gains."""
+        gains = self.gains[..., None, None].to(field.views)
+        return dataclasses.replace(field, views=field.views / gains)
+
+
+def find_exposure(ratios: Ratios) -> ExposureDefect:
+    """Estimate the gain of every view and channel, in a field without vignetting."""
+    level, error = levels(ratios)
+    is_enough = (ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS).expand_as(error)
+    typical = float(error[is_enough].median()) if bool(is_enough.any()) else 0.0
+    return ExposureDefect(certain_gains(level, error.masked_fill(~is_enough, torch.inf)), typical)
+
+
+def certain_gains(level: Tensor, error: Tensor) -> Tensor:
+    """Gains from their logarithms and standard errors, 1 where none is certain; all 1 if none shows, [V, U, C]."""
+    is_sure = (level.abs() > SURE * error) & (level.abs() < LARGEST)
+    if not bool((is_sure & (level.abs() > SHOWN)).any()):
+        return torch.ones_like(level, dtype=torch.float64, device="cpu")
+    return torch.where(is_sure & (level.abs() > LEAST), level.exp(), 1.0).cpu().double()
+
+
+def levels(ratios: Ratios) -> tuple[Tensor, Tensor]:
+    """Robust mean of the logarithms of each view and channel, and its standard error, [V, U, C] each."""
+    known = ratios.known[:, :, None].expand_as(ratios.log)
+    level = torch.where(known, ratios.log, torch.nan).nanmedian(3, keepdim=True).values.nan_to_num()
+    # Two standard deviations, from the median deviation: what is farther out hardly counts.
+    scale = 2 * 1.4826 * torch.where(known, (ratios.log - level).abs(), torch.nan).nanmedian(3, keepdim=True).values
+    scale = scale.nan_to_num().clamp(min=1e-3)
+    for _ in range(10):  # number of rounds by trial
+        weight = known / (1 + ((ratios.log - level) / scale).square()).square()
+        total = weight.sum(3, keepdim=True).clamp(min=1e-6)
+        level = (weight * ratios.log).sum(3, keepdim=True) / total
+    rows, columns = ratios.shape
+    row_tiles, column_tiles = torch.arange(rows) * TILES // rows, torch.arange(columns) * TILES // columns
+    tiles = (row_tiles[:, None] * TILES + column_tiles).flatten()
+    pulls = torch.zeros(*level.shape[:3], TILES**2).to(level)
+    pulls.index_add_(3, tiles, weight * (ratios.log - level))
+    return level[..., 0], (pulls / total).square().sum(3).sqrt()

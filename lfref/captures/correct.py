@@ -5,6 +5,7 @@ defect in the light field that the corrections before have left.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,18 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from lfref.captures import (
-    alignment,
-    black_views,
-    brightness,
-    chromatic,
-    exposure,
-    hot_pixels,
-    registration,
-    spacing,
-    vignetting,
-)
-from lfref.captures.noise import NoiseDefect
+from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, vignetting
 from lfref.errors import FileError, InputError
 from lfref.functional import noise_line
 from lfref.io import tensor_files
@@ -65,14 +55,47 @@ class Defect(Protocol):
         """A light field of the same grid and size without the defect; called only without a reason to skip."""
 
 
+@dataclass(frozen=True)
+class NoiseDefect:
+    """Noise: the variance a x + b of a sample that holds the light x.
+
+    It is only measured: refocusing averages it away, and methods set their own limits by it.
+    """
+
+    name: ClassVar[str] = "noise"
+    needs_light: ClassVar[bool] = True
+
+    shot: float = 0.0
+    """Variance a per unit of light."""
+    read: float = 0.0
+    """Variance b in the dark."""
+
+    def reason_to_skip(self) -> str | None:
+        """Why nothing is corrected: noise is only measured."""
+        return f"only measured: {self.summary()}"
+
+    def summary(self) -> str:
+        """Standard deviations at three levels of light."""
+        deviations = ", ".join(f"{self.deviation(light):.4f} at {light:g}" for light in (0.01, 0.1, 0.5))
+        return f"standard deviation {deviations} (shot {self.shot:.2g}, read {self.read:.2g})"
+
+    def deviation(self, light: float) -> float:
+        """Standard deviation of a sample that holds this light."""
+        return math.sqrt(self.shot * light + self.read)
+
+    def corrected(self, field: LightField) -> LightField:
+        """The same light field."""
+        return field
+
+
 KINDS: tuple[type[Defect], ...] = (
     hot_pixels.HotPixelsDefect,
     black_views.BlackViewsDefect,
     vignetting.VignettingDefect,
-    exposure.ExposureDefect,
+    brightness.ExposureDefect,
     chromatic.ChromaticDefect,
-    alignment.AlignmentDefect,
-    spacing.SpacingDefect,
+    registration.AlignmentDefect,
+    registration.SpacingDefect,
     NoiseDefect,
 )
 """All defects in the order of `estimate_and_correct`."""
@@ -217,7 +240,7 @@ def correct_by_option(
     corrected, corrections = correct(field, white, None if option == AUTO else option)
     if even_grid_for is None or corrected.positions is field.positions:
         return corrected, corrections
-    name = spacing.SpacingDefect.name
+    name = registration.SpacingDefect.name
     corrections = corrections.skipping({name: f"{corrections[name].summary()}, but {even_grid_for}"})
     return dataclasses.replace(corrected, positions=field.positions), corrections
 
@@ -255,16 +278,16 @@ def estimate_and_correct(
         if correct_if_due(shading):
             view = central_view(field)
             ratios = brightness.ratios(field, view.disparity, view.reference)
-        if correct_if_due(exposure.find(ratios)):
+        if correct_if_due(brightness.find_exposure(ratios)):
             view = central_view(field)
     registered = registration.register(field, view.disparity, view.reference)
     if correct_if_due(chromatic.find(field, registered)):
         view = central_view(field)
         registered = registration.register(field, view.disparity, view.reference)
-    if correct_if_due(alignment.find(field.grid, registered)):
+    if correct_if_due(registration.find_alignment(field.grid, registered)):
         view = central_view(field)
         registered = registration.register(field, view.disparity, view.reference)
-    correct_if_due(spacing.find(registered))
+    correct_if_due(registration.find_spacing(registered))
     if field.is_linear:
         correct_if_due(NoiseDefect(*noise_line.measure(field)))
     return field, Corrections(grid, size, tuple(defects), _skipped_of_encoded(field))

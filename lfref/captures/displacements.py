@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.functional import jit, threads
+from lfref.functional import loops
 from lfref.simulator.effects import displacement
 
 SIDE = 16  # pixels of a patch
@@ -91,14 +91,14 @@ def read_patches(
     samples = torch.empty(len(rows), len(views), len(which), side, side)
     tables = (which, rows, columns, weights[:, :, 0], weights[:, :, 1], samples)
     arrays = [table.contiguous().numpy() for table in tables]
-    n_threads = threads.worthwhile(samples.numel(), 1 << 16)  # samples per thread, by trial
+    n_threads = loops.worthwhile(samples.numel(), 1 << 16)  # samples per thread, by trial
     source = views.detach().numpy()
-    bands = threads.bands(len(samples), n_threads)
-    threads.share(lambda first, last: _read(source, *arrays, first, last), bands, n_threads)
+    bands = loops.bands(len(samples), n_threads)
+    loops.share(lambda first, last: _read(source, *arrays, first, last), bands, n_threads)
     return samples
 
 
-@jit.compiled
+@loops.compiled
 def _read(views, channels, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
     """Fill the patches [K, I, C, h, w] from `first` to before `last`: from the first source rows and columns [K, I] on,
     T of each with their weights [K, I, T]."""

@@ -19,8 +19,8 @@ from torch.nn import functional as F
 
 from lfref.captures import registration
 from lfref.errors import counted
-from lfref.functional import threads
-from lfref.functional.jit import compiled, inlined
+from lfref.functional import loops
+from lfref.functional.loops import compiled, inlined
 from lfref.lightfield import LightField
 
 # Heights are how far a sample is above the largest, or below the smallest, of the eight around it.
@@ -126,8 +126,8 @@ def _higher_than(limit: float, images: NDArray, channel: int) -> tuple[Tensor, T
         parts.append((places[:n] + np.array([first, 0, 0]), heights[:n]))
 
     # 2^18 samples per thread, by trial.
-    jobs = threads.bands(len(images), threads.worthwhile(images[:, 0].size, 1 << 18))
-    threads.share(look, jobs, len(jobs))
+    jobs = loops.bands(len(images), loops.worthwhile(images[:, 0].size, 1 << 18))
+    loops.share(look, jobs, len(jobs))
     places, heights = (torch.from_numpy(np.concatenate(arrays)) for arrays in zip(*parts, strict=True))
     return places, heights
 

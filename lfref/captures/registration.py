@@ -1,19 +1,25 @@
-"""Positions of the views of a light field, from displacements of patches explained by views and by disparities.
+"""Positions of the views of a light field, from displacements of patches explained by views and by disparities; and
+the two defects of positions: views that are misaligned, and rows that are spaced otherwise than columns.
 
 Patch k of view i shows `f_k(x - D_k p_i - s_i)`: texture f, disparity D of rows and of columns, position p of the view
 from the angular centre, shift s of the view. Unknown, and left at 0: the mean of all shifts (where the scene is), and
 shifts in proportion to p along rows and along columns (disparities that the whole scene has more).
-Letters: `k` patch, `i` view, `c` channel.
+Alignment: each view is shifted back as a whole, L(x) -> L(x - s), by a fraction of a pixel.
+Spacing: disparities along rows are `ratio` times those along columns. Views that are misaligned in proportion to their
+row or column add a constant to each. The scale of both is unknown, so columns keep their positions.
+Letters: `k` patch, `i` view, `c` channel, `V U` view rows and columns.
 """
 
-from typing import NamedTuple
+import dataclasses
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.captures import displacements
-from lfref.captures.displacements import OUTLYING, SIDE, TINY, Observed, Patches
+from lfref.captures import displacements, resampling
+from lfref.captures.displacements import OUTLYING, SIDE, TINY, Fitted, Observed, Patches
 from lfref.lightfield import LightField
 
 SETTLED = 0.08  # pixels, by trial: patches that moved less are not read again
@@ -22,6 +28,13 @@ LOOSE = 0.3  # pixels, by trial: standard deviation of shifts before any measure
 UNEXPLAINED = 0.01  # of a patch's contrast, by trial: least error, from interpolation and gloss
 STRIPES = 0.01  # of the texture along the strongest direction, by trial: less texture across it may be a trace of that
 SYSTEMATIC = 0.02  # pixels, by trial: least error of a patch, however fine its texture
+SURE = 5.0  # standard errors from which a defect is certain, by trial
+LEAST_SHIFT = 0.02  # pixels: smaller shifts cost less than .2 dB of the best picture
+LINEAR = 3.0  # times the rms of the other shifts, by trial: stripes look like larger linear parts
+LEAST_EFFECT = 0.04  # pixels, by trial: error of the outermost view's position, seen at the farthest patches
+CLEAR = 0.6  # of the scatter of patches, by trial: bent and glossy surfaces scatter in all patches
+LIKELY = 0.2  # by trial: standard deviation of the ratio before any measurement, since cameras are built evenly
+LEAST_ERROR = 0.002  # pixels per view step, by trial: the least error of a patch's disparities
 
 
 class Explanation(NamedTuple):
@@ -184,3 +197,132 @@ def limited(information: Tensor) -> Tensor:
     sure = (values - STRIPES * values[..., 1:]).clamp(min=0)
     sure = sure / (1 + SYSTEMATIC**2 * sure)
     return (vectors * sure[..., None, :]) @ vectors.mT
+
+
+@dataclass(frozen=True, eq=False)
+class AlignmentDefect:
+    """Shifts of views."""
+
+    name: ClassVar[str] = "alignment"
+    needs_light: ClassVar[bool] = False
+
+    shifts: Tensor
+    """Down and right, in pixels, float64, [V, U, 2]."""
+    error: float
+    """Standard error of a shift along an axis in pixels, from the quarters of the picture; infinite: unknown."""
+
+    def reason_to_skip(self) -> str | None:
+        """Why nothing is corrected: shifts are unknown, too small to matter, or not much larger than their errors."""
+        if self.error == float("inf"):
+            return "unknown: too little texture, or too few views"
+        rms = float(self.shifts.square().mean().sqrt())
+        if rms > max(LEAST_SHIFT, SURE * self.error):
+            return None
+        return f"views lie within {rms:.3f} px (rms) of their places, to {self.error:.3f} px"
+
+    def summary(self) -> str:
+        """Size of the shifts, and what remains unknown."""
+        rms, largest = float(self.shifts.square().mean().sqrt()), float(self.shifts.norm(dim=-1).max())
+        return (
+            f"views lie {rms:.3f} px (rms), at most {largest:.3f} px beside their places, to {self.error:.3f} px; "
+            "a shift of all views, or in proportion to the view's place, is unknown"
+        )
+
+    def corrected(self, field: LightField) -> LightField:
+        """Views shifted back."""
+        rows, columns = resampling.centred(field.size)
+        down, right = self.shifts[:, :, None, None].unbind(-1)
+        return resampling.resample_field(field, rows + down, columns + right)
+
+
+def find_alignment(grid: tuple[int, int], registered: Registration | None) -> AlignmentDefect:
+    """Estimate the shift of every view; without a registration the shifts are unknown."""
+    if registered is None:
+        return AlignmentDefect(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"))
+    shifts = registered.explanation.shifts
+    rms = float(shifts.square().mean().sqrt())
+    linear = linear_shifts(registered.positions)
+    if rms > LEAST_SHIFT:
+        # Parts linear in the other coordinate of the place count only if they are about as large as the rest.
+        larger = registered.explain(proportional_shifts(registered.positions)).shifts
+        if float((linear.mT @ larger.flatten()).abs().max()) < LINEAR * rms:
+            shifts = larger
+    quarters = torch.stack([registered.explain(linear, quarter).shifts for quarter in registered.quarters()])
+    error = float(quarters.var(0).mean().sqrt() / len(quarters) ** 0.5)
+    return AlignmentDefect(shifts.unflatten(0, grid), error)
+
+
+@dataclass(frozen=True, eq=False)
+class SpacingDefect:
+    """Distance of view rows in steps of view columns."""
+
+    name: ClassVar[str] = "spacing"
+    needs_light: ClassVar[bool] = False
+
+    ratio: float
+    """Correction of the rows' positions; 1: none."""
+    estimate: float
+    """The ratio as it was estimated, whether it is certain or not; NaN: unknown."""
+    error: float
+    """Its standard error."""
+
+    def reason_to_skip(self) -> str | None:
+        """Why nothing is corrected: rows and columns seem to be equally far apart, or their distances are unknown."""
+        if self.ratio != 1:
+            return None
+        if self.estimate != self.estimate:
+            return "unknown: too little depth or texture, or too few rows and columns of views"
+        return f"rows are {self.estimate:.4f} times as far apart as columns, to {self.error:.4f}"
+
+    def summary(self) -> str:
+        """The ratio, and the reader's option that sets the same."""
+        return (
+            f"rows are {self.ratio:.4f} times as far apart as columns, to {self.error:.4f} "
+            f"(reader.spacing=[{self.ratio:.4f},1])"
+        )
+
+    def corrected(self, field: LightField) -> LightField:
+        """The same views at corrected positions."""
+        positions = positions_of(field).unflatten(0, field.grid) * torch.tensor([self.ratio, 1.0], dtype=torch.float64)
+        return dataclasses.replace(field, positions=positions)
+
+
+def find_spacing(registered: Registration | None) -> SpacingDefect:
+    """Compare disparities along rows and along columns; unknown without a registration, or in a single row."""
+    if registered is None or min(registered.field.grid) == 1:
+        return SpacingDefect(1.0, float("nan"), float("inf"))
+    fit, ratio = fit_ratio(registered, torch.ones(len(registered.observed.shown), dtype=torch.bool))
+    quarters = torch.tensor([fit_ratio(registered, quarter)[1] for quarter in registered.quarters()])
+    error = max(float(fit.errors[1]), float(quarters.std()) / len(quarters) ** 0.5)
+    disparities = registered.explanation.disparities[:, 1].abs()
+    outermost = float(registered.positions[:, 0].abs().max())
+    is_sure = is_certain(abs(float(fit.values[1])), error, disparities, outermost, fit.scatter)
+    return SpacingDefect(ratio if is_sure else 1.0, ratio, error)
+
+
+def is_certain(excess: float, error: float, disparities: Tensor, outermost: float, scatter: float) -> bool:
+    """Whether an excess of disparities along rows is certain, shows in the outermost view, and exceeds the scatter.
+
+    `disparities` are absolute values of patches, [K]; `scatter` is what the excess does not explain of them.
+    """
+    shift = excess * float(disparities.quantile(0.9)) * outermost
+    return excess > SURE * error and shift > LEAST_EFFECT and excess * float(disparities.median()) > CLEAR * scatter
+
+
+def fit_ratio(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:
+    """Fit the difference of both disparities as a + b d to the chosen patches; the ratio that follows."""
+    explanation = registered.explanation
+    disparities, precision = explanation.disparities[chosen], explanation.precision[chosen].clamp(min=TINY)
+    share = precision / precision.sum(-1, keepdim=True)
+    variance = (1 / precision).sum(-1) + LEAST_ERROR**2
+    # The error of the difference is independent of that of this mean d; otherwise the ratio would tend to 0.
+    mean = (share * disparities).sum(-1)
+    model = torch.stack([torch.ones_like(mean), mean], -1)[:, None]
+    # Shifts of single views differ along rows and columns by chance: a constant difference of about this size.
+    rms = explanation.shifts.square().mean().sqrt()
+    chance = float(LEAST_ERROR + rms * (1 / registered.positions.square().sum(0)).sum().sqrt())
+    prior = torch.tensor([1 / chance**2, 1 / LIKELY**2], dtype=mean.dtype)
+    difference = disparities[:, 0] - disparities[:, 1]
+    fit = displacements.fit_linear(model, difference[:, None], 1 / variance[:, None, None], prior)
+    excess = float(fit.values[1])
+    return fit, 1 + excess / (1 - float(share[:, 0].mean()) * excess)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import jit, threads
+from lfref.functional import loops
 from lfref.lightfield import LightField
 from lfref.simulator.effects import displacement
 
@@ -47,9 +47,9 @@ def resample_views(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
     begins, weights = _taps(columns.cpu().expand(*views.shape[:3], width).flatten(0, 2), width, samples.dtype)
     tables = (samples, lines, row_weights, begins, weights.mT.contiguous(), result)
     arrays = [table.numpy() for table in tables]
-    n_threads = threads.worthwhile(result.numel(), 1 << 16)  # samples per thread, by trial
-    bands = threads.bands(len(samples), n_threads)
-    threads.share(lambda first, last: _resample(*arrays, first, last), bands, n_threads)
+    n_threads = loops.worthwhile(result.numel(), 1 << 16)  # samples per thread, by trial
+    bands = loops.bands(len(samples), n_threads)
+    loops.share(lambda first, last: _resample(*arrays, first, last), bands, n_threads)
     return result.reshape(views.shape).to(views.device)
 
 
@@ -60,7 +60,7 @@ def _taps(positions: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, T
     return whole.long() + displacement.TAPS[0], displacement.weights(index - whole).to(dtype)
 
 
-@jit.compiled
+@loops.compiled
 def _resample(pictures, rows, row_weights, starts, column_weights, result, first, last):  # type: ignore[no-untyped-def]
     """Fill the pictures [B, H, W] of the result from `first` to before `last`.
 

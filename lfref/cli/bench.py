@@ -24,9 +24,9 @@ from lfref.bench.stability import goals, trials
 from lfref.bench.stability.trials import Component
 from lfref.captures.correct import correct_by_option
 from lfref.cli import config as configs
-from lfref.cli import inputs
+from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.cli.refocusing import fixed_planes
+from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import Run
 from lfref.errors import InputError, chosen, counted
@@ -35,8 +35,7 @@ from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import accuracy_time, bench_plots, drawing, page, plots, sections, stability_table, tables
 from lfref.simulator import sim30
@@ -64,7 +63,7 @@ def configured_rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
 def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> list[LightField]:
     """The light fields of `input`, or simulated ones of the paper's size."""
     if config.input is not None:
-        return [inputs.read_field(path, config, refocusers) for path in inputs.find_fields(config).values()]
+        return [steps.read_field(path, config, refocusers) for path in steps.find_fields(config).values()]
     source: SimulatedSource = configs.build(config.source)
     return [source.field(index) for index in range(len(source))]
 

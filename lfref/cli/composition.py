@@ -9,6 +9,7 @@
 Two things rely on what Hydra does not document. `CheckedJobs` replaces the attribute `config_loader` of the running
 application, since Hydra calls nothing of ours between the composition of a job and its log handlers. `COMPONENTS` names
 the classes of the launcher and the sweeper that come with Hydra.
+Apart from `command`, which wraps a command: these checks are what keeps configurations harmless.
 """
 
 import difflib

@@ -8,9 +8,9 @@ from omegaconf import DictConfig
 
 from lfref.bench import accuracy
 from lfref.cli import config as configs
-from lfref.cli import inputs
+from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.cli.refocusing import fixed_planes
+from lfref.cli.steps import fixed_planes
 from lfref.data.label_sources import Labels
 from lfref.errors import InputError, counted
 from lfref.refocuser.load import load
@@ -26,10 +26,10 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     methods = _methods(config, device)
     for method in methods:
         method.slopes(planes.slopes)  # refuses planes that it does not have before any work is done
-    fields = inputs.find_fields(config)
+    fields = steps.find_fields(config)
     rows: list[accuracy.Row] = []
     for path in progress(fields.values(), "evaluating", len(fields)):
-        field = inputs.read_field(path, config, methods)
+        field = steps.read_field(path, config, methods)
         with torch.no_grad():
             stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
         labels = {name: source(field) for name, source in references.items()}

@@ -14,7 +14,7 @@ import lfref
 from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.cli.command import command, log, progress
-from lfref.cli.refocusing import fixed_planes
+from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.engines.engine import FP32, INT8, Inputs
 from lfref.engines.files import file_formats

@@ -13,10 +13,10 @@ from torch import Tensor
 
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
-from lfref.cli import inputs, refocusing
+from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, progress
+from lfref.cli.steps import ahead
 from lfref.errors import InputError, chosen, counted
-from lfref.functional.threads import ahead
 from lfref.io import video
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
@@ -85,32 +85,32 @@ PLANES_PER_CALL = 16
 
 def film(config: DictConfig, folder: Path) -> None:
     """Write `film.mp4`."""
-    device, exposure = device_of(config.device), refocusing.exposure(config)
+    device, exposure = device_of(config.device), steps.exposure(config)
     rate = configs.number(config, "rate", 0.01, 100)
     refocuser: Refocuser = configs.build(config.method, aperture=configs.build(config.aperture)).to(device)
-    fields = inputs.find_fields(config)
+    fields = steps.find_fields(config)
     first, *others = fields.values()
-    white = refocusing.white_field(config, refocuser)
-    opening = inputs.read_field(first, config, [refocuser])
-    inputs.warn_if_reversed(opening)
+    white = steps.white_field(config, refocuser)
+    opening = steps.read_field(first, config, [refocuser])
+    steps.warn_if_reversed(opening)
     # Corrections and brightness of the first light field serve all of them, so that nothing flickers.
-    opening, corrections = refocusing.correct_field(opening, config, white, refocuser)
-    gain = refocusing.gain(opening, exposure)
+    opening, corrections = steps.correct_field(opening, config, white, refocuser)
+    gain = steps.gain(opening, exposure)
     slopes = _slopes(config, opening, len(fields), rate)
 
     def corrected_fields() -> Iterator[LightField]:
         yield opening
         for path in others:
-            field = inputs.read_field(path, config, [refocuser])
+            field = steps.read_field(path, config, [refocuser])
             yield field if corrections is None else corrections.apply(field)
 
     def planes() -> Iterator[Tensor]:
         if not others:
             for part in slopes.split(PLANES_PER_CALL):
-                yield from refocusing.refocus_field(refocuser, opening, part, device)
+                yield from steps.refocus_field(refocuser, opening, part, device)
             return
         for field, slope in zip(ahead(corrected_fields()), slopes, strict=True):
-            yield from refocusing.refocus_field(refocuser, field, slope[None], device)
+            yield from steps.refocus_field(refocuser, field, slope[None], device)
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for plane in planes():
@@ -118,7 +118,7 @@ def film(config: DictConfig, folder: Path) -> None:
             yield np.rint(255 * shown).astype(np.uint8)
 
     video.write_video(folder / FILM, progress(ahead(frames()), "refocusing", len(slopes)), rate)
-    refocusing.write_corrections(folder, corrections)
+    steps.write_corrections(folder, corrections)
     ends = f"slopes {float(slopes.min()):.2f} to {float(slopes.max()):.2f}"
     log.info("%s: %s, %s, by %s", folder / FILM, counted(len(slopes), "frame"), ends, refocuser.name)
 

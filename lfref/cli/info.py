@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from lfref.captures.inspect import Inspection, inspect
 from lfref.cli import config as configs
-from lfref.cli import inputs, result_folders
+from lfref.cli import steps
 from lfref.cli.command import command, log, paths
 from lfref.io import atomic
 from lfref.report import drawing
@@ -16,15 +16,15 @@ from lfref.report.inspection import inspection_sheet
 
 def info(config: DictConfig, folder: Path) -> None:
     """Log the properties of each light field, and write `inspection.json` and `inspection.png`."""
-    fields, named = inputs.find_fields(config), paths(configs.plain(config.input))
-    white = None if config.white is None else inputs.read_field(Path(config.white), config)
+    fields, named = steps.find_fields(config), paths(configs.plain(config.input))
+    white = None if config.white is None else steps.read_field(Path(config.white), config)
 
     def inspect_field(name: str, path: Path) -> None:
-        inspection = inspect(inputs.read_field(path, config), white)
+        inspection = inspect(steps.read_field(path, config), white)
         log.info("%s", "\n".join(inspection.lines()))
-        _write(result_folders.result_folder(folder, name, path, named), inspection)
+        _write(steps.result_folder(folder, name, path, named), inspection)
 
-    inputs.process(fields, [inspect_field], "inspecting")
+    steps.process(fields, [inspect_field], "inspecting")
     log.info("inspected: %s", folder)
 
 

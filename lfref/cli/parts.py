@@ -33,13 +33,13 @@ TABLE: dict[str, tuple[str, ...]] = {
         "lfref.refocus.fourier.super_resolution.super_resolve",
         "lfref.refocus.occlusion_aware.occlusion_aware",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
-        "lfref.refocus.shift.through_cells.shift_and_sum_through_cells",
-        "lfref.refocuser.operators.coplanar_homography",
-        "lfref.refocuser.operators.even_stack",
-        "lfref.refocuser.operators.focus",
+        "lfref.refocus.shift.shift_and_sum.shift_and_sum_through_cells",
+        "lfref.refocuser.refocuser.coplanar_homography",
+        "lfref.refocuser.refocuser.even_stack",
+        "lfref.refocuser.refocuser.focus",
     ),
     "apertures": tuple(f"lfref.refocus.apertures.{name}" for name in APERTURES),
-    "refocusers": ("lfref.refocuser.operators.OperatorRefocuser", "lfref.refocuser.networks.learned"),
+    "refocusers": ("lfref.refocuser.refocuser.OperatorRefocuser", "lfref.refocuser.networks.learned"),
     "planes": (
         *(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
         "lfref.captures.inspect.AutoPlanes",
@@ -49,14 +49,14 @@ TABLE: dict[str, tuple[str, ...]] = {
     "data": (
         "lfref.data.datamodules.FolderData",
         "lfref.data.datamodules.SimulatedData",
-        "lfref.data.plane_data.PlaneData",
+        "lfref.data.plane_sets.PlaneData",
     ),
     "sources": ("lfref.data.field_sources.SimulatedSource",),
     "tasks": ("lfref.train.modules.Refining", "lfref.train.modules.Refocusing"),
     "networks": ("lfref.nets.refnet.RefNet", "lfref.nets.refiner.Refiner"),
     "losses": (
         *(f"lfref.losses.composite.{name}" for name in ("CompositeLoss", "paper_weights")),
-        "lfref.losses.relative.RelativeError",
+        "lfref.losses.composite.RelativeError",
     ),
     "scenes": (
         *(f"lfref.simulator.scene.{name}" for name in ("Camera", "Light", "Scene", "Surface")),
@@ -173,12 +173,21 @@ MOVED = {
     "lfref.captures.auto_planes.AutoPlanes": "lfref.captures.inspect.AutoPlanes",
     "lfref.data.labels.OperatorLabels": "lfref.data.label_sources.OperatorLabels",
     "lfref.data.labels.RenderedLabels": "lfref.data.label_sources.RenderedLabels",
+    "lfref.data.plane_data.PlaneData": "lfref.data.plane_sets.PlaneData",
     "lfref.data.sources.SimulatedSource": "lfref.data.field_sources.SimulatedSource",
+    "lfref.losses.relative.RelativeError": "lfref.losses.composite.RelativeError",
     "lfref.refocus.anywhere.surface.tilt_shift": "lfref.refocus.surface.tilt_shift",
     "lfref.refocus.fourier.layered_refocusing.refocus_by_layers": (
         "lfref.refocus.fourier.disparity_layers.refocus_by_layers"
     ),
+    "lfref.refocus.shift.through_cells.shift_and_sum_through_cells": (
+        "lfref.refocus.shift.shift_and_sum.shift_and_sum_through_cells"
+    ),
     "lfref.bench.scaling.Scales": "lfref.bench.operator_costs.Scales",
+    "lfref.refocuser.operators.OperatorRefocuser": "lfref.refocuser.refocuser.OperatorRefocuser",
+    "lfref.refocuser.operators.coplanar_homography": "lfref.refocuser.refocuser.coplanar_homography",
+    "lfref.refocuser.operators.even_stack": "lfref.refocuser.refocuser.even_stack",
+    "lfref.refocuser.operators.focus": "lfref.refocuser.refocuser.focus",
     "lfref.simulator.chance.random_sensor.RandomSensor": "lfref.simulator.scenes.RandomSensor",
     "lfref.simulator.effects.chromatic.Chromatic": "lfref.simulator.effects.displacement.Chromatic",
     "lfref.simulator.effects.clipping.Clipping": "lfref.simulator.effects.response.Clipping",

@@ -9,9 +9,9 @@ from omegaconf import DictConfig
 
 from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
-from lfref.cli import inputs, refocusing, result_folders, resume
+from lfref.cli import resume, steps
 from lfref.cli.command import command, device_of, log, paths
-from lfref.cli.refocusing import Planes, planes_of
+from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
 from lfref.io.run import Run
@@ -25,41 +25,41 @@ from lfref.report.refocused import PictureFiles, Refocused
 
 def refocus(config: DictConfig, folder: Path) -> None:
     """Read, correct, refocus and write each light field; with more than one input each gets its own result folder."""
-    device, exposure = device_of(config.device), refocusing.exposure(config)
+    device, exposure = device_of(config.device), steps.exposure(config)
     bits, quality = (int(configs.number(config, name, 1)) for name in ("bits", "quality"))
     files = PictureFiles(str(config.format), bits, quality)
     refocuser, configured_planes = _refocuser(config, device)
     optional = [name for name in results.OPTIONAL if config[name]]
     n_rows, scratch = _rows(config, optional), None if config.rows is None else folder
-    white = refocusing.white_field(config, refocuser)
-    fields, named = inputs.find_fields(config), paths(configs.plain(config.input))
-    places = {name: result_folders.result_folder(folder, name, path, named) for name, path in fields.items()}
+    white = steps.white_field(config, refocuser)
+    fields, named = steps.find_fields(config), paths(configs.plain(config.input))
+    places = {name: steps.result_folder(folder, name, path, named) for name, path in fields.items()}
     if config.resume is not None:
-        fields = result_folders.remaining(fields, places, folder)
+        fields = steps.remaining(fields, places, folder)
 
     def read(_: str, path: Path) -> LightField:
-        field = inputs.read_field(path, config, [refocuser], scratch)
-        inputs.warn_if_reversed(field)
+        field = steps.read_field(path, config, [refocuser], scratch)
+        steps.warn_if_reversed(field)
         return field
 
     def compute(_: str, field: LightField) -> tuple[Refocused, Corrections | None]:
-        field, corrections = refocusing.correct_field(field, config, white, refocuser)
+        field, corrections = steps.correct_field(field, config, white, refocuser)
         planes = planes_of(configured_planes, field)
         if n_rows is None:
-            stack = refocusing.refocus_field(refocuser, field, planes.slopes, device)
+            stack = steps.refocus_field(refocuser, field, planes.slopes, device)
         else:
             stack = in_bands(refocuser, field, planes.slopes, n_rows, allocator(scratch), device)
-        return Refocused(field, stack, planes, refocusing.gain(field, exposure), files), corrections
+        return Refocused(field, stack, planes, steps.gain(field, exposure), files), corrections
 
     def write(name: str, result: tuple[Refocused, Corrections | None]) -> None:
         refocused, corrections = result
-        with result_folders.writing(folder, places[name]) as place:
+        with steps.writing(folder, places[name]) as place:
             results.write_results(place, refocused, optional)
-            refocusing.write_corrections(place, corrections)
+            steps.write_corrections(place, corrections)
         n_planes = len(refocused.planes)
         log.info("%s refocused by %s to %s in %s", name, refocuser.name, counted(n_planes, "plane"), places[name])
 
-    inputs.process(fields, [read, compute, write], "refocusing")
+    steps.process(fields, [read, compute, write], "refocusing")
 
 
 def _rows(config: DictConfig, optional: list[str]) -> int | None:

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from lfref.cli import config as configs
 from lfref.cli.command import command, device_of, log, progress
-from lfref.cli.refocusing import fixed_planes
+from lfref.cli.steps import fixed_planes
 from lfref.encoding import LINEAR, SRGB
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes

@@ -16,15 +16,14 @@ from lfref.cli import config as configs
 from lfref.cli import resume
 from lfref.cli.command import command, log, quiet_libraries
 from lfref.cli.exit_codes import fail
-from lfref.cli.refocusing import fixed_planes
 from lfref.cli.run_folder import is_first_process
+from lfref.cli.steps import fixed_planes
 from lfref.errors import InputError, LfrefError, counted
 from lfref.io import run as runs
 from lfref.io.run import Run
-from lfref.train import failures
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement
 from lfref.train.modules import Fitting, cut_log
-from lfref.train.stopping import Stopping
+from lfref.train.stopping import Stopping, one_line_errors
 
 
 def claim(config: DictConfig, folder: Path) -> bool:
@@ -77,7 +76,7 @@ def train(config: DictConfig, folder: Path) -> None:
     module = _module(config, data)
     stopping = Stopping(folder / runs.CHECKPOINTS / "last.ckpt", functools.partial(_give_up, folder))
     try:
-        with failures.one_line_errors(folder):
+        with one_line_errors(folder):
             trainer = _trainer(config, stopping)
             with stopping.listening(trainer):
                 trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)

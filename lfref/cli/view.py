@@ -6,9 +6,9 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli import inputs, refocusing, result_folders
+from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, paths, progress
-from lfref.cli.refocusing import Planes, planes_of
+from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import read as reader
@@ -21,35 +21,35 @@ from lfref.viewer import view_page
 
 def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; with more than one input each gets its own result folder."""
-    device, exposure = device_of(config.device), refocusing.exposure(config)
+    device, exposure = device_of(config.device), steps.exposure(config)
     refocusers = [refocuser.to(device) for refocuser in _refocusers(config)]
     configured_planes: Planes = configs.build(config.planes)
-    fields, named = inputs.find_fields(config), paths(configs.plain(config.input))
-    white = refocusing.white_field(config, refocusers[0])
+    fields, named = steps.find_fields(config), paths(configs.plain(config.input))
+    white = steps.white_field(config, refocusers[0])
     truth = None if config.truth is None else reader.read_stack(config.truth)
     if truth is not None and len(fields) > 1:
         raise InputError("truth belongs to one light field", got=f"{len(fields)} of them", remedy="view one at a time")
 
     def write_page(name: str, path: Path) -> None:
-        field = inputs.read_field(path, config, refocusers)
-        inputs.warn_if_reversed(field)
-        field, _ = refocusing.correct_field(field, config, white, refocusers[0])
+        field = steps.read_field(path, config, refocusers)
+        steps.warn_if_reversed(field)
+        field, _ = steps.correct_field(field, config, white, refocusers[0])
         # Planes of a network come first, then those of the truth, then the configured ones.
         planes = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)
         if planes is None:
             planes = planes_of(configured_planes, field) if truth is None else truth[1]
-        gain = refocusing.gain(field, exposure)
+        gain = steps.gain(field, exposure)
         shown = {
-            method.name: Refocused(field, refocusing.refocus_field(method, field, planes.slopes, device), planes, gain)
+            method.name: Refocused(field, steps.refocus_field(method, field, planes.slopes, device), planes, gain)
             for method in progress(refocusers, f"{field.name}: refocusing")
         }
         if truth is not None:
             shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
-        place = result_folders.result_folder(folder, name, path, named) / "index.html"
+        place = steps.result_folder(folder, name, path, named) / "index.html"
         view_page.write(place, config.title or field.name, _facts(shown), view_page.page_content(shown))
         log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
 
-    inputs.process(fields, [write_page], "viewing")
+    steps.process(fields, [write_page], "viewing")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:

@@ -2,6 +2,7 @@
 
 A CUDA graph records the GPU's commands of one pass and replays them, so that the CPU need not issue them (PyTorch,
 "CUDA semantics", section "CUDA Graphs").
+Apart from the benchmark that compares them: each is of use alone.
 """
 
 import copy

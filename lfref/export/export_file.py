@@ -25,10 +25,9 @@ from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
-from lfref.refocuser import refined
+from lfref.refocuser import networks
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser
 
 SAFETENSORS = "safetensors"
@@ -165,7 +164,7 @@ def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str
     check_weights(refocuser)
     module: nn.Module
     if isinstance(refocuser, RefinedRefocuser):
-        module, entry = refocuser.refiner, refined.payload(refocuser.refiner, refocuser.base, refocuser.names)
+        module, entry = refocuser.refiner, networks.refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
     else:
         assert isinstance(refocuser, NetworkRefocuser)
         assert refocuser.planes is not None

@@ -30,7 +30,15 @@ SAMPLES = 1 << 19
 
 def measure(field: LightField) -> tuple[float, float]:
     """Variance for each unit of light, a, and in the dark, b; both 0 where views are too small for a measurement."""
-    pictures = _chosen(field)
+    # Channels of some evenly spread views; of fully weighted views if there are any.
+    n_rows, n_columns, n_channels, height, width = field.views.shape
+    count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
+    views = field.views.flatten(0, 1)
+    if field.weight is not None:
+        full = field.weight.flatten(0, 1).flatten(1)[:, ::97].amin(1) > 0
+        views = views[full] if bool(full.any()) else views
+    places = torch.linspace(0, len(views) - 1, 2 * count + 1)[1::2].round().long()
+    pictures = views[places].flatten(0, 1).float()
     if min(pictures.shape[-2:]) < BLOCK + 2:
         return 0.0, 0.0
     light, variance = blocks(pictures)
@@ -50,18 +58,6 @@ def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
     variance = F.avg_pool2d(rough.square()[None], BLOCK)[0] / ENERGY
     light = F.avg_pool2d(pictures[None, :, 1:-1, 1:-1], BLOCK)[0]
     return light.flatten(), variance.flatten()
-
-
-def _chosen(field: LightField) -> Tensor:
-    """Channels of some evenly spread views as pictures, [B, H, W]; of fully weighted views if there are any."""
-    n_rows, n_columns, n_channels, height, width = field.views.shape
-    count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
-    views = field.views.flatten(0, 1)
-    if field.weight is not None:
-        full = field.weight.flatten(0, 1).flatten(1)[:, ::97].amin(1) > 0
-        views = views[full] if bool(full.any()) else views
-    places = torch.linspace(0, len(views) - 1, 2 * count + 1)[1::2].round().long()
-    return views[places].flatten(0, 1).float()
 
 
 def _flattest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional.jit import compiled
+from lfref.functional.loops import compiled
 
 POLE = 3**0.5 - 2
 """Pole of the recursive filter that turns samples into coefficients."""

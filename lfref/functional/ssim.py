@@ -25,8 +25,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from lfref.errors import InputError
-from lfref.functional import threads
-from lfref.functional.jit import compiled
+from lfref.functional import loops
+from lfref.functional.loops import compiled
 from lfref.functional.psnr import check_data_range, image_pair
 
 K1, K2 = 0.01, 0.03
@@ -122,8 +122,8 @@ def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bo
             set_values(x_part, y_part, tables, outputs[0])
 
     # A thread computes whole planes, so the number of threads changes no digit. One more pays from 2^17 pixels on.
-    n_threads = min(threads.worthwhile(x.numel(), 1 << 17), max(len(x), 1))
-    threads.share(work, threads.bands(len(x), n_threads), n_threads)
+    n_threads = min(loops.worthwhile(x.numel(), 1 << 17), max(len(x), 1))
+    loops.share(work, loops.bands(len(x), n_threads), n_threads)
     return results
 
 

@@ -6,6 +6,7 @@ data that a header places in another file.
 A letter stands for each axis: `v u` view row and column, `n` views row by row, `h w` pixel row and column, `c` channel
 (of 2 and 4 channels the last is a weight), in the order in which Python or MATLAB indexes the array. The Light Field
 Toolbox's `LF` [t, s, v, u, c] is `vuhwc` here.
+A file of its own, as each format has.
 """
 
 import itertools

@@ -5,6 +5,7 @@ waves of the image's middle, and fits their phases in tiles all over the image b
 
 A wrong pitch gives views that merely look like views. `check_pitch` looks at differences of neighbouring pixels, which
 are largest where one lenslet ends and the next begins: in their spectrum a pitch is a comb of lines.
+Apart from `lenslets`, which needs it only where the user gives no lattice.
 
 Letters: `H W` pixel rows and columns, `C` channels, `y x` pixel row and column, `f` frequency (y, x) of a wave in
 cycles a pixel.

@@ -3,6 +3,7 @@
 In an ESLF image every block of 14x14 pixels is one lenslet: view (v, u) of lenslet (y, x) is pixel (14 y + v,
 14 x + u). A lenslet has no central view, since 14 is even. Other lattices are resampled (`lenslet_lattice`); a white
 image of the camera shows them (`lenslet_search`), and evens out the brightness of the views.
+A file of its own, as each format has.
 Source: the Stanford Lytro light field archive, and Srinivasan et al. 2017 for the window of 7x7 views from 4.
 Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
 """

@@ -1,7 +1,7 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them. A file of safetensors holds the same without Lightning's. Both have a digest (`lfref.io.digests`).
+beside them. A file of safetensors holds the same without Lightning's. Both have a digest (`lfref.io.tensor_files`).
 Reading is `weights_only`, addresses are refused, and networks are built from a table of names, no larger than the file.
 """
 

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import cells
 from lfref.refocus import batches
 
 
@@ -30,7 +29,7 @@ def disc(grid: Sequence[int], diameter: float | None = None) -> Tensor:
         diameter: In view steps; None: the largest disc on the grid.
     """
     radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
-    return cells.of_disc(_edges(grid[0]), _edges(grid[1]), radius)
+    return geometry.covered_by_disc(_edges(grid[0]), _edges(grid[1]), radius)
 
 
 def square(grid: Sequence[int], side: float | None = None) -> Tensor:
@@ -40,7 +39,7 @@ def square(grid: Sequence[int], side: float | None = None) -> Tensor:
         side: In view steps; None: the largest square on the grid.
     """
     half = torch.tensor([_checked("side", min(grid) if side is None else side) / 2], dtype=torch.float64)
-    rows, columns = (cells.overlap(-half, half, _edges(n_views)) for n_views in grid)
+    rows, columns = (geometry.overlap(-half, half, _edges(n_views)) for n_views in grid)
     return rows.T * columns
 
 
@@ -57,7 +56,7 @@ def polygon(grid: Sequence[int], blades: int, diameter: float | None = None, rot
     if not math.isfinite(rotation):
         raise InputError("rotation must be finite, in degrees", got=rotation)
     radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
-    return cells.of_polygon(_edges(grid[0]), _edges(grid[1]), blades, radius, math.radians(rotation))
+    return geometry.covered_by_polygon(_edges(grid[0]), _edges(grid[1]), blades, radius, math.radians(rotation))
 
 
 def gaussian(grid: Sequence[int], sigma: float) -> Tensor:

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.errors import chosen
-from lfref.functional import splines, threads
-from lfref.functional.jit import compiled, inlined
-from lfref.functional.row_sums import Integers, Reals
-from lfref.refocus import batches, lines
+from lfref.functional import loops, splines
+from lfref.functional.loops import compiled, inlined
+from lfref.refocus import batches
 from lfref.refocus.sampling import (
     BLACK,
     BORDERS,
@@ -32,7 +31,9 @@ from lfref.refocus.sampling import (
     ON_VIEW,
     PERIODIC,
     Border,
+    Integers,
     Interpolation,
+    Reals,
 )  # fmt: skip
 
 _cubic_weights = inlined(splines.weights)
@@ -87,7 +88,7 @@ def means_torch(
     for plane in planes:
         image = torch.zeros_like(batches.radiance(views[:, 0, 0]))
         coverage = torch.zeros(height, width, dtype=torch.float64, device=views.device)
-        offsets = (lines.even((n_rows, n_columns)) if plane.positions is None else plane.positions).tolist()
+        offsets = (batches.even((n_rows, n_columns)) if plane.positions is None else plane.positions).tolist()
         for v, u in aperture.nonzero().tolist():
             x, y, visible = columns[None], rows[:, None], torch.ones_like(coverage, dtype=torch.bool)
             if plane.matrices is not None:
@@ -170,20 +171,20 @@ def means_numba(
     for plane in planes:
         matrices = still if plane.matrices is None else plane.matrices
         slopes = no_slopes if plane.slopes is None else plane.slopes
-        offsets = lines.even(grid) if plane.positions is None else plane.positions
+        offsets = batches.even(grid) if plane.positions is None else plane.positions
         arrays = [tensor.contiguous().numpy() for tensor in (matrices, slopes, offsets)]
         tables.append(Table(arrays[0], arrays[1], arrays[2], interpolation, border, scale))
     working = np.float64 if views.dtype == torch.float64 else np.float32
     stack = np.empty((len(fields), len(tables), views.shape[3], *size), working)
     coverage = np.empty((len(tables), *size))
-    n_threads = threads.worthwhile(stack.size, 1 << 16)  # samples from which one more thread pays
+    n_threads = loops.worthwhile(stack.size, 1 << 16)  # samples from which one more thread pays
 
     def work(b: int, n: int, band: tuple[int, int]) -> None:
         # All light fields write the same coverage.
         _mean_rows(fields[b], weights, tables[n], stack[b, n], coverage[n], *band)
 
-    jobs = itertools.product(range(len(fields)), range(len(tables)), threads.bands(size[0], n_threads))
-    threads.share(work, jobs, n_threads)
+    jobs = itertools.product(range(len(fields)), range(len(tables)), loops.bands(size[0], n_threads))
+    loops.share(work, jobs, n_threads)
     return torch.from_numpy(stack), torch.from_numpy(coverage)
 
 

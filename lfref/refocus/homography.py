@@ -16,7 +16,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import batches, lines
+from lfref.refocus import batches
 from lfref.refocus.gather import ViewMap, mean_of_views
 
 NOT_A_ROTATION = 1e-4
@@ -96,7 +96,7 @@ def slope_homographies(slopes: Slopes, grid: tuple[int, int], positions: Tensor 
     """
     # The size is unknown here, so how far these reach cannot be checked: a grid of one view never shifts.
     planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))[:, None, None]
-    rows, columns = (lines.even(grid) if positions is None else lines.checked_positions(positions, grid)).unbind(-1)
+    rows, columns = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid)).unbind(-1)
     matrices = torch.eye(3, dtype=torch.float64).repeat(len(planes), *grid, 1, 1)
     matrices[..., 0, 2], matrices[..., 1, 2] = planes * columns, planes * rows
     return matrices

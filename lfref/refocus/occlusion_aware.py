@@ -16,9 +16,9 @@ from lfref.functional.neighbours import box_max, box_mean
 from lfref.geometry import Slopes
 from lfref.refocus import batches, wiener_filters
 from lfref.refocus.disparity.disparity_map import coarse_disparity
-from lfref.refocus.fourier import layer_energies
+from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.fourier.disparity_layers import refocus_by_energies
-from lfref.refocus.wiener import checked_aperture, wiener
+from lfref.refocus.wiener import wiener
 
 EDGE = 0.12
 """Change of disparity within 3 pixels, in pixels per view step, that is a gap between surfaces and not a slant."""
@@ -53,7 +53,7 @@ def occlusion_aware(
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes, aperture = geometry.checked_slopes(slopes, grid, size), checked_aperture(weights, grid)
+    planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)
     shape = (*views.shape[:-5], *size)
     if disparities is not None and not (disparities.shape == shape and bool(disparities.isfinite().all())):
         raise InputError(f"disparities must be finite, of shape {shape}", got=tuple(disparities.shape))
@@ -61,7 +61,7 @@ def occlusion_aware(
     stacks = []
     for typed, known_disparity in zip(batch, known, strict=True):
         field = batches.radiance(typed)
-        energies = layer_energies.estimate_energies(field, 12, aperture)
+        energies = disparity_layers.estimate_energies(field, 12, aperture)
         first, *_, last = energies.disparities.tolist()
         disparity = coarse_disparity(field, first, last) if known_disparity is None else known_disparity
         stack, shares = refocus_by_energies(field, planes, energies, aperture), edge_shares(disparity, planes)

@@ -1,5 +1,9 @@
 """Reading an image between its samples and beyond its edges: one record for each interpolation and each border rule.
 
+A compiled loop that reads many samples with fixed weights adds up eight stretches of a row in one pass (`set_taps`,
+`add_taps`). A stretch is `total.size` samples of `rows` from a start on, so that a filter along the row, or along a
+column of rows that lie one after the other, is a table of starts and weights. The sums are written out because Numba
+vectorises plain sums of eight products, but not a loop over them.
 Letters: `t` fraction of a sample.
 """
 
@@ -7,11 +11,14 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.functional import splines
+from lfref.functional.loops import LANES, compiled
 
 LEFT_OUT, REPLICATED, BLACK, PERIODIC = range(4)
 """Numbers of the border rules in compiled loops."""
@@ -120,3 +127,39 @@ def sampled(shifts: Sequence[float], length: int) -> Tensor:
     """Where each shifted view has a sample: 1 or 0, float64, [len(shifts), length]."""
     x, shift = torch.arange(length), torch.tensor(shifts, dtype=torch.float64)[:, None]
     return ((x >= (-shift).ceil()) & (x <= (length - 1 - shift).floor())).double()
+
+
+TAPS = 8
+"""Taps that one pass over a row adds up: more would leave no registers for their weights."""
+
+Integers = NDArray[np.int64]
+Reals = NDArray[np.floating]
+
+
+def rounded_up(width: int) -> int:
+    """A width rounded up to whole vectors, so that no loop ends in single steps."""
+    return width + -width % LANES
+
+
+@compiled
+def set_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
+    """The weighted sum of `TAPS` stretches of `rows`, in one pass."""
+    r0, r1, r2, r3 = rows[starts[0] :], rows[starts[1] :], rows[starts[2] :], rows[starts[3] :]
+    r4, r5, r6, r7 = rows[starts[4] :], rows[starts[5] :], rows[starts[6] :], rows[starts[7] :]
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
+    for x in range(total.size):
+        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
+        total[x] = low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]
+
+
+@compiled
+def add_taps(rows: Reals, starts: Integers, weights: Reals, total: Reals) -> None:
+    """The weighted sum of `TAPS` stretches of `rows`, added to `total`."""
+    r0, r1, r2, r3 = rows[starts[0] :], rows[starts[1] :], rows[starts[2] :], rows[starts[3] :]
+    r4, r5, r6, r7 = rows[starts[4] :], rows[starts[5] :], rows[starts[6] :], rows[starts[7] :]
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    w4, w5, w6, w7 = weights[4], weights[5], weights[6], weights[7]
+    for x in range(total.size):
+        low = w0 * r0[x] + w1 * r1[x] + w2 * r2[x] + w3 * r3[x]
+        total[x] += low + w4 * r4[x] + w5 * r5[x] + w6 * r6[x] + w7 * r7[x]

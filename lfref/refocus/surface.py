@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import batches, footprint, footprint_blur, lines
+from lfref.refocus import batches, footprint
 from lfref.refocus.gather import ViewMap, mean_of_views
 from lfref.refocus.sampling import BORDERS
 
@@ -63,13 +63,13 @@ def per_pixel(
             got=f"shape {list(slopes.shape)}",
             remedy="resize the map to the views",
         )
-    lines.checked_slopes(torch.stack(slopes.detach().aminmax()), grid, size, positions)
+    batches.checked_slopes(torch.stack(slopes.detach().aminmax()), grid, size, positions)
     slopes = slopes.reshape(-1, *size)
-    cameras = None if positions is None else lines.checked_positions(positions, grid)
+    cameras = None if positions is None else batches.checked_positions(positions, grid)
     planes = [ViewMap(slopes=plane, positions=cameras) for plane in slopes]
     stack, coverage = mean_of_views(batch, batches.checked_weights(weights, grid), planes, interpolation, border)
     if cell.fill > 0:
-        stack = footprint_blur.blurred(stack, cell.widths(slopes), BORDERS[border], coverage)
+        stack = footprint.blurred(stack, cell.widths(slopes), BORDERS[border], coverage)
     return batches.restored(stack, views)
 
 

@@ -10,6 +10,7 @@ that light of several disparities is mixed. The steps:
 3. Transform the sums and differences of opposite views: for these the factors are real (`Pairs`).
 4. Add up the spectra times their factors.
 5. Transform back; the inner part of each square is the picture there.
+Apart from `occlusion_aware`, which takes it at edges: it is an operator of its own.
 
 Letters: `B` light fields, `N` planes, `T` squares of a row, `J` all of their pictures, `K` columns of frequencies.
 Source: Levin, Durand, "Linear view synthesis using a dimensionality gap light field prior", 2010.
@@ -24,11 +25,11 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError
-from lfref.functional import fourier, jit, threads
-from lfref.functional.jit import LANES
+from lfref.functional import loops
+from lfref.functional.loops import LANES
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.fourier import exact
 from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites
 
 TAIL = 12
@@ -60,27 +61,17 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
     batch = batches.radiance(batches.flattened(views))
     grid, size = batches.grid_and_size(batch)
     planes = geometry.checked_slopes(slopes, grid, size)
-    aperture = checked_aperture(weights, grid)
+    aperture = batches.symmetric_weights(weights, grid)
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
-    margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
+    margin = exact.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
     factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
     return batches.restored(_filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin), views)
 
 
-def checked_aperture(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
-    """Weights of sum 1, float64, CPU, [V, U]; an InputError unless they are symmetric about both axes."""
-    aperture = batches.checked_weights(weights, grid)
-    if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
-        raise InputError(
-            "weights must be symmetric about both axes", got="others", remedy="use method=shift_and_sum_through_cells"
-        )
-    return aperture
-
-
 def _side(margin: int, size: tuple[int, int]) -> int:
     """Side of the squares that take the least work: filters for one of them (about 3 FFTs), and FFTs for all."""
-    sides = (96, 128, 160, 192, 256, 320, 384, 512, fourier.next_fast_even(max(size) + 2 * margin))
+    sides = (96, 128, 160, 192, 256, 320, 384, 512, exact.next_fast_even(max(size) + 2 * margin))
 
     def work(side: int) -> float:
         n_squares = math.prod(math.ceil(length / (side - 2 * margin)) for length in size)
@@ -127,9 +118,9 @@ def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
     # Factors of one lane lie together: [n, y, x lanes, p, LANES].
     table = F.pad(factors, (0, -factors.shape[-1] % LANES)).unflatten(-1, (-1, LANES)).permute(0, 2, 3, 1, 4)
     lanes = table.contiguous().numpy()
-    n_threads = threads.worthwhile(total.size, 1 << 18)  # numbers from which one more thread pays
-    jobs = ((pairs, lanes, n_sums, *band, total) for band in threads.bands(pairs.shape[2], n_threads))
-    threads.share(add_rows, jobs, n_threads)
+    n_threads = loops.worthwhile(total.size, 1 << 18)  # numbers from which one more thread pays
+    jobs = ((pairs, lanes, n_sums, *band, total) for band in loops.bands(pairs.shape[2], n_threads))
+    loops.share(add_rows, jobs, n_threads)
     return torch.view_as_complex(torch.from_numpy(total))
 
 
@@ -145,7 +136,7 @@ def _by_torch(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
     return torch.complex(real, imaginary).permute(2, 3, 0, 1)
 
 
-@jit.compiled
+@loops.compiled
 def add_rows(
     spectra: NDArray, factors: NDArray, n_sums: int, first: int, last: int, total: NDArray
 ) -> None:  # pragma: no cover - compiled
@@ -182,7 +173,7 @@ def add_rows(
                         total[n, j, y, x + lane, 1] = both[1, lane]
 
 
-@jit.compiled
+@loops.compiled
 def _add(values: NDArray, weights: NDArray, sign: int, total: NDArray) -> None:  # pragma: no cover - compiled
     """Add sign times the weighted sum of values [p, LANES] to a total [LANES]: four p at a time spare loads of it."""
     last = len(values) - len(values) % 4

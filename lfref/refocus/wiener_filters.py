@@ -28,7 +28,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import fourier
+from lfref.refocus.fourier import exact
 
 STEP = 0.12
 """Distance of neighbouring disparities: at half of it views three steps from the centre agree to a fifth of a pixel."""
@@ -144,8 +144,8 @@ def filters(
     n_sums = len(pairs.first)
     # A filter that reaches no farther is known by the frequencies of a square of twice its reach: only these are
     # solved for; larger squares get them by padding in pixels.
-    coarse = min(side, fourier.next_fast_even(2 * reach))
-    half = fourier.half_frequencies(coarse)
+    coarse = min(side, exact.next_fast_even(2 * reach))
+    half = exact.half_frequencies(coarse)
     planes, weights = torch.tensor(slopes, dtype=torch.float64), torch.tensor(aperture, dtype=torch.float64)
     columns = axis(half, grid[1])
     factors = torch.stack([_factors_of_row(prior, planes, weights, axis(row[None], grid[0]), columns) for row in half])

@@ -42,12 +42,10 @@ from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.disparity.disparity_map import coarse_disparity
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser import filling
-from lfref.refocuser.operators import Operator, OperatorRefocuser
-from lfref.refocuser.refocuser import Aperture
+from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser
 
 CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central")
 """Features that are other pictures of the plane."""
@@ -168,7 +166,11 @@ def refiner_inputs(
     fraction = 2 * (slopes - slopes.round()).abs().to(views)[:, None, None, None]
 
     # Of the light field: central view, range of disparities, and variance of the noise, shot * light + read.
-    central = _central_view(whole, disparity)
+    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in light.grid)
+    middle = whole[rows, columns]
+    # The view at the angular centre, [C, H, W]; of even grids, the mean of the middle ones at the disparity.
+    is_single = middle.shape[:2].numel() == 1
+    central = middle[0, 0] if is_single else per_pixel(middle, disparity, "cubic", border="edge")[0]
     depth = disparity[None, None]
     relief = torch.cat([box_max(depth, window) + box_max(-depth, window) for window in RELIEF_WINDOWS], 1).tanh()
     shot, read = noise_line.measure(light)
@@ -246,12 +248,3 @@ def coverage(slopes: Tensor, views: Tensor) -> Tensor:
         shares.append(((at > -1) & (at < n_pixels)).to(views).mean(1))
     rows, columns = shares
     return rows[:, None, :, None] * columns[:, None, None, :]
-
-
-def _central_view(whole: Tensor, disparity: Tensor) -> Tensor:
-    """The view at the angular centre, [C, H, W]; of even grids, the mean of the middle ones at the disparity."""
-    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in whole.shape[:2])
-    middle = whole[rows, columns]
-    if middle.shape[:2].numel() == 1:
-        return middle[0, 0]
-    return per_pixel(middle, disparity, "cubic", border="edge")[0]

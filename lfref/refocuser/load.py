@@ -21,10 +21,9 @@ from lfref.lightfield import check_views
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.nets.refiner import Corrector
-from lfref.refocuser import refined
+from lfref.refocuser import networks
 from lfref.refocuser.features import renamed
-from lfref.refocuser.networks import NetworkRefocuser, learned
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, learned
 from lfref.refocuser.refocuser import Refocuser
 
 
@@ -57,8 +56,8 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     if file_formats.format_of(path) is not None:
         return load_exported(path).to(torch.device(device))
     contents = checkpoint.read(path)
-    if refined.KIND in contents["lfref"]:
-        return refined.restored(path, contents, run_name(path), device)
+    if networks.REFINER in contents["lfref"]:
+        return networks.restored_refiner(path, contents, run_name(path), device)
     network, planes = checkpoint.restored(path, contents)
     return NetworkRefocuser(network.to(device), planes, run_name(path), contents["lfref"].get("is_linear"))
 
@@ -75,8 +74,8 @@ def load_exported(path: Path) -> Refocuser:
         if manifest.reads_views:
             network, planes = ExportedNetwork(run, manifest), planes_from(manifest.planes or {})
             return NetworkRefocuser(network, planes, manifest.name, manifest.is_linear)
-        base, names = refined.described(manifest.config)
-        refiner = ExportedRefiner(run, renamed(manifest.config[refined.KIND]))
+        base, names = networks.described_refiner(manifest.config)
+        refiner = ExportedRefiner(run, renamed(manifest.config[networks.REFINER]))
         return RefinedRefocuser(refiner, base, names, manifest.name)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error

@@ -1,17 +1,184 @@
-"""Trained networks as refocusers, for the planes and the grid of their training; the model that ships with lfref."""
+"""Trained networks as refocusers: networks that refocus, refiners, and the model that ships with lfref.
 
+A network that refocuses serves the planes and the grid of its training. A refiner corrects the planes of a classical
+method: it sees each plane by itself, and the views only through features, so any planes and any even grid serve.
+"""
+
+import functools
+import inspect
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from lfref.errors import CheckpointError, InputError, chosen, first_line
 from lfref.geometry import FocalPlanes
+from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
+from lfref.nets.refiner import Corrector, Refiner
 from lfref.refocus import batches
-from lfref.refocuser import filling, refined
-from lfref.refocuser.refined import RefinedRefocuser
-from lfref.refocuser.refocuser import Aperture, Refocuser, check_for_network
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
+from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocuser import filling
+from lfref.refocuser.features import check_names, refiner_inputs, renamed
+from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser, Refocuser, check_for_network
+
+REFINER = "refiner"
+"""Entry of a checkpoint that holds the network's arguments."""
+REFINER_FORMAT = 1
+BASES: dict[str, Operator] = {
+    "occlusion_aware": occlusion_aware,
+    "refocus_by_layers": refocus_by_layers,
+    "shift_and_sum": shift_and_sum,
+    "shift_and_sum_through_cells": shift_and_sum_through_cells,
+}
+"""Methods whose pictures may be refined, by their names in checkpoints."""
+LARGEST_OPTION = 100
+"""Largest number among a method's options (layers, widths in view steps): a file could ask for any amount of memory."""
+AT_ONCE = 2**23
+"""Samples of features that the network reads at once: those of all planes together exceed the processor's caches."""
+BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
+"""Instructions that multiply matrices of bfloat16: with either, networks of refiners took half the time."""
+
+
+class RefinedRefocuser(Refocuser):
+    """A classical method and the network that corrects its pictures, without gradients.
+
+    Args:
+        refiner: Features, pictures and error scale -> better pictures.
+        base: Makes the pictures.
+        names: Of the features, candidates first.
+        name: As tables and legends call it.
+
+    Raises:
+        InputError: Unknown features, or features of which the refiner cannot mix its corrections.
+    """
+
+    def __init__(self, refiner: Corrector, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
+        check_names(names, refiner.n_candidates)
+        self.refiner = refiner.eval()
+        self.base = base
+        self.names = tuple(names)
+        self.name = name
+
+    def to(self, device: torch.device) -> "RefinedRefocuser":
+        """As in `Refocuser`."""
+        self.refiner.to(device)
+        return self
+
+    def through(self, aperture: Aperture | None) -> "RefinedRefocuser":
+        """As in `Refocuser`: the method and the features look through the aperture."""
+        if aperture is None:
+            return self
+        return RefinedRefocuser(self.refiner, self.base.through(aperture), self.names, self.name)
+
+    @torch.no_grad()
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
+        """The method's stack, corrected; black stays black.
+
+        Raises:
+            InputError: Views that are not finite, lie on another device or have other channels; cameras that do not
+                stand on an even grid.
+        """
+        like = self.refiner.like
+        radiance = batches.radiance(views).to(like.dtype)
+        check_for_network(self.name, radiance, positions, like.device)
+        n_channels = int(self.refiner.config["channels"])
+        if views.shape[-3] not in (1, n_channels):
+            raise InputError(f"{self.name} refocuses views of {n_channels} channels or one", got=views.shape[-3])
+        fields = batches.flattened(radiance).expand(-1, -1, -1, n_channels, -1, -1)  # grey ones become coloured
+        weights = [None] * len(fields) if weight is None else weight.reshape(-1, *weight.shape[-5:]).to(like)
+        stacks = fields.new_empty(len(fields), len(slopes), *fields.shape[-3:])
+        # A correction needs no more digits than bfloat16, where the processor multiplies matrices of it.
+        device = stacks.device.type
+        able: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)() if device == "cpu" else {}
+        is_half = any(able.get(name) for name in BF16_INSTRUCTIONS)
+        dtype = torch.bfloat16 if is_half else stacks.dtype
+        # As many planes at once as the caches hold.
+        n_at_once = max(1, AT_ONCE // (int(self.refiner.config["n_features"]) * math.prod(fields.shape[-2:])))
+        for stack, field, of_field in zip(stacks, fields, weights, strict=True):
+            light = LightField(field, weight=of_field)
+            parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
+            for planes, part in zip(stack.split(n_at_once), parts, strict=True):
+                with torch.autocast(device, torch.bfloat16, enabled=is_half):
+                    planes.copy_(self.refiner(*part))
+        return batches.restored(stacks.mean(-3, keepdim=True) if views.shape[-3] == 1 else stacks, views)
+
+
+def refiner_entry(refiner: Corrector, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
+    """The entry `lfref` of a checkpoint, from which the refocuser is built again.
+
+    Args:
+        refiner: The network.
+        base: One of `BASES`, perhaps with options bound to it.
+        names: Of the features.
+
+    Raises:
+        InputError: Another method.
+    """
+    operator = next((name for name, known in BASES.items() if known is base.function), None)
+    if operator is None or base.aperture is not None:
+        raise InputError(f"a refiner must correct one of {', '.join(BASES)}, without an aperture", got=base.name)
+    method = {"name": base.name, "operator": operator, "options": dict(base.options)}
+    return {"format": REFINER_FORMAT, REFINER: refiner.config, "base": method, "features": list(names)}
+
+
+def restored_refiner(
+    path: Path, contents: Mapping[str, Any], name: str, device: str | torch.device
+) -> RefinedRefocuser:
+    """The refocuser of a checkpoint.
+
+    Args:
+        path: Of the checkpoint, for errors.
+        contents: Of `checkpoint.read`.
+        name: As tables and legends call it.
+        device: Where the network goes.
+
+    Raises:
+        CheckpointError: It describes none that can be built, or its weights have other shapes.
+    """
+    entry = contents["lfref"]
+    if entry.get("format") != REFINER_FORMAT:
+        raise CheckpointError(
+            f"{path} must have format {REFINER_FORMAT}", got=entry.get("format"), remedy="update lfref"
+        )
+    try:
+        base, names = described_refiner(entry)
+        refiner = checkpoint.built(path, Refiner, renamed(entry[REFINER]), contents["state_dict"])
+        check_names(names, refiner.n_candidates)
+    except CheckpointError:
+        raise
+    except (TypeError, KeyError, ValueError, AttributeError, OverflowError, RuntimeError) as error:
+        raise CheckpointError(f"{path} describes no refiner that can be built", got=first_line(error)) from error
+    return RefinedRefocuser(refiner.to(device), base, names, name)
+
+
+def described_refiner(entry: Mapping[str, Any]) -> tuple[OperatorRefocuser, list[str]]:
+    """The method that is refined, and the names of the features.
+
+    Args:
+        entry: Of `refiner_entry`, by this version of lfref or an earlier one.
+
+    Raises:
+        InputError: There is no such method or feature.
+        KeyError: The entry lacks something.
+        TypeError: Options that the method has not.
+    """
+    method, names = entry["base"], renamed(entry)["features"]
+    for name, option in method["options"].items():
+        for value in option if isinstance(option, list | tuple) else [option]:
+            if not (value is None or isinstance(value, str) or abs(float(value)) <= LARGEST_OPTION):
+                raise InputError(f"{name} must be at most {LARGEST_OPTION}", got=f"{value!r:.80}")
+    operator = functools.partial(chosen("method", method["operator"], BASES), **method["options"])
+    inspect.signature(operator).bind(None, None)
+    check_names(names)
+    return OperatorRefocuser(method["name"], operator), names
+
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "learned.safetensors"
 """Weights of the model that ships; their metadata state how it was trained."""
@@ -78,4 +245,4 @@ def learned(
         >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    return refined.restored(SHIPPED, checkpoint.read(SHIPPED), name, device).through(aperture)
+    return restored_refiner(SHIPPED, checkpoint.read(SHIPPED), name, device).through(aperture)

@@ -1,4 +1,7 @@
-"""The sheet of `lfref info`: central view, disparity, corner views, and light of each view."""
+"""The sheet of `lfref info`: central view, disparity, corner views, and light of each view.
+
+Apart from the command, which reads and writes: this file draws.
+"""
 
 import itertools
 from typing import Any

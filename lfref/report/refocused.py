@@ -16,8 +16,7 @@ from lfref.geometry import FocalPlanes
 from lfref.io import images
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap, depth_order, disparity_map
-from lfref.refocus.focus.all_in_focus import all_in_focus, index_to_slope
-from lfref.refocus.focus.extended_focus import extended_focus
+from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
 from lfref.refocuser import filling
 from lfref.report import pictures
 

@@ -1,6 +1,7 @@
 """Result files of `lfref refocus`: stack, planes, contact sheet, maps, point cloud, video; one function per entry.
 
 Every picture of a light field has the same brightness.
+Apart from the command, as the place where a result file is added.
 """
 
 from collections.abc import Callable, Iterable
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.io import images, pfm, point_cloud, video, write
+from lfref.io import disparity_files, images, video, write
 from lfref.refocus.surface import per_pixel
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import drawing, pictures
 from lfref.report.refocused import Refocused, mean_of_views
 
@@ -119,7 +120,7 @@ def _disparity(folder: Path, refocused: Refocused) -> None:
     folder = folder / "disparity"
     for name, values in zip(("disparity", "confidence"), refocused.disparity, strict=True):
         array = values.float().cpu().numpy()
-        pfm.write(folder / f"{name}.pfm", array)
+        disparity_files.write_pfm(folder / f"{name}.pfm", array)
         images.write_image(folder / f"{name}.exr", array[..., None])
     images.write_image(folder / "confidence.png", array[..., None], bits=16)
     drawing.save_figure(focus_map(*refocused.disparity), folder / "map.png")
@@ -136,14 +137,16 @@ def _points(folder: Path, refocused: Refocused) -> None:
     if not bool((confidence > POINT_CONFIDENCE).any()):
         expected = f"{refocused.field.name} must have pixels of confident disparity"
         raise InputError(expected, got="nothing for points.ply", remedy="leave points=true out")
-    cameras = point_cloud.Cameras.from_metadata(refocused.field.metadata)
-    coordinates, pixels, unit = point_cloud.points(refocused.nearness, confidence > POINT_CONFIDENCE, cameras)
+    cameras = disparity_files.Cameras.from_metadata(refocused.field.metadata)
+    coordinates, pixels, unit = disparity_files.points(refocused.nearness, confidence > POINT_CONFIDENCE, cameras)
     # The colour of a point is the mean of all views at its own disparity, not a sample of one view.
     per_point = OperatorRefocuser("per_pixel", per_pixel)
     sharp = per_point.stack(refocused.field.views, refocused.field.weight, disparity)[0]
     colours = _bytes(refocused.encoded(sharp))
     properties = {"disparity": disparity[pixels].numpy(), "confidence": confidence[pixels].numpy()}
-    point_cloud.write_points(folder / "points.ply", coordinates.numpy(), colours[pixels.numpy()], properties, [unit])
+    disparity_files.write_points(
+        folder / "points.ply", coordinates.numpy(), colours[pixels.numpy()], properties, [unit]
+    )
 
 
 def _sweep(folder: Path, refocused: Refocused) -> None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.functional import splines
-from lfref.functional.jit import compiled, inlined
+from lfref.functional.loops import compiled, inlined
 
 OVERSAMPLING = 2
 """Samples per pixel along each axis. Compiled loops rely on it: they keep even and odd columns apart."""

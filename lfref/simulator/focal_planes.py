@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional import cells as cell_areas
+from lfref import geometry
 from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap
 from lfref.simulator.layers import Layer, crossing_pairs, disparity_span, only_shifts
@@ -54,7 +54,7 @@ def cut_aperture(camera: Camera, n_cells: int) -> Cells:
     counts = [max(1, math.ceil(n_cells * side / max(sides) - 1e-9)) for side in sides]
     edges_q, edges_p = (torch.linspace(-1, 1, count + 1, dtype=torch.float64) for count in counts)
     if camera.aperture == "disc":
-        area = cell_areas.of_disc(edges_q, edges_p)
+        area = geometry.covered_by_disc(edges_q, edges_p)
     else:
         area = edges_q.diff()[:, None] * edges_p.diff()
     q, p = ((edge[1:] + edge[:-1]) / 4 * side for edge, side in zip((edges_q, edges_p), sides, strict=True))

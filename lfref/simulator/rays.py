@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.functional.jit import compiled, inlined
+from lfref.functional.loops import compiled, inlined
 from lfref.simulator.bitmaps import OVERSAMPLING, Box, Floats
 from lfref.simulator.layers import Highlight, Layer, is_backdrop
 

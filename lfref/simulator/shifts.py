@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional.jit import compiled, inlined
+from lfref.functional.loops import compiled, inlined
 from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import Quadruple
 

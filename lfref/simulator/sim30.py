@@ -5,6 +5,7 @@ pixels per view step. Figures are comparable only between equal `VERSION`s.
 
 In version 1, what is painted has no frequencies above half a cycle per pixel. In version 2, cameras average over
 several samples per pixel, so that textures and edges have higher frequencies and views alias, as in photographs.
+A file of its own, since its scenes must stay as they are.
 """
 
 import dataclasses

@@ -28,7 +28,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import threads
+from lfref.functional import loops
 from lfref.simulator import bitmaps, focal_planes, rays, truth_loops, views
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Box
 from lfref.simulator.focal_planes import CellFilter, FocalPlane
@@ -145,9 +145,9 @@ class CellRenderer:
             positions = CellPositions(rows, columns)
             composite = functools.partial(truth_loops.composite_fixed, shifted, positions, traced)
         # About 4 million look-ups take as long as one more thread costs to start.
-        n_threads = threads.worthwhile(len(plane.layers) * aperture.weights.size * picture[0].size, 1 << 22)
+        n_threads = loops.worthwhile(len(plane.layers) * aperture.weights.size * picture[0].size, 1 << 22)
         work = functools.partial(composite, aperture, picture)
-        threads.share(work, threads.bands(plane.camera.size[0], n_threads), n_threads)
+        loops.share(work, loops.bands(plane.camera.size[0], n_threads), n_threads)
         return torch.from_numpy(picture)
 
     def _allocate(self, plane: FocalPlane, n_layers: int) -> BlurredLayers:

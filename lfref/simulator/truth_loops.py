@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lfref.functional.jit import compiled, inlined
+from lfref.functional.loops import compiled, inlined
 from lfref.simulator import bitmaps, rays
 from lfref.simulator.bitmaps import Floats, Quadruple
 from lfref.simulator.rays import Atlas, Bools, Float64s, Integers, RayLayers, RayRow

@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import threads
-from lfref.functional.jit import compiled
+from lfref.functional import loops
+from lfref.functional.loops import compiled
 from lfref.simulator import bitmaps, rays, shifts
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Canvas, Floats
 from lfref.simulator.layers import Layer, as_rays, disparity_span, is_backdrop
@@ -76,7 +76,7 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
     # 8 rows of 7 x 7 views stay in a core's second cache until all layers are drawn.
     bands = itertools.pairwise([*range(0, height, 8), height])
     # Plain threads, started for the call: unlike OpenMP's they work after a fork.
-    threads.share(draw_band, bands, torch.get_num_threads())
+    loops.share(draw_band, bands, torch.get_num_threads())
     return torch.from_numpy(picture)
 
 

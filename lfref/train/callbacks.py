@@ -2,6 +2,7 @@
 
 `StepGuard` keeps numbers that are not finite out of weights and checkpoints; `HeadInitialization` starts the last
 convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run.
+Apart from the command, since configurations name them.
 """
 
 import csv

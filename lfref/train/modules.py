@@ -14,20 +14,18 @@ from torch.optim.lr_scheduler import LRScheduler
 from torchmetrics import Metric
 
 from lfref.data.patch_data import Batch
-from lfref.data.plane_data import PlaneBatch
-from lfref.data.plane_sets import Recipe
+from lfref.data.plane_sets import PlaneBatch, Recipe
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
-from lfref.losses.composite import TERMS, CompositeLoss
-from lfref.losses.relative import RelativeError
+from lfref.losses.composite import TERMS, CompositeLoss, RelativeError
 from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
 from lfref.nets.refiner import Refiner
-from lfref.refocuser import refined as refined_refocuser
 from lfref.refocuser.features import check_names
+from lfref.refocuser.networks import refiner_entry
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], Optimizer]
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
@@ -248,7 +246,7 @@ class Refining(Fitting):
 
     def payload(self) -> dict[str, Any]:
         """As in `Fitting`: the refiner's arguments, its method and its features."""
-        return refined_refocuser.payload(self.net, self.recipe.base, self.recipe.features)
+        return refiner_entry(self.net, self.recipe.base, self.recipe.features)
 
     def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
         truth = batch["pictures"] + batch["missing"]

@@ -1,12 +1,15 @@
-"""Ends of a distributed training: all processes stop together when one gets a signal or dies.
+"""Ends of a training: all processes stop together when one gets a signal or dies, and failures from outside (a full
+disk, a dead or hanging data process) are errors of one line.
 
 A handler must not start a collective: other processes may be in another one, and all would wait for ever. Lightning's
 own notifier does so, and is switched off. Here a handler only sets a flag. The processes compare their flags after
 every step; if one is set, they write a checkpoint, from which the epoch continues. A process that stands still in a
 library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives that, since files are renamed
 only when they are whole.
+Apart from the command: signals and processes are a story of their own.
 """
 
+import multiprocessing
 import os
 import signal
 import socket
@@ -20,6 +23,9 @@ from typing import Any
 
 import torch
 from lightning.pytorch import Callback, Trainer
+
+from lfref.errors import CheckpointError, LfrefError, first_line
+from lfref.io import atomic
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 15
@@ -138,3 +144,57 @@ def _end_with_parent(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1)
     os._exit(1)
+
+
+DEAD_PROCESS = (
+    LfrefError,
+    "all processes of a distributed training must live",
+    "look at what ended the other one, and go on from the last checkpoint by resume=RUN",
+)
+KNOWN: dict[str, tuple[type[LfrefError], str, str]] = {
+    "DataLoader worker": (
+        LfrefError,
+        "a process that prepares batches has died",
+        "most often memory ran out: lower data.workers or data.patch",
+    ),
+    "DataLoader timed out": (
+        LfrefError,
+        "a process that prepares batches has stood still for data.timeout seconds",
+        "look at the disk that the data lies on, or raise data.timeout",
+    ),
+    "closed by peer": DEAD_PROCESS,
+    "reset by peer": DEAD_PROCESS,
+    "NCCL": DEAD_PROCESS,
+    "Error(s) in loading state_dict": (
+        CheckpointError,
+        "the network must be the one of the checkpoint",
+        "leave net as it was in the run that is resumed",
+    ),
+}
+"""Part of the message of a RuntimeError -> the error that is raised instead: class, expectation, remedy."""
+
+
+@contextmanager
+def one_line_errors(folder: Path) -> Iterator[None]:
+    """Replace errors of libraries during a training by errors of one line.
+
+    Args:
+        folder: The run folder, to which all files are written.
+
+    Raises:
+        FileError: The disk refuses.
+        LfrefError: A data process died or hangs.
+        CheckpointError: A checkpoint does not fit the network.
+    """
+    try:
+        with atomic.file_errors(folder, "written"):
+            yield
+    except RuntimeError as error:
+        known = next((entry for part, entry in KNOWN.items() if part in str(error)), None)
+        if known is None:
+            raise
+        # A process that hangs would never end, and this one would wait for it at its exit.
+        for process in multiprocessing.active_children():
+            process.kill()
+        error_class, expected, remedy = known
+        raise error_class(expected, got=first_line(error), remedy=remedy) from error

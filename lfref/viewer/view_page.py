@@ -2,6 +2,7 @@
 
 The page loads nothing from elsewhere. Its program is named by its hash, so that a title or a file name cannot bring in
 a program of its own. Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
+Apart from the command: the page is a program of its own.
 """
 
 import base64

@@ -17,9 +17,9 @@ from lfref.functional.psnr import psnr
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import refined
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser import networks
+from lfref.refocuser.networks import RefinedRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
@@ -70,9 +70,9 @@ def test_a_refiner_reads_the_parts_that_its_refocuser_makes(fields, monkeypatch)
     for parameter in network.parameters():
         torch.nn.init.normal_(parameter, std=0.3)
     refiner = RefinedRefocuser(network, BASE, ("central", "picture"), "refined")
-    monkeypatch.setattr(refined, "AT_ONCE", 3 * 6 * 32 * 40)
+    monkeypatch.setattr(networks, "AT_ONCE", 3 * 6 * 32 * 40)
     # Digits are compared here, which half of them would hide.
-    monkeypatch.setattr(refined, "_is_half_faster", lambda device: False)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", dict, raising=False)
     planes = geometry.even_planes(4)
     case = engine_timing.refiner_case(refiner, fields, planes, CPU)
     for inputs, field in zip(case.fields, fields.whole, strict=True):

@@ -13,7 +13,7 @@ from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.response import ToneCurve
 from lfref.simulator.effects.sensor import Sensor

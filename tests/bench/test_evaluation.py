@@ -20,7 +20,7 @@ from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.response import Exposure, ToneCurve

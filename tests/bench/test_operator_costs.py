@@ -15,7 +15,7 @@ from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 
 SLOPES = torch.tensor([-0.5, 0.0, 0.7], dtype=torch.float64)
 CPU = torch.device("cpu")

@@ -8,7 +8,7 @@ import torch
 from lfref.bench import simulation_cost
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import painting
 from lfref.simulator import views as central
 from lfref.simulator.effects.response import Exposure

@@ -7,7 +7,7 @@ from lfref.captures import black_views
 from lfref.io.read import read
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 
 from .scenes import ODD, clean
 

@@ -1,16 +1,22 @@
 """Registration: patches have the scene's disparities; displacements are explained exactly, without outliers."""
 
 import dataclasses
+import math
+from types import SimpleNamespace
 
 import pytest
 import torch
 from torch.nn import functional as F
 
+import lfref
 from lfref import geometry
 from lfref.captures import displacements, registration
 from lfref.captures.displacements import Observed
+from lfref.captures.registration import AlignmentDefect, positions_of
 from lfref.lightfield import LightField
 
+from . import displaced
+from .displaced import rms
 from .scenes import clean, registered, registered_clean
 
 PLACES = torch.cartesian_prod(*[geometry.angular_offsets(5)] * 2)
@@ -158,3 +164,190 @@ def test_noise_is_at_least_a_hundredth_of_the_contrast():
 def test_information_is_limited_across_stripes_and_to_two_hundredths_of_a_pixel(strongest, across, expected):
     limited = registration.limited(torch.diag(torch.tensor([strongest, across], dtype=torch.float64)))
     assert float(limited[1, 1]) == pytest.approx(expected, rel=0.01, abs=1e-9)
+
+
+def found_in(field):
+    return registration.find_alignment(field.grid, registered(field))
+
+
+@pytest.mark.parametrize("name", ["shards", "leaves"])
+def test_known_shifts_are_estimated(name):
+    truth = displaced.shifts()
+    defect = found_in(displaced.misaligned(name, truth))
+    assert defect.reason_to_skip() is None
+    assert rms(defect.shifts - truth) < 0.01
+    assert "px" in defect.summary()
+
+
+@pytest.mark.parametrize("disturbed", ["noise", "shading"])
+def test_noise_and_shading_do_not_move_views(disturbed):
+    truth = displaced.shifts()
+    field = displaced.misaligned("shards", truth)
+    gains = torch.linspace(0.4, 1.2, 49).reshape(7, 7, 1, 1, 1)
+    shaded = dataclasses.replace(field, views=0.05 + gains * field.views)
+    defect = found_in(displaced.noisy(field) if disturbed == "noise" else shaded)
+    assert rms(defect.shifts - truth) < 0.01
+
+
+def test_views_without_weight_move_no_others():
+    truth = displaced.shifts()
+    field = displaced.misaligned("shards", truth)
+    weight = torch.ones(7, 7, 1, *field.size)
+    field.views[::6, ::6], weight[::6, ::6] = 0, 0
+    defect = found_in(dataclasses.replace(field, weight=weight))
+    inside = weight.amax((2, 3, 4)) > 0
+    places = registration.positions_of(field).unflatten(0, (7, 7))
+    linear = torch.cat([places, torch.ones(7, 7, 1)], -1).double()[inside]
+    error = (defect.shifts - truth)[inside]
+    assert rms(error - linear @ torch.linalg.lstsq(linear, error).solution) < 0.01
+
+
+@pytest.mark.parametrize("name", ["shards", "stripes", "window", "gloss", "mirror", "running", "lattice"])
+def test_scenes_without_misalignment_stay_as_they_are(name):
+    assert registration.find_alignment((7, 7), registered_clean(name)).reason_to_skip() is not None
+
+
+def test_noise_is_no_misalignment():
+    assert found_in(displaced.noisy(clean("leaves"), 0.05)).reason_to_skip() is not None
+
+
+@pytest.mark.parametrize(
+    ("shift", "error", "is_corrected"),
+    [(0.022, 0.0, True), (0.018, 0.0, False), (0.11, 0.02, True), (0.09, 0.02, False), (9.0, float("inf"), False)],
+)
+def test_shifts_are_corrected_from_two_hundredths_of_a_pixel_and_five_standard_errors(shift, error, is_corrected):
+    defect = AlignmentDefect(torch.full((3, 3, 2), shift), error)
+    assert (defect.reason_to_skip() is None) == is_corrected
+
+
+@pytest.mark.parametrize(("size", "is_kept"), [(2.8, True), (3.2, False)])
+def test_linear_parts_count_up_to_three_times_the_other_shifts(size, is_kept):
+    others = 0.1 * displaced.shifts().flatten(0, 1) / rms(displaced.shifts())
+    positions = registration.positions_of(clean("shards"))
+    linear = registration.linear_shifts(positions)[:, 4].unflatten(0, (49, 2))
+    both = others + size * 0.1 * linear
+    stub = SimpleNamespace(
+        positions=positions,
+        explanation=SimpleNamespace(shifts=others),
+        explain=lambda unknown, chosen=None: SimpleNamespace(shifts=both if unknown.shape[1] == 4 else others),
+        quarters=lambda: range(4),
+    )
+    expected = both if is_kept else others
+    torch.testing.assert_close(registration.find_alignment((7, 7), stub).shifts, expected.unflatten(0, (7, 7)))
+
+
+def test_corrected_views_are_those_of_the_scene():
+    field = displaced.misaligned("shards", displaced.shifts())
+    inside = (..., slice(8, -8), slice(8, -8))
+    before = rms((field.views - clean("shards").views)[inside])
+    after = rms((found_in(field).corrected(field).views - clean("shards").views)[inside])
+    assert after < before / 5
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (3, 3)])
+def test_flat_views_stay_in_their_places(shape):
+    defect = found_in(LightField(torch.full((*shape, 3, 80, 96), 0.5)))
+    assert "too little texture" in defect.reason_to_skip()
+    assert not defect.shifts.any()
+
+
+def test_a_single_row_of_views_is_aligned():
+    truth = displaced.shifts()[3]
+    field = displaced.misaligned("shards", displaced.shifts())
+    defect = found_in(dataclasses.replace(field, views=field.views[3:4]))
+    across = torch.linspace(-1, 1, 7, dtype=torch.float64)
+    # Linear parts are unknown along the row, and cannot be trusted across it.
+    linear = torch.stack([torch.ones(7, dtype=torch.float64), across], -1)
+    error = defect.shifts[0] - truth
+    assert rms(error - linear @ torch.linalg.lstsq(linear, error).solution) < 0.02
+
+
+def test_both_halves_of_a_real_capture_have_the_same_shifts(lytro):
+    field = lfref.read(lytro, encoding="linear")
+    left, right = (found_in(field.crop(0, start, 300, 330)).shifts for start in (0, 222))
+    assert rms(left - right) < 0.05
+    assert float((left * right).sum() / (left.norm() * right.norm())) > 0.3
+
+
+@pytest.mark.parametrize("ratio", [0.9, 1.04, 1.2])
+def test_a_known_ratio_is_estimated_to_half_a_percent(ratio):
+    defect = registration.find_spacing(registered(displaced.stretched("leaves", ratio)))
+    assert defect.reason_to_skip() is None
+    assert defect.ratio == pytest.approx(ratio, rel=5e-3)
+    assert f"[{defect.ratio:.4f},1]" in defect.summary()
+
+
+def test_every_second_column_makes_rows_half_as_far_apart():
+    defect = registration.find_spacing(registered(LightField(clean("leaves").views[:, ::2])))
+    assert defect.estimate == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["leaves", "plane", "stripes", "window", "lattice"])
+def test_even_grids_stay_even(name):
+    assert registration.find_spacing(registered_clean(name)).reason_to_skip() is not None
+
+
+def test_a_single_row_of_views_has_no_spacing():
+    defect = registration.find_spacing(registered(LightField(clean("leaves").views[3:4])))
+    assert math.isnan(defect.estimate)
+    assert "too few rows and columns" in defect.reason_to_skip()
+
+
+def test_rows_move_to_their_distance_and_columns_stay():
+    field = LightField(torch.rand(3, 5, 1, 8, 8))
+    positions = registration.SpacingDefect(1.1, 1.1, 0.01).corrected(field).positions
+    assert positions[:, :, 0].tolist() == [[pytest.approx(v)] * 5 for v in (-1.1, 0, 1.1)]
+    assert positions[:, :, 1].tolist() == [[-2, -1, 0, 1, 2]] * 3
+
+
+@pytest.mark.parametrize(
+    ("excess", "error", "outermost", "scatter", "expected"),
+    [
+        (0.11, 0.02, 9.0, 0.0, True),  # five standard errors
+        (0.09, 0.02, 9.0, 0.0, False),
+        (0.022, 0.0, 1.0, 0.0, True),  # a shift of .04 pixels of the outermost view
+        (0.018, 0.0, 1.0, 0.0, False),
+        (0.5, 0.0, 9.0, 1.5, True),  # .6 of the scatter of patches
+        (0.5, 0.0, 9.0, 1.9, False),
+    ],
+)
+def test_a_ratio_counts_if_it_is_certain_shows_and_exceeds_the_scatter(excess, error, outermost, scatter, expected):
+    assert registration.is_certain(excess, error, torch.full((20,), 2.0), outermost, scatter) == expected
+
+
+def patches(disparities, precision):
+    """A registration of patches with these disparities [K, 2] and precisions [K, 2]."""
+    return SimpleNamespace(
+        explanation=SimpleNamespace(
+            disparities=disparities, precision=precision, shifts=torch.zeros(49, 2, dtype=torch.float64)
+        ),
+        positions=positions_of(clean("leaves")),
+    )
+
+
+def differing(n, mean, difference, precision):
+    """Patches whose disparities along rows and columns differ by so much."""
+    disparities = torch.stack([mean + difference / 2, mean - difference / 2], 1)
+    return patches(disparities, precision.expand(n, 2)), torch.arange(n)
+
+
+SIGNS = (1 - 2.0 * (torch.arange(400) % 2)).double()
+OTHER_SIGNS = (1 - 2.0 * (torch.arange(400) // 2 % 2)).double()
+
+
+def test_a_ratio_of_little_evidence_is_half_as_far_from_one():
+    # A prior of standard deviation .2 has as much information as these patches. With Cauchy weights, one at a standard
+    # deviation pulls by .48 of its distance.
+    deviation = 0.1
+    mean = SIGNS * deviation * (25 / (0.48 * 400)) ** 0.5
+    precision = torch.tensor(2 / deviation**2, dtype=torch.float64)
+    fit, _ = registration.fit_ratio(*differing(400, mean, 0.1 * mean + deviation * OTHER_SIGNS, precision))
+    assert float(fit.values[1]) == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_constant_difference_of_more_than_two_thousandths_of_a_pixel_per_view_is_unlikely():
+    # A prior of that standard deviation has as much information as these patches; see above.
+    deviation = 0.002 * (0.48 * 400) ** 0.5
+    precision = torch.tensor(2 / deviation**2, dtype=torch.float64)
+    fit, _ = registration.fit_ratio(*differing(400, SIGNS, 1e-3 + deviation * OTHER_SIGNS, precision))
+    assert float(fit.values[0]) == pytest.approx(5e-4, rel=0.2)

@@ -15,8 +15,8 @@ from lfref.captures.vignetting import Rim, RimFit, VignettingDefect
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
-from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.vignetting import clipped_pupil, falloff
 from lfref.simulator.simulate import simulate

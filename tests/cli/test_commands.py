@@ -12,7 +12,7 @@ import yaml
 from lfref.encoding import SRGB
 from lfref.io.read import read, read_stack
 from lfref.refocus import apertures
-from lfref.refocus.focus.extended_focus import extended_focus
+from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from tests.cli.conftest import TINY
 

@@ -53,6 +53,7 @@ def test_a_folder_of_somebody_else_is_refused(tmp_path, overwrite):
 def test_a_run_that_failed_before_its_results_leaves_a_free_folder(tmp_path):
     run(tmp_path, **{"config.yaml": "x", "overrides.yaml": "x", "refocus.log": "x"})
     run_folder.claim(tmp_path)
+    assert (tmp_path / run_folder.LOCK).is_file()
 
 
 def test_a_run_that_was_refused_before_it_marked_the_folder_leaves_a_free_folder(tmp_path):

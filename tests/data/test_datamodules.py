@@ -18,7 +18,7 @@ from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
 from lfref.io import ownership
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 

@@ -20,7 +20,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 

@@ -23,7 +23,7 @@ from lfref.io import read as reader
 from lfref.io.write import write
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects import displacement
 from lfref.simulator.effects.sensor import Sensor

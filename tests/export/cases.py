@@ -8,11 +8,9 @@ from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.lightfield import LightField
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
-from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.operators import OperatorRefocuser
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 
 GRID = (3, 3)
 PLANES = planes_at_alphas([0.5, 1.0, 2.0])

@@ -10,8 +10,8 @@ from torch.autograd import gradcheck, gradgradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from lfref.errors import InputError
+from lfref.functional import loops
 from lfref.functional import ssim as ssim_module
-from lfref.functional import threads
 from lfref.functional.ssim import RADIUS, TAPS, bands, formula, one_minus_ssim, plane_values, ssim, window
 
 
@@ -242,7 +242,7 @@ def test_threads_change_no_digit(monkeypatch) -> None:
     x, y = planes(5, 9, 8, dtype=torch.float32).requires_grad_(), planes(5, 9, 8, dtype=torch.float32, seed=1)
     results = []
     for n_threads in (1, 2, 4, 9):
-        monkeypatch.setattr(threads, "worthwhile", lambda *_, n_threads=n_threads: n_threads)
+        monkeypatch.setattr(loops, "worthwhile", lambda *_, n_threads=n_threads: n_threads)
         values = plane_values(x, y, C1, C2)
         results.append((values, *torch.autograd.grad(values.sum(), x)))
     for others in results[1:]:

@@ -25,10 +25,10 @@ import lfref
 from lfref.engines.files import as_onnx, as_pt2
 from lfref.errors import CheckpointError, LfrefError
 from lfref.export import export_file, graphs
-from lfref.io import digests, run, tensor_files
+from lfref.io import run, tensor_files
 from lfref.nets import checkpoint
 from lfref.nets.refnet import RefNet
-from lfref.refocuser import refined
+from lfref.refocuser import networks
 from tests.conftest import ROOT
 from tests.export import cases
 
@@ -68,8 +68,8 @@ def refused(path, part=""):
 
 def reseal(path, *beside):
     """Write the digest of a changed file anew."""
-    path.write_bytes(digests.PLACE.sub(digests.BLANK.encode(), path.read_bytes()))
-    digests.write(path, *beside)
+    path.write_bytes(tensor_files.PLACE.sub(tensor_files.BLANK.encode(), path.read_bytes()))
+    tensor_files.fill_digest(path, *beside)
 
 
 def change_archive(path, change):
@@ -79,7 +79,7 @@ def change_archive(path, change):
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in members.items():
             archive.writestr(name, change(name.partition("/")[2], content))
-    digests.write_to_archive(path)
+    tensor_files.fill_archive_digest(path)
 
 
 def change_graph(path, change):
@@ -219,7 +219,7 @@ def test_other_members_and_two_members_of_one_name_are_refused(folder):
                     archive.writestr(name, b"other")
             else:
                 archive.writestr(name, b"\x7fELF")
-        digests.write_to_archive(path)
+        tensor_files.fill_archive_digest(path)
         refused(path, "must hold plain weights")
 
 
@@ -230,7 +230,7 @@ def test_members_that_grow_when_they_are_unpacked_are_refused(folder, name):
     with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED) as archive:
         for member, content in members.items():
             archive.writestr(member, content)
-    digests.write_to_archive(folder / name)
+    tensor_files.fill_archive_digest(folder / name)
     refused(folder / name, "must hold plain members")
 
 
@@ -242,7 +242,7 @@ def change_onnx(path, change):
     model = onnx.load(path)
     change(model)
     path.write_bytes(model.SerializeToString())
-    if digests.PLACE.search(path.read_bytes()):
+    if tensor_files.PLACE.search(path.read_bytes()):
         reseal(path)
 
 
@@ -356,7 +356,7 @@ def scaled(folder, kind):
 def test_weights_times_another_number_and_a_digest_of_zeros_are_refused(folder, kind):
     path = folder / NAMES[kind]
     whole = path.read_bytes()
-    path.write_bytes(digests.PLACE.sub(digests.BLANK.encode(), whole))
+    path.write_bytes(tensor_files.PLACE.sub(tensor_files.BLANK.encode(), whole))
     refused(path, "damaged or was changed")
     path.write_bytes(whole)
     assert np.isfinite(stack(path)).all()
@@ -539,9 +539,9 @@ print(len(paths), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 def save_refiner(path, options=(), **arguments):
     """A checkpoint of a refiner with other arguments, or with options of its method."""
     refocuser = cases.refiner()
-    entry = refined.payload(refocuser.refiner, refocuser.base, refocuser.names)
+    entry = networks.refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
     entry["base"] |= {"operator": "refocus_by_layers", "options": dict(options)}
-    entry[refined.KIND] = entry[refined.KIND] | arguments
+    entry[networks.REFINER] = entry[networks.REFINER] | arguments
     state = {checkpoint.PREFIX + name: value for name, value in refocuser.refiner.state_dict().items()}
     tensor_files.write_checkpoint(path, {"lfref": entry, "state_dict": state})
 
@@ -564,7 +564,7 @@ def save_refiner(path, options=(), **arguments):
 )
 def test_a_refiner_that_asks_for_memory_is_refused(tmp_path, arguments):
     save_refiner(tmp_path / "net.ckpt", {"n_layers": 100, "fill": 0.5, "border": "edge"})
-    assert isinstance(lfref.load(tmp_path / "net.ckpt"), refined.RefinedRefocuser)
+    assert isinstance(lfref.load(tmp_path / "net.ckpt"), networks.RefinedRefocuser)
     save_refiner(tmp_path / "net.ckpt", **arguments)
     refused(tmp_path / "net.ckpt")
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lfref.errors import FileError
-from lfref.io import metadata, pfm, read
+from lfref.io import disparity_files, metadata, read
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 PARAMETERS = """[intrinsics]
@@ -54,8 +54,8 @@ def photographed(depth: float, focus: float, focal: float = 64.0, baseline: floa
 def test_their_disparity_with_our_sign_is_the_slope_that_is_sharp(tmp_path, depth, focus):
     views, disparity = photographed(depth, focus)
     assert (disparity > 0) == (depth < focus)
-    pfm.write(tmp_path / "gt_disp_lowres.pfm", np.full((24, 32), disparity))
-    slope = float(pfm.read_hci_disparity(tmp_path / "gt_disp_lowres.pfm")[0, 0])
+    disparity_files.write_pfm(tmp_path / "gt_disp_lowres.pfm", np.full((24, 32), disparity))
+    slope = float(disparity_files.read_hci_disparity(tmp_path / "gt_disp_lowres.pfm")[0, 0])
     sharp, mirrored = shift_and_sum(views, [slope, -slope], interpolation="exact")[:, 0, 8:-8, 8:-8]
     truth = views[2, 2, 0, 8:-8, 8:-8]
     assert (sharp - truth).abs().max() < 0.02  # what wraps around at the borders
@@ -63,9 +63,9 @@ def test_their_disparity_with_our_sign_is_the_slope_that_is_sharp(tmp_path, dept
 
 
 def test_colours_are_no_disparity(tmp_path, one_line):
-    pfm.write(tmp_path / "a.pfm", np.zeros((2, 3, 3)))
+    disparity_files.write_pfm(tmp_path / "a.pfm", np.zeros((2, 3, 3)))
     with pytest.raises(FileError) as caught:
-        pfm.read_hci_disparity(tmp_path / "a.pfm")
+        disparity_files.read_hci_disparity(tmp_path / "a.pfm")
     one_line(caught.value, tmp_path / "a.pfm", "grey")
 
 

@@ -27,7 +27,7 @@ def contents(folder):
 
 
 @pytest.fixture
-def kept(tmp_path, one_line):
+def refuses(tmp_path, one_line):
     """Runs what must refuse in one line that names these things, and must leave every file as it was."""
 
     def check(replacing, *named):
@@ -40,18 +40,18 @@ def kept(tmp_path, one_line):
     return check
 
 
-def test_captured_views_are_not_replaced_though_they_are_named_like_ours(tmp_path, make_field, kept):
+def test_captured_views_are_not_replaced_though_they_are_named_like_ours(tmp_path, make_field, refuses):
     for row, column in np.ndindex(2, 2):
         captured(tmp_path / "capture" / f"mycamera_{row:02d}_{column:02d}.png")
-    kept(lambda: write.write(tmp_path / "capture", make_field()), tmp_path / "capture", "mycamera_00_00.png")
+    refuses(lambda: write.write(tmp_path / "capture", make_field()), tmp_path / "capture", "mycamera_00_00.png")
 
 
-def test_a_view_that_was_painted_over_is_not_replaced_whatever_its_size(tmp_path, make_field, kept):
+def test_a_view_that_was_painted_over_is_not_replaced_whatever_its_size(tmp_path, make_field, refuses):
     path = write.write(tmp_path / "a", make_field((2, 2)))
     view = bytearray((path / "a_01_00.png").read_bytes())
     view[-20] ^= 1
     (path / "a_01_00.png").write_bytes(view)
-    kept(lambda: write.write(path, make_field()), path, "a_01_00.png")
+    refuses(lambda: write.write(path, make_field()), path, "a_01_00.png")
 
 
 def test_a_view_that_was_removed_does_not_hinder(tmp_path, make_field):
@@ -61,28 +61,28 @@ def test_a_view_that_was_removed_does_not_hinder(tmp_path, make_field):
     assert {child.name for child in path.iterdir()} == {ownership.MARK, "a_00_00.png"}
 
 
-def test_a_folder_in_the_folder_is_not_replaced(tmp_path, make_field, kept):
+def test_a_folder_in_the_folder_is_not_replaced(tmp_path, make_field, refuses):
     path = write.write(tmp_path / "a", make_field((1, 1)))
     captured(path / "more" / "b.png")
-    kept(lambda: write.write(path, make_field()), "also more")
+    refuses(lambda: write.write(path, make_field()), "also more")
 
 
 @pytest.mark.parametrize(
     "damage", ["", "[]", "{}", "null", '{"kind": "views"}', '{"kind": "views", "files": 3}', "\xff"]
 )
-def test_a_damaged_mark_is_none(tmp_path, make_field, kept, damage):
+def test_a_damaged_mark_is_none(tmp_path, make_field, refuses, damage):
     path = write.write(tmp_path / "a", make_field((1, 1)))
     (path / ownership.MARK).write_text(damage, "latin-1")
-    kept(lambda: write.write(path, make_field()), "a_00_00.png")
+    refuses(lambda: write.write(path, make_field()), "a_00_00.png")
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])
 @pytest.mark.parametrize("foreign", ["picture", "text"])
-def test_an_image_file_of_another_program_is_not_replaced(tmp_path, make_field, kept, name, foreign):
+def test_an_image_file_of_another_program_is_not_replaced(tmp_path, make_field, refuses, name, foreign):
     path = tmp_path / name
     captured(path) if foreign == "picture" else path.write_text("notes")
-    kept(lambda: images.write_image(path, np.zeros((2, 2, 3))), path)
-    kept(lambda: images.write_parts(path, [images.Part(np.zeros((2, 2, 1)), "surface_00")]), path)
+    refuses(lambda: images.write_image(path, np.zeros((2, 2, 3))), path)
+    refuses(lambda: images.write_parts(path, [images.Part(np.zeros((2, 2, 1)), "surface_00")]), path)
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])

@@ -1,15 +1,24 @@
 """Weights become an aperture of sum 1; any batch dimensions pass through an operator, integers become radiance."""
 
+import functools
 import math
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch import Tensor
 from torch.autograd import forward_ad
 
+from lfref import geometry
 from lfref.errors import InputError
 from lfref.refocus import batches
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.homography import homography, slope_homographies
+from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.surface import per_pixel, tilt_shift
+from tests.refocus.conftest import dirichlet, texture
+from tests.refocus.slow import slow_shift_and_sum
 
 
 def test_no_weights_weigh_all_views_alike():
@@ -146,3 +155,164 @@ def test_tensors_that_are_being_transformed_are_for_pytorch(transform):
 
 def test_other_kinds_of_tensor_are_for_pytorch():
     assert batches.compiler_for(torch.nn.Parameter(PLAIN, requires_grad=False)) is None
+
+
+GRID, SIZE, SLOPES = (3, 4), (14, 17), [-1.3, 0.0, 0.41, 1.0]
+
+
+def uneven(kind: str, grid: tuple[int, int] = GRID) -> Tensor:
+    """Positions that are even, differ by row and column only, by the view in its row, or any way."""
+    offsets = [geometry.angular_offsets(n) for n in grid]
+    stand, generator = torch.stack(torch.meshgrid(*offsets, indexing="ij"), -1), torch.Generator().manual_seed(3)
+    noise = 0.4 * torch.rand(*grid, 2, dtype=torch.float64, generator=generator) - 0.2
+    if kind == "separable":
+        noise[..., 0], noise[..., 1] = noise[:, :1, 0], noise[:1, :, 1]
+    if kind == "rows":
+        noise[..., 0] = noise[:, :1, 0]
+    return stand + (0 if kind == "even" else noise)
+
+
+KINDS = ["even", "separable", "rows", "general"]
+each_kind = pytest.mark.parametrize("kind", KINDS)
+
+
+@each_kind
+@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+def test_shift_and_sum_equals_the_slow_reference(kind, interpolation, border):
+    views, weights = torch.rand(*GRID, 1, 6, 7, dtype=torch.float64), torch.rand(GRID, dtype=torch.float64)
+    weights[1, 2] = 0
+    positions = uneven(kind)
+    stack = shift_and_sum(views, SLOPES, interpolation, border, weights, positions=positions)
+    differentiated = shift_and_sum(views.requires_grad_(), SLOPES, interpolation, border, weights, positions=positions)
+    torch.testing.assert_close(differentiated.detach(), stack, atol=1e-12, rtol=0)
+    for image, slope in zip(stack, SLOPES, strict=True):
+        expected = slow_shift_and_sum(views.detach(), slope, interpolation, border, weights, positions)
+        torch.testing.assert_close(image, expected, atol=1e-12, rtol=0)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.data())
+def test_compiled_loops_equal_eager_operations_wherever_cameras_stand(data):
+    grid = data.draw(st.tuples(st.integers(1, 5), st.integers(1, 5)))
+    size = data.draw(st.tuples(st.integers(1, 20), st.integers(1, 40)))
+    positions = uneven(data.draw(st.sampled_from(KINDS)), grid) * data.draw(st.floats(0, 1))
+    extent = batches.lines(grid, positions).extent
+    steepest = min((n / (m - 1) for n, m in zip(size, extent, strict=True) if m > 1), default=3)
+    slopes = [0.99 * steepest * share for share in data.draw(st.lists(st.floats(-1, 1), min_size=1, max_size=3))]
+    weights = torch.randint(0, 3, grid, generator=torch.Generator().manual_seed(data.draw(st.integers(0, 99))))
+    weights[0, 0] += weights.sum() == 0
+    border = data.draw(st.sampled_from(["renormalize", "edge", "zero"]))
+    interpolation = data.draw(st.sampled_from(["nearest", "linear", "cubic"]))
+    views = torch.rand(*grid, 1, *size, dtype=torch.float64)
+    read = functools.partial(
+        shift_and_sum, slopes=slopes, interpolation=interpolation, border=border, weights=weights, positions=positions
+    )
+    torch.testing.assert_close(read(views), read(views.requires_grad_()).detach(), atol=1e-12, rtol=0)
+
+
+@each_kind
+@pytest.mark.parametrize("size", [(16, 18), (15, 17)])
+def test_exact_refocusing_reads_every_view_by_its_own_phases(kind, size):
+    views, positions = torch.rand(*GRID, 1, *size, dtype=torch.float64), uneven(kind)
+    weights = torch.rand(GRID, dtype=torch.float64)
+    expected = torch.zeros(len(SLOPES), 1, *size, dtype=torch.float64)
+    for image, slope in zip(expected, SLOPES, strict=True):
+        for v, u in torch.ones(GRID).nonzero().tolist():
+            row, column = (dirichlet(n, slope * float(p)) for n, p in zip(size, positions[v, u], strict=True))
+            image += weights[v, u] / weights.sum() * (row @ views[v, u] @ column.T)
+    for stack in (
+        exact_fourier(views, SLOPES, weights, positions=positions),
+        shift_and_sum(views, SLOPES, "exact", "wrap", weights, positions=positions),
+    ):
+        torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
+
+
+def shifted_by(image: Tensor, disparity: float, positions: Tensor) -> Tensor:
+    """Views of a periodic plane from cameras anywhere: f(x - d u, y - d v)."""
+    height, width = image.shape[-2:]
+    rows = [
+        [dirichlet(height, -disparity * float(v)) @ image @ dirichlet(width, -disparity * float(u)).T for v, u in row]
+        for row in positions
+    ]
+    return torch.stack([torch.stack(row) for row in rows])
+
+
+@each_kind
+def test_a_plane_comes_back_at_its_own_disparity(kind):
+    image, positions = texture(2, 48, 51), uneven(kind, (5, 5))
+    views = shifted_by(image, 0.63, positions)
+    torch.testing.assert_close(exact_fourier(views, [0.63], positions=positions)[0], image, atol=1e-12, rtol=0)
+    if kind != "even":
+        assert float((exact_fourier(views, [0.63])[0] - image).abs().max()) > 1e-3
+
+
+@each_kind
+def test_all_that_take_cameras_anywhere_agree(kind):
+    views, positions = torch.rand(*GRID, 2, *SIZE, dtype=torch.float64), uneven(kind)
+    expected = shift_and_sum(views, SLOPES, positions=positions)
+    maps = torch.tensor(SLOPES, dtype=torch.float64)[:, None, None].expand(-1, *SIZE)
+    for stack in (
+        per_pixel(views, maps, positions=positions),
+        per_pixel(views.clone().requires_grad_(), maps, positions=positions).detach(),
+        tilt_shift(views, SLOPES, (0, 0), positions=positions),
+        homography(views, slope_homographies(SLOPES, GRID, positions)),
+    ):
+        torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
+    still, slopes = views[:1, :1].expand_as(views), [-0.9, 0.0, 0.41]
+    torch.testing.assert_close(
+        shift_and_sum_through_cells(still, slopes, positions=positions),
+        shift_and_sum(still, slopes, "cubic", positions=positions),
+    )
+
+
+@pytest.mark.parametrize("operator", [shift_and_sum, functools.partial(tilt_shift, tilt=(0.02, -0.01)), exact_fourier])
+def test_rows_and_columns_taken_from_a_finer_grid_are_that_grid_with_the_others_closed(operator):
+    views = torch.rand(9, 9, 3, 40, 48)
+    rows, columns = torch.tensor([0, 1, 4, 5, 8]), torch.tensor([0, 3, 4, 7])
+    is_open = torch.zeros(9, 9)
+    is_open[rows[:, None], columns] = 1
+    positions = batches.even((9, 9))[rows[:, None], columns]
+    stack = operator(views[rows[:, None], columns], [-1.7, 0.3], positions=positions)
+    torch.testing.assert_close(stack, operator(views, [-1.7, 0.3], weights=is_open), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape", "alike"),
+    [("even", (3, 4), 1), ("separable", (3, 4), 1), ("rows", (3, 4), 3), ("general", (12, 1), 12)],
+)
+def test_lines_are_as_few_as_the_positions_allow(kind, shape, alike):
+    cameras = batches.lines(GRID, uneven(kind))
+    assert cameras.shape == shape
+    assert len(cameras.columns) == alike
+
+
+def test_no_positions_are_the_even_grid():
+    for a, b in zip(batches.lines(GRID), batches.lines(GRID, uneven("even")), strict=True):
+        assert torch.equal(a, b)
+    assert batches.lines(GRID).extent == GRID
+    views = torch.rand(*GRID, 2, *SIZE)
+    assert torch.equal(shift_and_sum(views, SLOPES), shift_and_sum(views, SLOPES, positions=uneven("even")))
+
+
+@each_kind
+def test_coverage_counts_the_views_that_have_a_sample(kind):
+    views, weights = torch.ones(*GRID, 1, *SIZE, dtype=torch.float64), torch.rand(GRID, dtype=torch.float64)
+    share = coverage([2.3], GRID, SIZE, "nearest", weights, positions=uneven(kind))
+    # Bright views that are black beyond their edges.
+    expected = shift_and_sum(views, [2.3], "nearest", "zero", weights, positions=uneven(kind))
+    torch.testing.assert_close(share, expected[:, 0], atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        (torch.zeros(3, 3, 2), r"positions must be \[3, 4, 2\], \(v, u\) of each view; got shape \[3, 3, 2\]"),
+        (torch.full((3, 4, 2), torch.nan), "positions must be finite"),
+        (uneven("even") * 9, "the outermost view must shift by less than half"),
+    ],
+)
+@pytest.mark.parametrize("operator", [shift_and_sum, exact_fourier, shift_and_sum_through_cells])
+def test_positions_that_cannot_be_used_are_refused(operator, positions, message):
+    with pytest.raises(InputError, match=message):
+        operator(torch.rand(*GRID, 1, *SIZE), [1.0], positions=positions)

@@ -10,13 +10,14 @@ import pytest
 import torch
 
 from lfref.refocus import batches, occlusion_aware, wiener, wiener_filters
-from lfref.refocus.disparity import cost_volume, disparity_map, disparity_range, matching
+from lfref.refocus.disparity import cost_volume, disparity_map, matching
 from lfref.refocus.disparity.cost_volume import grey_views
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.focus.slope_range import CoarseDisparity, reduce_views
-from lfref.refocus.fourier import disparity_layers, layer_energies, layer_mixing
+from lfref.refocus.fourier import disparity_layers, layer_mixing
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift import shift_and_sum
 from tests.refocus.conftest import layered_views
 
 FULL = batches.checked_weights(None, (7, 7))
@@ -56,7 +57,7 @@ def energies(views):
     faint_light = scene(noise=0.01) + 0.19 * layered_views(-2.0, 1.9)[0].float()
     large = views.repeat_interleave(5, -1).repeat_interleave(5, -2)
     fields = (views, large, scene(noise=0.1), faint_light)
-    estimated = [layer_energies.estimate_energies(field, 5, FULL) for field in fields]
+    estimated = [disparity_layers.estimate_energies(field, 5, FULL) for field in fields]
     return [*(layers.disparities[[0, -1]] for layers in estimated), estimated[0].shares[:2]]
 
 
@@ -103,11 +104,11 @@ def matched(views):
 
 def ranges(views):
     large = views.repeat_interleave(4, -1).repeat_interleave(4, -2)
-    found = [*disparity_range.disparity_range(views), *disparity_range.disparity_range(large)]
+    found = [*shift_and_sum.disparity_range(views), *shift_and_sum.disparity_range(large)]
     ends = []
     for low in (0.0, -2.0):  # spectra that know less, or something else, than reduced views
-        narrow = layer_energies.Energies(torch.tensor([low, low + 0.1], dtype=torch.float64), torch.full((2,), 0.5))
-        with mock.patch.object(layer_energies, "estimate_energies", return_value=narrow):
+        narrow = disparity_layers.Energies(torch.tensor([low, low + 0.1], dtype=torch.float64), torch.full((2,), 0.5))
+        with mock.patch.object(disparity_layers, "estimate_energies", return_value=narrow):
             ends += disparity_map.estimate_range(0.05 * views + torch.linspace(0, 1, 80), FULL)
             ends += disparity_map.estimate_range(views, FULL)
             ends += disparity_map.estimate_range(scene(noise=0.3), FULL)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.refocus import apertures, batches, lines
+from lfref.refocus import apertures, batches
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
@@ -58,7 +58,7 @@ def from_anywhere(operator):
     def moved(views, **options):
         grid = views.shape[-5:-3]
         drift = torch.sin(torch.arange(2.0 * grid.numel(), dtype=torch.float64)).reshape(*grid, 2)
-        return operator(views, positions=lines.even(grid) + 0.3 * drift, **options)
+        return operator(views, positions=batches.even(grid) + 0.3 * drift, **options)
 
     return moved
 

@@ -2,13 +2,17 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
+from lfref.functional import loops
 from lfref.refocus import footprint
+from lfref.refocus.footprint import RowFactors
+from lfref.refocus.sampling import BORDERS
 
 VIEWS = torch.zeros(2, 5, 5, 3, 8, 9)
 SLOPES = torch.tensor([-1.0, 0.5], dtype=torch.float64)
@@ -135,3 +139,176 @@ def test_cells_that_cannot_be_are_refused(fill, disparity, message):
 def test_a_box_wider_than_the_picture_is_refused():
     with pytest.raises(InputError, match=r"at most the picture's 9 px; got 16 px"):
         footprint.checked(8, 1.0, VIEWS).widths(SLOPES)
+
+
+SIZE = (11, 14)
+
+
+def slow_box(image, widths, border):
+    """Each pixel's own box, one sample at a time; [H, W] each."""
+    height, width = image.shape
+    blurred = torch.zeros_like(image)
+    for y in range(height):
+        for x in range(width):
+            weights = footprint.taps(float(widths[y, x]))
+            radius = len(weights) // 2
+            for k, down in enumerate(weights):
+                for m, across in enumerate(weights):
+                    blurred[y, x] += down * across * read(image, y + k - radius, x + m - radius, border)
+    return blurred
+
+
+def read(image, y, x, border):
+    height, width = image.shape
+    if border == "wrap":
+        return image[y % height, x % width]
+    inside = 0 <= y < height and 0 <= x < width
+    if border in ("zero", "renormalize") and not inside:
+        return 0.0
+    return image[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
+
+
+@pytest.mark.parametrize("border", list(BORDERS))
+@pytest.mark.parametrize("width", [0.0, 0.3, 1.0, 2.7, 13.0])
+def test_equals_the_slow_reference(border, width):
+    images = torch.rand(2, 7, 9, dtype=torch.float64)
+    blurred = footprint.boxed(images, width, BORDERS[border])
+    for image, result in zip(images, blurred, strict=True):
+        slow = slow_box(image, torch.full((7, 9), width, dtype=torch.float64), border)
+        torch.testing.assert_close(result, slow, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("border", list(BORDERS))
+def test_at_a_level_a_map_is_its_box(border):
+    planes, level = torch.rand(2, 3, 7, 9, dtype=torch.float64), 3
+    blended = footprint.blended(planes, torch.full((1, 7, 9), float(level)), BORDERS[border])
+    expected = footprint.boxed(planes, footprint.width(level), BORDERS[border])
+    torch.testing.assert_close(blended, expected, atol=1e-12, rtol=0)
+
+
+def test_a_map_is_near_the_box_of_every_pixel_itself(plane):
+    texture = plane(0.0, 24, 30, (1, 1))[1][0]
+    widths = 5 * torch.rand(24, 30, dtype=torch.float64)
+    places = footprint.place(widths.square())[None]
+    blended = footprint.blended(texture[None, None], places, BORDERS["edge"])[0, 0]
+    error = blended - slow_box(texture, widths, "edge")
+    assert float(error.square().mean().sqrt()) < 0.004 * float(texture.std())
+    assert float(error.abs().max()) < 0.03 * float(texture.std())
+
+
+def test_the_width_of_a_pixel_does_not_change_others():
+    image, widths = torch.rand(1, 1, 9, 9, dtype=torch.float64), torch.zeros(1, 9, 9)
+    widths[0, 4, 4] = 3
+    blended = footprint.blended(image, footprint.place(widths.square()), BORDERS["edge"])
+    changed = (blended - image).abs() > 1e-12
+    assert changed.nonzero()[:, 2:].tolist() == [[4, 4]]
+
+
+def test_uncovered_pixels_and_those_alone_have_no_inverse():
+    coverage = torch.tensor([0.0, 0.5, 0.5, 1e-9, 0.5], dtype=torch.float64)
+    blurred = torch.tensor([0.2, 0.25, 0.05, -0.1, 0.08], dtype=torch.float64)
+    assert footprint.inverse(coverage, blurred).tolist() == [0, 4, 0, 0, 12.5]
+
+
+def test_derivatives_in_both_modes():
+    images = torch.rand(1, 1, 4, 5, dtype=torch.float64, requires_grad=True)
+    places = (2.8 * torch.rand(1, 4, 5, dtype=torch.float64) + 0.1).requires_grad_()
+    for border in BORDERS.values():
+        assert torch.autograd.gradcheck(
+            lambda x, p, border=border: footprint.blended(x, p, border), (images, places), check_forward_ad=True
+        )
+
+
+def boxed_numba(stack, widths, border, factors=None):
+    height, width = stack.shape[-2:]
+    kinds = np.arange(height)
+    ones = np.ones((height, width), stack.numpy().dtype)
+    scales = [RowFactors(ones if factors is None else factors, kinds) for _ in widths]
+    blurred = stack.clone()
+    footprint.box_planes(blurred.numpy(), widths, BORDERS[border], scales)
+    return blurred
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    height=st.integers(1, 20),
+    width=st.integers(1, 40),
+    box=st.floats(0, 25),
+    border=st.sampled_from(list(BORDERS)),
+)
+def test_equals_eager_at_any_size(height, width, box, border):
+    stack = torch.rand(1, 1, 1, height, width, dtype=torch.float64)
+    expected = footprint.boxed(stack, box, BORDERS[border])
+    torch.testing.assert_close(boxed_numba(stack, [box], border), expected, atol=1e-12, rtol=0)
+
+
+def test_rows_are_multiplied_by_their_factors_after_the_blur():
+    stack, factors = torch.rand(1, 1, 1, 6, 8, dtype=torch.float64), torch.rand(6, 8, dtype=torch.float64)
+    expected = factors * footprint.boxed(stack, 2.0, BORDERS["edge"])
+    torch.testing.assert_close(boxed_numba(stack, [2.0], "edge", factors.numpy()), expected, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("n_maps", [1, 2])
+@pytest.mark.parametrize("border", list(BORDERS))
+def test_maps_equal_eager(border, n_maps):
+    stack = torch.rand(2, 3, 2, 19, 33, dtype=torch.float64)
+    places = 6 * torch.rand(n_maps, 3, 19, 33, dtype=torch.float64)
+    places[:, 1] = 0
+    expected = [footprint.blended(stack[:, n], places[:, n], BORDERS[border]) for n in range(3)]
+    blended = footprint.blurred_numba(stack, places, BORDERS[border], None)
+    torch.testing.assert_close(blended, torch.stack(expected, dim=1), atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("n_threads", [2, 5])
+def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
+    stack, places = torch.rand(2, 3, 2, 9, 13), 4 * torch.rand(1, 3, 9, 13)
+    alone = (
+        boxed_numba(stack, [1.0, 2.0, 3.0], "edge"),
+        footprint.blurred_numba(stack, places, BORDERS["edge"], None),
+    )
+    monkeypatch.setattr(loops, "worthwhile", lambda *_: n_threads)
+    assert torch.equal(boxed_numba(stack, [1.0, 2.0, 3.0], "edge"), alone[0])
+    assert torch.equal(footprint.blurred_numba(stack, places, BORDERS["edge"], None), alone[1])
+
+
+def case():
+    widths = 3 * torch.rand(1, 2, *SIZE, dtype=torch.float64)
+    return torch.rand(2, 2, 3, *SIZE, dtype=torch.float64), widths
+
+
+def test_the_sign_of_a_width_does_not_matter():
+    stack, widths = case()
+    there, back = (footprint.blurred(stack, sign * widths, BORDERS["edge"]) for sign in (1, -1))
+    assert torch.equal(there, back)
+
+
+def test_samples_count_by_the_coverage_and_their_mean_is_kept():
+    _, widths = case()
+    coverage = torch.rand(2, *SIZE, dtype=torch.float64) + 0.2
+    level = torch.full((1, 2, 1, *SIZE), 0.7, dtype=torch.float64)
+    blurred = footprint.blurred(level, widths, BORDERS["renormalize"], coverage)
+    torch.testing.assert_close(blurred, level, atol=1e-12, rtol=0)
+
+
+def test_what_is_not_covered_stays_black():
+    stack, widths = case()
+    coverage = torch.ones(2, *SIZE, dtype=torch.float64)
+    coverage[..., :4] = 0
+    blurred = footprint.blurred(stack * coverage[:, None], widths, BORDERS["renormalize"], coverage)
+    assert not blurred[..., :4].any()
+    assert bool((blurred[..., 4:] > 0).all())
+
+
+def test_derivatives_are_taken_by_eager_operations(monkeypatch):
+    monkeypatch.setattr(footprint, "blurred_numba", pytest.fail)
+    stack, widths = case()
+    footprint.blurred(stack, widths.requires_grad_(), BORDERS["edge"]).sum().backward()
+    assert bool(widths.grad.isfinite().all())
+
+
+def test_periodic_planes_are_left_alone_unless_the_blur_varies():
+    stack, slopes = case()[0], torch.tensor([0.0, 1.0], dtype=torch.float64)
+    views = torch.zeros(2, 1, 1, 3, *SIZE, dtype=torch.float64)
+    for cell in (footprint.checked(0, torch.rand(SIZE), views), footprint.checked(1, 0.3, views)):
+        assert footprint.periodic(stack, cell, slopes) is stack
+    assert not torch.equal(footprint.periodic(stack, footprint.checked(1, torch.rand(SIZE), views), slopes), stack)

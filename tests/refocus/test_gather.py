@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch.autograd import gradcheck, gradgradcheck
 
 from lfref.errors import InputError
-from lfref.functional import threads
+from lfref.functional import loops
 from lfref.refocus import batches, gather
 from lfref.refocus.gather import ViewMap, mean_of_views
 from lfref.refocus.homography import homography
@@ -213,7 +213,7 @@ def test_threads_change_no_digit(monkeypatch):
     views, maps = noise(2, *GRID, 3, *SIZE), slope_maps(2.0)
     alone = per_pixel(views, maps, "cubic")
     for n_threads in (2, 5):
-        monkeypatch.setattr(threads, "worthwhile", lambda *_, n_threads=n_threads: n_threads)
+        monkeypatch.setattr(loops, "worthwhile", lambda *_, n_threads=n_threads: n_threads)
         assert torch.equal(per_pixel(views, maps, "cubic"), alone)
 
 

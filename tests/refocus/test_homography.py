@@ -220,7 +220,8 @@ def test_planes_that_the_reference_does_not_see_everywhere_are_refused(planes, m
 
 
 def test_rotations_may_be_rounded_to_a_few_digits():
-    PinholeCameras(INTRINSICS, (1 + 3.5e-5) * torch.eye(3).double(), torch.zeros(3))
+    rounded = (1 + 3.5e-5) * torch.eye(3).double()
+    assert torch.equal(PinholeCameras(INTRINSICS, rounded, torch.zeros(3)).rotation, rounded)
 
 
 def test_many_references_are_refused():

@@ -18,13 +18,11 @@ from torch.nn import functional as F
 from lfref.refocus import footprint
 from lfref.refocus.disparity.disparity_map import depth_order, disparity_map
 from lfref.refocus.focus import slope_range
-from lfref.refocus.focus.all_in_focus import all_in_focus
-from lfref.refocus.focus.extended_focus import extended_focus
+from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.super_resolution import in_focus, predicted_views, super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 

@@ -79,3 +79,13 @@ def test_the_span_holds_exactly_the_samples_that_lie_on_the_view(length, share):
     assert sampling.sampled([shift, 0.0], length).tolist() == [counts, [1.0] * length]
     begin, end = sampling.sampled_span(shift, length)
     assert [float(begin <= x < end) for x in range(length)] == counts
+
+
+def test_taps_are_added_up_in_one_pass():
+    rows, total = np.arange(40.0), np.ones(16)
+    starts, weights = np.arange(sampling.TAPS), np.linspace(1, 2, sampling.TAPS)
+    expected = sum(weight * rows[start : start + 16] for start, weight in zip(starts, weights, strict=True))
+    sampling.set_taps(rows, starts, weights, total)
+    np.testing.assert_allclose(total, expected, rtol=1e-14)
+    sampling.add_taps(rows, starts, weights, total)
+    np.testing.assert_allclose(total, 2 * expected, rtol=1e-14)

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.autograd import gradcheck, gradgradcheck
 
 from lfref.errors import InputError
-from lfref.refocus import lines
+from lfref.refocus import batches
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.surface import per_pixel, tilt_shift
 from tests.refocus.slow import slow_shift_and_sum
@@ -54,7 +54,7 @@ def test_equals_the_slow_reference(interpolation, border, grid):
     views = torch.rand(*grid, 2, 6, 8, dtype=torch.float64)
     weights = torch.rand(grid, dtype=torch.float64)
     slope_map = torch.rand(6, 8, dtype=torch.float64) * 2.6 - 1.3
-    slow = slow_shift_and_sum(views, slope_map, interpolation, border, weights, lines.even(grid))
+    slow = slow_shift_and_sum(views, slope_map, interpolation, border, weights, batches.even(grid))
     image = per_pixel(views, slope_map, interpolation, border, weights)[0]
     torch.testing.assert_close(image, slow, atol=1e-12, rtol=0)
 

@@ -8,7 +8,7 @@ import torch
 from torch.nn import functional as F
 
 from lfref.errors import InputError
-from lfref.functional.jit import LANES
+from lfref.functional.loops import LANES
 from lfref.refocus import wiener as module
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.wiener import add_rows, wiener

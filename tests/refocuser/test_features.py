@@ -9,10 +9,9 @@ from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.through_cells import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocuser.features import CANDIDATES, FEATURES, candidate, check_names, compressed, coverage, refiner_inputs
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import noisy
 from lfref.simulator.scene import Camera, Scene, Surface

@@ -9,8 +9,7 @@ from lfref.engines.files.manifest import Manifest
 from lfref.errors import CheckpointError, InputError
 from lfref.export import graphs
 from lfref.nets import checkpoint
-from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.refined import RefinedRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from tests.export import cases
 
 

@@ -1,6 +1,7 @@
 """Trained networks as refocusers: their own planes and grid only, no gradients, nothing silently wrong."""
 
 import dataclasses
+import functools
 
 import pytest
 import torch
@@ -12,11 +13,18 @@ from lfref.geometry import FocalPlanes
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
+from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
+from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser import networks
+from lfref.refocuser.features import refiner_inputs
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import noisy
 
@@ -169,3 +177,177 @@ def test_its_pictures_are_as_bright_as_the_truth(made):
 def test_what_is_constant_stays_so(light):
     stack = lfref.load()(torch.full((5, 5, 3, 64, 70), light), [-0.5, 0.25])
     torch.testing.assert_close(stack, torch.full_like(stack, light), atol=1e-4, rtol=0)
+
+
+BASE = OperatorRefocuser("linear", shift_and_sum)
+NAMES = ("central", "spread", "picture")
+SLOPES = torch.tensor([-0.6, 0.0, 0.4], dtype=torch.float64)
+
+
+def refiner(trained=True):
+    torch.manual_seed(1)
+    net = Refiner(7, 1, width=8, n_blocks=1)
+    if trained:
+        for parameter in net.parameters():
+            torch.nn.init.normal_(parameter, std=0.1)
+    return net
+
+
+@pytest.fixture
+def refined():
+    return RefinedRefocuser(refiner(), BASE, NAMES, "refined")
+
+
+@pytest.fixture
+def fresh():
+    """One that corrects nothing."""
+    return RefinedRefocuser(refiner(trained=False), BASE, NAMES, "fresh")
+
+
+def test_it_is_the_method_corrected_by_the_network(refined):
+    views = torch.rand(3, 3, 3, 20, 22)
+    expected = refined.refiner(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
+    torch.testing.assert_close(refined(views, SLOPES), expected.detach(), atol=2e-3, rtol=0)
+
+
+@pytest.mark.parametrize("able", [{}, {"amx_bf16": True}, {"avx512_bf16": True}])
+def test_corrections_are_of_half_precision_where_the_processor_multiplies_it(refined, able, monkeypatch):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: able, raising=False)
+    views = torch.rand(3, 3, 3, 20, 22)
+    with torch.no_grad():
+        whole = refined.refiner(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
+    apart = float((refined(views, SLOPES) - whole).abs().max())
+    assert (1e-6 < apart < 5e-3) if able else apart < 1e-6
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (4, 7), (9, 9), (1, 5), (1, 1)])
+def test_any_grid_size_and_number_of_planes_serve(refined, fresh, grid):
+    views = torch.rand(*grid, 3, 21, 23)
+    for slopes in ([0.25], [-0.5, 0.0, 0.1, 0.9]):
+        assert refined(views, slopes).shape == (len(slopes), 3, 21, 23)
+        torch.testing.assert_close(fresh(views, slopes), BASE(views, slopes))
+
+
+def test_planes_do_not_know_of_each_other(refined):
+    views = torch.rand(3, 3, 3, 20, 22)
+    torch.testing.assert_close(refined(views, SLOPES)[1:2], refined(views, SLOPES[1:2]), atol=1e-5, rtol=1e-4)
+
+
+def test_batches_are_refocused_one_by_one_and_keep_their_type(refined):
+    views = torch.rand(2, 2, 3, 3, 3, 16, 18, dtype=torch.float64)
+    stack = refined(views, SLOPES)
+    assert (stack.dtype, stack.shape) == (torch.float64, (2, 2, 3, 3, 16, 18))
+    torch.testing.assert_close(stack[1, 0], refined(views[1, 0], SLOPES))
+
+
+def test_grey_views_are_as_well_coloured_ones(refined):
+    grey = torch.rand(3, 3, 1, 16, 18)
+    expected = refined(grey.expand(-1, -1, 3, -1, -1), SLOPES).mean(1, keepdim=True)
+    torch.testing.assert_close(refined(grey, SLOPES), expected)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
+def test_what_is_constant_stays_so_and_black_stays_black(refined, value):
+    stack = refined(torch.full((3, 3, 3, 16, 18), value), SLOPES)
+    torch.testing.assert_close(stack, torch.full_like(stack, value), atol=1e-4 * value, rtol=0)
+
+
+def test_samples_that_are_not_trusted_count_as_they_do_for_the_method(fresh):
+    views, weight = torch.rand(5, 5, 3, 20, 22), torch.ones(5, 5, 1, 20, 22)
+    weight[1, 2, :, 5:9, 5:9] = 0
+    spoilt = LightField(torch.where(weight > 0, views, 100.0), weight=weight)
+    torch.testing.assert_close(fresh(spoilt, SLOPES), BASE(spoilt, SLOPES))
+    missing = LightField(views, weight=weight.index_fill(0, torch.tensor([0]), 0.0))
+    torch.testing.assert_close(fresh(missing, SLOPES), BASE(missing, SLOPES))
+
+
+def test_an_aperture_is_looked_through(refined, fresh):
+    views = torch.rand(5, 5, 3, 20, 22)
+    torch.testing.assert_close(
+        fresh.through(apertures.disc)(views, SLOPES), BASE.through(apertures.disc)(views, SLOPES)
+    )
+    narrow = refined.through(lambda grid: apertures.disc(grid, 1.0))
+    assert not torch.equal(narrow(views, SLOPES), refined(views, SLOPES))
+
+
+@pytest.mark.parametrize("bad", [torch.nan, torch.inf])
+def test_views_that_are_not_finite_are_refused_by_refiners(refined, bad):
+    views = torch.rand(3, 3, 3, 16, 18)
+    views[1, 2, 0, 3, 3] = bad
+    with pytest.raises(InputError, match="views must be finite"):
+        refined(views, SLOPES)
+
+
+def test_other_channels_positions_devices_and_no_planes_are_refused(refined):
+    views = torch.rand(3, 3, 3, 16, 18)
+    with pytest.raises(InputError, match="3 channels or one; got 2"):
+        refined(views[:, :, :2], SLOPES)
+    with pytest.raises(InputError, match="even grid"):
+        refined(LightField(views, positions=torch.zeros(3, 3, 2, dtype=torch.float64)), SLOPES)
+    with pytest.raises(InputError, match="the network's device, cpu"):
+        refined(views.to("meta"), SLOPES)
+    with pytest.raises(InputError, match="give slopes"):
+        refined(views)
+
+
+def written(path, net, method=BASE, changes=()):
+    entry = networks.refiner_entry(net, method, NAMES) | dict(changes)
+    state = {f"net.{name}": tensor for name, tensor in net.state_dict().items()}
+    tensor_files.write_checkpoint(path, {"lfref": entry, "state_dict": state})
+    return path
+
+
+def test_a_checkpoint_brings_method_options_and_features_along(refined, tmp_path):
+    layers = OperatorRefocuser("layers", functools.partial(refocus_by_layers, fill=1.0))
+    path = written(tmp_path / "net.ckpt", refiner(), layers)
+    loaded, views = load(path), torch.rand(3, 3, 3, 20, 22)
+    expected = RefinedRefocuser(refiner(), layers, NAMES, "net")(views, SLOPES)
+    torch.testing.assert_close(loaded(views, SLOPES), expected)
+    assert (loaded.name, loaded.planes, loaded.grid) == ("net", None, None)
+
+
+def test_methods_that_no_checkpoint_can_name_are_refused():
+    with pytest.raises(InputError, match="must correct one of occlusion_aware"):
+        networks.refiner_entry(refiner(), OperatorRefocuser("exact", exact_fourier), NAMES)
+    with pytest.raises(InputError, match="without an aperture"):
+        networks.refiner_entry(refiner(), BASE.through(apertures.disc), NAMES)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format": 99},
+        {"refiner": {"n_features": 0, "n_candidates": 1}},
+        {"refiner": {"luck": 1}},
+        {"base": {"name": "x", "operator": "os.system", "options": {}}},
+        {"base": {"name": "x", "operator": "shift_and_sum", "options": {"luck": 1}}},
+        {"base": None},
+        {"features": ["luck"]},
+        {"features": 3},
+        {"features": ["spread", "picture", "central"]},
+        {"refiner": {"n_features": 9, "n_candidates": 1}},
+    ],
+)
+def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):
+    with pytest.raises(CheckpointError):
+        load(written(tmp_path / "net.ckpt", refiner(), changes=changes))
+
+
+def test_weights_alone_refocus_as_their_checkpoint_does(tmp_path):
+    path = written(tmp_path / "net.ckpt", refiner())
+    checkpoint.write_weights(tmp_path / "net.safetensors", checkpoint.read(path), {"command": "lfref train"})
+    views = torch.rand(3, 3, 3, 20, 22)
+    assert torch.equal(load(tmp_path / "net.safetensors")(views, SLOPES), load(path)(views, SLOPES))
+
+
+def test_a_checkpoint_of_an_earlier_version_has_other_names(tmp_path):
+    names = ("central", "error_scale", "noise")
+    net = Refiner(5, 1, width=8, n_blocks=1)
+    entry = {"format": 1, "base": {"name": "linear", "operator": "shift_and_sum", "options": {}}}
+    entry["guides"] = ["central", "doubt", "chance"]
+    entry["refiner"] = {"n_guides": 5, "n_offers": 1, "width": 8, "n_blocks": 1}
+    state = {f"net.{name}": value for name, value in net.state_dict().items()}
+    tensor_files.write_checkpoint(tmp_path / "old.ckpt", {"lfref": entry, "state_dict": state})
+    views = torch.rand(3, 3, 3, 20, 22)
+    expected = RefinedRefocuser(net, BASE, names, "new")(views, SLOPES)
+    assert torch.equal(load(tmp_path / "old.ckpt")(views, SLOPES), expected)

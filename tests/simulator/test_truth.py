@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError
-from lfref.functional import threads
+from lfref.functional import loops
 from lfref.functional.psnr import psnr
 from lfref.simulator import bitmaps, focal_planes, painting, truth, views
 from lfref.simulator.focal_planes import Cells
@@ -263,5 +263,5 @@ def test_loops_render_as_pytorch_does(name):
 def test_threads_change_nothing(name, monkeypatch):
     (plane,) = planes(Scene(Camera(size=(40, 50)), SCENES[name]), [-1.0])
     expected = CellRenderer([plane]).render(plane)
-    monkeypatch.setattr(threads, "worthwhile", lambda size, worth_a_thread: 3)
+    monkeypatch.setattr(loops, "worthwhile", lambda size, worth_a_thread: 3)
     assert torch.equal(CellRenderer([plane]).render(plane), expected)

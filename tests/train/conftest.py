@@ -13,7 +13,7 @@ from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 from lfref.train.callbacks import AtomicCheckpointIO

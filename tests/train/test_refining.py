@@ -8,12 +8,11 @@ from lightning.pytorch.callbacks import EMAWeightAveraging
 
 import lfref
 from lfref.data import plane_sets
-from lfref.data.plane_data import PlaneData
-from lfref.data.plane_sets import Item, Recipe
-from lfref.losses.relative import RelativeError
+from lfref.data.plane_sets import Item, PlaneData, Recipe
+from lfref.losses.composite import RelativeError
 from lfref.nets.refiner import Refiner
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.train.callbacks import BestCheckpoint, StepGuard
 from lfref.train.modules import Refining
 from tests.data.test_plane_sets import SCENES

@@ -2,6 +2,7 @@
 
 Where there is a textbook form, its figure stands beside ours. Letters: `m` mean squared error, `x y` prediction and
 target, [B, C, H, W]; alphas are the paper's.
+Apart from the trials, which measure: this file says which figures are good enough.
 """
 
 import contextlib

@@ -15,7 +15,7 @@ from lfref.engines.engine import FP16, FP32, INT8, Run
 from lfref.engines.files.manifest import KEY, Axes, Graph, Manifest, parse
 from lfref.engines.files.network_copies import centred_norms, half_convolutions
 from lfref.errors import CheckpointError, first_line
-from lfref.io import atomic, digests
+from lfref.io import atomic, tensor_files
 
 PRECISIONS = (FP32, FP16, INT8)
 """ONNX Runtime has no convolutions in bfloat16 on CPUs."""
@@ -49,10 +49,10 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     for values, all_axes in ((model.graph.input, graph.inputs.values()), (model.graph.output, [graph.output])):
         for value, axes in zip(values, all_axes, strict=True):
             _name_axes(value, axes)
-    helper.set_model_props(model, {KEY: manifest.text(), "lfref_sha256": digests.BLANK})
+    helper.set_model_props(model, {KEY: manifest.text(), "lfref_sha256": tensor_files.BLANK})
     with atomic.replacing(path) as partial:
         partial.write_bytes(model.SerializeToString())
-        digests.write(partial)
+        tensor_files.fill_digest(partial)
 
 
 def to_model(graph: Graph) -> Any:
@@ -80,7 +80,7 @@ def read(path: Path) -> tuple[Run, Manifest]:
     try:
         if path.stat().st_size > LARGEST:
             raise CheckpointError(f"{path} must be smaller than 2 GiB", remedy="export it anew")
-        has_digest = digests.check(path)
+        has_digest = tensor_files.check_digest(path)
         content = path.read_bytes()
         model = onnx.load_model_from_string(content)
         _check(path, model)

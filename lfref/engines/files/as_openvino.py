@@ -2,6 +2,7 @@
 
 The SHA-256 of both stands in NAME.xml. Graphs are hostile input: other layers than those of our networks are refused
 before OpenVINO sees them.
+A file of its own, as each format has.
 """
 
 import hashlib
@@ -18,7 +19,7 @@ from lfref.engines.engine import BF16, FP16, FP32, INT8, Run
 from lfref.engines.files import as_onnx
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
 from lfref.errors import CheckpointError
-from lfref.io import atomic, digests
+from lfref.io import atomic, tensor_files
 
 PRECISIONS = (FP32, FP16, BF16, INT8)
 """fp16 weights are stored in half precision; bf16 is a setting of the runtime."""
@@ -58,11 +59,11 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
         port.get_node().set_partial_shape(openvino.PartialShape([-1 if isinstance(n, str) else n for n in axes]))
     model.validate_nodes_and_infer_types()
     model.set_rt_info(manifest.text(), KEY)
-    model.set_rt_info(digests.BLANK, DIGEST_KEY)
+    model.set_rt_info(tensor_files.BLANK, DIGEST_KEY)
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder, "model.xml")
         openvino.save_model(model, draft, compress_to_fp16=manifest.precision == FP16)
-        digests.write(draft, draft.with_suffix(".bin"))
+        tensor_files.fill_digest(draft, draft.with_suffix(".bin"))
         for suffix in (".bin", ".xml"):
             with atomic.replacing(path.with_suffix(suffix)) as partial:
                 partial.write_bytes(draft.with_suffix(suffix).read_bytes())
@@ -81,7 +82,7 @@ def read(path: Path) -> tuple[Run, Manifest]:
     if not weights.is_file():
         raise CheckpointError(f"{path} must have its weights beside it, {weights.name}", remedy="copy both")
     try:
-        has_digest = digests.check(path, weights)
+        has_digest = tensor_files.check_digest(path, weights)
         _check(path)
         model = openvino.Core().read_model(path, weights)
         manifest = parse(path, _metadata(model, KEY), has_digest)

@@ -3,6 +3,7 @@
 `torch.export.load` unpickles members of the archive, evaluates expressions as Python, imports modules and calls
 functions of PyTorch by name. Archives are hostile input, so each is checked first: plain weights, expressions of sizes,
 and the operators that our own networks need.
+A file of its own, as each format has.
 """
 
 import copy
@@ -22,7 +23,7 @@ from lfref.engines.engine import BF16, FP16, FP32, Run
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
 from lfref.engines.files.network_copies import half_convolutions
 from lfref.errors import CheckpointError, first_line
-from lfref.io import atomic, digests
+from lfref.io import atomic, tensor_files
 
 PRECISIONS = (FP32, FP16, BF16)
 PACKAGES: tuple[str, ...] = ()
@@ -128,7 +129,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     torch.export.save(program, archive, extra_files={KEY: manifest.text()})
     with atomic.replacing(path) as partial:
         partial.write_bytes(archive.getvalue())
-        digests.write_to_archive(partial)
+        tensor_files.fill_archive_digest(partial)
 
 
 def read(path: Path) -> tuple[Run, Manifest]:
@@ -138,7 +139,7 @@ def read(path: Path) -> tuple[Run, Manifest]:
         CheckpointError: `write` did not write the file, or it could do more than compute.
     """
     try:
-        has_digest = digests.check_archive(path)
+        has_digest = tensor_files.check_archive_digest(path)
         _check(path)
         texts = {KEY: ""}
         program = torch.export.load(path, extra_files=texts)

@@ -16,12 +16,12 @@ from torch import nn
 
 from lfref.engines.engine import EngineWorkload, Inputs
 from lfref.errors import CheckpointError
-from lfref.io import digests
+from lfref.io import tensor_files
 
 KEY = "lfref"
 """Key of the text in the metadata of a file."""
 FORMAT = 2
-"""Files of format 1 have no digest of the whole file (`lfref.io.digests`)."""
+"""Files of format 1 have no digest of the whole file (`lfref.io.tensor_files`)."""
 LONGEST = 2**20
 """Characters of the text, at most."""
 VIEWS, FEATURES = "views", "features"
@@ -116,7 +116,7 @@ def parse(path: Path, text: str | None, has_digest: bool) -> Manifest:
     if next(iter(inputs), None) not in (VIEWS, FEATURES, FORMER_FEATURES) or not isinstance(manifest.config, dict):
         raise CheckpointError(f"{path} must read {VIEWS} or {FEATURES}", got=list(inputs), remedy="export it anew")
     if not has_digest:
-        digests.warn(path)
+        tensor_files.warn_without_digest(path)
     return manifest
 
 

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.functional import neighbours, threads
-from lfref.functional.jit import compiled, inlined
-from lfref.refocus import batches, lines
+from lfref.functional import loops, neighbours
+from lfref.functional.loops import compiled, inlined
+from lfref.refocus import batches
 from lfref.refocus.sampling import INTERPOLATIONS
 
 Reals = NDArray[np.float32]
@@ -77,7 +77,7 @@ def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None)
     if not bool(samples.isfinite().all()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give views weight 0")
     grid = batches.grid_and_size(views)[0]
-    where = (lines.even(grid) if positions is None else lines.checked_positions(positions, grid))[is_read]
+    where = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid))[is_read]
     distances = where.square().sum(1)
     nearest = (distances <= 1.01 * float(distances.min())).nonzero()[:, 0]  # equally near but for rounding
     return GreyViews(samples.numpy(), where.float().numpy(), nearest.numpy())
@@ -140,14 +140,14 @@ def disagreements(views: GreyViews, slopes: Tensor, spread: Reals, rows: Integer
         ViewTaps(*_taps(slope * views.positions[:, 0], height), *_taps(slope * views.positions[:, 1], width))
         for slope in slopes.tolist()
     ]
-    n_threads = threads.worthwhile(len(chosen) * width, 1 << 12)  # pixels of a slope from which one more thread pays
+    n_threads = loops.worthwhile(len(chosen) * width, 1 << 12)  # pixels of a slope from which one more thread pays
 
     def work(n: int, first: int, last: int) -> None:
         part = slice(first, last)
         count_votes(views.samples, views.middle, shifts[n], spread, chosen[part], shares[n, part])
 
-    jobs = [(n, *band) for n in range(len(slopes)) for band in threads.bands(len(chosen), n_threads)]
-    threads.share(work, jobs, n_threads)
+    jobs = [(n, *band) for n in range(len(slopes)) for band in loops.bands(len(chosen), n_threads)]
+    loops.share(work, jobs, n_threads)
     return torch.from_numpy(shares)
 
 

@@ -20,9 +20,9 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import neighbours
-from lfref.refocus import batches, lines
+from lfref.refocus import batches
 from lfref.refocus.disparity import cost_volume, matching
-from lfref.refocus.fourier import layer_energies
+from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SURE = 0.3
@@ -92,7 +92,7 @@ def disparity_map(
             low, high = first, last
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise InputError("disparities must lie between a first and a larger last one", got=f"{low} and {high}")
-        slopes = lines.checked_slopes(matching.slopes_between(low, high), grid, size, positions)
+        slopes = batches.checked_slopes(matching.slopes_between(low, high), grid, size, positions)
         light = cost_volume.grey_views(field, aperture, positions)
         noise = cost_volume.noise(light, slopes)
         labels, confidence = matching.best_slopes(light, slopes, noise, radius)
@@ -142,14 +142,14 @@ def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = N
     """
     # The outermost views can shift by a little less than half of their size.
     grid, size = batches.grid_and_size(views)
-    shift = geometry.corner_shift(torch.ones(1), lines.lines(grid, positions).extent)
+    shift = geometry.corner_shift(torch.ones(1), batches.lines(grid, positions).extent)
     most = 0.9 * min(size) / 2 / max(shift, 0.5)
-    ends = layer_energies.estimate_energies(views, 2, aperture).disparities[[0, -1]]
+    ends = disparity_layers.estimate_energies(views, 2, aperture).disparities[[0, -1]]
     first, last = ends.clamp(-most, most).tolist()
     # Views of at least 32 pixels, at most 4 times smaller.
     factor = max(1, min(4, min(size) // 32))
     light = F.avg_pool2d(batches.radiance(views).mean(2), factor)[:, :, None]
-    limit = min(layer_energies.REACH, most) / factor
+    limit = min(disparity_layers.REACH, most) / factor
     slopes = matching.slopes_between(-limit, limit)
     small = cost_volume.grey_views(light, aperture, positions)
     noise = cost_volume.noise(small, slopes)

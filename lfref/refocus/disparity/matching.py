@@ -26,8 +26,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional import neighbours, splines, threads
-from lfref.functional.jit import compiled, inlined
+from lfref.functional import loops, neighbours, splines
+from lfref.functional.loops import compiled, inlined
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import GreyViews, Integers, Number, Reals, mean_of, read_spline, robust_mean
 
@@ -86,22 +86,19 @@ def aggregate(costs: Tensor, picture: Tensor) -> Tensor:
     """Path costs summed over all directions, of costs [N, H, W] in [0, 1] and a picture [H, W] that shows the edges."""
     pixels_first = np.ascontiguousarray(costs.permute(1, 2, 0).numpy())
     totals = [np.zeros_like(pixels_first) for _ in DIRECTIONS]
+    all_differences = [picture.diff(dim=axis).abs().flatten() for axis in (0, 1)]
+    mean = torch.cat(all_differences).mean() if picture.numel() > 1 else picture.new_ones(())
+    mean = mean.clamp(min=torch.finfo(mean.dtype).tiny)
 
     def follow(part: int) -> None:
         for down, right in DIRECTIONS[part]:
-            add_paths(pixels_first, _jumps(picture, down, right), CHANGE, down, right, totals[part])
+            # Price of a jump from the pixel before; pixels that have none before them wrap, and are never read.
+            steepness = (picture - picture.roll((down, right), (0, 1))).abs() / (EDGE * mean)
+            jumps = (JUMP / (1 + steepness)).clamp(min=CHANGE).float().numpy()
+            add_paths(pixels_first, jumps, CHANGE, down, right, totals[part])
 
-    threads.share(follow, [(part,) for part in range(len(DIRECTIONS))], torch.get_num_threads())
+    loops.share(follow, [(part,) for part in range(len(DIRECTIONS))], torch.get_num_threads())
     return torch.from_numpy(sum(totals[1:], totals[0])).permute(2, 0, 1).contiguous()
-
-
-def _jumps(picture: Tensor, down: int, right: int) -> np.ndarray:
-    """Price of a jump from the pixel before, [H, W]; pixels that have none before them wrap, and are never read."""
-    differences = (picture - picture.roll((down, right), (0, 1))).abs()
-    all_differences = [picture.diff(dim=axis).abs().flatten() for axis in (0, 1)]
-    mean = torch.cat(all_differences).mean() if picture.numel() > 1 else picture.new_ones(())
-    steepness = differences / (EDGE * mean.clamp(min=torch.finfo(mean.dtype).tiny))
-    return (JUMP / (1 + steepness)).clamp(min=CHANGE).float().numpy()
 
 
 @compiled
@@ -172,7 +169,7 @@ def gauss_newton(
 ) -> tuple[Tensor, Tensor]:
     """Information (sum w c^2) and step of each pixel, [H, W] each; spline coefficients of the views [K, H, W]."""
     information, steps = np.empty_like(disparity), np.empty_like(disparity)
-    n_threads = threads.worthwhile(disparity.size, 1 << 10)  # pixels from which one more thread pays
+    n_threads = loops.worthwhile(disparity.size, 1 << 10)  # pixels from which one more thread pays
 
     def work(first: int, last: int) -> None:
         rows = slice(first, last)
@@ -180,7 +177,7 @@ def gauss_newton(
             coefficients, views.positions, views.middle, disparity, spread, first, information[rows], steps[rows]
         )
 
-    threads.share(work, threads.bands(len(disparity), n_threads), n_threads)
+    loops.share(work, loops.bands(len(disparity), n_threads), n_threads)
     return torch.from_numpy(information), torch.from_numpy(steps)
 
 

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.refocus import batches, lines
+from lfref.refocus import batches
 
 PIXELS = 25_000
 """Pixels of a reduced view, about."""
@@ -101,7 +101,9 @@ def reduce_views(
     """
     height, width = views.shape[-2:]
     factor = min(max(1, round((height * width / pixels) ** 0.5)), height, width)
-    cameras = lines.even((views.shape[0], views.shape[1])) if positions is None else positions.to("cpu", torch.float64)
+    cameras = (
+        batches.even((views.shape[0], views.shape[1])) if positions is None else positions.to("cpu", torch.float64)
+    )
     # A hole in the grid has weight 0 everywhere, which a few of its rows say.
     present = torch.ones(views.shape[:2], dtype=torch.bool)
     if weight is not None:
@@ -118,7 +120,13 @@ def reduce_views(
         weights = torch.stack([pooled(weight[index].float()) for index in indices])
     weights = ((weights > TRUSTED) & pictures.isfinite()).float()
     pictures = pictures.nan_to_num(0, 0, 0)
-    weights = weights * ~_unlit(pictures)
+    # Neither views without light count, nor black corners of the optics: black up to the border along both axes, and
+    # the two pixels beside it, which are dim.
+    level = pictures.mean((1, 2))
+    black = pictures < BLACK * level[0]
+    along_x, along_y = ((black.cumprod(axis) + black.flip(axis).cumprod(axis).flip(axis)).bool() for axis in (2, 1))
+    corners = F.max_pool2d((along_x & along_y).float(), 5, 1, 2) > 0
+    weights = weights * ~(corners | (level <= BLACK * level[0])[:, None, None])
     steps = torch.stack([cameras[index] - cameras[indices[0]] for index in indices])
     return ReducedViews(_evened(pictures, weights, steps), weights, tuple(indices), steps, factor)
 
@@ -136,20 +144,6 @@ def _cross(present: Tensor, cameras: Tensor) -> list[tuple[int, int]]:
         if bool((near & on_line).any()):
             return [(v0, u0), *(tuple(index) for index in (near & on_line).nonzero().tolist()[: 4 * REACH])]
     return [(v0, u0)]
-
-
-def _unlit(pictures: Tensor) -> Tensor:
-    """Views without light, and black corners of the optics, bool, [K, h, w]."""
-    light = pictures.mean((1, 2))
-    black = pictures < BLACK * light[0]
-
-    def run(axis: int) -> Tensor:
-        """Black with all pixels before it, or after it, along an axis."""
-        return (black.cumprod(axis) + black.flip(axis).cumprod(axis).flip(axis)).bool()
-
-    # Black up to the border along both axes; and the two pixels beside it, which are dim.
-    corners = F.max_pool2d((run(2) & run(1)).float(), 5, 1, 2) > 0
-    return corners | (light <= BLACK * light[0])[:, None, None]
 
 
 def _evened(pictures: Tensor, weights: Tensor, steps: Tensor) -> Tensor:

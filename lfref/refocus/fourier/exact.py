@@ -2,15 +2,75 @@
 
 `I^(k) = sum_uv w_uv L^[v, u](k) exp(2 pi i s ((u - u0) kx + (v - v0) ky))`, equal to periodic shift-and-sum with
 trigonometric interpolation. Cells of the aperture (see `footprint`) are one more factor, sinc(w kx) sinc(w ky).
+Phases are computed in float64, whatever the data are: at 500 pixels float32 phases cost three digits. The Nyquist bin
+of an even size belongs to both signs of its frequency, so its phase is the mean of the two, the real part; that is what
+makes the shifted signal real and the shift the trigonometric interpolation.
 Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` slope in pixels per view step.
 """
+
+import itertools
 
 import torch
 from torch import Tensor
 
-from lfref.functional import fourier
 from lfref.geometry import Slopes
-from lfref.refocus import batches, footprint, footprint_blur, lines
+from lfref.refocus import batches, footprint
+
+
+def half_frequencies(length: int) -> Tensor:
+    """Frequencies of `rfft` in cycles per sample, float64, [length // 2 + 1]."""
+    return torch.fft.rfftfreq(length, dtype=torch.float64)
+
+
+def frequencies(length: int) -> Tensor:
+    """Frequencies of `fft` in cycles per sample, float64, [length]."""
+    return torch.fft.fftfreq(length, dtype=torch.float64)
+
+
+def shift_phases(frequencies: Tensor, shifts: Tensor) -> Tensor:
+    """Factors that turn the spectrum of f(x) into that of f(x + shift).
+
+    Args:
+        frequencies: In cycles per sample, float64, [K].
+        shifts: In samples, float64, [...].
+
+    Returns:
+        exp(2 pi i shift k), real at the Nyquist bin, complex128, [..., K].
+    """
+    angle = 2 * torch.pi * shifts[..., None] * frequencies
+    return real_at_nyquist(torch.polar(torch.ones_like(angle), angle), frequencies)
+
+
+def real_at_nyquist(factors: Tensor, frequencies: Tensor) -> Tensor:
+    """Factors by which the spectrum of a real signal may be multiplied: at the Nyquist frequency they become real.
+
+    Both signs of that frequency share one bin, which gets the mean of their factors.
+
+    Args:
+        factors: Complex, conjugate at the negative frequency, [..., K].
+        frequencies: In cycles per sample, [K].
+    """
+    return torch.complex(factors.real, torch.where(frequencies.abs() == 0.5, 0.0, factors.imag))
+
+
+def complex_dtype(dtype: torch.dtype) -> torch.dtype:
+    """The complex type that goes with a real one: complex128 for float64, complex64 for all others."""
+    return torch.complex128 if dtype == torch.float64 else torch.complex64
+
+
+def is_fast(length: int) -> bool:
+    """Whether FFTs are fast at a length: its only prime factors are 2, 3 and 5."""
+    return pow(30, length.bit_length(), length) == 0
+
+
+def next_fast_length(least: int) -> int:
+    """The smallest length, at least `least`, at which FFTs are fast."""
+    return next(filter(is_fast, itertools.count(least)))
+
+
+def next_fast_even(least: int) -> int:
+    """The smallest even length, at least `least`, at which FFTs are fast."""
+    return 2 * next_fast_length(-(-least // 2))
 
 
 def exact_fourier(
@@ -45,14 +105,14 @@ def exact_fourier(
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes, cell = lines.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
-    cameras, aperture = lines.lines(grid, positions), batches.checked_weights(weights, grid)
-    ky, kx = fourier.frequencies(size[0]), fourier.half_frequencies(size[1])
-    rows = fourier.shift_phases(ky, planes[:, None] * cameras.rows) * cell.responses(planes, ky)
-    columns = fourier.shift_phases(kx, planes[:, None, None] * cameras.columns) * cell.responses(planes, kx)[:, None]
+    planes, cell = batches.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
+    cameras, aperture = batches.lines(grid, positions), batches.checked_weights(weights, grid)
+    ky, kx = frequencies(size[0]), half_frequencies(size[1])
+    rows = shift_phases(ky, planes[:, None] * cameras.rows) * cell.responses(planes, ky)
+    columns = shift_phases(kx, planes[:, None, None] * cameras.columns) * cell.responses(planes, kx)[:, None]
     views_of_lines = batch.reshape(len(batch), *cameras.shape, *batch.shape[3:])
     stack = filter_and_sum(views_of_lines, rows, columns, aperture.reshape(cameras.shape))
-    return batches.restored(footprint_blur.periodic(stack, cell, planes), views)
+    return batches.restored(footprint.periodic(stack, cell, planes), views)
 
 
 def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor) -> Tensor:
@@ -72,7 +132,7 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
         Stacks, float32 or float64, [B, N, C, H, W].
     """
     size, working = (views.shape[-2], views.shape[-1]), batches.working_dtype(views.dtype)
-    dtype = fourier.complex_dtype(working)
+    dtype = complex_dtype(working)
     rows, columns = rows.to(views.device, dtype), columns.to(views.device, dtype)
     columns = columns.unsqueeze(1) if columns.ndim == 3 else columns
     views, weights = batches.without_unread(views, weights), weights.to(views.device, working)

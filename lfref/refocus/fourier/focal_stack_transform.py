@@ -12,9 +12,9 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import fourier
 from lfref.geometry import Slopes
-from lfref.refocus import batches, footprint, footprint_blur
+from lfref.refocus import batches, footprint
+from lfref.refocus.fourier import exact
 
 
 def focal_stack_transform(
@@ -58,9 +58,9 @@ def focal_stack_transform(
     grid, size = batches.grid_and_size(batch)
     slopes = geometry.checked_slopes(geometry.even_slopes(n_planes, first, last), grid, size)
     aperture = batches.checked_weights(weights, grid)
-    device, dtype = views.device, fourier.complex_dtype(views.dtype)
-    ky, kx = fourier.frequencies(size[0]), fourier.half_frequencies(size[1])
-    rows = fourier.shift_phases(ky, slopes[:, None] * geometry.angular_offsets(grid[0])) * cell.responses(slopes, ky)
+    device, dtype = views.device, exact.complex_dtype(views.dtype)
+    ky, kx = exact.frequencies(size[0]), exact.half_frequencies(size[1])
+    rows = exact.shift_phases(ky, slopes[:, None] * geometry.angular_offsets(grid[0])) * cell.responses(slopes, ky)
     before, between, after = _chirps(slopes, grid[1], kx)
     after = after * cell.responses(slopes, kx)[:, :, None]
     rows, before, between, after = (factors.to(device, dtype) for factors in (rows, before, between, after))
@@ -80,10 +80,10 @@ def focal_stack_transform(
     # The columns were shifted by one sign of the Nyquist bin. With the rows transformed back, that bin holds a real
     # signal times its factor, so the mean of both signs is the real part, which not every inverse transform takes.
     planes = [
-        torch.fft.irfft(fourier.real_at_nyquist(torch.fft.ifft(plane, dim=-2), kx.to(device)), n=size[1])
+        torch.fft.irfft(exact.real_at_nyquist(torch.fft.ifft(plane, dim=-2), kx.to(device)), n=size[1])
         for plane in stack.unbind(1)
     ]
-    return batches.restored(footprint_blur.periodic(torch.stack(planes, dim=1), cell, slopes), views)
+    return batches.restored(footprint.periodic(torch.stack(planes, dim=1), cell, slopes), views)
 
 
 def at_slopes(
@@ -120,7 +120,7 @@ def _chirps(slopes: Tensor, n_views: int, kx: Tensor) -> tuple[Tensor, Tensor, T
     n_planes, frequencies = len(slopes), kx[None, None, :]
     middle, step = (slopes[0] + slopes[-1]) / 2, (slopes[-1] - slopes[0]) / max(n_planes - 1, 1)
     u, j = (geometry.angular_offsets(n)[:, None, None, None] for n in (n_views, n_planes))
-    padded = fourier.next_fast_length(n_views + n_planes - 1)
+    padded = exact.next_fast_length(n_views + n_planes - 1)
     lag = torch.arange(padded, dtype=torch.float64)[:, None, None, None]
     lag = torch.where(lag < n_planes, lag, lag - padded) + j[0] - u[0]
     return (

@@ -25,9 +25,10 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError, chosen
-from lfref.functional import fourier, jit, threads
-from lfref.functional.jit import LANES
+from lfref.functional import loops
+from lfref.functional.loops import LANES
 from lfref.refocus import batches
+from lfref.refocus.fourier import exact
 
 SPARE = 2
 """Pixels of a period beyond the reach of shifts, for the support of interpolation and blur."""
@@ -71,8 +72,8 @@ def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]
     rank = int((strength > negligible * strength[0]).sum())
     sums = []
     for frequencies, weights in (
-        (fourier.frequencies(size[0]), left[:, :rank] * strength[:rank]),
-        (fourier.half_frequencies(size[1]), right[:rank].T),
+        (exact.frequencies(size[0]), left[:, :rank] * strength[:rank]),
+        (exact.half_frequencies(size[1]), right[:rank].T),
     ):
         turns = distances[..., None] * geometry.angular_offsets(len(weights))
         angle = 2 * torch.pi * turns[..., None] * frequencies
@@ -89,7 +90,7 @@ def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]
 
 def cell_response(distances: Tensor, fill: float, size: tuple[int, int]) -> Matrices:
     """c at each distance [m, n], for cells `fill` view steps wide; otherwise as `aperture_response`."""
-    frequencies = fourier.frequencies(size[0]), fourier.half_frequencies(size[1])
+    frequencies = exact.frequencies(size[0]), exact.half_frequencies(size[1])
     return Matrices(*(torch.sinc(fill * distances[..., None, None] * k) for k in frequencies))
 
 
@@ -139,7 +140,7 @@ def make_frame(border: str, size: tuple[int, int], reach: float) -> Frame:
     room = chosen("border", border, {"edge": int(reach) + SPARE, "wrap": None})
     if room is None:
         return Frame(size, (0, 0), size)
-    height, width = (fourier.next_fast_length(length + 2 * room) for length in size)
+    height, width = (exact.next_fast_length(length + 2 * room) for length in size)
     return Frame(size, ((height - size[0]) // 2, (width - size[1]) // 2), (height, width))
 
 
@@ -180,9 +181,9 @@ def _by_loop(loop: Callable[..., None], spectra: Tensor, matrices: Matrices, *mo
     out = np.empty((pairs.shape[0], len(matrices.rows), *pairs.shape[2:]), pairs.dtype)
     rows = np.ascontiguousarray(matrices.rows.numpy().astype(pairs.dtype))
     columns = F.pad(matrices.columns, (0, -matrices.columns.shape[-1] % LANES)).numpy().astype(pairs.dtype)
-    n_threads = threads.worthwhile(out.size, 1 << 16)  # numbers from which one more thread pays
-    jobs = ((pairs, rows, columns, *more, *band, out) for band in threads.bands(pairs.shape[3], n_threads))
-    threads.share(loop, jobs, n_threads)
+    n_threads = loops.worthwhile(out.size, 1 << 16)  # numbers from which one more thread pays
+    jobs = ((pairs, rows, columns, *more, *band, out) for band in loops.bands(pairs.shape[3], n_threads))
+    loops.share(loop, jobs, n_threads)
     return torch.view_as_complex(torch.from_numpy(out))
 
 
@@ -204,7 +205,7 @@ def _by_torch(spectra: Tensor, matrices: Matrices, step: Callable[[Tensor, Tenso
     return torch.cat(bands, dim=-2)
 
 
-@jit.compiled
+@loops.compiled
 def multiply_rows(
     spectra: NDArray, rows: NDArray, columns: NDArray, first: int, last: int, out: NDArray
 ) -> None:  # pragma: no cover - compiled
@@ -236,7 +237,7 @@ def multiply_rows(
                                 out[b, i, c, y, x + lane, part] = total[lane]
 
 
-@jit.compiled
+@loops.compiled
 def solve_rows(
     spectra: NDArray, rows: NDArray, columns: NDArray, diagonal: NDArray, first: int, last: int, out: NDArray
 ) -> None:  # pragma: no cover - compiled
@@ -265,7 +266,7 @@ def solve_rows(
                                 out[b, i, c, y, x + lane, part] = numbers[i, lane]
 
 
-@jit.inlined
+@loops.inlined
 def _matrix_element(
     element: NDArray, rows: NDArray, columns: NDArray, n_terms: int
 ) -> None:  # pragma: no cover - compiled
@@ -277,7 +278,7 @@ def _matrix_element(
             element[lane] += rows[t] * columns[t, lane]
 
 
-@jit.inlined
+@loops.inlined
 def _factorise(factor: NDArray) -> None:  # pragma: no cover - compiled
     """Lower triangles [n, n, LANES] to Cholesky factors; the diagonal becomes its reciprocal, ready to multiply."""
     n = factor.shape[0]
@@ -293,7 +294,7 @@ def _factorise(factor: NDArray) -> None:  # pragma: no cover - compiled
                 factor[i, j, lane] *= factor[j, j, lane]
 
 
-@jit.inlined
+@loops.inlined
 def _substitute(factor: NDArray, numbers: NDArray) -> None:  # pragma: no cover - compiled
     """Numbers [n, LANES] to the solution: forward through the factor, then backward through its transpose."""
     n = factor.shape[0]

@@ -22,9 +22,8 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError, chosen
-from lfref.functional import fourier
 from lfref.geometry import Slopes
-from lfref.refocus import batches, footprint, footprint_blur
+from lfref.refocus import batches, footprint
 from lfref.refocus.fourier import exact
 
 
@@ -107,13 +106,13 @@ def fourier_slice(
     planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
     padded = [math.ceil(padding * n_views) for n_views in grid]
     readers = [kernel_of(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
-    axes = zip(grid, padded, readers, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
+    axes = zip(grid, padded, readers, (exact.frequencies(size[0]), exact.half_frequencies(size[1])), strict=True)
     rows, columns = (
-        fourier.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) * cell.responses(planes, k)
+        exact.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) * cell.responses(planes, k)
         for n_views, m, reader, k in axes
     )
     stack = exact.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
-    return batches.restored(footprint_blur.periodic(stack, cell, planes), views)
+    return batches.restored(footprint.periodic(stack, cell, planes), views)
 
 
 def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor:

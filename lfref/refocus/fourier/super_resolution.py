@@ -29,9 +29,9 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.fourier import exact
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.wiener_filters import DECAY, OUTER
 
@@ -127,7 +127,7 @@ def pictures(views: Tensor, slopes: Tensor, factor: int, aperture: Tensor) -> It
         [_phases(length, factor, n, slope) for length, n in zip(size, aperture.shape, strict=True)] for slope in planes
     ]
     # E of every plane, [B, C, r, H, r, W].
-    dtype = fourier.complex_dtype(batches.working_dtype(views.dtype))
+    dtype = exact.complex_dtype(batches.working_dtype(views.dtype))
     shape = (views.shape[0], views.shape[3], factor, size[0], factor, size[1])
     sums = [torch.zeros(shape, dtype=dtype, device=views.device) for _ in planes]
     for v, view_row in enumerate(views.unbind(1)):
@@ -178,7 +178,7 @@ def band_limited(stack: Tensor, factor: int) -> Tensor:
         q = _frequencies(length, factor).abs()
         is_lowest = (q == q.amin(0)).double()
         axes.append(is_lowest / is_lowest.sum(0) / torch.where(is_lowest > 0, _mean(length, factor), 1))
-    factors = (factor**2 * axes[0][:, :, None, None] * axes[1]).to(stack.device, fourier.complex_dtype(stack.dtype))
+    factors = (factor**2 * axes[0][:, :, None, None] * axes[1]).to(stack.device, exact.complex_dtype(stack.dtype))
     return _picture(torch.fft.fft2(stack)[..., None, :, None, :] * factors)
 
 
@@ -217,7 +217,7 @@ def _picture(spectrum: Tensor) -> Tensor:
 
 def _frequencies(length: int, factor: int) -> Tensor:
     """The q of every k, in cycles per pixel of the views, float64, [r, length]."""
-    return (factor * fourier.frequencies(factor * length)).reshape(factor, length)
+    return (factor * exact.frequencies(factor * length)).reshape(factor, length)
 
 
 def _mean(length: int, factor: int) -> Tensor:

@@ -27,11 +27,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.functional import threads
-from lfref.functional.jit import compiled, inlined
-from lfref.functional.row_sums import TAPS, Integers, Reals, add_taps, rounded_up, set_taps
-from lfref.refocus import batches, footprint_blur, sampling
-from lfref.refocus.footprint_blur import RowFactors
+from lfref.functional import loops
+from lfref.functional.loops import compiled, inlined
+from lfref.refocus import batches, footprint, sampling
+from lfref.refocus.footprint import RowFactors
+from lfref.refocus.sampling import TAPS, Integers, Reals, add_taps, rounded_up, set_taps
 from lfref.refocus.shift.shift_plan import Plan
 
 
@@ -140,7 +140,7 @@ def shift_and_sum(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
         room = torch.from_numpy(np.empty((len(views), len(plan.planes), views.shape[3], *plan.size), working))
     stack = room.numpy()
     sources = [_memory(field, tables, plan) for field in samples]
-    n_threads = threads.worthwhile(stack.size, 1 << 18)  # samples from which one more thread pays
+    n_threads = loops.worthwhile(stack.size, 1 << 18)  # samples from which one more thread pays
     first = np.concatenate([[0], np.cumsum(tables.down.highest - tables.down.lowest + 1)])
 
     def refocus(index: int, band: tuple[int, int]) -> None:
@@ -153,10 +153,10 @@ def shift_and_sum(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
         )
         add_band(sources[index], tables.across, tables.down, tables.scale, buffers, stack[index], *band)
 
-    jobs = itertools.product(range(len(views)), threads.bands(plan.size[0], n_threads))
-    threads.share(refocus, jobs, n_threads)
-    if plan.blurs:
-        footprint_blur.box_planes(stack, [shifts.width for shifts in plan.planes], plan.border, tables.blurred)
+    jobs = itertools.product(range(len(views)), loops.bands(plan.size[0], n_threads))
+    loops.share(refocus, jobs, n_threads)
+    if any(widths := [shifts.width for shifts in plan.planes]):
+        footprint.box_planes(stack, widths, plan.border, tables.blurred)
     return room
 
 
@@ -185,14 +185,14 @@ def _tables(plan: Plan, working: np.dtype, full_scale: int) -> Tables:
             factors.append(RowFactors(np.ones((1, width), working), np.zeros(height, np.int64)))
             continue
         covered = plan.coverage(shifts)
-        blurred = footprint_blur.boxed(covered, shifts.width, plan.border)
+        blurred = footprint.boxed(covered, shifts.width, plan.border)
         # Rows that the same lines have a sample in, and around them, are of one kind: they share their factors.
         has_sample = sampling.sampled(shifts.rows, height)
-        around = footprint_blur.boxed(has_sample, shifts.width, plan.border, axes=[-1])
+        around = footprint.boxed(has_sample, shifts.width, plan.border, axes=[-1])
         _, first, kinds = np.unique(
             np.concatenate([has_sample, around]), axis=1, return_index=True, return_inverse=True
         )
-        factors.append(RowFactors(footprint_blur.inverse(covered, blurred)[first].numpy(), kinds))
+        factors.append(RowFactors(footprint.inverse(covered, blurred)[first].numpy(), kinds))
     # A plane that is blurred is divided by its coverage after that, not before.
     scale = np.zeros((len(factors), max(len(own.factors) for own in factors), width), working)
     kinds = np.zeros((len(factors), height), np.int64)
@@ -215,18 +215,16 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
     aperture, width = np.array(plan.aperture), plan.size[1]
     parts = [aperture] if plan.is_separable else np.split(aperture, len(aperture))
     # The taps (u, start, weight, columns served) of every plane and line, without views and samples of weight 0.
-    planes = [
-        [
-            [
-                (u, u * row_length + plan.reach + offset, weight, plan.span(shift, 1))
-                for u, shift in enumerate(columns)
-                for offset, weight in plan.interpolation.taps(shift)
-                if part[:, u].sum() > 0 and weight != 0
-            ]
-            for columns, part in zip(shifts.columns, parts, strict=True)
-        ]
-        for shifts in plan.planes
-    ]
+    planes: list[list[list[tuple[int, int, float, tuple[int, int]]]]] = []
+    for shifts in plan.planes:
+        planes.append([])
+        for columns, part in zip(shifts.columns, parts, strict=True):
+            line = []
+            for u, shift in enumerate(columns):
+                for offset, weight in plan.interpolation.taps(shift) if part[:, u].sum() > 0 else ():
+                    if weight != 0:
+                        line.append((u, u * row_length + plan.reach + offset, weight, plan.span(shift, 1)))
+            planes[-1].append(line)
     groups = np.array([max(-(-len(taps) // TAPS) for taps in plane) for plane in planes])
     shape = (len(planes), len(parts), groups.max(), TAPS)
     starts, begins, ends = (np.zeros(shape, np.int64) for _ in range(3))

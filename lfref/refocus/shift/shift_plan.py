@@ -1,6 +1,7 @@
 """What shift-and-sum has to compute for some planes, apart from the views: one plan for PyTorch, Numba and Triton.
 
-Letters: `v u` view row and column, `s` slope in pixels per view step, `R M` lines of views and views in each (`lines`).
+Letters: `v u` view row and column, `s` slope in pixels per view step, `R M` lines of views and views in each
+(`batches.lines`).
 """
 
 import math
@@ -11,7 +12,7 @@ import torch
 from torch import Tensor
 
 from lfref.errors import chosen
-from lfref.refocus import batches, lines, sampling
+from lfref.refocus import batches, sampling
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, Border, Interpolation
 
 
@@ -79,8 +80,8 @@ def plan(
     widths: Sequence[float] | None = None,
     positions: Tensor | None = None,
 ) -> Plan:
-    """The plan of refocusing at slopes that `lines.checked_slopes` let pass; `widths` of boxes in pixels, [N]."""
-    method, cameras = chosen("interpolation", interpolation, INTERPOLATIONS), lines.lines(grid, positions)
+    """The plan of refocusing at slopes that `batches.checked_slopes` let pass; `widths` of boxes in pixels, [N]."""
+    method, cameras = chosen("interpolation", interpolation, INTERPOLATIONS), batches.lines(grid, positions)
     offsets = [cameras.rows.tolist(), *cameras.columns.tolist()]
     shifts = []
     for slope, width in zip(planes.tolist(), widths or [0.0] * len(planes), strict=True):

@@ -8,8 +8,8 @@ Letters: `v u` view row and column.
 import torch
 from torch import Tensor
 
-from lfref.functional import fourier
-from lfref.refocus import batches, footprint_blur
+from lfref.refocus import batches, footprint
+from lfref.refocus.fourier import exact
 from lfref.refocus.shift.shift_plan import Plan, Shifts
 
 SEAM = 16
@@ -35,12 +35,12 @@ def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
 
 def finished(total: Tensor, shifts: Shifts, plan: Plan) -> Tensor:
     """A plane's sum [..., H, W] blurred by its box, over the weight of the samples that count; may be overwritten."""
-    image = footprint_blur.boxed(total, shifts.width, plan.border)
+    image = footprint.boxed(total, shifts.width, plan.border)
     if not plan.border.counts_only_samples:
         return image
     covered = plan.coverage(shifts)
-    blurred = footprint_blur.boxed(covered, shifts.width, plan.border)
-    return image.mul_(footprint_blur.inverse(covered, blurred).to(image))
+    blurred = footprint.boxed(covered, shifts.width, plan.border)
+    return image.mul_(footprint.inverse(covered, blurred).to(image))
 
 
 def extended(views: Tensor, plan: Plan, axis: int) -> tuple[Tensor, int]:
@@ -65,8 +65,8 @@ def add(total: Tensor, extended: Tensor, pad: int, shift: float, plan: Plan, axi
     part = total.narrow(axis, start, stop - start)
     if plan.interpolation.weights is None:
         length = extended.shape[axis]
-        phases = fourier.shift_phases(fourier.half_frequencies(length), torch.tensor(shift, dtype=torch.float64))
-        phases = phases.to(extended.device, fourier.complex_dtype(extended.dtype))
+        phases = exact.shift_phases(exact.half_frequencies(length), torch.tensor(shift, dtype=torch.float64))
+        phases = phases.to(extended.device, exact.complex_dtype(extended.dtype))
         spectrum = torch.fft.rfft(extended, dim=axis) * (phases if axis == -1 else phases[:, None])
         part.add_(torch.fft.irfft(spectrum, n=length, dim=axis).narrow(axis, pad + start, stop - start))
         return

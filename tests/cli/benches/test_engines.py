@@ -13,8 +13,8 @@ from lfref.nets import checkpoint
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import refined
-from lfref.refocuser.operators import OperatorRefocuser
+from lfref.refocuser import networks
+from lfref.refocuser.refocuser import OperatorRefocuser
 
 SMALL = (
     "scene.camera.size=[64,72]", "calibration.scenes.camera.size=[48,48]", "calibration.n_fields=1", "n_scenes=1",
@@ -33,7 +33,7 @@ def refiner(tmp_path):
     network = Refiner(3, 1, width=8, n_blocks=1)
     for parameter in network.parameters():
         torch.nn.init.normal_(parameter, std=0.1)
-    entry = refined.payload(network, OperatorRefocuser("sum", shift_and_sum), ("central",))
+    entry = networks.refiner_entry(network, OperatorRefocuser("sum", shift_and_sum), ("central",))
     state = {checkpoint.PREFIX + name: value for name, value in network.state_dict().items()}
     tensor_files.write_checkpoint(tmp_path / "refiner.ckpt", {"lfref": entry, "state_dict": state})
     return tmp_path / "refiner.ckpt"

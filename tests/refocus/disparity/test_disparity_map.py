@@ -8,9 +8,9 @@ import torch
 import lfref
 from lfref.errors import InputError
 from lfref.functional import neighbours
-from lfref.refocus import batches, lines
+from lfref.refocus import batches
 from lfref.refocus.disparity.disparity_map import coarse_disparity, depth_order, disparity_map, estimate_range
-from lfref.refocus.focus.extended_focus import extended_focus
+from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import dirichlet, layered_views, shifted_views, slanted_views, texture
@@ -174,7 +174,7 @@ def moved(image, by):
 
 def test_cameras_anywhere_show_the_same_disparities():
     spread = torch.tensor([1.6, 0.7], dtype=torch.float64)
-    cameras = lines.even((5, 5)) * spread + 0.2 * torch.rand(5, 5, 2, dtype=torch.float64)
+    cameras = batches.even((5, 5)) * spread + 0.2 * torch.rand(5, 5, 2, dtype=torch.float64)
     sharp = neighbours.smoothed(texture(3, 68, 72), 1.0)
     views = border_off(torch.stack([torch.stack([moved(sharp, 0.6 * at) for at in row]) for row in cameras]))
     error = (disparity_map(views, positions=cameras).disparity - 0.6).abs()

@@ -1,12 +1,26 @@
+"""Shift-and-sum through cells: points among the scene's disparities, cells beyond, and nearer the truth for it."""
+
+import dataclasses
 import math
 
 import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus import footprint, lines
+from lfref.refocus import batches, footprint
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift.shift_and_sum import coverage, reach, shift_and_sum
+from lfref.refocus.shift.shift_and_sum import (
+    DisparityRange,
+    cell_widths,
+    coverage,
+    disparity_range,
+    reach,
+    shift_and_sum,
+    shift_and_sum_through_cells,
+)
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
+from tests.refocus.conftest import shifted_views, texture
 from tests.refocus.slow import slow_shift_and_sum
 
 
@@ -18,13 +32,13 @@ def test_equals_the_slow_reference(border, interpolation, grid):
     slopes = [-1.4, -1.0, 0.0, 0.37, 1.5]
     stack = shift_and_sum(views, slopes, interpolation, border, weights)
     for image, slope in zip(stack, slopes, strict=True):
-        slow = slow_shift_and_sum(views, slope, interpolation, border, weights, lines.even(grid))
+        slow = slow_shift_and_sum(views, slope, interpolation, border, weights, batches.even(grid))
         torch.testing.assert_close(image, slow, atol=1e-12, rtol=0)
 
 
 def test_float32_is_within_1e_6_of_the_slow_reference():
     views = torch.rand(7, 7, 1, 20, 21)
-    slow = slow_shift_and_sum(views.double(), 0.71, "linear", "renormalize", torch.ones(7, 7), lines.even((7, 7)))
+    slow = slow_shift_and_sum(views.double(), 0.71, "linear", "renormalize", torch.ones(7, 7), batches.even((7, 7)))
     torch.testing.assert_close(shift_and_sum(views, [0.71])[0].double(), slow, atol=1e-6, rtol=0)
 
 
@@ -187,3 +201,121 @@ def test_bad_arguments_are_refused(change, message):
     arguments = {"views": torch.rand(3, 3, 1, 10, 10), "slopes": [0.5]} | change
     with pytest.raises(InputError, match=message):
         shift_and_sum(**arguments)
+
+
+def test_planes_among_the_disparities_stay_points():
+    disparities = DisparityRange(-1.0, -0.4, 0.4)
+    planes = torch.tensor([-7.0, -3.0, -1.0, 0.0, 0.4, 0.55])
+    assert cell_widths(planes, disparities).tolist() == pytest.approx([6.6, 2.6, 0, 0, 0, 0])
+
+
+def test_half_way_through_a_fade_a_box_is_half_as_wide():
+    by_range = cell_widths(torch.tensor([0.15, 0.3]), DisparityRange(-3.0, -2.0, 0.0))
+    assert by_range.tolist() == pytest.approx([2.15 / 2, 2.3])
+    by_blur = cell_widths(torch.tensor([1.15, 1.3]), DisparityRange(0.0, 0.0, 0.0))
+    assert by_blur.tolist() == pytest.approx([1.15 / 2, 1.3])
+
+
+def test_cells_fade_in():
+    disparities = DisparityRange(0.0, 0.0, 0.0)
+    planes = torch.linspace(0.9, 1.5, 61, dtype=torch.float64)
+    steps = cell_widths(planes, disparities).diff()
+    assert bool((steps >= 0).all())
+    assert float(steps.max()) < 0.06
+
+
+def test_it_is_cubic_shift_and_sum_where_nothing_moves():
+    views = torch.rand(1, 1, 3, 32, 40).expand(5, 5, 3, 32, 40)
+    slopes = [-0.5, 0.25]
+    assert torch.equal(shift_and_sum_through_cells(views, slopes), shift_and_sum(views, slopes, "cubic"))
+
+
+def test_each_light_field_of_a_batch_has_its_own_range():
+    views = torch.rand(2, 5, 5, 3, 32, 40)
+    both = shift_and_sum_through_cells(views, [-2.5, 0.0])
+    for stack, field in zip(both, views, strict=True):
+        assert torch.equal(stack, shift_and_sum_through_cells(field, [-2.5, 0.0]))
+
+
+@pytest.mark.parametrize("name", ["edge", "discs", "twigs"])
+def test_wide_blur_has_no_copies(name):
+    scene = dataclasses.replace(sim30.SCENES[name], sensor=sim30.IDEAL)
+    made = simulate(scene, slopes=[-7.0, -3.0])
+    inner = (..., slice(24, -24), slice(24, -24))
+
+    def error(stack: torch.Tensor) -> torch.Tensor:
+        return (stack - made.truth)[inner].square().mean((1, 2, 3))
+
+    points, cells = shift_and_sum(made.views, made.slopes), shift_and_sum_through_cells(made.views, made.slopes)
+    assert bool((error(cells) < error(points) / 8).all())  # 9 dB
+
+
+def smooth_views(disparity: float, grid: tuple[int, int] = (7, 7), side: int = 160) -> torch.Tensor:
+    """A plane of soft texture, which small pictures of the views still show."""
+    torch.manual_seed(5)
+    waves = texture(1, side // 8, side // 8)[:, :, None, :, None].expand(-1, -1, 8, -1, 8)
+    soft = torch.fft.rfft2(waves.reshape(1, side, side))
+    soft[..., side // 16 : -(side // 16), :] = 0
+    soft[..., side // 16 :] = 0
+    return shifted_views(torch.fft.irfft2(soft, s=(side, side)), disparity, grid)
+
+
+@pytest.mark.parametrize("disparity", [-3.0, -1.0, 0.0, 0.4, 2.0])
+def test_one_plane_is_found(disparity):
+    seen = disparity_range(smooth_views(disparity))
+    assert seen.low - 0.01 <= seen.middle <= seen.high + 0.01
+    assert seen.middle == pytest.approx(disparity, rel=0.25, abs=0.02)
+
+
+def test_two_planes_span_a_range():
+    near, far = smooth_views(0.5), smooth_views(-1.0)
+    views = torch.where(torch.arange(160) < 80, near, far)
+    seen = disparity_range(views)
+    assert seen.low < -0.7
+    assert seen.high > 0.3
+
+
+@pytest.mark.parametrize("grid", [(1, 7), (7, 1)])
+def test_one_row_or_column_of_views_is_enough(grid):
+    assert disparity_range(smooth_views(1.0, grid)).middle == pytest.approx(1.0, rel=0.25)
+
+
+@pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50)])
+def test_nothing_seen_is_0(views):
+    assert disparity_range(views) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("rubbish", [torch.nan, torch.inf])
+def test_samples_that_are_not_finite_make_no_range(rubbish):
+    views = smooth_views(1.0)
+    views[3, 3, 0, 80, 80] = rubbish
+    assert disparity_range(views) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("size", [(1, 64), (64, 1)])
+def test_a_single_row_or_column_of_pixels_will_do(size):
+    assert all(value == value for value in disparity_range(torch.rand(5, 5, 3, *size)))
+
+
+def test_views_of_weight_0_are_not_looked_at():
+    views, weights = smooth_views(1.0), torch.ones(7, 7)
+    weights[3, 1:4], weights[0, 3] = 0, 0
+    expected = disparity_range(views, weights)
+    assert expected.middle == pytest.approx(1.0, rel=0.25)
+    for rubbish in (torch.nan, 7.0):
+        assert disparity_range(torch.where(weights[..., None, None, None] > 0, views, rubbish), weights) == expected
+
+
+def test_a_cross_of_views_is_enough():
+    weights = torch.zeros(7, 7)
+    weights[4], weights[:, 2] = 1, 1
+    assert disparity_range(smooth_views(-1.0), weights).middle == pytest.approx(-1.0, rel=0.25)
+
+
+def test_disparities_are_per_step_wherever_cameras_stand():
+    views, stand = smooth_views(0.5, (9, 9)), batches.even((9, 9))
+    taken = (torch.tensor([0, 1, 4, 6, 8])[:, None], torch.tensor([0, 3, 4, 5, 8]))
+    found = disparity_range(views[taken], None, stand[taken] + 0.1)
+    assert found.middle == pytest.approx(0.5, rel=0.25)
+    half_as_far = disparity_range(views[taken], None, stand[taken] / 2)
+    assert half_as_far.middle == pytest.approx(2 * found.middle, rel=1e-4)

@@ -6,8 +6,8 @@ import sys
 import pytest
 import torch
 
-from lfref.functional import threads
-from lfref.refocus import lines
+from lfref.functional import loops
+from lfref.refocus import batches
 from lfref.refocus.shift import shift_numba, shift_plan, shift_torch
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
@@ -20,7 +20,7 @@ def in_type(views: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", weights=None, widths=None):
-    planes = lines.checked_slopes(slopes, views.shape[1:3], views.shape[-2:], None)
+    planes = batches.checked_slopes(slopes, views.shape[1:3], views.shape[-2:], None)
     plan = shift_plan.plan(planes, views.shape[1:3], views.shape[-2:], interpolation, border, weights, widths)
     return shift_numba.shift_and_sum(views, plan), shift_torch.shift_and_sum(views, plan)
 
@@ -71,7 +71,7 @@ def test_views_in_any_memory_layout_are_read_where_they_lie():
 def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
     views = torch.rand(2, 3, 3, 1, 17, 20)
     alone, _ = both(views)
-    monkeypatch.setattr(threads, "worthwhile", lambda *_: n_threads)
+    monkeypatch.setattr(loops, "worthwhile", lambda *_: n_threads)
     assert torch.equal(both(views)[0], alone)
 
 

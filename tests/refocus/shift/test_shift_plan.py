@@ -1,11 +1,11 @@
 import torch
 
-from lfref.refocus import lines
+from lfref.refocus import batches
 from lfref.refocus.shift import shift_plan
 
 
 def planned(slopes):
-    return shift_plan.plan(lines.checked_slopes(slopes, (3, 5), (20, 24), None), (3, 5), (20, 24))
+    return shift_plan.plan(batches.checked_slopes(slopes, (3, 5), (20, 24), None), (3, 5), (20, 24))
 
 
 def test_equal_plans_are_one_key_so_that_tables_are_kept():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref import geometry
-from lfref.functional import fourier
+from lfref.refocus.fourier import exact
 from lfref.simulator.effects import displacement
 from lfref.simulator.effects.displacement import Chromatic, Misalignment
 
@@ -82,7 +82,7 @@ def moved_by(sigma, views, seed=0):
 def band_limited(height, width, share):
     """A periodic picture without frequencies above `share` cycles a pixel, of spread 1."""
     spectrum = torch.fft.rfft2(torch.randn(height, width, dtype=torch.float64))
-    low = (fourier.frequencies(height)[:, None].abs() <= share) & (fourier.half_frequencies(width) <= share)
+    low = (exact.frequencies(height)[:, None].abs() <= share) & (exact.half_frequencies(width) <= share)
     picture = torch.fft.irfft2(spectrum * low, s=(height, width))
     return picture / picture.std()
 
@@ -91,8 +91,8 @@ def band_limited(height, width, share):
 def test_a_band_limited_picture_moves_as_by_fouriers_shift(share, tolerance):
     picture, (dx, dy) = band_limited(48, 50, share), (0.37, -1.2)
     result = displacement.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
-    down = fourier.shift_phases(fourier.frequencies(48), torch.tensor(-dy, dtype=torch.float64))[:, None]
-    across = fourier.shift_phases(fourier.half_frequencies(50), torch.tensor(-dx, dtype=torch.float64))
+    down = exact.shift_phases(exact.frequencies(48), torch.tensor(-dy, dtype=torch.float64))[:, None]
+    across = exact.shift_phases(exact.half_frequencies(50), torch.tensor(-dx, dtype=torch.float64))
     expected = torch.fft.irfft2(torch.fft.rfft2(picture) * down * across, s=(48, 50))
     torch.testing.assert_close(result[8:-8, 8:-8], expected[8:-8, 8:-8], atol=tolerance, rtol=0)
 

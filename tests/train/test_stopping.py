@@ -14,7 +14,7 @@ from lightning.pytorch.loggers.csv_logs import ExperimentWriter
 from lfref.data.patch_data import FieldPatches
 from lfref.errors import CheckpointError, FileError, LfrefError
 from lfref.train.callbacks import AtomicCheckpointIO, CSVLogger
-from lfref.train.failures import one_line_errors
+from lfref.train.stopping import one_line_errors
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*"

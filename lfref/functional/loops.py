@@ -1,4 +1,4 @@
-"""Inner loops compiled by Numba, without the interpreter's lock, so that plain threads can share the work.
+"""Inner loops compiled by Numba, without the interpreter's lock, so that plain threads can share the work (`share`).
 
 Machine code is kept for later runs. Numba itself sees when the file of a loop changes, but not what the loop calls or
 takes from other files: a digest of all of them is its stamp. The cache of light fields uses the same digest.
@@ -6,14 +6,17 @@ takes from other files: a digest of all of them is its stamp. The cache of light
 
 import functools
 import hashlib
+import itertools
 import logging
 import pickle
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numba
+import torch
 
 log = logging.getLogger(__name__)
 
@@ -131,3 +134,43 @@ compiled = compiling()
 """Decorator of loops."""
 inlined = compiling(forceinline=True)
 """Decorator of steps within loops that take tables: a call would cost more than the work itself."""
+
+
+def worthwhile(size: int, worth_a_thread: int) -> int:
+    """Number of threads for work of some size: at least 1, at most as many as PyTorch has.
+
+    Args:
+        size: Of the work.
+        worth_a_thread: Size from which one more thread saves more than it costs.
+    """
+    return max(1, min(torch.get_num_threads(), size // worth_a_thread))
+
+
+def bands(length: int, n_bands: int) -> list[tuple[int, int]]:
+    """`n_bands` parts of a row of items, about equally long: first item and one past the last of each."""
+    return list(itertools.pairwise(round(length * i / n_bands) for i in range(n_bands + 1)))
+
+
+def share(work: Callable[..., None], jobs: Iterable[tuple[Any, ...]], n_threads: int) -> None:
+    """Do all jobs, each once, in any order; errors of `work` are raised here.
+
+    Args:
+        work: Does one job.
+        jobs: The arguments of each.
+        n_threads: Threads at work, the calling one among them.
+    """
+    waiting = list(jobs)
+    n_others, queue = min(n_threads, len(waiting)) - 1, iter(waiting)
+
+    def work_on() -> None:
+        for job in queue:
+            work(*job)
+
+    if n_others < 1:
+        work_on()
+        return
+    with ThreadPoolExecutor(n_others) as pool:
+        others = [pool.submit(work_on) for _ in range(n_others)]
+        work_on()
+        for other in others:
+            other.result()

@@ -1,26 +1,36 @@
-"""The inputs of all commands: which light fields `input` names, how each is read, and how many are processed at once.
+"""Steps that commands share, from light fields to results: find, read, correct, refocus, and where results go.
 
-A capture that fails does not stop the others. Reading, computing and writing run at the same time in one thread each,
-so that memory holds few light fields, however many there are.
+`process` runs the steps of a command on each light field. A capture that fails does not stop the others. Reading,
+computing and writing run at the same time in one thread each, so that memory holds few light fields, however many there
+are.
 """
 
 import re
+import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import torch
 from omegaconf import DictConfig
+from torch import Tensor
 
+from lfref.captures.correct import Corrections, correct_by_option
+from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
+from lfref.cli import run_folder
 from lfref.cli.command import log, paths, progress
-from lfref.errors import FileError, InputError, LfrefError, first_line, printable
-from lfref.functional.threads import ahead
+from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
+from lfref.geometry import FocalPlanes
 from lfref.io import atomic, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocuser.refocuser import Refocuser
+from lfref.report import pictures
+from lfref.report.refocused import mean_of_views
 
 LENSLET_SIDE = 3000
 """Least pixels along the shorter side of a lenslet image that a folder may contain (the smallest ESLF has 5250)."""
@@ -29,6 +39,9 @@ Step = Callable[[str, Any], Any]
 """(name, result of the previous step) -> result of this step; the first step gets the path."""
 Outcome = tuple[str, Any, Exception | None]
 """Name of a light field, its result so far, and the error that ended it, if any."""
+Item = TypeVar("Item")
+_END: Any = object()
+Planes = FocalPlanes | AutoPlanes
 
 
 def find_fields(config: DictConfig) -> dict[str, Path]:
@@ -178,3 +191,118 @@ def _run_step(step: Step, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
                 result, failure = None, error
         yield name, result, failure
         del result  # so that a light field is freed before the next one is read
+
+
+def ahead(items: Iterable[Item]) -> Iterator[Item]:
+    """The same items in the same order; a thread computes the next item while one is in use.
+
+    Nested steps (reading, computing, writing) then work at the same time, and at most one item waits between two steps.
+
+    Args:
+        items: An error in computing an item is raised where the item would be used.
+
+    Example:
+        >>> list(ahead(n * n for n in range(4)))
+        [0, 1, 4, 9]
+    """
+    source = iter(items)
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, source, _END)
+        while (item := coming.result()) is not _END:
+            coming = pool.submit(next, source, _END)
+            yield item
+            del item
+
+
+def fixed_planes(config: DictConfig) -> FocalPlanes:
+    """The configured planes, the same for all light fields."""
+    planes: Planes = configs.build(config.planes)
+    if isinstance(planes, AutoPlanes):
+        expected = "planes of this command must be the same for all light fields"
+        raise InputError(expected, got="planes=auto", remedy="planes=paper, or slopes=[-1,0,1]")
+    return planes
+
+
+def planes_of(planes: Planes, field: LightField) -> FocalPlanes:
+    """The planes of one light field."""
+    return planes.of(field) if isinstance(planes, AutoPlanes) else planes
+
+
+def white_field(config: DictConfig, refocuser: Refocuser) -> LightField | None:
+    """The light field of a white surface that `config.white` names, read like the inputs; None if it names none."""
+    return None if config.white is None else read_field(Path(config.white), config, [refocuser])
+
+
+def correct_field(
+    field: LightField, config: DictConfig, white: LightField | None, refocuser: Refocuser
+) -> tuple[LightField, Corrections | None]:
+    """Correct a light field as `config.correct` says, and log what was corrected."""
+    remedy = "take method=shift_and_sum_through_cells to have it corrected"
+    even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {remedy}"
+    corrected, corrections = correct_by_option(field, str(config.correct), white, even)
+    if corrections is not None and config.explain:
+        log.info("%s\n%s", field.name, corrections.summary())
+    elif corrections is not None:
+        if corrections.active:
+            active = ", ".join(corrections.active)
+            log.info("corrected: %s (explain=true says more, correct=none corrects nothing)", active)
+        for reason in dict.fromkeys(corrections.skipped.values()):
+            names = ", ".join(name for name, other in corrections.skipped.items() if other == reason)
+            log.info("%s: %s unchanged: %s", field.name, names, reason)
+    return corrected, corrections
+
+
+def write_corrections(folder: Path, corrections: Corrections | None) -> None:
+    """Write `corrections.txt` for people, and `correction.pt` for other captures if anything was corrected."""
+    if corrections is not None:
+        if corrections.active:
+            corrections.save(folder / "correction.pt")
+        atomic.write_text(folder / "corrections.txt", corrections.summary() + "\n")
+
+
+def refocus_field(refocuser: Refocuser, field: LightField, slopes: Tensor, device: torch.device) -> Tensor:
+    """The stack of a light field at slopes [N], on the CPU, [N, C, H, W]."""
+    with torch.no_grad():
+        return refocuser(field.to(device), slopes).cpu()
+
+
+def exposure(config: DictConfig) -> float | None:
+    """Factor of the brightness of pictures; None: each light field gets its own."""
+    return None if config.exposure == "auto" else float(configs.number(config, "exposure", 0))
+
+
+def gain(field: LightField, factor: float | None) -> float:
+    """Factor of the brightness of pictures of one light field; the log reports when dark captures are brightened."""
+    if factor is not None:
+        return factor
+    brightening = max(1.0, pictures.common_exposure(mean_of_views(field)))
+    if brightening > 1:
+        log.info("pictures are brightened %.2f times (exposure=1 prevents it; stack.exr never changes)", brightening)
+    return brightening
+
+
+def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -> Path:
+    """The result folder of one light field: the run folder for a single input, else RUN/NAME."""
+    if {path.resolve()} == {other.resolve() for other in inputs}:
+        return folder
+    return folder / (f"{name}_results" if name in run_folder.NOTES or name.endswith(".log") else name)
+
+
+@contextmanager
+def writing(folder: Path, results: Path) -> Iterator[Path]:
+    """The folder to write results into: the run folder, or a partial folder that gets its name when it is complete."""
+    if results == folder:
+        yield results
+        return
+    with atomic.replacing_folder(results) as partial:
+        yield partial
+    run_folder.list_also(folder, results)
+
+
+def remaining(fields: Mapping[str, Path], results: Mapping[str, Path], folder: Path) -> dict[str, Path]:
+    """The light fields without results; partial results of a killed run are deleted."""
+    for partial in (entry for place in {folder, *results.values()} for entry in atomic.partial_files(place)):
+        shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
+    waiting = {name: path for name, path in fields.items() if results[name] == folder or not results[name].exists()}
+    log.info("done: %d of %s", len(fields) - len(waiting), counted(len(fields), "light field"))
+    return waiting
