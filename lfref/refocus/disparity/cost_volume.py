@@ -43,14 +43,14 @@ QUIET = 0.25
 
 
 class GreyViews(NamedTuple):
-    """The grey views of one light field that are read."""
+    """Grey views of one light field, without those of weight 0."""
 
     samples: Reals
     """[K, H, W]."""
     positions: Reals
     """v and u of each, in view steps from the angular centre, [K, 2]."""
     middle: Integers
-    """Numbers of those nearest to the angular centre: one, or those around it."""
+    """Indices of the views nearest to the angular centre: one, or those around it."""
 
     @property
     def central(self) -> Tensor:

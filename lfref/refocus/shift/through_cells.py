@@ -1,9 +1,10 @@
 """Shift-and-sum through cells of the aperture: nearly the picture of the slow methods, at twice linear's time.
 
-Planes beyond the disparities of the scene, where all is blurred, look through whole cells, blurred by their distance
-from the middle disparity: a sum of points would show copies. Planes among them stay sums of points, since cells of one
-width would blur what is in focus. Interpolation is cubic. It stands apart from `shift_and_sum`, which it uses, because
-it looks at the views (`disparity_range`) before it sums them.
+In planes beyond the disparities of the scene all is blurred, and a sum of points would show copies. There each view
+stands for its whole cell: the plane is blurred by a box as wide as its distance from the middle disparity. Planes
+within the disparities stay sums of points, since cells of one width would blur what is in focus. Interpolation is
+cubic. The module stands apart from `shift_and_sum`, which it uses, because it measures the views (`disparity_range`)
+before it sums them.
 """
 
 import torch
@@ -17,13 +18,13 @@ from lfref.refocus.shift import shift_and_sum, shift_plan
 FADE = 0.3
 """Pixels per view step over which a sum of points gives way to one of cells: films through the planes stay smooth."""
 LEAST = 1.0
-"""Blur of a cell in pixels from which copies show, one pixel: cells that blur less are left as points."""
+"""Least blur of a cell that counts, in pixels: copies that are nearer than one pixel do not show."""
 
 
 def shift_and_sum_through_cells(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, positions: Tensor | None = None
 ) -> Tensor:
-    """Refocus light fields by shift-and-sum, each view standing for its cell of the aperture where all is out of focus.
+    """Refocus by shift-and-sum; where all is out of focus, each view stands for its cell of the aperture.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
