@@ -205,7 +205,7 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
 
 
 def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
-    """The picture that a mirror shows: as far in front of the mirror, behind the cameras, as its image is behind it."""
+    """The picture that a mirror shows, behind the cameras: as far before the mirror as its image is behind it."""
     material: Any = surface.material
     x, y = mesh_points(Full(), canvas)
     image, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)

@@ -321,7 +321,7 @@ def mean_of(values: Reals, middle: Integers) -> Number:
 def robust_mean(values: Reals, reference: Number, spread: float, weights: Reals) -> Number:
     """Mean of the values weighted by their agreement with a reference; weights are written, 0 for NaN.
 
-    The squares of the agreement of the sweep: views that differ have to count for next to nothing in a mean.
+    The weights are the squares of the agreement in the sweep, so that views that differ count for next to nothing.
     """
     total, sum_of_weights = np.float32(0), np.float32(0)
     for k in range(values.size):

@@ -2,8 +2,8 @@
 
 At some hundred frequencies the views, L = sum_k A_k f_k + noise with A the phases of layer k in each view, are modelled
 with layers whose energies p_k are the same at all frequencies. Expectation maximisation raises the likelihood step by
-step: the mean and variance of f under the present p, then p = mean of |f|^2 + variance. A layer that explains nothing
-the others do not fades away. A focus measure cannot do that: the aperture blurs it along the disparities.
+step: the mean and variance of f under the present p, then p = mean of |f|^2 + variance. A layer fades away if
+the others explain all that it explains. A focus measure cannot do that: the aperture blurs it along the disparities.
 Letters: `d` disparity in pixels per view step, `K` layers, `F` frequencies, `kx ky` frequency in cycles per pixel.
 Source: Tipping, "Sparse Bayesian Learning and the Relevance Vector Machine", 2001.
 """
