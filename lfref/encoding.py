@@ -28,7 +28,7 @@ def from_srgb(samples: Tensor, gamma: float) -> Tensor:
 
 
 def power(values: Tensor, exponent: float) -> Tensor:
-    """Raise to a power above 0; negative values are the mirror image."""
+    """Raise absolute values to a power above 0; signs stay."""
     # At 0 the gradient of a power below 1 is infinite: 0 is cut out.
     size = values.abs()
     return torch.where(size > 0, values.sign() * size.clamp(min=1e-30) ** exponent, 0.0)

@@ -94,7 +94,7 @@ class DisplayedStack(NamedTuple):
     """[N, C, H, W]."""
 
     def inside(self, margin: int) -> "DisplayedStack":
-        """Both without a border of `margin` pixels."""
+        """The stack without a border of `margin` pixels."""
         return DisplayedStack(without_border(self.encoded, margin), without_border(self.linear, margin))
 
 

@@ -20,7 +20,7 @@ from lfref.bench import memory, timing
 from lfref.bench.accuracy import Row
 from lfref.data.field_sources import SimulatedField
 from lfref.engines import runtimes
-from lfref.engines.engine import BF16, FP32, INT8, EngineWorkload, Inputs, Run
+from lfref.engines.engine import BF16, FP32, INT8, EngineWorkload, Inputs, NetworkFunction
 from lfref.engines.runtimes import ENGINES
 from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
@@ -39,7 +39,7 @@ class FieldInputs(NamedTuple):
     truth: Tensor
     """The lens's pictures in linear light, [N, C, H, W]."""
 
-    def stack(self, run: Run) -> Tensor:
+    def stack(self, run: NetworkFunction) -> Tensor:
         """The stack of a network that an engine runs, [N, C, H, W]."""
         outputs = [run(*part) for part in self.parts]
         return outputs[0] if len(outputs) == 1 else torch.cat(outputs)
@@ -123,7 +123,7 @@ PRECISIONS = (FP32, BF16, INT8)
 class StartedEngine(NamedTuple):
     """An engine after its first stack."""
 
-    run: Run
+    run: NetworkFunction
     start_s: float
     """Seconds of preparation and the first pass."""
     extra_bytes: int | None
@@ -171,7 +171,7 @@ def start(case: NetworkCase, engine: str, precision: str) -> StartedEngine:
     return StartedEngine(run, prepare_s + first_s, None if before is None or most is None else most - before)
 
 
-def passes(case: NetworkCase, runs: Mapping[tuple[str, str], Run], rounds: Iterable[int]) -> Iterator[Row]:
+def passes(case: NetworkCase, runs: Mapping[tuple[str, str], NetworkFunction], rounds: Iterable[int]) -> Iterator[Row]:
     """Time and compare all engines in turns.
 
     Args:

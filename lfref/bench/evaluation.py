@@ -179,7 +179,7 @@ def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> I
 
 
 def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
-    """Exact refocusing of views [V, U, C, H, W] at slopes [N]; planes far from all surfaces through whole cells.
+    """Exact refocusing of views [V, U, C, H, W] at slopes [N]; in planes far from all surfaces, views stand for cells.
 
     The dense views are points too: far from focus, their sum would leave copies of edges in the reference. There each
     view stands for its cell, blurred by its distance from the middle disparity (`shift_and_sum_through_cells`).

@@ -55,7 +55,7 @@ class Ratios(NamedTuple):
 
 @torch.no_grad()
 def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Ratios:
-    """Compare all views with the central one, whose disparity is in pixels per view step, [H, W]."""
+    """Light of each view relative to the central view, whose `disparity` is in pixels per view step, [H, W]."""
     height, width = field.size
     images = field.views.flatten(0, 1)
     # At 1 or, after white balance, above: what is white in a darker picture is not clipped.

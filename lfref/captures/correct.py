@@ -1,7 +1,7 @@
 """Correcting a capture: the defects that it shows, and no others; the estimates can be reported, saved and used again.
 
-`estimate_and_correct` is the whole sequence. It runs against the light's way through the camera, and estimates each
-defect in the light field that the corrections before have left.
+`estimate_and_correct` is the whole sequence. It runs in the reverse order of the light path, and estimates each defect
+in the light field that the corrections before it return.
 """
 
 import dataclasses

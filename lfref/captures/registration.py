@@ -68,7 +68,7 @@ class Registration(NamedTuple):
     explanation: Explanation
 
     def explain(self, unknown: Tensor, chosen: Tensor | slice = slice(None)) -> Explanation:
-        """Explain the displacements of some patches, with other unknown shifts; see the function `explain`."""
+        """The function `explain` for the patches `chosen`, with other `unknown` shifts."""
         shown = self.observed.shown[chosen]
         return explain(self.information[chosen], self.moved[chosen], shown, self.positions, unknown)
 

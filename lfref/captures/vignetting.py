@@ -220,7 +220,7 @@ class _RimProblem:
         return float(self.costs(rim).sum())
 
     def gain(self, rim: Rim) -> float:
-        """Gain of a `RimFit`: one quarter may be wrong, because a highlight or an edge lies there."""
+        """`RimFit.gain` of a rim: the second least of four quarters, since one may hold a highlight or an edge."""
         gained = self.costs(rim._replace(displacement=0.0)) - self.costs(rim)
         quarter = 2 * (self.y0 > 0) + (self.x0 > 0)
         counts = self.known.any(0)

@@ -28,7 +28,7 @@ from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
-from lfref.engines.engine import Run
+from lfref.engines.engine import NetworkFunction
 from lfref.errors import InputError, chosen, counted
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
@@ -51,7 +51,7 @@ class Rounds(NamedTuple):
 
     @property
     def all(self) -> range:
-        """Numbers of all rounds, the warm-up first."""
+        """Indices of all rounds, those of the warm-up first."""
         return range(self.warmup + self.counted)
 
 
@@ -190,7 +190,7 @@ SUBJECTS: dict[str, Callable[[DictConfig], Sequence[Make]]] = {"network": _netwo
 
 def _measure(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables of the starts of the engines and of their passes; the engines are freed afterwards."""
-    runs: dict[tuple[str, str], Run] = {}
+    runs: dict[tuple[str, str], NetworkFunction] = {}
     starts: list[Row] = []
     for engine, precision in progress(choices, f"{case.name}: starting engines"):
         row: Row = {"network": case.name, "engine": engine, "precision": precision}

@@ -24,7 +24,7 @@ from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 
 Task = Callable[[DictConfig, Path], None]
-Claim = Callable[[DictConfig, Path], bool]
+Prepare = Callable[[DictConfig, Path], bool]
 Item = TypeVar("Item")
 
 console = Console(stderr=True)
@@ -32,17 +32,17 @@ log = logging.getLogger("lfref")
 
 
 def command(
-    task: Task, claim: Claim = lambda config, folder: True, expand: Callable[[list[str]], list[str]] = list
+    task: Task, prepare: Prepare = lambda config, folder: True, expand: Callable[[list[str]], list[str]] = list
 ) -> Callable[[], None]:
     """Make a command of a function (configuration, run folder); `conf/NAME.yaml` is the configuration of module NAME.
 
-    `claim` (configuration, run folder) runs before anything is written, and returns False if there is nothing to do.
+    `prepare` (configuration, run folder) runs before the task, and returns False if there is nothing to do.
     `expand` replaces `resume=RUN` in the words of a command line by the overrides of that run.
     """
     name = Path(task.__code__.co_filename).stem
 
-    @functools.wraps(task)
-    def guarded(config: DictConfig) -> None:
+    @functools.wraps(task)  # Hydra names the job after the module of the function that it gets
+    def run_task(config: DictConfig) -> None:
         folder = Path(HydraConfig.get().runtime.output_dir)
         with open_dict(config):
             config.folder = str(folder)
@@ -50,7 +50,7 @@ def command(
             parts.check(configs.plain(config), folder)
             if "seed" in config:
                 configs.number(config, "seed", 0, 2**32 - 1)
-            if claim(config, folder):
+            if prepare(config, folder):
                 with marked(folder) if is_first_process() else nullcontext():
                     configs.save(config, folder)
                     runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
@@ -65,14 +65,14 @@ def command(
             else:
                 raise
 
-    composed = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(guarded)
+    run_hydra = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(run_task)
 
     @functools.wraps(task)
     def main() -> None:
         try:
             with patient_pipes(), exit_line_on_signals(name):
                 sys.argv[1:] = composition.check_line(name, expand(sys.argv[1:]))
-                composed()
+                run_hydra()  # composes the configuration and calls `run_task`, for each job of a sweep
                 resume.exit_if_jobs_failed(name)
         except LfrefError as error:
             fail(name, error, status=2)

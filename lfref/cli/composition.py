@@ -296,18 +296,18 @@ def check_composition(
         added = [item for item in groups if item.is_add() and not item.is_hydra_override()]
         others = [*arguments.SHORTHANDS, *loader.list_groups("")]
 
-        def composed(left_out: list[Override]) -> DictConfig:
+        def compose(left_out: list[Override]) -> DictConfig:
             kept = [str(override.input_line) for override in overrides if override not in left_out]
             return loader.load_configuration(command, [*search, *kept], mode)
 
-        base = composed(values)
-        rest = composed([*values, *added]) if added else base
+        base = compose(values)
+        rest = compose([*values, *added]) if added else base
         for override in added:  # files added by +GROUP=NAME to a place that no command reads
             place = override.package or override.key_or_group.replace("/", ".")
             if OmegaConf.select(base, place) is not None:  # a file may name another place itself
                 find(rest, place, override.get_key_element()[1:], others, may_add=True)
         check_overrides(base, values, others)
-        whole = composed([])
+        whole = compose([])
         if search:
             whole.hydra.searchpath = []
         check(whole.hydra)

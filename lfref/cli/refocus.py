@@ -89,7 +89,7 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     return network, planes
 
 
-def claim(config: DictConfig, folder: Path) -> bool:
+def prepare(config: DictConfig, folder: Path) -> bool:
     """Refuse to resume a run with other settings than its own."""
     if config.resume is not None:
         plain = configs.plain(config)
@@ -98,7 +98,7 @@ def claim(config: DictConfig, folder: Path) -> bool:
     return True
 
 
-main = command(refocus, claim, functools.partial(resume.expanded, last=lambda run: run.folder))
+main = command(refocus, prepare, functools.partial(resume.expanded, last=lambda run: run.folder))
 
 if __name__ == "__main__":
     main()

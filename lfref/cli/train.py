@@ -26,7 +26,7 @@ from lfref.train.modules import Fitting, cut_log
 from lfref.train.stopping import Stopping, one_line_errors
 
 
-def claim(config: DictConfig, folder: Path) -> bool:
+def prepare(config: DictConfig, folder: Path) -> bool:
     """Find the checkpoint from which training starts, if any, and cut the log after it.
 
     Args:
@@ -138,16 +138,16 @@ def _loggers(config: DictConfig) -> list[Any]:
     return loggers
 
 
-_started = command(train, claim)
+_run = command(train, prepare)
 
 
 def main() -> None:
-    """Write `resume=RUN` out, and start."""
+    """Write `resume=RUN` out, and start; a run that cannot be resumed is status 1, as a training that fails."""
     try:
         sys.argv[1:] = resume.expanded(sys.argv[1:])
     except LfrefError as error:
         fail("train", error)
-    _started()
+    _run()
 
 
 if __name__ == "__main__":

@@ -115,7 +115,7 @@ class FieldPatches(Dataset[Batch]):
         }
 
     def _draw(self, field: Field, random: np.random.Generator) -> Iterator[tuple[str, tuple[Tensor, Tensor] | None]]:
-        """Places NAME@TOP,LEFT with their patches, None for flat ones, up to the first that is not flat."""
+        """(NAME@TOP,LEFT, patch) of each random corner until a patch is not flat; the patch is None if it is flat."""
         free = np.array(field.size) - self.patch
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()

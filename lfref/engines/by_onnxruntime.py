@@ -8,18 +8,28 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import FP32, INT8, EngineWorkload, Inputs, Preparation, Run, arrays, float_convolutions, quiet
+from lfref.engines.engine import (
+    FP32,
+    INT8,
+    EngineWorkload,
+    Inputs,
+    NetworkFunction,
+    Preparation,
+    arrays,
+    float_convolutions,
+    quiet,
+)
 
 FATAL_ONLY = 4
 """Level of ONNX Runtime's log: it raises errors too, which become one line."""
 
 
-def fp32(workload: EngineWorkload) -> Run:
+def fp32(workload: EngineWorkload) -> NetworkFunction:
     """The network in float32."""
     return Session(export(workload).SerializeToString())
 
 
-def int8(workload: EngineWorkload) -> Run:
+def int8(workload: EngineWorkload) -> NetworkFunction:
     """The network with inner convolutions in int8, a scale for each of their filters, the rest in float32."""
     return Session(quantise(export(workload), workload.patches).SerializeToString())
 

@@ -16,8 +16,8 @@ from lfref.engines.engine import (
     INT8,
     EngineWorkload,
     Inputs,
+    NetworkFunction,
     Preparation,
-    Run,
     arrays,
     float_convolutions,
     quiet,
@@ -30,7 +30,7 @@ NOT_COMPUTING = {"Convolution", "Parameter", "Constant", "Result"}
 """Types of nodes that need not be kept from int8: convolutions, and nodes that compute nothing."""
 
 
-def prepare(workload: EngineWorkload, precision: str) -> Run:
+def prepare(workload: EngineWorkload, precision: str) -> NetworkFunction:
     """The network in a precision; under int8 all but inner convolutions is in the processor's fastest precision."""
     import openvino
 
@@ -73,7 +73,7 @@ def beside_int8() -> str:
     return BF16 if "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else FP32
 
 
-def compile_model(model: Model, precision: str) -> Run:
+def compile_model(model: Model, precision: str) -> NetworkFunction:
     """A model, ready to run in a precision, a key of `HINTS`."""
     import openvino
 

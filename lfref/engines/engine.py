@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from lfref.errors import InputError
 
 Inputs = tuple[Tensor, ...]
-Run = Callable[..., Tensor]
+NetworkFunction = Callable[..., Tensor]
 """Called like the network, with inputs of the shapes and types that it was prepared for."""
 
 FP32, FP16, BF16, INT8 = "fp32", "fp16", "bf16", "int8"
@@ -56,7 +56,7 @@ class EngineWorkload:
 class Preparation:
     """One precision of one engine."""
 
-    prepare: Callable[[EngineWorkload], Run]
+    prepare: Callable[[EngineWorkload], NetworkFunction]
     """Called without gradients; leaves the network as it is."""
     packages: tuple[str, ...] = ()
     """Packages that it needs beside PyTorch."""

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from lfref.engines import by_onnxruntime, by_openvino
-from lfref.engines.engine import BF16, FP32, INT8, EngineWorkload, Inputs, Preparation, Run
+from lfref.engines.engine import BF16, FP32, INT8, EngineWorkload, Inputs, NetworkFunction, Preparation
 from lfref.errors import InputError, chosen
 
 COMPILERS = ("g++", "clang++", "c++")
@@ -21,7 +21,7 @@ WARMUP = 3
 """Passes before a CUDA graph is recorded, in which libraries choose their algorithms."""
 
 
-def prepare(engine: str, precision: str, workload: EngineWorkload) -> Run:
+def prepare(engine: str, precision: str, workload: EngineWorkload) -> NetworkFunction:
     """Prepare a network for an engine.
 
     Args:
@@ -68,19 +68,19 @@ def _types(inputs: Inputs) -> list[str]:
     return [f"{'x'.join(map(str, tensor.shape))} {str(tensor.dtype).removeprefix('torch.')}" for tensor in inputs]
 
 
-def _eager(workload: EngineWorkload, precision: str) -> Run:
+def _eager(workload: EngineWorkload, precision: str) -> NetworkFunction:
     """PyTorch operation by operation, with which the other engines are compared."""
     return _in_bf16(workload.network) if precision == BF16 else workload.network
 
 
-def _channels_last(workload: EngineWorkload, precision: str) -> Run:
+def _channels_last(workload: EngineWorkload, precision: str) -> NetworkFunction:
     """As `_eager`, with the channels of a pixel side by side in memory."""
     network: nn.Module = copy.deepcopy(workload.network)
     network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return _in_bf16(network) if precision == BF16 else network
 
 
-def _compile(workload: EngineWorkload, precision: str) -> Run:
+def _compile(workload: EngineWorkload, precision: str) -> NetworkFunction:
     """Inductor: fused loops between convolutions, and weights as constants arranged for the machine's convolutions."""
     run = _channels_last(workload, precision)
 
@@ -92,7 +92,7 @@ def _compile(workload: EngineWorkload, precision: str) -> Run:
     return torch.compile(alone, dynamic=False, options={"freezing": True})
 
 
-def _cuda_graph(workload: EngineWorkload, precision: str) -> Run:
+def _cuda_graph(workload: EngineWorkload, precision: str) -> NetworkFunction:
     """A recorded pass."""
     run = _channels_last(workload, precision)
     # A graph reads and writes the memory that it was recorded with.
@@ -108,7 +108,7 @@ def _cuda_graph(workload: EngineWorkload, precision: str) -> Run:
         stack = run(*inputs)
 
     # Bound here: the graph reads the weights of `run` where they were, so these must stay in memory.
-    def replay(*new: Tensor, network: Run = run) -> Tensor:
+    def replay(*new: Tensor, network: NetworkFunction = run) -> Tensor:
         for memory, tensor in zip(inputs, new, strict=True):
             memory.copy_(tensor)
         graph.replay()
@@ -117,7 +117,7 @@ def _cuda_graph(workload: EngineWorkload, precision: str) -> Run:
     return replay
 
 
-def _in_bf16(run: Run) -> Run:
+def _in_bf16(run: NetworkFunction) -> NetworkFunction:
     """PyTorch's operations with convolutions and products in bfloat16, the result in the type of the first input."""
 
     def half(*inputs: Tensor) -> Tensor:
@@ -129,7 +129,7 @@ def _in_bf16(run: Run) -> Run:
     return half
 
 
-def _both(function: Callable[..., Run], **needs: tuple[str, ...]) -> Mapping[str, Preparation]:
+def _both(function: Callable[..., NetworkFunction], **needs: tuple[str, ...]) -> Mapping[str, Preparation]:
     """An engine of PyTorch in float32 and bfloat16."""
     return {
         precision: Preparation(functools.partial(function, precision=precision), **needs) for precision in (FP32, BF16)

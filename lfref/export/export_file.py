@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from lfref.engines.engine import BF16, FP16, FP32, Run
+from lfref.engines.engine import BF16, FP16, FP32, NetworkFunction
 from lfref.engines.files import file_formats
 from lfref.engines.files.file_formats import FORMATS
 from lfref.engines.files.manifest import Manifest, digest
@@ -177,7 +177,7 @@ def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str
     checkpoint.write_weights(path, {"lfref": entry, "state_dict": state}, notes)
 
 
-def weights_run(path: Path) -> Run:
+def weights_run(path: Path) -> NetworkFunction:
     """The network of a file that `write_weights` wrote, ready to run."""
     refocuser = load(path)
     assert isinstance(refocuser, NetworkRefocuser | RefinedRefocuser)

@@ -275,9 +275,9 @@ class Exportable:
 
 
 def exportable(refocuser: Refocuser, planes: FocalPlanes, grid: tuple[int, int]) -> Exportable:
-    """A network, a refiner or shift-and-sum, on the CPU, as a graph; others raise InputError.
+    """The graph of a network, a refiner or shift-and-sum on the CPU; other methods raise InputError.
 
-    `planes` and `grid` (view rows and columns) are those of an operator, and those with which a refiner is compared.
+    An operator is exported for `planes` and `grid` (view rows and columns); a refiner is only compared at them.
     """
     if isinstance(refocuser, NetworkRefocuser):
         return _network(refocuser)

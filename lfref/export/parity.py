@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from lfref.engines.engine import BF16, FP16, FP32, INT8, Inputs, Run
+from lfref.engines.engine import BF16, FP16, FP32, INT8, Inputs, NetworkFunction
 from lfref.export.graphs import Exportable
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
@@ -67,7 +67,7 @@ def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityC
 
 
 @torch.no_grad()
-def rows(subject: Exportable, runs: Mapping[str, Run], cases: Iterable[ParityCase]) -> Iterator[Row]:
+def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterable[ParityCase]) -> Iterator[Row]:
     """Compare the pictures of every engine, by name, with those of lfref, case by case.
 
     A stack that is not finite has an infinite error. `own_error`: on flat frames, distance of lfref's float32 from its

@@ -77,7 +77,7 @@ def _flattest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _line(light: Tensor, variance: Tensor) -> tuple[float, float]:
-    """(a, b), both at least 0, of the line a x + b along the lowest of the levels: texture only adds variance."""
+    """(a, b), both at least 0, of the line a x + b that fits the lowest variances: texture only adds to them."""
     if not len(light) or not float(variance.max()) > 0:
         return 0.0, 0.0
     x, y = light.double(), variance.double()

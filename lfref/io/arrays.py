@@ -83,7 +83,7 @@ def _open_mat(path: Path) -> Iterator[list[StoredArray]]:
 
 @contextmanager
 def _open_mat_73(path: Path) -> Iterator[list[StoredArray]]:
-    """MATLAB 7.3: HDF5 whose axes stand the other way round."""
+    """MATLAB 7.3: HDF5 with the axes in reverse order."""
 
     def transposed(load: Callable[[], NDArray]) -> NDArray:
         return load().T

@@ -229,7 +229,7 @@ class Spectrum:
     """Pixels of the image along the axis."""
 
     def comb(self, pitch: float | NDArray, without: int = LINES + 1) -> NDArray:
-        """Mean prominence of the lines of one or many pitches above 2 pixels, without multiples of `without`."""
+        """Mean prominence of the first `LINES` harmonics of pitches above 2 pixels, without multiples of `without`."""
         last = len(self.prominence) - 1
         lines = [k for k in range(1, LINES + 1) if k % without]
         at = np.round(np.multiply.outer(lines, 2 * last / np.asarray(pitch))).astype(int)

@@ -147,7 +147,7 @@ def lattice_of_options(options: ReadOptions) -> Lattice:
 
 
 def overridden(lattice: Lattice, options: ReadOptions) -> Lattice:
-    """A lattice from an image, changed as the options tell."""
+    """A lattice from an image, changed by the options."""
     if options.pitch is None and options.rotation is None and options.lattice in (None, lattice.name):
         return replace(lattice, origin=options.offset or lattice.origin)
     described = replace(

@@ -165,16 +165,16 @@ def read(
             regular expression with the named groups `row` and `column`, or `index`; None: as `view_folders` knows.
         lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
         pitch: Of lenslets that are not aligned: pixels between neighbours, also a fraction, or [rows, columns].
-        offset: Their centre [y, x] of any lenslet, from the middle of the first pixel; None: what dark borders of
+        offset: Centre [y, x] of any lenslet, from the middle of the first pixel; None: what dark borders of
             lenslets show, else half a pitch from the corner.
-        rotation: Degrees by which their rows are turned, above 0 where they fall to the right.
+        rotation: Degrees by which rows of lenslets are turned, above 0 where they fall to the right.
         lattice: `square` or `hexagonal` (every other row half a pitch further); None: square, or what `white` shows.
-        white: A white image of the camera: it shows the lenslets, and what is divided by it is bright throughout.
+        white: A white image of the camera: it shows where the lenslets are, and the image is divided by it.
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
-        grid: Rows and columns of views that are numbered through; None: a square.
+        grid: Rows and columns of views that have one number each; None: a square.
         holes: Whether views may be missing; None: only where that seems to be on purpose (a cross, a diagonal).
         axes: What the axes of an array are, as `vuhwc`: view row and column, pixel row and column, channel, or `n` for
-            views row by row; None: what its shape leaves no doubt about.
+            views row by row; None: by its shape, if only one order fits.
         variable: Which array of a file of several; None: the only one that may be a light field, or `LF`.
         positions: Positions of the cameras: a CSV or JSON file as `cameras` describes it, or `names` for the names of a
             Stanford gantry's files; None: an even grid.

@@ -127,7 +127,7 @@ def write_checkpoint(path: str | Path, contents: dict[str, Any]) -> None:
 
 
 def read_checkpoint(path: Path) -> Any:
-    """The contents of a file of `torch.save`, on the CPU; CheckpointError if it is damaged or could do more."""
+    """The contents of a file of `torch.save`, on the CPU; CheckpointError if it is damaged or could run code."""
     try:
         has_digest = check_archive_digest(path)
         contents = torch.load(path, map_location="cpu", weights_only=True)

@@ -98,7 +98,7 @@ def write_pictures(
     """Write the planes of a stack as pictures, already encoded for the screen; returns the path.
 
     Args:
-        path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, or without alpha where none reaches.
+        path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, without alpha if the slope has none.
         pictures: Floating point, clipped to [0, 1], N times [C, H, W] with C 1 or 3.
         planes: The N planes.
         suffix: One of `images.DEPTHS`.

@@ -44,7 +44,7 @@ def square(grid: Sequence[int], side: float | None = None) -> Tensor:
 
 
 def polygon(grid: Sequence[int], blades: int, diameter: float | None = None, rotation: float = 0.0) -> Tensor:
-    """A regular polygon about the angular centre, as the blades of a diaphragm leave open.
+    """A regular polygon about the angular centre: the opening between the blades of a diaphragm.
 
     Args:
         blades: Corners, >= 3.

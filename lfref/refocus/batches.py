@@ -70,7 +70,7 @@ def symmetric_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
 
 
 def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
-    """Views [B, V, U, C, H, W], those of weight 0 in the aperture [V, U] black if 0 times them would be NaN."""
+    """Views [B, V, U, C, H, W]; those of weight 0 in the aperture [V, U] become black unless known to be finite."""
     unread = (aperture == 0).nonzero().tolist()
     if not unread or not views.is_floating_point():
         return views

@@ -236,7 +236,7 @@ class RowFactors(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Taps of one width, and what they read beyond the edges of a plane; -1 is black."""
+    """Taps of one width, and the indices of the samples that they read beyond the edges of a plane; -1 reads black."""
 
     radius: int
     """Samples to each side that are read."""
@@ -288,7 +288,7 @@ def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: 
 
 
 def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
-    """As `blurred` on the CPU, by compiled loops; the widths given by their places among the levels."""
+    """As `blurred` on the CPU, by compiled loops; `places` are the widths as places among the levels."""
     planes, shares = stack.detach().contiguous().numpy(), places.detach().to(stack).contiguous().numpy()
     levels = [spanned(plane) for plane in places.unbind(1)]
     boxes = {
@@ -375,7 +375,7 @@ def _add_level(image: Reals, box: Box, places: Reals, level: float, unit: float,
 
 @inlined
 def _blur_along(y: int, image: Reals, box: Box, work: Workspace) -> None:
-    """Blur a row along itself, into the ring."""
+    """Blur row y along x; the result goes into the ring of `work`."""
     (height, width), n_rows, length = image.shape, 2 * box.radius + 1, work.total.size
     row = work.head[y + box.radius] if y < 0 else (image[y] if y < height else work.tail[y - height])
     inner = work.line[box.radius : box.radius + width]
@@ -394,7 +394,7 @@ def _blur_along(y: int, image: Reals, box: Box, work: Workspace) -> None:
 
 @inlined
 def _blur_down(r: int, box: Box, work: Workspace) -> None:
-    """Blur the rows around row r, all of them in the ring, down the columns."""
+    """Blur row r along y, from the rows around it, which are all in the ring of `work`."""
     n_rows, length = 2 * box.radius + 1, work.total.size
     for k in range(work.starts.size):
         work.starts[k // TAPS, k % TAPS] = ((r + (k if k < n_rows else 0)) % n_rows) * length

@@ -175,7 +175,7 @@ def add_rows(
 
 @loops.compiled
 def _add(values: NDArray, weights: NDArray, sign: int, total: NDArray) -> None:  # pragma: no cover - compiled
-    """Add sign times the weighted sum of values [p, LANES] to a total [LANES]: four p at a time spare loads of it."""
+    """Add sign times the weighted sum of values [p, LANES] to a total [LANES], read and written once for four p."""
     last = len(values) - len(values) % 4
     for p in range(0, last, 4):
         for lane in range(LANES):

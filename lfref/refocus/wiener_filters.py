@@ -6,11 +6,11 @@ from k. The estimate sum_i g_i L_i of T of least mean square error solves
     sum_i g_i C_ij = b_j,   C_ij = sum_dm p_d S(q) exp(-2 pi i d (i - j) q) + noise,
     b_j = sum_dm p_d S(q) A((s - d) q) exp(2 pi i d j q),   A the transform of the aperture.
 
-The prior (p, S): light is at disparity d with probability p_d; its power S falls with frequency as natural pictures'
-does, averaged over the area of a pixel; what is beyond half a cycle per pixel folds back, and is weakened (`aliased`);
-what no mixture of disparities explains (occlusion, gloss, noise) counts as `unexplained`.
-C depends on the distance of views only, and views lie symmetrically about the centre, so that g of a view is the
-conjugate of g of the view opposite. In terms of the sums and differences of opposite views all of it is real.
+The prior (p, S): p_d is the probability that light is at disparity d. S is the power spectrum of natural pictures,
+which falls with frequency, averaged over the area of a pixel. Power beyond half a cycle per pixel folds back, weakened
+by the factor `aliased`. `unexplained` is the power that no mixture of disparities explains: occlusion, gloss, noise.
+C depends on the distance of views only, and views lie symmetrically about the centre. Therefore g of a view is the
+conjugate of g of the opposite view, and for sums and differences of opposite views all numbers are real.
 Letters: `n` plane, `d` disparity in pixels per view step, `i j` view, `v u` its row and column from the centre, `k`
 frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope.
 Sources: Levin, Durand, "Linear view synthesis using a dimensionality gap light field prior", 2010; Levin, Freeman,

@@ -10,13 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import Run
+from lfref.engines.engine import NetworkFunction
 from lfref.engines.files import file_formats
 from lfref.engines.files.manifest import VIEWS, Manifest
 from lfref.errors import CheckpointError, InputError, first_line
 from lfref.geometry import planes_from
-from lfref.io.run import Run as RunFolder
-from lfref.io.run import run_name
+from lfref.io.run import Run, run_name
 from lfref.lightfield import check_views
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
@@ -52,7 +51,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     """
     if path is None:
         return learned(device=device)
-    path = RunFolder.of(path).best if Path(path).is_dir() else Path(path)
+    path = Run.of(path).best if Path(path).is_dir() else Path(path)
     if file_formats.format_of(path) is not None:
         return load_exported(path).to(torch.device(device))
     contents = checkpoint.read(path)
@@ -86,7 +85,7 @@ class ExportedNetwork(Network):
 
     name = "exported"
 
-    def __init__(self, run: Run, manifest: Manifest) -> None:
+    def __init__(self, run: NetworkFunction, manifest: Manifest) -> None:
         super().__init__()
         _, n_rows, n_columns, n_channels, *_ = manifest.inputs[VIEWS]
         self.run = run
@@ -120,7 +119,7 @@ class ExportedNetwork(Network):
 class ExportedRefiner(Corrector):
     """Features, pictures and error scale -> better pictures by a runtime, on the CPU."""
 
-    def __init__(self, run: Run, config: Mapping[str, Any]) -> None:
+    def __init__(self, run: NetworkFunction, config: Mapping[str, Any]) -> None:
         super().__init__()
         self.run = run
         self.config = dict(config)
@@ -136,7 +135,7 @@ class ExportedRefiner(Corrector):
         return _computed(self.run, features, pictures, error_scale).to(pictures)
 
 
-def _computed(run: Run, *inputs: Tensor) -> Tensor:
+def _computed(run: NetworkFunction, *inputs: Tensor) -> Tensor:
     """Output of a runtime for inputs as float32; errors of any kind become one line."""
     try:
         # The precision of a file was settled when it was written.

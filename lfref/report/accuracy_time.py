@@ -101,7 +101,7 @@ def _label_points(axes: Axes, methods: pd.DataFrame) -> None:
 
 
 def _free_place(frame: BboxBase, point: np.ndarray, size: BboxBase, occupied: list[Bbox], paths: list[MplPath]) -> Bbox:
-    """The box of that size around the point with the least overlap; a nearer one costs less."""
+    """A box of that size near the point that overlaps least; of equal ones the nearest."""
     half = np.array([size.width, size.height]) / 2
 
     def cost(place: Bbox) -> float:

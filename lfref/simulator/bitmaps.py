@@ -132,7 +132,7 @@ def box_size(level: int) -> int:
 
 
 def variance(level: int) -> float:
-    """Variance along an axis of a copy: the sharpened one (level 0), the samples (1), and wider and wider boxes."""
+    """Variance of the blur of a copy along an axis: below 0 for level 0 (sharpened), 0 for level 1 (the samples)."""
     return (box_size(level) ** 2 - 1) / 12 if level else -LINEAR_VARIANCE
 
 

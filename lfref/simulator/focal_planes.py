@@ -63,11 +63,11 @@ def cut_aperture(camera: Camera, n_cells: int) -> Cells:
 
 
 def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
-    """Number of cells a side of the aperture at which a plane is right.
+    """Number of cells along a side of the aperture that a plane needs.
 
-    Blurs within a cell are right for one layer that moves while all others are in focus, however far it moves. Two that
-    move at once must not move far within a cell, so the second fastest decides; on a disc, whose edge cells do not
-    follow, the fastest. A highlight may move over its surface by some of its width within a cell.
+    If one layer moves and all others are in focus, the blur of a cell is right however far that layer moves. If two
+    layers move, they must not move far within a cell: the second fastest layer decides. On a disc the fastest decides,
+    since cells do not follow its edge. A highlight may move over its surface by a part of its width within a cell.
     """
     if len(layers) == 1 and only_shifts(layers[0].surface):
         return CELLS_OF_ONE_LAYER
@@ -228,7 +228,7 @@ def focal_planes(
 
 
 def _margin(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
-    """Pixels around the central view that a plane sees of bitmaps that face the camera."""
+    """Width of the margin around the central view that a plane reads of bitmaps that face the camera, in pixels."""
     disparities: list[float] = []
     for layer in layers:
         if layer.surface.geometry.is_parallel:

@@ -1,8 +1,8 @@
 """Layers: painted surfaces, what rays see of them, how far rays reach, and which layers cross each other.
 
 A layer is a bitmap on its surface, premultiplied by its opacity, and read where rays meet the surface: exact in
-geometry, cubic between samples. Two surfaces that keep their order of disparity over all of the central view keep it
-along every ray, since both move towards the ray's pixel alike: only surfaces that cross need sorting by depth.
+geometry, cubic between samples. If two surfaces have the same order of disparity everywhere in the central view, they
+have it along every ray, since the points of both on a ray shift alike: only surfaces that cross need sorting by depth.
 Letters: `X Y`, `p q`, `x y` and `D` as in `surfaces`; `M` aperture points; `h w` rows and columns of a bitmap.
 """
 

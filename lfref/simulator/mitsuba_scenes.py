@@ -1,9 +1,10 @@
 """Scenes of the simulator in Mitsuba 3, which traces paths and shares no code with ours: a judge of views and truth.
 
 Ours: a point (X, Y) of the central view is at x = X + d p, y = Y + d q in the view from aperture point (p, q).
-Mitsuba's: a pinhole at the origin that looks along Z, of focal length f in pixels, sees (A, B, Z) at X = f A / Z. Moved
-to (-p, -q, 0), a unit of length for a view step, it sees the point at f (A + p) / Z = X + p f / Z. (Against p, since a
-main lens turns its aperture round.) Its sensor is moved as well, so that the picture goes back by c p: d = f / Z - c.
+Mitsuba's: a pinhole at the origin that looks along Z, of focal length f in pixels, sees (A, B, Z) at X = f A / Z. The
+view from (p, q) is the pinhole at (-p, -q, 0), one unit of length a view step (minus, since a main lens inverts its
+aperture). It sees the point at f (A + p) / Z = X + p f / Z. Its sensor moves too, so that the picture moves back by
+c p: d = f / Z - c.
 Hence surfaces stand at
 
     Z = f / (d + c),   (A, B) = (X, Y) Z / f,
@@ -13,9 +14,9 @@ at slope s unites at pixel x the rays through all (p, q) that pass x in the plan
 focused at f / (s + c), its radius in view steps; or, for a square aperture, pinholes all over it whose pictures go back
 by (c + s) p.
 
-Our textures are what pixels record, so Mitsuba is given the radiance whose mean over a pixel they are. Its outlines are
-ideal, and its pixels average over their area (box filter). Surfaces shine by themselves, since ours do not cast shadows
-or light on each other. The module stands alone because it needs the extra `mitsuba`.
+Our textures are what pixels record: means over the area of a pixel. Mitsuba gets the radiance that has these means. Its
+outlines are ideal, and its pixels average over their area (box filter). Surfaces emit their light, since ours do not
+cast shadows or light on each other. The module stands alone because it needs the extra `mitsuba`.
 """
 
 import importlib
@@ -204,7 +205,7 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
 
 
 def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
-    """The picture that a mirror shows: as far in front of the mirror, behind the cameras, as its image is behind it."""
+    """The picture that a mirror shows, behind the cameras: as far before the mirror as its image is behind it."""
     material: Any = surface.material
     x, y = mesh_points(Full(), canvas)
     image, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)
@@ -248,7 +249,7 @@ def _bitmap(values: Tensor) -> dict[str, Any]:
 def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict[str, Any] | None = None) -> Any:
     """A mesh of points [.., 3] with texture coordinates [.., 2].
 
-    Seen from its front, turning from the first axis of the points to the second is clockwise.
+    From its front, the turn from the first axis of the points to the second is clockwise.
     """
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)

@@ -139,7 +139,7 @@ def crossing_surfaces(scene: Scene, reach: float) -> set[int]:
 
 
 def reachable_canvas(camera: Camera, geometry: Geometry, reach: float, surface: Surface | None = None) -> Canvas:
-    """The part of a surface that rays can reach; without a surface, all of a mirrored picture."""
+    """The part of a surface that rays can reach; without a surface, that of a mirrored picture."""
 
     def box(reach: float) -> Box:
         right, bottom = layers.ray_extent(camera, geometry, reach)
@@ -192,7 +192,7 @@ def _smeared(layer: Layer) -> Layer:
 
 
 def _with_reflection(layer: Layer, scene: Scene, reach: float) -> Layer:
-    """The mirrored picture; forced on a surface without one, a mirror of share 0."""
+    """The layer with its mirrored picture; a surface that mirrors nothing gets a mirror of share 0."""
     own, opacity = layer.surface.material, layers.total_opacity(layer.surface)
     material = own if isinstance(own, Mirror | Glass) else Mirror(0.0, Flat(), layer.surface.geometry.form.disparity)
     canvas = reachable_canvas(scene.camera, Plane(material.disparity), reach)
@@ -204,7 +204,7 @@ def _with_reflection(layer: Layer, scene: Scene, reach: float) -> Layer:
 
 
 def _with_highlight(layer: Layer, scene: Scene) -> Layer:
-    """The highlight; forced on a surface without one, a lobe without light."""
+    """The layer with its highlight; a surface without one gets a highlight without light."""
     own, light = layer.surface.material, scene.light
     material = own if isinstance(own, Glossy) else Glossy(strength=0.0, drift=0.0)
     red, green, blue = (material.strength * light.gain * part for part in light.colour)

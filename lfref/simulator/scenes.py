@@ -132,7 +132,7 @@ def _noise_texture(draws: RandomDraws, tone: Tone) -> Texture:
 
 
 def _wave_options(draws: RandomDraws, tone: Tone) -> tuple[Colour, Colour, float, float]:
-    """Both colours, angle and phase: the arguments that all waves have after their period."""
+    """Both colours, angle and phase: the arguments after the period of every periodic texture."""
     return tone(draws.colour(0, 0.9)), tone(draws.colour(0.1, 1)), draws.uniform(0, 180), draws.uniform()
 
 

@@ -194,17 +194,17 @@ def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
 
 
 class HeadInitialization(Callback):
-    """Primes the network on the first finite batch, so that no output channel of RefNet starts dead."""
+    """Scales the network's last layer by the first finite batch, so that no output channel of RefNet starts dead."""
 
     def __init__(self) -> None:
         self._is_due = False
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
-        """Only new runs are primed: a resumed run keeps its last convolution."""
+        """Note whether the run is new: a resumed run keeps its last layer."""
         self._is_due = trainer.global_step == 0
 
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
-        """Prime once, on the first batch that is finite in every process."""
+        """Initialise once, by the first batch that is finite in every process."""
         if not self._is_due:
             return
         is_finite = all(bool(each.all()) for each in finite_patches(batch).values())

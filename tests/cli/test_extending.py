@@ -6,12 +6,15 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import torch
 
-from lfref import extensions, load
+from lfref import OperatorRefocuser, extensions, load, shift_and_sum
 from lfref.cli import parts
+from lfref.data.label_sources import OperatorLabels
 from lfref.errors import CheckpointError, InputError
+from lfref.geometry import FocalPlanes
 from lfref.train.modules import Refocusing
 from tests.conftest import ROOT
 
@@ -71,10 +74,28 @@ def test_the_page_trains_with_four_parts_of_a_package_and_loads_its_network(inst
     assert "Other metrics that were logged" in next((tmp_path / "report").glob("*.html")).read_text()
 
 
+def test_files_of_the_pages_own_source_become_batches(installed, tmp_path):
+    import lfref_extra
+
+    page = (ROOT / "docs" / "extending.md").read_text()
+    (source,) = re.findall(r"```python\n(import numpy.*?)```", page, re.DOTALL)
+    names = dict(vars(lfref_extra))
+    exec(source, names)
+    for seed in (0, 1):
+        views = np.random.default_rng(seed).random((3, 3, 3, 40, 40), dtype=np.float32)
+        np.savez(tmp_path / f"{seed}.npz", views=views)
+    labels = OperatorLabels(OperatorRefocuser("sum", shift_and_sum), FocalPlanes([0.0, 1.0]))
+    data = names["NpzData"](tmp_path, labels=labels, patch=16)
+    data.setup("fit")
+    batch = next(iter(data.train_dataloader()))
+    assert batch["views"].shape == (4, 3, 3, 3, 16, 16)
+    assert batch["labels"].shape == (4, 2, 3, 16, 16)
+    assert next(iter(data.val_dataloader()))["where"][0].startswith("0@")
+
+
 def test_a_checkpoint_of_a_package_that_is_not_installed_is_refused_in_one_line(installed, tmp_path, monkeypatch):
     from lfref_extra import OneLayer
 
-    from lfref.geometry import FocalPlanes
     from lfref.nets import checkpoint
 
     checkpoint.save(tmp_path / "net.ckpt", OneLayer(2, (3, 3)), FocalPlanes([0.0, 1.0]))

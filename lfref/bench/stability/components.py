@@ -78,7 +78,7 @@ def _composite_tolerance(values: Tensor, precision: Precision, x: Tensor, y: Ten
 
 
 def _per_image(function: Callable[[Tensor, Tensor], Tensor]) -> Formulation:
-    """A loss or metric of a batch, taken of every image on its own, [B]."""
+    """A loss or metric of single images, applied to each image of a batch, [B]."""
     return lambda x, y: torch.stack([function(a, b) for a, b in zip(x, y, strict=True)])
 
 

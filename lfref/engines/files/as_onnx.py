@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lfref.engines import by_onnxruntime, by_openvino
-from lfref.engines.engine import FP16, FP32, INT8, Run
+from lfref.engines.engine import FP16, FP32, INT8, NetworkFunction
 from lfref.engines.files.manifest import KEY, Axes, Graph, Manifest, parse
 from lfref.engines.files.network_copies import centred_norms, half_convolutions
 from lfref.errors import CheckpointError, first_line
@@ -69,7 +69,7 @@ def _name_axes(value: Any, axes: Axes) -> None:
             place.dim_value = axis
 
 
-def read(path: Path) -> tuple[Run, Manifest]:
+def read(path: Path) -> tuple[NetworkFunction, Manifest]:
     """A model that `write` wrote, ready to run, and its manifest.
 
     Raises:
@@ -98,7 +98,7 @@ def read(path: Path) -> tuple[Run, Manifest]:
     return run, manifest
 
 
-def run_by_openvino(path: Path) -> Run:
+def run_by_openvino(path: Path) -> NetworkFunction:
     """A model that `write` wrote, run by OpenVINO, which reads this format too."""
     import openvino
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from lfref.engines import by_openvino
-from lfref.engines.engine import BF16, FP16, FP32, INT8, Run
+from lfref.engines.engine import BF16, FP16, FP32, INT8, NetworkFunction
 from lfref.engines.files import as_onnx
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
 from lfref.errors import CheckpointError
@@ -69,7 +69,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
                 partial.write_bytes(draft.with_suffix(suffix).read_bytes())
 
 
-def read(path: Path) -> tuple[Run, Manifest]:
+def read(path: Path) -> tuple[NetworkFunction, Manifest]:
     """A model that `write` wrote, ready to run, and its manifest.
 
     Raises:

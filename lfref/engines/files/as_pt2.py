@@ -19,7 +19,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.engines.engine import BF16, FP16, FP32, Run
+from lfref.engines.engine import BF16, FP16, FP32, NetworkFunction
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
 from lfref.engines.files.network_copies import half_convolutions
 from lfref.errors import CheckpointError, first_line
@@ -132,7 +132,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
         tensor_files.fill_archive_digest(partial)
 
 
-def read(path: Path) -> tuple[Run, Manifest]:
+def read(path: Path) -> tuple[NetworkFunction, Manifest]:
     """An archive that `write` wrote, ready to run, and its manifest.
 
     Raises:
@@ -215,7 +215,7 @@ def _check_nodes(path: Path, nodes: list[dict[str, Any]]) -> None:
 
 
 def _check_sizes(path: Path, text: Any, folder: str, members: Mapping[str, zipfile.ZipInfo]) -> None:
-    """Refuse weights of other types, or that are not as large as their member of the archive."""
+    """Refuse weights of other types, and weights whose size differs from that of their member of the archive."""
     for name, entry in text["config"].items():
         meta = entry["tensor_meta"]
         sizes = [int(size["as_int"]) for size in meta["sizes"]]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lfref.engines import by_openvino
-from lfref.engines.engine import INT8, Run
+from lfref.engines.engine import INT8, NetworkFunction
 from lfref.engines.files import as_onnx, as_openvino, as_pt2
 from lfref.engines.files.manifest import Graph, Manifest
 from lfref.errors import CheckpointError, InputError, chosen
@@ -22,10 +22,10 @@ class NetworkFormat(NamedTuple):
     packages: tuple[str, ...]
     """Packages that must be installed."""
     write: Callable[[Path, Graph, Manifest], None]
-    read: Callable[[Path], tuple[Run, Manifest]]
+    read: Callable[[Path], tuple[NetworkFunction, Manifest]]
     engine: str
     """The engine by which it is run."""
-    others: Mapping[str, Callable[[Path], Run]] = {}
+    others: Mapping[str, Callable[[Path], NetworkFunction]] = {}
     """Further engines that run it, by the name of the package that each needs."""
 
     @property
@@ -51,7 +51,7 @@ def format_of(path: Path) -> NetworkFormat | None:
     return next((entry for entry in FORMATS.values() if entry.suffix == path.suffix.lower()), None)
 
 
-def read(path: Path) -> tuple[Run, Manifest]:
+def read(path: Path) -> tuple[NetworkFunction, Manifest]:
     """A file with the suffix of a format, ready to run, and its manifest; CheckpointError if it is of another kind."""
     file_format = format_of(path)
     assert file_format is not None, path
@@ -67,7 +67,7 @@ def write(path: Path, name: str, graph: Graph, manifest: Manifest) -> None:
     FORMATS[name].write(path, graph, manifest)
 
 
-def engines(path: Path) -> dict[str, Run]:
+def engines(path: Path) -> dict[str, NetworkFunction]:
     """A file that `write` wrote, ready to run by every installed engine."""
     file_format = format_of(path)
     assert file_format is not None, path
@@ -76,7 +76,7 @@ def engines(path: Path) -> dict[str, Run]:
 
 
 def check_available(name: str, precision: str) -> None:
-    """InputError if there is no such format, if it has no such precision, or if a package is missing."""
+    """Raise InputError if there is no such format, if it has no such precision, or if a package is missing."""
     file_format = chosen("format", name, FORMATS)
     chosen(f"precision of {name}", precision, dict.fromkeys(file_format.precisions))
     check_packages(
@@ -85,7 +85,7 @@ def check_available(name: str, precision: str) -> None:
 
 
 def check_packages(file_format: NetworkFormat, further: tuple[str, ...] = ()) -> None:
-    """InputError if a package of a format is missing, or a further one."""
+    """Raise InputError if a package of a format, or one of `further`, is not installed."""
     packages = dict.fromkeys((*file_format.packages, *further))
     if absent := [name for name in packages if importlib.util.find_spec(name) is None]:
         remedy = "pip install 'lfref[export]'"

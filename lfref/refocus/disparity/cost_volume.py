@@ -43,14 +43,14 @@ QUIET = 0.25
 
 
 class GreyViews(NamedTuple):
-    """The grey views of one light field that are read."""
+    """Grey views of one light field, without those of weight 0."""
 
     samples: Reals
     """[K, H, W]."""
     positions: Reals
     """v and u of each, in view steps from the angular centre, [K, 2]."""
     middle: Integers
-    """Numbers of those nearest to the angular centre: one, or those around it."""
+    """Indices of the views nearest to the angular centre: one, or those around it."""
 
     @property
     def central(self) -> Tensor:
@@ -321,7 +321,7 @@ def mean_of(values: Reals, middle: Integers) -> Number:
 def robust_mean(values: Reals, reference: Number, spread: float, weights: Reals) -> Number:
     """Mean of the values weighted by their agreement with a reference; weights are written, 0 for NaN.
 
-    The squares of the agreement of the sweep: views that differ have to count for next to nothing in a mean.
+    The weights are the squares of the agreement in the sweep, so that views that differ count for next to nothing.
     """
     total, sum_of_weights = np.float32(0), np.float32(0)
     for k in range(values.size):

@@ -9,9 +9,9 @@ The solver of `disparity_map`, apart from it because its compiled loops are a st
    pixel takes the label whose sum over the directions is least, and the vertex of the parabola through it and its
    neighbours.
 2. `refine`. A Gauss-Newton step d <- d - sum w c e / sum w c^2 for each pixel, e a view's difference from the robust
-   mean, c its change with the disparity, w its agreement (`cost_volume`); how well the pixel knows its disparity is
+   mean, c its change with the disparity, w its agreement (`cost_volume`). The certainty of a pixel's disparity is
    sum w c^2.
-3. `relax`. The map that minimises `sum trust (d - target)^2 + sum tie (d - d_neighbour)^2`: pixels that know little
+3. `relax`. The map that minimises `sum trust (d - target)^2 + sum tie (d - d_neighbour)^2`: uncertain pixels
    take their neighbours' disparity, so that flat regions are filled from their edges.
 Letters: `n` label, `N` labels, `p` pixel, `k` view, `y x` pixel row and column, `s` slope and `d` disparity in pixels
 per view step.

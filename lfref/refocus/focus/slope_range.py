@@ -3,13 +3,14 @@
 1. `reduce_views`: views on a cross through the centre, grey, small, square roots of light; shading evened out.
 2. `disparity_of_reduced`: a plane sweep whose cost is a fit. For each of many slopes s the views are shifted by the
    nearest whole pixels. What is left between view k and the mean is a small displacement, which the gradient g of the
-   mean explains (Lucas-Kanade): `L_k - mean = -(r p_k + e_k) g`, p the view's steps from the reference, e what the
-   whole pixels lack, r what the disparity has more than s, solved over a window. Each pixel takes the slope that leaves
-   the least unexplained. The sweep serves disparities of many pixels, the fit serves fractions: a few slopes do, and
-   the variance of r says how sure a pixel is. First over a wide range on even smaller views, then within that range.
+   mean explains (Lucas-Kanade): `L_k - mean = -(r p_k + e_k) g`, solved for r over a window. Here p are the steps of
+   the view from the reference, e is the rounding error of the shift by whole pixels, and r is the disparity minus s.
+   Each pixel takes the slope that leaves the least unexplained. The sweep covers disparities of many pixels and the
+   fit fractions, so that a few slopes suffice; the variance of r is the uncertainty of a pixel. The sweep runs twice:
+   over a wide range on even smaller views, then over the range that this gives.
 3. `slope_range`: quantiles of the disparities that are sure and lie on a surface.
-4. `seems_reversed`: rows and columns of views tell the same disparities; where one axis of the views is reversed, they
-   tell opposite ones. (Reversing both only swaps the sign; with one reversed nothing but slope 0 comes into focus.)
+4. `seems_reversed`: rows and columns of views give equal disparities; if one axis of the views is reversed, they give
+   opposite ones. (If both are reversed, only the sign changes; if one is, nothing but slope 0 comes into focus.)
 Letters: `s r` in pixels per view step, `p e` (v, u), `g` (y, x); `S` slopes, `K` views that are read, `h w` rows and
 columns of reduced pixels.
 Sources: Lucas, Kanade, "An Iterative Image Registration Technique", 1981; Adelson, Wang, "Single Lens Stereo with a
@@ -132,7 +133,7 @@ def reduce_views(
 
 
 def _cross(present: Tensor, cameras: Tensor) -> list[tuple[int, int]]:
-    """The view next to the centre, and those near it in its row and column; in its diagonals where there are none."""
+    """Indices of the view nearest to the centre, and of its neighbours in row and column, or else on its diagonals."""
     distance = cameras.square().sum(-1)
     number = torch.arange(present.numel()).reshape(present.shape)  # of four central views the last: 7, 7 of 14x14
     order = torch.where(present, distance - 1e-6 * number, torch.inf)
@@ -222,7 +223,7 @@ def _first_sweep(reduced: ReducedViews) -> CoarseDisparity:
 
 
 def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
-    """The best fit of all slopes between two ends, in reduced pixels per view step."""
+    """The best fit among the slopes from `low` to `high`, in reduced pixels per view step."""
     # Slopes at which the outermost view moves by one pixel more each; more than 48 would span noise only.
     reach = float(reduced.steps.abs().max())
     step = 1 / max(reach, 2.0)

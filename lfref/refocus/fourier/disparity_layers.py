@@ -17,8 +17,8 @@ frequency in cycles per pixel, `s` slope, `d e` disparities in pixels per view s
 The energies p of the layers that a light field holds come from its own spectra (`estimate_energies`). At some hundred
 frequencies the views, L = sum_k A_k f_k + noise with A the phases of layer k in each view, are modelled with layers
 whose energies are the same at all frequencies. Expectation maximisation raises the likelihood step by step: the mean
-and variance of f under the present p, then p = mean of |f|^2 + variance. A layer that explains nothing the others do
-not fades away. A focus measure cannot do that: the aperture blurs it along the disparities.
+and variance of f under the present p, then p = mean of |f|^2 + variance. A layer fades away if the others
+explain all that it explains. A focus measure cannot do that: the aperture blurs it along the disparities.
 Sources: Le Pendu, Guillemot, Smolic, "A Fourier Disparity Layer Representation for Light Fields", 2019; Tipping,
 "Sparse Bayesian Learning and the Relevance Vector Machine", 2001 (energies).
 """

@@ -270,7 +270,7 @@ def solve_rows(
 def _matrix_element(
     element: NDArray, rows: NDArray, columns: NDArray, n_terms: int
 ) -> None:  # pragma: no cover - compiled
-    """One element of 16 matrices: the sum of its terms."""
+    """The sum of the terms of one element, for the matrices of `LANES` frequencies at once."""
     for lane in range(LANES):
         element[lane] = rows[0] * columns[0, lane]
     for t in range(1, n_terms):

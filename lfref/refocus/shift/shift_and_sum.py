@@ -6,9 +6,9 @@ then be seen through cells instead of points of the aperture: see `footprint`. T
 chooses who computes: `shift_numba`, `shift_triton` or `shift_torch`, all by one `shift_plan`.
 
 `shift_and_sum_through_cells` chooses cells by the scene: nearly the picture of the slow methods, at twice linear's
-time. Planes beyond the disparities of the scene, where all is blurred, look through whole cells, blurred by their
-distance from the middle disparity: a sum of points would show copies. Planes among them stay sums of points, since
-cells of one width would blur what is in focus. `disparity_range` finds these disparities in milliseconds, from the
+time. In planes beyond the disparities of the scene all is blurred, and a sum of points would show copies. There each
+view stands for its whole cell: its box is as wide as the plane is from the middle disparity. Planes among the
+disparities stay sums of points, since cells of one width would blur what is in focus. `disparity_range` finds these disparities in milliseconds, from the
 gradients of one row and one column of reduced views. Where f moves by d pixels a view step, the change from view to
 view is -d times the gradient g in the picture: least squares over a window give `d = -sum g L' / sum g^2`, and g^2
 weighs the windows.
@@ -246,13 +246,13 @@ def _moments(line: Tensor, cameras: Tensor, factor: int) -> Tensor:
 FADE = 0.3
 """Pixels per view step over which a sum of points gives way to one of cells: films through the planes stay smooth."""
 LEAST_BLUR = 1.0
-"""Blur of a cell in pixels from which copies show, one pixel: cells that blur less are left as points."""
+"""Least blur of a cell that counts, in pixels: copies that are nearer than one pixel do not show."""
 
 
 def shift_and_sum_through_cells(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, positions: Tensor | None = None
 ) -> Tensor:
-    """Refocus light fields by shift-and-sum, each view standing for its cell of the aperture where all is out of focus.
+    """Refocus by shift-and-sum; where all is out of focus, each view stands for its cell of the aperture.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].

@@ -32,7 +32,7 @@ class Noise(Effect):
 
 
 def noisy(views: Tensor, shot: float, read: float, draws: Tensor) -> Tensor:
-    """Radiance of any shape with noise from standard normal draws of its shape; samples below 0 have the noise of 0."""
+    """Radiance of any shape plus noise from standard normal `draws`; below radiance 0 the noise is that of 0."""
     variance = views.clamp(min=0) * shot + read
     # The root has no finite gradient at 0: it is taken of at least 1e-20, and that root, 1e-10, taken off again.
     return views + draws * (variance.clamp(min=1e-20).sqrt() - 1e-20**0.5)

@@ -116,5 +116,5 @@ class ToneCurve(Effect):
 
     @property
     def encoding(self) -> Encoding:
-        """The encoding, which can also decode."""
+        """The curve as an encoding, which also decodes the views."""
         return Encoding(self.curve, self.gamma if self.curve == "gamma" else None)
