@@ -32,7 +32,7 @@ from lfref.captures.correct import AUTO, correct_by_option
 from lfref.encoding import LINEAR, Encoding
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
+from lfref.geometry import FocalPlanes, even_planes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
@@ -43,9 +43,12 @@ from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import developed, simulate, white_picture
 
-IDEAL, SENSOR, CORRECTED, CAPTURE, HOLD_OUT = "ideal", "sensor", "corrected", "capture", "hold_out"
-"""Classes in the tables: scenes without and with a sensor, the latter corrected; captures; captures with hold-out
-views."""
+IDEAL, SENSOR, CORRECTED, WIDE = "ideal", "sensor", "corrected", "wide"
+"""Classes of scenes in the tables: without a sensor; with one; the latter corrected; with views far apart."""
+CAPTURE, HOLD_OUT = "capture", "hold_out"
+"""Classes of captures in the tables: all views; some of them, the others held out."""
+N_WIDE_PLANES = 8
+"""Planes of a scene of the class `wide`, evenly spaced over its own disparities."""
 TRUTH, DENSE = "truth", "dense_integral"
 """References in the tables, beside `EXACT.name`."""
 APERTURES: dict[str, Aperture | None] = {"square": None, "disc": apertures.disc}
@@ -71,6 +74,8 @@ class EvaluationCase:
     """Weights of the views by the reference's aperture; None: all equal."""
     encoding: Encoding = LINEAR
     """For pictures on a screen; views that are not linear have it already."""
+    planes: FocalPlanes | None = None
+    """Planes of the reference; None: those that all cases share."""
 
     def stack(self, method: Refocuser, slopes: Tensor) -> Tensor:
         """The stack of a method at these slopes [N]; operators use the reference's aperture, networks have none."""
@@ -121,6 +126,19 @@ def scene_cases(
         if correction != "none":
             white = white_picture(scene, light) if correction == "white" else None
             yield replace(case, kind=CORRECTED, light=correct_by_option(light, AUTO, white, EVEN_GRID)[0])
+
+
+def wide_cases(scenes: Iterable[Scene], device: torch.device) -> Iterator[EvaluationCase]:
+    """Scenes with their truth at planes of their own, from the farthest to the nearest of their surfaces.
+
+    Args:
+        scenes: Of any grid and size, without a sensor.
+        device: For rendering.
+    """
+    for scene in scenes:
+        ends = [end for surface in scene.surfaces for end in surface.geometry.disparity_range(scene.camera.size)]
+        planes = even_planes(N_WIDE_PLANES, min(ends), max(ends))
+        yield replace(ideal_case(scene, planes.slopes, device), kind=WIDE, planes=planes)
 
 
 def capture_cases(fields: Iterable[LightField], slopes: Tensor) -> Iterator[EvaluationCase]:
@@ -209,7 +227,7 @@ def evaluate(
     Args:
         cases: Light fields with their references.
         methods: Of different names.
-        planes: Of the references.
+        planes: Of the references that have none of their own.
         margin: Width in pixels of the border that the interior lacks.
 
     Yields:
@@ -220,10 +238,11 @@ def evaluate(
     """
     for case in cases:
         accuracy.check_margin(margin, case.light.size)
+        own = case.planes or planes
         reference = case.displayed(case.reference)
-        exact = case.displayed(case.stack(EXACT, planes.slopes)).inside(margin).encoded
+        exact = case.displayed(case.stack(EXACT, own.slopes)).inside(margin).encoded
         for method in methods:
-            stack = case.displayed(case.stack(method, planes.slopes))
+            stack = case.displayed(case.stack(method, own.slopes))
             measures = accuracy.plane_measures(stack, reference, margin)
             measures["exact_psnr_db"] = psnr(stack.inside(margin).encoded, exact).tolist()
             names = {
@@ -232,13 +251,16 @@ def evaluate(
                 "method": method.name,
                 "reference": case.reference_name,
             }
-            for plane, *values in zip(accuracy.plane_names(planes), *measures.values(), strict=True):
+            for plane, *values in zip(accuracy.plane_names(own), *measures.values(), strict=True):
                 yield names | plane | dict(zip(measures, values, strict=True))
 
 
 def by_plane(rows: pd.DataFrame) -> pd.DataFrame:
-    """Means over all scenes of a class: `SERIES, alpha, slope, COLUMNS, worst_psnr_db, worst_scene`."""
-    return _means_and_worst(rows, [*SERIES, "alpha", "slope"], "worst_scene", "scene")
+    """Means over all scenes of a class: `SERIES, alpha, slope, COLUMNS, worst_psnr_db, worst_scene`.
+
+    Scenes of the class `wide` have no planes in common, and are left out.
+    """
+    return _means_and_worst(rows[rows["class"] != WIDE], [*SERIES, "alpha", "slope"], "worst_scene", "scene")
 
 
 def by_scene(rows: pd.DataFrame) -> pd.DataFrame:

@@ -4,6 +4,7 @@ What the groups share comes first: rounds, light fields, scenes, facts of the ma
 """
 
 import functools
+import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -228,7 +229,8 @@ def front(config: DictConfig, folder: Path) -> None:
     for name, table in {"bench": bench, "scenes": scenes, "planes": by_plane, "evaluation": evaluated}.items():
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
-    drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
+    if len(by_plane):  # scenes of wide baselines have no planes in common
+        drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
     write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
     n_scenes = evaluated["scene"].nunique()
     log.info("%s on %s: %s", counted(len(methods), "method"), counted(n_scenes, "scene"), folder / "bench.csv")
@@ -250,12 +252,16 @@ def _evaluation_cases(
         held_out: RandomScenes = configs.build(config.held_out)
         varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
         scenes = [*test_scenes(config.test_scenes).values(), *varied]
-        if not scenes:
-            raise InputError("there must be scenes to evaluate", got="none", remedy="set test_scenes or varied")
+        wide = list(sim30.WIDE.values()) if config.wide else []
+        if not (scenes or wide):
+            remedy = "set test_scenes, varied or wide"
+            raise InputError("there must be scenes to evaluate", got="none", remedy=remedy)
         fields = [field.to(device) for field in light_fields(config, methods)]
         chosen("correct", config.correct, dict.fromkeys(CORRECTIONS))
         shown = progress(scenes, "evaluating against the truth")
-        return evaluation.scene_cases(shown, planes.slopes, device, config.correct), fields
+        wide_shown = progress(wide, "evaluating wide baselines")
+        cases = evaluation.scene_cases(shown, planes.slopes, device, config.correct)
+        return itertools.chain(cases, evaluation.wide_cases(wide_shown, device)), fields
     corrected = (
         correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
         for field in light_fields(config, methods if config.thin is None else ())

@@ -4,6 +4,7 @@ Layers (`refocus_by_layers`) blur each surface by its own distance from the focu
 fills the neighbourhood. At the edge of a surface near focus views are aliased and hide different things; there the
 Wiener estimate, which models the folds of frequencies, is better by some decibels:
 `I_s = (1 - a_s) layers_s + a_s wiener_s`, the share a_s of each pixel from the disparity map (`edge_shares`).
+Where layers do not fit (`exceeds_layers`), shift-and-sum through cells makes the picture.
 Letters: `s` slope, `d` disparity in pixels per view step, `N` planes.
 """
 
@@ -18,6 +19,7 @@ from lfref.refocus import batches, wiener_filters
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.fourier.disparity_layers import refocus_by_energies
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.refocus.wiener import wiener
 
 EDGE = 0.12
@@ -62,6 +64,9 @@ def occlusion_aware(
     for typed, known_disparity in zip(batch, known, strict=True):
         field = batches.radiance(typed)
         energies = disparity_layers.estimate_energies(field, 12, aperture)
+        if disparity_layers.exceeds_layers(energies, field, aperture):
+            stacks.append(shift_and_sum_through_cells(field, planes, aperture))
+            continue
         first, *_, last = energies.disparities.tolist()
         disparity = coarse_disparity(field, first, last) if known_disparity is None else known_disparity
         stack, shares = refocus_by_energies(field, planes, energies, aperture), edge_shares(disparity, planes)

@@ -2,6 +2,7 @@
 
 Their disparities lie among the slopes of the paper's planes in either convention, most of them between -1 and 0.5
 pixels per view step. Figures are comparable only between equal `VERSION`s.
+`WIDE` are ten more scenes, of wide baselines, and no part of the thirty.
 
 In version 1, what is painted has no frequencies above half a cycle per pixel. In version 2, cameras average over
 several samples per pixel, so that textures and edges have higher frequencies and views alias, as in photographs.
@@ -19,7 +20,7 @@ from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, T
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Mirror
-from lfref.simulator.mattes import Disc, Leaf, Perforated, Polygon, Twigs
+from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.scenes import Fixed
 from lfref.simulator.surfaces import Dome, Plane
@@ -151,6 +152,42 @@ SCENES: dict[str, Scene] = {
 }
 """By name, in their order."""
 
+
+def _wide(name: str, grid: tuple[int, int], size: tuple[int, int], ends: tuple[float, float], *shares: float) -> Scene:
+    """Surfaces between two disparities, each at a share of the way from the far one to the near one."""
+    parts = (
+        (STONE, Full()),
+        (MOSS, Leaf(110, 40, 25, (-40, 10))),
+        (CLOTH, Polygon(((-75, -60), (-5, -70), (5, 15), (-70, 25)))),
+        (LINES, Disc(30, (60, 8))),
+        (BARK, Twigs(45, 4, 5, -80, (30, 90), seed=3)),
+    )
+    far, near = ends
+    surfaces = [
+        Surface(Plane(far + share * (near - far)), texture, matte)
+        for (texture, matte), share in zip(parts, shares, strict=True)
+    ]
+    return _scene(name, *surfaces, camera=Camera(grid, size))
+
+
+WIDE: dict[str, Scene] = {
+    scene.name: scene
+    for scene in (
+        # Disparities to 8 pixels per view step.
+        _wide("wide_near_5", (5, 5), (160, 240), (0, 8), 0, 0.3, 0.6, 0.8, 1),
+        _wide("wide_both_5", (5, 5), (160, 240), (-8, 8), 0, 0.3, 0.6, 0.8, 1),
+        _wide("wide_both_7", (7, 7), (192, 256), (-2, 8), 0, 0.2, 0.4, 0.7, 1),
+        _wide("wide_far_7", (7, 7), (192, 256), (-8, -2), 0, 0.25, 0.5, 0.75, 1),
+        _wide("wide_near_9", (9, 9), (192, 256), (0, 8), 0, 0.3, 0.6, 0.8, 1),
+        _wide("wide_near_17", (17, 17), (192, 256), (0, 5), 0, 0.3, 0.6, 0.8, 1),
+        # Disparities to 20 pixels per view step, as of a gantry.
+        _wide("wide_gantry_5", (5, 5), (288, 384), (2, 20), 0, 0.3, 0.6, 0.8, 1),
+        _wide("wide_steps_5", (5, 5), (288, 384), (4, 16), 0, 0.1, 0.5, 0.9, 1),
+        _wide("wide_gantry_7", (7, 7), (288, 384), (4, 14), 0, 0.3, 0.6, 0.8, 1),
+        _wide("wide_gantry_9", (9, 9), (288, 384), (1.4, 17.8), 0, 0.3, 0.6, 0.8, 1),
+    )
+}
+"""Scenes whose views lie far apart, as those of camera arrays and gantries; they have no sensor. By name."""
 ALIASED = 2
 """Samples of the cameras of version 2 along each axis of a pixel: detail ends at one cycle a pixel."""
 

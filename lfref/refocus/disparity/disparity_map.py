@@ -22,6 +22,7 @@ from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.refocus import batches
 from lfref.refocus.disparity import cost_volume, matching
+from lfref.refocus.focus.slope_range import scene_range
 from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
@@ -144,17 +145,18 @@ def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = N
     grid, size = batches.grid_and_size(views)
     shift = geometry.corner_shift(torch.ones(1), batches.lines(grid, positions).extent)
     most = 0.9 * min(size) / 2 / max(shift, 0.5)
-    ends = disparity_layers.estimate_energies(views, 2, aperture).disparities[[0, -1]]
-    first, last = ends.clamp(-most, most).tolist()
+    first, last = (min(max(end, -most), most) for end in disparity_layers.energy_range(views, aperture))
     # Views of at least 32 pixels, at most 4 times smaller.
     factor = max(1, min(4, min(size) // 32))
     light = F.avg_pool2d(batches.radiance(views).mean(2), factor)[:, :, None]
-    limit = min(disparity_layers.REACH, most) / factor
-    slopes = matching.slopes_between(-limit, limit)
+    known, reach = scene_range(views, aperture, positions), disparity_layers.REACH
+    low, high = (-reach, reach) if known is None else (min(-reach, known.low), max(reach, known.high))
+    low, high = max(low, -most) / factor, min(high, most) / factor
+    slopes = matching.slopes_between(low, high)
     small = cost_volume.grey_views(light, aperture, positions)
     noise = cost_volume.noise(small, slopes)
     labels, confidence = matching.best_slopes(small, slopes, noise, 1.0)
-    surfaces = factor * matching.refine(small, labels, noise, -limit, limit)[confidence > SURE].sort().values
+    surfaces = factor * matching.refine(small, labels, noise, low, high)[confidence > SURE].sort().values
     if not len(surfaces):
         return first, last
     low, high = (float(surfaces[round(share * (len(surfaces) - 1))]) for share in (OUTLIERS, 1 - OUTLIERS))

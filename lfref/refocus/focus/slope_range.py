@@ -44,6 +44,15 @@ SKIRT = 0.05
 """Weight of a window three times as wide, which decides where the inner one is flat."""
 WIDEST = 4.0
 """Slopes of the first sweep, in pixels of its smaller views per view step."""
+MOST_SLOPES = 160
+"""Largest number of slopes of a sweep."""
+OVERLAP = 0.45
+"""Share of the shorter side by which the sweep of `scene_range` shifts the outermost view that is read, at most:
+operators refuse slopes at which the corner views move by half a side."""
+DETAIL = 48
+"""Pixels along the shorter side of the views of that sweep: small surfaces still show in them."""
+BIN, FEWEST = 0.25, 6
+"""Width of a bin of its disparities, in reduced pixels per view step; sure pixels that fill a bin."""
 MARGIN = 0.5
 """Reduced pixels per view step that the second sweep goes beyond the result of the first."""
 UNSURE = 0.03
@@ -114,11 +123,11 @@ def reduce_views(
     def pooled(picture: Tensor) -> Tensor:
         return (picture if factor == 1 else F.avg_pool2d(picture[None], factor)[0])[0]
 
-    light = [pooled(batches.radiance(views[index]).mean(0, keepdim=True)) for index in indices]
+    light = [pooled(batches.radiance(views[index]).mean(0, keepdim=True)).cpu() for index in indices]
     pictures = torch.stack([picture.clamp(min=0).sqrt().float() for picture in light])
     weights = torch.ones_like(pictures)
     if weight is not None:
-        weights = torch.stack([pooled(weight[index].float()) for index in indices])
+        weights = torch.stack([pooled(weight[index].float()).cpu() for index in indices])
     weights = ((weights > TRUSTED) & pictures.isfinite()).float()
     pictures = pictures.nan_to_num(0, 0, 0)
     # Neither views without light count, nor black corners of the optics: black up to the border along both axes, and
@@ -224,10 +233,10 @@ def _first_sweep(reduced: ReducedViews) -> CoarseDisparity:
 
 def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
     """The best fit among the slopes from `low` to `high`, in reduced pixels per view step."""
-    # Slopes at which the outermost view moves by one pixel more each; more than 48 would span noise only.
+    # Slopes at which the outermost view moves by one pixel more each.
     reach = float(reduced.steps.abs().max())
     step = 1 / max(reach, 2.0)
-    n_slopes = min(48, max(2, 1 + math.ceil((high - low) / step - 1e-9)))
+    n_slopes = min(MOST_SLOPES, max(2, 1 + math.ceil((high - low) / step - 1e-9)))
     slopes = torch.linspace(low, high, n_slopes, dtype=torch.float64)
     most = max(step, float(slopes[1] - slopes[0]))
     pad = math.ceil(max(abs(low), abs(high)) * reach) + 1
@@ -341,6 +350,54 @@ def _windowed(moments: Tensor) -> Tensor:
 
     inner = boxed(moments, WINDOW, 1) / (2 * WINDOW + 1) ** 2
     return inner + SKIRT * (boxed(inner, 1, 2 * WINDOW + 1) / 9)
+
+
+class DisparityRange(NamedTuple):
+    """The disparities of a scene in pixels per view step."""
+
+    low: float
+    """Lower end."""
+    middle: float
+    """Mean."""
+    high: float
+    """Upper end."""
+
+
+@torch.no_grad()
+def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange | None:
+    """Find the range in which methods look for the disparities of a light field, at any distance of the cameras.
+
+    Small surfaces count too, and half a reduced pixel is added at either end, so the range is wider than `slope_range`.
+
+    Args:
+        views: Floating point, uint8 or uint16, [V, U, C, H, W].
+        weights: Weight of each view; views of weight 0 are not read, [V, U]; None reads all.
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+
+    Returns:
+        The range; None where nothing shows how far away anything is.
+
+    Example:
+        >>> from lfref.refocus.focus.slope_range import scene_range
+        >>> scene_range(torch.full((5, 5, 3, 64, 64), 0.5)) is None
+        True
+    """
+    shape = (*views.shape[:2], 1, *views.shape[-2:])
+    weight = None if weights is None else (weights > 0).float()[:, :, None, None, None].expand(shape)
+    reduced = reduce_views(views, weight, positions)
+    if len(reduced.indices) < 2 or min(reduced.pictures.shape[1:]) < 2:
+        return None
+    smaller = reduced.smaller(max(1, min(2, min(reduced.pictures.shape[1:]) // DETAIL)))
+    widest = OVERLAP * min(smaller.pictures.shape[1:]) / max(float(reduced.steps.abs().max()), 1.0)
+    swept = _swept(smaller, -widest, widest)
+    sure = swept.disparity[swept.confidence >= SURE] / swept.factor
+    bins, counts = (sure / BIN).round().long().unique(return_counts=True)
+    # A bin of few pixels is noise: of 12,000 pixels, 12 are needed.
+    filled = bins[counts >= max(FEWEST, swept.disparity.numel() // 1000)]
+    if not len(filled):
+        return None
+    low, high = float(filled[0]) * BIN - MARGIN, float(filled[-1]) * BIN + MARGIN
+    return DisparityRange(swept.factor * low, swept.factor * float(sure.mean()), swept.factor * high)
 
 
 @torch.no_grad()

@@ -24,6 +24,8 @@ Sources: Le Pendu, Guillemot, Smolic, "A Fourier Disparity Layer Representation 
 """
 
 import dataclasses
+import functools
+import logging
 import math
 from typing import NamedTuple
 
@@ -34,14 +36,26 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.focus.slope_range import scene_range
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.exact import exact_fourier, frequencies, half_frequencies, shift_phases
 from lfref.refocus.fourier.layer_mixing import Frame
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+
+log = logging.getLogger(__name__)
 
 RIDGE = 1e-3
 """Power of noise, and of all that is no layer, in the mean view, as a share of its power."""
 REACH = 4.0
-"""Largest disparity that is tried, in pixels per view step; callers give the disparities of scenes beyond it."""
+"""Disparities that are always tried, to either side of 0, in pixels per view step; `scene_range` may widen them."""
+SPACING = 1.25
+"""Pixels in the outermost view by which neighbouring layers lie apart, at most: light between two layers is blurred by
+half of that."""
+FARTHEST = 0.25
+"""Share of the shorter side by which disparities may move the corner views: beyond it, most of what layers are fitted
+to lies outside of the views, and a sum of the views is better."""
+MOST_LAYERS = 96
+"""Largest number of layers that are added for a wide range: each costs memory for a picture."""
 STEP = 0.25
 """Distance of the layers that are tried, in pixels per view step."""
 LEAST_SHARE = 0.01
@@ -79,12 +93,35 @@ def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energie
 
     Args:
         views: Light field, [V, U, C, H, W].
-        n_layers: Number of layers, >= 1.
+        n_layers: Number of layers, >= 1; more where they would lie farther apart than `SPACING`.
         aperture: Weight of each view, their sum 1, [V, U].
 
     Raises:
         InputError: Views that are not finite.
     """
+    sample = _sampled(views, aperture)
+    low, high = _held(sample, views, aperture)
+    outermost = (max(aperture.shape) - 1) / 2
+    needed = min(1 + math.ceil((high - low) * outermost / SPACING), MOST_LAYERS)
+    # Numbers below 1 are left for `even_slopes` to refuse.
+    return _maximised(sample, geometry.even_slopes(max(n_layers, needed) if n_layers > 0 else n_layers, low, high))
+
+
+def energy_range(views: Tensor, aperture: Tensor) -> tuple[float, float]:
+    """Least and largest disparity at which the spectra of a light field hold light, in pixels per view step.
+
+    Args:
+        views: Light field, [V, U, C, H, W].
+        aperture: Weight of each view, their sum 1, [V, U].
+
+    Raises:
+        InputError: Views that are not finite.
+    """
+    return _held(_sampled(views, aperture), views, aperture)
+
+
+def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
+    """Views [V, U, C, H, W] at some hundred frequencies."""
     # The bins of `rfft2` nearest to 12 circles, whose radii grow in equal ratios, at 24 angles each.
     height, width = views.shape[-2:]
     radius = torch.logspace(math.log10(LOWEST), math.log10(HIGHEST), 12, dtype=torch.float64)[:, None]
@@ -107,14 +144,19 @@ def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energie
     )
     if not bool(sample.spectra.isfinite().all()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give disparities")
-    # First layers on a grid about 0, as far as the views can shift; those that hold light span the range.
+    return sample
+
+
+def _held(sample: _Sample, views: Tensor, aperture: Tensor) -> tuple[float, float]:
+    """Ends of the layers that hold light, of a grid of layers as far as the scene reaches and the views can shift."""
     limit = min(length / max(n - 1, 1) for n, length in zip(aperture.shape, views.shape[-2:], strict=True))
-    n_sides = max(math.ceil(min(REACH, limit - STEP) / STEP), 0)
-    wide = _maximised(sample, torch.arange(-n_sides, n_sides + 1, dtype=torch.float64) * STEP)
+    known = scene_range(views, aperture)
+    low, high = (-REACH, REACH) if known is None else (min(-REACH, known.low), max(REACH, known.high))
+    n_below, n_above = (max(math.ceil(min(side, limit - STEP) / STEP), 0) for side in (-low, high))
+    wide = _maximised(sample, torch.arange(-n_below, n_above + 1, dtype=torch.float64) * STEP)
     least = max(LEAST_SHARE, OVER_NOISE * float(wide.shares.quantile(0.25)))
     held = wide.disparities[wide.shares >= min(least, float(wide.shares.max()))]
-    ends = (float(held.min()) - STEP / 2, float(held.max()) + STEP / 2)
-    return _maximised(sample, geometry.even_slopes(n_layers, *ends))
+    return float(held.min()) - STEP / 2, float(held.max()) + STEP / 2
 
 
 def _maximised(sample: _Sample, disparities: Tensor) -> Energies:
@@ -243,7 +285,9 @@ def refocus_by_layers(
 ) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, by Fourier disparity layers.
 
-    Linear in the views where disparities are given; where they are estimated, derivatives leave that out.
+    Linear in the views where disparities are given; where they are estimated, derivatives leave that out. Where
+    estimated disparities move the corner views by over a quarter of the shorter side, `shift_and_sum_through_cells`
+    makes the picture instead.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
@@ -274,8 +318,34 @@ def refocus_by_layers(
     for field in batch:  # each has its own layers
         radiance = batches.radiance(field)
         energies = _energies(radiance, disparities, n_layers, aperture)
-        stacks.append(refocus_by_energies(radiance, planes, energies, aperture, ridge, width, border))
+        # Nothing that is given says otherwise.
+        is_free = disparities is None and fill == 1 and border == "edge"
+        if is_free and exceeds_layers(energies, radiance, aperture):
+            stacks.append(shift_and_sum_through_cells(radiance, planes, aperture))
+        else:
+            stacks.append(refocus_by_energies(radiance, planes, energies, aperture, ridge, width, border))
     return batches.restored(torch.stack(stacks), views)
+
+
+def exceeds_layers(energies: Energies, field: Tensor, aperture: Tensor) -> bool:
+    """Whether the scene's disparities move the corner views too far for layers; the log says so once."""
+    grid, size = batches.grid_and_size(field)
+    if geometry.corner_shift(energies.disparities, grid) <= FARTHEST * min(size):
+        return False
+    # Spectra of noise hold light at all disparities: the views themselves must move that far.
+    known = scene_range(field, aperture)
+    if known is None or geometry.corner_shift(torch.tensor([known.low, known.high]), grid) <= FARTHEST * min(size):
+        return False
+    _warn_of_far_views()
+    return True
+
+
+@functools.cache
+def _warn_of_far_views() -> None:
+    log.warning(
+        "layers do not fit views that move by over %.0f%% of their shorter side: shift-and-sum through cells is used",
+        100 * FARTHEST,
+    )
 
 
 def refocus_by_energies(

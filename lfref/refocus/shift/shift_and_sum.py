@@ -19,7 +19,7 @@ Lens Stereo with a Plenoptic Camera", 1992 (gradients).
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -28,6 +28,7 @@ from torch.nn import functional as F
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
+from lfref.refocus.focus.slope_range import DisparityRange, scene_range
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift import shift_plan, shift_torch
 from lfref.refocus.shift.shift_plan import Plan
@@ -179,17 +180,8 @@ WINDOW = 5
 """Side of the window that shares one disparity, in reduced pixels."""
 OUTLIERS = 0.04
 """Share of the gradients' energy beyond either end of the range."""
-
-
-class DisparityRange(NamedTuple):
-    """Disparities weighted by the energy of gradients, in pixels per view step."""
-
-    low: float
-    """One part in 25 is below."""
-    middle: float
-    """Mean."""
-    high: float
-    """One part in 25 is above."""
+BEYOND = 1.5
+"""Disparities in reduced pixels per view step beyond which gradients are not believed, and the whole range counts."""
 
 
 @torch.no_grad()
@@ -202,7 +194,8 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
-        The range; all 0 where nothing is known (flat views, a single view, samples that are not finite).
+        The range, weighted by the energy of gradients: one part in 25 is below it, one above. All is 0 where nothing
+        is known (flat views, a single view, samples that are not finite).
     """
     factor = max(1, min(REDUCTION, min(views.shape[-2:]) // SMALLEST))
     grid, _ = batches.grid_and_size(views)
@@ -212,12 +205,39 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
     row, column = (_middlemost(counts) for counts in (is_open.sum(1), is_open.sum(0)))
     # A slice copies nothing, a mask copies the views.
     columns, rows = (slice(None) if bool(line.all()) else line for line in (is_open[row], is_open[:, column]))
-    moments = _moments(views[row, columns], cameras[row, columns], factor)
-    moments = moments + _moments(views[rows, column], cameras[rows, column], factor)
+    lines = [
+        (F.avg_pool2d(batches.radiance(line).mean(1)[None], factor)[0], steps)
+        for line, steps in ((views[row, columns], cameras[row, columns]), (views[rows, column], cameras[rows, column]))
+    ]
+    quick = _range_of_lines(lines, 1, WINDOW)
+    # Gradients fail where views move by more than a reduced pixel. Smaller pictures show whether they do.
+    if quick.high > quick.low:
+        coarse = _range_of_lines(lines, max(1, min(REDUCTION, min(lines[0][0].shape[1:]) // 8)), WINDOW - 2)
+        if max(-coarse.low, coarse.high) > 1:
+            searched = scene_range(views, weights, positions)
+            if searched is not None and max(-searched.low, searched.high) > BEYOND * factor:
+                return searched
+    return DisparityRange(*(factor * value for value in quick))
+
+
+def _middlemost(counts: Tensor) -> int:
+    best = (counts == counts.max()).nonzero()[:, 0]
+    return int(best[(best - len(counts) // 2).abs().argmin()])
+
+
+def _range_of_lines(lines: Sequence[tuple[Tensor, Tensor]], factor: int, window: int) -> DisparityRange:
+    """Range of disparities of lines of views in pixels of these views, all 0 where they are flat.
+
+    Args:
+        lines: Pictures [n, h, w] and camera positions (v, u) [n, 2] of each line.
+        factor: By which the pictures are reduced first.
+        window: Side of the window that shares one disparity, in reduced pixels.
+    """
+    moments = sum((_moments(F.avg_pool2d(light[None], factor)[0], steps) for light, steps in lines), torch.zeros(()))
     flat = 1e-12  # energy of the gradients of flat views: rounding of float32
     if not flat <= float(moments[1].sum()) < math.inf:
         return DisparityRange(0.0, 0.0, 0.0)
-    local = F.avg_pool2d(moments[None], WINDOW, 1, WINDOW // 2)[0].flatten(1)
+    local = F.avg_pool2d(moments[None], window, 1, window // 2)[0].flatten(1)
     disparity, order = (local[0] / local[1].clamp(min=flat)).sort()
     below = local[1][order].cumsum(0) / local[1].sum()
     low, high = (
@@ -226,14 +246,8 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
     return DisparityRange(factor * low, factor * float(moments[0].sum() / moments[1].sum()), factor * high)
 
 
-def _middlemost(counts: Tensor) -> int:
-    best = (counts == counts.max()).nonzero()[:, 0]
-    return int(best[(best - len(counts) // 2).abs().argmin()])
-
-
-def _moments(line: Tensor, cameras: Tensor, factor: int) -> Tensor:
-    """-g L' and g^2 summed over the neighbours of a line of views [n, C, H, W] at (v, u) [n, 2]: [2, h, w]."""
-    light = F.avg_pool2d(batches.radiance(line).mean(1)[None], factor)[0]
+def _moments(light: Tensor, cameras: Tensor) -> Tensor:
+    """-g L' and g^2 summed over the neighbours of a line of views [n, h, w] at (v, u) [n, 2]: [2, h, w]."""
     change, steps = light[1:] - light[:-1], cameras.diff(dim=0).to(light)
     between, gradient = (light[1:] + light[:-1]) / 2, torch.zeros_like(change)
     for axis in (0, 1):
