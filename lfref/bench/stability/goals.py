@@ -179,7 +179,7 @@ def falls_of_loss(n: int = 20001) -> int:
 
 
 def drawn_pairs(n: int, seed: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
-    """Random pairs of images [1, 2, 7, 9] in three types, of any brightness, contrast and error; many are degenerate."""
+    """Random pairs of images [1, 2, 7, 9] in three types, of any brightness, contrast and error; many degenerate."""
     generator = torch.Generator().manual_seed(seed)
     dtypes = itertools.cycle((torch.float32, torch.float16, torch.bfloat16))
     for dtype in itertools.islice(dtypes, n):
