@@ -1,10 +1,10 @@
 """Views: pictures of layers from points of the aperture, and what the central view shows.
 
-On the CPU views are made in bands of rows, one layer after the other laid over the band from far to near: a layer whose
-views are shifted copies is carried along whole rows (`shifts`), the rays to others are followed one by one (`rays`).
-If any layers cross, the rays to all are followed and sorted by depth at each pixel. A traced layer that faces the
-camera is read by the same shifts as one that is not traced, so that both give the same bits. On other devices
-PyTorch's operations do the same, ray by ray.
+On the CPU, views are rendered in bands of rows; layers are laid over a band from far to near. A layer whose views are
+shifted copies is read along whole rows (`shifts`); the rays to other layers are followed one by one (`rays`). If any
+layers cross, the rays to all layers are followed, and the layers are sorted by depth at each pixel. A traced layer that
+faces the camera is read by the same shifts as a layer that is not traced, so that both give the same bits. On other
+devices PyTorch's operations do the same, ray by ray.
 Letters: `p q` aperture point in view steps, `v u` row and column of aperture points, `x y` pixel from the picture's
 centre, `M` aperture points, `K` layers, `n` bitmap of the atlas.
 """
@@ -29,10 +29,10 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.shifts import ShiftTaps
 
 MOSTLY_OPAQUE = 0.5
-"""Opacity from which a surface is the one that a pixel shows."""
+"""Opacity above which a surface counts as the one that a pixel shows."""
 
 DrawRows = Callable[[int, int], None]
-"""(first row, one past the last): lays layers over these rows of all pictures."""
+"""Function (first row, one past the last) that lays layers over these rows of all pictures."""
 
 
 def views(layers: Sequence[Layer], camera: Camera) -> Tensor:
@@ -45,11 +45,11 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
     """Pictures from a grid of aperture points: radiance, float32, [V, U, 3, H, W].
 
     Args:
-        layers: From far to near, painted for a reach of |slope|.
-        camera: The size of the pictures.
+        layers: Layers from far to near, painted for a reach of |slope|.
+        camera: Camera with the size of the pictures.
         p: Columns of the aperture points, in view steps from the centre, float64, [U].
         q: Rows of the aperture points, likewise, [V].
-        slope: In pixels per view step, of the plane that is at the same place in all pictures; 0 for views.
+        slope: Slope of the plane that is at the same place in all pictures, in pixels per view step; 0 for views.
     """
     if layers[0].device.type != "cpu":
         x, y = camera.pixels()
@@ -75,13 +75,13 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
     height = camera.size[0]
     # 8 rows of 7 x 7 views stay in a core's second cache until all layers are drawn.
     bands = itertools.pairwise([*range(0, height, 8), height])
-    # Plain threads, started for the call: unlike OpenMP's they work after a fork.
+    # Plain threads, started for the call: unlike OpenMP's threads, they work after a fork.
     loops.share(draw_band, bands, torch.get_num_threads())
     return torch.from_numpy(picture)
 
 
 def _shifted_drawer(layer: Layer, camera: Camera, p: Tensor, q: Tensor, slope: float, picture: Floats) -> DrawRows:
-    """Draws a layer whose pictures are shifted copies."""
+    """A function that draws a layer whose pictures are shifted copies."""
     samples = layer.bitmap.samples.numpy()
     bitmap = shifts.untrimmed(samples[:3]) if is_backdrop(layer.surface) else shifts.trimmed(samples)
     disparity = layer.surface.geometry.form.disparity
@@ -101,11 +101,11 @@ def _shift_taps(
 
 
 class Viewpoints(NamedTuple):
-    """A grid of aperture points, and the shifts of every bitmap of an atlas from there."""
+    """A grid of aperture points, and the look-ups of every bitmap of an atlas from these points."""
 
     p: Float64s  # columns, [U]
     q: Float64s  # rows, [V]
-    slope: float  # of the plane that the pictures are registered on
+    slope: float  # slope of the plane that is at the same place in all pictures
     across: ShiftTaps  # look-ups along rows, [N, U] and [N, U, 4]
     down: ShiftTaps  # look-ups along columns, [N, V] and [N, V, 4]
 
@@ -113,7 +113,7 @@ class Viewpoints(NamedTuple):
 def _traced_drawer(
     layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float, picture: Floats
 ) -> DrawRows:
-    """Draws layers by following their rays, sorted at each pixel if there are several."""
+    """A function that draws layers by following their rays; several layers are sorted at each pixel."""
     entries: list[AtlasEntry] = []
     indices, taps = [], []
 
@@ -204,7 +204,7 @@ def _layer_row(
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:
         return 0, 0
-    # 1. Where the rays meet the surface, and the bitmap there: by lines if it faces the camera, else point by point.
+    # 1. Find where the rays meet the surface. Read the bitmap there: by lines if it faces the camera, else by points.
     rays.intersect(layers, k, row, begin, stop, at)
     n, mirrored_n = layers.bitmaps[k, 0], layers.bitmaps[k, 1]
     if layers.is_parallel[k]:
@@ -216,7 +216,7 @@ def _layer_row(
             rgba[0, x], rgba[1, x], rgba[2, x], rgba[3, x] = bitmaps.cubic_sample(
                 atlas.samples, frame[0], frame[1], frame[2], i, j
             )
-    # 2. Without the overshoot of the cubic, colours first: they depend on the opacity as it was read.
+    # 2. Remove the overshoot of the cubic, first from the colours: they depend on the opacity as it was read.
     one, zero = rgba.dtype.type(1), rgba.dtype.type(0)
     if layers.is_backdrop[k]:
         rgba[3, begin:stop] = 1
@@ -241,7 +241,7 @@ def _layer_row(
 def _read_line(
     atlas: Atlas, points: Viewpoints, n: int, u: int, begin: int, stop: int, lines: Floats, rgba: Floats
 ) -> None:
-    """Read pixels of a bitmap that faces the camera from its interpolated lines; beyond the bitmap they are 0."""
+    """Read pixels of a bitmap that faces the camera from its interpolated lines; pixels beyond the bitmap are 0."""
     start, weights = points.across.starts[n, u], points.across.weights[n, u]
     left, right = shifts.pixels_reading(start, 0, atlas.frames[n, 2] // 2, rgba.shape[1])
     for c in range(4):

@@ -1,7 +1,7 @@
 """Effects that move pictures: chromatic aberration and misaligned views, by interpolation along rows and columns.
 
 Pictures are read between their samples by Lagrange interpolation through eight samples. It reproduces polynomials of
-degree 7, and the samples themselves at whole positions; beyond the edge the outermost sample is held.
+degree 7, and the samples themselves at whole positions; beyond the edge, the outermost sample repeats.
 Source: Laakso et al., "Splitting the unit delay", 1996.
 Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre.
 """
@@ -54,13 +54,13 @@ def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 class Chromatic(Effect):
     """Chromatic aberration: each colour has its own magnification (lateral) and its own focus (longitudinal).
 
-    A focus of its own is a disparity that is added to that of every surface: L_c(x) = L(x - d_c p).
+    Its own focus is a disparity d_c that is added to the disparity of every surface: L_c(x) = L(x - d_c p).
     """
 
     magnification: Triple = (1.0, 1.0, 1.0)
-    """Size of each channel's picture about its centre, [0.5, 2]; 1 leaves it."""
+    """Size of each channel's picture about its centre, [0.5, 2]; 1 keeps it."""
     disparity: Triple = (0.0, 0.0, 0.0)
-    """Added to each channel's disparities, in pixels per view step, [-10, 10]."""
+    """Number that is added to each channel's disparities, in pixels per view step, [-10, 10]."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)

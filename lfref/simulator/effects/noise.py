@@ -32,7 +32,7 @@ class Noise(Effect):
 
 
 def noisy(views: Tensor, shot: float, read: float, draws: Tensor) -> Tensor:
-    """Radiance of any shape plus noise from standard normal `draws`; below radiance 0 the noise is that of 0."""
+    """Radiance of any shape plus noise from standard normal `draws`; below 0, the noise is that of radiance 0."""
     variance = views.clamp(min=0) * shot + read
-    # The root has no finite gradient at 0: it is taken of at least 1e-20, and that root, 1e-10, taken off again.
+    # The root has no finite gradient at 0: the variance is at least 1e-20, and the root of that, 1e-10, is subtracted.
     return views + draws * (variance.clamp(min=1e-20).sqrt() - 1e-20**0.5)

@@ -34,8 +34,8 @@ class Exposure(Effect):
 class Clipping(Effect):
     """The range that samples are clamped to."""
 
-    low: float = 0.0  # smallest value; -inf: none
-    high: float = 1.0  # largest value; inf: none
+    low: float = 0.0  # smallest value; -inf: no limit
+    high: float = 1.0  # largest value; inf: no limit
 
     def __post_init__(self) -> None:
         are_numbers = all(isinstance(limit, int | float) for limit in (self.low, self.high))
