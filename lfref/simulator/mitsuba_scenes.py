@@ -1,10 +1,10 @@
 """Scenes of the simulator in Mitsuba 3, a path tracer that shares no code with ours and checks views and truth.
 
-In our simulator, the view from aperture point (p, q) shows a point (X, Y) of the central view at x = X + d p, y = Y + d
-q. In Mitsuba, a pinhole at the origin that looks along Z, of focal length f in pixels, sees (A, B, Z) at X = f A / Z.
-The view from (p, q) is that of a pinhole at (-p, -q, 0), in view steps; the signs are negative, since a main lens
-inverts its aperture. This pinhole sees the point at f (A + p) / Z = X + p f / Z. Its sensor moves too, so that the
-picture moves back by c p: d = f / Z - c. Hence surfaces stand at
+In our simulator, the view from aperture point (p, q) shows a point (X, Y) of the central view at x = X + d p,
+y = Y + d q. In Mitsuba, a pinhole at the origin that looks along Z, of focal length f in pixels, sees (A, B, Z) at
+X = f A / Z. The view from (p, q) is that of a pinhole at (-p, -q, 0), in view steps; the signs are negative, since a
+main lens inverts its aperture. This pinhole sees the point at f (A + p) / Z = X + p f / Z. Its sensor moves too, so
+that the picture moves back by c p: d = f / Z - c. Hence surfaces stand at
 
     Z = f / (d + c),   (A, B) = (X, Y) Z / f.
 
