@@ -62,7 +62,7 @@ class SimulatedField(LightField):
     """A light field whose scene is known, so that it can be photographed through the whole lens."""
 
     photograph: Callable[[tuple[float, ...]], Tensor] = field(kw_only=True)
-    """(slopes) -> truth of the field's rectangle at these slopes, in [0, 1], [N, C, H, W]."""
+    """(slopes) -> truth at these slopes for the field's rectangle, in [0, 1], [N, C, H, W]."""
 
     def crop(self, top: int, left: int, height: int, width: int) -> "SimulatedField":
         """Crop the views and the photographs."""

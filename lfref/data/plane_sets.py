@@ -61,13 +61,14 @@ class Recipe:
     depths: tuple[float, ...] = (0.5, 1.0, 2.0)
     """Factors of the scenes' disparities."""
     plain: float = 0.35
-    """Share of scenes without a sensor whose surfaces are matte and still, which methods refocus best."""
+    """Share of scenes with matte surfaces that stand still, and without a sensor: methods refocus them best."""
     flat: float = 0.5
-    """Share, among these, of scenes of one or two surfaces that face the camera: some methods are exact there."""
+    """Share, among those scenes, of scenes with only one or two surfaces, which face the camera: some methods are exact
+    there."""
     ideal: float = 0.2
-    """Share of further scenes without a sensor."""
+    """Share of other scenes without a sensor."""
     whole: float = 0.25
-    """Share of slopes that are rounded to whole ones, at which no view is read between its pixels."""
+    """Share of slopes that are rounded to whole numbers, at which no view is read between its pixels."""
     n_near: int = 3
     """Number of planes near focus, at disparities that occur in the scene."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
@@ -91,7 +92,7 @@ class Recipe:
     def description(self) -> dict[str, Any]:
         """All values of the recipe in plain containers."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        # The name of a method does not tell the options bound to it.
+        # The name of a method does not include its options.
         options = getattr(self.base.operator, "keywords", {})
         return values | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
 
@@ -118,7 +119,7 @@ class Item(NamedTuple):
     """Planes of one light field."""
 
     features: Tensor
-    """[N, K, H, W]."""
+    """Features of the pictures, [N, K, H, W]."""
     pictures: Tensor
     """Pictures to correct, [N, C, H, W]."""
     error_scale: Tensor
@@ -126,7 +127,7 @@ class Item(NamedTuple):
     missing: Tensor
     """Truth minus pictures, [N, C, H, W]."""
     slopes: Tensor
-    """In pixels per view step, float64, [N]."""
+    """Slopes of the planes in pixels per view step, float64, [N]."""
 
 
 @torch.no_grad()
@@ -144,7 +145,7 @@ def make(recipe: Recipe, index: int) -> Item:
     assert truth is not None
     encoding = scene.sensor.encoding
     recorded = LightField(encoding.decode(views.clamp(0, 1)), scene.name)
-    # Falloff that all views share cannot be known from them, nor learned.
+    # Falloff that all views share can neither be estimated from the views nor be learned.
     has_white = recipe.correct == AUTO and scene.sensor.vignetting is not None
     white = white_picture(scene, recorded) if has_white else None
     light, _ = correct_by_option(recorded, recipe.correct, white, EVEN_GRID)
@@ -227,7 +228,7 @@ class PlaneBatch(TypedDict):
     """Crops of planes."""
 
     features: Tensor
-    """[B, K, H, W]."""
+    """Features of the pictures, [B, K, H, W]."""
     pictures: Tensor
     """Classical pictures that the refiner corrects, [B, C, H, W]."""
     error_scale: Tensor
@@ -237,7 +238,7 @@ class PlaneBatch(TypedDict):
     where: list[str]
     """Names of the item's file and its plane, B entries."""
     resampled: int
-    """Always 0: crops of planes are never drawn again. Patches of light fields are."""
+    """Always 0: crops of planes are never drawn again, unlike patches of light fields."""
 
 
 class Crops(Dataset[PlaneBatch]):
@@ -292,14 +293,14 @@ def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
-    """Square images in a random one of eight orientations, on which no feature depends."""
+    """Square images in one of eight orientations, drawn at random; no feature depends on the orientation."""
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image
 
 
 def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
-    """The planes of several items as one batch."""
+    """One batch of the planes of several items."""
     names = ("features", "pictures", "error_scale", "missing")
     parts = [torch.cat([item[name] for item in items]) for name in names]  # type: ignore[literal-required]
     return _batch(parts, [place for item in items for place in item["where"]])
