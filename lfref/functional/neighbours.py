@@ -12,7 +12,7 @@ from torch.nn import functional as F
 
 
 def box_mean(images: Tensor, window: int) -> Tensor:
-    """Mean of a square around each pixel; near the border, of the part within the picture.
+    """Mean of a square around each pixel; near the border, the mean of its part within the picture.
 
     Args:
         images: Floating point, [..., H, W].
@@ -29,7 +29,7 @@ def box_mean(images: Tensor, window: int) -> Tensor:
 
 
 def box_max(images: Tensor, window: int) -> Tensor:
-    """Largest value of a square around each pixel; near the border, of the part within the picture.
+    """Largest value of a square around each pixel; near the border, that of its part within the picture.
 
     Args:
         images: Floating point, [..., H, W].
@@ -38,7 +38,7 @@ def box_max(images: Tensor, window: int) -> Tensor:
     reach = window // 2
     for axis, beyond in ((-2, (0, 0, reach, reach)), (-1, (reach, reach))):
         images, span = F.pad(images, beyond, value=-torch.inf), 1
-        # Each pass doubles the pixels under the maximum.
+        # Each pass doubles the number of pixels under the maximum.
         while span < window:
             apart = min(span, window - span)
             length = images.shape[axis] - apart
@@ -48,7 +48,7 @@ def box_max(images: Tensor, window: int) -> Tensor:
 
 
 def binomial(images: Tensor, apart: int = 1) -> Tensor:
-    """Half of each pixel and a quarter of its two neighbours, across and down; edge pixels repeat beyond the edge.
+    """Half of each pixel plus a quarter of each of its two neighbours, across and down; edge pixels repeat.
 
     Args:
         images: Floating point, [..., H, W].
@@ -76,7 +76,7 @@ def smoothed(images: Tensor, sigma: float) -> Tensor:
     """Gaussian local means; edge pixels repeat beyond the edge.
 
     Args:
-        images: [B, H, W].
+        images: Images, [B, H, W].
         sigma: Standard deviation of the window in pixels, >= 0.
     """
     if sigma == 0:
