@@ -88,7 +88,7 @@ def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
 
 
 class CellFilter(NamedTuple):
-    """How a plane reads a bitmap that faces the camera: blurred within each cell, at one position for each cell."""
+    """Look-ups of a bitmap that faces the camera: blurred within a cell, and read at one position for each cell."""
 
     down: NDArray[np.float64]  # taps along a column
     across: NDArray[np.float64]  # taps along a row
@@ -151,9 +151,9 @@ class Windows:
 class FocalPlane:
     """One plane to be photographed."""
 
-    slope: float  # in pixels per view step
+    slope: float  # slope in pixels per view step
     camera: Camera
-    layers: tuple[Layer, ...]  # visible ones from far to near
+    layers: tuple[Layer, ...]  # visible layers from far to near
     cells: Cells
     margin: int  # pixels around the central view that the plane sees of bitmaps that face the camera
     windows: Windows

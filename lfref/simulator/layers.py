@@ -1,4 +1,4 @@
-"""Layers: painted surfaces, what rays see of them, how far rays reach, and which layers cross each other.
+"""Layers: painted surfaces, their light along rays, the reach of rays, and layers that cross each other.
 
 A layer is a bitmap on its surface, premultiplied by its opacity, and read where rays meet the surface: exact in
 geometry, cubic between samples. If the order of disparity of two surfaces is the same everywhere in the central view,
@@ -51,7 +51,7 @@ class Reflection(NamedTuple):
 
     picture: Bitmap  # opaque all over, [4, h, w]
     share: float  # share of its light per unit of the surface's opacity
-    disparity: float  # in pixels per view step
+    disparity: float  # disparity of the picture in pixels per view step
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Layer:
             p: Columns of the aperture points, in view steps from the centre, [M].
             q: Rows of the aperture points, [M].
             x: Columns of pixels from the picture's centre, of a shape that broadcasts with [M, H, W].
-            y: Rows of pixels, likewise.
+            y: Rows of pixels, of a shape that broadcasts with [M, H, W].
         """
         p, q, x, y = as_rays(p, q, x, y, self.device)
         positions = ray_positions(self.surface.geometry, x, y, p, q)
@@ -111,7 +111,7 @@ def ray_positions(geometry: Geometry, x: Tensor, y: Tensor, p: Tensor, q: Tensor
 
 
 def total_opacity(surface: Surface) -> float:
-    """Opacity within the outline: a mirrored share hides the background, the rest has the surface's own opacity."""
+    """Opacity within the outline: the mirrored share hides the background; the rest has the surface's own opacity."""
     return 1 - (1 - surface.material.reflectance) * (1 - surface.opacity)
 
 
@@ -151,7 +151,7 @@ def _half_size(camera: Camera, reach: float) -> Extent:
 
 
 def disparity_lead(near: Geometry, far: Geometry, within: Extent) -> tuple[float, float]:
-    """Bounds of the disparity of one surface minus that of another, over a part of the central view.
+    """Bounds of the difference between the disparities of two surfaces, over a part of the central view.
 
     Planes differ most at a corner of that part. Bumps may lie anywhere, so that their whole heights are added.
     """

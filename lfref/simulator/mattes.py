@@ -61,7 +61,7 @@ class Disc(Outline):
     """A circle."""
 
     lengths = ("radius", "centre")
-    radius: float  # in pixels
+    radius: float  # radius in pixels
     centre: tuple[float, float] = (0.0, 0.0)  # (X, Y)
 
     def __post_init__(self) -> None:

@@ -217,7 +217,7 @@ def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
 
 
 def _sharpened_texture(texture: Texture, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
-    """Colours whose means over pixels are the painted ones, [FINER h, FINER w, 3], with MARGIN around the canvas."""
+    """Colours whose means over pixels are the painted colours, [FINER h, FINER w, 3], with MARGIN around the canvas."""
     left, top, width, height = canvas.left, canvas.top, canvas.width, canvas.height
     wide = Canvas(left - MARGIN, top - MARGIN, width + 2 * MARGIN, height + 2 * MARGIN, canvas.period)
     painted = texture.paint(wide, key).double()

@@ -1,9 +1,9 @@
 """Painting the surfaces of a scene: passes of the planner that turn a scene into the result `layers`.
 
-Surfaces are lined up from far to near, hidden ones are left out, and the rest is painted in full, opaque colours.
-Then come changes: light, opacity, outline, motion, mirrored pictures, highlights, and marks for rays and sorting. The
-planner skips a change that would leave all layers as they are. All layers are painted on the CPU, so that they are the
-same on every device.
+Surfaces are sorted from far to near, hidden surfaces are left out, and visible surfaces are painted in full, opaque
+colours. Then come changes: light, opacity, outline, motion, mirrored pictures, highlights, and marks for rays and
+sorting. The planner skips a change that would leave all layers as they are. All layers are painted on the CPU, so that
+they are the same on every device.
 """
 
 import math

@@ -252,9 +252,9 @@ def composite_crossing(
     Where two surfaces cross, each is the nearer one in a part of the cell. The line where they cross moves over the
     picture by |e| times the cell's width. So the lead, the disparity of one minus that of the other, varies within the
     cell by `spread`: this distance times the gradient of the lead. The share of the cell in which a layer is the nearer
-    one grows linearly from 0 to 1 as its lead goes from -spread / 2 to spread / 2. All light of a layer passes the
-    shares of the others before it.
-    `rgba` [K, 4, W] is 0 where a layer is not visible; `intersect` fills `at` [K, 5, W]; `passed` [W] is scratch.
+    one grows linearly from 0 to 1 as its lead goes from -spread / 2 to spread / 2. The light of a layer passes the
+    shares of all other layers in front of it. `rgba` [K, 4, W] is 0 where a layer is not visible; `intersect` fills
+    `at` [K, 5, W]; `passed` [W] is scratch.
     """
     radiance[:] = 0
     for k in range(len(rgba)):

@@ -1,7 +1,7 @@
 """A scene in plain numbers: surfaces, light and camera. Nothing is painted here.
 
 Coordinates are pixels of the central view from the picture's centre, x to the right and y down; aperture points (p, q)
-are view steps from the angular centre. The surface of larger disparity is nearer and hides the others.
+are view steps from the angular centre. The surface of larger disparity is nearer and hides other surfaces.
 """
 
 from dataclasses import dataclass, field

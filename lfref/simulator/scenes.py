@@ -1,4 +1,4 @@
-"""Where scenes come from: a fixed list that repeats, or a random distribution.
+"""Sources of scenes: a fixed list that repeats, or a random distribution.
 
 Every scene is fixed by (seed, epoch, index) alone, so that any worker process can make any of them.
 """
@@ -285,7 +285,7 @@ class RandomScenes(Scenes):
 
     camera: Camera = Camera()  # noqa: RUF009  frozen
     n_surfaces: tuple[int, int] = (3, 5)  # least and greatest number of surfaces
-    disparities: Range = (-1.0, 1.0)  # in pixels per view step
+    disparities: Range = (-1.0, 1.0)  # range of disparities in pixels per view step
     slant: float = 0.0
     """Greatest change of disparity per pixel along each axis; surfaces may then cross each other."""
     pictures: tuple[str, ...] = ()  # image files; if there are any, half of the textures are such pictures

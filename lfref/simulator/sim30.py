@@ -172,7 +172,7 @@ def scenes(name: str | None = None, camera: Camera | None = None, version: int =
 
     Args:
         name: A key of `SCENES`; None takes all.
-        camera: Camera that replaces that of the scenes; its size may show more or less of them.
+        camera: Camera that replaces the scenes' own camera; its size may show more or less of them.
         version: 1 (band-limited textures) or 2 (aliased textures).
 
     Raises:

@@ -37,7 +37,7 @@ SHARED_EFFECTS = ("exposure", "clipping", "white_balance", "tone_curve")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Simulated:
-    """The requested outputs of a scene; the others are None."""
+    """The requested outputs of a scene; other outputs are None."""
 
     slopes: Tensor
     """Slopes of the truth's planes, in pixels per view step, float64, [N]."""

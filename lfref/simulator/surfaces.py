@@ -1,4 +1,4 @@
-"""Where surfaces stand: disparity at points of the central view, and the point where a ray meets a surface.
+"""Positions of surfaces: disparity at points of the central view, and the point where a ray meets a surface.
 
 Letters: `X Y` point of the surface in pixels of the central view, origin at the picture's centre; `p q` aperture point
 in view steps from the centre, along columns and rows; `x y` pixel of the picture from that aperture point. `D`

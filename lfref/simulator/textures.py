@@ -64,11 +64,11 @@ class _Wave(Texture):
     """Two colours that alternate along one direction or two."""
 
     lengths = ("period",)
-    period: float  # in pixels
+    period: float  # period in pixels
     low: Colour = (0.2, 0.2, 0.2)  # first colour
     high: Colour = (0.8, 0.8, 0.8)  # second colour
     angle: float = 0.0  # direction of the wave in degrees, from x towards y
-    phase: float = 0.0  # in periods
+    phase: float = 0.0  # phase in periods
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -170,7 +170,7 @@ class Picture(Texture):
 
     lengths = ("width",)
     path: str  # PNG, EXR, TIFF or JPEG; grey or colour
-    width: float = 256.0  # in pixels of the central view
+    width: float = 256.0  # width in pixels of the central view
 
     def __post_init__(self) -> None:
         checks.numbers("a picture's width", [self.width], 4, 16384)

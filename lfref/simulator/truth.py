@@ -174,7 +174,7 @@ class CellRenderer:
                 boxes.append(self._fill_window(own, plane, layer.bitmap, shape.form.disparity))
             else:
                 own = self.copies[layer.bitmap]
-                # The widest copy that this plane reads bounds all the others.
+                # The widest copy that this plane reads bounds all other copies.
                 boxes.append(rays.visible_box(_blurred_entry(layer.bitmap, _n_levels(plane, layer) - 1), reads=1))
             mirrored = -1
             if reflection:
@@ -185,7 +185,7 @@ class CellRenderer:
         blurs = [plane.blur_levels(layer) for layer in layers]
         tables = BlurTables(np.array([levels for levels, _ in blurs], ndmin=2), np.array([steps for _, steps in blurs]))
         described = rays.ray_layers(layers, spans, boxes, indices)
-        # All layers from far to near: index among the shifted ones, or -1 - index among the traced ones.
+        # All layers from far to near: index among shifted layers, or -1 - index among traced layers.
         order: list[int] = []
         n_traced = 0
         for layer in plane.layers:

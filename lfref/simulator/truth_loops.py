@@ -59,7 +59,7 @@ class TracedLayers(NamedTuple):
     layers: RayLayers
     blurs: BlurTables
     atlas: Atlas
-    order: Integers  # all layers from far to near: index among the shifted ones, or -1 - index among the traced ones
+    order: Integers  # layers from far to near: index among shifted layers, or -1 - index among traced layers
     crosses: Bools  # pairs of layers that cross, [K, K]
 
 
@@ -188,7 +188,7 @@ def _filter_down(samples: Floats, m: int, down: Floats, begin: int, end: int, si
     for t in range(down.size):
         source = min(max(m + t - down.size // 2, 0), samples.shape[0] - 1)
         _accumulate(down[t], samples[source, begin:end], target)
-    # Edge samples of the bitmap repeat beyond it; those of the visible part do not.
+    # Edge samples of the bitmap repeat beyond it; edge samples of the visible part do not.
     if begin == 0:
         row[:side] = row[side]
     if end == samples.shape[1]:
@@ -295,7 +295,7 @@ def trace_row(
 ) -> tuple[int, int]:
     """Fill `at` [5, W] (as `rays.intersect`) and `rgba` [4, W] with traced layer k at a row of pixels through a cell.
 
-    Returns the first pixel at which it may be visible, and one past the last; the others are not filled.
+    Returns the first pixel at which it may be visible, and one past the last; other pixels are not filled.
     """
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:

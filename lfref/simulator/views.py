@@ -1,4 +1,4 @@
-"""Views: pictures of layers from points of the aperture, and what the central view shows.
+"""Views: pictures of layers from points of the aperture, and the contents of the central view.
 
 On the CPU, views are rendered in bands of rows; layers are laid over a band from far to near. A layer whose views are
 shifted copies is read along whole rows (`shifts`); the rays to other layers are followed one by one (`rays`). If any
@@ -29,7 +29,7 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.shifts import ShiftTaps
 
 MOSTLY_OPAQUE = 0.5
-"""Opacity above which a surface counts as the one that a pixel shows."""
+"""Opacity above which a pixel is said to show a surface."""
 
 DrawRows = Callable[[int, int], None]
 """Function (first row, one past the last) that lays layers over these rows of all pictures."""
@@ -55,7 +55,7 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
         x, y = camera.pixels()
         across = x + slope * p[:, None, None]
         return torch.stack([radiance(layers, p, row.expand(len(p)), across, y + slope * row) for row in q])
-    # A backdrop that is only shifted writes every pixel; others are laid over black.
+    # A backdrop that is only shifted writes every pixel; other layers are laid over black.
     allocate = np.empty if is_backdrop(layers[0].surface) and not layers[0].is_traced else np.zeros
     picture = allocate((len(q), len(p), 3, *camera.size), np.float32)
     if any(layer.is_sorted for layer in layers):
@@ -141,7 +141,7 @@ def _traced_drawer(
 def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
     """Lay layers over the rows from `top` to before `end` of all pictures [V, U, 3, H, W], one after the other.
 
-    The atlas has bitmaps [4, h, w] of layers that face the camera, and [h, w, 4] of others.
+    The atlas has bitmaps [4, h, w] of layers that face the camera, and [h, w, 4] of other layers.
     """
     # For each row of pixels of each view: follow its rays to all layers, and lay them over each other from far to near.
     at = np.empty((5, picture.shape[4]))

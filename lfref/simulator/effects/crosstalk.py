@@ -24,7 +24,7 @@ class Crosstalk(Effect):
         checks.numbers("a crosstalk's leak", [self.leak], 0, 1 / 3)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a leak or a neighbour."""
+        """The effect is inert without a leak or a neighbour."""
         if not self.leak:
             return "leak is 0"
         return "a single view has no neighbour" if tuple(grid) == (1, 1) else None

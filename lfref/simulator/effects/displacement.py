@@ -17,7 +17,7 @@ from lfref.simulator import checks
 from lfref.simulator.effects import Effect
 
 TAPS = range(-3, 5)
-"""Samples around a position, counted from the one at or before it."""
+"""Samples around a position, counted from the sample at or before it."""
 Triple = tuple[float, ...]
 """One number each for red, green and blue."""
 
@@ -68,7 +68,7 @@ class Chromatic(Effect):
         checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if every magnification is 1, and every added disparity is 0 or there is only one view."""
+        """The effect is inert if every magnification is 1, and every added disparity is 0 or there is only one view."""
         if any(size != 1 for size in self.magnification):
             return None
         if not any(self.disparity):
@@ -98,7 +98,7 @@ class Misalignment(Effect):
         checks.numbers("a misalignment's sigma", [self.sigma], 0, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if all shifts are 0."""
+        """The effect is inert if all shifts are 0."""
         return None if self.sigma else "sigma is 0"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:

@@ -42,7 +42,7 @@ class Mosaic(Effect):
             chosen("mosaic pattern", self.pattern, PATTERNS)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a pattern."""
+        """The effect is inert without a pattern."""
         return None if self.pattern else "every pixel sees three colours"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -57,7 +57,7 @@ class Demosaic(Effect):
     pattern: str | None = "RGGB"  # pattern of the mosaic, which has checked it
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a mosaic."""
+        """The effect is inert without a mosaic."""
         return None if self.pattern else "there is no mosaic"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:

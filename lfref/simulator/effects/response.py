@@ -22,7 +22,7 @@ class Exposure(Effect):
         checks.numbers("an exposure's gain", [self.gain], 0, 1e4)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert at gain 1."""
+        """The effect is inert at gain 1."""
         return "gain is 1" if self.gain == 1 else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -43,7 +43,7 @@ class Clipping(Effect):
             raise InputError("a clipping needs a low limit below its high one", got=f"{self.low} and {self.high}")
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without limits; whether radiances exceed them is not known before they are rendered."""
+        """The effect is inert without limits; whether radiances exceed them is not known before they are rendered."""
         return "there are no limits" if math.isinf(self.low) and math.isinf(self.high) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -64,7 +64,7 @@ class Quantisation(Effect):
             raise InputError("quantisation bits must be a whole number from 1 to 20", got=repr(self.bits))
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a number of bits."""
+        """The effect is inert without a number of bits."""
         return None if self.bits else "samples are not rounded"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -86,7 +86,7 @@ class WhiteBalance(Effect):
         checks.colour("a white balance's gains", self.gains, 0, 1e4)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if all gains are 1."""
+        """The effect is inert if all gains are 1."""
         return "all gains are 1" if all(gain == 1 for gain in self.gains) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -106,7 +106,7 @@ class ToneCurve(Effect):
         checks.numbers("a tone curve's gamma", [self.gamma], 0.1, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if the curve is a straight line."""
+        """The effect is inert if the curve is a straight line."""
         is_straight = self.curve == "linear" or (self.curve == "gamma" and self.gamma == 1)
         return "the curve is linear" if is_straight else None
 

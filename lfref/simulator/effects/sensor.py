@@ -63,7 +63,7 @@ OFF: dict[str, Effect] = {"mosaic": Mosaic(None), "clipping": Clipping(-math.inf
 
 
 def effect_chain(sensor: Sensor) -> dict[str, Effect]:
-    """All effects by name, inert ones where the sensor has none, in the order in which they are applied."""
+    """All effects by name, inert effects where the sensor has none, in the order of their application."""
     chain: dict[str, Effect] = {}
     for name, kind in EFFECTS.items():
         chain[name] = getattr(sensor, name) or OFF.get(name) or kind()

@@ -30,7 +30,7 @@ class Vignetting(Effect):
         checks.numbers("a vignetting's cats_eye", [self.cats_eye], 0, 2)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without falloff and displacement."""
+        """The effect is inert without falloff and displacement."""
         return None if self.field or self.cats_eye else "field and cat's eye are 0"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
