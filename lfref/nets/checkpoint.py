@@ -33,8 +33,7 @@ PREFIX = "net."
 
 
 def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> dict[str, Any]:
-    """The entry `lfref` of a checkpoint, from which the network is built again; `is_linear`: whether it reads linear
-    light."""
+    """The entry `lfref` of a checkpoint, which describes the network; `is_linear`: whether it reads linear light."""
     kind = type(network)
     foreign = {} if NETWORKS.get(network.name) is kind else {CLASS: f"{kind.__module__}.{kind.__qualname__}"}
     arguments = {"name": network.name, **foreign, **network.config}
@@ -42,7 +41,7 @@ def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> di
 
 
 def check_number(network: Network, planes: FocalPlanes) -> None:
-    """Raise an InputError if the number of planes that a network makes is not that of `planes`."""
+    """Raise an InputError if a network does not make as many planes as there are in `planes`."""
     if network.n_planes not in (None, len(planes)):
         raise InputError(
             f"the network must make as many planes as there are ({len(planes)})",
@@ -73,7 +72,7 @@ def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[
 
 
 def read(path: str | Path) -> dict[str, Any]:
-    """The entries `lfref` and `state_dict` of a file, and those of Lightning; CheckpointError if it is not ours."""
+    """The entries `lfref` and `state_dict` of a file, and Lightning's entries; CheckpointError for other files."""
     if "://" in str(path):
         raise CheckpointError("a checkpoint must be a local file", got=path, remedy="download it first")
     if not Path(path).is_file():
@@ -96,7 +95,7 @@ def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
 
 
 def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
-    """As `restore`, from the contents that `read` returned; errors name `path`."""
+    """The network and planes of `restore`, from the contents that `read` returned; errors name `path`."""
     entry = contents["lfref"]
     if entry.get("format") not in FORMATS:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")

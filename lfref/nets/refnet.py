@@ -27,7 +27,7 @@ PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
 
 
 class RefNet(Network):
-    """Views [..., V, U, C, H, W] -> stack [..., N, C, H, W], both in [0, 1]; the planes are those of the labels.
+    """Views [..., V, U, C, H, W] -> stack [..., N, C, H, W], both in [0, 1]; the labels fix the planes.
 
     Args:
         n_planes: Planes of the stack, N.
@@ -142,7 +142,7 @@ class RefNet(Network):
         return self.trunk(self._coarse(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:])))
 
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """As in `Network`; only the number of slopes is checked: the planes are fixed. The stack is radiance >= 0."""
+        """Refocus as in `Network`; the planes are fixed: only the number of slopes is checked. The stack is >= 0."""
         if slopes is not None and len(slopes) != self.n_planes:
             raise InputError(
                 f"this network makes {counted(self.config['n_planes'], 'plane')}", got=counted(len(slopes), "slope")
