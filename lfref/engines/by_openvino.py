@@ -31,7 +31,7 @@ NOT_COMPUTING = {"Convolution", "Parameter", "Constant", "Result"}
 
 
 def prepare(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """The network in a precision; under int8, all but inner convolutions runs in the precision of `beside_int8`."""
+    """The network in a precision; under int8, all but the inner convolutions have the precision of `beside_int8`."""
     import openvino
 
     # Tracing warns that Python code reads shapes; all inputs have these shapes.

@@ -25,7 +25,7 @@ NetworkFunction = Callable[..., Tensor]
 """Function that is called like the network, with inputs of the shapes and types for which it was prepared."""
 
 FP32, FP16, BF16, INT8 = "fp32", "fp16", "bf16", "int8"
-"""Precisions: fp32 is that of all numbers; the others are those of convolutions and their inputs."""
+"""Precisions: fp32 applies to all numbers; the other precisions apply to convolutions and their inputs."""
 SMALL = 32
 """Pixels along a side of the inputs with which a network is traced where size does not matter."""
 

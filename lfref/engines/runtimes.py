@@ -74,15 +74,14 @@ def _eager(workload: EngineWorkload, precision: str) -> NetworkFunction:
 
 
 def _channels_last(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """As `_eager`, with the channels of a pixel side by side in memory."""
+    """The network as by `_eager`, with the channels of a pixel side by side in memory."""
     network: nn.Module = copy.deepcopy(workload.network)
     network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return _in_bf16(network) if precision == BF16 else network
 
 
 def _compile(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """The network compiled by Inductor: loops between convolutions are fused, and weights are constants in a fast
-    order."""
+    """The network compiled by Inductor: fused loops between convolutions, weights as constants in a fast order."""
     run = _channels_last(workload, precision)
 
     def alone(*inputs: Tensor) -> Tensor:

@@ -24,7 +24,7 @@ PRECISIONS = (FP32, FP16, BF16, INT8)
 """Precisions of OpenVINO files: fp16 stores weights in half precision; bf16 is a setting of the runtime."""
 PACKAGES = (*by_openvino.PACKAGES, *as_onnx.PACKAGES)
 DIGEST_KEY, FORMER_KEY = "lfref_digest", "lfref_weights"
-"""Key of the SHA-256 of both files; key, in files of earlier versions, of the SHA-256 of the weights alone."""
+"""Key of the SHA-256 of both files, and the key of earlier versions, for the SHA-256 of the weights alone."""
 LAYERS = {
     "Add", "Concat", "Const", "Convert", "Convolution", "DepthToSpace", "Divide", "Elu", "FakeQuantize", "Gather",
     "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LogicalAnd", "MVN", "MatMul",
@@ -73,7 +73,7 @@ def read(path: Path) -> tuple[NetworkFunction, Manifest]:
 
     Raises:
         CheckpointError: `write` did not write the file, its weights are missing or belong to another model, or this
-        runtime cannot run it.
+            runtime cannot run it.
     """
     import openvino
 

@@ -215,7 +215,7 @@ def _check_nodes(path: Path, nodes: list[dict[str, Any]]) -> None:
 
 
 def _check_sizes(path: Path, text: Any, folder: str, members: Mapping[str, zipfile.ZipInfo]) -> None:
-    """Refuse weights of other types, and weights whose size differs from that of their member of the archive."""
+    """Refuse weights of other types, and weights whose size differs from the size of their member of the archive."""
     for name, entry in text["config"].items():
         meta = entry["tensor_meta"]
         sizes = [int(size["as_int"]) for size in meta["sizes"]]

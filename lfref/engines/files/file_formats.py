@@ -52,8 +52,7 @@ def format_of(path: Path) -> NetworkFormat | None:
 
 
 def read(path: Path) -> tuple[NetworkFunction, Manifest]:
-    """A file with the suffix of a format, ready to run, and its manifest; CheckpointError if the file is of another
-    kind."""
+    """A file with the suffix of a format, ready to run, and its manifest; CheckpointError for other files."""
     file_format = format_of(path)
     assert file_format is not None, path
     if not path.is_file():
