@@ -60,7 +60,7 @@ class ExportFile:
         return self.path.with_name(self.path.name + suffix)
 
     def tolerance(self, subject: Exportable) -> Tolerance:
-        """How far the file's pictures may be off; for the same arithmetic in PyTorch, by its rounding only."""
+        """Allowed error of the file's pictures: for the same arithmetic in PyTorch, only its rounding."""
         is_pytorch = self.format in (SAFETENSORS, "pt2") and self.precision == FP32
         return Tolerance(error=subject.rounding) if is_pytorch else TOLERANCES[self.precision]
 

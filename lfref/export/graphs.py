@@ -227,7 +227,7 @@ def _groups(options: Sum) -> list[list[int]]:
 
 
 def _sampled(ends: Tensor, length: int) -> Tensor:
-    """Where views have a sample, 1 or 0, float32: pixels without one at both ends [N, u, 2] -> [N, u, L]."""
+    """1 where views have a sample, else 0, float32; `ends` are the pixels without a sample: [N, u, 2] -> [N, u, L]."""
     places = torch.arange(length, device=ends.device)
     return ((places >= ends[..., :1]) & (places < length - ends[..., 1:])).float()
 

@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 
 class Tolerance(NamedTuple):
-    """How far the pictures of a file may be from those of its refocuser."""
+    """Largest differences that are allowed between the pictures of a file and of its refocuser."""
 
     error: float = math.inf
     """Largest distance, in light."""
@@ -68,7 +68,7 @@ def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityC
 
 @torch.no_grad()
 def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterable[ParityCase]) -> Iterator[Row]:
-    """Compare the pictures of every engine, by name, with those of lfref, case by case.
+    """Compare the pictures of every engine, by name, with the pictures of lfref, case by case.
 
     A stack that is not finite has an infinite error. `own_error` is the distance of lfref's float32 from its float64 on
     flat frames, else 0. `before_db` is the PSNR between the pictures before and after a refiner's correction, else 0.
