@@ -158,7 +158,7 @@ def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) ->
 
 
 LEAST_ERROR = 1e-5
-"""Error in light that is added before the division: that of 100 dB, beyond which pictures need not improve."""
+"""Error in light that is added before the division; it equals 100 dB, beyond which pictures need not improve."""
 
 POWERS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "l1": lambda error, share: (share * error.abs()).sum((-3, -2, -1)),
