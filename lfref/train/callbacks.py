@@ -62,13 +62,13 @@ class StepGuard(Callback):
             raise InputError("patience must be at least 1", got=patience)
         self.patience = patience
         self.skipped = 0
-        """Skipped steps."""
+        """Number of skipped steps."""
         self.overflowed = 0
-        """Steps that the loss scaler of float16 skipped."""
+        """Number of steps that the loss scaler of float16 skipped."""
         self.in_a_row = 0
-        """Steps skipped since the last complete one."""
+        """Number of steps skipped since the last complete step."""
         self.resampled = 0
-        """Flat patches that were replaced by others."""
+        """Number of flat patches that were replaced by other patches."""
         self._window: list[BatchRecord] = []
         self._losses: list[Tensor] = []
         self._statistics: list[Tensor] = []

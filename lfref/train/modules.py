@@ -111,7 +111,7 @@ class Fitting(LightningModule, abc.ABC):
         checkpoint["state_dict"] = {name: value for name, value in state.items() if not name.startswith(METRICS)}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Replace the checkpoint's settings of optimiser and schedule by those of this run; add weights of metrics."""
+        """Use this run's settings of optimiser and schedule, not the checkpoint's; add weights of metrics."""
         own = {name: value for name, value in self.state_dict().items() if name.startswith(METRICS)}
         checkpoint["state_dict"] |= own
         n_steps = {
@@ -178,7 +178,7 @@ class Refocusing(Fitting):
         return stack
 
     def payload(self) -> dict[str, Any]:
-        """As in `Fitting`: the network's arguments and its planes."""
+        """The entry of `Fitting.payload`: the network's arguments and its planes."""
         return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
@@ -245,7 +245,7 @@ class Refining(Fitting):
         self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
 
     def payload(self) -> dict[str, Any]:
-        """As in `Fitting`: the refiner's arguments, its method and its features."""
+        """The entry of `Fitting.payload`: the refiner's arguments, its method and its features."""
         return refiner_entry(self.net, self.recipe.base, self.recipe.features)
 
     def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
@@ -263,8 +263,7 @@ def _wrong_loss(got: str) -> InputError:
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
     """Replace the settings of optimiser and schedule in a checkpoint of Lightning, in place; the moments stay.
 
-    The new schedule repeats the steps of the old schedule: the learning rate is as if these settings held from the
-    start.
+    The new schedule repeats the steps of the old one: the learning rate is as if these settings held from the start.
 
     Args:
         checkpoint: Contents of the file.

@@ -31,7 +31,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 15
 """Seconds from a signal to an end by force."""
 PARENT = "LFREF_FIRST_PROCESS"
-"""Environment variable with the id of the process that started the others."""
+"""Environment variable with the id of the process that started the other processes."""
 
 
 class Stopping(Callback):
@@ -57,8 +57,7 @@ class Stopping(Callback):
         if trainer.world_size == 1:
             yield
             return
-        # This attribute is private, but without this line every SIGTERM under DDP starts a broadcast inside the
-        # handler.
+        # Private, but without this line every SIGTERM under DDP starts a broadcast inside the handler.
         trainer._signal_connector._sigterm_notifier_fn = lambda *_: None  # type: ignore[method-assign]
         self._previous = {number: signal.getsignal(number) for number in SIGNALS}
         self._owner = os.getpid()
@@ -91,7 +90,7 @@ class Stopping(Callback):
 
     def on_train_batch_end(self, trainer: Trainer, module: Any, outputs: Any, batch: Any, batch_index: int) -> None:
         """If any process got a signal, write a checkpoint and stop all processes."""
-        # A checkpoint holds no gradients: those that are accumulated for a step would be lost.
+        # A checkpoint holds no gradients: gradients that are accumulated for a step would be lost.
         if trainer.world_size == 1 or (batch_index + 1) % trainer.accumulate_grad_batches:
             return
         number = torch.tensor(float(self.number), device=trainer.strategy.root_device)
@@ -103,7 +102,7 @@ class Stopping(Callback):
             self._stop(latest)
 
     def on_train_end(self, trainer: Trainer, module: Any) -> None:
-        """Note that the processes meet no more: the others may have ended."""
+        """Note that the processes no longer meet: other processes may have ended."""
         self._is_training = False
 
     def _note(self, number: int, frame: FrameType | None) -> None:
