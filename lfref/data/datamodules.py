@@ -72,7 +72,7 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
 def without_leaks(
     train: Sequence[Path], held: Sequence[Path], folder: Path | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """Training fields whose content is not held out, and the other ones. The cache folder stores the hashes."""
+    """Training fields whose content is not held out, and all other training fields. `folder` stores the hashes."""
     forbidden = {cache.content_hash(path, folder) for path in held}
     clean = [path for path in train if cache.content_hash(path, folder) not in forbidden]
     if folder is not None:
@@ -188,7 +188,7 @@ class FolderData(PatchData):
         return self.reader.get("encoding") != "none"
 
     def prepare_data(self) -> None:
-        """Hash the fields. Lightning calls this first, in one process per machine; the others read the hashes."""
+        """Hash the fields. Lightning calls this first, in one process per machine; other processes read the hashes."""
         train, held, _ = self._paths()
         without_leaks(train, held, self.cache_folder)
 
@@ -212,7 +212,7 @@ class FolderData(PatchData):
         return {name: [path.name for path in source.paths] for name, source in sources.items()}  # type: ignore[attr-defined]
 
     def load_state_dict(self, state: Mapping[str, list[str]]) -> None:
-        """Refuse to resume with light fields that are not those of the checkpoint.
+        """Refuse to resume with other light fields than the checkpoint names.
 
         Raises:
             InputError: Light fields were added or removed, and `allow_changes` is false.

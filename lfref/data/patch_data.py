@@ -65,7 +65,7 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
 
 
 class FieldPatches(Dataset[Batch]):
-    """Random patches of every light field of a source; `seed` is that of the corners."""
+    """Random patches of every light field of a source; `seed` fixes the corners."""
 
     def __init__(self, source: Source, labels: Labels, patch: int, patches_per_field: int, seed: int) -> None:
         if min(patch, patches_per_field) < 1:
@@ -115,8 +115,7 @@ class FieldPatches(Dataset[Batch]):
         }
 
     def _draw(self, field: Field, random: np.random.Generator) -> Iterator[tuple[str, tuple[Tensor, Tensor] | None]]:
-        """(NAME@TOP,LEFT, patch) of each random corner, up to the first patch that is not flat; a flat patch is
-        None."""
+        """(NAME@TOP,LEFT, patch) of random corners, up to the first patch that is not flat; a flat patch is None."""
         free = np.array(field.size) - self.patch
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
@@ -156,10 +155,10 @@ class EpochSampler(Sampler[tuple[int, int]]):
 
     def _order(self) -> list[int]:
         if self.seed is None:
-            # A rank without an item would block the others: it repeats one.
+            # A rank without an item would block the other ranks: it repeats an item.
             return list(range(self.rank, self.n_items, self.world_size)) or [self.rank % self.n_items]
         order = np.random.default_rng((self.seed, self.epoch)).permutation(self.n_items).tolist()
-        # Every rank must take as many steps as the others: wrap around to an even share.
+        # All ranks must take equally many steps: wrap around to an even share.
         share = math.ceil(self.n_items / self.world_size)
         return [order[i % self.n_items] for i in range(self.rank, share * self.world_size, self.world_size)]
 
@@ -205,8 +204,7 @@ def epoch_loader(
     workers: int,
     timeout: float = 0.0,
 ) -> DataLoader[Any]:
-    """Batches of a data module's items in the order of an `EpochSampler`; `timeout` is in seconds per batch; 0: no
-    limit."""
+    """Batches of a data module, ordered by an `EpochSampler`; `timeout` is in seconds per batch (0: no limit)."""
     trainer = module.trainer
     rank, world_size = (trainer.global_rank, trainer.world_size) if trainer else (0, 1)
     sampler = EpochSampler(len(items), order_seed, rank, world_size)

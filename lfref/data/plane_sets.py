@@ -63,8 +63,7 @@ class Recipe:
     plain: float = 0.35
     """Share of scenes with matte surfaces that stand still, and without a sensor: methods refocus them best."""
     flat: float = 0.5
-    """Share, among those scenes, of scenes with only one or two surfaces, which face the camera: some methods are exact
-    there."""
+    """Share of those scenes that have one or two surfaces, which face the camera: some methods are exact there."""
     ideal: float = 0.2
     """Share of other scenes without a sensor."""
     whole: float = 0.25
@@ -107,7 +106,7 @@ class Recipe:
 
 
 def _changed_fields(value: Any) -> Any:
-    """Fields of a dataclass that differ from their defaults, nested ones too; any other value as it is."""
+    """Fields of a dataclass that differ from their defaults, also in nested dataclasses; any other value as it is."""
     if not is_dataclass(value):
         return value
     named = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
@@ -313,8 +312,8 @@ class PlaneData(LightningDataModule):
         recipe: Recipe of the set.
         cache_folder: Folder of all sets.
         folder: Folder of the set; None: the recipe's folder in the cache.
-        n_fields: Number of light fields to use, the first ones of the set; None: all.
-        n_validation: Number of held-out light fields, the first ones.
+        n_fields: Number of light fields to use, from the start of the set; None: all.
+        n_validation: Number of held-out light fields, from the start of the set.
         crop: Height and width of training crops in pixels.
         planes_per_batch: Crops per batch, from any light fields.
         workers: Processes that prepare batches; 0 prepares them in the training process.
