@@ -147,8 +147,7 @@ def worthwhile(size: int, worth_a_thread: int) -> int:
 
 
 def bands(length: int, n_bands: int) -> list[tuple[int, int]]:
-    """First item, and one past the last, of each of `n_bands` parts of a row of items; the parts are about equally
-    long."""
+    """First item, and one past the last, of each of `n_bands` parts of a row of items, about equally long."""
     return list(itertools.pairwise(round(length * i / n_bands) for i in range(n_bands + 1)))
 
 

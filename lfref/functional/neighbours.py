@@ -12,7 +12,7 @@ from torch.nn import functional as F
 
 
 def box_mean(images: Tensor, window: int) -> Tensor:
-    """Mean of a square around each pixel; near the border, the mean of its part within the picture.
+    """Mean of a square around each pixel; near the border, the square ends where the picture ends.
 
     Args:
         images: Floating point, [..., H, W].
@@ -29,7 +29,7 @@ def box_mean(images: Tensor, window: int) -> Tensor:
 
 
 def box_max(images: Tensor, window: int) -> Tensor:
-    """Largest value of a square around each pixel; near the border, that of its part within the picture.
+    """Largest value of a square around each pixel; near the border, the square ends where the picture ends.
 
     Args:
         images: Floating point, [..., H, W].

@@ -7,8 +7,7 @@ variance, `P` a plane (one channel of one image). With the constants of Wang et 
 
 which keeps the digits that 1 minus a number near 1 loses. Window and borders are those of torchmetrics
 (Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel). Everything is computed in float64
-and rounded once, also under autocast: in a flat plane, all pixels have the same rounding error, and these errors add
-up.
+and rounded once, also under autocast: in a flat plane, the equal rounding errors of all pixels add up.
 
 From top to bottom: the public functions; values and derivatives of planes for PyTorch (`plane_values`; `formula`
 computes the same by PyTorch's own operations, for GPUs and second derivatives); the compiled loops, which work row by
@@ -88,7 +87,7 @@ def formula(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
     """`plane_values` by PyTorch's own operations."""
     x, y = x.double(), y.double()
     # Each plane is centred by its mean first, or the squares of a bright plane would swamp its variance. The result
-    # does not depend on what was subtracted, so no gradient need flow through it.
+    # does not depend on the subtracted mean, so no gradient needs to flow through it.
     centre_x, centre_y = (planes.detach().mean((-2, -1), keepdim=True) for planes in (x, y))
     centre_d, centre_s = centre_x - centre_y, centre_x + centre_y
     fields = torch.cat((x - y - centre_d, x + y - centre_s))
