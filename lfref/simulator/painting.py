@@ -132,7 +132,7 @@ def visible_surfaces(scene: Scene, reach: float) -> list[int]:
 
 
 def crossing_surfaces(scene: Scene, reach: float) -> set[int]:
-    """Indices of the visible surfaces that cross another visible one."""
+    """Indices of the visible surfaces that cross another visible surface."""
     visible = visible_surfaces(scene, reach)
     pairs = layers.crossing_pairs([scene.surfaces[index].geometry for index in visible], scene.camera, reach)
     return {visible[rank] for pair in pairs for rank in pair}

@@ -162,9 +162,10 @@ def _aliased(scene: Scene) -> Scene:
 VERSIONS: dict[str, dict[str, Scene]] = {"1": SCENES, "2": {name: _aliased(scene) for name, scene in SCENES.items()}}
 """All versions of the set, their scenes by name."""
 VERSION = "d8d1d6f245da"
-"""Identifies the pictures of version 1. Change it when they change: tests/simulator/test_sim30.py compares them."""
+"""Identifier of the pictures of version 1, to be changed when they change; tests/simulator/test_sim30.py compares
+them."""
 VERSION_2 = "19e864d2ff0b"
-"""Identifies the pictures of version 2."""
+"""Identifier of the pictures of version 2."""
 
 
 def scenes(name: str | None = None, camera: Camera | None = None, version: int = 1) -> Fixed:

@@ -1,7 +1,7 @@
 """Lenslet crosstalk: light that reaches a neighbouring pixel under its lenslet ends up in the neighbouring view.
 
 The kernel is 3 x 3 views, (a, 1 - 2a, a) along each axis. Light that would leave the grid stays in the outermost view,
-so that energy is conserved and even light stays even.
+so that energy is conserved and uniform light stays uniform.
 """
 
 from dataclasses import dataclass

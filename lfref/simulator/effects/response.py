@@ -111,7 +111,7 @@ class ToneCurve(Effect):
         return "the curve is linear" if is_straight else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """Encode."""
+        """Encode the views by the curve."""
         return self.encoding.encode(views)
 
     @property
