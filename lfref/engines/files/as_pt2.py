@@ -98,7 +98,7 @@ EXPRESSION = re.compile(
     r"('[su]\d+'|\b(Symbol|Integer|Add|Mul|FloorDiv|CeilDiv|Mod|PythonMod|Max|Min|positive|nonnegative|integer|True)\b"
     r"|\d{1,12}\b|[ (),=-])*"
 )
-"""An expression of sizes; anything else could be any Python."""
+"""An expression of sizes; any other text could be Python code."""
 SPECIFICATION = re.compile(
     r'([\[\]{}:, 1]|"(type|context|children_spec|null|\[\]|builtins\.(tuple|list|dict))"|null)*', re.ASCII
 )
