@@ -271,7 +271,7 @@ class RankAgreement(Callback):
 
 
 def nearest(slopes: Sequence[float], slope: float) -> int:
-    """Index of the plane whose slope is nearest."""
+    """Index of the plane whose slope is nearest to `slope`."""
     return min(range(len(slopes)), key=lambda i: abs(slopes[i] - slope))
 
 

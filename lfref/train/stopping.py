@@ -106,7 +106,7 @@ class Stopping(Callback):
         self._is_training = False
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        """Handler of signals: remember the signal, or stop at once where no step follows."""
+        """Handler of signals: remember the signal, or stop at once if no step follows."""
         is_first = not self.number
         if os.getpid() == self._owner:
             self.number = number
