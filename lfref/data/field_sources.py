@@ -39,7 +39,7 @@ class Source(abc.ABC):
 
 
 class FolderSource(Source):
-    """Light fields on disk, read through the cache; arguments as `cache.cached`."""
+    """Light fields on disk, read through the cache; arguments as for `cache.cached`."""
 
     def __init__(
         self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any], correct: str = NONE

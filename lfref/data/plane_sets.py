@@ -63,7 +63,8 @@ class Recipe:
     plain: float = 0.35
     """Share of scenes with matte surfaces that stand still, and without a sensor: methods refocus them best."""
     flat: float = 0.5
-    """Share of those scenes that have one or two surfaces, which face the camera: some methods are exact there."""
+    """Share, among the `plain` scenes, of scenes of one or two surfaces that face the camera: some methods are
+    exact."""
     ideal: float = 0.2
     """Share of other scenes without a sensor."""
     whole: float = 0.25
@@ -71,7 +72,7 @@ class Recipe:
     n_near: int = 3
     """Number of planes near focus, at disparities that occur in the scene."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
-    """Ranges of slopes; each one gives a further plane."""
+    """Ranges of slopes; each range gives a further plane."""
     correct: str = AUTO
     """`none`, `auto` or a file of corrections; `auto` gets a white picture of cameras with vignetting."""
 
