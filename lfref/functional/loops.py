@@ -137,7 +137,7 @@ inlined = compiling(forceinline=True)
 
 
 def worthwhile(size: int, worth_a_thread: int) -> int:
-    """Number of threads for work of some size: at least 1, at most as many as PyTorch has.
+    """Number of threads for work of some size: at least 1, at most PyTorch's number of threads.
 
     Args:
         size: Size of the work.

@@ -15,7 +15,7 @@ def box_mean(images: Tensor, window: int) -> Tensor:
     """Mean of a square around each pixel; near the border, the square ends where the picture ends.
 
     Args:
-        images: Floating point, [..., H, W].
+        images: Images in floating point, [..., H, W].
         window: Pixels along the side of the square, odd.
     """
     for axis in (-2, -1):
@@ -32,7 +32,7 @@ def box_max(images: Tensor, window: int) -> Tensor:
     """Largest value of a square around each pixel; near the border, the square ends where the picture ends.
 
     Args:
-        images: Floating point, [..., H, W].
+        images: Images in floating point, [..., H, W].
         window: Pixels along the side of the square, odd.
     """
     reach = window // 2
@@ -51,7 +51,7 @@ def binomial(images: Tensor, apart: int = 1) -> Tensor:
     """Half of each pixel plus a quarter of each of its two neighbours, across and down; edge pixels repeat.
 
     Args:
-        images: Floating point, [..., H, W].
+        images: Images in floating point, [..., H, W].
         apart: Distance of the neighbours in pixels.
     """
     for axis in (-2, -1):

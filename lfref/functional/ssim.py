@@ -199,7 +199,7 @@ class Bands(NamedTuple):
     mean: Reals
     """Weights of the local mean, [n, 11]."""
     adjoint: Reals
-    """Weights of its adjoint, [n, 11]."""
+    """Weights of the adjoint of the local mean, [n, 11]."""
 
 
 class Tables(NamedTuple):
@@ -210,7 +210,7 @@ class Tables(NamedTuple):
     mean: Reals
     """Weights of the local mean along a row, tap by tap, [11, W]."""
     adjoint: Reals
-    """Weights of its adjoint along a row, tap by tap, [11, W]."""
+    """Weights of the adjoint of the local mean along a row, tap by tap, [11, W]."""
     C1: float
     C2: float
 
