@@ -63,8 +63,7 @@ class Recipe:
     plain: float = 0.35
     """Share of scenes with matte surfaces that stand still, and without a sensor: methods refocus them best."""
     flat: float = 0.5
-    """Share, among the `plain` scenes, of scenes of one or two surfaces that face the camera: some methods are
-    exact."""
+    """Share of the `plain` scenes with only one or two surfaces, which face the camera: some methods are exact."""
     ideal: float = 0.2
     """Share of other scenes without a sensor."""
     whole: float = 0.25
