@@ -26,8 +26,9 @@ from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.nets.network import Network
+from lfref.refocuser import networks
 from lfref.refocuser.features import refiner_inputs
-from lfref.refocuser.networks import AT_ONCE, RefinedRefocuser
+from lfref.refocuser.networks import RefinedRefocuser
 
 
 class FieldInputs(NamedTuple):
@@ -93,7 +94,7 @@ def network_case(
 def refiner_case(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, device: torch.device) -> NetworkCase:
     """The network of a refined method; a pass gets as many planes as in normal use."""
     n_samples = int(refiner.refiner.config["n_features"]) * math.prod(fields.whole[0].size)
-    most = max(1, AT_ONCE // n_samples)
+    most = max(1, networks.AT_ONCE // n_samples)
     # All parts have the same number of planes, since an engine is prepared for one shape.
     n_at_once = max(n for n in range(1, len(planes) + 1) if len(planes) % n == 0 and n <= most)
 
@@ -216,9 +217,9 @@ def summary(passes: pd.DataFrame, starts: pd.DataFrame) -> pd.DataFrame:
         max_error=("max_error", "max"),
     )
     eager = table.xs(EAGER, level=KEY[1:])
-    networks = table.index.get_level_values("network")
-    table["ratio_to_eager"] = networks.map(eager["min_s"]) / table["min_s"]
-    table["loss_db"] = networks.map(eager["psnr_db"]) - table["psnr_db"]
+    names = table.index.get_level_values("network")
+    table["ratio_to_eager"] = names.map(eager["min_s"]) / table["min_s"]
+    table["loss_db"] = names.map(eager["psnr_db"]) - table["psnr_db"]
     joined = starts.reindex(columns=[*KEY, "start_s", "extra_bytes", "skipped"]).merge(table.reset_index(), "left", KEY)
     return joined[COLUMNS].astype({"extra_bytes": "Int64"})
 
