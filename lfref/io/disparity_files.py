@@ -169,7 +169,7 @@ def read_pfm(path: str | Path) -> NDArray[np.float32]:
         (24, 32, 1)
     """
     path = Path(path)
-    with atomic.file_errors(path, "read_pfm"):
+    with atomic.file_errors(path, "read"):
         contents = path.read_bytes()
     header = HEADER.match(contents)
     if header is None:
@@ -212,7 +212,7 @@ def write_pfm(path: str | Path, values: NDArray) -> None:
         raise InputError(f"a picture for {path} must be [H, W] or [H, W, 1 or 3]", got=f"shape {values.shape}")
     samples = images.quantised(picture, "float", path)
     if path.is_file():
-        with atomic.file_errors(path, "read_pfm"), path.open("rb") as file:
+        with atomic.file_errors(path, "read"), path.open("rb") as file:
             header = HEADER.match(file.read(64))
         if header is None or header[4] != SCALE:
             expected = f"{path} must be a PFM file that lfref wrote to be replaced"

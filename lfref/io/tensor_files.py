@@ -61,7 +61,7 @@ def check_digest(path: Path, *beside: Path) -> bool:
     result = _digest(path, beside)
     if result is not None and result[1] != result[2]:
         raise CheckpointError(
-            f"{path} is damaged or was changed", got="another SHA-256", remedy="copy or fill_digest it anew"
+            f"{path} is damaged or was changed", got="another SHA-256", remedy="copy or write it anew"
         )
     return result is not None
 
@@ -88,7 +88,7 @@ def _digest(path: Path, beside: tuple[Path, ...]) -> tuple[int, str, str] | None
 
 def warn_without_digest(path: Path) -> None:
     """Say that a file of an earlier version has no digest."""
-    log.warning("%s has no digest, so damage would not show: fill_digest it anew with this version of lfref", path)
+    log.warning("%s has no digest, so damage would not show: write it anew with this version of lfref", path)
 
 
 def check_archive_digest(path: Path) -> bool:
@@ -102,7 +102,7 @@ def check_archive_digest(path: Path) -> bool:
         is_plain = all(member.compress_type == zipfile.ZIP_STORED for member in members)
         if not is_plain or sum(member.file_size for member in members) > path.stat().st_size:
             raise CheckpointError(
-                f"{path} must hold plain members", got="compressed ones", remedy="fill_digest it anew"
+                f"{path} must hold plain members", got="compressed ones", remedy="write it anew"
             )
         if not has_digest and (name := archive.testzip()) is not None:
             raise CheckpointError(f"{path} is damaged", got=f"another checksum of {name}", remedy="copy it anew")
