@@ -1,7 +1,7 @@
 """Encodings of light: the tone curve between linear light and the samples of files.
 
-Only linear values may be averaged: samples are decoded when a file is read, and pictures encoded when they are written.
-Below 0 every curve is continued so that nothing is undefined. Source of `srgb`: IEC 61966-2-1, 1999.
+Only linear values may be averaged: samples are decoded when a file is read, and pictures are encoded when they are
+written. Every curve also has values below 0. Source of `srgb`: IEC 61966-2-1, 1999.
 """
 
 import math
@@ -50,14 +50,14 @@ CURVES: dict[str, Curve] = {
 
 @dataclass(frozen=True)
 class Encoding:
-    """A tone curve by name; its text is what `parsed` reads."""
+    """A tone curve by name; `parsed` reads its text."""
 
     curve: str = "linear"
     """A key of `CURVES`."""
     gamma: float | None = None
     """Exponent of the curve `gamma`."""
     is_known: bool = True
-    """False: samples pass for light as they are, and stay so."""
+    """False: samples are used as light without decoding, and are not encoded again."""
 
     def __str__(self) -> str:
         if not self.is_known:
@@ -78,7 +78,7 @@ _NAMED = {str(encoding): encoding for encoding in (LINEAR, SRGB, NONE)}
 
 
 def parsed(text: str) -> Encoding:
-    """The encoding of a name.
+    """The encoding that a text names.
 
     Args:
         text: `linear`, `srgb`, `gamma:EXPONENT` with an exponent in [0.1, 10], or `none`, which decodes nothing.

@@ -1,6 +1,6 @@
 """Errors that a user can cause. Each message has one form: what was expected; what lfref got; the remedy.
 
-They are also `ValueError` or `OSError`, so that callers who do not know lfref catch them too.
+The errors are also `ValueError` or `OSError`, so that callers who do not know lfref catch them too.
 """
 
 import os

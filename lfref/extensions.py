@@ -2,7 +2,7 @@
 
 A package declares its parts by entry points of the group `lfref.parts`. `lfref --allow PACKAGE` trusts all public
 classes and functions that a package itself defines, for one command. The user decides by installing or by the command
-line; no configuration file, run folder or checkpoint can widen this.
+line; no configuration file, run folder or checkpoint can add to these parts.
 """
 
 import difflib
@@ -24,7 +24,7 @@ VARIABLE = "LFREF_ALLOW"
 """Environment variable with the allowed packages: child processes of a command (ddp, launchers) inherit it."""
 NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+", re.ASCII)
 FIXED = {"lfref", "torch", "lightning", "pytorch_lightning", "torchmetrics", "hydra", "omegaconf", "numpy", "wandb"}
-"""Packages whose allowed parts are a fixed table: functions among them read and write files."""
+"""Packages of which only a fixed table of parts is allowed: some of their functions read and write files."""
 
 
 def allow(package: str) -> None:
@@ -34,7 +34,7 @@ def allow(package: str) -> None:
         package: Name of an installed package, such as `mypkg` or `mypkg.nets`.
 
     Raises:
-        InputError: Not the name of an installed package of the user's own.
+        InputError: The package is not installed, is one of `FIXED`, or belongs to Python.
     """
     top = package.partition(".")[0]
     if not NAME.fullmatch(f"{package}.x") or top in FIXED or top in sys.stdlib_module_names:
@@ -68,7 +68,7 @@ def load(name: str) -> Callable[..., Any]:
     """The class or function of a trusted name.
 
     Raises:
-        InputError: Not trusted, missing, or an object that an allowed package does not define itself.
+        InputError: The part is not trusted, missing, or not defined by the allowed package itself.
     """
     if not is_trusted(name):
         raise InputError("a part must be declared by its package or allowed", got=repr(name), remedy=remedy(name))
@@ -88,7 +88,7 @@ def load_class(path: str) -> Callable[..., Any]:
     """The class defined at `module.qualname`, for readers of checkpoints: a package may declare it under another name.
 
     Raises:
-        InputError: Not trusted, or missing.
+        InputError: The class is not trusted, or missing.
     """
     top = path.partition(".")[0]
     for name, entry in declared().items():

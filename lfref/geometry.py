@@ -1,7 +1,7 @@
 """The angular grid and the focus parameter: alpha <-> slope, view offsets, legal ranges, cells of an aperture.
 
 Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
-Planes are slopes; alphas and even ranges are other ways to write them, and become slopes here and nowhere else.
+Planes are slopes; alphas and even ranges are other ways to write them, and only this module converts those.
 Source: Ng, "Light Field Photography with a Hand-held Plenoptic Camera", 2005 (convention `ng`).
 """
 
@@ -82,7 +82,7 @@ def even_slopes(n_planes: int, first: float = -1.0, last: float = 1.0) -> Tensor
 
 
 def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
-    """The alphas as plain numbers; at least one, finite and above 0, else an `InputError`."""
+    """The alphas as plain numbers; an `InputError` unless there is one at least, and all are finite and above 0."""
     try:
         values = tuple(float(alpha) for alpha in alphas)
     except (TypeError, ValueError) as error:
@@ -119,7 +119,7 @@ def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -
         The slopes, float64, CPU, [N].
 
     Raises:
-        InputError: No slope, one that is not finite, or a corner shift of half a view or more.
+        InputError: There is no slope, a slope is not finite, or the corner shift is half a view or more.
     """
     try:
         values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
@@ -143,15 +143,15 @@ def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -
 class FocalPlanes:
     """The planes of a refocused stack: slopes, in the order of the stack.
 
-    Alphas and even ranges are other ways to write them: see `planes_at_alphas` and `even_planes`. Planes are equal if
-    their slopes are, however they were written.
+    Alphas and even ranges are other ways to write them: see `planes_at_alphas` and `even_planes`. Planes with equal
+    slopes are equal, however they were written.
 
     Args:
-        slopes: Finite, in pixels per view step, at least one, [N].
-        convention: Meaning of alpha if the planes were written as alphas, a key of `CONVENTIONS`; None: as slopes.
+        slopes: Finite slopes in pixels per view step, at least one, [N].
+        convention: Meaning of alpha, a key of `CONVENTIONS`, if the planes were written as alphas; else None.
 
     Raises:
-        InputError: Slopes that cannot be used, or an unknown convention.
+        InputError: The slopes cannot be used, or the convention is unknown.
 
     Example:
         >>> FocalPlanes([-1, 0, 0.5]).labels
@@ -161,7 +161,7 @@ class FocalPlanes:
     values: tuple[float, ...]
     """The slopes as plain numbers."""
     convention: str | None = field(compare=False)
-    """Meaning of alpha if the planes were written as alphas."""
+    """Meaning of alpha if the planes were written as alphas, else None."""
 
     def __init__(self, slopes: Slopes, convention: str | None = None) -> None:
         # A grid of one view shifts nothing: only the numbers are checked.
@@ -180,7 +180,7 @@ class FocalPlanes:
 
     @property
     def alphas(self) -> tuple[float, ...] | None:
-        """Alphas of planes that were written as alphas, to 12 digits; None of others."""
+        """Alphas to 12 digits if the planes were written as alphas, else None."""
         if self.convention is None:
             return None
         return tuple(float(f"{CONVENTIONS[self.convention].to_alpha(slope):.12g}") for slope in self.values)
@@ -194,7 +194,7 @@ class FocalPlanes:
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """Both labels of each plane: `slope -7, alpha 0.125`; a slope that no alpha reaches stands alone."""
+        """Slope and alpha of each plane: `slope -7, alpha 0.125`; the slope alone if no alpha gives it."""
         to_alpha = CONVENTIONS[self.convention or "ng"].to_alpha
         pairs = ((slope, to_alpha(slope)) for slope in self.values)
         return tuple(
@@ -203,7 +203,7 @@ class FocalPlanes:
         )
 
     def has_slopes(self, slopes: Slopes) -> bool:
-        """Whether slopes [N] are these planes, but for rounding to float32."""
+        """Whether slopes [N] are those of these planes, up to rounding to float32."""
         values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").reshape(-1)
         return len(values) == len(self) and torch.allclose(values, self.slopes, rtol=1e-6, atol=1e-6)
 
@@ -213,7 +213,7 @@ class FocalPlanes:
 
 
 def planes_at_alphas(alphas: Iterable[float], convention: str = "ng") -> FocalPlanes:
-    """Planes that are written as alphas; arguments and errors as `slopes`.
+    """Planes that are written as alphas; arguments and errors are those of `slopes`.
 
     Example:
         >>> planes_at_alphas([0.125, 1, 2]).slopes.tolist()
@@ -223,7 +223,7 @@ def planes_at_alphas(alphas: Iterable[float], convention: str = "ng") -> FocalPl
 
 
 def even_planes(n: int = 16, first: float = -1.0, last: float = 1.0) -> FocalPlanes:
-    """Planes whose slopes are an equal step apart; arguments and errors as `even_slopes`.
+    """Planes whose slopes are an equal step apart; arguments and errors are those of `even_slopes`.
 
     Example:
         >>> even_planes(5, -2, 2).values
@@ -233,61 +233,61 @@ def even_planes(n: int = 16, first: float = -1.0, last: float = 1.0) -> FocalPla
 
 
 def planes_from(plain: Mapping[str, Any]) -> FocalPlanes:
-    """Planes from plain containers: `slopes` and `convention`, or in files of lfref 0.1 `alphas` and `convention`."""
+    """Planes from plain containers: `slopes` and `convention`, or `alphas` and `convention` in files of lfref 0.1."""
     if "alphas" in plain and "slopes" not in plain:
         return planes_at_alphas(plain["alphas"], plain.get("convention", "ng"))
     return FocalPlanes(plain.get("slopes", ()), plain.get("convention"))
 
 
 N_STRIPS = 4096
-"""Strips that a figure over the cells of views is cut into: areas are exact to 1e-6 of the figure."""
+"""Number of strips into which a disc or a polygon is cut: areas are exact to 1e-6 of the figure."""
 
 
 def covered_by_disc(rows: Tensor, columns: Tensor, radius: float = 1.0) -> Tensor:
-    """How much of the area of each cell a disc about 0 covers.
+    """Area of each cell that a disc about 0 covers.
 
     Args:
         rows: Edges of the rows of cells, rising, float64, [J + 1].
         columns: Edges of the columns of cells, rising, float64, [I + 1].
-        radius: Of the disc.
+        radius: Radius of the disc.
 
     Returns:
-        Float64, [J, I].
+        Areas, float64, [J, I].
     """
-    # Strips along the columns; narrow where the edge runs along them.
+    # Horizontal strips, which are narrow at the top and the bottom of the disc.
     strips = -radius * torch.linspace(0, torch.pi, N_STRIPS + 1, dtype=torch.float64).cos()
     half_chord = (radius**2 - ((strips[1:] + strips[:-1]) / 2).square()).sqrt()
     return overlap(strips[:-1], strips[1:], rows).T @ overlap(-half_chord, half_chord, columns)
 
 
 def covered_by_polygon(rows: Tensor, columns: Tensor, n_corners: int, radius: float = 1.0, turn: float = 0.0) -> Tensor:
-    """How much of the area of each cell a regular polygon about 0 covers.
+    """Area of each cell that a regular polygon about 0 covers.
 
     Args:
         rows: Edges of the rows of cells, rising, float64, [J + 1].
         columns: Edges of the columns of cells, rising, float64, [I + 1].
-        n_corners: At least 3.
-        radius: Of the circle through the corners.
+        n_corners: Number of corners, at least 3.
+        radius: Radius of the circle through the corners.
         turn: Angle of one corner, from the columns' axis towards the rows', in radians.
 
     Returns:
-        Float64, [J, I].
+        Areas, float64, [J, I].
     """
     heights = [radius * math.sin(turn + 2 * corner * math.pi / n_corners) for corner in range(n_corners)]
     strips = torch.linspace(min(heights), max(heights), N_STRIPS + 1, dtype=torch.float64)
     middles = (strips[1:] + strips[:-1]) / 2
     left, right = torch.full_like(middles, -radius), torch.full_like(middles, radius)
     for side in range(n_corners):
-        # Inside of a side are the points p with p.(across, down) <= near.
+        # The points p inside of a side have p.(across, down) <= near.
         angle = turn + (2 * side + 1) * math.pi / n_corners
         across, down, near = math.cos(angle), math.sin(angle), radius * math.cos(math.pi / n_corners)
-        # A side along the columns bounds no strip; dividing by a tiny number of the right sign puts its end far away.
+        # A horizontal side bounds no strip; a division by a tiny number of the right sign puts its end far away.
         end = (near - down * middles) / (across if abs(across) > 1e-12 else math.copysign(1e-12, across))
         left, right = (left, right.minimum(end)) if across > 0 else (left.maximum(end), right)
     return overlap(strips[:-1], strips[1:], rows).T @ overlap(left, right, columns)
 
 
 def overlap(start: Tensor, stop: Tensor, edges: Tensor) -> Tensor:
-    """Length that each interval (`start` to `stop`, [S]) shares with each cell between rising edges [I + 1]; [S, I]."""
+    """Length [S, I] that each interval (`start` to `stop`, [S]) shares with each cell between rising edges [I + 1]."""
     low, high = torch.maximum(start[:, None], edges[:-1]), torch.minimum(stop[:, None], edges[1:])
     return (high - low).clamp(min=0)

@@ -21,7 +21,7 @@ def check_axes(views: Tensor) -> None:
 
 
 def check_views(views: Tensor) -> None:
-    """Refuse views that are not floating point, [..., V, U, C, H, W], no axis empty."""
+    """Refuse views that are not floating point, lack the axes [..., V, U, C, H, W], or have an empty one."""
     check_axes(views)
     if not views.is_floating_point():
         raise InputError("views must be floating point in [0, 1]", got=views.dtype, remedy="scale integers to [0, 1]")
@@ -46,7 +46,7 @@ class LightField:
     metadata: Mapping[str, str] = field(default_factory=dict)
     """Source of the field, and how it was read."""
     is_linear: bool = True
-    """Whether the views hold linear light; False: encoded samples, whose means are no light."""
+    """Whether the views hold linear light; False: they hold encoded samples, whose means are not light."""
     positions: Tensor | None = None
     """Camera positions (v, u) from the angular centre in view steps, float64, [V, U, 2]; None: an even grid."""
 

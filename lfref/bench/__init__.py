@@ -1,1 +1,1 @@
-"""Methods measured side by side: what accuracy costs in time."""
+"""Measurements of methods side by side: accuracy, time, memory, stability."""

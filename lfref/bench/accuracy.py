@@ -29,11 +29,11 @@ EXACT = OperatorRefocuser("exact_fourier", exact_fourier)
 WHOLE = "whole_"
 """Prefix of columns measured over the whole frame; the others leave out the border."""
 LEAST_SIDE = 8
-"""Pixels along the interior of a picture: with fewer, the SSIM window of 11 pixels is mostly reflected border."""
+"""Least side of a picture's interior, in pixels: below it, the SSIM window of 11 pixels is mostly reflected border."""
 
 
 def plane_names(planes: FocalPlanes) -> list[Row]:
-    """Columns `alpha` and `slope` of each plane; alpha is None where planes were not given as alphas."""
+    """Columns `alpha` and `slope` of each plane; alpha is None if planes were not given as alphas."""
     alphas = planes.alphas or [None] * len(planes)
     return [{"alpha": alpha, "slope": slope} for alpha, slope in zip(alphas, planes.values, strict=True)]
 
@@ -45,8 +45,8 @@ def plane_rows(
 
     Args:
         light_field: Name of the light field.
-        stacks: [N, C, H, W] each.
-        labels: [N, C, H, W] each.
+        stacks: Stack of each method, [N, C, H, W].
+        labels: Label of each source, [N, C, H, W].
         planes: The N planes.
 
     Yields:
@@ -80,18 +80,18 @@ def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
 
 
 def interior_errors(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> dict[str, float]:
-    """`psnr_db`, a mean over planes, and `max_error` of a stack [N, C, H, W] where every view covers every plane."""
+    """`psnr_db` (mean over planes) and `max_error` of a stack [N, C, H, W] where every view covers every plane."""
     inner, right = interior(stack, slopes, grid), interior(reference, slopes, grid)
     return {"psnr_db": float(psnr(inner, right).mean()), "max_error": float((inner - right).abs().max())}
 
 
 class DisplayedStack(NamedTuple):
-    """A stack as a screen gets it, and in linear light, in which colours are compared."""
+    """A stack in two forms: encoded for a screen, and in linear light, in which colours are compared."""
 
     encoded: Tensor
-    """[N, C, H, W]."""
+    """Stack encoded for a screen, [N, C, H, W]."""
     linear: Tensor
-    """[N, C, H, W]."""
+    """Stack in linear light, [N, C, H, W]."""
 
     def inside(self, margin: int) -> "DisplayedStack":
         """The stack without a border of `margin` pixels."""
@@ -115,7 +115,7 @@ def check_margin(margin: int, size: tuple[int, int]) -> None:
 
 
 def plane_measures(stack: DisplayedStack, reference: DisplayedStack, margin: int) -> dict[str, list[float]]:
-    """All `MEASURES` of all planes: N numbers each of the interior, and under `WHOLE` + name of the whole frame."""
+    """All `MEASURES` of all planes, N numbers each: of the interior, and of the whole frame (names with `WHOLE`)."""
     areas = {"": (stack.inside(margin), reference.inside(margin)), WHOLE: (stack, reference)}
     return {
         f"{area}{name}": measure(*pair).tolist() for area, pair in areas.items() for name, measure in MEASURES.items()
@@ -123,7 +123,7 @@ def plane_measures(stack: DisplayedStack, reference: DisplayedStack, margin: int
 
 
 SRGB_TO_XYZ = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
-"""IEC 61966-2-1."""
+"""Matrix from linear sRGB to CIE XYZ, by IEC 61966-2-1."""
 
 
 def colour_difference(prediction: Tensor, target: Tensor) -> Tensor:
@@ -131,7 +131,7 @@ def colour_difference(prediction: Tensor, target: Tensor) -> Tensor:
 
     Args:
         prediction: Linear sRGB, clipped to [0, 1], [..., 3, H, W].
-        target: Of the same shape.
+        target: Linear sRGB of the same shape.
 
     Returns:
         Differences, at least 0, [..., H, W].
@@ -181,7 +181,7 @@ def delta_e_2000(first: Tensor, second: Tensor) -> Tensor:
     chroma = (C2 - C1) / (1 + 0.045 * C)
     hue = 2 * (C1 * C2).sqrt() * _sin(turn / 2) / (1 + 0.015 * C * weight)
 
-    # Of blues, chroma and hue are not independent.
+    # Chroma and hue of blues are not independent.
     rotation = -2 * _saturation(C) * _sin(60 * torch.exp(-(((h - 275) / 25) ** 2)))
     return (lightness**2 + chroma**2 + hue**2 + rotation * chroma * hue).clamp(min=0).sqrt()
 

@@ -3,7 +3,7 @@
 Networks are measured on simulated light fields, whose truth is known. Engines take turns on one light field after the
 other, so that a slow spell of the machine falls on all alike. The fastest passes are compared: other work on a machine
 only adds time. Letters: `N` planes, `C H W` channel, pixel row and column.
-A group of `lfref bench`, one file each.
+Each group of `lfref bench` has a module of its own.
 """
 
 import functools
@@ -26,8 +26,9 @@ from lfref.errors import InputError, LfrefError, chosen, first_line
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.nets.network import Network
+from lfref.refocuser import networks
 from lfref.refocuser.features import refiner_inputs
-from lfref.refocuser.networks import AT_ONCE, RefinedRefocuser
+from lfref.refocuser.networks import RefinedRefocuser
 
 
 class FieldInputs(NamedTuple):
@@ -35,7 +36,7 @@ class FieldInputs(NamedTuple):
 
     scene: str
     parts: Sequence[Inputs]
-    """Inputs of one pass each, all of one shape."""
+    """Inputs of each pass, all of one shape."""
     truth: Tensor
     """The lens's pictures in linear light, [N, C, H, W]."""
 
@@ -51,11 +52,11 @@ class NetworkCase:
 
     name: str
     network: nn.Module
-    """In evaluation mode."""
+    """The network in evaluation mode."""
     is_trained: bool
     """False: its pictures are meaningless, so they are not compared with the truth."""
     fields: Sequence[FieldInputs]
-    """At least one, all of one size."""
+    """Inputs of at least one light field, all of one size."""
     calibration: Sequence[Inputs]
     """Inputs of other scenes that scale int8."""
 
@@ -69,9 +70,9 @@ class Fields(NamedTuple):
     """Simulated light fields."""
 
     whole: Sequence[SimulatedField]
-    """For time and accuracy."""
+    """Light fields for time and accuracy."""
     calibration: Sequence[SimulatedField]
-    """Small ones that scale int8."""
+    """Small light fields that scale int8."""
 
 
 @torch.no_grad()
@@ -91,9 +92,9 @@ def network_case(
 
 @torch.no_grad()
 def refiner_case(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, device: torch.device) -> NetworkCase:
-    """The network of a refined method; a pass gets as many planes at once as in use."""
+    """The network of a refined method; a pass gets as many planes as in normal use."""
     n_samples = int(refiner.refiner.config["n_features"]) * math.prod(fields.whole[0].size)
-    most = max(1, AT_ONCE // n_samples)
+    most = max(1, networks.AT_ONCE // n_samples)
     # All parts have the same number of planes, since an engine is prepared for one shape.
     n_at_once = max(n for n in range(1, len(planes) + 1) if len(planes) % n == 0 and n <= most)
 
@@ -111,12 +112,12 @@ COLUMNS = [
     *KEY, "start_s", "min_s", "median_s", "ratio_to_eager", "psnr_db", "loss_db", "agreement_db", "max_error",
     "extra_bytes", "skipped",
 ]  # fmt: skip
-"""Columns of `summary`. `start_s`: seconds from nothing to the first stack; `ratio_to_eager`: times faster than eager
-float32; `psnr_db`: against the truth, empty without training; `loss_db`: PSNR of eager float32 less that;
-`agreement_db`, `max_error`: PSNR and largest distance from eager float32; `extra_bytes`: memory beside network and
-inputs; `skipped`: why there is no result."""
+"""Columns of `summary`. `start_s`: seconds from preparation to the first stack; `ratio_to_eager`: times faster than
+eager float32; `psnr_db`: PSNR against the truth, empty without training; `loss_db`: PSNR of eager float32 minus
+`psnr_db`; `agreement_db`, `max_error`: PSNR and largest distance from eager float32; `extra_bytes`: memory beside
+network and inputs; `skipped`: why there is no result."""
 EAGER = ("eager", FP32)
-"""The engine and precision that others are compared with."""
+"""The engine and precision with which others are compared."""
 PRECISIONS = (FP32, BF16, INT8)
 
 
@@ -156,7 +157,7 @@ def start(case: NetworkCase, engine: str, precision: str) -> StartedEngine:
     device = case.workload.device
     prepare = functools.partial(runtimes.prepare, engine, precision)
     try:
-        # A tiny network first, so that libraries that are loaded once count neither as time nor as memory.
+        # A tiny network runs first, so that libraries that are loaded once count neither as time nor as memory.
         tiny = (torch.rand(1, 1, 32, 32, device=device),)
         prepare(EngineWorkload(nn.Conv2d(1, 1, 3).eval().to(device), tiny, [tiny]))(*tiny)
 
@@ -166,7 +167,7 @@ def start(case: NetworkCase, engine: str, precision: str) -> StartedEngine:
         first_s, most = memory.highest(first, device)
     except LfrefError:
         raise
-    except Exception as error:  # other libraries raise errors of any kind over a network that they cannot run
+    except Exception as error:  # libraries raise errors of any kind for a network that they cannot run
         raise InputError("this engine must be able to run the network", got=first_line(error)) from error
     return StartedEngine(run, prepare_s + first_s, None if before is None or most is None else most - before)
 
@@ -176,7 +177,7 @@ def passes(case: NetworkCase, runs: Mapping[tuple[str, str], NetworkFunction], r
 
     Args:
         case: The network.
-        runs: (engine, precision) -> started engine; the first one is what the others are compared with.
+        runs: (engine, precision) -> started engine; the others are compared with the first.
         rounds: One number per round; light fields take turns by it.
 
     Yields:
@@ -205,7 +206,7 @@ def summary(passes: pd.DataFrame, starts: pd.DataFrame) -> pd.DataFrame:
     """Starts and passes of every engine in one row: `COLUMNS`.
 
     Args:
-        passes: Rows of `passes`; those of eager float32 among them.
+        passes: Rows of `passes`, with those of eager float32.
         starts: Rows `network, engine, precision` with `start_s` and `extra_bytes`, or `skipped`.
     """
     table = passes.groupby(KEY, sort=False).agg(
@@ -216,9 +217,9 @@ def summary(passes: pd.DataFrame, starts: pd.DataFrame) -> pd.DataFrame:
         max_error=("max_error", "max"),
     )
     eager = table.xs(EAGER, level=KEY[1:])
-    networks = table.index.get_level_values("network")
-    table["ratio_to_eager"] = networks.map(eager["min_s"]) / table["min_s"]
-    table["loss_db"] = networks.map(eager["psnr_db"]) - table["psnr_db"]
+    names = table.index.get_level_values("network")
+    table["ratio_to_eager"] = names.map(eager["min_s"]) / table["min_s"]
+    table["loss_db"] = names.map(eager["psnr_db"]) - table["psnr_db"]
     joined = starts.reindex(columns=[*KEY, "start_s", "extra_bytes", "skipped"]).merge(table.reset_index(), "left", KEY)
     return joined[COLUMNS].astype({"extra_bytes": "Int64"})
 
@@ -227,11 +228,11 @@ def fastest(summary: pd.DataFrame, most_db: float = 0.1) -> pd.DataFrame:
     """The row of the fastest engine of each network among those that lose at most `most_db`.
 
     Args:
-        summary: From `summary`.
-        most_db: Decibels; nobody sees 0.1. The loss of a network without training is what its distance from eager
-            float32 would cost at 30 dB.
+        summary: Table that `summary` returns.
+        most_db: Largest loss, in dB; nobody sees 0.1. The loss of a network without training is what its distance from
+            eager float32 would cost at 30 dB.
     """
-    # Errors add up as squares: 30 dB less `most_db` is an error of 30 dB plus a change `distance` dB below it.
+    # Errors add up as squares: 30 dB minus `most_db` is an error of 30 dB plus a change `distance` dB below it.
     distance = -10 * math.log10(10 ** (most_db / 10) - 1)
     holds = summary["loss_db"].le(most_db).where(summary["loss_db"].notna(), summary["agreement_db"] >= 30 + distance)
     accurate = summary[holds.astype(bool) & summary["min_s"].notna()]

@@ -1,5 +1,5 @@
 """Error causes: the cost of each in decibels, and the decibels that each remedy wins back.
-A group of `lfref bench`, one file each.
+Each group of `lfref bench` has a module of its own.
 
 Letters: T truth, the picture of a lens through its whole aperture; Q the mean of the lens's pictures through the points
 of the views, without interpolation between pixels; X exact Fourier refocusing of the views, L linear shift-and-sum.
@@ -15,12 +15,12 @@ T -> Q -> X -> L adds one error after the other, so that each can be measured al
 | fewer or more views over the same aperture | X of them | X | |
 | range: all disparities doubled, but not the planes | X of that | X | |
 
-`cost_db` is PSNR against the truth without the cause less PSNR with it; below 0 the change is for the better. PSNR is
-capped at 100 dB, and so is a cost where nothing else is wrong. `alone_db` is PSNR of the picture whose only error it
-is. `won_db` is PSNR of another method on the same views less PSNR of the picture with the cause. With an effect of the
-sensor, the truth is developed like the views, and a tone curve is left on: its cost is that of averaging encoded
-values, as `encoding=none` does. With n instead of m views along the aperture, disparities and slopes are m/n times as
-large, so that planes keep their places in the scene; this is measured where all surfaces are planes.
+`cost_db` is PSNR against the truth without the cause minus PSNR with it; below 0 the change is for the better. PSNR is
+capped at 100 dB, and so is a cost where nothing else is wrong. `alone_db` is PSNR of the picture with the cause as its
+only error. `won_db` is PSNR of another method on the same views minus PSNR of the picture with the cause. With an
+effect of the sensor, the truth is developed like the views, and a tone curve stays: its cost is that of averaging
+encoded values, as `encoding=none` does. With n instead of m views along the aperture, disparities and slopes are m/n
+times as large, so that planes keep their places in the scene; this is measured where all surfaces are planes.
 """
 
 import functools
@@ -58,9 +58,9 @@ class CauseSettings:
 
     planes: FocalPlanes
     margin: int
-    """Width in pixels of the border that the interior lacks."""
+    """Width of the border outside the interior, in pixels."""
     sensor: Sensor
-    """Its effects are switched on one by one."""
+    """Sensor whose effects are switched on one by one."""
     grids: tuple[int, ...]
     """Other numbers of views along both axes of the aperture."""
     device: torch.device
@@ -73,11 +73,11 @@ class Condition:
     cause: str
     case: EvaluationCase
     base: Refocuser
-    """Remedies are compared with it."""
+    """Method with which remedies are compared."""
     without_db: Tensor
     """PSNR of the base without the cause, [N]."""
     slopes: Tensor
-    """Of the truth's planes, in pixels per view step, [N]."""
+    """Slopes of the truth's planes, in pixels per view step, [N]."""
     margin: int
     alone_db: Tensor | None = None
     """PSNR of the picture whose only error the cause is, [N]."""
@@ -100,7 +100,7 @@ def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], settings: Cause
         are those of the scene's own views.
 
     Raises:
-        InputError: A round aperture, or pictures too small.
+        InputError: An aperture is round, or pictures are too small.
     """
     for scene in scenes:
         accuracy.check_margin(settings.margin, scene.camera.size)

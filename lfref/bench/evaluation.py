@@ -7,11 +7,11 @@ and pictures are compared as a screen gets them, encoded by the same curve.
 
 Hold-out views. Along one axis, in dense view steps from the centre, D dense views have cells of width 1 and span
 [-D/2, D/2]. Every `step`-th view, n of them, has a cell of width `step`. The cells at the ends, at `step` (n - 1)/2,
-reach beyond D/2; there they weigh only the share of the cell that lies within, so that both apertures are equal:
+reach beyond D/2; their weight is the share of the cell inside D/2, so that both apertures are equal:
 
     share = (D/2 - step (n - 1)/2 + step/2) / step
 
-Of 9 views every second makes 5, at -4 to 4: share = (4.5 - 4 + 1) / 2 = 3/4.
+Every second of 9 views makes 5 views, at -4 to 4: share = (4.5 - 4 + 1) / 2 = 3/4.
 
 Letters: `V U` view rows and columns, `N` planes, `D` dense views along an axis.
 """
@@ -65,17 +65,17 @@ class EvaluationCase:
     """A light field and the stack that methods should compute from it."""
 
     kind: str
-    """Its class in the tables, such as `ideal`."""
+    """Class in the tables, such as `ideal`."""
     light: LightField
     reference: Tensor
-    """[N, C, H, W], in linear light where the views are."""
+    """Reference stack, [N, C, H, W], in linear light if the views are."""
     reference_name: str
     aperture: Aperture | None = None
     """Weights of the views by the reference's aperture; None: all equal."""
     encoding: Encoding = LINEAR
-    """For pictures on a screen; views that are not linear have it already."""
+    """Encoding of pictures for a screen; views that are not linear have it already."""
     planes: FocalPlanes | None = None
-    """Planes of the reference; None: those that all cases share."""
+    """Planes of the reference; None: the planes that all cases share."""
 
     def stack(self, method: Refocuser, slopes: Tensor) -> Tensor:
         """The stack of a method at these slopes [N]; operators use the reference's aperture, networks have none."""
@@ -101,15 +101,15 @@ def ideal_case(scene: Scene, slopes: Tensor, device: torch.device) -> Evaluation
 def scene_cases(
     scenes: Iterable[Scene], slopes: Tensor, device: torch.device, correction: str = "none"
 ) -> Iterator[EvaluationCase]:
-    """Scenes with their truth: each without its sensor; those that have one also with it, and corrected.
+    """Scenes with their truth: each scene without its sensor; a scene that has one also with it, and corrected.
 
     With a sensor, the truth is developed as the views are: its exposure, clipping, colours and tone curve are no errors
     of refocusing.
 
     Args:
-        scenes: Of any grid and size.
-        slopes: In pixels per view step, [N].
-        device: For rendering.
+        scenes: Scenes of any grid and size.
+        slopes: Slopes in pixels per view step, [N].
+        device: Device for rendering.
         correction: One of `CORRECTIONS`.
     """
     for scene in scenes:
@@ -179,12 +179,12 @@ def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> I
     """Every `step`-th view of captures along both axes; the reference is the dense integral of all views.
 
     Args:
-        fields: With many views, linear, on the device of the computation.
-        step: At least 2.
-        slopes: In pixels per step of the sparse views, [N].
+        fields: Captures with many views, linear, on the device of the computation.
+        step: Number of view steps from one kept view to the next, at least 2.
+        slopes: Slopes in pixels per step of the sparse views, [N].
 
     Raises:
-        InputError: Too few views.
+        InputError: There are too few views.
     """
     integral = OperatorRefocuser(DENSE, dense_integral)
     for field in fields:
@@ -226,9 +226,9 @@ def evaluate(
 
     Args:
         cases: Light fields with their references.
-        methods: Of different names.
-        planes: Of the references that have none of their own.
-        margin: Width in pixels of the border that the interior lacks.
+        methods: Methods of different names.
+        planes: Planes of the references that have none of their own.
+        margin: Width of the border outside the interior, in pixels.
 
     Yields:
         Rows `class, scene, method, reference, alpha, slope` and `COLUMNS`, one per plane.

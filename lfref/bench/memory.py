@@ -2,7 +2,7 @@
 
 PyTorch counts allocations on a GPU but not on the CPU. There the peak resident memory of a fresh process is read,
 before and after the call, with the views in memory and the operator warmed up on a field of a few pixels, so that
-libraries and compilation do not count. The process makes random views of its own, so that only a description travels.
+libraries and compilation do not count. The process makes random views of its own, so that it needs only a description.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ from lfref import geometry
 Result = TypeVar("Result")
 
 PROCESS = Path("/proc/self")
-"""Memory of this process, on Linux."""
+"""Folder with the facts of this process, on Linux."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class Workload:
     operator: Callable[[Tensor, Tensor], Tensor]
     """(views, slopes) -> stack; a function of a module, or a partial of one."""
     shape: tuple[int, ...]
-    """Of the views, (V, U, C, H, W)."""
+    """Shape of the views, (V, U, C, H, W)."""
     dtype: torch.dtype
-    """Of the views, float32 or uint8."""
+    """Type of the views, float32 or uint8."""
     slopes: tuple[float, ...]
-    """In pixels per view step, [N]."""
+    """Slopes in pixels per view step, [N]."""
     threads: int = 1
-    """Threads that PyTorch may use."""
+    """Number of threads that PyTorch may use."""
 
     def views(self, device: torch.device) -> Tensor:
         """Random views of that shape and type."""
@@ -69,7 +69,7 @@ class Peak(NamedTuple):
     stack_bytes: int
 
     def ratio(self, workload: Workload) -> float:
-        """Views and extra over the budget of twice the field in float32 and the stack; at most 1 is within it."""
+        """Memory of views and call over the budget: twice the field in float32, and the stack; 1 is the limit."""
         n_samples = math.prod(workload.shape)
         return (n_samples * workload.dtype.itemsize + self.extra_bytes) / (2 * n_samples * 4 + self.stack_bytes)
 

@@ -1,4 +1,4 @@
-"""Fourier-slice refocusing in plain NumPy, as written without this package: a baseline for time only.
+"""Fourier-slice refocusing in plain NumPy, as one would write it without lfref: a baseline for time only.
 
 Letters: `u v` view column and row, `k` frequency in cycles per pixel, `M` padded angular size, `W` kernel width.
 Sources: Ng, "Fourier Slice Photography", 2005; Beatty et al., 2005, for the kernel (`lfref.refocus.fourier.slice`).
@@ -25,7 +25,7 @@ def fourier_slice_numpy(views: Tensor, slopes: Tensor | Sequence[float], width: 
     Args:
         views: Radiance, float32 or float64, CPU, [V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
-        width: Angular bins that the kernel spans.
+        width: Number of angular bins that the kernel spans.
         padding: Ratio of the padded number of views to the original one, along each angular axis, >= 1.
 
     Returns:

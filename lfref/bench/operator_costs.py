@@ -2,7 +2,7 @@
 
 A method measured on several light fields has one row for all. Errors are distances from exact Fourier refocusing of the
 same light field. Growth is the exponent p of `t ~ n^p` along one axis at a time: pixels of a view, views, planes.
-A group of `lfref bench`, one file each.
+Each group of `lfref bench` has a module of its own.
 Letters: `N` planes, `V U` view rows and columns, `C H W` channel, pixel row and column.
 """
 
@@ -38,22 +38,22 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class MethodCase:
-    """A method and the light field it is measured on."""
+    """A method and the light field on which it is measured."""
 
     method: Refocuser
     light: LightField | Tensor
-    """On the device of the method; or its views alone, float32 or uint8, [V, U, C, H, W]."""
+    """Light field on the device of the method; or only its views, float32 or uint8, [V, U, C, H, W]."""
     has_reference: bool = True
     """False: the method makes other planes, so exact refocusing is no reference for them."""
 
     @property
     def views(self) -> Tensor:
-        """[V, U, C, H, W]."""
+        """Views of the light field, [V, U, C, H, W]."""
         return self.light.views if isinstance(self.light, LightField) else self.light
 
     @property
     def key(self) -> tuple[str, str]:
-        """Its row in all tables: method and type of the input."""
+        """Key of its row in all tables: method and type of the input."""
         return self.method.name, str(self.views.dtype).removeprefix("torch.")
 
     def run(self, slopes: Tensor) -> Tensor:
@@ -99,18 +99,19 @@ def times(
     """Time all methods and NumPy's 4-D FFT in turns.
 
     Args:
-        cases: The first one in floating point; the FFT is taken of all views of its method.
-        slopes: In pixels per view step, [N].
+        cases: Methods with light fields, the first in floating point; the FFT is computed for all views of the first
+            method.
+        slopes: Slopes in pixels per view step, [N].
         rounds: One item per round.
         warmup: Number of first rounds that do not count.
         in_numpy: Method -> name of the same method written with NumPy alone.
 
     Returns:
-        Columns `median_s, p10_s, p90_s, ratio_to_numpy_fft, ratio_to_same_in_numpy`, the FFT's row first. Ratios are of
-        medians, above 1 where the method is faster.
+        Columns `median_s, p10_s, p90_s, ratio_to_numpy_fft, ratio_to_same_in_numpy`, the FFT's row first. Ratios are
+        those of medians, above 1 if the method is faster.
 
     Raises:
-        InputError: Nothing to measure.
+        InputError: There is nothing to measure.
     """
     if not cases:
         raise InputError("there must be something to measure", got="no method or no light field")
@@ -167,15 +168,15 @@ class SpeedLimits(NamedTuple):
     """Least times of one linear shift-and-sum on this machine, in seconds (the two roofs of the roofline model)."""
 
     bytes_s: float
-    """To read the field and write the stack once, at the rate of a copy in memory."""
+    """Time to read the field and write the stack once, at the rate of a copy in memory."""
     arithmetic_s: float
-    """For its multiply-adds, at the rate of a large matrix product."""
+    """Time for its multiply-adds, at the rate of a large matrix product."""
 
 
 LIMIT_ROUNDS = 5
-"""Runs, of which the fastest counts."""
+"""Number of runs, of which the fastest counts."""
 MATRIX_SIDE = 2048
-"""Of the matrix product: large enough for the full rate, a fraction of a second on a CPU."""
+"""Side of the matrices: large enough for the full rate, a fraction of a second on a CPU."""
 
 
 @torch.no_grad()
@@ -202,7 +203,7 @@ def multiply_adds(views: Tensor, n_planes: int) -> int:
 
 
 class Size(NamedTuple):
-    """Size of a light field and of the stack made of it."""
+    """Size of a light field and of its stack."""
 
     views: tuple[int, int]
     """Rows and columns of views (V, U)."""
@@ -223,7 +224,7 @@ class Scales:
     sides: Sequence[float]
     """Sides of a view as a share of the field's own."""
     views: Sequence[int]
-    """Rows, and columns, of views."""
+    """Numbers of view rows, and as many columns."""
     planes: Sequence[int]
     """Numbers of planes."""
 
@@ -233,7 +234,7 @@ class Scales:
                 raise InputError(f"{name} must be at least two sizes above 0", got=list(steps))
 
     def sizes(self, field: Size) -> dict[str, list[Size]]:
-        """Axis -> its sizes, the other two axes being those of the field.
+        """Axis -> its sizes, with the field's own sizes along the other two axes.
 
         Sides of views are rounded to lengths at which FFTs are fast, as 375 and 540 are: times depend on size only.
         """

@@ -90,11 +90,11 @@ def rates(scenes: Scenes, n_scenes: int, slopes: Tensor, device: torch.device, n
     """Random scenes of the size of a patch simulated per second, after the first ones.
 
     Args:
-        scenes: Source.
+        scenes: Source of the scenes.
         n_scenes: Number of scenes.
-        slopes: Of the truth's planes, [N].
-        device: For rendering.
-        n_workers: Processes of one thread that share the scenes; 0: this process, with all its threads.
+        slopes: Slopes of the truth's planes, [N].
+        device: Device for rendering.
+        n_workers: Number of processes of one thread that share the scenes; 0: this process, with all its threads.
 
     Returns:
         Rows `output, n_scenes, n_workers, per_second`.
@@ -166,10 +166,10 @@ def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_poin
     """The plane at a slope as the mean of sharp pictures through points of the aperture, [3, H, W].
 
     Args:
-        layers: From far to near, painted for a reach of |slope|.
+        layers: Layers from far to near, painted for a reach of |slope|.
         camera: The lens and the size of the picture.
-        slope: In pixels per view step.
-        n_points: Points along each side of the square about the aperture.
+        slope: Slope in pixels per view step.
+        n_points: Number of points along each side of the square about the aperture.
     """
     shares = (torch.arange(n_points, dtype=torch.float64) + 0.5) / n_points - 0.5
     total, count = torch.zeros(3, *camera.size, dtype=torch.float64), 0

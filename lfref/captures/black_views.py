@@ -2,7 +2,7 @@
 
 Corners are black because of the camera if they are round, present in all four corners of a view, and as sharp as the
 camera's own edge. A dark scene has no such corners.
-A file of its own, as each defect has.
+Each defect has a module of its own.
 Letters: `V U` view rows and columns, `h w` rows and columns counted from a corner.
 """
 
@@ -17,10 +17,10 @@ from torch.nn import functional as F
 from lfref.errors import counted
 from lfref.lightfield import LightField
 
-BLACK_VIEW = 0.05  # of the light of most views, by trial: below, a view is black and not only vignetted
-BLACK = 0.02  # of the brightest twentieth of a view, by trial: below are traces of compression
+BLACK_VIEW = 0.05  # share of the views' median light, by trial: a view with less is black and not only vignetted
+BLACK = 0.02  # share of a view's brightest twentieth, by trial: less light is a trace of compression
 LEAST_CORNER = 3  # pixels along both edges, by trial: smaller corners hardly matter
-LARGEST_CORNER = 0.4  # of the sides: two corners that meet are a dark scene
+LARGEST_CORNER = 0.4  # share of the sides: two corners that meet are a dark scene
 RING = 1  # pixels: decoders ring at the corner's edge, and blur it by as much
 TURNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # from each corner, the direction into the picture along rows and columns
 
@@ -87,11 +87,11 @@ def find(field: LightField) -> BlackViewsDefect:
 def _black_near_corner(views: Tensor, rows: int, columns: int, limit: Tensor) -> Tensor:
     """Black samples near one corner of all views, turned so that the corner comes first, bool, [V, U, h, w]."""
     height, width = views.shape[-2:]
-    # The runs of black samples along both edges bound the box: only that is looked at, not the whole view.
+    # The runs of black samples along both edges bound the box: only the box is searched, not the whole view.
     row = _widened((views[..., _side(1, rows), :] < limit).all(2))[:, :, 0]
     column = _widened((views[..., :, _side(1, columns)] < limit).all(2))[..., 0]
     h, w = (
-        # 4 more: the ring of either end, and two samples with light that end the corner.
+        # 4 more samples: the ring at either end, and two samples with light that end the corner.
         max(1, min(int(_run(line if turn > 0 else line.flip(-1)).max()) + 4, int(LARGEST_CORNER * length)))
         for line, turn, length in ((column, rows, height), (row, columns, width))
     )
@@ -107,7 +107,7 @@ def _corner_region(black: Tensor) -> Tensor:
     runs = _run(black).cummin(2).values
     depth = (runs > 0).sum(2)
     is_corner = (depth >= LEAST_CORNER) & (runs[..., 0] >= LEAST_CORNER)
-    # A region that fills its box goes on beyond the largest corner.
+    # A region that fills its box extends beyond the largest corner.
     is_corner &= (depth < black.shape[2]) & (runs[..., 0] < black.shape[3])
     region = (torch.arange(black.shape[3]) < runs[..., None]) & is_corner[..., None, None]
     return _widened(region)

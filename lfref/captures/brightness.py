@@ -1,9 +1,9 @@
 """Brightness of every view relative to the central one, in windows where both show the same part of the scene; and
 exposure: views, or channels of them, that are brighter or darker throughout.
 
-Views are reduced. Each is read where, by the disparity of the central view, it shows the same points. Clipped samples
-and points beyond a view are unknown. `vignetting` is estimated from these ratios too; after its correction, one gain
-for each view and channel remains, its exposure.
+Views are reduced. Each view is read at the points of the central view, which the disparity of the central view locates.
+Clipped samples and points beyond a view are unknown. `vignetting` is estimated from these ratios too; after its
+correction, one gain for each view and channel remains, its exposure.
 Letters: `V U` view rows and columns, `C` channels, `n` windows; `y x` places in half diagonals from a view's centre.
 """
 
@@ -24,27 +24,27 @@ from lfref.functional.loops import compiled
 from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become fractions of one
-WINDOWS = 24  # along the longer side, by trial: small enough for a rim, large enough to average noise
+WINDOWS = 24  # number along the longer side, by trial: small enough for a rim, large enough to average noise
 LEAST_WINDOWS = 24  # windows that an estimate of brightness needs, by trial
-CLIPPED = 0.98  # of the brightest sample, or of 1, by trial: compression changes clipped samples a little
-DARKEST = 0.03  # of the mean light of the central view, by trial: below, ratios are mostly noise
-LEAST_RATIO = 0.02  # least ratio whose logarithm is used; less light is none
-SURE = 6.0  # standard errors, by trial
-SHOWN = 0.02  # logarithm of a gain: where edges hide much of a scene without a defect, .016 is measured
-LEAST = 0.004  # logarithm of gains that are corrected beside one that shows: half a level of 8 bits at 1/2
+CLIPPED = 0.98  # share of the brightest sample, or of 1, by trial: compression changes clipped samples a little
+DARKEST = 0.03  # share of the mean light of the central view, by trial: ratios of less light are mostly noise
+LEAST_RATIO = 0.02  # smaller ratios are raised to this one, so that logarithms are finite
+SURE = 6.0  # standard errors from which a gain is certain, by trial
+SHOWN = 0.02  # logarithm of a gain that shows: scenes without a defect, but with much occlusion, have up to .016
+LEAST = 0.004  # least logarithm of a gain that is corrected if another shows: half a level of 8 bits at 1/2
 LARGEST = 1.5  # logarithm, by trial: a view with less than a fifth of the light has another defect
-TILES = 5  # along a side, by trial: tiles are larger than highlights and edges, so their errors are about independent
+TILES = 5  # number along a side, by trial: tiles are larger than highlights and edges: errors are about independent
 
 
 class Ratios(NamedTuple):
-    """What each window of the central view has become in each view."""
+    """Brightness of the windows of the central view in each view."""
 
     log: Tensor
     """Logarithm of the brightness over that of the central view, 0 where unknown, [V, U, C, n]."""
     known: Tensor
-    """[V, U, n]."""
+    """Whether the brightness is known, [V, U, n]."""
     places: Tensor
-    """Rows and columns of the window in each view, [2, V, U, n]."""
+    """Rows and columns of the windows in each view, in half diagonals from its centre, [2, V, U, n]."""
     views: Tensor
     """Positions of the views in view steps from the angular centre, rows and columns, [2, V, U, 1]."""
     shape: tuple[int, int]
@@ -58,7 +58,7 @@ def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Rat
     """Light of each view relative to the central view, whose `disparity` is in pixels per view step, [H, W]."""
     height, width = field.size
     images = field.views.flatten(0, 1)
-    # At 1 or, after white balance, above: what is white in a darker picture is not clipped.
+    # Samples are clipped at 1, or above it after white balance; white samples of a darker picture are not clipped.
     limits = CLIPPED * images[..., ::8, ::4].amax((0, 2, 3)).clamp(min=1)
     reduced = block_means(images, REDUCTION, limits)
     disparity = block_means(disparity[None, None].to(reduced), REDUCTION, torch.tensor([math.inf]))[0, 0] / REDUCTION
@@ -97,7 +97,7 @@ def _read(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 
 
 def _window_means(maps: Tensor, side: int) -> Tensor:
-    """[V, U, C, n]."""
+    """Means of square windows of maps, [V, U, C, n]."""
     return F.avg_pool2d(maps.flatten(0, 1), side).flatten(2).unflatten(0, maps.shape[:2])
 
 
@@ -105,7 +105,7 @@ def _window_means(maps: Tensor, side: int) -> Tensor:
 def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
     """Means of square blocks of images [B, C, H, W]; rows and columns that fill no block are dropped.
 
-    A mean is NaN where a sample of the block is NaN, or at least the limit of its channel, [C].
+    A mean is NaN if a sample of the block is NaN, or not below the limit of its channel; `limits` are [C].
     """
     if images.device.type != "cpu" or images.dtype not in (torch.float32, torch.float64):
         is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]
@@ -151,7 +151,7 @@ class ExposureDefect:
     needs_light: ClassVar[bool] = True
 
     gains: Tensor
-    """1 where no difference is certain, float64, [V, U, C]."""
+    """Brightness over that of the central view, 1 where no difference is certain, float64, [V, U, C]."""
     error: float
     """Standard error of a gain, the median over views and channels."""
 
@@ -192,7 +192,7 @@ def levels(ratios: Ratios) -> tuple[Tensor, Tensor]:
     """Robust mean of the logarithms of each view and channel, and its standard error, [V, U, C] each."""
     known = ratios.known[:, :, None].expand_as(ratios.log)
     level = torch.where(known, ratios.log, torch.nan).nanmedian(3, keepdim=True).values.nan_to_num()
-    # Two standard deviations, from the median deviation: what is farther out hardly counts.
+    # Two standard deviations, from the median deviation: values farther out hardly count.
     scale = 2 * 1.4826 * torch.where(known, (ratios.log - level).abs(), torch.nan).nanmedian(3, keepdim=True).values
     scale = scale.nan_to_num().clamp(min=1e-3)
     for _ in range(10):  # number of rounds by trial

@@ -4,7 +4,7 @@ Channel c shows at `m_c y + t_c + d_c p` what the middle channel shows at y: mag
 centre, offset t, added disparity d. Disparities of a channel come from its own patches in all views; magnification and
 offset from each channel's mean over the views, compared with that of the middle one. What is common to all colours is
 unknown, and the middle colour stays as it is.
-A file of its own, as each defect has.
+Each defect has a module of its own.
 Letters: `C` channels, `p` position of a view, `y` pixel from the picture's centre, `k` patch, `i` view, `c` channel.
 """
 
@@ -19,19 +19,19 @@ from lfref.captures.displacements import TINY, Fitted, Observed
 from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
 
-SHOWN = 0.02  # pixels between colours, on average over the picture or in the outermost view, by trial
-SURE = 4.0  # standard errors, by trial
-CLEAR_LATERAL, CLEAR_AXIAL = 0.6, 1.0  # of the scatter of patches, by trial: textures of two colours differ
-LEAST_OFFSET = 0.03  # pixels, by trial
+SHOWN = 0.02  # least distance of colours, in pixels, on average over the picture or in the outermost view, by trial
+SURE = 4.0  # standard errors from which a difference is certain, by trial
+CLEAR_LATERAL, CLEAR_AXIAL = 0.6, 1.0  # least shares of the scatter of patches, by trial: textures of colours differ
+LEAST_OFFSET = 0.03  # least offset that is corrected, in pixels, by trial
 LEAST_ERROR = 0.003  # pixels per view step, by trial: the least error of a patch's disparity
-UNEXPLAINED = 0.02  # of a patch's contrast, by trial: least difference that displacements do not explain
+UNEXPLAINED = 0.02  # share of a patch's contrast, by trial: least difference that displacements do not explain
 
 
 class Dispersion(NamedTuple):
     """How a channel differs from the middle one."""
 
     lateral: Fitted
-    """Offset down, offset right in pixels, magnification less 1."""
+    """Offsets down and right in pixels, and magnification minus 1."""
     axial: Fitted
     """Added disparity in pixels per view step."""
 
@@ -44,11 +44,11 @@ class ChromaticDefect:
     needs_light: ClassVar[bool] = False
 
     magnifications: Tensor
-    """About the picture's centre, 1 where none is certain, float64, [C]."""
+    """Magnification about the picture's centre, 1 where none is certain, float64, [C]."""
     offsets: Tensor
-    """Down and right in pixels, 0 where none is certain, [C, 2]."""
+    """Offsets down and right in pixels, 0 where none is certain, [C, 2]."""
     disparities: Tensor
-    """Added to those of the scene, in pixels per view step, 0 where none is certain, [C]."""
+    """Disparities added to those of the scene, in pixels per view step, 0 where none is certain, [C]."""
     reason: str = ""
     """Why nothing could be estimated."""
 
@@ -98,7 +98,7 @@ def find(field: LightField, registered: Registration | None) -> ChromaticDefect:
 
 
 def _values(dispersions: list[Dispersion]) -> Tensor:
-    """Offset down and right, magnification less 1, disparity, [C, 4]."""
+    """Offsets down and right, magnification minus 1, and added disparity, [C, 4]."""
     return torch.stack([torch.cat([one.lateral.values, one.axial.values]) for one in dispersions])
 
 
@@ -149,7 +149,7 @@ def added_disparity(differences: Tensor, precision: Tensor) -> Fitted:
 
 
 def observe_again(registered: Registration, offsets: Tensor, sizes: Tensor, disparities: Tensor) -> Observed:
-    """Patches with each channel read where it lies: by its offset [C, 2], magnification less 1, added disparity [C]."""
+    """Patches, each channel read where it lies by its offset [C, 2], magnification minus 1 and added disparity [C]."""
     views = registered.field.views.detach().cpu().flatten(0, 1)
     middles = _centred(registered)[:, None] + registered.expected
     samples = []

@@ -23,9 +23,9 @@ from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
 VERSION = 1
-"""Of all corrections, in the keys of caches: to be raised when corrected light fields change."""
+"""Version of all corrections, a part of cache keys; raise it when corrected light fields change."""
 SMALLEST = 32
-"""Least height and width of views: 8 of the 4-pixel blocks that brightness is compared in."""
+"""Least height and width of views: 8 of the 4-pixel blocks in which brightness is compared."""
 FORMAT = "lfref corrections 1"
 FORMER_FIELDS = {
     "hot_pixels": {"places": "samples"},
@@ -43,7 +43,7 @@ class Defect(Protocol):
     name: ClassVar[str]
     """Its name in reports and files."""
     needs_light: ClassVar[bool]
-    """Whether it measures or scales light: samples that are still encoded do not allow that."""
+    """Whether its estimate or correction needs linear light, so that encoded samples do not allow it."""
 
     def reason_to_skip(self) -> str | None:
         """Why nothing is corrected; None: `corrected` does something."""
@@ -102,18 +102,18 @@ KINDS: tuple[type[Defect], ...] = (
 
 
 class CentralView(NamedTuple):
-    """Disparity of the central view, of which all estimates start."""
+    """Disparity of the central view, from which all estimates start."""
 
     reference: tuple[int, int]
-    """Row and column of the view that the maps belong to; 7, 7 of 14x14."""
+    """Row and column of the view to which the maps belong, such as (7, 7) of 14x14."""
     disparity: Tensor
-    """In pixels per view step, [H, W]. Reduced pixels are repeated: no value lies between two surfaces."""
+    """Disparity in pixels per view step, [H, W]. Reduced pixels are repeated: no value lies between two surfaces."""
     confidence: Tensor
-    """In [0, 1], [H, W]; above 1/2 the standard error of the disparity is below .03 reduced pixels."""
+    """Confidence in [0, 1], [H, W]; above 1/2 the standard error of the disparity is below .03 reduced pixels."""
     coarse: CoarseDisparity
     """The same maps at low resolution."""
     reduced: ReducedViews
-    """The small views that they were estimated from."""
+    """The small views from which the maps were estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,8 @@ class Corrections:
         """Correct this light field, or another one of the same camera.
 
         Args:
-            field: Of the same grid and size; what measures or scales light is skipped for encoded samples.
+            field: A light field of the same grid and size; corrections that need linear light are skipped for encoded
+                samples.
 
         Raises:
             InputError: The light field has another grid or size.
@@ -226,13 +227,13 @@ def correct_by_option(
     """Correct a light field as the option `correct` says; the corrections are None for `none`.
 
     Args:
-        field: As it was read.
+        field: The light field as it was read.
         option: `auto`, `none`, or a file that `Corrections.save` wrote.
         white: A picture of a white scene by the same camera.
-        even_grid_for: Why cameras must stay on an even grid; their spacing is then reported, not corrected.
+        even_grid_for: Why cameras must stay on an even grid, if so; their spacing is then reported, not corrected.
 
     Raises:
-        InputError: A white picture or corrections of another grid or size.
+        InputError: The white picture or the corrections have another grid or size.
         FileError: The file of corrections cannot be read.
     """
     if option == NONE:
@@ -248,7 +249,7 @@ def correct_by_option(
 def estimate_and_correct(
     field: LightField, white: LightField | None = None, view: CentralView | None = None
 ) -> tuple[LightField, Corrections]:
-    """Estimate all defects in turn, and correct those that are measurable.
+    """Estimate all defects in turn, and correct those that show.
 
     `view` is the central view, if the caller has computed it.
     """
@@ -259,7 +260,7 @@ def estimate_and_correct(
         return field, Corrections(grid, size, (), {kind.name: reason for kind in KINDS})
 
     def correct_if_due(defect: Defect) -> bool:
-        """Note a defect, and correct the light field if it shows; returns whether it did."""
+        """Note a defect, and correct the light field if the defect shows; returns whether it does."""
         nonlocal field
         defects.append(defect)
         if defect.reason_to_skip() is not None:
@@ -267,7 +268,7 @@ def estimate_and_correct(
         field = defect.corrected(field)
         return True
 
-    # Each correction changes what is estimated after it.
+    # Each correction changes the estimates after it.
     view = view or central_view(field)
     is_new = correct_if_due(hot_pixels.find(field, view.disparity, view.reference))
     is_new |= correct_if_due(black_views.find(field))
@@ -319,8 +320,8 @@ def _check_white(field: LightField, white: LightField | None) -> None:
 
 
 def _reason_to_estimate_nothing(field: LightField) -> str:
-    """Why this light field allows no estimate at all; empty where it does."""
-    # The extremes are NaN where any sample is; `isfinite` of all samples would take three times as long.
+    """Why this light field allows no estimate at all; empty if it allows some."""
+    # The extremes are NaN if any sample is; `isfinite` of all samples would take three times as long.
     if not all(bool(extreme.isfinite()) for extreme in field.views.aminmax()):
         return "views hold NaN or infinity"
     if field.grid == (1, 1):

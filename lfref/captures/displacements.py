@@ -1,8 +1,8 @@
-"""Displacements of small textured patches: how far each view shows them from where it was read.
+"""Displacements of small textured patches: distances from where a view was read to where it shows the patches.
 
 A few numbers per view are estimated from a few thousand pixels: patches with texture in two directions and one
-disparity each, spread over the picture. Least squares by the gradients of the views' mean; brightness and contrast of
-each view are free, so that shading moves nothing.
+disparity each, spread over the picture. The fit is least squares by the gradients of the views' mean. Brightness and
+contrast of each view are free, so that shading causes no displacement.
 Letters: `k` patch, `i` view, `c` channel, `y x` pixel row and column, `t` tap; `n a m` observation, component,
 parameter of a linear model.
 Source: Lucas, Kanade, "An Iterative Image Registration Technique", 1981.
@@ -20,15 +20,15 @@ from torch.nn import functional as F
 from lfref.functional import loops
 from lfref.simulator.effects import displacement
 
-SIDE = 16  # pixels of a patch
-RING = 2  # pixels around it that are read too: gradients need two neighbours on either side
-FEWEST, MOST = 24, 100  # patches, by trial; 24 are about six in each quarter
+SIDE = 16  # side of a patch, in pixels
+RING = 2  # pixels around a patch that are read too: gradients need two neighbours on either side
+FEWEST, MOST = 24, 100  # numbers of patches, by trial; 24 are about six in each quarter
 ONE_DISPARITY = 0.05  # pixels per view step, by trial: standard deviation of disparity that halves a patch's worth
-HIDDEN = 0.2  # of the contrast of the views' mean, by trial: a view with less shows the patch dark, or hides it
+HIDDEN = 0.2  # share of the contrast of the views' mean, by trial: a view with less has the patch dark or hidden
 OUTLYING = 2.0  # standard deviations at which an observation counts half (Cauchy weights)
 TINY = 1e-12  # keeps divisions by zero finite
 BEFORE = -displacement.TAPS[0]  # samples that interpolation needs before a position
-REACH = max(BEFORE, displacement.TAPS[-1]) + RING + 1  # pixels beyond a patch that are read, and one to move
+REACH = max(BEFORE, displacement.TAPS[-1]) + RING + 1  # pixels beyond a patch that are read, and one for movement
 INSIDE = (..., slice(RING, -RING), slice(RING, -RING))
 
 
@@ -40,11 +40,11 @@ class Patches(NamedTuple):
     columns: Tensor
     """First pixel column, int64, [K]."""
     disparity: Tensor
-    """In pixels per view step, float64, [K]."""
+    """Disparity in pixels per view step, float64, [K]."""
 
     @property
     def centres(self) -> Tensor:
-        """Row and column in pixels from the top left sample, float64, [K, 2]."""
+        """Row and column of each centre in pixels from the top left sample, float64, [K, 2]."""
         return torch.stack([self.rows, self.columns], -1) + (SIDE - 1) / 2
 
 
@@ -100,8 +100,10 @@ def read_patches(
 
 @loops.compiled
 def _read(views, channels, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
-    """Fill the patches [K, I, C, h, w] from `first` to before `last`: from the first source rows and columns [K, I] on,
-    T of each with their weights [K, I, T]."""
+    """Fill the patches [K, I, C, h, w] from `first` to before `last`.
+
+    `rows` and `columns` [K, I] are the first of T source rows and columns, whose weights are [K, I, T].
+    """
     n_views, n_channels, height, width = patches.shape[1:]
     taps = row_weights.shape[2]
     line = np.empty(width + taps - 1, np.float32)
@@ -112,7 +114,7 @@ def _read(views, channels, rows, columns, row_weights, column_weights, patches, 
             for c in range(n_channels):
                 view = views[i, channels[c]]
                 for y in range(height):
-                    # A line interpolated along columns, then along rows: 2 T multiplications a sample, not T^2.
+                    # Interpolate a line along columns, then along rows: 2 T multiplications per sample, not T^2.
                     line[:] = 0
                     for t in range(taps):
                         # Slices begin at 0: an index that might be negative would keep the loop from using vectors.
@@ -133,7 +135,7 @@ class Observed(NamedTuple):
     information: Tensor
     """Sums of products of gradients (down, right), float64, [K, C, 2, 2]."""
     moments: Tensor
-    """Float64, [K, I, C, 2]."""
+    """Sums of products of gradients and light, float64, [K, I, C, 2]."""
     rest: Tensor
     """Sums of squares that displacements do not explain, float64, [K, I, C]."""
     templates: Tensor
@@ -143,7 +145,7 @@ class Observed(NamedTuple):
 
 
 def observe(samples: Tensor, shown: Tensor) -> Observed:
-    """Displacements of patches [K, I, C, h, w] against the mean of all views, at free brightness and contrast.
+    """Displacements of patches [K, I, C, h, w] against the mean of all views, with free brightness and contrast.
 
     `shown` is 1 where a view shows a patch, else 0, [K, I].
     """
@@ -192,7 +194,7 @@ class Fitted(NamedTuple):
     """Parameters of a linear model, and their errors."""
 
     values: Tensor
-    """[M]."""
+    """Values of the parameters, [M]."""
     errors: Tensor
     """Standard errors, from the scatter of observations, [M]."""
     effect: float
@@ -202,11 +204,11 @@ class Fitted(NamedTuple):
 
 
 def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: Tensor | None = None) -> Fitted:
-    """Fit a linear model by iterated least squares, outliers with less weight.
+    """Fit a linear model by iterated least squares, which give outliers less weight.
 
     Args:
         model: Effect of a parameter on an observation, [N, A, M].
-        observations: [N, A].
+        observations: Values to explain, [N, A].
         information: Inverse covariance of each observation, up to a common factor, [N, A, A].
         prior: Inverse variance of each parameter about 0 before any observation, [M]; None: 0.
     """
@@ -225,7 +227,7 @@ def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: 
     pulls = torch.linalg.solve(normal, torch.einsum("nai,na->in", weighted, rest))
     weight = trust * information.diagonal(dim1=-2, dim2=-1).sum(-1)
     total = weight.sum().clamp(min=TINY)
-    # An outlier loses weight as it moves away, so it holds the parameters by less than its weight: 2 t - 1 of it.
+    # An outlier loses weight as it moves away: it holds the parameters by only 2 t - 1 of its weight.
     hold = (((2 * trust - 1) * weight).sum() / total).clamp(min=0.2)
     effect = (((model @ values).square().mean(-1) * weight).sum() / total).sqrt()
     # Weighted median of the residuals' lengths, scaled to a standard deviation.

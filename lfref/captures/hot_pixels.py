@@ -2,7 +2,7 @@
 
 They are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow down all
 refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
-A file of its own, as each defect has.
+Each defect has a module of its own.
 Letters: `V U` view rows and columns, `C` channels, `K` samples, `v u c y x` their indices.
 """
 
@@ -23,16 +23,16 @@ from lfref.functional import loops
 from lfref.functional.loops import compiled, inlined
 from lfref.lightfield import LightField
 
-# Heights are how far a sample is above the largest, or below the smallest, of the eight around it.
-FAR = 12.0  # times the mean height of all local extremes: of noise, one in e^12 is higher
-LEAST = 0.02  # of the brightest samples, by trial: lower ones hardly show
+# The height of a sample is its distance above the largest, or below the smallest, of the eight around it.
+FAR = 12.0  # times the mean height of all local extremes: one in e^12 extremes of noise is higher
+LEAST = 0.02  # share of the brightest samples, by trial: smaller heights hardly show
 MOST = 1 << 13  # candidates of a channel, by trial: more are texture
-UNCONFIRMED = 0.5  # of the height, by trial: the neighbouring views must lack at least this
-ABOVE_DETAIL = 1.3  # times the range of the surroundings, by trial: lower samples may be detail
+UNCONFIRMED = 0.5  # share of the height, by trial: the neighbouring views must lack at least this
+ABOVE_DETAIL = 1.3  # times the range of the surroundings, by trial: smaller heights may be detail
 ABOVE_ERROR = 1.5  # times the disagreement of neighbouring views, by trial, if most candidates are above that
 FEW = 3  # samples, by trial: so few may be chance
-RARE = 0.01  # of the candidates, by trial: so few may be detail, whatever they look like
-SPOILT = 0.15  # of the height, by trial: from here on, samples beside a hot one count as spoilt by it
+RARE = 0.01  # share of the candidates, by trial: so few may be detail, whatever they look like
+SPOILT = 0.15  # share of the height from which samples beside a hot one count as spoilt by it, by trial
 REACH = 3  # pixels around a sample: a mosaic spoils 2, and the ring around them shows the detail
 WIDTH = 0.6  # pixels, by trial: standard deviation of the weights of the samples that replace a hot one
 
@@ -45,7 +45,7 @@ class HotPixelsDefect:
     needs_light: ClassVar[bool] = False
 
     samples: Tensor
-    """View row and column, channel, pixel row and column of each, [K, 5]."""
+    """View row and column, channel, pixel row and column of each sample, [K, 5]."""
     count: int
     """Number of hot and dead samples, without those that they have spoilt."""
 
@@ -67,7 +67,7 @@ class HotPixelsDefect:
         surroundings = _patches(field.views, self.samples)
         weight = (nearness * ~_patches(is_hot, self.samples)).to(surroundings)
         views = field.views.clone()
-        # 1e-12: where all samples around are hot too.
+        # The minimum 1e-12 is for a sample with only hot samples around.
         mean = (weight * surroundings).sum((1, 2)) / weight.sum((1, 2)).clamp(min=1e-12)
         views[self.samples.unbind(1)] = mean
         return dataclasses.replace(field, views=views)
@@ -117,7 +117,7 @@ def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _higher_than(limit: float, images: NDArray, channel: int) -> tuple[Tensor, Tensor]:
-    """Image, row, column [K, 3] and height [K] of the samples of a channel that are higher; `MOST` per thread."""
+    """Image, row, column [K, 3] and height [K] of samples of a channel above a limit; at most `MOST` per thread."""
     parts: list[tuple[NDArray, NDArray]] = []
 
     def look(first: int, last: int) -> None:
@@ -143,10 +143,10 @@ def _patches(views: Tensor, samples: Tensor) -> Tensor:
 
 
 def _neighbours(shape: torch.Size, samples: Tensor, disparity: Tensor, steps: Tensor) -> list[Tensor]:
-    """The same points in the eight views around each view, [K, 5] each; at the edge of the grid, the opposite view."""
+    """The same points in the eight views around each view, [K, 5] each; beyond the grid, in the opposite view."""
     n_rows, n_columns, _, height, width = shape
     v, u, c, y, x = samples.unbind(1)
-    # The disparity map belongs to the reference view: its value at the sample's own place leads to the place there.
+    # The map belongs to the reference view: its value at the sample's own place leads to the place in that view.
     q, p = steps[:, v, u]
     d = disparity[y, x]
     row = (y - d * q).round().long().clamp(0, height - 1)
@@ -167,7 +167,8 @@ def _neighbours(shape: torch.Size, samples: Tensor, disparity: Tensor, steps: Te
 def is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
     """Whether neighbouring views show nothing alike within a pixel, [K].
 
-    Surroundings of candidates [K, 7, 7] are from their own view, and the median of those from the neighbouring views.
+    `own` are the surroundings of candidates in their own view, `others` the median of those in the neighbouring views,
+    [K, 7, 7] each.
     """
     middle = slice(REACH - 1, REACH + 2)
     # Surroundings without the middle 3x3, which a mosaic may have spoilt.
@@ -228,7 +229,7 @@ def sticking_out(images: NDArray, channel: int, limit: float, places: NDArray, h
         plane = images[n, channel]
         for y in range(1, plane.shape[0] - 1):
             _row_heights(plane[y - 1], plane[y], plane[y + 1], scratch)
-            # Counting runs on vectors, and nearly all rows have none.
+            # Counting runs on vectors, and nearly all rows have no such sample.
             n_out = 0
             for x in range(1, heights.size - 1):
                 n_out += heights[x] > least
@@ -243,7 +244,7 @@ def sticking_out(images: NDArray, channel: int, limit: float, places: NDArray, h
 
 @inlined
 def _larger(a: float, b: float) -> float:
-    # The built-in one checks for NaN, and then does not run on vectors.
+    # The built-in function checks for NaN, and so does not run on vectors.
     return a if a > b else b
 
 
@@ -254,7 +255,7 @@ def _smaller(a: float, b: float) -> float:
 
 @compiled
 def _row_heights(above: NDArray, row: NDArray, below: NDArray, scratch: NDArray) -> None:
-    """Write to scratch[2] how far each sample of a row lies beyond all 8 neighbours; below 0: it lies among them."""
+    """Write the height of each sample of a row to scratch[2]; below 0: it lies within the range of its 8 neighbours."""
     high, low, heights = scratch[0], scratch[1], scratch[2]
     # Extremes of each column of three, shared by the neighbours on both sides.
     for x in range(row.size):

@@ -17,7 +17,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 
 LEAST_BLUR = 0.5
-"""Pixels by which the outermost views are out of register at the first and last plane, at least: half a pixel is the
+"""Least shift, in pixels, of the outermost views against the centre at the first and last plane: half a pixel is the
 least blur that shows."""
 DARK = 0.02
 """Median light below which an 8-bit picture was probably linear before it was decoded: the median of photographs is
@@ -71,17 +71,17 @@ class Inspection:
     field: LightField
     """The inspected light field."""
     reference: tuple[int, int]
-    """Row and column of the central view, that of the maps."""
+    """Row and column of the central view, to which the maps belong."""
     disparity: Tensor
     """Disparity of the central view, in pixels per view step, [H, W]."""
     confidence: Tensor
     """Confidence of the disparity, [0, 1], [H, W]."""
     slopes: tuple[float, float] | None
-    """Range of the scene in pixels per view step, without a hundredth of outliers at either end; None: unknown."""
+    """Range of the scene's slopes in pixels per view step, without 1 % of outliers at either end; None: unknown."""
     confident_share: float
     """Part of the picture whose disparity is reliable, [0, 1]."""
     is_reversed: bool
-    """Whether one axis of the views seems to run against ours."""
+    """Whether one axis of the views seems to run in the opposite direction to ours."""
     median_light: float
     """Median of the samples of the central view."""
     corrections: Corrections

@@ -2,11 +2,11 @@
 the two defects of positions: views that are misaligned, and rows that are spaced otherwise than columns.
 
 Patch k of view i shows `f_k(x - D_k p_i - s_i)`: texture f, disparity D of rows and of columns, position p of the view
-from the angular centre, shift s of the view. Unknown, and left at 0: the mean of all shifts (where the scene is), and
-shifts in proportion to p along rows and along columns (disparities that the whole scene has more).
+from the angular centre, shift s of the view. Two parts of the shifts are unknown, and left at 0: their mean (the place
+of the scene), and shifts in proportion to p along rows and along columns (a disparity of the whole scene).
 Alignment: each view is shifted back as a whole, L(x) -> L(x - s), by a fraction of a pixel.
 Spacing: disparities along rows are `ratio` times those along columns. Views that are misaligned in proportion to their
-row or column add a constant to each. The scale of both is unknown, so columns keep their positions.
+row or column add a constant to all disparities along it. The scale of both is unknown, so columns keep their positions.
 Letters: `k` patch, `i` view, `c` channel, `V U` view rows and columns.
 """
 
@@ -25,14 +25,14 @@ from lfref.lightfield import LightField
 SETTLED = 0.08  # pixels, by trial: patches that moved less are not read again
 FEWEST_PATCHES = 12  # three for each quarter
 LOOSE = 0.3  # pixels, by trial: standard deviation of shifts before any measurement
-UNEXPLAINED = 0.01  # of a patch's contrast, by trial: least error, from interpolation and gloss
-STRIPES = 0.01  # of the texture along the strongest direction, by trial: less texture across it may be a trace of that
+UNEXPLAINED = 0.01  # share of a patch's contrast, by trial: least error, from interpolation and gloss
+STRIPES = 0.01  # share of the texture in the strongest direction, by trial: less texture across may be a trace of it
 SYSTEMATIC = 0.02  # pixels, by trial: least error of a patch, however fine its texture
 SURE = 5.0  # standard errors from which a defect is certain, by trial
 LEAST_SHIFT = 0.02  # pixels: smaller shifts cost less than .2 dB of the best picture
 LINEAR = 3.0  # times the rms of the other shifts, by trial: stripes look like larger linear parts
-LEAST_EFFECT = 0.04  # pixels, by trial: error of the outermost view's position, seen at the farthest patches
-CLEAR = 0.6  # of the scatter of patches, by trial: bent and glossy surfaces scatter in all patches
+LEAST_EFFECT = 0.04  # least displacement of patches of large disparity in the outermost view, in pixels, by trial
+CLEAR = 0.6  # least share of the scatter of patches, by trial: bent and glossy surfaces scatter all patches
 LIKELY = 0.2  # by trial: standard deviation of the ratio before any measurement, since cameras are built evenly
 LEAST_ERROR = 0.002  # pixels per view step, by trial: the least error of a patch's disparities
 
@@ -41,9 +41,9 @@ class Explanation(NamedTuple):
     """Shifts of views and disparities of patches that explain displacements best."""
 
     shifts: Tensor
-    """(down, right) in pixels, float64, [I, 2]."""
+    """Shifts of the views (down, right) in pixels, float64, [I, 2]."""
     disparities: Tensor
-    """Along rows and along columns, in pixels per view step, [K, 2]."""
+    """Disparities of the patches along rows and along columns, in pixels per view step, [K, 2]."""
     precision: Tensor
     """Inverse variance of the disparities, [K, 2]."""
     trust: Tensor
@@ -51,7 +51,7 @@ class Explanation(NamedTuple):
 
 
 class Registration(NamedTuple):
-    """Patches, their observed displacements, and what explains these."""
+    """Patches, their observed displacements, and the explanation of these."""
 
     field: LightField
     patches: Patches
@@ -60,9 +60,9 @@ class Registration(NamedTuple):
     expected: Tensor
     """Displacements at which patches were read, in pixels, [K, I, 2]."""
     observed: Observed
-    """Displacements from there, of each channel."""
+    """Displacements of each channel from the expected ones."""
     information: Tensor
-    """Of all channels, in inverse square pixels, [K, 2, 2]."""
+    """Information of all channels, in inverse square pixels, [K, 2, 2]."""
     moved: Tensor
     """Displacements (down, right) in pixels, [K, I, 2]."""
     explanation: Explanation
@@ -94,7 +94,7 @@ def register(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
         return None
     shown = _shown(field, patches, positions)
     expected = patches.disparity[:, None, None] * positions
-    for _ in range(4):  # readings at the estimated places; by trial
+    for _ in range(4):  # number of readings at the estimated places, by trial
         read_at = expected
         observed = displacements.observe(displacements.read_patches(views, patches, read_at), shown)
         information, moved = combined(observed, read_at)
@@ -126,28 +126,28 @@ def _shown(field: LightField, patches: Patches, positions: Tensor) -> Tensor:
 
 
 def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor, unknown: Tensor) -> Explanation:
-    """Find shifts and disparities by least squares, outliers with less weight.
+    """Find shifts and disparities by least squares, which give outliers less weight.
 
     Args:
-        information: Of patches, in inverse square pixels, [K, 2, 2].
-        moved: Their displacements (down, right) in pixels, [K, I, 2].
+        information: Information of patches, in inverse square pixels, [K, 2, 2].
+        moved: Displacements (down, right) of patches in pixels, [K, I, 2].
         shown: 1 where a view shows a patch, else 0, [K, I].
-        positions: Of views, (v, u) in view steps, [I, 2].
-        unknown: Shifts that are left at 0, orthonormal, [2I, M].
+        positions: Positions (v, u) of views in view steps, [I, 2].
+        unknown: Patterns of shifts that are left at 0, orthonormal, [2I, M].
     """
     n_views, trust = len(positions), shown
-    for _ in range(4):  # weightings of outliers; by trial
+    for _ in range(4):  # number of weightings of outliers, by trial
         weights = trust[..., None, None] * information[:, None]
         # Normal equations of (shifts, disparities). Disparities are eliminated first: they belong to one patch each.
         right = (weights @ moved[..., None])[..., 0]
-        cross = weights * positions[:, None]  # by shift and disparity
+        cross = weights * positions[:, None]  # mixed terms of shifts and disparities
         inner = displacements.ridged(torch.einsum("ia,kiab->kab", positions, cross))
         own = (right * positions).sum(1)
         columns = cross.flatten(1, 2)
         onto = torch.linalg.solve(inner, columns.mT)
         curvature = torch.block_diag(*weights.sum(0)) - torch.einsum("kxb,kby->xy", columns, onto)
         curvature = curvature + torch.eye(2 * n_views, dtype=weights.dtype) / LOOSE**2
-        # Unknown shifts cost as much as all that is measured.
+        # Unknown shifts get a penalty as large as all measurements.
         curvature = curvature + curvature.diagonal().mean() * (unknown @ unknown.mT)
         slope = right.sum(0).flatten() - torch.einsum("kby,kb->y", onto, own)
         shifts = torch.linalg.solve(curvature, slope).unflatten(0, (n_views, 2))
@@ -160,7 +160,7 @@ def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor
 
 
 def proportional_shifts(positions: Tensor) -> Tensor:
-    """Shifts of all views alike, and in proportion to their positions along each axis: of length 1, [2I, 4]."""
+    """Four patterns of shifts, of length 1: two equal for all views, two in proportion to the positions, [2I, 4]."""
     eye = torch.eye(2, dtype=positions.dtype)
     around = (positions - positions.mean(0))[:, :, None] * eye
     modes = torch.cat([eye.expand(len(positions), 2, 2), around], -1).flatten(0, 1)
@@ -207,7 +207,7 @@ class AlignmentDefect:
     needs_light: ClassVar[bool] = False
 
     shifts: Tensor
-    """Down and right, in pixels, float64, [V, U, 2]."""
+    """Shifts down and right, in pixels, float64, [V, U, 2]."""
     error: float
     """Standard error of a shift along an axis in pixels, from the quarters of the picture; infinite: unknown."""
 
@@ -243,7 +243,7 @@ def find_alignment(grid: tuple[int, int], registered: Registration | None) -> Al
     rms = float(shifts.square().mean().sqrt())
     linear = linear_shifts(registered.positions)
     if rms > LEAST_SHIFT:
-        # Parts linear in the other coordinate of the place count only if they are about as large as the rest.
+        # Shifts linear in the other coordinate of the position count only if they are about as large as the rest.
         larger = registered.explain(proportional_shifts(registered.positions)).shifts
         if float((linear.mT @ larger.flatten()).abs().max()) < LINEAR * rms:
             shifts = larger
@@ -254,17 +254,17 @@ def find_alignment(grid: tuple[int, int], registered: Registration | None) -> Al
 
 @dataclass(frozen=True, eq=False)
 class SpacingDefect:
-    """Distance of view rows in steps of view columns."""
+    """Distance between view rows, in steps of view columns."""
 
     name: ClassVar[str] = "spacing"
     needs_light: ClassVar[bool] = False
 
     ratio: float
-    """Correction of the rows' positions; 1: none."""
+    """Factor that corrects the rows' positions; 1: no correction."""
     estimate: float
     """The ratio as it was estimated, whether it is certain or not; NaN: unknown."""
     error: float
-    """Its standard error."""
+    """Standard error of the ratio."""
 
     def reason_to_skip(self) -> str | None:
         """Why nothing is corrected: rows and columns seem to be equally far apart, or their distances are unknown."""
@@ -303,14 +303,14 @@ def find_spacing(registered: Registration | None) -> SpacingDefect:
 def is_certain(excess: float, error: float, disparities: Tensor, outermost: float, scatter: float) -> bool:
     """Whether an excess of disparities along rows is certain, shows in the outermost view, and exceeds the scatter.
 
-    `disparities` are absolute values of patches, [K]; `scatter` is what the excess does not explain of them.
+    `disparities` are absolute values of patches, [K]; `scatter` is the part of them that the excess does not explain.
     """
     shift = excess * float(disparities.quantile(0.9)) * outermost
     return excess > SURE * error and shift > LEAST_EFFECT and excess * float(disparities.median()) > CLEAR * scatter
 
 
 def fit_ratio(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:
-    """Fit the difference of both disparities as a + b d to the chosen patches; the ratio that follows."""
+    """Fit a + b d to the difference of both disparities of the chosen patches; returns the fit and its ratio."""
     explanation = registered.explanation
     disparities, precision = explanation.disparities[chosen], explanation.precision[chosen].clamp(min=TINY)
     share = precision / precision.sum(-1, keepdim=True)
@@ -318,7 +318,7 @@ def fit_ratio(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:
     # The error of the difference is independent of that of this mean d; otherwise the ratio would tend to 0.
     mean = (share * disparities).sum(-1)
     model = torch.stack([torch.ones_like(mean), mean], -1)[:, None]
-    # Shifts of single views differ along rows and columns by chance: a constant difference of about this size.
+    # Shifts of single views differ along rows and columns by chance, which gives a constant difference of this size.
     rms = explanation.shifts.square().mean().sqrt()
     chance = float(LEAST_ERROR + rms * (1 / registered.positions.square().sum(0)).sum().sqrt())
     prior = torch.tensor([1 / chance**2, 1 / LIKELY**2], dtype=mean.dtype)

@@ -22,7 +22,7 @@ def centred(size: tuple[int, int]) -> tuple[Tensor, Tensor]:
 
 
 def resample_field(field: LightField, rows: Tensor, columns: Tensor) -> LightField:
-    """A light field whose views and weights are read elsewhere; arguments as for `resample_views`."""
+    """A light field whose views and weights are read elsewhere; arguments are those of `resample_views`."""
     weight = field.weight
     if weight is not None:
         # Weights have one channel: it is read at the mean place of the colours.
@@ -36,8 +36,8 @@ def resample_views(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 
     Args:
         views: Floating point, [V, U, C, H, W].
-        rows: Where to read, in pixels from the centre, float64, [V, U, C, H], or 1 in place of V, U, C.
-        columns: The same for columns, [..., W].
+        rows: Rows to read, in pixels from the centre, float64, [V, U, C, H], or 1 in place of V, U, C.
+        columns: Columns to read, in the same form, [..., W].
     """
     height, width = views.shape[-2:]
     samples = views.detach().cpu().contiguous().flatten(0, 2)
@@ -64,8 +64,8 @@ def _taps(positions: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, T
 def _resample(pictures, rows, row_weights, starts, column_weights, result, first, last):  # type: ignore[no-untyped-def]
     """Fill the pictures [B, H, W] of the result from `first` to before `last`.
 
-    Each row has T source rows and weights [B, H, T]; each column the first of T source columns [B, W], from -T + 1 to
-    W - 1, and weights [B, T, W].
+    Each row has T source rows and weights, [B, H, T]. Each column has the number of the first of its T source columns,
+    [B, W], from -T + 1 to W - 1, and weights, [B, T, W].
     """
     height, width = result.shape[1:]
     n_taps = rows.shape[2]
@@ -74,7 +74,7 @@ def _resample(pictures, rows, row_weights, starts, column_weights, result, first
     middle = line[beyond : beyond + width]
     for b in range(first, last):
         for y in range(height):
-            # A line interpolated along columns, its edges repeated.
+            # Interpolate a line along columns, and repeat its edges.
             line[:] = 0
             for t in range(n_taps):
                 weight = row_weights[b, y, t]

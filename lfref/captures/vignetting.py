@@ -1,4 +1,4 @@
-"""Vignetting: light that views lack towards their corners is restored, and has less weight where there is little.
+"""Vignetting: the light that views lack towards their corners is restored; dark samples have less weight.
 
 A white picture gives the gain of every sample. Without one, brightness from view to view shows where the rim of the
 lens clips the pupil (cat's eye). Since a point lies elsewhere in each view, brightness also shows the falloff that all
@@ -6,10 +6,10 @@ views share, if the scene has depth; that estimate is used only for a lens whose
 that move look like falloff.
 
 The rim is a disc of `radius` view steps, displaced by `displacement` times the place in the picture; a view keeps the
-share of its cell that lies within. All views lose light by falloff, 1 / (1 + falloff r^2)^2 (cos^4 of the field angle).
+share of its cell inside the disc. All views lose light by falloff, 1 / (1 + falloff r^2)^2 (cos^4 of the field angle).
 Letters: `y x` place in half diagonals from the picture's centre, `q p` view row and column from the angular centre,
 `r` distance, `n` windows, `i j` parameters.
-A file of its own, as each defect has.
+Each defect has a module of its own.
 Source: Goldman and Chen, "Vignette and Exposure Calibration and Compensation", 2005 (moving pictures show falloff).
 """
 
@@ -30,10 +30,10 @@ from lfref.functional import neighbours
 from lfref.lightfield import LightField
 
 LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a clipped pupil must explain the views better by this
-SURE = 6.0  # standard errors of falloff: on scenes without it, gloss reaches 6.6 where no rim is visible
-UNTRUSTED, TRUSTED = 0.02, 0.1  # gains, by trial: below the first samples have no weight, above the second full weight
+SURE = 6.0  # standard errors of falloff: gloss reaches 6.6 on scenes without falloff, where no rim is visible
+UNTRUSTED, TRUSTED = 0.02, 0.1  # gains, by trial: weight 0 below the first, full weight above the second
 CERTAIN = 6.0  # standard deviations of a white picture's noise, by trial
-LEAST_LOSS = 0.01  # of the light of one sample in a hundred, by trial: less hardly shows
+LEAST_LOSS = 0.01  # share of the light that one sample in a hundred lacks, by trial: less hardly shows
 NOISE = 2e-3  # standard deviation that noise may leave in gains, half a level of 8 bits
 WIDEST = 10.0  # pixels, by trial: largest standard deviation of the smoothing, so that the rim and dust stay
 
@@ -48,15 +48,15 @@ class VignettingDefect:
     falloff: float = 0.0
     """Square of the tangent of the field angle at the corner; 0 where it is unknown."""
     displacement: float = 0.0
-    """Of the rim at the picture's corner, in view steps; 0 where it clips nothing."""
+    """Displacement of the rim at the picture's corner, in view steps; 0 where it clips nothing."""
     radius: float = 1e3
-    """Of the rim, in view steps."""
+    """Radius of the rim, in view steps."""
     is_known: bool = True
     """Whether enough of the scene is visible in all views."""
     white: Tensor | None = None
     """Gain from a white picture, [V, U, C, H, W]."""
     error: float = 0.0
-    """Standard deviation of that gain, by the noise of the white picture."""
+    """Standard deviation of the gain in `white`, by the noise of the white picture."""
 
     def reason_to_skip(self) -> str | None:
         """Why nothing is corrected: the rim clips no view, the white picture is even, or too little is visible."""
@@ -132,9 +132,9 @@ class Rim(NamedTuple):
     falloff: float = 0.0
     """Square of the tangent of the field angle at the picture's corner."""
     displacement: float = 0.0
-    """Of the rim at the picture's corner, in view steps."""
+    """Displacement of the rim at the picture's corner, in view steps."""
     radius: float = 1e3
-    """Of the rim, in view steps."""
+    """Radius of the rim, in view steps."""
 
 
 class RimFit(NamedTuple):
@@ -142,10 +142,10 @@ class RimFit(NamedTuple):
 
     rim: Rim
     gain: float
-    """How much better it explains the views than a pupil that is not clipped: squared scatters per window, in the
+    """Squared scatters per window by which the rim explains the views better than a pupil that is not clipped, in the
     second worst of the picture's four quarters."""
     falloff_error: float
-    """Standard error of the falloff, from how far tiles of the picture disagree."""
+    """Standard error of the falloff, from the disagreement of the picture's tiles."""
 
 
 def rim_gain(rim: Rim, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
@@ -162,7 +162,7 @@ def falloff_gain(rim: Rim, y: Tensor, x: Tensor) -> Tensor:
 
 
 def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
-    """Find the rim that explains best how brightness changes; scatter: of logarithms from window to window."""
+    """Find the rim that explains the ratios best; `scatter` is that of their logarithms between windows."""
     scale = 2 * max(scatter, 1e-3)
     # A coarse grid of starts, compared by every second view; the three best are refined by all views.
     radius = math.hypot(*ratios.known.shape[:2]) / 2
@@ -180,7 +180,7 @@ def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
 
 
 class _RimProblem:
-    """The fit of a rim to logarithms of brightness, [VU, n], to each view up to a constant: its exposure."""
+    """The fit of a rim to logarithms of brightness, [VU, n]; a constant of each view, its exposure, is free."""
 
     def __init__(self, ratios: Ratios, scale: float, every: int = 1) -> None:
         known = ratios.known.flatten(0, 1)[::every]
@@ -216,7 +216,7 @@ class _RimProblem:
         return (self.known * square / (1 + square)).sum(0) / self.known.sum(0).clamp(min=1)
 
     def cost(self, rim: Rim) -> float:
-        """Sum over all windows."""
+        """Sum of the costs over all windows."""
         return float(self.costs(rim).sum())
 
     def gain(self, rim: Rim) -> float:
@@ -228,7 +228,7 @@ class _RimProblem:
         return float(torch.stack(means).sort().values[1])
 
     def slopes(self, rim: Rim, weight: Tensor) -> Tensor:
-        """Derivatives of what is explained by the parameters, less their mean over each view, [3, VU, n]."""
+        """Derivatives of the explained logarithms by the parameters, minus their mean over each view, [3, VU, n]."""
         step = 1e-3
         here, total = self.explained(rim), weight.sum(1, keepdim=True).clamp(min=1e-6)
         moved = [rim._replace(**{name: value + step}) for name, value in zip(Rim._fields, rim, strict=True)]
@@ -277,7 +277,7 @@ def white_gain(white: Tensor) -> tuple[Tensor, float]:
         got = "one that is black or not finite in the middle"
         raise InputError("white must be a picture of a white, evenly lit scene", got=got)
     noise = noise_of(centre / rough[:, None, None])
-    # As many samples as leave little noise in their mean: from 1/32 to 1/8 of the sides about the centre.
+    # Take enough samples for little noise in their mean: from 1/32 to 1/8 of the sides about the centre.
     share = noise / NOISE / (2 * min(centre.shape[-2:]))
     level = _middle_level(centre, min(max(share, 1 / 32), 1 / 8))
     gain, width = (white / level[:, None, None]).clamp(min=0), smoothing_width(noise)
@@ -293,7 +293,7 @@ def _middle_level(view: Tensor, share: float) -> Tensor:
 
 
 def noise_of(image: Tensor) -> float:
-    """Standard deviation of an even picture's noise [C, H, W], of its worst channel, as if pixels were independent."""
+    """Standard deviation of an even picture's noise [C, H, W] in its worst channel, as if pixels were independent."""
     if min(image.shape[-2:]) < 3:
         return 0.0
     # Interpolated samples share their noise: blocks of 8x8 then have more noise than single samples suggest.
@@ -309,6 +309,6 @@ def _roughness(image: Tensor) -> float:
 
 
 def smoothing_width(noise: float) -> float:
-    """Standard deviation in pixels of the Gaussian that reduces noise to `NOISE`; 0 where there is less."""
+    """Standard deviation in pixels of the Gaussian that reduces noise to `NOISE`; 0 if there is less noise."""
     # A Gaussian of standard deviation s leaves 1 / (2 sqrt(pi) s) of white noise.
     return 0.0 if noise <= NOISE else min(WIDEST, max(0.5, noise / (NOISE * 2 * math.sqrt(math.pi))))

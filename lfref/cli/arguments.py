@@ -38,13 +38,13 @@ def overrides(name: str, folder: Path) -> list[str]:
 
 
 INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "film", "eval", "bench"), "input")
-"""What a path is to a command."""
+"""Command -> key whose value is a path on the command line."""
 RUN = {
     "train": "resume",
     "report": "runs",
     **dict.fromkeys(("refocus", "view", "eval", "bench", "export"), "checkpoint"),
 }
-"""What `run=FOLDER` is to a command."""
+"""Command -> key that `run=FOLDER` sets."""
 SHORTHANDS = {
     "slopes": ["planes=slopes", "planes.slopes={}"],
     "alphas": ["planes=alphas", "planes.alphas={}"],
@@ -52,14 +52,14 @@ SHORTHANDS = {
 }
 BEGINNINGS = ("/", "./", "../", "~/")
 REFUSED = (["--config-path", "-cp"], ["--config-name", "-cn"], ["--experimental-rerun"])
-"""Options of Hydra that put something in the place of our configuration; the last one unpickles a file."""
+"""Options of Hydra that replace our configuration; the last one unpickles a file."""
 
 
 def rewritten(command: str, words: list[str]) -> list[str]:
     """Words for Hydra, options first; after `--` there are paths only.
 
     Raises:
-        InputError: A path where the command takes none, an unknown sweep, or a sweep without --multirun.
+        InputError: The command takes no paths, the sweep is unknown, or a sweep lacks --multirun.
     """
     end = words.index("--") if "--" in words else len(words)
     parsed = options(command, words[:end])
@@ -74,7 +74,7 @@ def options(command: str, words: list[str]) -> dict[str, Any]:
     """The options of Hydra among some words, by name, and under `overrides` all other words.
 
     Raises:
-        InputError: An option that lfref does not have.
+        InputError: One of the options `REFUSED` is given.
     """
     parser = argparse.ArgumentParser(add_help=False)
     setattr(parser, "error", partial(exit_codes.fail, command, status=2))  # noqa: B010
@@ -108,7 +108,7 @@ def _is_path(word: str) -> bool:
 
 
 def _inputs(command: str, paths: list[str]) -> list[str]:
-    """Paths as an override: quoted, so that none of their characters means anything to Hydra."""
+    """Paths as an override, quoted so that Hydra interprets none of their characters."""
     if paths and command not in INPUTS:
         raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
     quoted = [QuotedString(path.replace("${", "\\${"), Quote.single).with_quotes() for path in paths]

@@ -57,7 +57,7 @@ class Rounds(NamedTuple):
 
 
 def configured_rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
-    """The configured rounds; `counted` is the key of the counted ones."""
+    """The configured rounds; `counted` is the key for the number of counted ones."""
     return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
 
 
@@ -122,7 +122,7 @@ def causes(config: DictConfig, folder: Path) -> None:
 
 PACKAGES = ("onnxruntime", "openvino", "nncf")
 Make = Callable[..., NetworkCase]
-"""(fields=..., device=...) -> a network and what it is measured on."""
+"""(fields=..., device=...) -> a network and the data on which it is measured."""
 
 
 def engines(config: DictConfig, folder: Path) -> None:
@@ -154,7 +154,7 @@ def engines(config: DictConfig, folder: Path) -> None:
 
 
 def _networks(config: DictConfig) -> Sequence[Make]:
-    """The checkpoints, or the network of the configuration without training."""
+    """The networks of the checkpoints; without checkpoints, the configured network before training."""
     trained, planes = [load(path) for path in paths(configs.plain(config.checkpoint))], fixed_planes(config)
     if not trained:
         torch.manual_seed(0)
@@ -177,7 +177,7 @@ def _networks(config: DictConfig) -> Sequence[Make]:
 
 
 def _refiners(config: DictConfig) -> Sequence[Make]:
-    """The refiner that ships, or another one."""
+    """The refiner of `refiner_checkpoint`; without it, the shipped one."""
     trained = load(config.refiner_checkpoint)
     if not isinstance(trained, RefinedRefocuser):
         remedy = "give checkpoint=RUN"
@@ -381,7 +381,7 @@ def stability(config: DictConfig, folder: Path) -> None:
         tables.write_table(folder / "stability.csv", rows)
         if set(parts) == set(PARTS):
             figures = progress(goals.goals(components, rows), "measuring goals")
-            # A figure that is not a number is written as such: an empty cell says that there is none.
+            # NaN is written as nan: an empty cell means that there is no figure.
             measured = pd.DataFrame([goal.row() for goal in figures], dtype=object)
             tables.write_table(folder / "goals.csv", measured.map(lambda cell: "nan" if cell != cell else cell))
     n_held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
@@ -401,7 +401,7 @@ GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "simulate": simulate,
     "stability": stability,
 }
-"""Each has its options in `conf/group/NAME.yaml`."""
+"""Name of a group -> its function; its options are in `conf/group/NAME.yaml`."""
 
 
 def bench(config: DictConfig, folder: Path) -> None:

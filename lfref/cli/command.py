@@ -1,4 +1,4 @@
-"""Common to all commands: Hydra around a function, one line for a user's mistake, a run folder with its config."""
+"""Parts of all commands: Hydra around a function, one line for a user's mistake, a run folder with its config."""
 
 import functools
 import logging
@@ -34,7 +34,7 @@ log = logging.getLogger("lfref")
 def command(
     task: Task, prepare: Prepare = lambda config, folder: True, expand: Callable[[list[str]], list[str]] = list
 ) -> Callable[[], None]:
-    """Make a command of a function (configuration, run folder); `conf/NAME.yaml` is the configuration of module NAME.
+    """Make a command from a function (configuration, run folder); `conf/NAME.yaml` is the configuration of module NAME.
 
     `prepare` (configuration, run folder) runs before the task, and returns False if there is nothing to do.
     `expand` replaces `resume=RUN` in the words of a command line by the overrides of that run.
@@ -81,7 +81,7 @@ def command(
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
-    """Pass items on under a progress bar; `total` is needed for items without a length."""
+    """Return items one by one under a progress bar; `total` is needed for items without a length."""
     return track(items, description=what, total=total, console=console)
 
 

@@ -1,15 +1,15 @@
 """Checks of a composed configuration, before Hydra or a command acts on it.
 
-1. `hydra.*` is held to tables (`check`): Hydra builds callbacks, launchers, sweepers and log handlers from it, some
-   before a command starts.
+1. `hydra.*` must agree with tables (`check`): Hydra builds callbacks, launchers, sweepers and log handlers from it,
+   some before a command starts.
 2. Overrides must fit what they override (`check_overrides`): every key exists, flags are flags, numbers are numbers.
    Hydra itself would suggest `+key` for a misspelt key, and takes any text for true.
 3. `check_line` composes a command line before `hydra.main` gets it, and `CheckedJobs` does so for each job of a sweep.
 
-Two things rely on what Hydra does not document. `CheckedJobs` replaces the attribute `config_loader` of the running
+Two parts rely on undocumented behaviour of Hydra. `CheckedJobs` replaces the attribute `config_loader` of the running
 application, since Hydra calls nothing of ours between the composition of a job and its log handlers. `COMPONENTS` names
 the classes of the launcher and the sweeper that come with Hydra.
-Apart from `command`, which wraps a command: these checks are what keeps configurations harmless.
+This module stands apart from `command`, which wraps a command: these checks keep configurations harmless.
 """
 
 import difflib
@@ -66,9 +66,9 @@ TEXTS = (
     "submitit_folder", "name", "partition", "qos", "comment", "constraint", "exclude", "gres", "mem_per_gpu",
     "mem_per_cpu", "account",
 )  # fmt: skip
-"""Arguments of launchers and sweepers that may be text: none is run, opened, or an address."""
+"""Arguments of launchers and sweepers that may be text: none is run or opened, and none is an address."""
 DEFAULTS = ("2*n_jobs", "${hydra.sweep.dir}/.submitit/%j", "${hydra.job.name}")
-"""Values of launchers that nothing else may have."""
+"""Default values of launchers, which are allowed although they are neither plain text nor numbers."""
 LOG_FILE = "${hydra.runtime.output_dir}/${hydra.job.name}.log"
 LOG_VALUES: dict[str, tuple[str, ...]] = {
     "class": ("logging.StreamHandler", "logging.FileHandler", "logging.NullHandler"),
@@ -132,7 +132,7 @@ def _is_of_a_log(path: Keys, value: Any) -> bool:
 
 
 def _is_name(_: Keys, value: Any) -> bool:
-    """The name of a file: no way up or to the root, and nothing interpolated but Hydra's own values."""
+    """Whether a value is the name of a file without folders that interpolates only Hydra's own values."""
     return value is None or bool(re.fullmatch(r"(?!\.\.?$)([\w.,=+-]|\$\{hydra[.:]job\.\w+\})+|\?\?\?", str(value)))
 
 
@@ -180,10 +180,10 @@ def find(base: DictConfig, path: str, key: str, others: Iterable[str], may_add: 
         path: Keys and indices.
         key: The word on the command line that stands for this path.
         others: Further names that a misspelt key without dots may stand for.
-        may_add: Arguments of a part, and entries of a mapping of parts, may be added.
+        may_add: Whether arguments of a part, and entries of a mapping of parts, may be added.
 
     Raises:
-        InputError: It does not exist; names the nearest key that does.
+        InputError: The path does not exist; the message names the nearest key that does.
     """
     node: Any = base
     above = ""
@@ -210,7 +210,7 @@ def find(base: DictConfig, path: str, key: str, others: Iterable[str], may_add: 
 
 
 def _children(node: Any) -> dict[str, Any]:
-    """Values of a mapping or list by name; None for what is missing yet, or an interpolation that leads nowhere yet."""
+    """Values of a mapping or list by name; None for values that are missing, or not resolvable yet."""
     children: dict[str, Any] = {}
     names = range(len(node)) if isinstance(node, ListConfig) else node if isinstance(node, DictConfig) else ()
     for name in names:
@@ -242,7 +242,7 @@ def check_line(command: str, words: list[str]) -> list[str]:
 
 
 class CheckedJobs(Callback):
-    """Has each job of a sweep composed and checked before it starts, whichever launcher and process runs it."""
+    """Composes and checks each job of a sweep before it starts, with any launcher and in any process."""
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Replace the loader that Hydra is about to hand to the sweeper and its launcher."""
@@ -276,7 +276,7 @@ def check_composition(
     """Compose a configuration and check it; exits with one line if it is refused.
 
     Args:
-        loader: Of Hydra.
+        loader: Hydra's loader.
         command: The command's name.
         words: Overrides.
         mode: Whether overrides may be those of a sweep.

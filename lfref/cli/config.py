@@ -63,7 +63,7 @@ def save(config: DictConfig, folder: Path) -> None:
 
 
 def fingerprint(config: DictConfig) -> str:
-    """Hash of a configuration, its output paths left out: the same in every process of one run."""
+    """Hash of a configuration without its output paths: the same in every process of one run."""
     values = {key: value for key, value in plain(config).items() if key not in ("output", "folder")}
     text = OmegaConf.to_yaml(OmegaConf.create(values), sort_keys=True).replace(str(config.folder), "")
     return hashlib.sha256(text.encode()).hexdigest()

@@ -25,7 +25,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     references: dict[str, Labels] = configs.build(config.references)
     methods = _methods(config, device)
     for method in methods:
-        method.slopes(planes.slopes)  # refuses planes that it does not have before any work is done
+        method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
     fields = steps.find_fields(config)
     rows: list[accuracy.Row] = []
     for path in progress(fields.values(), "evaluating", len(fields)):

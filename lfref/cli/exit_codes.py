@@ -24,7 +24,7 @@ class Stopped(SystemExit):
 
 
 def fail(name: str, error: object, status: int = 1) -> NoReturn:
-    """Print the error of a command in one line and exit; status 1: it failed, 2: wrong usage."""
+    """Print the error of a command in one line and exit; status 1: the command failed, 2: wrong usage."""
     print(f"lfref {name}: {' '.join(str(error).split())}", file=sys.stderr)
     sys.exit(status)
 
@@ -72,7 +72,7 @@ class _Patient:
 
 @contextmanager
 def patient_pipes() -> Iterator[None]:
-    """Let whoever reads our output stop early, as `head` does: that is no error, and the work is finished."""
+    """Let a reader of our output stop early, as `head` does: that is no error, and the work is finished."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = map(_Patient, before)
     try:

@@ -1,4 +1,4 @@
-"""`lfref export`: a network, the refiner that ships or shift-and-sum as a file that other runtimes load."""
+"""`lfref export`: write a network, the shipped refiner or shift-and-sum as a file that other runtimes load."""
 
 import dataclasses
 import functools
@@ -29,17 +29,17 @@ from lfref.refocuser.refocuser import Refocuser
 
 CPU = torch.device("cpu")
 ROUNDS = 6
-"""Of which the first is a warm-up."""
+"""Number of timed rounds, of which the first is a warm-up."""
 
 
 def export(config: DictConfig, folder: Path) -> None:
-    """Write `NAME.SUFFIX` and `NAME.SUFFIX.parity.json`, or the latter alone if the file makes other pictures.
+    """Write `NAME.SUFFIX` and `NAME.SUFFIX.parity.json`, or only the latter if the file gives other pictures.
 
     Args:
         config: `conf/export.yaml`.
         folder: The run folder.
     """
-    # First what can be known before any work.
+    # Checks come before any work.
     export_file.check_available(config.format, config.precision)
     refocuser, planes = _refocuser(config), fixed_planes(config)
     if config.format == export_file.SAFETENSORS:
@@ -86,7 +86,7 @@ def _name(config: DictConfig, refocuser: Refocuser) -> str:
 
 
 def _fields(config: DictConfig, grid: Sequence[int]) -> tuple[list[LightField], list[LightField]]:
-    """Light fields of every size that a file is tried at, and small ones that whole numbers are scaled by."""
+    """Light fields of every size at which a file is tried, and small ones for the scales of int8."""
     with open_dict(config):
         config.source.scenes.camera.grid = list(grid)
     source: SimulatedSource = configs.build(config.source)
@@ -106,10 +106,10 @@ def _fields(config: DictConfig, grid: Sequence[int]) -> tuple[list[LightField], 
 def _compare_speed(
     draft: Path, full: ExportFile, subject: Exportable, inputs: Inputs, refocuser: Refocuser, require_faster: bool
 ) -> None:
-    """Time a file of int8 and its like in float32.
+    """Time a file in int8 and the same network in float32.
 
     Raises:
-        LfrefError: int8 must be faster, and is not: it costs accuracy.
+        LfrefError: int8 is not faster, although it must be, since it costs accuracy.
     """
     with tempfile.TemporaryDirectory() as folder:
         paths = {INT8: draft, FP32: full.write_draft(Path(folder), refocuser, subject)}

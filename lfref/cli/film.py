@@ -28,12 +28,12 @@ Motion = Callable[[NDArray, NDArray, NDArray], NDArray]
 
 def _smooth(frames: NDArray, keys: NDArray, slopes: NDArray) -> NDArray:
     """Monotone cubic interpolation: it slows down at each turn, and never leaves the range of its two keys."""
-    with np.errstate(over="ignore"):  # differences next to 0 have infinite reciprocals, and derivatives of 0
+    with np.errstate(over="ignore"):  # differences near 0 have infinite reciprocals, which give derivatives of 0
         return np.asarray(PchipInterpolator(keys, slopes)(frames))
 
 
 MOTIONS: dict[str, Motion] = {"smooth": _smooth, "linear": np.interp}
-"""Interpolation between key frames."""
+"""Name of a motion -> interpolation between key frames."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class FocusPull:
     """Slope of every frame of a film; before the first key frame and after the last one it is constant.
 
     Raises:
-        InputError: No key frame, a negative one, a slope that is not finite, or an unknown motion.
+        InputError: There is no key frame, one is negative, a slope is not finite, or the motion is unknown.
 
     Example:
         >>> FocusPull({0: -1.0, 4: 1.0}, "linear").slopes(6).tolist()

@@ -91,7 +91,7 @@ TEXTS: dict[str, Callable[[], str]] = {
     **dict.fromkeys(("-h", "--help", "help"), usage),
     **dict.fromkeys(("-V", "--version"), lambda: f"lfref {lfref.__version__}"),
 }
-"""Words that only print a text."""
+"""Word that only prints a text -> function that returns the text."""
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Which objects a configuration may build: configuration is untrusted input.
+"""The objects that a configuration may build: a configuration is untrusted input.
 
 A `_target_` must be in the table of our parts, belong to a family of library classes (optimisers, schedules, callbacks,
 loggers, metrics), or come from a package that the user trusts (`lfref.extensions`). Names outside these are never
@@ -147,7 +147,7 @@ FAMILIES = {
         ),
     ),
 }
-"""Module -> its classes that a configuration may name; they count as long as they are defined in that library."""
+"""Module -> the family of its classes that a configuration may name, if that library defines them."""
 DEFERRED = ("operators", "apertures", "optimisers", "schedules")
 """Groups whose parts get their options from the configuration and the other arguments later: `_partial_: true`."""
 WRITERS = ("trainers", "callbacks", "loggers")
@@ -168,7 +168,7 @@ ARGUMENTS = {
         "save_dir", "name", "version", "log_graph", "default_hp_metric", "prefix", "sub_dir", "max_queue", "flush_secs",
     ),
 }  # fmt: skip
-"""Loggers that pass arguments on to libraries that open files and addresses: the arguments that they may have."""
+"""Logger that passes arguments on to a library that opens files and addresses -> arguments that it may have."""
 MOVED = {
     "lfref.captures.auto_planes.AutoPlanes": "lfref.captures.inspect.AutoPlanes",
     "lfref.data.labels.OperatorLabels": "lfref.data.label_sources.OperatorLabels",
@@ -206,8 +206,8 @@ MOVED = {
 
 
 def check(node: Any, folder: Path | None = None) -> None:
-    """Refuse a configuration (plain containers, resolved) that names anything else; of our own and the libraries'
-    parts, nothing is imported. `folder` is the run folder, where all parts that write must write; None: not checked.
+    """Refuse a configuration (plain containers, resolved) that names other objects; imports no part of lfref or of a
+    library. `folder` is the run folder, in which all files of parts must lie; None: this is not checked.
     """
     if isinstance(node, dict):
         special = {key for key in node if _is_special(key)}
@@ -278,7 +278,7 @@ BASES = {
     "loggers": "lightning.pytorch.loggers",
     "metrics": "torchmetrics",
 }
-"""Where the base classes of the families are defined."""
+"""Group -> module that defines the base class of its families."""
 
 
 def _unknown(name: object) -> InputError:
@@ -316,7 +316,7 @@ def _check_part(node: dict[Any, Any], special: set[str], folder: Path | None) ->
 
 
 def _writes(part: Callable[..., Any]) -> bool:
-    """Whether a user's part is a logger or a callback of Lightning, found without importing Lightning."""
+    """Whether a user's part is a logger or a callback of Lightning; does not import Lightning."""
     names = {f"{base.__module__.partition('.')[0]}.{base.__name__}" for base in getattr(part, "__mro__", ())}
     return bool(names & {"lightning.Logger", "lightning.Callback"})
 

@@ -1,4 +1,4 @@
-"""`lfref prepare`: make a set of planes for training, by all processors; items that exist are kept."""
+"""`lfref prepare`: make a set of planes for training, on all processors; items that exist are kept."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from lfref.io import atomic
 
 
 class MissingItems(Dataset[int]):
-    """Items of a set, by number, that the workers of a data loader make and write."""
+    """Missing items of a set, which the workers of a data loader make and write."""
 
     def __init__(self, recipe: Recipe, folder: Path, missing: list[int]) -> None:
         self.recipe, self.folder, self.missing = recipe, folder, missing

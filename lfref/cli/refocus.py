@@ -85,7 +85,7 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     are_named = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
     planes = planes if network.planes is None or are_named else network.planes
     if isinstance(planes, FocalPlanes):
-        network.slopes(planes.slopes)  # refuses planes that it does not have before any work is done
+        network.slopes(planes.slopes)  # the network refuses planes that are not its own, before any work is done
     return network, planes
 
 

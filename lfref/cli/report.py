@@ -13,7 +13,7 @@ from lfref.report import page, sections
 
 
 def report(config: DictConfig, folder: Path) -> None:
-    """Write `index.html`; problems of single runs stand there, and are logged as warnings."""
+    """Write `index.html`; the page and the log name the problems of single runs."""
     runs = paths(configs.plain(config.runs))
     if not runs:
         raise InputError("there must be something to report", remedy="give runs=[FOLDER,...]")
@@ -28,7 +28,7 @@ def report(config: DictConfig, folder: Path) -> None:
 
 
 def _facts(runs: list[Path]) -> dict[str, object]:
-    """When the page was made, and what the runs noted of their machines."""
+    """Date of the page, and facts about the machines of the runs."""
     facts: dict[str, object] = {"date": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
     for note in (run / "machine.json" for run in runs if (run / "machine.json").is_file()):
         try:

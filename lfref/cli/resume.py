@@ -32,7 +32,7 @@ PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net
 FREE = "_target_", "allow_changes", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
 """Entries in these parts that may change: they do not change what is learned, or are compared in another way."""
 SHOWN = 4
-"""Differences that an error names, at most."""
+"""Largest number of differences that an error names."""
 NOT_RESUMED = "hydra", "logger", "output", "folder", "overwrite"
 """Groups of overrides that say where files go. They are not taken over: a run folder may come from somebody else."""
 PLACES = (*parts.PLACES, "cache_folder", "tracking_uri", "scratch")
@@ -40,7 +40,7 @@ PLACES = (*parts.PLACES, "cache_folder", "tracking_uri", "scratch")
 
 
 def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run.chosen or run.last) -> list[str]:
-    """The command line with `resume=RUN` written out; every other line as it is.
+    """The command line with `resume=RUN` replaced by the overrides of that run; any other line is unchanged.
 
     Args:
         arguments: Command line after the command's name.
@@ -70,7 +70,7 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
 
 
 def key_of(override: str) -> str:
-    """What an override sets: `+net.width=3` and `net.width=4` are one key."""
+    """The key that an override sets: `+net.width=3` and `net.width=4` have one key."""
     return override.partition("=")[0].lstrip("+~")
 
 
@@ -101,7 +101,7 @@ def _keys(node: Any) -> Iterator[str]:
 
 
 def _path(override: str) -> str | None:
-    """The path as it was written, or as Hydra reads it where it is quoted."""
+    """The path as it was written, or as Hydra reads it if it is quoted; None for `null`."""
     text = override.removeprefix(KEY)
     if text[:1] in ("'", '"'):
         return str(OverridesParser.create().parse_override(override).value())
@@ -109,12 +109,12 @@ def _path(override: str) -> str | None:
 
 
 def quoted(path: Path) -> str:
-    """A path as a value that Hydra takes as it is."""
+    """A path as a quoted value, which Hydra does not interpret."""
     return "'" + re.sub(r"(\\*)'", r"\1\1\\'", str(path)) + "'"
 
 
 def prepare(config: dict[str, Any], folder: Path) -> None:
-    """Make the folder ready to continue: the log up to the checkpoint and, in a new folder, the run's files.
+    """Make a folder ready to continue: cut the log after the checkpoint, and copy the run's files to a new folder.
 
     Args:
         config: The resolved configuration, with the checkpoint in `resume`.
@@ -158,7 +158,7 @@ def refuse_changes(run: Run, config: dict[str, Any]) -> None:
         config: The configuration of the resumed run.
 
     Raises:
-        InputError: Some differ; the message names them.
+        InputError: Some entries differ; the message names them.
     """
     refuse_other(run, config, PROTECTED, "leave it as it was, or give allow_changes=true", "what it was trained on")
 
@@ -170,16 +170,16 @@ def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: 
         run: The run.
         config: The configuration of the resumed run.
         keys: Entries that must be the same.
-        remedy: What may be done.
-        what: What they are.
+        remedy: Remedy for the message.
+        what: Description of the entries for the message.
 
     Raises:
-        InputError: Some differ; the message names them.
+        InputError: Some entries differ; the message names them.
     """
     kept = run.config
-    known = [key for key in keys if key in kept]  # an older version of lfref may not have had all
+    known = [key for key in keys if key in kept]  # an older version of lfref may not have all keys
     found = [change for key in known for change in _changes(key, kept[key], config.get(key))]
-    # Interpolated values stand in several places: the first one names them all.
+    # An interpolated value stands in several places: only the first one is named.
     named = {(name.rpartition(".")[2], values): f"{name} ({values})" for name, values in reversed(found)}
     if named:
         changes = list(reversed(named.values()))
@@ -189,7 +189,7 @@ def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: 
 
 
 def _changes(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
-    """Name and values of what differs; keys that only one version of lfref knows are left out."""
+    """Name and values of each entry that differs; keys that only one version of lfref knows are left out."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in old.keys() & new.keys() - set(FREE):
             yield from _changes(f"{name}.{key}", old[key], new[key])
@@ -200,7 +200,7 @@ def _changes(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
 
 
 def _kind(node: dict[str, Any]) -> str:
-    """The class or function of a node, without its module: versions of lfref keep it in different ones."""
+    """Name of the class or function of a node, without its module, which differs between versions of lfref."""
     kind = str(node.get("_target_")).rpartition(".")[2]
     return "planes_at_alphas" if kind == "FocalPlanes" and "alphas" in node else kind
 
@@ -247,7 +247,7 @@ def exit_if_jobs_failed(name: str) -> None:
 
 
 def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:
-    """The checkpoint from which an interrupted job continues; None: it starts.
+    """The checkpoint from which an interrupted job continues; None: the job starts anew.
 
     Args:
         folder: Folder of the job.

@@ -1,7 +1,7 @@
-"""One folder a run: made before anything runs, marked as ours, and never taken from another run unasked.
+"""One folder per run: it is made before anything runs, gets a mark, and replaces an earlier run only on request.
 
-The mark (see `io.ownership`) lists what the run wrote. `overwrite=true` deletes what it lists, and nothing else; if a
-listed file was edited, or the folder is no run folder, it is refused and nothing is deleted.
+The mark (see `io.ownership`) lists what the run wrote. `overwrite=true` deletes the listed files, and nothing else. It
+is refused, and deletes nothing, if a listed file was edited, or the folder is no run folder.
 """
 
 import functools
@@ -25,12 +25,12 @@ from lfref.io import run as runs
 LOCK = ".lfref.lock"
 """File that a process locks while it writes into a run folder; the system unlocks it when the process ends."""
 NOTES = (ownership.MARK, runs.CONFIG, runs.OVERRIDES)
-"""What a run writes before its results, besides the lock and logs. A folder that holds nothing else counts as free, so
-that a mistake in a command does not use up its output folder."""
+"""Files that a run writes before its results, besides the lock and logs. A folder with no other files counts as free,
+so that a mistake in a command does not use up its output folder."""
 
 
 def make(folder: Path, _: bool = False) -> None:
-    """Make a folder, or find it and leave in it what there is.
+    """Make a folder; one that exists keeps its files.
 
     Raises:
         FileError: The folder cannot be written.
@@ -76,17 +76,17 @@ def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None
     """Make a folder for a new run.
 
     Args:
-        folder: Where.
+        folder: The run folder.
         overwrite: Delete what an earlier run wrote there; other files stay.
-        overrides: Those of a training, else None. A folder is also free for a training if one with the same overrides
-            ended there before its first checkpoint.
+        overrides: Overrides of a training, else None. A folder is also free for a training if an earlier one with the
+            same overrides ended there before its first checkpoint.
 
     Raises:
-        FileError: The folder cannot be written, is in use, holds results, or (`overwrite`) is no run folder, or one
-            whose files were edited.
+        FileError: The folder cannot be written, is in use, or holds results; with `overwrite`, it is no run folder, or
+            its files were edited.
     """
     make(folder)
-    # Before it is locked, so that no file appears in somebody else's folder, and after, so that only one run is first.
+    # Check before the lock, so that a user's folder gets no file, and after it, so that only one run is first.
     for secure in (lambda _: None, lock):
         secure(folder)
         mark = ownership.read_mark(folder)
@@ -107,7 +107,7 @@ def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None
 
 @contextmanager
 def marked(folder: Path) -> Iterator[None]:
-    """Mark a folder as a run's, and list in the end, however it ends, what the run has written.
+    """Mark a folder as a run folder; at the end, also after an error, list the files that the run has written.
 
     Args:
         folder: The run folder.
@@ -125,7 +125,7 @@ def marked(folder: Path) -> Iterator[None]:
 
 
 def list_also(folder: Path, part: Path) -> None:
-    """List already now what a run has written: a killed one cannot do it in the end.
+    """List files of a run before its end, since a killed run cannot do it at the end.
 
     Args:
         folder: The run folder.
@@ -139,13 +139,13 @@ def list_also(folder: Path, part: Path) -> None:
 
 
 def is_first_process() -> bool:
-    """Whether this process is the only one of its run, or the one of them that looks after the folder."""
+    """Whether this process is the only one of its run, or the one that manages the run folder."""
     ranks = (os.environ.get(name, "0") for name in ("RANK", "LOCAL_RANK", "SLURM_PROCID"))
     return all(rank == "0" for rank in ranks)
 
 
 def _reopen(folder: Path, _: bool = False) -> None:
-    """Go on in a folder."""
+    """Make and lock a folder in which a run or sweep continues."""
     make(folder)
     lock(folder)
 
@@ -168,7 +168,7 @@ def _is_unborn(folder: Path, overrides: Sequence[str] | None) -> bool:
 
 
 SOURCES = ("input", "runs", "checkpoint", "white", "truth", "correct", "data.path", "data.validation_path")
-"""Keys of configurations that name files of the user's."""
+"""Keys of configurations that name the user's files."""
 
 
 def refuse_inputs(config: DictConfig, folder: Path) -> None:
@@ -180,7 +180,7 @@ def refuse_inputs(config: DictConfig, folder: Path) -> None:
     for key in SOURCES:
         value = OmegaConf.select(config, key, throw_on_missing=False)
         for name in [value] if isinstance(value, str) else value or ():
-            # Of a pattern such as shots/*.exr, the folder before the first wildcard counts.
+            # For a pattern such as shots/*.exr, the folder before the first wildcard counts.
             fixed = itertools.takewhile(lambda part: not set("*?[") & set(part), Path(str(name)).parts)
             path = Path(*fixed).resolve()
             if path.exists() and (path == folder.resolve() or folder.resolve() in path.parents):
@@ -189,7 +189,7 @@ def refuse_inputs(config: DictConfig, folder: Path) -> None:
 
 
 class OutputFolder(Callback):
-    """Claims the output folder before Hydra makes it, so that a folder that cannot be used is one clear line."""
+    """Claims the output folder before Hydra makes it, so that an unusable folder gives one clear line."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         """Claim the output folder of a run. A resumed run, and further processes of ddp, use it as it is."""
@@ -203,11 +203,11 @@ class OutputFolder(Callback):
             self._prepare(config, "run", functools.partial(claim, overrides=overrides))
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Before a sweep, whose jobs have folders of their own."""
+        """Make and lock the folder of a sweep, whose jobs have folders of their own."""
         self._prepare(config, "sweep", _reopen)
 
     def _prepare(self, config: DictConfig, mode: str, prepare: Callable[[Path, bool], None]) -> None:
-        # The folder may be named after the command, which Hydra itself makes known only later.
+        # The name of the folder may depend on the command, which Hydra itself sets only later.
         HydraConfig.instance().set_config(config)
         try:
             is_resumed, trains = config.get("resume") is not None, config.hydra.job.name == "train"

@@ -23,7 +23,7 @@ from lfref.simulator.simulate import simulate as simulated
 
 
 def simulate(config: DictConfig, folder: Path) -> None:
-    """Write light fields, `contact_sheets/NAME.png` and, of all outputs asked for, `OUTPUT/NAME.exr` (linear)."""
+    """Write light fields, `contact_sheets/NAME.png` and `OUTPUT/NAME.exr` (linear) of each requested output."""
     n_fields, seed = int(configs.number(config, "n_fields", 1)), int(configs.number(config, "seed", 0))
     device, outputs, suffix = device_of(config.device), configs.plain(config.outputs), str(config.suffix)
     if not isinstance(outputs, list) or not all(isinstance(name, str) for name in outputs):

@@ -1,4 +1,4 @@
-"""Steps that commands share, from light fields to results: find, read, correct, refocus, and where results go.
+"""Steps that commands share, from light fields to results: find, read, correct, refocus, and place results.
 
 `process` runs the steps of a command on each light field. A capture that fails does not stop the others. Reading,
 computing and writing run at the same time in one thread each, so that memory holds few light fields, however many there
@@ -33,7 +33,7 @@ from lfref.report import pictures
 from lfref.report.refocused import mean_of_views
 
 LENSLET_SIDE = 3000
-"""Least pixels along the shorter side of a lenslet image that a folder may contain (the smallest ESLF has 5250)."""
+"""Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
 Step = Callable[[str, Any], Any]
 """(name, result of the previous step) -> result of this step; the first step gets the path."""
@@ -45,15 +45,15 @@ Planes = FocalPlanes | AutoPlanes
 
 
 def find_fields(config: DictConfig) -> dict[str, Path]:
-    """Name -> path of the light fields of `config.input`, which may be files, folders and patterns as `captures/*.png`.
+    """Name -> path of the light fields of `config.input`: of files, folders, patterns such as `captures/*.png`.
 
-    They stand in the order of `input`; those of a folder or pattern in the order of the numbers in their names, so that
-    `frame_10` follows `frame_9`. With `reader.pattern` each folder is one light field.
+    Light fields have the order of `input`. Those of a folder or pattern have the order of the numbers in their names,
+    so that `frame_10` follows `frame_9`. With `reader.pattern` each folder is one light field.
     """
     folders_are_fields = config.reader.get("pattern") is not None
     entries = [path for entry in paths(configs.plain(config.input)) for path in _fields_at(entry, folders_are_fields)]
     fields = list({path.resolve(): path for path in entries}.values())
-    # The first of these ways to name them by which all names differ.
+    # Use the first of these ways to name light fields by which all names differ.
     for name in (
         lambda path: path.name if path.is_dir() else path.stem,
         lambda path: path.name,
@@ -111,7 +111,7 @@ def read_field(
 
     Args:
         path: File or folder.
-        config: Has `reader`; without `reader.views` a network determines the number of views.
+        config: Configuration with `reader`; without `reader.views` a network determines the number of views.
         refocusers: Methods that will refocus it.
         scratch: Folder for views that do not fit into memory; None keeps them in memory.
     """
@@ -143,8 +143,8 @@ def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> Non
     Each step runs in its own thread, on the light field after the one that the next step works on.
 
     Args:
-        fields: Name -> path. The error of a single one is raised as it is.
-        steps: In order.
+        fields: Name -> path of each light field. If there is only one, its error is raised as it is.
+        steps: Steps in their order.
         what: Label of the progress bar, such as `refocusing`.
     """
     if not fields:
@@ -199,7 +199,7 @@ def ahead(items: Iterable[Item]) -> Iterator[Item]:
     Nested steps (reading, computing, writing) then work at the same time, and at most one item waits between two steps.
 
     Args:
-        items: An error in computing an item is raised where the item would be used.
+        items: Items to compute; an error in computing one is raised where that item would be used.
 
     Example:
         >>> list(ahead(n * n for n in range(4)))

@@ -30,7 +30,7 @@ def prepare(config: DictConfig, folder: Path) -> bool:
     """Find the checkpoint from which training starts, if any, and cut the log after it.
 
     Args:
-        config: `conf/train.yaml`; gets `resume` where a job of a sweep continues.
+        config: `conf/train.yaml`; its `resume` is set if a job of a sweep continues.
         folder: The run folder.
 
     Returns:
@@ -43,7 +43,7 @@ def prepare(config: DictConfig, folder: Path) -> bool:
     if config.resume is None and resume.is_sweep_job():
         last = resume.checkpoint_of(folder, list(HydraConfig.get().overrides.task))
         config.resume = None if last is None else str(last)
-    # Only the first process checks. Where a job of a sweep continues, the others find its checkpoint in the folder.
+    # Only the first process checks. If a job of a sweep continues, the others find its checkpoint in the folder.
     if not is_first_process():
         config.resume = config.resume or (str(Run(folder).last) if Run(folder).has_checkpoints else None)
         return True
@@ -67,7 +67,7 @@ def train(config: DictConfig, folder: Path) -> None:
         folder: The run folder.
 
     Raises:
-        LfrefError: Data, configuration or disk do not allow it.
+        LfrefError: Data, configuration or disk do not allow the training.
     """
     quiet_libraries()
     seed_everything(config.seed, workers=True, verbose=False)
@@ -82,8 +82,8 @@ def train(config: DictConfig, folder: Path) -> None:
                 trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
     except SystemExit as stopped:
         if not is_first_process():
-            # The first process prints the line. Where all agreed to stop, status 0: Lightning kills the first process
-            # when another one ends with an error.
+            # The first process prints the line. If all agreed to stop, the status is 0: Lightning kills the first
+            # process when another one ends with an error.
             raise SystemExit(0 if stopping.agreed else stopped.code) from None
         stopped.add_note(_how_to_go_on(folder))
         raise
@@ -95,7 +95,7 @@ def train(config: DictConfig, folder: Path) -> None:
 
 
 def _give_up(folder: Path, number: int) -> None:
-    """Print the line of a process that stands still and is ended by force."""
+    """Print the line of a process that hangs and is ended by force."""
     if is_first_process():
         print(f"lfref train: stopped by {signal.Signals(number).name}; {_how_to_go_on(folder)}", file=sys.stderr)
 
@@ -142,7 +142,7 @@ _run = command(train, prepare)
 
 
 def main() -> None:
-    """Write `resume=RUN` out, and start; a run that cannot be resumed is status 1, as a training that fails."""
+    """Replace `resume=RUN` by its overrides, and start; a run that cannot be resumed gives status 1, as a failure."""
     try:
         sys.argv[1:] = resume.expanded(sys.argv[1:])
     except LfrefError as error:

@@ -67,7 +67,7 @@ def _refocusers(config: DictConfig) -> list[Refocuser]:
 
 
 def _checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
-    """The stack of the truth."""
+    """The stack of the truth, after a check of its size and planes."""
     stack, own = truth
     if tuple(stack.shape[-2:]) != field.size or not own.has_slopes(planes.slopes):
         expected = f"truth must be {len(planes)} planes of {field.size[0]}x{field.size[1]}, {', '.join(planes.labels)}"

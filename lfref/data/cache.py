@@ -33,7 +33,7 @@ from lfref.lightfield import LightField
 HASHES = "hashes.json"
 """File of the cache folder that keeps content hashes: a data set is hashed once, however often training starts."""
 WEIGHTED = ".weighted"
-"""End of an entry's name whose last channel is the weight."""
+"""End of the name of an entry whose last channel is the weight."""
 STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
 EVEN_GRID = "networks learn on an even grid"
 """Reason for which the spacing of cameras is not corrected."""
@@ -81,14 +81,14 @@ def _stored_hashes(folder: Path) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class CachedField:
-    """A light field on disk of which only crops are brought into memory."""
+    """A light field on disk; only crops of it are read into memory."""
 
     name: str
     samples: np.ndarray
-    """Memory map, colour channels first and then the weight if there is one, [V, U, C or C + 1, H, W]."""
+    """Memory map with the colour channels, then the weight if there is one, [V, U, C or C + 1, H, W]."""
     has_weight: bool
     encoding: Encoding = LINEAR
-    """How the samples stand for light."""
+    """Encoding of light as samples."""
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -129,7 +129,7 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
         field = reader.read(path, **options)
         corrected, _ = correct_by_option(field, correct, even_grid_for=EVEN_GRID)
         if corrected is not field:
-            # Corrected samples are no whole numbers of the file.
+            # Corrected samples are no longer the whole numbers of the file.
             corrected = replace(corrected, metadata={**field.metadata, "bits": "float"})
         entry = _store(corrected, folder / key)
     name = path.absolute().name if path.is_dir() else path.stem
@@ -163,7 +163,7 @@ def _checksum(content: bytes | memoryview) -> bytes:
 
 
 def _store(field: LightField, stem: Path) -> Path:
-    """Write an entry KEY.ENCODING.npy; whole numbers stay what they are in the file."""
+    """Write an entry KEY.ENCODING.npy; whole numbers keep the type that they have in the file."""
     dtype = STORED[field.metadata["bits"]]
     encoding = parsed(field.metadata["encoding"])
     if dtype.kind == "f" and encoding.is_known:

@@ -72,7 +72,7 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
 def without_leaks(
     train: Sequence[Path], held: Sequence[Path], folder: Path | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """Training fields whose content is not held out, and the others. The cache folder stores the hashes."""
+    """Training fields whose content is not held out, and all other training fields. `folder` stores the hashes."""
     forbidden = {cache.content_hash(path, folder) for path in held}
     clean = [path for path in train if cache.content_hash(path, folder) not in forbidden]
     if folder is not None:
@@ -88,7 +88,7 @@ class PatchData(LightningDataModule, abc.ABC):
     """Random patches of light fields with labels.
 
     Args:
-        labels: Makes the labels.
+        labels: Source of the labels.
         patch: Height and width of a patch in pixels.
         patches_per_field: Patches per light field and epoch.
         fields_per_batch: Light fields per batch.
@@ -127,7 +127,7 @@ class PatchData(LightningDataModule, abc.ABC):
 
     @abc.abstractmethod
     def sources(self) -> tuple[Source, Source]:
-        """Light fields for training, and held-out ones."""
+        """Light fields for training, and held-out light fields."""
 
     def setup(self, stage: str) -> None:
         """Open the sources; Lightning calls this in every process."""
@@ -152,11 +152,11 @@ class FolderData(PatchData):
     Args:
         path: Folder of light fields.
         validation_path: Folder of held-out light fields; None holds out `validation_share` of `path`.
-        validation_share: Part held out, in (0, 1).
+        validation_share: Share of the light fields that is held out, in (0, 1).
         cache_folder: Folder of decoded light fields.
         reader: Arguments of `lfref.read`.
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
-        labels: Makes the labels.
+        labels: Source of the labels.
         allow_changes: Whether a training may be resumed with other light fields.
         **options: Arguments of `PatchData`.
     """
@@ -188,12 +188,12 @@ class FolderData(PatchData):
         return self.reader.get("encoding") != "none"
 
     def prepare_data(self) -> None:
-        """Hash the fields. Lightning calls this first, in one process per machine; the others read the hashes."""
+        """Hash the fields. Lightning calls this first, in one process per machine; other processes read the hashes."""
         train, held, _ = self._paths()
         without_leaks(train, held, self.cache_folder)
 
     def sources(self) -> tuple[Source, Source]:
-        """Fields of the folders; the log names those that are left out of training."""
+        """Fields of the folders; the log names the fields that are left out of training."""
         train, held, test_set = self._paths()
         _warn("in the paper's test set", test_set)
         train, leaks = without_leaks(train, held, self.cache_folder)
@@ -212,10 +212,10 @@ class FolderData(PatchData):
         return {name: [path.name for path in source.paths] for name, source in sources.items()}  # type: ignore[attr-defined]
 
     def load_state_dict(self, state: Mapping[str, list[str]]) -> None:
-        """Refuse to resume with other light fields than those of the checkpoint.
+        """Refuse to resume with other light fields than the checkpoint names.
 
         Raises:
-            InputError: Some were added or removed, and `allow_changes` is false.
+            InputError: Light fields were added or removed, and `allow_changes` is false.
         """
         for name, now in self.state_dict().items():
             changes = {"new": sorted(set(now) - set(state[name])), "gone": sorted(set(state[name]) - set(now))}
@@ -244,7 +244,7 @@ class SimulatedData(PatchData):
     """Patches of simulated scenes: new scenes in every training epoch, and fixed held-out scenes.
 
     Args:
-        labels: Makes the labels.
+        labels: Source of the labels.
         n_fields: Scenes per training epoch.
         n_validation: Number of held-out scenes.
         scenes: Distribution of the scenes, or one scene.

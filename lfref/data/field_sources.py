@@ -39,7 +39,7 @@ class Source(abc.ABC):
 
 
 class FolderSource(Source):
-    """Light fields on disk, read through the cache; arguments as `cache.cached`."""
+    """Light fields on disk, read through the cache; arguments as for `cache.cached`."""
 
     def __init__(
         self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any], correct: str = NONE
@@ -62,7 +62,7 @@ class SimulatedField(LightField):
     """A light field whose scene is known, so that it can be photographed through the whole lens."""
 
     photograph: Callable[[tuple[float, ...]], Tensor] = field(kw_only=True)
-    """(slopes) -> truth of the field's rectangle at these slopes, in [0, 1], [N, C, H, W]."""
+    """(slopes) -> truth at these slopes for the field's rectangle, in [0, 1], [N, C, H, W]."""
 
     def crop(self, top: int, left: int, height: int, width: int) -> "SimulatedField":
         """Crop the views and the photographs."""

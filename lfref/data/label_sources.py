@@ -21,10 +21,10 @@ from lfref.refocuser.refocuser import Refocuser
 
 
 class Labels(abc.ABC):
-    """Makes the refocused stack that a network should learn."""
+    """Source of the refocused stack that a network should learn."""
 
     name: str
-    """As tables and legends call it."""
+    """Name of the labels in tables and legends."""
     planes: FocalPlanes
     """The planes of a label."""
 
@@ -42,22 +42,22 @@ class OperatorLabels(Labels):
     """Labels made by a refocuser that depends on a patch and a margin around it only."""
 
     refocuser: Refocuser
-    """Computes the labels; their name is its name."""
+    """Refocuser that computes the labels; their name is its name."""
     planes: FocalPlanes
     """The planes of a label."""
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """As tables and legends call it."""
+        """Name of the labels in tables and legends."""
         return self.refocuser.name
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """The sum of the outermost view's shift, one pixel for interpolation, and the blur of a view's cell."""
+        """Sum, in pixels, of the outermost view's shift, one pixel for interpolation, and the blur of a view's cell."""
         slopes = self.planes.slopes
         return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + footprint.radius(self.refocuser.cell_width(slopes))
 
     def __call__(self, field: LightField) -> Tensor:
-        """The refocuser's stack; samples are weighted."""
+        """The refocuser's stack, with weighted samples."""
         return self.refocuser(field, self.planes.slopes)
 
 
@@ -66,12 +66,12 @@ class RenderedLabels(Labels):
     """Labels that are photographs through the whole aperture."""
 
     name: str
-    """As tables and legends call it."""
+    """Name of the labels in tables and legends."""
     planes: FocalPlanes
     """The planes of a label."""
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """0: a label is cut from the photograph of the whole field."""
+        """0, since a label is cut from the photograph of the whole field."""
         return 0
 
     def __call__(self, field: LightField) -> Tensor:

@@ -23,16 +23,16 @@ from lfref.errors import InputError, counted
 FLAT = 1 / 255
 """Least difference between the brightest and the darkest sample of a patch's views: one 8-bit level."""
 DRAWS = 8
-"""Draws of a corner after which a flat patch is left out."""
+"""Number of draws of a corner after which a flat patch is left out."""
 
 
 class Batch(TypedDict):
     """Patches of one or more light fields."""
 
     views: Tensor
-    """[P, V, U, C, H, W] in [0, 1]."""
+    """Views of the patches in [0, 1], [P, V, U, C, H, W]."""
     labels: Tensor
-    """[P, N, C, H, W]."""
+    """Labels of the patches, [P, N, C, H, W]."""
     slopes: Tensor
     """Slopes of the labels' planes, in pixels per view step, float64, [N]."""
     where: list[str]
@@ -65,7 +65,7 @@ def cut(field: Field, labels: Labels, top: int, left: int, patch: int) -> tuple[
 
 
 class FieldPatches(Dataset[Batch]):
-    """Random patches of every light field of a source; `seed` is that of the corners."""
+    """Random patches of every light field of a source; `seed` fixes the corners."""
 
     def __init__(self, source: Source, labels: Labels, patch: int, patches_per_field: int, seed: int) -> None:
         if min(patch, patches_per_field) < 1:
@@ -115,7 +115,7 @@ class FieldPatches(Dataset[Batch]):
         }
 
     def _draw(self, field: Field, random: np.random.Generator) -> Iterator[tuple[str, tuple[Tensor, Tensor] | None]]:
-        """(NAME@TOP,LEFT, patch) of each random corner until a patch is not flat; the patch is None if it is flat."""
+        """(NAME@TOP,LEFT, patch) of random corners, up to the first patch that is not flat; a flat patch is None."""
         free = np.array(field.size) - self.patch
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
@@ -129,7 +129,7 @@ class EpochSampler(Sampler[tuple[int, int]]):
     """Yields (epoch, index), shuffled by (seed, epoch) and divided among the ranks of a distributed run.
 
     The key holds the epoch, so that persistent workers get it, and a resumed run draws the patches of an uninterrupted
-    one. Without a seed (validation), the order and the epoch 0 stay.
+    one. Without a seed (validation), the order is fixed and the epoch stays 0.
     """
 
     def __init__(self, n_items: int, seed: int | None, rank: int = 0, world_size: int = 1) -> None:
@@ -155,10 +155,10 @@ class EpochSampler(Sampler[tuple[int, int]]):
 
     def _order(self) -> list[int]:
         if self.seed is None:
-            # A rank without an item would block the others: it repeats one.
+            # A rank without an item would block the other ranks: it repeats an item.
             return list(range(self.rank, self.n_items, self.world_size)) or [self.rank % self.n_items]
         order = np.random.default_rng((self.seed, self.epoch)).permutation(self.n_items).tolist()
-        # Every rank must take as many steps as the others: wrap around to an even share.
+        # All ranks must take equally many steps: wrap around to an even share.
         share = math.ceil(self.n_items / self.world_size)
         return [order[i % self.n_items] for i in range(self.rank, share * self.world_size, self.world_size)]
 
@@ -188,11 +188,11 @@ class EpochLoader(DataLoader[Any]):
         yield from super().__iter__()
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing: the trainer tells `epoch_loader` where to continue. Lightning warns without this method."""
+        """An empty state: the trainer tells `epoch_loader` where to continue. Lightning warns without this method."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Nothing."""
+        """Ignore the state, which is empty."""
 
 
 def epoch_loader(
@@ -204,7 +204,7 @@ def epoch_loader(
     workers: int,
     timeout: float = 0.0,
 ) -> DataLoader[Any]:
-    """Batches of a data module's items in the order of an `EpochSampler`; `timeout` is in seconds a batch, 0: none."""
+    """Batches of a data module, ordered by an `EpochSampler`; `timeout` is in seconds per batch (0: no limit)."""
     trainer = module.trainer
     rank, world_size = (trainer.global_rank, trainer.world_size) if trainer else (0, 1)
     sampler = EpochSampler(len(items), order_seed, rank, world_size)

@@ -61,17 +61,17 @@ class Recipe:
     depths: tuple[float, ...] = (0.5, 1.0, 2.0)
     """Factors of the scenes' disparities."""
     plain: float = 0.35
-    """Share of scenes without a sensor whose surfaces are matte and still, which methods refocus best."""
+    """Share of scenes with matte surfaces that stand still, and without a sensor: methods refocus them best."""
     flat: float = 0.5
-    """Share, among these, of scenes of one or two surfaces that face the camera: some methods are exact there."""
+    """Share of the `plain` scenes with only one or two surfaces, which face the camera: some methods are exact."""
     ideal: float = 0.2
-    """Share of further scenes without a sensor."""
+    """Share of other scenes without a sensor."""
     whole: float = 0.25
-    """Share of slopes that are rounded to whole ones, at which no view is read between its pixels."""
+    """Share of slopes that are rounded to whole numbers, at which no view is read between its pixels."""
     n_near: int = 3
     """Number of planes near focus, at disparities that occur in the scene."""
     ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
-    """Ranges of slopes; each one gives a further plane."""
+    """Ranges of slopes; each range gives a further plane."""
     correct: str = AUTO
     """`none`, `auto` or a file of corrections; `auto` gets a white picture of cameras with vignetting."""
 
@@ -91,7 +91,7 @@ class Recipe:
     def description(self) -> dict[str, Any]:
         """All values of the recipe in plain containers."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        # The name of a method does not tell the options bound to it.
+        # The name of a method does not include its options.
         options = getattr(self.base.operator, "keywords", {})
         return values | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
 
@@ -106,7 +106,7 @@ class Recipe:
 
 
 def _changed_fields(value: Any) -> Any:
-    """Fields of a dataclass that differ from their defaults, nested ones too; any other value as it is."""
+    """Fields of a dataclass that differ from their defaults, also in nested dataclasses; any other value as it is."""
     if not is_dataclass(value):
         return value
     named = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
@@ -118,7 +118,7 @@ class Item(NamedTuple):
     """Planes of one light field."""
 
     features: Tensor
-    """[N, K, H, W]."""
+    """Features of the pictures, [N, K, H, W]."""
     pictures: Tensor
     """Pictures to correct, [N, C, H, W]."""
     error_scale: Tensor
@@ -126,7 +126,7 @@ class Item(NamedTuple):
     missing: Tensor
     """Truth minus pictures, [N, C, H, W]."""
     slopes: Tensor
-    """In pixels per view step, float64, [N]."""
+    """Slopes of the planes in pixels per view step, float64, [N]."""
 
 
 @torch.no_grad()
@@ -144,7 +144,7 @@ def make(recipe: Recipe, index: int) -> Item:
     assert truth is not None
     encoding = scene.sensor.encoding
     recorded = LightField(encoding.decode(views.clamp(0, 1)), scene.name)
-    # Falloff that all views share cannot be known from them, nor learned.
+    # Falloff that all views share can neither be estimated from the views nor be learned.
     has_white = recipe.correct == AUTO and scene.sensor.vignetting is not None
     white = white_picture(scene, recorded) if has_white else None
     light, _ = correct_by_option(recorded, recipe.correct, white, EVEN_GRID)
@@ -227,7 +227,7 @@ class PlaneBatch(TypedDict):
     """Crops of planes."""
 
     features: Tensor
-    """[B, K, H, W]."""
+    """Features of the pictures, [B, K, H, W]."""
     pictures: Tensor
     """Classical pictures that the refiner corrects, [B, C, H, W]."""
     error_scale: Tensor
@@ -237,7 +237,7 @@ class PlaneBatch(TypedDict):
     where: list[str]
     """Names of the item's file and its plane, B entries."""
     resampled: int
-    """Always 0: crops of planes are never drawn again. Patches of light fields are."""
+    """Always 0: crops of planes are never drawn again, unlike patches of light fields."""
 
 
 class Crops(Dataset[PlaneBatch]):
@@ -292,14 +292,14 @@ def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
-    """Square images in a random one of eight orientations, on which no feature depends."""
+    """Square images in one of eight orientations, drawn at random; no feature depends on the orientation."""
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image
 
 
 def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
-    """The planes of several items as one batch."""
+    """One batch of the planes of several items."""
     names = ("features", "pictures", "error_scale", "missing")
     parts = [torch.cat([item[name] for item in items]) for name in names]  # type: ignore[literal-required]
     return _batch(parts, [place for item in items for place in item["where"]])
@@ -312,8 +312,8 @@ class PlaneData(LightningDataModule):
         recipe: Recipe of the set.
         cache_folder: Folder of all sets.
         folder: Folder of the set; None: the recipe's folder in the cache.
-        n_fields: Number of light fields to use, the first ones of the set; None: all.
-        n_validation: Number of held-out light fields, the first ones.
+        n_fields: Number of light fields to use, from the start of the set; None: all.
+        n_validation: Number of held-out light fields, from the start of the set.
         crop: Height and width of training crops in pixels.
         planes_per_batch: Crops per batch, from any light fields.
         workers: Processes that prepare batches; 0 prepares them in the training process.

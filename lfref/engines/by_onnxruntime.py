@@ -21,7 +21,7 @@ from lfref.engines.engine import (
 )
 
 FATAL_ONLY = 4
-"""Level of ONNX Runtime's log: it raises errors too, which become one line."""
+"""Level at which ONNX Runtime logs fatal errors only: it also raises all errors, which become one line."""
 
 
 def fp32(workload: EngineWorkload) -> NetworkFunction:
@@ -30,15 +30,15 @@ def fp32(workload: EngineWorkload) -> NetworkFunction:
 
 
 def int8(workload: EngineWorkload) -> NetworkFunction:
-    """The network with inner convolutions in int8, a scale for each of their filters, the rest in float32."""
+    """The network with inner convolutions in int8, with a scale for each filter, and the rest in float32."""
     return Session(quantise(export(workload), workload.patches).SerializeToString())
 
 
 def export(workload: EngineWorkload, free: Sequence[Iterable[int]] | None = None) -> Any:
-    """The network as an ONNX model that reads any number of pixels: patches and pictures are read by one model.
+    """The network as an ONNX model that reads any number of pixels: one model reads patches and pictures.
 
     Args:
-        workload: Its example gives the lengths of all other axes.
+        workload: The network; the example gives the lengths of all other axes.
         free: Places of the axes of each input that may have any length; None: rows and columns of pixels.
     """
     places = [(images.ndim - 2, images.ndim - 1) for images in workload.example] if free is None else free
@@ -47,7 +47,7 @@ def export(workload: EngineWorkload, free: Sequence[Iterable[int]] | None = None
         program = torch.onnx.export(workload.network, workload.example, dynamo=True, dynamic_shapes=axes, verbose=False)
     assert program is not None
     model = program.model_proto
-    # Notes of the exporter: stack traces with paths of this machine, names of Python's.
+    # Remove the exporter's notes: stack traces with paths of this machine, and names of Python objects.
     parts = (model.graph, *model.graph.node, *model.graph.initializer, *model.graph.value_info)
     for part in (*parts, *model.graph.input, *model.graph.output):
         part.ClearField("metadata_props")
@@ -91,7 +91,7 @@ class Session:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()
         options.log_severity_level = FATAL_ONLY
-        # Of some damaged models the package prints several lines before it raises an error.
+        # For some damaged models, the package prints several lines before it raises an error.
         with quiet():
             self.runtime = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         self.names = [value.name for value in self.runtime.get_inputs()]

@@ -24,17 +24,17 @@ from lfref.engines.engine import (
 )
 
 Model = Any
-"""OpenVINO's own; its type is known only where the package is installed."""
+"""A model of OpenVINO; its type is known only where the package is installed."""
 HINTS = {FP32: "f32", BF16: "bf16"}
 NOT_COMPUTING = {"Convolution", "Parameter", "Constant", "Result"}
-"""Types of nodes that need not be kept from int8: convolutions, and nodes that compute nothing."""
+"""Types of nodes that need not be kept out of int8: convolutions, and nodes that compute nothing."""
 
 
 def prepare(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """The network in a precision; under int8 all but inner convolutions is in the processor's fastest precision."""
+    """The network in a precision; under int8, all but the inner convolutions have the precision of `beside_int8`."""
     import openvino
 
-    # Tracing warns of Python's look at shapes; those are the shapes of all inputs.
+    # Tracing warns that Python code reads shapes; all inputs have these shapes.
     with quiet():
         model = openvino.convert_model(workload.network, example_input=workload.small)
     if precision == INT8:
@@ -67,7 +67,7 @@ def quantise(model: Model, patches: Sequence[Inputs]) -> Model:
 
 
 def beside_int8() -> str:
-    """Precision of what is not in int8: bfloat16 where the processor has it."""
+    """Precision of the parts that are not in int8: bfloat16 if the processor has it."""
     import openvino
 
     return BF16 if "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else FP32

@@ -1,4 +1,4 @@
-"""What all engines share: an engine prepares a network, in one precision, as a function that computes the same faster.
+"""The parts that all engines share: an engine turns a network, in one precision, into a faster function.
 
 Letters: `H W` pixel row and column, the last two axes of every input of a network.
 """
@@ -22,10 +22,10 @@ from lfref.errors import InputError
 
 Inputs = tuple[Tensor, ...]
 NetworkFunction = Callable[..., Tensor]
-"""Called like the network, with inputs of the shapes and types that it was prepared for."""
+"""Function that is called like the network, with inputs of the shapes and types for which it was prepared."""
 
 FP32, FP16, BF16, INT8 = "fp32", "fp16", "bf16", "int8"
-"""Precisions: fp32 of all numbers; the others of convolutions and what they read."""
+"""Precisions: fp32 applies to all numbers; the other precisions apply to convolutions and their inputs."""
 SMALL = 32
 """Pixels along a side of the inputs with which a network is traced where size does not matter."""
 
@@ -35,11 +35,11 @@ class EngineWorkload:
     """A network and its inputs."""
 
     network: nn.Module
-    """In evaluation mode, its weights in float32; it returns one tensor."""
+    """The network in evaluation mode, with weights in float32; it returns one tensor."""
     example: Inputs
-    """Of the shapes and types that it will be called with, on the device of its weights, each [..., H, W]."""
+    """Inputs of the shapes and types of later calls, on the device of the weights, each [..., H, W]."""
     patches: Sequence[Inputs] = ()
-    """Smaller inputs, by which int8 is calibrated."""
+    """Smaller inputs, on which int8 is calibrated."""
 
     @cached_property
     def small(self) -> Inputs:
@@ -48,7 +48,7 @@ class EngineWorkload:
 
     @property
     def device(self) -> torch.device:
-        """Where the network runs."""
+        """Device of the network."""
         return self.example[0].device
 
 
@@ -57,16 +57,16 @@ class Preparation:
     """One precision of one engine."""
 
     prepare: Callable[[EngineWorkload], NetworkFunction]
-    """Called without gradients; leaves the network as it is."""
+    """Function that prepares the network without changing it; it is called without gradients."""
     packages: tuple[str, ...] = ()
-    """Packages that it needs beside PyTorch."""
+    """Packages that it needs besides PyTorch."""
     devices: tuple[str, ...] = ("cpu", "cuda")
     """Types of devices that it runs on."""
     programs: tuple[str, ...] = ()
-    """Programs of which one must be on the path."""
+    """Programs; one of them must be on the path."""
 
     def lacking(self, device: torch.device) -> InputError | None:
-        """The error that says what it lacks to run on a device of this machine; None: nothing."""
+        """The error that says what is missing to run on a device of this machine; None if nothing is missing."""
         if device.type not in self.devices:
             return InputError(f"this engine runs on {' and '.join(self.devices)}", got=device.type)
         if absent := [name for name in self.packages if importlib.util.find_spec(name) is None]:
@@ -80,9 +80,9 @@ class Preparation:
 def float_convolutions(kernels: Mapping[str, Sequence[int]]) -> list[str]:
     """Names of the convolutions that stay in floating point under int8.
 
-    The first one reads light, whose finest differences between views matter: with 8 bits a small RefNet lost 7 dB.
-    Convolutions of 1x1 pixels read sums that nothing has normalised, and are the smaller part of the work. With all of
-    these in floating point, int8 costs 0.001 dB.
+    The first convolution reads light, whose finest differences between views matter: with 8 bits, a small RefNet lost 7
+    dB. Convolutions of 1x1 pixels read sums that nothing has normalised, and are the smaller part of the work. With all
+    of these in floating point, int8 costs 0.001 dB.
 
     Args:
         kernels: Height and width of each convolution by its name, in the order in which the network has them.

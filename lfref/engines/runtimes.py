@@ -1,8 +1,8 @@
-"""The table of engines, and those of PyTorch itself: eager, channels last, compiled, CUDA graphs.
+"""The table of engines, and the engines of PyTorch itself: eager, channels last, compiled, CUDA graphs.
 
 A CUDA graph records the GPU's commands of one pass and replays them, so that the CPU need not issue them (PyTorch,
 "CUDA semantics", section "CUDA Graphs").
-Apart from the benchmark that compares them: each is of use alone.
+The module stands apart from the benchmark that compares the engines, since each engine is useful alone.
 """
 
 import copy
@@ -18,7 +18,7 @@ from lfref.errors import InputError, chosen
 
 COMPILERS = ("g++", "clang++", "c++")
 WARMUP = 3
-"""Passes before a CUDA graph is recorded, in which libraries choose their algorithms."""
+"""Number of passes before a CUDA graph is recorded: in them, libraries choose their algorithms."""
 
 
 def prepare(engine: str, precision: str, workload: EngineWorkload) -> NetworkFunction:
@@ -69,33 +69,33 @@ def _types(inputs: Inputs) -> list[str]:
 
 
 def _eager(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """PyTorch operation by operation, with which the other engines are compared."""
+    """The network by PyTorch, operation by operation; the other engines are compared with it."""
     return _in_bf16(workload.network) if precision == BF16 else workload.network
 
 
 def _channels_last(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """As `_eager`, with the channels of a pixel side by side in memory."""
+    """The network as by `_eager`, with the channels of a pixel side by side in memory."""
     network: nn.Module = copy.deepcopy(workload.network)
     network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return _in_bf16(network) if precision == BF16 else network
 
 
 def _compile(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """Inductor: fused loops between convolutions, and weights as constants arranged for the machine's convolutions."""
+    """The network compiled by Inductor: fused loops between convolutions, weights as constants in a fast order."""
     run = _channels_last(workload, precision)
 
     def alone(*inputs: Tensor) -> Tensor:
         return run(*inputs)
 
-    # PyTorch counts compilations by code object, and silently gives up after a few of one: each gets its own.
+    # PyTorch counts compilations by code object, and silently stops after a few: each function gets its own object.
     alone.__code__ = alone.__code__.replace()
     return torch.compile(alone, dynamic=False, options={"freezing": True})
 
 
 def _cuda_graph(workload: EngineWorkload, precision: str) -> NetworkFunction:
-    """A recorded pass."""
+    """The network as a CUDA graph: a recorded pass."""
     run = _channels_last(workload, precision)
-    # A graph reads and writes the memory that it was recorded with.
+    # A graph reads and writes the memory with which it was recorded.
     inputs = tuple(tensor.clone() for tensor in workload.example)
     stream = torch.cuda.Stream(workload.device)
     stream.wait_stream(torch.cuda.current_stream(workload.device))
@@ -107,7 +107,7 @@ def _cuda_graph(workload: EngineWorkload, precision: str) -> NetworkFunction:
     with torch.cuda.graph(graph):
         stack = run(*inputs)
 
-    # Bound here: the graph reads the weights of `run` where they were, so these must stay in memory.
+    # `run` is bound here: the graph reads its weights at their old addresses, so they must stay in memory.
     def replay(*new: Tensor, network: NetworkFunction = run) -> Tensor:
         for memory, tensor in zip(inputs, new, strict=True):
             memory.copy_(tensor)
@@ -144,4 +144,4 @@ ENGINES: dict[str, Mapping[str, Preparation]] = {
     "openvino": by_openvino.PREPARATIONS,
     "cuda_graphs": _both(_cuda_graph, devices=("cuda",)),
 }
-"""Engine -> precision -> how it is prepared."""
+"""Engine -> precision -> its `Preparation`."""

@@ -1,1 +1,1 @@
-"""Refocusers as files: as a graph, in a format, compared with the refocuser itself."""
+"""Export of refocusers: their graphs, their files, and the comparison of a file with its refocuser."""

@@ -43,12 +43,12 @@ class ExportFile:
     """The file to write; InputError if `check_available` refuses its format and precision."""
 
     path: Path
-    """Without a suffix."""
+    """Path of the file without its suffix."""
     format: str
     """A key of `PRECISIONS`."""
     precision: str
     version: str
-    """Of lfref."""
+    """Version of lfref."""
 
     def __post_init__(self) -> None:
         check_available(self.format, self.precision)
@@ -60,7 +60,7 @@ class ExportFile:
         return self.path.with_name(self.path.name + suffix)
 
     def tolerance(self, subject: Exportable) -> Tolerance:
-        """How far its pictures may be off; the same arithmetic in PyTorch need only allow for its rounding."""
+        """Allowed error of the file's pictures: for the same arithmetic in PyTorch, only its rounding."""
         is_pytorch = self.format in (SAFETENSORS, "pt2") and self.precision == FP32
         return Tolerance(error=subject.rounding) if is_pytorch else TOLERANCES[self.precision]
 
@@ -92,7 +92,7 @@ class ExportFile:
         """Write the file, compare its pictures, and give it its name.
 
         Args:
-            refocuser: What is exported.
+            refocuser: The refocuser to export.
             subject: The refocuser as a graph, with patches if int8 is to be calibrated.
             fields: Light fields on which the file is tried.
             check_draft: (path of the draft) -> None; raises an error if the file must be refused for another reason.
@@ -101,7 +101,7 @@ class ExportFile:
             The comparison, which is also written to `NAME.SUFFIX.parity.json`.
 
         Raises:
-            LfrefError: The pictures differ, or `check_draft` refused; no file is written then but the comparison.
+            LfrefError: The pictures differ, or `check_draft` refused the file; then only the comparison is written.
             InputError: The refocuser cannot be written in this format.
             FileError: The disk refuses.
         """
@@ -136,7 +136,7 @@ class ExportFile:
             atomic.write_text(self.file.with_name(self.file.name + REPORT), report + "\n")
             if refusal is not None:
                 raise refusal
-            # The file itself comes last, after its weights: others wait for it.
+            # The file itself comes last, after its weights: other programs wait for it.
             for part in sorted(Path(folder).iterdir(), key=lambda path: path == draft):
                 with atomic.replacing(self.path.with_name(part.name)) as partial:
                     partial.write_bytes(part.read_bytes())
@@ -144,7 +144,7 @@ class ExportFile:
 
 
 def check_available(format: str, precision: str) -> None:
-    """InputError if there is no such format, if it has no such precision, or if a package is missing."""
+    """Raise InputError if there is no such format, if it has no such precision, or if a package is missing."""
     chosen(f"precision of {format}", precision, dict.fromkeys(chosen("format", format, PRECISIONS)))
     if format != SAFETENSORS:
         file_formats.check_available(format, precision)

@@ -1,11 +1,11 @@
 """Refocusers as graphs that other runtimes compute, with the entries of their manifest.
 
-A network that reads views is exported as it is. Of a refiner only the network is exported: lfref computes its features
-by methods that no other runtime has. Shift-and-sum becomes convolutions, which every runtime has (`SumOfViews`): for
-fixed slopes the taps of interpolation are constants. Each plane is a convolution over the views along rows, then along
-columns, with zeros beyond the edges. The border rule of lfref instead concerns only `q` samples at each edge and `P`
-pixels beside it: that difference is added as a product with a small matrix. Then each plane is blurred by the box of
-its cells, and divided by its coverage.
+A network that reads views is exported as it is. For a refiner, only the network is exported: lfref computes its
+features by methods that no other runtime has. Shift-and-sum becomes convolutions, which every runtime has
+(`SumOfViews`): for fixed slopes the taps of interpolation are constants. Each plane is a convolution over the views
+along rows, then along columns, with zeros beyond the edges. With the border rule of lfref instead of zeros, only `P`
+pixels beside each edge change, by the `q` samples at that edge: this difference is added as a product with a small
+matrix. Then each plane is blurred by the box of its cells, and divided by its coverage.
 Letters: those of `lfref.engines.files.manifest`; `u` view along one axis, `L` pixels along one axis, `G` groups of a
 convolution, `M` outputs of a group.
 """
@@ -43,7 +43,7 @@ class Sum:
     """The options of shift-and-sum; see `lfref.shift_and_sum`."""
 
     slopes: tuple[float, ...]
-    """Of the planes, in pixels per view step, [N]."""
+    """Slopes of the planes, in pixels per view step, [N]."""
     grid: tuple[int, int]
     """View rows and columns (V, U)."""
     interpolation: str = "linear"
@@ -51,7 +51,7 @@ class Sum:
     fill: float = 0.0
     disparity: float = 0.0
     weights: tuple[tuple[float, ...], ...] | None = None
-    """Of each view, [V, U]; None: all alike."""
+    """Weight of each view, [V, U]; None: equal weights."""
 
     def __post_init__(self) -> None:
         chosen("border", self.border, dict.fromkeys(BORDERS_OF_GRAPHS))
@@ -61,7 +61,7 @@ class Sum:
 
     @property
     def aperture(self) -> Tensor:
-        """Weight of each view, together 1, float64, [V, U]."""
+        """Weight of each view, float64, [V, U]; the sum is 1."""
         weights = None if self.weights is None else torch.tensor(self.weights, dtype=torch.float64)
         return torch.as_tensor(batches.checked_weights(weights, self.grid), dtype=torch.float64)
 
@@ -129,7 +129,7 @@ class _Planes(nn.Module):
             self.register_buffer(name, torch.tensor(ends))
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Sum, and share of the aperture that has a sample."""
+        """The sum, and the share of the aperture that has a sample."""
         n_rows = len(self.aperture)
         along_rows = self.across(images)
         height, width = along_rows.shape[-2:]
@@ -145,9 +145,9 @@ class _Along(nn.Module):
     Args:
         axis: -1 (along rows of pixels) or -2 (along columns).
         shifts: For each output, shifts of its inputs in pixels and their weights, [G * M] times [u] each.
-        n_groups: G.
-        interpolation: Gives the taps.
-        border: Gives the samples beyond the edges.
+        n_groups: Number of groups, G.
+        interpolation: Interpolation, which gives the taps.
+        border: Border rule, which gives the samples beyond the edges.
     """
 
     kernel: Tensor
@@ -191,7 +191,7 @@ class _Along(nn.Module):
         return torch.cat([sums.narrow(self.axis, 0, rest), tail], self.axis)
 
     def _beside(self, samples: Tensor, matrices: Tensor) -> Tensor:
-        """What the q outermost samples at one edge add to the P pixels at that edge."""
+        """Light that the q outermost samples at one edge add to the P pixels at that edge."""
         by_group = samples.transpose(-1, self.axis).unflatten(1, (self.n_groups, -1))  # [B, G, u, L, q]
         added = by_group.transpose(2, 3).flatten(3) @ matrices  # [B, G, L, M * P]
         return added.unflatten(-1, (-1, self.n_beside)).transpose(2, 3).flatten(1, 2).transpose(-1, self.axis)
@@ -218,7 +218,7 @@ class _Box(nn.Module):
 
 
 def _groups(options: Sum) -> list[list[int]]:
-    """Planes in groups whose views shift about as far, so that no kernel is much longer than its taps need."""
+    """Groups of planes with similar shifts of their views, so that no kernel is much longer than its taps need."""
     groups: dict[int, list[int]] = {}
     for plane, lines in enumerate(zip(options.shifts(0), options.shifts(1), strict=True)):
         reach = max(abs(shift) for line in lines for shift in line)
@@ -227,18 +227,18 @@ def _groups(options: Sum) -> list[list[int]]:
 
 
 def _sampled(ends: Tensor, length: int) -> Tensor:
-    """Where views have a sample, 1 or 0, float32: pixels without one at both ends [N, u, 2] -> [N, u, L]."""
+    """1 where views have a sample, else 0, float32; `ends` are the pixels without a sample: [N, u, 2] -> [N, u, L]."""
     places = torch.arange(length, device=ends.device)
     return ((places >= ends[..., :1]) & (places < length - ends[..., 1:])).float()
 
 
 def _edge_matrices(shift: float, interpolation: Interpolation, border: Border, n_samples: int, n_beside: int) -> Tensor:
-    """What the border rule reads at the edges minus what zeros beyond them give, float64.
+    """Difference, at the edges, between the border rule and zeros beyond the edges, float64.
 
     Returns:
-        For the first and the last q samples, the weight of each in the P pixels beside the edge, [2, q, P].
+        Weight of each of the first and of the last q samples in the P pixels beside the edge, [2, q, P].
     """
-    # On an axis long enough that its two edges do not touch.
+    # The axis is so long that its two edges do not touch.
     length = 4 * n_beside
     places = torch.arange(length)
     whole, zeros = torch.zeros(2, length, length, dtype=torch.float64)
@@ -252,7 +252,7 @@ def _edge_matrices(shift: float, interpolation: Interpolation, border: Border, n
 
 
 N, HEIGHT, WIDTH = 2, 36, 44
-"""Light fields or planes, height and width with which a module is traced: no special case of any of them."""
+"""Number of light fields or planes, height and width with which a module is traced; none is a special case."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,13 +261,13 @@ class Exportable:
 
     graph: Graph
     manifest_entries: Mapping[str, Any]
-    """Of the `Manifest`: name, planes, is_linear, config."""
+    """Entries of the `Manifest`: name, planes, is_linear, config."""
     inputs: Callable[[Sequence[LightField]], Inputs]
     """(light fields of one size) -> inputs of the graph."""
     reference: Callable[..., Tensor]
-    """(inputs) -> what lfref computes of them."""
+    """(inputs) -> the pictures that lfref computes."""
     exact: Callable[..., Tensor]
-    """(inputs) -> what lfref computes of them in float64."""
+    """(inputs) -> the pictures that lfref computes in float64."""
     rounding: float = 1e-6
     """Distance in light between the graph and lfref that the order of additions explains."""
     uncorrected: Callable[..., Tensor] | None = None

@@ -17,7 +17,7 @@ FLAT = {"black": 0.0, "grey": 0.5, "white": 1.0}
 FLAT_DB = 25.0
 """Least PSNR of flat frames in low precision: a network that normalises amplifies its own rounding there."""
 NOISE = 1e-4
-"""Distance of float32 from float64 beyond which pictures of a flat frame are amplified rounding."""
+"""Distance of float32 from float64 beyond which pictures of a flat frame count as amplified rounding."""
 CLOSER_DB, CORRECTED_DB = 6.0, 90.0
 """A refiner's file must be 6 dB nearer to the refiner than the uncorrected pictures are, unless these are within 90 dB:
 corrections are small, and a file without any would pass on many scenes."""
@@ -25,14 +25,14 @@ Row = dict[str, Any]
 
 
 class Tolerance(NamedTuple):
-    """How far the pictures of a file may be from those of its refocuser."""
+    """Largest differences that are allowed between the pictures of a file and of its refocuser."""
 
     error: float = math.inf
     """Largest distance, in light."""
     psnr_db: float = 0.0
     """Least PSNR."""
     own: float = 0.0
-    """On flat frames that are amplified rounding: largest distance as a multiple of float32's from float64."""
+    """Largest distance on flat frames that are amplified rounding, in units of float32's distance from float64."""
 
 
 TOLERANCES = {
@@ -41,14 +41,14 @@ TOLERANCES = {
     BF16: Tolerance(psnr_db=50),
     INT8: Tolerance(psnr_db=40),
 }
-"""By precision."""
+"""Tolerance of each precision."""
 
 
 class ParityCase(NamedTuple):
     """Light fields to refocus at once."""
 
     name: str
-    """Of the scene, or of what is special."""
+    """Name of the scene, or of the special case."""
     n_fields: int
     size: tuple[int, int]
     """Height and width, in pixels."""
@@ -68,10 +68,10 @@ def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityC
 
 @torch.no_grad()
 def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterable[ParityCase]) -> Iterator[Row]:
-    """Compare the pictures of every engine, by name, with those of lfref, case by case.
+    """Compare the pictures of every engine, by name, with the pictures of lfref, case by case.
 
-    A stack that is not finite has an infinite error. `own_error`: on flat frames, distance of lfref's float32 from its
-    float64, else 0. `before_db`: PSNR of the pictures that a refiner corrects against its own, else 0.
+    A stack that is not finite has an infinite error. `own_error` is the distance of lfref's float32 from its float64 on
+    flat frames, else 0. `before_db` is the PSNR between the pictures before and after a refiner's correction, else 0.
     """
     for case in cases:
         stack = subject.reference(*case.inputs)
@@ -98,7 +98,7 @@ def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterab
 
 
 def worst(rows: Iterable[Row], tolerance: Tolerance) -> Row | None:
-    """The row of `rows` that violates a tolerance most; None if all rows meet it."""
+    """The row that violates a tolerance most; None if all rows meet it."""
     beyond = [row for row in rows if not _holds(row, tolerance)]
     return max(beyond, key=lambda row: row["max_error"], default=None)
 
@@ -113,7 +113,7 @@ def _holds(row: Row, tolerance: Tolerance) -> bool:
     if row["own_error"] > NOISE:
         error = max(error, tolerance.own * row["own_error"])
     if row["case"] in FLAT:
-        # Where float32 itself is that far from float64, low precision cannot be held to anything.
+        # If float32 itself is that far from float64, no PSNR can be demanded of low precision.
         least_db = min(least_db, FLAT_DB) if row["own_error"] < 10 ** (-FLAT_DB / 20) else -math.inf
     if 0 < row["before_db"] < CORRECTED_DB:
         least_db = max(least_db, row["before_db"] + CLOSER_DB)

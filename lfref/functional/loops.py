@@ -1,7 +1,7 @@
 """Inner loops compiled by Numba, without the interpreter's lock, so that plain threads can share the work (`share`).
 
-Machine code is kept for later runs. Numba itself sees when the file of a loop changes, but not what the loop calls or
-takes from other files: a digest of all of them is its stamp. The cache of light fields uses the same digest.
+Machine code is kept for later runs. Numba itself notices changes in the file of a loop, but not in other files that the
+loop uses: a digest of all these files is the stamp of the machine code. The cache of light fields uses the same digest.
 """
 
 import functools
@@ -21,7 +21,7 @@ import torch
 log = logging.getLogger(__name__)
 
 LANES = 16
-"""Numbers that loops pass through each step together: as many float32 as a register of 512 bits holds."""
+"""Number of values that loops process together: a register of 512 bits holds as many float32."""
 
 IMPORT = re.compile(r"^[ \t]*(?:from +([\w.]+) +import +(\([^)]*\)|[^(\n]*)|import +([\w.]+))", re.MULTILINE)
 
@@ -65,7 +65,7 @@ def compiling(**options: object) -> Callable[[Callable], Callable]:
         )
         try:
             loop: Any = jit(cache=True)(function)
-        except RuntimeError:  # neither the package's folder nor the user's can be written
+        except RuntimeError:  # neither the package's folder nor the user's folder can be written
             return jit()(function)
         file = Path(function.__code__.co_filename).resolve()
         package = file.parents[max(function.__module__.count(".") - 1, 0)]
@@ -78,8 +78,8 @@ def compiling(**options: object) -> Callable[[Callable], Callable]:
 def keep_safely(kept: Any, stamp: str) -> None:
     """Let Numba's cache of a loop survive damaged files and a full disk: the loop is then compiled anew.
 
-    Numba writes an index before the file of machine code that it names, and that file may have the name of an older
-    one. If a process ends between the two, or two processes write at once, the index names code of another version or
+    Numba first writes an index, then the file of machine code that the index names; an older file may have the same
+    name. If a process ends between the two, or two processes write at once, the index names code of another version or
     of other types. So each file also holds its stamp, its key and a digest; code that does not fit them is not used.
 
     Args:
@@ -92,7 +92,7 @@ def keep_safely(kept: Any, stamp: str) -> None:
     def load_whole_index() -> dict:
         try:
             return load_index()
-        # Numba reads the types of the arguments before the stamp: those of an earlier version may be gone.
+        # Numba reads the types of the arguments before the stamp: types of an earlier version may no longer exist.
         except (AttributeError, ImportError):
             return {}
         except Exception as error:  # the unpickler raises any error
@@ -137,17 +137,17 @@ inlined = compiling(forceinline=True)
 
 
 def worthwhile(size: int, worth_a_thread: int) -> int:
-    """Number of threads for work of some size: at least 1, at most as many as PyTorch has.
+    """Number of threads for work of some size: at least 1, at most PyTorch's number of threads.
 
     Args:
-        size: Of the work.
+        size: Size of the work.
         worth_a_thread: Size from which one more thread saves more than it costs.
     """
     return max(1, min(torch.get_num_threads(), size // worth_a_thread))
 
 
 def bands(length: int, n_bands: int) -> list[tuple[int, int]]:
-    """`n_bands` parts of a row of items, about equally long: first item and one past the last of each."""
+    """First item, and one past the last, of each of `n_bands` parts of a row of items, about equally long."""
     return list(itertools.pairwise(round(length * i / n_bands) for i in range(n_bands + 1)))
 
 
@@ -155,9 +155,9 @@ def share(work: Callable[..., None], jobs: Iterable[tuple[Any, ...]], n_threads:
     """Do all jobs, each once, in any order; errors of `work` are raised here.
 
     Args:
-        work: Does one job.
-        jobs: The arguments of each.
-        n_threads: Threads at work, the calling one among them.
+        work: Function that does one job.
+        jobs: Arguments of each job.
+        n_threads: Number of threads at work, including the calling thread.
     """
     waiting = list(jobs)
     n_others, queue = min(n_threads, len(waiting)) - 1, iter(waiting)

@@ -12,10 +12,10 @@ from torch.nn import functional as F
 
 
 def box_mean(images: Tensor, window: int) -> Tensor:
-    """Mean of a square around each pixel; near the border, of the part within the picture.
+    """Mean of a square around each pixel; near the border, the square ends where the picture ends.
 
     Args:
-        images: Floating point, [..., H, W].
+        images: Images in floating point, [..., H, W].
         window: Pixels along the side of the square, odd.
     """
     for axis in (-2, -1):
@@ -29,16 +29,16 @@ def box_mean(images: Tensor, window: int) -> Tensor:
 
 
 def box_max(images: Tensor, window: int) -> Tensor:
-    """Largest value of a square around each pixel; near the border, of the part within the picture.
+    """Largest value of a square around each pixel; near the border, the square ends where the picture ends.
 
     Args:
-        images: Floating point, [..., H, W].
+        images: Images in floating point, [..., H, W].
         window: Pixels along the side of the square, odd.
     """
     reach = window // 2
     for axis, beyond in ((-2, (0, 0, reach, reach)), (-1, (reach, reach))):
         images, span = F.pad(images, beyond, value=-torch.inf), 1
-        # Each pass doubles the pixels under the maximum.
+        # Each pass doubles the number of pixels under the maximum.
         while span < window:
             apart = min(span, window - span)
             length = images.shape[axis] - apart
@@ -48,10 +48,10 @@ def box_max(images: Tensor, window: int) -> Tensor:
 
 
 def binomial(images: Tensor, apart: int = 1) -> Tensor:
-    """Half of each pixel and a quarter of its two neighbours, across and down; edge pixels repeat beyond the edge.
+    """Half of each pixel plus a quarter of each of its two neighbours, across and down; edge pixels repeat.
 
     Args:
-        images: Floating point, [..., H, W].
+        images: Images in floating point, [..., H, W].
         apart: Distance of the neighbours in pixels.
     """
     for axis in (-2, -1):
@@ -76,7 +76,7 @@ def smoothed(images: Tensor, sigma: float) -> Tensor:
     """Gaussian local means; edge pixels repeat beyond the edge.
 
     Args:
-        images: [B, H, W].
+        images: Images, [B, H, W].
         sigma: Standard deviation of the window in pixels, >= 0.
     """
     if sigma == 0:

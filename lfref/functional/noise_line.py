@@ -15,22 +15,22 @@ from lfref.lightfield import LightField
 BLOCK = 8
 """Side of a block in pixels."""
 BINS = 8
-"""Levels of light, with equal numbers of blocks."""
+"""Number of levels of light; each level has the same number of blocks."""
 FLAT = 0.1
 """Share of a level's blocks that count as flat."""
 FLAT_VARIANCE = 0.539
-"""Mean variance of the flattest tenth of blocks of pure noise, in variances of the noise."""
+"""Mean variance of the flattest tenth of blocks of pure noise, in units of the noise's variance."""
 LEAST_BLOCKS = 20
-"""Blocks of a level, at least."""
+"""Least number of blocks in a level."""
 ENERGY = 36.0
 """Sum of the filter's squared weights."""
 SAMPLES = 1 << 19
-"""Samples to look at, about."""
+"""Approximate number of samples that are measured."""
 
 
 def measure(field: LightField) -> tuple[float, float]:
-    """Variance for each unit of light, a, and in the dark, b; both 0 where views are too small for a measurement."""
-    # Channels of some evenly spread views; of fully weighted views if there are any.
+    """Variance per unit of light, a, and in the dark, b; both are 0 if views are too small for a measurement."""
+    # Channels of some evenly spread views; if there are fully weighted views, only of these.
     n_rows, n_columns, n_channels, height, width = field.views.shape
     count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
     views = field.views.flatten(0, 1)
@@ -50,9 +50,9 @@ def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
     """Mean light and variance of all blocks of pictures, each in one row.
 
     Args:
-        pictures: [B, H, W], at least 10 x 10 pixels.
+        pictures: Pictures of at least 10 x 10 pixels, [B, H, W].
     """
-    # Second differences along both axes remove what is smooth.
+    # Second differences along both axes remove smooth parts.
     across = pictures[..., 2:] - 2 * pictures[..., 1:-1] + pictures[..., :-2]
     rough = across[:, 2:] - 2 * across[:, 1:-1] + across[:, :-2]
     variance = F.avg_pool2d(rough.square()[None], BLOCK)[0] / ENERGY
@@ -77,7 +77,7 @@ def _flattest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _line(light: Tensor, variance: Tensor) -> tuple[float, float]:
-    """(a, b), both at least 0, of the line a x + b that fits the lowest variances: texture only adds to them."""
+    """(a, b), both at least 0, of the line a x + b that fits the lowest variances: texture only adds variance."""
     if not len(light) or not float(variance.max()) > 0:
         return 0.0, 0.0
     x, y = light.double(), variance.double()
@@ -85,7 +85,7 @@ def _line(light: Tensor, variance: Tensor) -> tuple[float, float]:
     for _ in range(10):
         shot, read = _least_squares(x, y, weight)
         above = y / (shot * x + read).clamp(min=1e-12) - 1
-        # Texture only adds: levels above the line count less.
+        # Texture only adds variance: levels above the line count less.
         weight = (shot * x + read + 1e-3 * y.max()) ** -2 / (1 + (above.clamp(min=0) / 0.2).square()) ** 2
     return shot, read
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from lfref.errors import InputError
 
 CEILING_DB = 100.0
-"""Largest PSNR reported, in dB; identical images have an infinite one."""
+"""Largest PSNR that is returned, in dB; identical images have an infinite PSNR."""
 _FLOOR = 10 ** (-CEILING_DB / 10)
 _JOIN = math.exp(-2)
 _K = math.log(10) / 10
@@ -94,7 +94,7 @@ def inverse_psnr_of_mse(m: Tensor, floor: float = 1e-10) -> Tensor:
     """
     if not 0 < floor < _JOIN:
         raise InputError(f"floor must lie between 0 and e^-2 = {_JOIN:.4g}", got=floor, remedy="1e-10 is 100 dB")
-    # relu and not where: its gradient is 0 at 0 and nothing that is not finite is ever multiplied by 0.
+    # `relu`, not `where`: its gradient at 0 is 0, and only finite numbers are ever multiplied by 0.
     below, above = (floor - m).relu(), (m - _JOIN).relu()
     return -_K / m.clamp(floor, _JOIN).log() - _tangent(floor) * below + _tangent(_JOIN) * above
 

@@ -22,7 +22,7 @@ def coefficients(images: NDArray[np.float32]) -> NDArray[np.float32]:
     result = images.copy()
     for image in result:
         _filter_columns(image)
-        # Rows as columns of a copy: that takes a quarter of the time of a filter along them, step by step.
+        # Rows become columns of a copy: that takes a quarter of the time of a filter along rows.
         turned = np.ascontiguousarray(image.T)
         _filter_columns(turned)
         image[:] = turned.T
@@ -35,8 +35,8 @@ def _filter_columns(image: NDArray[np.float32]) -> None:
     height, width = image.shape
     if height < 2:
         return
-    # The forward pass starts with the mirrored samples before the first; after 16 of them the powers of the pole are
-    # below float32's precision.
+    # The forward pass starts with the mirrored samples before the first sample; after 16 of them the powers of the pole
+    # are below float32's precision.
     period, power = 2 * height - 2, 1.0
     first = np.zeros(width)
     for y in range(16):

@@ -5,13 +5,13 @@ variance, `P` a plane (one channel of one image). With the constants of Wang et 
 
     1 - SSIM = a + b - ab,    a = mu_d^2 / (mu_x^2 + mu_y^2 + C1),    b = var_d / ((var_s + var_d) / 2 + C2),
 
-which holds the digits that 1 minus a number near 1 loses. Window and borders are those of torchmetrics
-(Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel). All of it is computed in float64
-and rounded once, also under autocast: a flat plane adds up the same rounding in every pixel.
+which keeps the digits that 1 minus a number near 1 loses. Window and borders are those of torchmetrics
+(Gaussian 11 x 11, sigma 1.5, K1 = .01, K2 = .03, reflection, mean over every pixel). Everything is computed in float64
+and rounded once, also under autocast: in a flat plane, the equal rounding errors of all pixels add up.
 
-From top to bottom: the public functions; values and derivatives of planes for PyTorch (`plane_values`; `formula` is the
-same by PyTorch's own operations, for GPUs and second derivatives); the compiled loops, which work row by row so that
-everything between stays in the caches.
+From top to bottom: the public functions; values and derivatives of planes for PyTorch (`plane_values`; `formula`
+computes the same by PyTorch's own operations, for GPUs and second derivatives); the compiled loops, which work row by
+row so that intermediate results stay in the caches.
 """
 
 import functools
@@ -61,7 +61,7 @@ def ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
 
 
 def one_minus_ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
-    """1 - SSIM, in [0, 2], accurate also where the images hardly differ: the training loss. Arguments as `ssim`."""
+    """1 - SSIM, in [0, 2], accurate also where the images hardly differ: the training loss. Arguments as for `ssim`."""
     check_data_range(data_range)
     x, y = image_pair(prediction, target)
     height, width = x.shape[-2:]
@@ -87,7 +87,7 @@ def formula(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
     """`plane_values` by PyTorch's own operations."""
     x, y = x.double(), y.double()
     # Each plane is centred by its mean first, or the squares of a bright plane would swamp its variance. The result
-    # does not depend on what was subtracted, so no gradient need flow through it.
+    # does not depend on the subtracted mean, so no gradient needs to flow through it.
     centre_x, centre_y = (planes.detach().mean((-2, -1), keepdim=True) for planes in (x, y))
     centre_d, centre_s = centre_x - centre_y, centre_x + centre_y
     fields = torch.cat((x - y - centre_d, x + y - centre_s))
@@ -109,7 +109,7 @@ def formula(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
 
 @torch.library.custom_op("lfref::one_minus_ssim", mutates_args=(), device_types="cpu")
 def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bool) -> tuple[Tensor, Tensor, Tensor]:
-    """Values and gradients in one go: a separate backward pass would take all steps to the values once more."""
+    """Values and gradients together: a separate backward pass would compute the values once more."""
     results = _empty_results(x, y, C1, C2, for_x, for_y)
     pair = [planes.contiguous().numpy() for planes in (x, y)]
     tables, (values, *gradients) = tables_of(x.shape[1], x.shape[2], C1, C2), [result.numpy() for result in results]
@@ -161,7 +161,7 @@ class _Values(torch.autograd.Function):
 
 
 class _Gradients(torch.autograd.Function):
-    """The compiled gradients times the weight of each plane; their own derivatives (rarely needed) are of `formula`."""
+    """The compiled gradients times the weight of each plane; `formula` gives their derivatives (rarely needed)."""
 
     @staticmethod
     def forward(
@@ -194,23 +194,23 @@ class _Gradients(torch.autograd.Function):
 
 
 class Bands(NamedTuple):
-    """Weights of each place of an axis of n pixels for its neighbours, 0 beyond the ends."""
+    """Weights of the neighbours of each place on an axis of n pixels; beyond the ends they are 0."""
 
     mean: Reals
-    """Of the local mean, [n, 11]."""
+    """Weights of the local mean, [n, 11]."""
     adjoint: Reals
-    """Of its adjoint, [n, 11]."""
+    """Weights of the adjoint of the local mean, [n, 11]."""
 
 
 class Tables(NamedTuple):
     """Inputs of the loops besides the images."""
 
     rows: Bands
-    """Down the columns, [H, 11]."""
+    """Weights down the columns, [H, 11]."""
     mean: Reals
-    """Along a row, a tap after the other, [11, W]."""
+    """Weights of the local mean along a row, tap by tap, [11, W]."""
     adjoint: Reals
-    """[11, W]."""
+    """Weights of the adjoint of the local mean along a row, tap by tap, [11, W]."""
     C1: float
     C2: float
 
@@ -219,9 +219,9 @@ class Workspace(NamedTuple):
     """Memory of one thread."""
 
     fields: Reals
-    """A row of the four fields, continued by zeros beyond its ends, [4, 5 + W + 5]."""
+    """A row of the four fields, with zeros beyond its ends, [4, 5 + W + 5]."""
     ring: Reals
-    """The last 11 rows, filtered along themselves, used in turn, [11, 4, W]."""
+    """The last 11 rows, each filtered along itself; a new row replaces the oldest row, [11, 4, W]."""
     row: Reals
     """A row filtered along both axes, [4, W]."""
 
@@ -251,7 +251,7 @@ def tables_of(height: int, width: int, C1: float, C2: float) -> Tables:
 
 @compiled
 def set_values(x: Reals, y: Reals, tables: Tables, values: Reals) -> None:
-    """1 - SSIM of each plane [P, H, W] into `values`, float64, [P]."""
+    """Fill `values`, float64, [P], with 1 - SSIM of each plane [P, H, W]."""
     _, height, width = x.shape
     workspace = _workspace(width)
     for p in range(len(x)):
@@ -269,14 +269,14 @@ def set_values(x: Reals, y: Reals, tables: Tables, values: Reals) -> None:
 
 @compiled
 def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, g_x: Reals, g_y: Reals) -> None:
-    """1 - SSIM of each plane, and its gradient into `g_x` and `g_y`: [P, H, W], or [P, 0, 0] where none is needed."""
+    """Fill `values` with 1 - SSIM of each plane, and `g_x`, `g_y` [P, H, W] with gradients ([P, 0, 0]: not needed)."""
     _, height, width = x.shape
     means, slopes = _workspace(width), _workspace(width)
     for p in range(len(x)):
         centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
         means.ring[:], slopes.ring[:] = 0, 0
-        # Three rows at work: row i enters, row `middle` has all its neighbours and is compared, and row `last` has the
-        # derivatives of all its neighbours and gets its gradient.
+        # Three rows are at work: row i enters, row `middle` has all its neighbours and is compared, and row `last` has
+        # the derivatives of all its neighbours and gets its gradient.
         for i in range(height + 2 * RADIUS):
             middle, last = i - RADIUS, i - 2 * RADIUS
             if i < height:
@@ -301,7 +301,7 @@ def _workspace(width: int) -> Workspace:
 
 @compiled
 def _mean(plane: Reals) -> float:
-    """Mean of a plane; many sums at once, one a column, are faster and lose less to rounding."""
+    """Mean of a plane; one sum per column is faster and loses less to rounding."""
     total = np.zeros(plane.shape[1])
     for row in plane:
         for j in range(len(row)):
@@ -340,14 +340,14 @@ def _filter_columns(ring: Reals, band: Reals, i: int, result: Reals) -> None:
         for j in range(len(total)):
             value = 0.0
             for k in range(TAPS):
-                # Rows beyond the ends have weight 0; in their places of the ring is another row, or zeros.
+                # Rows beyond the ends have weight 0; their places in the ring hold other rows, or zeros.
                 value += band[k] * ring[(i + k + TAPS - RADIUS) % TAPS, q, j]
             total[j] = value
 
 
 @compiled
 def _add_values(row: Reals, tables: Tables, centres: tuple[float, float], total: Reals) -> None:
-    """a + b - ab of a row."""
+    """Add a + b - ab of a row to `total`."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
     for j in range(len(total)):
         mean_d, mean_s = row[0, j], row[1, j]
@@ -363,7 +363,7 @@ def _add_values(row: Reals, tables: Tables, centres: tuple[float, float], total:
 def _add_values_and_set_slopes(
     row: Reals, tables: Tables, centres: tuple[float, float], total: Reals, slopes: Reals
 ) -> None:
-    """a + b - ab of a row, and the derivatives of its mean with respect to the four local means, [4, W]."""
+    """Add a + b - ab of a row to `total`; fill `slopes` [4, W] with derivatives of its mean by the four local means."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
     share = 1 / (len(tables.rows.mean) * len(total))
     for j in range(len(total)):
@@ -385,13 +385,13 @@ def _add_values_and_set_slopes(
 
 @compiled
 def _positive(value: float) -> float:
-    """The value, 0 instead of a negative one; NaN stays NaN."""
+    """The value, or 0 for a negative value; NaN stays NaN."""
     return 0.0 if value < 0 else value
 
 
 @compiled
 def _combine(x: Reals, y: Reals, centres: tuple[float, float], fields: Reals, sign: int, g: Reals) -> None:
-    """A row of the derivatives with respect to x (sign 1) or y (-1), from those of the four centred fields."""
+    """Fill `g` with derivatives with respect to x (sign 1) or y (-1), from those of the four centred fields."""
     centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
     for j in range(len(g)):
         first, second = np.float64(x[j]), np.float64(y[j])

@@ -1,1 +1,1 @@
-"""Readers and writers: the only rooms that touch image files."""
+"""Readers and writers: the only modules that decode image files."""

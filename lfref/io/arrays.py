@@ -1,12 +1,12 @@
 """Light fields that are stored as one array: NPY and NPZ of numpy, MAT of MATLAB (old and new), HDF5.
 
-An array file lists its arrays by their headers; only the chosen one is loaded. Python objects are never loaded, nor
-data that a header places in another file.
+The headers of a file list its arrays; only the chosen one is loaded. Python objects, and data that a header places in
+another file, are never loaded.
 
 A letter stands for each axis: `v u` view row and column, `n` views row by row, `h w` pixel row and column, `c` channel
-(of 2 and 4 channels the last is a weight), in the order in which Python or MATLAB indexes the array. The Light Field
+(the last of 2 or 4 is a weight). Letters have the order in which Python or MATLAB indexes the array. The Light Field
 Toolbox's `LF` [t, s, v, u, c] is `vuhwc` here.
-A file of its own, as each format has.
+Each format has a module of its own.
 """
 
 import itertools
@@ -29,7 +29,7 @@ ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", 
 """Axes that are tried where the option `axes` is not set."""
 N_AXES = (4, 5)
 USUAL_NAME = "lf"
-"""The light field among several arrays, in small letters."""
+"""Usual name of the light field if a file has several arrays, in small letters."""
 
 
 class StoredArray(NamedTuple):
@@ -37,7 +37,7 @@ class StoredArray(NamedTuple):
 
     name: str
     shape: tuple[int, ...]
-    """In the order in which its users index it."""
+    """Lengths of the axes, in the order in which Python or MATLAB indexes the array."""
     load: Callable[[], NDArray]
 
 
@@ -66,7 +66,7 @@ def _open_npz(path: Path) -> Iterator[list[StoredArray]]:
 
 @contextmanager
 def _open_mat(path: Path) -> Iterator[list[StoredArray]]:
-    """MATLAB 5 to 7."""
+    """Open a MAT file of MATLAB 5 to 7."""
     from scipy import io  # slow to import: only those who read MAT files wait for it
 
     others = ("struct", "cell", "object", "char", "function", "opaque", "sparse", "unknown")
@@ -83,7 +83,7 @@ def _open_mat(path: Path) -> Iterator[list[StoredArray]]:
 
 @contextmanager
 def _open_mat_73(path: Path) -> Iterator[list[StoredArray]]:
-    """MATLAB 7.3: HDF5 with the axes in reverse order."""
+    """Open a MAT file of MATLAB 7.3: HDF5 with the axes in reverse order."""
 
     def transposed(load: Callable[[], NDArray]) -> NDArray:
         return load().T
@@ -99,7 +99,7 @@ def _open_hdf5(path: Path) -> Iterator[list[StoredArray]]:
     arrays: list[StoredArray] = []
 
     def visit(name: str, item: Any) -> None:
-        # An external one would read any file that the header names.
+        # An external dataset would read any file that the header names.
         if isinstance(item, h5py.Dataset) and item.shape and not (item.external or item.is_virtual):
             arrays.append(StoredArray(name, item.shape, lambda: _whole_dataset(item)))
 
@@ -132,7 +132,7 @@ OPENERS: dict[bytes, Callable[[Path], AbstractContextManager[list[StoredArray]]]
 
 @contextmanager
 def open_arrays(path: Path) -> Iterator[list[StoredArray]]:
-    """The arrays of an open file, not loaded yet; damage raises a `FileError`, also when the `with` block loads one."""
+    """The arrays of a file, not loaded yet; damage raises a `FileError`, also when the `with` block loads an array."""
     try:
         with atomic.file_errors(path, "read"):
             with path.open("rb") as file:
@@ -155,7 +155,7 @@ def holds_views(path: Path) -> bool:
     """Whether a file has an array with as many axes as a light field."""
     with suppress(FileError), open_arrays(path) as arrays:
         return any(len(array.shape) in N_AXES for array in arrays)
-    return True  # decoding tells what is wrong
+    return True  # decoding says what is wrong
 
 
 def decode_array(path: Path, options: ReadOptions) -> NDArray:
@@ -164,7 +164,7 @@ def decode_array(path: Path, options: ReadOptions) -> NDArray:
         array = _chosen(arrays, options.variable, path)
         axes = options.axes or _likely_axes(array, path)
         _check(array, axes, path)
-        # At least a byte a stored sample, and four as light; a damaged header may name any size.
+        # A sample takes at least one byte as stored, and four as light; a damaged header may name any size.
         scratch.check_memory((5 if options.scratch is None else 1) * math.prod(array.shape), str(path))
         stored = array.load()
     views = arranged(stored, axes, options.grid, path)
@@ -172,7 +172,7 @@ def decode_array(path: Path, options: ReadOptions) -> NDArray:
 
 
 def _chosen(arrays: list[StoredArray], name: str | None, path: Path) -> StoredArray:
-    """The array of that name, or without one the only array that may be a light field."""
+    """The array of that name; without a name, the only array that may be a light field."""
     fitting = [one for one in arrays if (len(one.shape) in N_AXES if name is None else one.name == name)]
     usual = [one for one in fitting if one.name.lower() == USUAL_NAME]
     if len(fitting) == 1 or len(usual) == 1:
@@ -185,7 +185,7 @@ def _chosen(arrays: list[StoredArray], name: str | None, path: Path) -> StoredAr
 
 
 def _likely_axes(array: StoredArray, path: Path) -> str:
-    """The only usual order of axes that a shape allows: channels 1 to 4, and views larger than their number."""
+    """The only one of `ORDERS` that a shape allows: at most 4 channels, and more pixels than views along each axis."""
 
     def allows(order: str) -> bool:
         length = dict(zip(order, array.shape, strict=True))
@@ -202,7 +202,7 @@ def _likely_axes(array: StoredArray, path: Path) -> str:
 
 
 def _check(array: StoredArray, axes: str, path: Path) -> None:
-    """Refuse axes that are no light field's or do not fit, and empty arrays."""
+    """Refuse axes that no light field has or that do not fit the array, and empty arrays."""
     named = set(axes)
     views = named & set("vun")
     if len(named) < len(axes) or not set("hw") <= named <= set("vunhwc") or views not in ({"v", "u"}, {"n"}):
@@ -218,7 +218,7 @@ def _check(array: StoredArray, axes: str, path: Path) -> None:
 
 
 def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Path) -> NDArray:
-    """Views in our order of axes, without a copy, [V, U, C, H, W]; `shape` is that of views numbered through."""
+    """Views as [V, U, C, H, W], without a copy; `shape` is the grid if the axes number the views (`n`)."""
     if "n" in axes:
         at = axes.index("n")
         rows, columns = shape or (math.isqrt(stored.shape[at]),) * 2
@@ -233,7 +233,7 @@ def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Pa
 
 
 def _radiances(views: NDArray, path: Path) -> NDArray:
-    """Samples that are radiances: 8 or 16 bits, or finite floats that are not clearly 8 or 16 bits."""
+    """Samples as uint8, uint16 or float32; floats that are not finite, or clearly hold 8 or 16 bits, are refused."""
     kind = views.dtype.newbyteorder("=")
     if kind in (np.uint8, np.uint16):
         return np.asarray(views).astype(kind)

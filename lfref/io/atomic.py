@@ -1,7 +1,7 @@
 """Writing that never leaves half a file: a hidden name beside the target, fsync, rename.
 
-A killed process leaves the old file as it was, and perhaps a hidden `.NAME.partial-*` beside it. What the operating
-system refuses becomes a `FileError` of one line: which file, why, and what to do.
+A killed process leaves the old file as it was, and perhaps a hidden `.NAME.partial-*` beside it. An error of the
+operating system becomes a `FileError` of one line, which names the file, the reason and the remedy.
 """
 
 import errno
@@ -43,7 +43,7 @@ def file_errors(path: Path, action: str) -> Iterator[None]:
 
 
 def partial_files(folder: Path) -> list[Path]:
-    """Half-written files and folders that killed processes left in a folder (not below it)."""
+    """Half-written files and folders that killed processes left in a folder (not in its subfolders)."""
     return sorted(folder.glob(".*.partial-*"))
 
 
@@ -64,7 +64,7 @@ def _flush(path: Path) -> None:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Write a file under a temporary name with the same suffix, which replaces `path` only if the body succeeds."""
+    """Write a file under a temporary name with the same suffix; it replaces `path` only if the body succeeds."""
     path = Path(path)
     partial = _partial_name(path)
     with file_errors(path, "written"):
@@ -88,7 +88,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def replacing_folder(path: str | Path) -> Iterator[Path]:
-    """Fill a folder under a temporary name, which replaces `path` only if the body succeeds.
+    """Fill a folder under a temporary name; it replaces `path` only if the body succeeds.
 
     The body must flush its files.
     """
@@ -102,7 +102,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
             partial.mkdir()
             yield partial
             _flush(partial)
-            # A folder cannot be renamed onto a full one: the old one steps aside, and comes back if that fails.
+            # A folder cannot replace a full one: the old one gets another name first, and its own again if that fails.
             if path.exists():
                 path.rename(old)
             try:

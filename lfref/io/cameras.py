@@ -1,12 +1,12 @@
 """Positions of the cameras, where they do not stand on an even square grid.
 
-A user gives them as a file, as the names of a Stanford gantry's views, or as the spacing of the grid. The one form
-inside lfref is (v, u) of each camera in view steps from the angular centre, [V, U, 2], and is made here.
+A user gives them as a file, as the names of a Stanford gantry's views, or as the spacing of the grid. This module
+converts them to the only form inside lfref: (v, u) of each camera in view steps from the angular centre, [V, U, 2].
 
-A CSV file has a line a view under the header `row,column,v,u` or `view,v,u` (views row by row); a JSON file a list of
-such records, or an array [V, U, 2]. There v and u are positions along the rows and columns in any unit, and either
-direction: they are scaled so that the mean step between neighbouring views is 1. Stands apart from `read`, which needs
-it only for uneven grids: it has file formats of its own.
+A CSV file has a line per view below the header `row,column,v,u` or `view,v,u` (views row by row); a JSON file has a
+list of such records, or an array [V, U, 2]. In files, v and u may have any unit and either direction: they are scaled
+so that the mean step between neighbouring views is 1. This module stands apart from `read`, which needs it only for
+uneven grids: it has file formats of its own.
 """
 
 import csv
@@ -33,11 +33,11 @@ NAMES = "names"
 
 
 def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_]) -> NDArray[np.float64] | None:
-    """Positions by the options `positions` and `spacing`, one of which is set; None on an even square grid.
+    """Positions from the option `positions` or `spacing`; None for an even square grid.
 
     Args:
         path: The light field.
-        options: Those that choose views count too.
+        options: Options of the reader; those that choose views count too.
         present: Which of the chosen views exist, as stored, [V, U].
     """
     if options.positions is None:
@@ -54,7 +54,7 @@ def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_
 
 
 def even_positions(shape: Sequence[int], spacing: Sequence[float] = (1.0, 1.0)) -> NDArray[np.float64]:
-    """Positions (v, u) of an even grid of views from its centre, in view steps, [V, U, 2]."""
+    """Positions (v, u) of the views of an even grid from its centre, in view steps, [V, U, 2]."""
     rows, columns = ((np.arange(n) - (n - 1) / 2) * step for n, step in zip(shape, spacing, strict=True))
     return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
 
@@ -76,7 +76,7 @@ def read_positions(path: str | Path) -> NDArray[np.float64]:
         if text.lstrip()[:1] in ("[", "{"):
             return _positions_of(json.loads(text))
         return _positions_of(list(csv.DictReader(io.StringIO(text), skipinitialspace=True, strict=True)))
-    # A foreign file raises any of these.
+    # A foreign file may raise any of these.
     except (ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
         got = f"no {error}" if isinstance(error, KeyError) else first_line(error)
         raise FileError(f"{path} must hold positions of cameras", got=got, remedy=f"write {EXAMPLE}") from error
@@ -116,8 +116,8 @@ def _positions_of(contents: Any) -> NDArray[np.float64]:
 def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: str) -> NDArray[np.float64] | None:
     """Positions in view steps from the angular centre.
 
-    The nearest even grid sets the centre and the unit: its middle is 0, its mean step 1, and its signs turn positions
-    so that they grow with rows and columns. Missing views get the positions of the even grid. None if all are even.
+    The nearest even grid sets the centre (its middle is 0), the unit (its mean step is 1) and the signs (positions grow
+    with rows and columns). Missing views get the positions of the even grid. The result is None if all are even.
 
     Args:
         listed: Positions in any unit, NaN where unknown, [V, U, 2].
@@ -128,7 +128,7 @@ def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: 
         row, column = np.argwhere(present & np.isnan(listed).any(axis=2))[0]
         raise InputError(f"{source} must say where each camera stood", got=f"none at row {row}, column {column}")
     offsets = even_positions(listed.shape[:2])
-    # Least squares for each step alone, which works on a diagonal too: steps[along rows or columns, of v or u].
+    # Least squares for each step alone also work for views on a diagonal: steps[along rows or columns, of v or u].
     from_mean = offsets[present] - offsets[present].mean(axis=0)
     squares = (from_mean**2).sum(axis=0)[:, None]
     steps = np.divide(from_mean.T @ listed[present], squares, out=np.zeros((2, 2)), where=squares > 0)

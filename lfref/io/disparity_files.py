@@ -1,13 +1,13 @@
 """Maps of disparity as files: point clouds, and portable float maps (PFM).
 
-A point cloud is a map put into space, as a PLY file, which MeshLab, CloudCompare and Blender read. Axes: x to the
-right, y upwards, z towards the viewer. In metres where the cameras are known: a point at depth Z moves by `b f (1/Z -
-1/F)` pixels between cameras b apart that are focused on depth F, f being the focal length in pixels. Else x and y are
-pixels from the centre of the picture, and z is the disparity at a scale that shows relief.
+A point cloud shows a map in space; it is a PLY file, which MeshLab, CloudCompare and Blender read. Axes: x to the
+right, y upwards, z towards the viewer. The unit is the metre where the cameras are known: a point at depth Z moves by
+`b f (1/Z - 1/F)` pixels between cameras at distance b that are focused on depth F, with the focal length f in pixels.
+Else x and y are pixels from the centre of the picture, and z is the disparity at a scale that shows relief.
 A PFM file is one picture of 32-bit floats, the usual form of maps in data sets: a text header (`Pf` grey or `PF`
 colour, width and height, a scale whose sign tells the byte order), then the rows from the bottom up.
 Sources of the formats: Turk, "The PLY Polygon File Format", 1994; Debevec's description of PFM.
-Apart from the results that are written in them: other programs define these formats.
+This module stands apart from the writers of results, since other programs define these formats.
 """
 
 import re
@@ -25,30 +25,30 @@ from lfref.errors import FileError, InputError
 from lfref.io import atomic, images, ownership
 
 RELIEF = 0.25
-"""Growth of z for a pixel of disparity, in shorter sides of the picture, where cameras are not known."""
+"""Growth of z per pixel of disparity where cameras are not known, as a share of the picture's shorter side."""
 FARTHEST = 1e3
-"""Depth in distances of the focus beyond which points are left out: their disparity hardly tells depth."""
+"""Largest depth of points, in focus distances: beyond it, disparity hardly depends on depth."""
 METADATA = {"focal length": " mm", "sensor size": " mm", "baseline": " mm", "focus distance": " m"}
 """Entry of the metadata -> its unit."""
 CUT = "cut from"
-"""Entry of the metadata with the size of pictures that were cropped, such as `512x512 pixels`."""
+"""Entry of the metadata with the size of the pictures before they were cropped, such as `512x512 pixels`."""
 TYPES = {"f4": "float", "u1": "uchar"}
-"""Sample type in numpy -> in a PLY header."""
+"""Sample type in numpy -> its name in a PLY header."""
 COLOURS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
 class Cameras:
-    """Pinholes in a plane, an equal step apart, all focused on (or cropped to) one depth."""
+    """Pinhole cameras in a plane, an equal step apart, all focused on (or cropped to) one depth."""
 
     focal_length: float
-    """In longer sides of the picture."""
+    """Focal length, in longer sides of the picture."""
     baseline: float
-    """From one view to the next, in metres."""
+    """Distance from one view to the next, in metres."""
     focus: float
-    """Depth without disparity, in metres."""
+    """Depth at which disparity is 0, in metres."""
     size: tuple[int, int] | None = None
-    """Height and width in pixels of the whole pictures (the maps are their top left corner); None: as the maps."""
+    """Height and width of uncropped pictures in pixels (maps are their top left corner); None: size of the maps."""
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> "Cameras | None":
@@ -69,9 +69,9 @@ class Points(NamedTuple):
     """Points in space of some pixels of a map."""
 
     positions: Tensor
-    """x, y, z, float32, [P, 3], in reading order of the pixels."""
+    """Coordinates x, y, z, float32, [P, 3], in reading order of the pixels."""
     pixels: Tensor
-    """Their pixels, boolean, [H, W], P of them true."""
+    """Pixels of the points, boolean, [H, W], P of them true."""
     unit: str
     """Unit of the positions, in one line."""
 
@@ -80,15 +80,16 @@ def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> 
     """Put pixels of a disparity map into space.
 
     Args:
-        nearness: Disparity in pixels per view step with the sign by which larger is nearer, [H, W].
-        chosen: Pixels to put, boolean, [H, W]; those that are not finite, or beyond `FARTHEST`, are left out.
+        nearness: Disparity in pixels per view step, with the sign that makes near points larger, [H, W].
+        chosen: Pixels to put into space, boolean, [H, W]; those that are not finite, or beyond `FARTHEST`, are left
+            out.
         cameras: The cameras of the light field; None if unknown.
     """
     if nearness.ndim != 2 or nearness.shape != chosen.shape:
         raise InputError("nearness and chosen must be [H, W]", got=f"{list(nearness.shape)}, {list(chosen.shape)}")
     near = nearness.double()
     pixels = chosen.bool() & near.isfinite()
-    # Cameras look straight ahead in the middle of whole pictures.
+    # The optical axis passes through the middle of uncropped pictures.
     height, width = (cameras and cameras.size) or near.shape
     rows, columns = (torch.arange(n, dtype=near.dtype, device=near.device) for n in near.shape)
     y = ((height - 1) / 2 - rows)[:, None].expand_as(near)
@@ -116,8 +117,8 @@ def write_points(
     Args:
         path: The `.ply` file to write, which must not exist; missing parent folders are created.
         positions: Positions of the points, finite, [P, 3].
-        colours: Encoded for the screen, RGB, uint8, [P, 3].
-        others: Further properties, each by a name of one word, [P].
+        colours: Colours of the points, encoded for the screen, RGB, uint8, [P, 3].
+        others: Further properties by name (one word), [P] each.
         comments: Lines for the header: units, and the meaning of the numbers.
 
     Example:
@@ -132,7 +133,7 @@ def write_points(
         raise InputError(f"points of {path} must have three coordinates, three colours, and one value of each kind")
     if not all(np.isfinite(values).all() for values in columns.values()):
         raise InputError(f"values for {path} must be finite", got="NaN or infinity", remedy="leave such points out")
-    # Colours stand before properties that only some programs look at.
+    # Colours come before properties that only some programs read.
     fields = [(name, "<f4") for name in "xyz"] + [(name, "u1") for name in COLOURS] + [(name, "<f4") for name in others]
     table = np.empty(n_points, fields)
     for name, values in columns.items():
@@ -149,17 +150,17 @@ def write_points(
 
 
 HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)\s", re.ASCII)
-"""The last white space is one byte: what follows is data."""
+"""Header of a PFM file; one byte of white space ends it, and the data follow."""
 LETTERS = {1: b"f", 3: b"F"}
 SCALE = b"-1.0000000000"
-"""Little-endian. Nobody else writes so many zeros, so a file with them is ours and may be replaced."""
+"""Scale of little-endian files. Only lfref writes so many zeros, so that a file with them may be replaced."""
 
 
 def read_pfm(path: str | Path) -> NDArray[np.float32]:
     """Values of a PFM file as stored, top row first, float32, [H, W, C] with C 1 or 3.
 
-    NaN and infinity too, which some data sets write where nothing is known. The size of the scale changes nothing: data
-    sets disagree on it.
+    NaN and infinity are kept: some data sets write them for unknown values. The size of the scale is ignored, since
+    data sets disagree on its meaning.
 
     Example:
         >>> from lfref.io import disparity_files
@@ -168,7 +169,7 @@ def read_pfm(path: str | Path) -> NDArray[np.float32]:
         (24, 32, 1)
     """
     path = Path(path)
-    with atomic.file_errors(path, "read_pfm"):
+    with atomic.file_errors(path, "read"):
         contents = path.read_bytes()
     header = HEADER.match(contents)
     if header is None:
@@ -185,11 +186,11 @@ def read_pfm(path: str | Path) -> NDArray[np.float32]:
 
 
 def read_hci_disparity(path: str | Path) -> Tensor:
-    """Slopes [H, W] at which pixels are sharp, from a disparity map of HCI's benchmark, as `gt_disp_lowres.pfm`.
+    """Slopes [H, W] at which pixels are sharp, from a disparity map of HCI's benchmark such as `gt_disp_lowres.pfm`.
 
-    Near things have positive disparity there, and a negative slope here: they move to the left where the camera moves
-    to the right. Source: Honauer et al., "A Dataset and Evaluation Methodology for Depth Estimation on 4D Light
-    Fields", 2016.
+    Near things have a positive disparity in HCI's maps, and a negative slope in lfref: they move to the left where the
+    camera moves to the right. Source: Honauer et al., "A Dataset and Evaluation Methodology for Depth Estimation on 4D
+    Light Fields", 2016.
 
     Example:
         >>> from lfref.io import disparity_files
@@ -211,7 +212,7 @@ def write_pfm(path: str | Path, values: NDArray) -> None:
         raise InputError(f"a picture for {path} must be [H, W] or [H, W, 1 or 3]", got=f"shape {values.shape}")
     samples = images.quantised(picture, "float", path)
     if path.is_file():
-        with atomic.file_errors(path, "read_pfm"), path.open("rb") as file:
+        with atomic.file_errors(path, "read"), path.open("rb") as file:
             header = HEADER.match(file.read(64))
         if header is None or header[4] != SCALE:
             expected = f"{path} must be a PFM file that lfref wrote to be replaced"

@@ -1,8 +1,8 @@
 """Multi-part EXR files: a light field has one part a view, a refocused stack has one part a focal plane.
 
-View parts are named `view_RR_CC` (row and column from 0), plane parts `plane_NN`; a plane carries its `slope`, and
-`alpha` and `convention` if it was written so. Channels are `Y` or `R G B`, then perhaps `weight`. Values are kept as
-they are.
+View parts are named `view_RR_CC` (row and column from 0), plane parts `plane_NN`. A plane has the attribute `slope`,
+and `alpha` and `convention` if it was written as an alpha. Channels are `Y` or `R G B`, then perhaps `weight`. Values
+are kept as they are.
 """
 
 import re
@@ -27,7 +27,7 @@ def _view_name(cell: grid.Cell) -> str:
 
 
 def _numbered_parts(source: OpenImageIO.ImageInput, pattern: re.Pattern[str]) -> dict[tuple[int, ...], int]:
-    """Numbers in the names of the parts that follow a pattern -> index of the part."""
+    """Numbers in part names that match a pattern -> index of the part."""
     numbered, index = {}, 0
     while source.seek_subimage(index, 0):
         name = str(source.spec().getattribute("oiio:subimagename") or "")
@@ -72,7 +72,7 @@ def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | No
     """Write a refocused stack, floating point, [N, C, H, W], one part a plane; 32 bits or 16 (half)."""
     parts = []
     for index, (picture, slope) in enumerate(zip(stack, planes.values, strict=True)):
-        # As text: an EXR attribute that is a number keeps 24 bits of it.
+        # Attributes are text, since a number in EXR keeps only 24 bits.
         attributes: dict[str, str | float] = {"slope": repr(slope)}
         if planes.alphas is not None:
             attributes |= {"alpha": repr(planes.alphas[index]), "convention": str(planes.convention)}
@@ -94,7 +94,7 @@ def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
             stored, window, lambda part: images.read_part(source, path, part), lambda part: f"{path}:{part}"
         )
     convention = specs[0].getattribute("convention")
-    # lfref 0.1 wrote slopes as numbers, which EXR rounded: its alphas are exact.
+    # lfref 0.1 wrote slopes as numbers, which EXR rounded; its alphas are exact.
     has_exact_slopes = all(isinstance(spec.getattribute("slope"), str) for spec in specs)
     try:
         values = [float(str(spec.getattribute("slope" if has_exact_slopes else "alpha"))) for spec in specs]

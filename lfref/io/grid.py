@@ -1,6 +1,6 @@
 """The grid of stored views, for view folders and EXR files alike: which views exist, and one array of those to keep.
 
-A grid may have holes, views that are missing; their weight is 0.
+The holes of a grid are missing views; their weight is 0.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
@@ -19,12 +19,12 @@ Source = TypeVar("Source")
 Cell = tuple[int, int]
 """Row and column of a view, from 0."""
 FEWEST_HOLES = 4
-"""Fewer missing views are an accident: the smallest shapes on purpose lack four corners, or four views of 3x3."""
+"""Fewest missing views that may be intended: the smallest such grids lack four corners, or four views of 3x3."""
 
 
 @dataclass(frozen=True)
 class Grid(Generic[Source]):
-    """Where each stored view is; some may be missing."""
+    """Stored views by row and column; some may be missing."""
 
     shape: tuple[int, int]
     """Rows and columns of views."""
@@ -41,18 +41,18 @@ def extent(cells: Iterable[Cell]) -> tuple[int, int]:
 def check_holes(grid: Grid[Source], name_of: Callable[[Cell], str], path: Path, allowed: bool | None = None) -> None:
     """Refuse a grid whose views are missing by accident.
 
-    Crosses, diagonals and grids without corners are made on purpose: they look the same upside down, which the rest of
-    a broken copy hardly ever does.
+    Crosses, diagonals and grids without corners are intended: they are the same after half a turn, and an incomplete
+    copy hardly ever is.
 
     Args:
         grid: The stored views.
         name_of: Name that the view at a cell should have.
         path: File or folder, for messages.
-        allowed: Whether views may be missing; None: only if they seem to be on purpose.
+        allowed: Whether views may be missing; None: only if the holes seem intended.
     """
     rows, columns = grid.shape
     n_holes = rows * columns - len(grid.cells)
-    # A stray name may ask for billions of views.
+    # A stray file name may imply billions of views.
     is_plausible = max(grid.shape) <= 4 * len(grid.cells)
     upside_down = {(rows - 1 - row, columns - 1 - column) for row, column in grid.cells}
     is_on_purpose = n_holes >= FEWEST_HOLES and upside_down == set(grid.cells)
@@ -73,7 +73,7 @@ def gather(
 ) -> NDArray:
     """The views of a window in one array, in the type of the files, [V, U, C, H, W].
 
-    A missing view holds the mean of the others, and then the last channel is a weight that is 0 there.
+    If views are missing, the last channel is a weight: a missing view has weight 0, and holds the mean of the others.
 
     Args:
         grid: The stored views.
@@ -107,7 +107,7 @@ def gather(
         if adds_weight:
             gathered[cell][-1] = 1 if view.dtype.kind == "f" else np.iinfo(view.dtype).max
     if has_holes:
-        # The weight 0 leaves the mean out, but nothing divides by it, and filters that ignore weights see no black.
+        # Results exclude the mean by its weight 0; it only keeps black from divisions and from filters without weights.
         mean = np.mean([gathered[cell][:-1] for cell in present], axis=0, dtype=np.float64)
         for cell in np.ndindex(shape):
             if cell not in present:

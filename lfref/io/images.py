@@ -1,10 +1,10 @@
-"""Image files by OpenImageIO: every damage is one `FileError` that names the file, and no half file is ever written.
+"""Image files by OpenImageIO: damage raises one `FileError` that names the file, and no half file is ever written.
 
 An image is an array [H, W, C]: row y, column x, channel. The last of 2 or 4 channels is a weight (alpha); it is never
 multiplied into the colours. EXR files may hold several images, called parts.
 
 OpenImageIO reports damage late and sometimes not at all: a truncated JPEG gives an array and an error, a PNG without
-its last bytes gives an array and none.
+its last bytes gives an array and no error.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,9 +30,9 @@ class ImageFormat(NamedTuple):
     """A format of image files."""
 
     magics: tuple[bytes, ...]
-    """First bytes of a file: one of these."""
+    """Possible first bytes of a file."""
     suffixes: tuple[str, ...]
-    """Of file names, in small letters."""
+    """Suffixes of file names, in small letters."""
 
 
 FORMATS = {
@@ -43,18 +43,18 @@ FORMATS = {
     "bmp": ImageFormat((b"BM",), (".bmp", ".dib")),
     "jpeg2000": ImageFormat((b"\0\0\0\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51"), (".jp2", ".j2k", ".j2c")),
     "jpegxl": ImageFormat((b"\0\0\0\x0cJXL \r\n\x87\n", b"\xff\x0a"), (".jxl",)),
-    # Not the text forms, P1 to P3: a file that lacks its last digits looks whole.
+    # The text forms P1 to P3 are excluded: a file that lacks its last digits looks whole.
     "pnm": ImageFormat((b"P5", b"P6"), (".pgm", ".ppm", ".pnm")),
     "webp": ImageFormat((b"RIFF",), (".webp",)),
     "hdr": ImageFormat((b"#?RADIANCE", b"#?RGBE"), (".hdr",)),
 }
-"""Formats that are read, whatever the file is called."""
+"""Formats that are read; the suffix of a file does not matter."""
 SUFFIXES = [suffix for image_format in FORMATS.values() for suffix in image_format.suffixes]
 ARRAY_TYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 """Sample type of the file -> sample type of the array."""
 PNG_END = b"IEND\xaeB`\x82"
 PNG_END_SEARCH = 65536
-"""How many bytes before the end of a PNG its end mark may stand; some tools append data of their own."""
+"""Number of bytes at the end of a PNG among which its end mark must be; some tools append data of their own."""
 
 FILE_TYPES: dict[str, type[np.generic]] = {
     "uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32,
@@ -67,7 +67,7 @@ DEPTHS: dict[str, dict[int, str]] = {
     ".avif": {8: "uint8"},
 }
 """Suffix of files that are written -> bits a sample -> sample type; the first is the default."""
-# `weight` instead of `A`: EXR takes for granted that A is multiplied into the colours.
+# The name is `weight`, not `A`: EXR assumes that A is multiplied into the colours.
 CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
 # EXR and TIFF are compressed without loss. AVIF needs an OpenImageIO that was built with it; the one on PyPI was not.
 COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip", ".tif": "zip", ".avif": "avif:{quality}"}
@@ -75,7 +75,7 @@ WITHOUT_WEIGHT = (".jpg", ".avif")
 QUALITY = 95
 """Default quality of a JPEG or AVIF file, from 1 to 100."""
 PNG_LEVEL = 4
-"""Of zip, from 1 to 9: 6, the usual one, takes two and a half times as long for files a thirtieth smaller."""
+"""Level of zip compression, from 1 to 9: the usual 6 takes 2.5 times as long for files that are 3 % smaller."""
 TILE = 256
 """Side of a TIFF's tiles in pixels, so that viewers of large pictures need not read all."""
 
@@ -87,12 +87,12 @@ def read_head(path: Path) -> bytes:
 
 
 def format_of_head(head: bytes) -> str | None:
-    """Name of the image format in `FORMATS` that a file's first bytes tell, if any."""
+    """Name of the format in `FORMATS` by a file's first bytes, if any."""
     return next((name for name, image_format in FORMATS.items() if head.startswith(image_format.magics)), None)
 
 
 def described_head(head: bytes) -> str:
-    """What a file is by its first bytes, for messages: `an image in PNG`, `an empty file`."""
+    """Kind of a file by its first bytes, for messages: `an image in PNG`, `an empty file`."""
     name = format_of_head(head)
     return f"an image in {name.upper()}" if name else "another kind of file" if head else "an empty file"
 
@@ -106,7 +106,7 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
         expected = f"{path} must be an image ({', '.join(FORMATS).upper()})"
         raise FileError(expected, got=described_head(head), remedy="copy or convert it again")
     if image_format == "png":
-        # The decoder does not miss the end mark.
+        # The decoder does not report a missing end mark.
         with atomic.file_errors(path, "read"), path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - PNG_END_SEARCH))
             if PNG_END not in file.read():
@@ -184,9 +184,9 @@ class Part:
     """One image of a file."""
 
     samples: NDArray
-    """Floating point, nominally in [0, 1], [H, W, C] with C 1 to 4."""
+    """Samples, floating point, nominally in [0, 1], [H, W, C] with C 1 to 4."""
     name: str = ""
-    """Unique in the file."""
+    """Name of the part, unique in the file."""
     attributes: Mapping[str, str | float] = field(default_factory=dict)
     """Metadata of the part."""
 
@@ -196,10 +196,10 @@ def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, qu
 
     Args:
         path: The file to write, with a suffix of `DEPTHS`; missing parent folders are created.
-        array: [H, W, C] with C 1 to 4 (2 and 4: the last is a weight, which JPEG and AVIF have not); floats in [0, 1],
-            which integer formats clip and round and floating-point formats keep; or uint8 or uint16.
-        bits: 8, 16 or 32, as in `DEPTHS` (default: the first, but 16 for a uint16 array as PNG or TIFF).
-        quality: Of a JPEG or AVIF, from 1 to 100.
+        array: Samples [H, W, C] with C 1 to 4: uint8, uint16, or floats, which integer formats clip to [0, 1] and
+            round. The last of 2 or 4 channels is a weight, which JPEG and AVIF cannot hold.
+        bits: Bits per sample, 8, 16 or 32, as in `DEPTHS`; None: the first, but 16 for a uint16 array as PNG or TIFF.
+        quality: Quality of a JPEG or AVIF file, from 1 to 100.
     """
     path = Path(path)
     if bits is None and array.dtype == np.uint16 and path.suffix.lower() in (".png", ".tif"):
@@ -208,7 +208,7 @@ def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, qu
 
 
 def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, quality: int = QUALITY) -> None:
-    """Write a file of one or, for EXR, several parts; `bits` and `quality` as `write_image`."""
+    """Write a file of one part, or of several for EXR; `bits` and `quality` are those of `write_image`."""
     kind = sample_type(path, bits)
     if not (isinstance(quality, int) and 1 <= quality <= 100):
         raise InputError("quality must be a whole number from 1 to 100", got=repr(quality))
@@ -236,7 +236,7 @@ def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, qual
 
 
 def sample_type(path: Path, bits: int | None) -> str:
-    """The sample type of a file to write, by its suffix; without `bits` the default of the format."""
+    """Sample type of a file to write, by its suffix and `bits`; None: the default of the format."""
     suffix = path.suffix.lower()
     if suffix not in DEPTHS:
         raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
@@ -318,7 +318,7 @@ def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
     table = encoding.decode(torch.from_numpy(to_float(values)).double()).float().numpy()
     light = np.empty(array.shape, np.float32)
     for part in np.ndindex(array.shape[:1]):
-        # Part by part: numpy widens indices to eight bytes. It buffers the result unless the mode is `clip`.
+        # One part at a time, since numpy widens indices to eight bytes. The mode `clip` avoids a buffer for the result.
         table.take(array[part], out=light[part], mode="clip")
     return light
 

@@ -1,7 +1,7 @@
 """Length that a file's own header states, for formats without checksums.
 
 A byte inserted into such a file, or cut from it, shifts every sample behind it: decoders return a picture that looks
-plausible and is wrong. The length shows it. JPEG states no length, so the damage of its scan data stays possible.
+plausible and is wrong. The length of the file reveals this. JPEG states no length: damage of its scan data can remain.
 
 Sources: Netpbm's ppm(5); Microsoft's BITMAPFILEHEADER; Google's WebP container specification; TIFF 6.0 and BigTIFF;
 numpy's `NEP 1`; MATLAB's "MAT-File Format"; HDF5 File Format Specification 3.0, section II.A.
@@ -21,7 +21,7 @@ from lfref.io import atomic
 
 PNM_HEADER = re.compile(rb"P([56])(?:\s+|#[^\n]*\n)+(\d+)(?:\s+|#[^\n]*\n)+(\d+)(?:\s+|#[^\n]*\n)+(\d+)\s")
 TIFF_TYPES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}
-"""Whole numbers of a TIFF directory -> letter of `struct`."""
+"""Type of whole numbers in a TIFF directory -> its letter in `struct`."""
 TIFF_WIDTH, TIFF_HEIGHT, TIFF_BITS, TIFF_COMPRESSION, TIFF_SAMPLES, TIFF_PLANAR = 256, 257, 258, 259, 277, 284
 TIFF_STRIP_ROWS, TIFF_STRIPS, TIFF_STRIP_BYTES = 278, 273, 279
 TIFF_TILE_WIDTH, TIFF_TILE_HEIGHT, TIFF_TILES, TIFF_TILE_BYTES = 322, 323, 324, 325
@@ -67,10 +67,10 @@ def _check_bmp(file: BinaryIO, length: int) -> str:
     bits, compression = struct.unpack("<xxHI", file.read(8))
     if stated and stated != length:
         return _differs(length, stated)
-    if header_size < 40 or compression not in (0, 3):  # OS/2's header is another one; run lengths vary
+    if header_size < 40 or compression not in (0, 3):  # OS/2 has another header; run-length coding varies
         return ""
     end = start + (width * bits + 31) // 32 * 4 * abs(height)
-    # Photoshop adds two bytes, so that the whole has a multiple of four.
+    # Photoshop adds two bytes, so that the length is a multiple of four.
     return "" if end <= length < end + 4 else _differs(length, end)
 
 
@@ -81,7 +81,7 @@ def _check_webp(file: BinaryIO, length: int) -> str:
 
 
 def _check_tiff(file: BinaryIO, length: int) -> str:
-    """The strips or tiles of the first picture: as many as its height needs, each inside the file."""
+    """Check the strips or tiles of the first picture: as many as its size needs, each inside the file."""
     file.seek(0)
     order = "<" if file.read(2) == b"II" else ">"
     is_big = struct.unpack(f"{order}H", file.read(2))[0] == 43
@@ -92,7 +92,7 @@ def _check_tiff(file: BinaryIO, length: int) -> str:
     entry_bytes, inline = (20, 8) if is_big else (12, 4)
     entries = file.read(n_entries * entry_bytes)
     (next_start,) = struct.unpack(f"{order}{'Q' if is_big else 'I'}", file.read(inline))
-    if next_start >= length:  # a directory cut short or prolonged
+    if next_start >= length:  # the directory is cut short or prolonged
         return "a damaged header"
     tags: dict[int, tuple[int, ...]] = {}
     for at in range(0, n_entries * entry_bytes, entry_bytes):
@@ -131,13 +131,13 @@ def _check_npy(file: BinaryIO, length: int) -> str:
     is_version_1 = np.lib.format.read_magic(file)[0] == 1
     read_header = np.lib.format.read_array_header_1_0 if is_version_1 else np.lib.format.read_array_header_2_0
     shape, _, kind = read_header(file)
-    if kind.hasobject:  # refused later, with what to do
+    if kind.hasobject:  # `open_arrays` refuses it with a remedy
         return ""
     return _differs(length, file.tell() + math.prod(shape) * kind.itemsize)
 
 
 def _check_mat(file: BinaryIO, length: int) -> str:
-    """MATLAB 5 to 7: a header of 128 bytes, then elements that state their lengths."""
+    """Check a file of MATLAB 5 to 7: a header of 128 bytes, then elements that state their lengths."""
     file.seek(126)
     order = "<" if file.read(2) == b"IM" else ">"
     end = 128
@@ -151,7 +151,7 @@ def _check_mat(file: BinaryIO, length: int) -> str:
 
 
 def _check_hdf5(file: BinaryIO, length: int) -> str:
-    """The superblock's end of the file. MATLAB puts 512 bytes of its own before it."""
+    """Check the end of the file that the superblock states. MATLAB puts 512 bytes of its own before the superblock."""
     start = 0
     while start < length:
         file.seek(start)
@@ -177,4 +177,4 @@ CHECKS: dict[bytes, Callable[[BinaryIO, int], str]] = {
     b"MATLAB 7.3 MAT": _check_hdf5,
     HDF5_SIGNATURE: _check_hdf5,
 }
-"""First bytes of a file -> what tells the reason why its length is wrong, or nothing."""
+"""First bytes of a file -> function that returns what is wrong with its length, or an empty text."""

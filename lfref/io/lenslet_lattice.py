@@ -38,12 +38,12 @@ class Lattice:
 
     @property
     def pitch(self) -> Pair:
-        """Distance of rows, and of the lenslets of a row, in pixels."""
+        """Distance between rows, and between the lenslets of a row, in pixels."""
         return math.hypot(*self.rows), math.hypot(*self.columns)
 
     @property
     def rotation(self) -> float:
-        """Degrees by which rows are turned, above 0 where they fall to the right."""
+        """Angle of the rows in degrees, above 0 if they fall to the right."""
         return math.degrees(math.atan2(*self.columns))
 
     @property
@@ -71,7 +71,7 @@ class Lattice:
         """
         i, j = self.numbers_around(size)
         y, x = self.centres(i[:, None], j[None, :])
-        # Twice the distance from the picture's middle; the millionth of a pixel is rounding.
+        # Twice the distance from the picture's middle; the millionth of a pixel allows for rounding.
         inside = abs(2 * y - size[0] + 1) <= size[0] - 2 * reach[0] - 1 + 1e-6
         inside &= abs(2 * x - size[1] + 1) <= size[1] - 2 * reach[1] - 1 + 1e-6
         top, bottom, left, right = 0, len(i), 0, len(j)
@@ -104,17 +104,17 @@ ASPECT = 0.002
 
 
 def n_views(pitch: float) -> int:
-    """Views along an axis that fit in a lenslet of a pitch of at least 2 pixels.
+    """Number of views along an axis of a lenslet, for a pitch of at least 2 pixels.
 
-    The pitch itself where it is whole: pixels are views then; else the largest odd number, whose middle view looks
-    through the centres of the lenslets.
+    A whole pitch gives one view per pixel. Another pitch gives the largest odd number below it, so that the middle view
+    looks through the centres of the lenslets.
     """
     whole = math.floor(pitch)
     return whole if whole == pitch else whole - 1 + whole % 2
 
 
 def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window: tuple[slice, slice]) -> NDArray:
-    """The views of a window of all that a lenslet has: float32, one square pixel a lenslet, [V, U, C, H', W'].
+    """The views of a window of the whole grid: float32, one square pixel per lenslet, [V, U, C, H', W'].
 
     H' or W' is 0 where no lenslet lies wholly in the image (linear light, [H, W, C]).
     """
@@ -136,15 +136,15 @@ def interpolate(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[
 
     Args:
         padded: The picture with 1 pixel more above and on the left, 3 below and on the right, [H + 4, W + 4, C].
-        y: Rows in the picture itself, in [0, H - 1] but for rounding, [I, J].
-        x: Columns, in [0, W - 1] but for rounding, [I, J].
+        y: Rows in the picture without the margin, in [0, H - 1] up to rounding, [I, J].
+        x: Columns in the picture without the margin, in [0, W - 1] up to rounding, [I, J].
     """
     (top, down), (left, right) = _split(y, padded.shape[0] - 4), _split(x, padded.shape[1] - 4)
     width = padded.shape[1]
     nearby = np.add.outer(np.arange(TAPS) * width, np.arange(TAPS)).ravel()
     pixels = np.add.outer((top * width + left).ravel(), nearby)
     weights = (taps(right) * taps(down)[:, None]).reshape(TAPS * TAPS, -1).T
-    # PyTorch's name for weighted sums of a few rows of a table: the pixels, 16 a sample.
+    # `embedding_bag` sums weighted rows of a table: 16 pixels for each sample.
     samples = embedding_bag(
         torch.from_numpy(pixels),
         torch.from_numpy(padded.reshape(-1, padded.shape[2])),
@@ -155,7 +155,7 @@ def interpolate(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[
 
 
 def _split(positions: NDArray, length: int) -> tuple[NDArray[np.intp], NDArray]:
-    """Whole pixels and fractions; positions that rounding took out of the picture are put back."""
+    """Whole pixels and fractions of positions; positions that rounding moved out of the picture are moved back."""
     kept = positions.clip(0, length - 1)
     whole = np.floor(kept).astype(np.intp)
     return whole, kept - whole
@@ -173,9 +173,9 @@ def taps(t: NDArray) -> NDArray[np.float32]:
 
 
 def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray[np.float32]:
-    """Views [..., I, J] of the lenslets in rows `i` with square pixels, [..., I, W'].
+    """Views with square pixels, [..., I, W'], from views [..., I, J] of the lenslets in rows `i`.
 
-    Each row is resampled at the distance of the rows from each other.
+    Each row is resampled so that its pixels are as far apart as the rows.
     """
     pitch = lattice.pitch
     if not lattice.is_hexagonal and abs(pitch[0] / pitch[1] - 1) < ASPECT:
@@ -183,7 +183,7 @@ def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray
     late = (i % 2) / 2 * lattice.is_hexagonal
     last = views.shape[-1] - 1 + late.min(initial=0)
     columns = np.arange(late.max(initial=0), last + 1e-9, pitch[0] / pitch[1])
-    # Straight on beyond the ends, so that slopes do not end in a step.
+    # Rows continue in a straight line beyond their ends, so that gradients do not end in a step.
     ends = [(0, 0)] * (views.ndim - 1) + [(1, 2)]
     padded = np.pad(views, ends, mode="reflect", reflect_type="odd") if len(i) else views
     rows = []

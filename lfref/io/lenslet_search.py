@@ -3,9 +3,9 @@
 Two plane waves make a lattice: their crests cross at the centres of the lenslets. `find_lattice` takes the strongest
 waves of the image's middle, and fits their phases in tiles all over the image by least squares.
 
-A wrong pitch gives views that merely look like views. `check_pitch` looks at differences of neighbouring pixels, which
+A wrong pitch gives pictures that only look like views. `check_pitch` uses differences of neighbouring pixels, which
 are largest where one lenslet ends and the next begins: in their spectrum a pitch is a comb of lines.
-Apart from `lenslets`, which needs it only where the user gives no lattice.
+This module stands apart from `lenslets`: it measures images, and reads no files.
 
 Letters: `H W` pixel rows and columns, `C` channels, `y x` pixel row and column, `f` frequency (y, x) of a wave in
 cycles a pixel.
@@ -24,15 +24,15 @@ from lfref.io.lenslet_lattice import Lattice
 MIDDLE = 1024
 """Side of the image's middle that is searched for waves, in pixels."""
 SHORTEST_WAVE = 2.5
-"""Length of waves that are looked for, in pixels: longer than the 2 of a colour mosaic."""
+"""Shortest wave that is searched for, in pixels: longer than the 2 of a colour mosaic."""
 PROMINENCE = 8.0
-"""Least amplitude of a lattice's wave, in means of its wavelength; shading has strong waves too, but no lone ones."""
+"""Least amplitude of a lattice's wave, in mean amplitudes of waves of about its length; shading has no such peaks."""
 RELATIVE_AMPLITUDE = 0.25
-"""Least amplitude of a lattice's wave, in amplitudes of the strongest; the two longest of these make the lattice."""
+"""Least amplitude of a lattice's wave, as a share of the strongest; the two longest such waves make the lattice."""
 SQUARE, HEXAGONAL = 90.0, 60.0
-"""Degrees between the two waves."""
+"""Angle between the two waves, in degrees."""
 ANGLE_ERROR = 12.0
-"""Degrees that the angle of the two waves may be off: less than half of the 30 between square and hexagonal."""
+"""Largest error of the angle between the waves, in degrees: less than half of the 30 from square to hexagonal."""
 TILE = 8.0
 """Side of a tile, in lengths of the longer wave."""
 MAX_TILES = 32
@@ -40,7 +40,7 @@ MAX_TILES = 32
 PHASE_ERROR = 0.12
 """Largest distance of the tiles' lenslets from the lattice, root mean square, in pitches; random phases have .29."""
 MAX_HEXAGONAL_ROTATION = 15.0
-"""Degrees: half of the 30 after which another row of neighbours is more level."""
+"""Largest rotation of hexagonal rows, in degrees: half of the 30 after which other rows are more level."""
 REMEDY = "give a white image of the camera, or reader.pitch, reader.offset and reader.rotation without reader.white"
 
 
@@ -56,7 +56,7 @@ def lattice_of(white: NDArray, path: Path) -> Lattice:
 
 
 def find_lattice(image: NDArray) -> Lattice | None:
-    """The lattice that an image [H, W] of white, or of lenslets dark at their borders, shows; None if it shows none."""
+    """The lattice that a white image, or one of lenslets with dark borders, shows, [H, W]; None if it shows none."""
     rough = strongest_waves(image)
     waves = None if rough is None else _fit_phases(image, rough)
     if waves is None:
@@ -74,8 +74,8 @@ def find_lattice(image: NDArray) -> Lattice | None:
 
 
 def strongest_waves(white: NDArray) -> NDArray | None:
-    """Rough frequencies of the two waves of a white image's lattice, the lower one first, [2, 2]; None: no such two."""
-    # The middle, fading out towards its sides so that they make no waves of their own.
+    """Rough frequencies of the two waves of a white image's lattice, the lower first, [2, 2]; None if it has no two."""
+    # The middle fades out towards its sides, so that they make no waves of their own.
     height, width = (min(length, MIDDLE) for length in white.shape)
     top, left = (white.shape[0] - height) // 2, (white.shape[1] - width) // 2
     middle = white[top : top + height, left : left + width]
@@ -87,11 +87,11 @@ def strongest_waves(white: NDArray) -> NDArray | None:
     frequency = np.hypot(y[:, None], x)
     ring = (frequency * MIDDLE / 4).astype(int)
     mean = np.bincount(ring.ravel(), amplitude.ravel()) / np.bincount(ring.ravel())
-    # Of the longest a tile fits into the middle.
+    # A tile of the longest wave fits into the middle.
     is_candidate = (frequency > TILE / MIDDLE) & (frequency < 1 / SHORTEST_WAVE)
     amplitude = np.where(is_candidate & (amplitude > PROMINENCE * mean[ring]), amplitude, 0)
 
-    # The strongest peaks, each without its neighbourhood and its mirror image.
+    # Take the strongest peaks; each removes its neighbourhood and its mirror image.
     apart = 6 / min(*white.shape, MIDDLE)
     rest, peaks = amplitude.copy(), []
     while rest.max() > RELATIVE_AMPLITUDE * amplitude.max():
@@ -115,7 +115,7 @@ def _peak_offset(amplitude: NDArray, at: tuple[np.intp, np.intp], axis: int) -> 
 
 
 def _lattice_angle(one: NDArray, other: NDArray) -> float | None:
-    """The nearest angle of a lattice's waves, `SQUARE` or `HEXAGONAL`; None if two waves can be no lattice's."""
+    """The nearest angle of a lattice's waves, `SQUARE` or `HEXAGONAL`; None if the two waves make no lattice."""
     lengths = math.hypot(*one) * math.hypot(*other)
     angle = math.degrees(math.acos(min(1.0, abs(float(one @ other)) / lengths)))
     return next((known for known in (SQUARE, HEXAGONAL) if abs(angle - known) < ANGLE_ERROR), None)
@@ -126,7 +126,7 @@ def _fit_phases(white: NDArray, rough: NDArray) -> tuple[NDArray, NDArray] | Non
     side = math.ceil(TILE / np.hypot(*rough.T).min())
     if side > min(white.shape):
         return None
-    # Middles of tiles that lie evenly along each axis, half of each over its neighbour where there is room for fewer.
+    # Middles of tiles, evenly along each axis; neighbours overlap by half, or less if `MAX_TILES` limits their number.
     centres = []
     for length in white.shape:
         count = min(MAX_TILES, max(1, 2 * (length - side) // side + 1))
@@ -155,7 +155,7 @@ def _fit_plane(tiles: NDArray, rough: NDArray, centres: list[NDArray]) -> tuple[
     half a cycle.
     """
     y, x = centres[0][:, None], centres[1][None, :]
-    # First the mean difference of neighbouring tiles, so that no phase wraps around in the least squares after it.
+    # Remove the mean phase step between neighbouring tiles first, so that no phase wraps around in the least squares.
     turned = tiles * np.exp(-2j * math.pi * (rough[0] * y + rough[1] * x))
     slips = []
     for axis in (0, 1):
@@ -178,7 +178,7 @@ def _fit_plane(tiles: NDArray, rough: NDArray, centres: list[NDArray]) -> tuple[
 
 
 def _lattice_of_waves(f: NDArray, phases: NDArray) -> Lattice:
-    """The lattice on whose lenslets the crests of both waves lie."""
+    """The lattice whose lenslets lie where the crests of both waves cross."""
     steps = np.linalg.inv(f).T
     origin = np.linalg.solve(f, -phases)
     is_hexagonal = _lattice_angle(*f) == HEXAGONAL
@@ -196,27 +196,27 @@ def _lattice_of_waves(f: NDArray, phases: NDArray) -> Lattice:
 
 
 STRIPS, THICKNESS = 12, 6
-"""Strips of the image along each axis, and the pixels across each."""
+"""Number of strips of the image along each axis, and the width of a strip, in pixels."""
 STRIP_LENGTH = 4096
-"""Most pixels along each strip, in the middle of the image; more would only cost time."""
+"""Largest length of a strip, in pixels, in the middle of the image; more would only cost time."""
 LINES = 4
-"""Lines of a comb that count, the lowest ones."""
+"""Number of lines of a comb that count, from the lowest."""
 LONGEST_PITCH, SHORTEST_PITCH = 64.0, 3.0
-"""Pitches that are looked for, in pixels."""
+"""Range of the pitches that are searched for, in pixels."""
 NEIGHBOURS = 30
-"""Lines are compared with the median of this many on either side."""
+"""Number of neighbours on either side of a line, with whose median it is compared."""
 LATTICE_PROMINENCE = 0.5
 """Least prominence of a lattice's comb, a decimal logarithm: captures have .9 to 6, pictures -.1 to .2, rarely .7."""
 SHARE_OF_BEST = 0.75
-"""Least prominence of a comb in relation to the best one; a comb with every other line missing has half."""
+"""Least prominence of a comb, as a share of the best one; a comb with every other line missing has half."""
 FEWEST_LENSLETS = 16
-"""Lenslets along each axis that allow a judgement."""
+"""Fewest lenslets along each axis that allow a judgement."""
 HEXAGONAL_PERIOD = 3**0.5
-"""Distance of every other row of a hexagonal lattice, whose lenslets stand above each other, in pitches."""
+"""Distance from a row of a hexagonal lattice to the second next, whose lenslets stand below its own, in pitches."""
 EQUAL_PITCH = 0.02
-"""Largest relative difference of the measured pitches of rows and columns that are the same."""
+"""Largest relative difference of the measured pitches of rows and columns that count as equal."""
 WHOLE_PITCH = 0.15
-"""Largest distance of a pitch from whole pixels, in steps of what the length of the image resolves."""
+"""Largest distance of a pitch from whole pixels, in pitch**2 / (length of the image), the resolution of pitches."""
 
 
 @dataclass(frozen=True)
@@ -224,9 +224,9 @@ class Spectrum:
     """Prominence of each frequency among its neighbours."""
 
     prominence: NDArray
-    """Decimal logarithm, from frequency 0 to half a cycle a pixel, even steps."""
+    """Decimal logarithm of prominence, from frequency 0 to half a cycle per pixel, in even steps."""
     length: int
-    """Pixels of the image along the axis."""
+    """Length of the image along the axis, in pixels."""
 
     def comb(self, pitch: float | NDArray, without: int = LINES + 1) -> NDArray:
         """Mean prominence of the first `LINES` harmonics of pitches above 2 pixels, without multiples of `without`."""
@@ -243,7 +243,7 @@ class Spectrum:
         first = int(np.argmax(scores >= SHARE_OF_BEST * scores.max()))
         near = pitches > pitches[first] - 3 * pitches[first] ** 2 / self.length
         rough = float(pitches[first + int(np.argmax(scores[first:][near[first:]]))])
-        # Refine by the tops of its lines; the higher ones tell more.
+        # Refine the pitch by the tops of its lines; higher lines are more precise.
         unit = 2 * (len(self.prominence) - 1)
         reach = np.arange(-(unit // self.length), unit // self.length + 1)
         lines = np.arange(1, min(LINES, math.ceil(rough / 2) - 1) + 1)
@@ -256,14 +256,14 @@ class Spectrum:
         return float(self.comb(self._pitches()).max())
 
     def shows(self, pitch: int) -> bool:
-        """Whether the image repeats at a pitch, and not only at twice or three times as much."""
+        """Whether the image repeats at a pitch, and not only at two or three times the pitch."""
         score = float(self.comb(pitch))
         if score < max(LATTICE_PROMINENCE, SHARE_OF_BEST * self.best()):
             return False
         return all(float(self.comb(n * pitch, without=n)) < SHARE_OF_BEST * score for n in (2, 3))
 
     def _pitches(self) -> NDArray:
-        """All pitches that differ by a step of the spectrum, the longest first."""
+        """All pitches to try, a step of the spectrum apart, the longest first."""
         step = 1 / (2 * LINES * (len(self.prominence) - 1))
         return 1 / np.arange(max(1 / LONGEST_PITCH, 6 / self.length), 1 / SHORTEST_PITCH, step)
 
@@ -287,7 +287,7 @@ def spectrum(image: NDArray, axis: int) -> Spectrum | None:
     even = (even - even.mean(axis=1, keepdims=True)) * np.hanning(steps.shape[1]).astype(np.float32)
     size = 1 << (2 * steps.shape[1] - 1).bit_length()
     power = np.sum([np.abs(np.fft.rfft(row, size)) ** 2 for row in even], axis=0)
-    # The median of the neighbours is computed here and there, and interpolated.
+    # The median of the neighbours is computed at some lines, and interpolated between them.
     reach = round(NEIGHBOURS * size / steps.shape[1])
     at = np.arange(0, len(power) + reach, reach)
     medians = [np.median(power[max(0, middle - reach) : middle + reach + 1]) for middle in at.clip(max=len(power) - 1)]
@@ -301,7 +301,7 @@ def check_pitch(image: NDArray, pitch: int, path: Path) -> None:
     if down is None or across is None or pitch < SHORTEST_PITCH or down.shows(pitch) or across.shows(pitch):
         return
     rows, columns = down.pitch(), across.pitch()
-    # Two pitches that belong to one lattice: equal, or those of a hexagonal one; scenes hardly ever have such.
+    # The pitches of one lattice are equal, or have the ratio of a hexagonal one; scenes hardly ever have such pitches.
     is_square = abs(rows / columns - 1) < EQUAL_PITCH
     is_hexagonal = abs(rows / columns / HEXAGONAL_PERIOD - 1) < EQUAL_PITCH
     is_lattice = min(down.best(), across.best()) >= LATTICE_PROMINENCE and (is_square or is_hexagonal)

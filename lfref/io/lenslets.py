@@ -3,7 +3,7 @@
 In an ESLF image every block of 14x14 pixels is one lenslet: view (v, u) of lenslet (y, x) is pixel (14 y + v,
 14 x + u). A lenslet has no central view, since 14 is even. Other lattices are resampled (`lenslet_lattice`); a white
 image of the camera shows them (`lenslet_search`), and evens out the brightness of the views.
-A file of its own, as each format has.
+Each format has a module of its own.
 Source: the Stanford Lytro light field archive, and Srinivasan et al. 2017 for the window of 7x7 views from 4.
 Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
 """
@@ -25,7 +25,7 @@ DEFAULT_VIEWS = 7
 WHITE_PERCENTILE = 99.0
 """Percentile of a white image that counts as white; the brightest samples are defects."""
 DARK = 0.25
-"""Share of white below which the weight falls: dividing by so little multiplies the noise by more than 4."""
+"""Share of white below which the weight falls: a division by less multiplies the noise by more than 4."""
 SAME_PITCH = 0.01
 """Largest relative difference between the option `pitch` and the pitch in an image of a scene."""
 
@@ -64,7 +64,7 @@ def _resampled_views(path: Path, options: ReadOptions) -> NDArray[np.float32]:
     """Views of lenslets that are not aligned with the pixels."""
     image = images.read_image(path)
     n_colours = _n_colours(image.shape[2])
-    # What no header tells is linear, as sensors are.
+    # Samples without an encoding in their header are linear, as sensors are.
     tone = view_folders.encoding_of(path, options.encoding, encodings.LINEAR)
     white = None if options.white is None else _white_image(options.white, options, image, path)
     # Only linear light may be mixed and divided.
@@ -90,7 +90,7 @@ def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> NDArray[np
 
     Args:
         views: Linear light, a weight as the last channel if C is 2 or 4, [V, U, C, H, W].
-        white: White in the same places, 1 where it is brightest, as many colours or one, [V, U, C', H, W].
+        white: The white image in the same places, 1 where it is brightest, as many colours or one, [V, U, C', H, W].
     """
     n_colours = _n_colours(views.shape[2])
     trust = (white.min(axis=2, keepdims=True) / DARK).clip(0, 1)
@@ -100,12 +100,12 @@ def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> NDArray[np
 
 
 def _n_colours(n_channels: int) -> int:
-    """Channels without the weight, which is the second or fourth."""
+    """Number of channels without the weight, which is the second or fourth."""
     return n_channels - 1 + n_channels % 2
 
 
 def _white_image(path: Path, options: ReadOptions, image: NDArray, image_path: Path) -> NDArray[np.float32]:
-    """The white image in linear light, white about 1, [H, W, 1 or as many colours as the image]."""
+    """The white image in linear light, about 1 where it is white, [H, W, 1 or as many colours as the image]."""
     white = images.read_image(path)
     white = white[..., : _n_colours(white.shape[2])]
     if white.shape[:2] != image.shape[:2] or white.shape[2] not in (1, _n_colours(image.shape[2])):
@@ -122,11 +122,11 @@ def _white_image(path: Path, options: ReadOptions, image: NDArray, image_path: P
 
 
 def _lattice(options: ReadOptions, image: NDArray, white: NDArray | None) -> Lattice:
-    """The lattice: options first, then what the white image shows, then the image itself."""
+    """The lattice: the options count first, then the white image, then the image itself."""
     if white is not None and options.white is not None and None in (options.pitch, options.offset):
         return overridden(lenslet_search.lattice_of(white.mean(axis=2), options.white), options)
     described = lattice_of_options(options)
-    # Files with whole pitches were cut by a tool, and begin in the corner.
+    # An image with a whole pitch was cut by a tool: its first lenslet begins in the corner.
     if options.offset is not None or all(float(length).is_integer() for length in options.pitch or ()):
         return described
     shown = lenslet_search.find_lattice(image[..., : _n_colours(image.shape[2])].mean(axis=2))

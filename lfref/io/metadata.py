@@ -1,7 +1,8 @@
 """Metadata of light fields: camera and exposure from EXIF, Lytro's JSON, MAT files and HCI's `parameters.cfg`.
 
-Everything is text, with its unit. Metadata do not change how a light field is read: what is missing or damaged is left
-out without a message. Stands apart from `read`: it parses files of other programs, and samples do not depend on it.
+Everything is text, with its unit. Metadata do not change how a light field is read: missing or damaged entries are left
+out without a message. This module stands apart from `read`: it parses files of other programs, and samples do not
+depend on it.
 """
 
 import configparser
@@ -18,7 +19,7 @@ from lfref.errors import FileError, first_line
 from lfref.io import atomic, images, view_folders
 
 MAX_SAMPLES = 4096
-"""Largest array in a structure that may be a number, a text or a short list."""
+"""Most samples of an array in a structure: a larger array is no number, text or short list."""
 MAX_DEPTH = 8
 """Deepest nesting of structures and JSON to follow."""
 MAX_JSON = 2**22
@@ -39,7 +40,7 @@ EXIF = {
     "focal length": ("Exif:FocalLength", "{:.4g} mm"),
     "ISO": ("Exif:PhotographicSensitivity", "{:g}"),
 }
-"""Key of the metadata -> attribute of a picture, a number above 0, and its form."""
+"""Key of the metadata -> attribute of a picture (a number above 0), and the format of its text."""
 LYTRO: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "camera": lambda frame: f"{frame['camera'].get('make', '')} {frame['camera'].get('model', '')}".strip(),
     "exposure time": lambda frame: f"{float(frame['devices']['shutter']['frameExposureDuration']):.3g} s",
@@ -54,15 +55,15 @@ LYTRO: dict[str, Callable[[Mapping[str, Any]], str]] = {
 
 
 def read_metadata(path: Path) -> dict[str, str]:
-    """Metadata in the files of a light field: a file, or a folder of views.
+    """Metadata in the files of a light field, which is a file or a folder of views.
 
     Returns:
         Some of `camera`, `lens`, `exposure time`, `f-number`, `focal length`, `ISO`, `date`, `scene`, `sensor size`,
-        `baseline`, `focus distance`, and `slopes` (the range of slopes). Pictures count more than JSON.
+        `baseline`, `focus distance`, and `slopes` (the range of slopes). Entries of pictures replace those of JSON.
     """
     entries: dict[str, str] = {}
     for source in (_lytro, _exif, hci_metadata):
-        # Metadata are no reason to refuse a light field, and libraries raise any error over damaged ones.
+        # Damaged metadata are no reason to refuse a light field, and libraries raise all kinds of errors for them.
         with suppress(Exception):
             entries |= source(path)
     return entries
@@ -88,7 +89,7 @@ def _exif(path: Path) -> dict[str, str]:
 
 
 def _lytro(path: Path) -> dict[str, str]:
-    """Metadata of a Lytro camera: a MAT file of the Light Field Toolbox, or JSON that tools lay beside the pictures."""
+    """Metadata of a Lytro camera, from a MAT file of the Light Field Toolbox, or from JSON beside the pictures."""
     frames: Iterator[Mapping[str, Any]] = iter(())
     if path.suffix.lower() == ".mat":
         frames = _lytro_frames(read_struct(path, "LFMetadata"))
@@ -104,7 +105,7 @@ def _lytro(path: Path) -> dict[str, str]:
 
 
 def _lytro_frames(contents: Any, depth: int = MAX_DEPTH) -> Iterator[Mapping[str, Any]]:
-    """The records of frames anywhere in nested containers: those with a camera and its devices."""
+    """The records of frames anywhere in nested containers: dictionaries with `camera` and `devices`."""
     if (
         isinstance(contents, dict)
         and isinstance(contents.get("camera"), dict)
@@ -119,7 +120,7 @@ def _lytro_frames(contents: Any, depth: int = MAX_DEPTH) -> Iterator[Mapping[str
 def read_struct(path: Path, name: str) -> Mapping[str, Any]:
     """The fields of a structure in a MAT file, old (5) or new (7.3); nothing if the file has none of that name.
 
-    Structures are dictionaries, arrays of text and single numbers plain values. Libraries raise any error over damage.
+    Structures become dictionaries; texts and single numbers become plain values. Damage may raise any error.
     """
     with path.open("rb") as file:
         is_hdf5 = file.read(10) == b"MATLAB 7.3"
@@ -131,7 +132,7 @@ def read_struct(path: Path, name: str) -> Mapping[str, Any]:
     import h5py
 
     def fields(group: Any, depth: int) -> dict[str, Any]:
-        # Other links than hard ones may lead to other files.
+        # Links that are not hard links may lead to other files.
         own = [key for key in group if isinstance(group.get(key, getlink=True), h5py.HardLink)]
         return {key: value(group[key], depth - 1) for key in own} if depth else {}
 
@@ -142,7 +143,7 @@ def read_struct(path: Path, name: str) -> Mapping[str, Any]:
             return None
         array = np.asarray(item[()])
         if item.attrs.get("MATLAB_class") == b"char":
-            # MATLAB stores texts as numbers of their characters.
+            # MATLAB stores a text as the codes of its characters.
             return "".join(chr(code) for code in array.T.ravel())
         return array.item() if array.size == 1 else array
 

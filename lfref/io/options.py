@@ -9,13 +9,13 @@ from typing import Any
 from lfref.errors import InputError, chosen
 
 Pair = tuple[float, float]
-"""Of rows and columns, or (y, x) in pixels."""
+"""Two numbers: of rows and of columns, or (y, x) in pixels."""
 LENSLET = 14
-"""Views along each axis of the ESLF images of the Stanford archive."""
+"""Number of views along each axis of the ESLF images of the Stanford archive."""
 ROW_DISTANCES = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
-"""Lattice -> distance of its rows, in distances between neighbours of a row."""
+"""Lattice -> distance between its rows, in distances between neighbours of a row."""
 SHORTEST_PITCH = 2.0
-"""Pixels: one for each of two views."""
+"""Shortest pitch, in pixels: one for each of two views."""
 
 _PATH = (str, Path)
 KINDS: dict[str, tuple[str, tuple[type, ...], tuple[type, ...]]] = {
@@ -54,7 +54,7 @@ class ReadOptions:
     pattern: str | None = None
     lenslet: int = LENSLET
     pitch: Pair | None = None
-    """Distance of rows, and of the lenslets of a row, in pixels."""
+    """Distance between rows, and between the lenslets of a row, in pixels."""
     offset: Pair | None = None
     rotation: float | None = None
     lattice: str | None = None
@@ -72,10 +72,10 @@ class ReadOptions:
 
     @classmethod
     def parse(cls, **options: Any) -> "ReadOptions":
-        """Options as a user wrote them, lists for pairs among them.
+        """Options from the values that a user wrote; a pair may be a list.
 
         Raises:
-            InputError: The first option that cannot be used, by name.
+            InputError: An option cannot be used; the message names it.
         """
         for name, value in options.items():
             expected, single, pair = KINDS[name]
@@ -118,11 +118,11 @@ class ReadOptions:
 
     @property
     def describes_lenslets(self) -> bool:
-        """Whether any option tells where lenslets stand; else they are aligned with the pixels of the image."""
+        """Whether any option says where lenslets stand; else they are aligned with the pixels of the image."""
         return any(getattr(self, name) is not None for name in ("pitch", "offset", "rotation", "lattice", "white"))
 
     def window(self, grid: Sequence[int], path: Path, views: tuple[int, int] | None = None) -> tuple[slice, slice]:
-        """Rows and columns of views to keep: `views` or the option of that name, of a grid in the file at `path`.
+        """Rows and columns to keep of a grid in the file at `path`; their numbers are `views`, else the option `views`.
 
         Raises:
             InputError: The window is empty or leaves the grid.

@@ -55,7 +55,7 @@ def read_mark(folder: Path) -> Mark | None:
 
 
 def write_mark(folder: Path, kind: str, files: Mapping[str, str | None]) -> None:
-    """Write the mark of a folder, in the place of an older one; kind and files as `Mark`."""
+    """Write the mark of a folder, in the place of an older one; kind and files are those of a `Mark`."""
     contents = {"written_by": "lfref", "kind": kind, "files": dict(sorted(files.items()))}
     atomic.write_text(folder / MARK, json.dumps(contents, indent=1) + "\n")
 
@@ -70,7 +70,7 @@ def digests(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
 
 
 def unchanged(folder: Path, kind: str) -> dict[str, str | None]:
-    """The listed files of a folder that are there and were not edited: none if its mark is of another kind."""
+    """The listed files of a folder that exist and were not edited; none if its mark is of another kind."""
     mark = read_mark(folder)
     if mark is None or mark.kind != kind:
         return {}

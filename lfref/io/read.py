@@ -1,7 +1,8 @@
 """Reading light fields and refocused stacks, in whatever format they are stored.
 
-A folder holds sub-aperture views, an image file lenslets, an EXR file one part a view, an array file all at once.
-`read` goes: options -> format -> samples as stored -> light. An entry of `FORMATS` is all that a format needs.
+A folder holds sub-aperture views, an image file holds lenslets, an EXR file has one part per view, and an array file
+holds all views in one array. The steps are: options -> format -> samples as stored -> light. A format needs only an
+entry of `FORMATS`.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
@@ -24,7 +25,7 @@ from lfref.io.scratch import Allocator, allocator
 from lfref.lightfield import LightField
 
 VERSION = 1
-"""Of all that `read` returns, in the keys of caches: to be raised when samples change."""
+"""Version of all that `read` returns, a part of cache keys; raise it when samples change."""
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
 
 
@@ -32,19 +33,19 @@ class Format(NamedTuple):
     """A format of light fields."""
 
     name: str
-    """In the metadata of a light field."""
+    """Name in the metadata of a light field."""
     title: str
-    """In messages, with its article."""
+    """Title in messages, with its article."""
     magics: tuple[bytes, ...]
-    """First bytes of a file: one of these. A folder has none."""
+    """Possible first bytes of a file; none for a folder."""
     suffixes: tuple[str, ...]
-    """Of file names, in small letters; "" for a folder."""
+    """Suffixes of file names, in small letters; "" for a folder."""
     decode: Callable[[Path, ReadOptions], NDArray]
-    """The chosen views: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
+    """Function that returns the chosen views: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
     holds_views: Callable[[Path], bool] = Path.is_file
     """Whether a file or folder with such a suffix is a light field."""
     options: tuple[str, ...] = ()
-    """Options of `read` for this format and not for all."""
+    """Options of `read` that concern this format, but not all formats."""
 
 
 FOLDER = Format(
@@ -56,7 +57,7 @@ FOLDER = Format(
     view_folders.is_field,
     ("pattern", "grid", "holes"),
 )
-# Not JPEG: its losses mix neighbouring pixels, which are neighbouring views.
+# JPEG is excluded: its losses mix neighbouring pixels, which are neighbouring views.
 _LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
 FORMATS = (
     Format(
@@ -78,7 +79,7 @@ FORMATS = (
         ("grid", "axes", "variable"),
     ),
 )
-"""Of files; a file has the first format whose magic bytes it starts with."""
+"""Formats of files; a file has the first format with whose magic bytes it starts."""
 TITLES = ", ".join(known.title for known in (*FORMATS, FOLDER))
 UNSUPPORTED = {
     "a raw container of a Lytro camera (.lfp, .lfr)": (
@@ -90,11 +91,11 @@ UNSUPPORTED = {
         "unpack it and read what is in it",
     ),
 }
-"""Files that other tools unpack -> their first bytes (one of these), and the remedy."""
+"""Kind of files that other tools unpack -> their possible first bytes, and the remedy."""
 
 
 def format_of(path: Path) -> Format:
-    """The format of a light field: a folder, or the format that the first bytes of a file tell."""
+    """The format of a light field: a folder, or the format by the first bytes of a file."""
     if path.is_dir():
         return FOLDER
     head = images.read_head(path)
@@ -152,48 +153,48 @@ def read(
     encoding: str = "file",
     scratch: str | Path | None = None,
 ) -> LightField:
-    """Read a light field: an ESLF image, a folder of views, or a multi-part EXR file.
+    """Read a light field: a lenslet image, a folder of views, a multi-part EXR file, or an array file.
 
     Args:
         path: File or folder.
-        views: Rows and columns of views to keep, or one number for both; None keeps all, and 7x7 of an ESLF.
+        views: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a lenslet image.
         start: First row and column to keep, from 0, as stored; None keeps the centre, which for 7 of the 14
             views of an ESLF starts at 4 (3 is as central).
         reverse_v: Whether the rows of views run upwards in the file.
         reverse_u: Whether the columns of views run to the left in the file.
         pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row), or a
-            regular expression with the named groups `row` and `column`, or `index`; None: as `view_folders` knows.
+            regular expression with the named groups `row` and `column`, or `index`; None: a name in `view_folders`.
         lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
-        pitch: Of lenslets that are not aligned: pixels between neighbours, also a fraction, or [rows, columns].
-        offset: Centre [y, x] of any lenslet, from the middle of the first pixel; None: what dark borders of
-            lenslets show, else half a pitch from the corner.
-        rotation: Degrees by which rows of lenslets are turned, above 0 where they fall to the right.
-        lattice: `square` or `hexagonal` (every other row half a pitch further); None: square, or what `white` shows.
+        pitch: Distance between lenslets that are not aligned, in pixels, also a fraction; or [rows, columns].
+        offset: Centre [y, x] of any lenslet, in pixels from the middle of the first pixel; None: by the dark borders of
+            lenslets, else half a pitch from the corner.
+        rotation: Angle of the rows of lenslets in degrees, above 0 if they fall to the right.
+        lattice: `square` or `hexagonal` (every other row half a pitch further); None: as in `white`, else square.
         white: A white image of the camera: it shows where the lenslets are, and the image is divided by it.
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
-        grid: Rows and columns of views that have one number each; None: a square.
-        holes: Whether views may be missing; None: only where that seems to be on purpose (a cross, a diagonal).
-        axes: What the axes of an array are, as `vuhwc`: view row and column, pixel row and column, channel, or `n` for
-            views row by row; None: by its shape, if only one order fits.
-        variable: Which array of a file of several; None: the only one that may be a light field, or `LF`.
+        grid: Rows and columns of the grid if each view has one number; None: a square grid.
+        holes: Whether views may be missing; None: only where the holes seem intended (a cross, a diagonal).
+        axes: Axes of an array, such as `vuhwc`: view row and column, pixel row and column, channel, or `n` for views
+            row by row; None: by the shape of the array, if only one order fits.
+        variable: Name of the array in a file of several; None: the only one that may be a light field, or `LF`.
         positions: Positions of the cameras: a CSV or JSON file as `cameras` describes it, or `names` for the names of a
             Stanford gantry's files; None: an even grid.
-        spacing: View steps from row to row and from column to column, both above 0, if they are not alike.
-        encoding: How samples stand for light: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB
-            for integers and linear for floating point; `none` leaves them as they are, as the paper does.
-        scratch: A folder for views that are larger than memory: they lie in a file there, which has no name and is gone
-            with them. Folders of views and EXR files are never in memory as a whole; other forms are, as samples.
+        spacing: View steps from row to row and from column to column, both above 0, if they differ.
+        encoding: Encoding of the samples: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB for
+            integers and linear for floating point; `none` leaves samples as they are, as the paper does.
+        scratch: A folder for views that are larger than memory: a nameless file there holds them, and vanishes with
+            them. Folders of views and EXR files are never in memory as a whole; the samples of other formats are.
 
     Returns:
         The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
-        in [0, 1], and beyond where files of floating point are. Alpha becomes the weight, which is 0 where views are
-        missing. The name is that of the path without suffix; the metadata say `path`, `format` (`eslf`, `folder`,
-        `exr`, `array`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are, `cut from` if `size` leaves
-        something out, and what else the files say (see `metadata`).
+        in [0, 1], or beyond it if floating-point files are. Alpha becomes the weight, which is 0 where views are
+        missing. The name is that of the path without suffix. The metadata have `path`, `format` (`eslf`, `folder`,
+        `exr`, `array`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are missing, `cut from` if `size`
+        crops the views, and further entries from the files (see `metadata`).
 
     Raises:
         FileError: A file is missing, damaged, or not what it should be.
-        InputError: Options do not fit the file, or do not concern its form.
+        InputError: Options do not fit the file, or do not concern its format.
 
     Example:
         >>> path = lfref.write("capture", lfref.LightField(torch.rand(3, 3, 3, 24, 32)))  # a folder of PNG views
@@ -207,7 +208,7 @@ def read(
     )  # fmt: skip
     path = Path(path)
     form = format_of(path)
-    # Options for other formats are refused: people would think that they helped.
+    # Options for other formats are refused: users would think that they had an effect.
     changed = [option.name for option in fields(options) if getattr(options, option.name) != option.default]
     for name in changed:
         titles = [known.title for known in (*FORMATS, FOLDER) if name in known.options]
@@ -235,7 +236,7 @@ def read(
     if (rows, columns) != (height, width):
         entries["cut from"] = f"{height}x{width} pixels"
 
-    # Reversed axes: the first view in the file is our last, and its position changes its sign.
+    # On a reversed axis, the first view in the file becomes the last, and positions change their sign.
     signs = (-1 if reverse_v else 1), (-1 if reverse_u else 1)
     samples = samples[:: signs[0], :: signs[1]]
     has_positions = options.positions is not None or options.spacing is not None
@@ -253,7 +254,7 @@ def read(
 
 
 def _converted(samples: NDArray, convert: Callable[[NDArray], NDArray], allocate: Allocator | None) -> Tensor:
-    """Samples as float32, view by view where they lie on a disk."""
+    """Samples as float32; view by view if they lie on a disk."""
     if allocate is None:
         return torch.from_numpy(convert(samples))
     converted = allocate(samples.shape, np.float32)

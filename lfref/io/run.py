@@ -1,4 +1,4 @@
-"""The run folder of a command, and the files in it; all but the first two are of `lfref train`.
+"""The run folder of a command, and the files in it; only `lfref train` writes those after the first two.
 
 RUN/config.yaml, overrides.yaml, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv, pictures/*.png
 """
@@ -28,7 +28,7 @@ class Run:
 
     folder: Path
     chosen: Path | None = None
-    """The checkpoint that `of` got; None where it got the folder."""
+    """The checkpoint if `of` got one; None if it got the folder."""
 
     @classmethod
     def of(cls, path: str | Path) -> "Run":
@@ -71,13 +71,13 @@ class Run:
 
     @property
     def best(self) -> Path:
-        """Checkpoint of the best validation."""
+        """Checkpoint with the best validation."""
         return self._checkpoint("best")
 
     @property
     def last(self) -> Path:
         """Checkpoint of the last finished epoch."""
-        # A run that is killed while it writes its first ones may have only the best, which is written before the last.
+        # A run that is killed at its first checkpoints may have only the best one, which is written before the last.
         return self._checkpoint("last", "best")
 
     @property
@@ -124,17 +124,17 @@ def write_overrides(folder: Path, overrides: list[str]) -> None:
 
 
 def epochs_done(checkpoint: Path) -> int:
-    """Epochs of training behind a checkpoint."""
+    """Number of epochs of training before a checkpoint."""
     return int(_progress(checkpoint)["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"])
 
 
 def steps_done(checkpoint: Path) -> int:
-    """Steps of the optimiser behind a checkpoint."""
+    """Number of steps of the optimiser before a checkpoint."""
     return int(_progress(checkpoint)["global_step"])
 
 
 def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
-    """Whether a checkpoint has the `max_epochs` or `max_steps` of a trainer; absent or -1 sets no end."""
+    """Whether a checkpoint has reached `max_epochs` or `max_steps` of a trainer; a missing one or -1 sets no end."""
     done = {"max_epochs": epochs_done(checkpoint), "max_steps": steps_done(checkpoint)}
     lengths = {name: trainer.get(name) for name in done}
     return any(length is not None and 0 <= length <= done[name] for name, length in lengths.items())
@@ -147,7 +147,7 @@ def _progress(checkpoint: Path) -> dict[str, Any]:
         contents = torch.load(checkpoint, map_location="cpu", weights_only=True, mmap=True)
     except CheckpointError:
         raise
-    # Over a foreign file the unpickler raises any error.
+    # The unpickler may raise any error for a foreign file.
     except Exception as error:
         raise CheckpointError(f"{checkpoint} is damaged or no checkpoint") from error
     if not (isinstance(contents, dict) and {"loops", "global_step", "optimizer_states"} <= contents.keys()):

@@ -26,7 +26,7 @@ def check_memory(n_bytes: float, what: str) -> None:
 
 
 def _available_memory() -> float:
-    """Bytes of memory that this process can get: of the machine, its container and its own limit."""
+    """Memory that this process can get, in bytes: the least of the machine's, the container's and its own limit."""
     limits = [math.inf]
     with suppress(OSError, TypeError):  # not on Linux
         entry = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
@@ -44,9 +44,9 @@ def _available_memory() -> float:
 
 
 def allocator(folder: Path | None) -> Allocator:
-    """The function that allocates arrays: in memory, or in files of a folder that have no name and vanish with them.
+    """The function that allocates arrays: in memory, or in nameless files of a folder, which vanish with the arrays.
 
-    Of an array on a disk only the part in use is held in memory.
+    Only the part in use of an array on a disk is held in memory.
     """
     if folder is None:
         return np.zeros

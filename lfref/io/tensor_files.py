@@ -4,7 +4,7 @@ A safetensors file holds tensors and texts, and nothing in it can run. Our texts
 
 A digest is a SHA-256 that is written into the file itself: reading notices damage and changes. The file holds `MARK`
 and 64 hexadecimal digits once. They are the digest of the whole file with zeros in their place, and of the files beside
-it: weights and graph. Whoever changes a file can write the new digest too; this is no signature.
+it: weights and graph. Whoever changes a file can write the new digest too: a digest is no signature.
 Format of safetensors: https://github.com/huggingface/safetensors.
 """
 
@@ -29,15 +29,15 @@ from lfref.io import atomic
 log = logging.getLogger(__name__)
 MARK = "lfref-sha256:"
 BLANK = MARK + 64 * "0"
-"""Place of the digest in a file that is still without it."""
+"""Text in the place of the digest before it is computed."""
 # No look-behind: with one, searching 100 MB took 2.7 s instead of 0.1 s.
 PLACE = re.compile(f"{MARK}([0-9a-f]{{64}})".encode())
 END = b"PK\x05\x06"
-"""Start of the last record of a ZIP archive, of 22 bytes; its last two are the length of the comment that follows."""
+"""Start of the last record of a ZIP archive; it has 22 bytes, the last two of which are the length of the comment."""
 
 
 def fill_digest(path: Path, *beside: Path) -> None:
-    """Fill in the digest of a file that holds `BLANK` once; `beside` are files of which it is the digest too."""
+    """Fill in the digest of a file that holds `BLANK` once; the digest also covers the files `beside`."""
     place, _, digest = _digest(path, beside) or (0, "", "")
     assert place, path
     with path.open("r+b") as file:
@@ -57,11 +57,11 @@ def fill_archive_digest(path: Path) -> None:
 
 
 def check_digest(path: Path, *beside: Path) -> bool:
-    """Whether a file holds its digest; CheckpointError if the file does not match its digest."""
+    """Whether a file holds a digest; a CheckpointError if the file does not match it."""
     result = _digest(path, beside)
     if result is not None and result[1] != result[2]:
         raise CheckpointError(
-            f"{path} is damaged or was changed", got="another SHA-256", remedy="copy or fill_digest it anew"
+            f"{path} is damaged or was changed", got="another SHA-256", remedy="copy or write it anew"
         )
     return result is not None
 
@@ -88,13 +88,13 @@ def _digest(path: Path, beside: tuple[Path, ...]) -> tuple[int, str, str] | None
 
 def warn_without_digest(path: Path) -> None:
     """Say that a file of an earlier version has no digest."""
-    log.warning("%s has no digest, so damage would not show: fill_digest it anew with this version of lfref", path)
+    log.warning("%s has no digest, so damage would not show: write it anew with this version of lfref", path)
 
 
 def check_archive_digest(path: Path) -> bool:
-    """Check a ZIP archive like `check_digest`, and that its members are plain; without a digest, also their checksums.
+    """Check the digest of a ZIP archive, as `check_digest`, and that its members are plain.
 
-    PyTorch checks neither the checksums nor the size of the unpacked members.
+    Without a digest, the checksums of the members are checked. PyTorch checks neither these nor the unpacked sizes.
     """
     has_digest = check_digest(path)
     with zipfile.ZipFile(path) as archive:
@@ -102,7 +102,7 @@ def check_archive_digest(path: Path) -> bool:
         is_plain = all(member.compress_type == zipfile.ZIP_STORED for member in members)
         if not is_plain or sum(member.file_size for member in members) > path.stat().st_size:
             raise CheckpointError(
-                f"{path} must hold plain members", got="compressed ones", remedy="fill_digest it anew"
+                f"{path} must hold plain members", got="compressed ones", remedy="write it anew"
             )
         if not has_digest and (name := archive.testzip()) is not None:
             raise CheckpointError(f"{path} is damaged", got=f"another checksum of {name}", remedy="copy it anew")
@@ -111,7 +111,7 @@ def check_archive_digest(path: Path) -> bool:
 
 SUFFIX = ".safetensors"
 DIGEST = "sha256"
-"""Entry that says that the file holds a digest; of safetensors, its place."""
+"""Name of the entry that says that a file holds a digest; in safetensors, the entry is the digest."""
 
 
 def write_checkpoint(path: str | Path, contents: dict[str, Any]) -> None:
@@ -133,7 +133,7 @@ def read_checkpoint(path: Path) -> Any:
         contents = torch.load(path, map_location="cpu", weights_only=True)
     except CheckpointError:
         raise
-    # On a foreign file the unpickler raises any error; PyTorch would advise to load it unsafely.
+    # The unpickler may raise any error for a foreign file; PyTorch's message would advise to load it unsafely.
     except Exception as error:
         raise CheckpointError(f"{path} is damaged or no checkpoint", remedy="train or copy it anew") from error
     _require_digest(path, has_digest, isinstance(contents, dict) and DIGEST in contents)

@@ -1,8 +1,8 @@
 """Writing films, whole or not at all: MP4 that every browser plays, and GIF with a palette of its own.
 
-MP4 is H.264 in 4:2:0 with even sides, its colours converted and labelled by BT.709; frames are written as they come,
-one in memory at a time. A GIF has 256 colours, chosen from all of its frames, and repeats for ever. A film never
-replaces a file.
+An MP4 is H.264 in 4:2:0 with even sides; its colours are converted and labelled by BT.709. It is written frame by
+frame, with one frame in memory at a time. A GIF has 256 colours, chosen from all of its frames, and repeats for ever. A
+film never replaces a file.
 """
 
 import itertools
@@ -24,10 +24,10 @@ Frame = NDArray[np.uint8]
 Frames = Sequence[Frame]
 
 GIF_SIDE = 640
-"""Pixels along the longer side of a GIF, at most: it hardly compresses."""
+"""Largest length of a GIF's longer side, in pixels: a GIF hardly compresses."""
 X264 = {"crf": "16", "preset": "medium"}
 BT709 = {"color_primaries": 1, "color_trc": 1, "colorspace": 1, "color_range": 1}
-"""Numbers of H.273; the range is that of television."""
+"""Colour properties of BT.709, as numbers of H.273; the range is that of television."""
 
 
 def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) -> None:

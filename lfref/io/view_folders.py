@@ -2,7 +2,7 @@
 
 Known names are those of the Stanford gantry (`out_RR_CC_Y_X.png`), the HCI benchmark (`input_Cam000.png`), numbers
 behind letters (`v03_u04`, `row3_col4`), a row and a column (`03_04`, `view-3-4`, `NAME_03x04`), and plain numbers
-(`000.png`): those are views of a square grid, row by row, where nothing speaks against it.
+(`000.png`). Pictures with plain numbers are views of a square grid, row by row, if number, size and contents allow it.
 
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
@@ -32,7 +32,7 @@ PATTERNS: dict[str, str] = {
     "HCI": r"^(?P<name>input_Cam)(?P<index>\d+)\.\w+$",
     "v_u": rf"(?i)^(?P<name>|.*[^a-z]){_V}[_-]?{_U}\.\w+$",
     "u_v": rf"(?i)^(?P<name>|.*[^a-z]){_U}[_-]?{_V}\.\w+$",
-    # Numbers of more digits are dates and counters of cameras, those right behind letters belong to a name.
+    # Numbers of more than 3 digits are dates or counters of cameras; numbers right behind letters belong to a name.
     "row_column": rf"^(?P<name>|.*[^a-zA-Z\d]){_ROW}[_x-]{_COLUMN}\.\w+$",
 }
 """Name of a pattern -> regular expression; a file has the first pattern that it matches."""
@@ -40,17 +40,17 @@ AMBIGUOUS_PATTERNS: dict[str, str] = {
     "column_row": rf"^(?P<name>|.*[^a-zA-Z\d]){_COLUMN}[_x-]{_ROW}\.\w+$",
     "index": r"^(?P<name>|.*\D)(?P<index>\d+)\.\w+$",
 }
-"""Further patterns that names alone do not tell: `column_row` from `row_column`, `index` from unrelated pictures."""
+"""Further patterns: names alone do not tell `column_row` from `row_column`, nor `index` from unrelated pictures."""
 FEWEST_NUMBERED = 9
-"""Numbered pictures that are no views are rarely this many and a square number at once."""
+"""Fewest numbered pictures that count as views: other pictures rarely are so many, and a square number."""
 ROW_RATIO = 1.5
-"""A view must differ from the one below it this many times more than from the next one to count as one row."""
+"""Difference of a view from the one below, over that from the next one, above which pictures count as one row."""
 LARGEST_NUMBERED = 2500
-"""Height and width, in pixels, from which numbered pictures may as well be lenslet images of several scenes."""
+"""Height and width, in pixels, from which numbered pictures may be lenslet images of several scenes."""
 GAMMAS = (0.1, 10.0)
-"""Smallest and largest exponent in a header that is plausible."""
+"""Smallest and largest plausible exponent in a header."""
 N_WRITERS = 4
-"""Images that are compressed at the same time, and held in memory."""
+"""Number of images that are compressed, and held in memory, at the same time."""
 
 
 class NamedFile(NamedTuple):
@@ -69,12 +69,12 @@ class NamedFile(NamedTuple):
 
 
 def _groups(regex: re.Pattern[str]) -> list[str]:
-    """The named groups that tell where a view belongs: `row` and `column`, or `index`."""
+    """The named groups for the place of a view: `row` and `column`, or `index`."""
     return [group for group in ("row", "column", "index") if group in regex.groupindex]
 
 
 def compiled(pattern: str) -> re.Pattern[str]:
-    """The regular expression of the option `pattern`: a name of the two tables, or an expression itself."""
+    """The regular expression of the option `pattern`, which is a name in the two tables, or an expression itself."""
     known = PATTERNS | AMBIGUOUS_PATTERNS
     expected = f"pattern (reader.pattern) must be {', '.join(known)} or a regular expression"
     try:
@@ -89,7 +89,7 @@ def compiled(pattern: str) -> re.Pattern[str]:
 def fields_of(
     files: Iterable[Path], patterns: Iterable[str | re.Pattern[str]] = PATTERNS.values()
 ) -> list[list[NamedFile]]:
-    """The files that match a pattern, those of one light field (one pattern, one name) together."""
+    """The files that match a pattern, one list per light field (one pattern and one name)."""
     fields: dict[tuple[str, str], list[NamedFile]] = {}
     expressions = [re.compile(pattern) for pattern in patterns]
     for path in files:
@@ -101,13 +101,13 @@ def fields_of(
 
 
 def numbered_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
-    """The files that are numbered through; a picture on its own counts only if there are no others."""
+    """The files that are numbered, one list per name; a name with one picture counts only if no name has more."""
     fields = fields_of(files, [AMBIGUOUS_PATTERNS["index"]])
     return [field for field in fields if len(field) > 1] or fields
 
 
 def _looks_like_views(field: list[NamedFile]) -> bool:
-    """Whether numbered pictures count as views without the option `pattern`: a square number of them, and small."""
+    """Whether numbered pictures count as views without the option `pattern`: they are a square number, and small."""
     numbers = {int(file.match["index"]) for file in field}
     if len(numbers) < len(field) or len(numbers) < FEWEST_NUMBERED:
         return False
@@ -165,8 +165,8 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
         cells = {divmod(index - base, shape[1]): file for (index,), file in numbered.items()}
         return Arrangement(cells, shape, lambda cell: field[0].renamed({"index": base + shape[1] * cell[0] + cell[1]}))
 
-    # `cam_1_01` to `cam_1_81` may be a row of 81 views, or a camera's 9x9 numbered through: ambiguous unless the
-    # numbers of row and column are equally wide.
+    # `cam_1_01` to `cam_1_81` may be one row of 81 views, or 9x9 numbered views of camera 1. Names are ambiguous
+    # unless the numbers of row and column have equally many digits.
     is_one_row = len({row for row, _ in numbered}) == 1
     is_even = all(len(file.match["row"]) == len(file.match["column"]) for file in field)
     if options.pattern is None and is_one_row and not is_even and math.isqrt(len(field)) ** 2 == len(field) > 1:
@@ -187,7 +187,7 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
 def _square_or_option(
     folder: Path, field: list[NamedFile], numbers: list[int], shape: tuple[int, int] | None
 ) -> tuple[tuple[int, int], int]:
-    """Rows and columns of a grid that is numbered through, and its first number."""
+    """Rows and columns of a grid whose views are numbered row by row, and its first number."""
     first, last, count = min(numbers), max(numbers), len(numbers)
     if shape is not None:
         n_views = shape[0] * shape[1]
@@ -214,7 +214,7 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
     1, is the number at which a grid without holes begins. Only one base fits, since no two squares differ by 2.
 
     Returns:
-        Rows (or columns), and the number of the first view; None: no such grid.
+        Number of rows (and of columns), and the number of the first view; None if there is no such grid.
     """
     side = math.isqrt(count)
     if side**2 == count == last - first + 1:
@@ -257,10 +257,10 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
 
 
 def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
-    """Refuse a row of pictures, as of a moving camera, that seemed a square grid because of their number.
+    """Refuse a row of pictures, such as those of a moving camera, that seems a square grid because of its number.
 
-    From the last view of a row to the first of the next it is a step in a row of pictures, and a long way in a grid;
-    to the last of the next row it is the other way round.
+    The next picture after the last view of a grid's row is the first view of the row below, which is far away: the view
+    right below differs less. In a single row of pictures, the next picture differs less.
     """
     n_rows, n_columns = stored.shape
     cells = (n_rows // 2 - 1, n_columns - 1), (n_rows // 2, 0), (n_rows // 2, n_columns - 1)
@@ -295,12 +295,12 @@ def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64
 def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
     """The encoding of a file's samples: the option, else the file's header, else the default.
 
-    Headers that tell are the sRGB and gAMA chunks of PNG and the EXIF of JPEG and TIFF.
+    Encodings stand in the sRGB and gAMA chunks of PNG, and in the EXIF of JPEG and TIFF.
 
     Args:
         path: A file, or a folder of views, whose first image counts for all.
-        option: As `encoding` of `lfref.read`; `file`: as the header tells.
-        default: For headers that tell nothing, or nothing that we know.
+        option: The option `encoding` of `lfref.read`; `file`: as the header says.
+        default: Encoding for headers that say none, or an unknown one.
     """
     if option != "file":
         return encodings.parsed(option)
@@ -333,7 +333,7 @@ def write_images(
     """Write named images [C, H, W] as a folder, which replaces an older one of its kind (`views` or `planes`)."""
     ownership.check_folder(path, kind)
     with atomic.replacing_folder(path) as partial, ThreadPoolExecutor(N_WRITERS) as pool:
-        # A few at a time: compression is most of the work, and releases the interpreter's lock.
+        # Several images at a time: compression is most of the work, and releases the interpreter's lock.
         running = deque[Future[None]]()
         for name, image in named:
             if len(running) == N_WRITERS:

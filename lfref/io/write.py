@@ -23,21 +23,21 @@ SUFFIXES = ("", ".exr")
 
 
 def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Path:
-    """Write a light field so that `read` gives it back, exact but for the rounding to these bits.
+    """Write a light field so that `read` gives it back, exact up to the rounding to these bits.
 
     Args:
-        path: A name in `.exr` for a multi-part EXR file; a name without suffix for a folder of PNG images named
-            `NAME_RR_CC.png`, row and column from 0, encoded for a screen (sRGB) if the light field is linear, clipped
-            to [0, 1]. The weight is the last channel.
+        path: A name with the suffix `.exr` for a multi-part EXR file; a name without suffix for a folder of PNG images
+            named `NAME_RR_CC.png`, row and column from 0. PNG images are encoded for a screen (sRGB) if the light field
+            is linear, and clipped to [0, 1]. The weight is the last channel.
         field: The light field, C 1 or 3. Its name is not kept: `read` names a light field after its path.
-        bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
+        bits: Bits per sample: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
 
     Returns:
         The path.
 
     Raises:
-        InputError: NaN or infinity, or a suffix, depth or number of channels that cannot be written.
-        FileError: The disk refuses, or the path holds anything but such a light field as `write` left it.
+        InputError: Views hold NaN or infinity, or the suffix, depth or number of channels cannot be written.
+        FileError: The disk refuses, or the path holds anything but an unedited light field of `write`.
 
     Example:
         >>> field = lfref.LightField(torch.rand(3, 3, 3, 24, 32))
@@ -67,11 +67,11 @@ def write_stack(
     """Write a refocused stack; returns the path.
 
     Args:
-        path: A name in `.exr` for a multi-part EXR file, which `read_stack` reads; a name without suffix for a
-            folder of PNG images named `plane_00_slope_-7_alpha_0.125.png`, which clip to [0, 1].
+        path: A name with the suffix `.exr` for a multi-part EXR file, which `read_stack` reads; a name without suffix
+            for a folder of PNG images named `plane_00_slope_-7_alpha_0.125.png`, which are clipped to [0, 1].
         stack: Refocused images, floating point, [N, C, H, W] with C 1 or 3.
         planes: The N planes.
-        bits: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
+        bits: Bits per sample: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
         encoding: Encoding of pictures; EXR files hold the stack as it is.
     """
     path = Path(path)
@@ -99,11 +99,11 @@ def write_pictures(
 
     Args:
         path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, without alpha if the slope has none.
-        pictures: Floating point, clipped to [0, 1], N times [C, H, W] with C 1 or 3.
+        pictures: N pictures [C, H, W] with C 1 or 3, floating point, to be clipped to [0, 1].
         planes: The N planes.
-        suffix: One of `images.DEPTHS`.
-        bits: As `images.write_image`.
-        quality: Of JPEG and AVIF, from 1 to 100.
+        suffix: Suffix of the files, a key of `images.DEPTHS`.
+        bits: Bits per sample, as in `images.write_image`.
+        quality: Quality of JPEG and AVIF files, from 1 to 100.
     """
     images.sample_type(Path(path) / f"x{suffix}", bits)
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)

@@ -3,9 +3,9 @@ refiners, the share of each picture's error that remains after the correction.
 
 Source: the paper's Eq. for L, with its psi_1 and psi_2 multiplied out,
 L = MSE + beta (1 - SSIM) / 2 + (1 - beta) L1 + gamma / PSNR, computed for each refocused image, then averaged.
-Refiners have a loss of their own (`RelativeError`), because errors of scenes differ by a factor of a thousand. Relative
-to the error before, each picture counts alike, and PSNR averages the logarithm. Only pixels with an error scale above 0
-count, since no other may be corrected.
+Refiners have a loss of their own (`RelativeError`), because errors of scenes differ by a factor of a thousand. It
+divides the error after the correction by the error before, so that each picture counts alike; by default it averages
+the logarithm, as the mean of PSNR does. Only pixels with an error scale above 0 count, since no other may be corrected.
 Letters: `C H W` channel, pixel row and column.
 """
 
@@ -51,7 +51,7 @@ OF_SQUARES: dict[Term, Callable[[Tensor], Tensor]] = {
     mean_squared_error: Tensor.double,
     inverse_psnr: inverse_psnr_of_mse,
 }
-"""Terms that are functions of the mean squared error alone -> that function. So the error is computed once."""
+"""Terms that are functions of the mean squared error alone -> that function, so that the error is computed once."""
 
 
 def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
@@ -65,7 +65,7 @@ def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
         A weight for each name in `TERMS`.
 
     Raises:
-        InputError: beta is out of range; `CompositeLoss` checks gamma like any weight.
+        InputError: beta is out of range; `CompositeLoss` checks gamma as a weight.
     """
     if not 0 <= beta <= 1:
         raise InputError("beta must lie in [0, 1]", got=beta, remedy="the paper uses 0.65")
@@ -158,7 +158,7 @@ def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) ->
 
 
 LEAST_ERROR = 1e-5
-"""Error in light that is added before dividing: 100 dB, beyond which pictures need not improve."""
+"""Error in light that is added before the division; it equals 100 dB, beyond which pictures need not improve."""
 
 POWERS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "l1": lambda error, share: (share * error.abs()).sum((-3, -2, -1)),

@@ -1,1 +1,1 @@
-"""Networks that refocus, and the checkpoint format they are kept in."""
+"""Networks that refocus, and the format of their checkpoints."""

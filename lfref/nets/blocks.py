@@ -22,14 +22,14 @@ ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
 }
 
 EPSILON = 1e-3
-"""Added to each variance: TensorFlow's default, which the paper used. With PyTorch's 1e-5 the 22 normalisations of a
-black frame, whose variance is 0, amplify a gradient beyond the range of float32."""
+"""Number that is added to each variance: TensorFlow's default, which the paper used. With PyTorch's 1e-5 the 22
+normalisations of a black frame, whose variance is 0, amplify a gradient beyond the range of float32."""
 
 NORMALIZATIONS: dict[str, Callable[[int], nn.Module]] = {
     "instance": lambda channels: nn.InstanceNorm2d(channels, EPSILON, affine=True),
     "batch": lambda channels: nn.BatchNorm2d(channels, EPSILON),
     "group": lambda channels: nn.GroupNorm(math.gcd(32, channels), channels, EPSILON),
-    # Layer norm of a convolutional network: over all channels and pixels of one sample.
+    # Layer norm of a convolutional network: its mean is over all channels and pixels of one sample.
     "layer": lambda channels: nn.GroupNorm(1, channels, EPSILON),
     "none": lambda channels: nn.Identity(),
 }
@@ -43,7 +43,7 @@ STYLES = {
 
 
 class ResBlock(nn.Module):
-    """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W]; options as of `RefNet`."""
+    """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W]; options as for `RefNet`."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ def padded(images: Tensor, side: int) -> Tensor:
     if side == 1:
         return images
     if torch.compiler.is_exporting() or torch.jit.is_tracing():
-        # The padding depends on the size, which exported graphs leave open: as much as may be needed, then cut.
+        # The padding depends on the size, which exported graphs leave open: pad as much as may be needed, then cut.
         for axis in (-1, -2):
             length = images.shape[axis]
             longer = torch.cat([images] + [images.narrow(axis, length - 1, 1)] * (side - 1), axis)

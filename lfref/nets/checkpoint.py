@@ -1,8 +1,9 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them. A file of safetensors holds the same without Lightning's. Both have a digest (`lfref.io.tensor_files`).
-Reading is `weights_only`, addresses are refused, and networks are built from a table of names, no larger than the file.
+beside them. A safetensors file holds the same without Lightning's entries. Both kinds of file have a digest
+(`lfref.io.tensor_files`). Reading is `weights_only`, URLs are refused, and networks are built from a table of names, no
+larger than the file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,17 +23,17 @@ from lfref.nets.refnet import RefNet
 NETWORKS: dict[str, type[Network]] = {RefNet.name: RefNet}
 """Networks of ours that checkpoints may hold, by name."""
 CLASS = "class"
-"""Key of the class of a network from another package, which must declare it, or be allowed (`lfref.extensions`)."""
+"""Key of a network's class from another package, which must declare the class, or be allowed (`lfref.extensions`)."""
 FORMAT = 2
 FORMATS = (1, FORMAT)
-"""Formats that can be read; 1 kept alphas in place of slopes."""
+"""Formats that can be read; format 1 kept alphas in place of slopes."""
 Module = TypeVar("Module", bound=nn.Module)
 PREFIX = "net."
 """Prefix of the weights in a checkpoint: training modules hold their network as `net`."""
 
 
 def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> dict[str, Any]:
-    """The entry `lfref` of a checkpoint, from which the network is built again; `is_linear`: it reads linear light."""
+    """The entry `lfref` of a checkpoint, which describes the network; `is_linear`: whether it reads linear light."""
     kind = type(network)
     foreign = {} if NETWORKS.get(network.name) is kind else {CLASS: f"{kind.__module__}.{kind.__qualname__}"}
     arguments = {"name": network.name, **foreign, **network.config}
@@ -40,7 +41,7 @@ def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> di
 
 
 def check_number(network: Network, planes: FocalPlanes) -> None:
-    """Raise an InputError if a network makes another number of planes."""
+    """Raise an InputError if a network does not make as many planes as there are in `planes`."""
     if network.n_planes not in (None, len(planes)):
         raise InputError(
             f"the network must make as many planes as there are ({len(planes)})",
@@ -71,7 +72,7 @@ def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[
 
 
 def read(path: str | Path) -> dict[str, Any]:
-    """The entries `lfref` and `state_dict` of a file, and those of Lightning; CheckpointError if it is not ours."""
+    """The entries `lfref` and `state_dict` of a file, and Lightning's entries; CheckpointError for other files."""
     if "://" in str(path):
         raise CheckpointError("a checkpoint must be a local file", got=path, remedy="download it first")
     if not Path(path).is_file():
@@ -94,7 +95,7 @@ def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
 
 
 def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
-    """As `restore`, of the contents that `read` returned; `path` is for errors."""
+    """The network and planes of `restore`, from the contents that `read` returned; errors name `path`."""
     entry = contents["lfref"]
     if entry.get("format") not in FORMATS:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
@@ -123,11 +124,11 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
     Args:
         path: File of the checkpoint.
         kind: Class of the network.
-        arguments: Of the class, from the checkpoint.
+        arguments: Arguments of the class, from the checkpoint.
         state: `state_dict` of the checkpoint.
 
     Raises:
-        CheckpointError: The file lacks weights, or they have other shapes or types, or are not finite.
+        CheckpointError: Weights are missing, have other shapes or types, or are not finite.
         InputError: No network can be built from these arguments.
     """
     weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
@@ -139,7 +140,7 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
             name == "n_blocks" and isinstance(value, int) and value > len(weights)
         ):
             raise CheckpointError(f"{path} must hold the weights of all blocks", got=counted(len(weights), "tensor"))
-    # Networks of other packages may not be buildable so; the user trusts these packages.
+    # Networks of other packages may need memory to be built; the user trusts these packages.
     if kind.__module__.startswith("lfref."):
         with torch.device("meta"):
             compare(path, kind(**arguments), weights)
@@ -153,7 +154,7 @@ def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:
     """Refuse weights that are no plain finite tensors, or that hold more numbers than the file."""
     views = {}
     for name, value in weights.items():
-        # Each test assumes that those before it hold.
+        # Each test assumes that the tests before it hold.
         if (
             not isinstance(value, Tensor)
             or (value.layout, value.device.type, value.is_quantized) != (torch.strided, "cpu", False)

@@ -18,7 +18,7 @@ Total = Callable[[Tensor], Tensor]
 FLAT = 1e-3
 """Standard deviation below which an output counts as constant."""
 SPREAD = 0.1
-"""Standard deviation of each output channel at the start, in radiance: no channel was dead then on 48 seeds."""
+"""Standard deviation of each output channel at the start, in radiance; with it, no channel was dead on 48 seeds."""
 
 
 def one_process(value: Tensor) -> Tensor:
@@ -30,17 +30,17 @@ class Network(nn.Module, abc.ABC):
     """Views [..., V, U, C, H, W] and slopes [N] -> stack [..., N, C, H, W]."""
 
     name: ClassVar[str]
-    """What checkpoints call this kind of network."""
+    """Name of this kind of network in checkpoints."""
     config: dict[str, Any]
     """The arguments that build this network again, in plain containers."""
     n_planes: int | None
-    """Number of planes that it makes; None: as many as it is given slopes."""
+    """Number of planes that it makes; None: one for each slope."""
     grid: tuple[int, int] | None
-    """View rows and columns (V, U) that it reads; None: any."""
+    """View rows and columns (V, U) that it reads; None: any grid."""
 
     @property
     def like(self) -> Tensor:
-        """A tensor of the type and on the device that it works in."""
+        """A tensor of the network's type, on its device."""
         return next(self.parameters())
 
     @abc.abstractmethod
@@ -49,7 +49,7 @@ class Network(nn.Module, abc.ABC):
 
         Args:
             views: Radiance in [0, 1], in the type of the weights, [..., V, U, C, H, W].
-            slopes: In pixels per view step, float64, [N]; a network with fixed planes needs none.
+            slopes: Slopes in pixels per view step, float64, [N]; a network with fixed planes needs none.
 
         Returns:
             Stack, [..., N, C, H, W].
@@ -63,9 +63,9 @@ class Network(nn.Module, abc.ABC):
 
         Args:
             views: This process's part of the batch, [B, V, U, C, H, W].
-            slopes: Of its planes, [N].
-            labels: [B, N, C, H, W].
-            total: Adds up over the processes that hold the other parts.
+            slopes: Slopes of the planes, [N].
+            labels: Labels of these views, [B, N, C, H, W].
+            total: Function that adds up a tensor over all processes, which hold the other parts.
         """
 
 
@@ -73,13 +73,13 @@ class Network(nn.Module, abc.ABC):
 def prime(head: nn.Conv2d, features: Tensor, labels: Tensor, total: Total = one_process) -> None:
     """Rescale a convolution with a bias, in place, so that features [B, F, H, W] give the means of labels [B, K, H, W].
 
-    `total` adds up over the processes that hold other parts of the batch.
+    `total` adds up a tensor over all processes, which hold the other parts of the batch.
     """
     raw = head(features).double()
     count = total(torch.tensor(float(raw[:, 0].numel()), dtype=torch.float64, device=raw.device))
     mean = total(raw.sum((0, 2, 3))) / count
     deviation = (total((raw - mean[:, None, None]).square().sum((0, 2, 3))) / (count - 1)).sqrt()
-    # A constant channel cannot be scaled: it gets the right mean, and learns the rest.
+    # A constant channel cannot be scaled: it gets the right mean, and training does the rest.
     gain = torch.where(deviation > FLAT, SPREAD / deviation.clamp(min=FLAT), 1.0)
     target = total(labels.double().sum((0, 2, 3))) / count
     bias = cast(Tensor, head.bias)

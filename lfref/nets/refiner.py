@@ -1,12 +1,12 @@
 """The refiner: a small residual network that corrects refocused planes, each by itself.
 
-The correction is a mixture of candidates, the first of its features: differences of other pictures of the same plane
-from the one that is corrected, in units of the error scale. So nothing changes where the error scale is 0, nothing can
-be invented, and all colours are treated alike. The last convolution starts at zero: an untrained refiner changes
-nothing. It works on a coarser grid of pixels with more channels, which reaches farther at the same cost; pixel
-unshuffle and the convolution after it are one convolution with strides.
+The correction is a mixture of candidates, which are the first features: differences between other pictures of the same
+plane and the picture that is corrected, in units of the error scale. So nothing changes where the error scale is 0,
+nothing can be invented, and all colours are treated alike. The last convolution starts at zero: an untrained refiner
+changes nothing. The refiner works on a coarser grid of pixels with more channels, which reaches farther at the same
+cost; pixel unshuffle and the convolution after it are one convolution with strides.
 Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column, `r` pixels along the side of a
-coarse one.
+coarse pixel.
 Sources: Shi et al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel Convolutional
 Neural Network", 2016 (the grid); Lim et al., "Enhanced Deep Residual Networks", 2017 (the blocks); Bako et al.,
 "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017 (the mixture).
@@ -29,7 +29,7 @@ STEP = 0.2
 
 
 class RefinerBlock(nn.Module):
-    """Two convolutions whose result is added: [B, width, H, W] -> the same."""
+    """Two convolutions whose result is added to their input, [B, width, H, W]."""
 
     def __init__(self, width: int, kernel: int, activation: Callable[[], nn.Module]) -> None:
         super().__init__()
@@ -45,13 +45,13 @@ class Corrector(nn.Module, abc.ABC):
     """Features, pictures and error scale -> better pictures; shapes as in `Refiner.forward`."""
 
     config: dict[str, Any]
-    """The arguments that build it again, in plain containers."""
+    """The arguments that build this network again, in plain containers."""
     n_candidates: int
-    """How many features are candidates."""
+    """Number of candidates, C channels each, at the start of the features."""
 
     @property
     def like(self) -> Tensor:
-        """A tensor of the type and on the device that it works in."""
+        """A tensor of the network's type, on its device."""
         return next(self.parameters())
 
 
@@ -60,11 +60,11 @@ class Refiner(Corrector):
 
     Args:
         n_features: Channels of features, K.
-        n_candidates: Number of candidates, of C channels each: the first features.
-        channels: Of pictures, C.
+        n_candidates: Number of candidates, C channels each, at the start of the features.
+        channels: Channels of the pictures, C.
         width: Channels of the blocks.
         n_blocks: Pairs of convolutions.
-        shuffle: Pixels along the side of a coarse one, r.
+        shuffle: Pixels along the side of a coarse pixel, r.
         kernel: Side of the convolutions, odd.
         activation: A key of `ACTIVATIONS`.
 
@@ -118,8 +118,8 @@ class Refiner(Corrector):
         """Correct pictures.
 
         Args:
-            features: In the type of the weights, candidates first, [..., N, K, H, W].
-            pictures: What is corrected, [..., N, C, H, W]; any type.
+            features: Features, candidates first, in the type of the weights, [..., N, K, H, W].
+            pictures: Pictures to correct, of any type, [..., N, C, H, W].
             error_scale: Light by which candidates are multiplied, in the type of the pictures, [..., N, 1, H, W].
 
         Raises:
@@ -137,6 +137,6 @@ class Refiner(Corrector):
         mixed = shares[0] * candidates[0]
         for share, candidate in zip(shares[1:], candidates[1:], strict=True):
             mixed = torch.addcmul(mixed, share, candidate)
-        # The gate lets one output, at exactly 0, leave a picture as it is; otherwise all shares would have to be 0.
+        # A gate of exactly 0 leaves a picture as it is; without a gate, all shares would have to be 0.
         opening = STEP * F.hardsigmoid(gate).reshape(error_scale.shape).to(error_scale) * error_scale
         return torch.addcmul(pictures, opening, mixed.reshape(pictures.shape).to(pictures))

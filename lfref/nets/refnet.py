@@ -3,7 +3,7 @@
 The paper leaves the widths F, the first kernel and the last kernels open (its figure is missing), so they are
 options; the default schedule has the 12.5 million parameters that the paper states. Options beyond the paper make it
 faster (a coarser grid of pixels with more channels) or extend its reach.
-Letters: as in `Network`; `r` pixels along the side of a coarse one.
+Letters: as in `Network`; `r` pixels along the side of a coarse pixel.
 Sources: Hedayati, Havens, Bos, "Machine Learning Method for Light Field Refocusing", section 3.1; Shi et al.,
 "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel Convolutional Neural Network", 2016
 (the coarser grid).
@@ -27,23 +27,23 @@ PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
 
 
 class RefNet(Network):
-    """Views [..., V, U, C, H, W] -> stack [..., N, C, H, W], both in [0, 1]; its planes are those of its labels.
+    """Views [..., V, U, C, H, W] -> stack [..., N, C, H, W], both in [0, 1]; the labels fix the planes.
 
     Args:
         n_planes: Planes of the stack, N.
         grid: View rows and columns (V, U).
         channels: Colour channels, C.
-        activation: Of the blocks: softplus, relu, leaky_relu, gelu, silu or elu.
-        normalization: Of the blocks: instance, batch, group, layer or none.
+        activation: Activation of the blocks: softplus, relu, leaky_relu, gelu, silu or elu.
+        normalization: Normalisation of the blocks: instance, batch, group, layer or none.
         widths: Filters F of each block.
-        n_blocks: Number of blocks; the schedule of widths is stretched or thinned to it. None: one a width.
+        n_blocks: Number of blocks; the schedule of widths is stretched or thinned to it. None: one per width.
         style: `text` (F, F/2, F) or `sibling` (F/2, F/2, F).
         stem_width: Filters of the first convolution.
-        stem_kernel: Its kernel, odd.
+        stem_kernel: Kernel of the first convolution, odd.
         head_kernel: Kernel of the last two convolutions, odd.
-        shuffle: Pixels along the side of a coarse one, r; 1 works on the pixels themselves, as the paper does.
+        shuffle: Pixels along the side of a coarse pixel, r; 1 (the paper's) works on the pixels themselves.
         kernel: Side of the convolution in the middle of a block, odd.
-        dilation: Distance between its samples in (coarse) pixels.
+        dilation: Distance between the samples of that convolution in (coarse) pixels.
 
     Raises:
         InputError: An option from which no network can be built.
@@ -142,7 +142,7 @@ class RefNet(Network):
         return self.trunk(self._coarse(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:])))
 
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """As in `Network`; only the number of slopes is checked: the planes are fixed. The stack is radiance >= 0."""
+        """Refocus as in `Network`; the planes are fixed: only the number of slopes is checked. The stack is >= 0."""
         if slopes is not None and len(slopes) != self.n_planes:
             raise InputError(
                 f"this network makes {counted(self.config['n_planes'], 'plane')}", got=counted(len(slopes), "slope")
@@ -162,10 +162,10 @@ class RefNet(Network):
 
 
 def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:
-    """A schedule of widths resampled to another number of blocks; each takes the nearest original.
+    """A schedule of widths resampled to another number of blocks; each block takes the nearest original width.
 
     Raises:
-        InputError: No width or no block.
+        InputError: There is no width or no block.
     """
     if len(widths) == 0 or n_blocks < 1:
         raise InputError("RefNet needs at least one block and one width", got=f"{n_blocks} and {list(widths)}")

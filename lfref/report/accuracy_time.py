@@ -1,6 +1,6 @@
 """Accuracy against time: every method is a labelled point, and a line joins the Pareto front.
 
-The unit of time is the paper's, NumPy's 4-D FFT of the same views. A module of its own because of the search for places
+The unit of time is the paper's: NumPy's 4-D FFT of the same views. This module stands alone because it searches places
 where labels overlap nothing.
 """
 
@@ -21,7 +21,7 @@ from lfref.report import tables
 from lfref.report.drawing import BLUE, CYAN, GREY, RED, fold_below_cap, new_figure, style_axes
 
 SPANS = ["median_s", "p10_s", "p90_s"]
-TURNS = (0, 8, 4, 12, 2, 6, 10, 14, 1, 7, 9, 15)  # sixteenths: where a label goes beside its point, best first
+TURNS = (0, 8, 4, 12, 2, 6, 10, 14, 1, 7, 9, 15)  # sixteenths of a turn: directions of labels from points, best first
 DIRECTIONS = [np.array([math.cos(math.tau * turn / 16), math.sin(math.tau * turn / 16)]) for turn in TURNS]
 LEADER = {"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 7}
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "arrowprops": LEADER}
@@ -31,8 +31,8 @@ def accuracy_time(rows: pd.DataFrame) -> Figure:
     """A panel per class, a labelled point per method, and a step line along the Pareto front.
 
     Args:
-        rows: `method`, `class`, `reference`, `median_s`, `psnr_db`, a row per method and class, and one of method
-            `FFT`, whose time is the unit; `p10_s` and `p90_s` are drawn where there are some.
+        rows: Columns `method`, `class`, `reference`, `median_s`, `psnr_db`; a row per method and class, and a row of
+            method `FFT`, whose time is the unit; `p10_s` and `p90_s` are drawn if they exist.
 
     Raises:
         InputError: One of these columns is missing, or has no number; or the row of the FFT is missing.
@@ -76,7 +76,7 @@ def _draw_points(axes: Axes, methods: pd.DataFrame) -> None:
 
 
 def _frame_times(axes: Axes) -> None:
-    """Limits with room for labels, of at least a decade and a half, so that some ticks have labels."""
+    """Set limits with room for labels, at least a decade and a half apart, so that some ticks have labels."""
     times = np.log10(np.concatenate([line.get_xdata() for line in axes.get_lines()]))
     margin = max(0.12 * np.ptp(times), 0.75 - np.ptp(times) / 2, 0.2)
     axes.set_xlim(10 ** (times.min() - margin), 10 ** (times.max() + margin))
@@ -101,7 +101,7 @@ def _label_points(axes: Axes, methods: pd.DataFrame) -> None:
 
 
 def _free_place(frame: BboxBase, point: np.ndarray, size: BboxBase, occupied: list[Bbox], paths: list[MplPath]) -> Bbox:
-    """A box of that size near the point that overlaps least; of equal ones the nearest."""
+    """The box of that size near the point that overlaps least; among equal ones, the nearest."""
     half = np.array([size.width, size.height]) / 2
 
     def cost(place: Bbox) -> float:

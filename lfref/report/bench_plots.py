@@ -21,9 +21,9 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
     """Bars for the cost of each cause, marks for what each remedy wins back; panels for the mean and for each plane.
 
     Args:
-        by_plane: `cause`, `method`, `is_base`, `alpha`, `slope`, `cost_db`, `won_db`; costs are those of base methods,
-            the others are remedies.
-        panels_at: Alphas, or slopes, of the planes that get a panel; None: all. The mean is over all in any case.
+        by_plane: Columns `cause`, `method`, `is_base`, `alpha`, `slope`, `cost_db`, `won_db`; costs are those of base
+            methods, and the other methods are remedies.
+        panels_at: Alphas, or slopes, of the planes that get a panel; None: all. The mean is always over all planes.
     """
     tables.require(by_plane, "cause", "method", "is_base", "alpha", "slope", "cost_db", "won_db")
     causes = by_plane["cause"].unique().tolist()[::-1]
@@ -58,7 +58,7 @@ def operator_costs(operators: pd.DataFrame) -> Figure:
     """Speed and peak memory of every method, one line each, the fastest at the top.
 
     Args:
-        operators: `method`, `input`, `median_s`, `p10_s`, `p90_s`, `ratio_to_numpy_fft`, `memory_ratio`.
+        operators: Columns `method`, `input`, `median_s`, `p10_s`, `p90_s`, `ratio_to_numpy_fft`, `memory_ratio`.
     """
     tables.require(operators, "method", "input", "memory_ratio")
     timed = tables.require_numbers(operators, "median_s", "p10_s", "p90_s", "ratio_to_numpy_fft")
@@ -99,8 +99,8 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     """Time against size, a panel per axis, with the fitted powers.
 
     Args:
-        times: `method`, `axis`, `n`, `min_s`.
-        exponents: `method`, `axis`, `exponent`, fitted to these times.
+        times: Columns `method`, `axis`, `n`, `min_s`.
+        exponents: Columns `method`, `axis`, `exponent`, fitted to these times.
     """
     tables.require(times, "method", "axis")
     tables.require(exponents, "method", "axis", "exponent")
@@ -137,14 +137,14 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
 
 PRECISION_COLOURS = {"fp32": BLUE, "bf16": TEAL, "int8": ORANGE}
 LEAST_AGREEMENT_DB = 20.0
-"""Decibels of agreement at which bars begin."""
+"""Agreement at which bars begin, in dB."""
 
 
 def engines(rows: pd.DataFrame) -> Figure:
     """Two panels per network: speed of every engine, and its loss of accuracy.
 
     Args:
-        rows: `network`, `engine`, `precision`, `ratio_to_eager`, `loss_db`, `agreement_db`.
+        rows: Columns `network`, `engine`, `precision`, `ratio_to_eager`, `loss_db`, `agreement_db`.
     """
     tables.require(rows, "network", "engine", "precision", "loss_db", "agreement_db")
     networks = list(tables.require_numbers(rows, "ratio_to_eager").groupby("network", sort=False))
@@ -169,7 +169,7 @@ def engines(rows: pd.DataFrame) -> Figure:
             _label_bars(loss, np.maximum(values, 0), [f"{round(value, 2) + 0.0:.2f}" for value in values])
             style_axes(loss, "dB", "", "Loss of PSNR: to the left is better")
         else:
-            # Without training, pictures show nothing: only how near they are to eager float32 counts.
+            # Pictures of an untrained network show nothing: only their agreement with eager float32 counts.
             values = ranked["agreement_db"].clip(lower=LEAST_AGREEMENT_DB)
             lengths = values - LEAST_AGREEMENT_DB
             loss.barh(ranked.index, lengths, left=LEAST_AGREEMENT_DB, height=0.62, color=colours)
@@ -190,8 +190,8 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     """Forced over planned time of each class of scenes, and PSNR of refocused views against the truth by plane.
 
     Args:
-        costs: `scene`, `output`, `forced_over_planned`.
-        planes: `method`, `alpha`, `slope`, `mean_db`, `worst_db`.
+        costs: Columns `scene`, `output`, `forced_over_planned`.
+        planes: Columns `method`, `alpha`, `slope`, `mean_db`, `worst_db`.
     """
     tables.require(costs, "scene", "output", "forced_over_planned")
     tables.require(planes, "method", "alpha", "slope", "mean_db", "worst_db")
@@ -214,6 +214,6 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
         right.plot(rows[place], rows["mean_db"], "o-", label=f"{method}, mean", **style)
         right.plot(rows[place], rows["worst_db"], "o:", label=f"{method}, worst scene", **style)
     style_axes(right, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
-    # Below the panel: lines cross all of it.
+    # The legend is below the panel, since lines cross all of the panel.
     right.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     return figure

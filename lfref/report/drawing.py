@@ -1,4 +1,4 @@
-"""Shared by all plots: the palette, figures without a display, the style of axes, PNG files.
+"""Parts that all plots share: the palette, figures without a display, the style of axes, PNG files.
 
 PSNR is capped at 100 dB; where a plot has capped and other values, the empty stretch between them is shrunk.
 Colour-blind readers can distinguish the colours (Tol, "Colour schemes", SRON 2021, scheme "vibrant").
@@ -82,7 +82,7 @@ def fold_below_cap(axes: Axes) -> None:
         return
     pad = max(0.08 * np.ptp(below), 1.0)
     knee, floor = below.max() + pad, below.min() - pad
-    squeeze = 0.15 * (knee - floor) / (CAP_DB - knee)  # the stretch takes 15 % of what is below it
+    squeeze = 0.15 * (knee - floor) / (CAP_DB - knee)  # the stretch takes 15 % of the height below it
 
     def folded(factor: float) -> Callable[[np.ndarray], np.ndarray]:
         return lambda y: np.where(y > knee, knee + (y - knee) * factor, y)

@@ -1,6 +1,6 @@
 """The sheet of `lfref info`: central view, disparity, corner views, and light of each view.
 
-Apart from the command, which reads and writes: this file draws.
+This module stands apart from the command, which reads and writes: it only draws.
 """
 
 import itertools
@@ -19,7 +19,7 @@ from lfref.report import drawing, pictures, tables
 def inspection_sheet(inspection: Inspection) -> Figure:
     """The central view, its disparities as a map and a histogram, the corner views, and the light of all views."""
     height, width = inspection.field.size
-    # Beside each other two pictures of one shape; below them a row of a fixed height.
+    # Two pictures of one shape stand side by side, above a row of a fixed height.
     top = min(max(4.9 * height / width, 1.2), 7.0)  # inches
     figure = drawing.new_figure(11, top + 3.2)
     rows, columns = inspection.field.grid
@@ -51,7 +51,7 @@ def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
     values, opacity = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
     low, high = inspection.slopes or (float(values.min()), float(values.max()))
     look: dict[str, Any] = {"cmap": drawing.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
-    # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
+    # The map is drawn twice, first invisibly: the colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, alpha=0 * opacity, **look)
     bar = axes.figure.colorbar(shown, ax=axes, pad=0.02)
     if bar.solids is not None:

@@ -49,8 +49,8 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
     Args:
         path: HTML file to write, usually `index.html`; an older one is replaced.
         title: Heading of the page.
-        sections: In reading order; more than three get a list of contents.
-        facts: Shown below the title, such as device and date.
+        sections: Sections in reading order; more than three get a list of contents.
+        facts: Facts below the title, such as device and date.
     """
     page = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.report", "."),

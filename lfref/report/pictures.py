@@ -1,7 +1,7 @@
 """Pictures of light fields: methods beside each other, all planes of a stack, and the sheet of a simulated scene.
 
-Captures may be dark, so pictures have a gain. All pictures of a figure have the same, from the mean of all views (or of
-all planes), so that a difference in brightness between two methods stays visible.
+Captures may be dark, so pictures have a gain. All pictures of a figure have the same gain, from the mean of all views
+(or of all planes), so that a difference in brightness between two methods stays visible.
 """
 
 import math
@@ -22,9 +22,9 @@ from lfref.report import drawing, tables
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
 """Value that the gain gives to this percentile of the mean picture."""
 SHEET_WIDTH, SHEET_COLUMNS = 9 * drawing.PNG["dpi"], 4
-"""Width of a contact sheet in pixels, approximately, and its columns."""
+"""Approximate width of a contact sheet in pixels, and its number of columns."""
 SHEET_GAP, SHEET_LINE = 14, 30
-"""Pixels between two pictures of a contact sheet, and of a line of text."""
+"""Gap between two pictures of a contact sheet, and height of a line of text, in pixels."""
 
 
 def common_exposure(mean_image: Tensor) -> float:
@@ -44,9 +44,9 @@ def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB)
     """An image for a screen: times the exposure, cut to [0, 1], then encoded.
 
     Args:
-        image: [C, H, W] with C 1 or 3; values that are not finite become black.
+        image: Image, [C, H, W] with C 1 or 3; values that are not finite become black.
         exposure: Gain, one for all pictures that are compared; see `common_exposure`.
-        encoding: Of the screen; `encoding.NONE` for samples that are encoded already.
+        encoding: Encoding of the screen; `encoding.NONE` for samples that are encoded already.
 
     Returns:
         Float32 [H, W, 3] in [0, 1].
@@ -104,13 +104,13 @@ def contact_sheet(
     """All planes of a stack in reading order, each with its label.
 
     Args:
-        stack: [N, C, H, W] in [0, 1].
-        labels: One per plane.
+        stack: Refocused stack, [N, C, H, W] in [0, 1].
+        labels: Labels, one per plane.
         exposure: Gain of all planes; None: from the mean of the planes.
         encoding: See `for_display`.
 
     Raises:
-        InputError: There is not one label a plane.
+        InputError: The number of labels differs from that of the planes.
     """
     if len(labels) != len(stack):
         raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(stack)} planes")
@@ -131,7 +131,7 @@ def _sized(image: Tensor, n_pictures: int) -> Tensor:
 
 
 def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Figure:
-    """Pictures [H, W, 3] in reading order, their labels above them and a note below.
+    """A sheet of pictures [H, W, 3] in reading order, with labels above them and a note below.
 
     The pixels are put together before drawing: an axes object per picture takes three times as long.
     """
@@ -155,7 +155,7 @@ def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Fig
 
 
 def ends_and_middle(planes: FocalPlanes) -> list[int]:
-    """Indices of the planes of least slope, of slope nearest to 0, and of greatest slope, none of them twice."""
+    """Indices of the planes of least slope, of slope nearest to 0, and of greatest slope, each once."""
     slopes = planes.slopes
     return [*dict.fromkeys(int(place) for place in (slopes.argmin(), slopes.abs().argmin(), slopes.argmax()))]
 

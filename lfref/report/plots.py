@@ -15,7 +15,7 @@ from lfref.report import drawing, tables
 from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, RED, TEAL, fold_below_cap, new_figure, style_axes
 
 METHOD_COLOURS = drawing.COLOURS[2:]
-"""Blue and red are for references."""
+"""Colours of methods; blue and red are for references."""
 DASHES = ("-", "--", ":", "-.")
 REFERENCE_COLOURS = {"shift_and_sum": BLUE, "fourier_slice": RED, "exact_fourier": TEAL}
 SERIES = ["method", "reference"]
@@ -35,7 +35,7 @@ def training_curves(metrics: pd.DataFrame) -> Figure:
     """The loss with its terms, and validation MPSNR and MSSIM.
 
     Args:
-        metrics: Lightning's metrics.csv: `step`, `val/mpsnr`, `val/mssim`, and those of the losses that it has.
+        metrics: Lightning's metrics.csv: columns `step`, `val/mpsnr`, `val/mssim`, and those of the logged losses.
     """
     figure = new_figure(9, 4.8)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1))
@@ -105,10 +105,10 @@ def other_metrics(metrics: pd.DataFrame) -> Figure | None:
 
 
 def quality_by_plane(planes: pd.DataFrame) -> Figure:
-    """PSNR and SSIM against alpha, or slope where not all have one: means over light fields, a line a series.
+    """PSNR and SSIM against alpha, or slope if a plane has no alpha: means over light fields, a line per series.
 
     Args:
-        planes: `method`, `reference`, `alpha`, `slope`, `psnr_db`, `ssim`, a row a plane of each light field.
+        planes: Columns `method`, `reference`, `alpha`, `slope`, `psnr_db`, `ssim`; a row per plane of each light field.
     """
     tables.require(planes, *SERIES, "alpha", "slope")
     place, planes = tables.plane_axis(planes), _with_dashes(planes)
@@ -128,10 +128,11 @@ def quality_by_plane(planes: pd.DataFrame) -> Figure:
 
 
 def psnr_by_plane(planes: pd.DataFrame) -> Figure:
-    """PSNR against alpha, or slope where not all have one: a panel a class, a line a method.
+    """PSNR against alpha, or slope if a plane has no alpha: a panel per class, a line per method.
 
     Args:
-        planes: `class`, `method`, `reference`, `alpha`, `slope`, `psnr_db`, a row a plane of each method and class.
+        planes: Columns `class`, `method`, `reference`, `alpha`, `slope`, `psnr_db`; a row per plane of each method and
+            class.
     """
     tables.require(planes, "class", *SERIES, "alpha", "slope")
     place = tables.plane_axis(planes)
@@ -185,7 +186,7 @@ def scatter(summary: pd.DataFrame) -> Figure:
     """The paper's figure: MPSNR against MSSIM, a point per light field, coloured by reference, shaped by method.
 
     Args:
-        summary: Of an evaluation: `method`, `reference`, `mpsnr_db`, `mssim`.
+        summary: Summary of an evaluation: columns `method`, `reference`, `mpsnr_db`, `mssim`.
     """
     tables.require(summary, *SERIES)
     rows = tables.capped(tables.require_numbers(_with_dashes(summary), "mpsnr_db", "mssim"), "mpsnr_db")

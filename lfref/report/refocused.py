@@ -34,11 +34,11 @@ class PictureFiles:
     """
 
     format: str = "png"
-    """`png`, `jpg`, `tif` (in tiles) or, where OpenImageIO has it, `avif`."""
+    """Format: `png`, `jpg`, `tif` (in tiles), or `avif` if OpenImageIO has it."""
     bits: int = 8
-    """8 or, of PNG and TIFF, 16; of TIFF also 32, in floating point."""
+    """Bits per sample: 8, or 16 for PNG and TIFF, or 32 (floating point) for TIFF."""
     quality: int = images.QUALITY
-    """Of JPEG and AVIF, from 1 to 100."""
+    """Quality of JPEG and AVIF files, from 1 to 100."""
 
     def __post_init__(self) -> None:
         suffix = chosen("format", self.format, SUFFIXES)
@@ -70,10 +70,10 @@ class Refocused:
 
     field: LightField
     stack: Tensor
-    """[N, C, H, W]."""
+    """Refocused stack, [N, C, H, W]."""
     planes: FocalPlanes
     gain: float = 1.0
-    """Factor of all pictures."""
+    """Factor of the brightness of all pictures."""
     files: PictureFiles = dataclasses.field(default_factory=PictureFiles)
 
     @cached_property
@@ -87,7 +87,7 @@ class Refocused:
 
     @cached_property
     def nearness(self) -> Tensor:
-        """Disparity with the sign by which larger is nearer, [H, W]."""
+        """Disparity, with the sign that makes near points larger, [H, W]."""
         sign = depth_order(self.field.views, *self.disparity)
         if not sign:
             remedy = "if the points are inside out, give reader.reverse_v=true reader.reverse_u=true"
@@ -97,7 +97,7 @@ class Refocused:
 
     @cached_property
     def by_slope(self) -> list[int]:
-        """Indices of the planes from the least slope to the largest, none of them twice."""
+        """Indices of the planes from the least slope to the largest, each slope once."""
         return [self.planes.values.index(slope) for slope in sorted(set(self.planes.values))]
 
     @cached_property
@@ -125,7 +125,7 @@ class Refocused:
         return pictures.for_display(image, self.gain, self.field.picture_encoding)
 
     def picture(self, image: Tensor) -> NDArray[np.float32]:
-        """An image as `encoded` makes it, but with one channel if it is grey."""
+        """An image as `encoded` returns it, but with one channel if it is grey."""
         return self.encoded(image)[..., : image.shape[0]]
 
     def save(self, path: Path, image: Tensor) -> None:

@@ -1,7 +1,7 @@
 """Result files of `lfref refocus`: stack, planes, contact sheet, maps, point cloud, video; one function per entry.
 
 Every picture of a light field has the same brightness.
-Apart from the command, as the place where a result file is added.
+This module stands apart from the command, as the place where a result file is added.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,7 +20,7 @@ from lfref.report import drawing, pictures
 from lfref.report.refocused import Refocused, mean_of_views
 
 SCALE_CONFIDENCE = 0.1  # least confidence of pixels that determine the scale of colours
-OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # quantile of confidence that is opaque, and the least confidence that is
+OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # quantile of confidence from which pixels are opaque, and its least value
 OUTLIERS = 0.02  # share of the confidence that lies beyond either end of the scale
 
 
@@ -29,10 +29,10 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
 
     Args:
         slopes: Slope at which each pixel is sharpest, in pixels per view step, [H, W].
-        confidence: In [0, 1], [H, W].
+        confidence: Confidence in [0, 1], [H, W].
 
     Raises:
-        InputError: They are not two maps of one size.
+        InputError: The arguments are not two maps of one size.
     """
     if slopes.ndim != 2 or slopes.shape != confidence.shape:
         raise InputError(
@@ -42,10 +42,10 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
     figure = drawing.new_figure(7, 0.4 + 6 * height / width)  # inches
     axes = figure.subplots()
     values, sure = slopes.double().cpu().numpy(), confidence.double().cpu().numpy()
-    # Relative to most pixels: of planes close together none is much sharper than the next.
+    # Opacity is relative to most pixels: among planes close together, none is much sharper than the next.
     opacity = (sure / max(LEAST_OPAQUE, np.quantile(sure, OPAQUE))).clip(0, 1)
     low, high = _scale(values, opacity)
-    # Drawn twice, the first time invisibly: a colour bar of a half transparent picture would be pale too.
+    # The map is drawn twice, first invisibly: the colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=0 * opacity)
     bar = figure.colorbar(shown, ax=axes, label="slope, px per view step", pad=0.02)
     if bar.solids is not None:
@@ -67,7 +67,7 @@ def _scale(values: NDArray, confidence: NDArray) -> tuple[float, float]:
 POINT_CONFIDENCE = 0.5
 """Least confidence of a pixel that becomes a point of the cloud."""
 SWEEP_SECONDS = 2.5
-"""Time from the first plane to the last, within `FRAME_RATES`."""
+"""Seconds from the first plane to the last, as far as `FRAME_RATES` allows."""
 FRAME_RATES = (3.0, 25.0)
 """Frames per second of the sweep."""
 
@@ -76,7 +76,7 @@ def write_results(folder: Path, refocused: Refocused, options: Iterable[str] = (
     """Write the standard results, and those of the options.
 
     Args:
-        folder: Created if missing.
+        folder: Result folder; it is created if missing.
         refocused: The light field with its stack.
         options: Keys of `OPTIONAL`.
 

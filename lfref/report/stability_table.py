@@ -34,14 +34,14 @@ WORST = 6
 WIDEST = 40
 """Most columns of cells in one picture."""
 CELL, HEADER, NAMES = 0.17, 1.35, 2.4
-"""Inches: the side of a cell, the room above the cells, and beside them."""
+"""Side of a cell, and room above the cells and beside them, in inches."""
 
 
 def heat_map(trials: pd.DataFrame) -> Figure:
     """One panel per component, all with the same cases.
 
     Args:
-        trials: `component, case, precision, formulation, times_allowed, outcome, holds`.
+        trials: Columns `component, case, precision, formulation, times_allowed, outcome, holds`.
 
     Raises:
         InputError: One of these columns is missing.
@@ -150,7 +150,7 @@ def _draw_panel(axes: Axes, component: str, panel: pd.DataFrame, cases: Sequence
     axes.grid(which="minor", color="white", linewidth=0.7)
     axes.tick_params(which="minor", length=0)
     axes.spines[:].set_visible(False)
-    # Each name below its columns, a line between one and the next.
+    # Each name stands below its columns, with a line between one name and the next.
     for place, name in columns["formulation"].drop_duplicates().items():
         axes.text(place - 0.4, -0.01, name, fontsize=7.5, va="top", transform=axes.get_xaxis_transform(), color=BLACK)
         if place:
@@ -165,7 +165,7 @@ def _colour(row: Any) -> tuple[float, float, float]:
 
 
 def _shade(decades: float) -> tuple[float, float, float]:
-    """From pale orange to red."""
+    """Colour of an error beyond the tolerance, from pale orange to red."""
     share = min(decades, WORST) / WORST
     pale, strong = np.array(to_rgb("#FFDDAA")), np.array(to_rgb(RED))
     red, green, blue = pale + share * (strong - pale)

@@ -16,7 +16,7 @@ from lfref.errors import FileError, InputError
 from lfref.io import atomic
 
 CAP_DB = 100.0
-"""PSNR that plots and tables show as "≥ 100"."""
+"""PSNR in dB from which plots and tables show "≥ 100"."""
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
@@ -37,7 +37,7 @@ def plot_text(name: object, width: int = 28) -> str:
 
 
 def format_cell(column: str, value: Any) -> str:
-    """Text of a cell: significant digits, a dash for nothing, a true minus sign."""
+    """Text of a cell: significant digits, a dash for an empty cell, a true minus sign."""
     is_real = isinstance(value, Real) and not isinstance(value, bool)
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {format_cell(key, part)}" for key, part in value.items())
@@ -147,7 +147,7 @@ OLD_COLUMNS = {"subject": "network", "asked": "output", "usual": "textbook"}
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
-    """Write a table, or its rows, as a CSV file, all or nothing; raises an `InputError` if there are none."""
+    """Write a table, or its rows, as a CSV file, all or nothing; raises an `InputError` if there are no rows."""
     table = pd.DataFrame(rows)
     require(table)
     atomic.write_text(Path(path), table.to_csv(index=False, lineterminator="\n"))
@@ -160,7 +160,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
         path: CSV file in UTF-8.
 
     Returns:
-        A column is numeric if all its cells are numbers or empty, else text; names always are text.
+        The table; a column is numeric if all its cells are numbers or empty, else text; names always are text.
 
     Raises:
         FileError: The file is missing, empty, no CSV, or has a line of another length than its header.
@@ -220,10 +220,10 @@ def require_numbers(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
 
 
 def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
-    """The rows that no other row beats in cost and gain, from cheap to expensive; equal rows are on it together.
+    """The rows that no other row beats in cost and gain, from cheap to expensive; equal rows are all kept.
 
     Args:
-        table: Rows with an empty cell in either column are left out.
+        table: Table of results; rows with an empty cell in either column are left out.
         cost: Column that should be small, such as `median_s`.
         gain: Column that should be large, such as `psnr_db`.
     """

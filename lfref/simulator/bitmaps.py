@@ -1,12 +1,13 @@
 """Bitmaps on surfaces: the grid that a surface is painted on, look-ups between samples, and blurred copies.
 
-Samples lie at multiples of half a pixel from the picture's centre, so that every pixel of the central view has one.
-Views read them by cubic convolution (Keys 1981, a = -1/2, which reproduces quadratics), which is sharp. The truth reads
-blurred copies: within a cell of the aperture a surface moves, and is blurred by that distance, which differs from pixel
-to pixel of a slanted surface. Copies have fixed box blurs, and the weighted mean of two of them has the required
-variance. They are read linearly, which adds a variance of up to 1/4 of a sample squared. To make up for that, the first
-copy is sharpened: its variance is -1/4. Beyond the edge of a bitmap its outermost samples repeat. PyTorch's forms run
-on any device; the compiled ones, which read one point at a time, are for the loops on the CPU.
+Samples lie at multiples of half a pixel from the picture's centre, so that every pixel of the central view has a sample
+at its middle. Views read them by cubic convolution (Keys 1981, a = -1/2, which reproduces quadratics), which is sharp.
+The truth reads blurred copies: within a cell of the aperture, a surface moves and is blurred by that distance, which
+differs from pixel to pixel of a slanted surface. Each copy has a fixed box blur, and the weighted mean of two copies
+has the required variance. They are read linearly, which adds a variance of up to 1/4 of a sample squared. To make up
+for that, the first copy is sharpened: its variance is -1/4. Beyond the edge of a bitmap its outermost samples repeat.
+The functions of PyTorch run on any device; the compiled functions, which read one point at a time, serve the loops on
+the CPU.
 Letters: `X Y` as in `surfaces`, `M` aperture points, `h w` rows and columns, `i j` column and row, in samples,
 `t` fraction of a sample.
 """
@@ -24,9 +25,9 @@ from lfref.functional import splines
 from lfref.functional.loops import compiled, inlined
 
 OVERSAMPLING = 2
-"""Samples per pixel along each axis. Compiled loops rely on it: they keep even and odd columns apart."""
+"""Samples per pixel along each axis. Compiled loops rely on the value 2: they keep even and odd columns apart."""
 TAPS = 4
-"""Samples along an axis that a cubic reads: at -1, 0, 1 and 2 from the one at or before the position."""
+"""Number of samples that a cubic reads along an axis, at -1, 0, 1 and 2 from the sample at or before the position."""
 LINEAR_VARIANCE = 1 / 4
 """Variance of a linear look-up midway between samples, in samples squared."""
 
@@ -36,7 +37,7 @@ Quadruple = tuple[np.floating, np.floating, np.floating, np.floating]
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels from the picture's centre."""
 Positions = tuple[Tensor, Tensor]
-"""X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; single axes where they form a grid."""
+"""X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; if they form a grid, X has one row and Y one column."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Bitmap:
     _blurred: dict[int, Tensor] = field(default_factory=dict)
 
     def at(self, positions: Positions) -> Tensor:
-        """The bitmap at points of the surface, by cubic look-ups, [M, C, H, W]."""
+        """Values of the bitmap at points of the surface, by cubic look-ups, [M, C, H, W]."""
         x, y = positions
         i, j = x * OVERSAMPLING - self.canvas.left, y * OVERSAMPLING - self.canvas.top
         read = cubic_on_grid if i.shape[-2] == j.shape[-1] == 1 else cubic_at
@@ -124,7 +125,7 @@ class Bitmap:
 
 @functools.cache
 def box_size(level: int) -> int:
-    """Width in samples of the box of a blurred copy from level 1 on: odd, each about a quarter more than the last."""
+    """Width in samples of the box that blurs a copy, from level 1 on: odd, about a quarter wider at each level."""
     if level == 1:
         return 1
     narrower = box_size(level - 1)
@@ -163,12 +164,12 @@ def box_blurred(samples: Tensor, size: int) -> Tensor:
 def box_mean(samples: Floats, size: int, result: Floats) -> None:
     """Means over `size` x `size` samples [h, w, C]; `result` is filled, [h + size - 1, w + size - 1, C].
 
-    Running sums, in float64 so that rounding does not add up: `sums` holds the sum of `size` rows for each column. It
-    changes by one row that enters and one that leaves; the same is done along the row.
+    The running sums are float64, so that rounding errors do not add up. `sums` holds the sum of `size` rows for each
+    column: from row to row, one row enters and one row leaves. The same is done along each row.
     """
     height, width, n_channels = samples.shape
     share = 1.0 / (size * size)
-    # Above the bitmap all rows are its first one.
+    # Above the bitmap its first row repeats.
     sums = samples[0].astype(np.float64) * size
     for row in range(result.shape[0]):
         entering, leaving = samples[min(row, height - 1)], samples[max(row - size, 0)]
@@ -297,7 +298,7 @@ def cubic_sample(samples: Floats, start: int, rows: int, columns: int, i: float,
 
 @inlined
 def _cubic_weights_of_one(t: np.float32) -> Quadruple:
-    """`cubic_weights` of one fraction; every constant is float32, or Numba would compute in float64."""
+    """`cubic_weights` of one fraction; every constant is float32, since Numba would otherwise compute in float64."""
     half, squared = np.float32(0.5), t * t
     cubed = squared * t
     return (

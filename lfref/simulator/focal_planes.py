@@ -1,4 +1,4 @@
-"""What photographing a plane takes: the layers that are visible, cells of the aperture, and blurs within a cell.
+"""What the picture of a plane needs: visible layers, cells of the aperture, and blurs within a cell.
 
 The aperture of a lens spans the cells of all views, U x V view steps; a disc is the inscribed ellipse. It is cut into
 equal cells that are nearly square. Each cell shows every surface as it looks from the cell's middle, blurred by the
@@ -28,13 +28,13 @@ from lfref.simulator.layers import Layer, crossing_pairs, disparity_span, only_s
 from lfref.simulator.scene import Camera
 
 CELLS_PER_ROOT = {"square": 1.2, "disc": 2.0}
-"""Cells a side = 1 + this * sqrt(blur in pixels). Chosen by the worst plane of sim30 against 64 x 64 points, 48 dB (the
-table in docs/simulator.md); a disc needs more, since cells do not follow its edge."""
+"""Factor k of the number of cells along a side, 1 + k sqrt(blur in pixels). With it, the worst plane of sim30 is 48 dB
+from 64 x 64 points (table in docs/simulator.md). A disc needs more cells, since they do not follow its edge."""
 CELLS_OF_ONE_LAYER = 24
-"""Cells a side for a single layer that is only shifted: at least 58 dB against closed forms, for waves of up to 0.3
-cycles per pixel. They cost nothing, since their sum is one filter."""
+"""Number of cells along a side for a single layer that is only shifted. With it, waves of up to 0.3 cycles per pixel
+are at least 58 dB from closed forms. The cells cost nothing, since their sum is one filter."""
 HIGHLIGHT_STEP = 1.5
-"""Standard deviations that a highlight may move over its surface within a cell."""
+"""Greatest movement of a highlight over its surface within a cell, in standard deviations of the highlight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +42,9 @@ class Cells:
     """A grid of cells that covers an aperture."""
 
     p: Tensor  # columns of cell centres in view steps, float64, [I]
-    q: Tensor  # rows, likewise, [J]
-    weights: Tensor  # share of the open aperture in each cell, of sum 1, float64, [J, I]
-    height: float  # of one cell in view steps
+    q: Tensor  # rows of cell centres in view steps, float64, [J]
+    weights: Tensor  # share of the open aperture in each cell, float64, [J, I]; their sum is 1
+    height: float  # height of one cell in view steps
     width: float
 
 
@@ -88,12 +88,12 @@ def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
 
 
 class CellFilter(NamedTuple):
-    """How a plane reads a bitmap that faces the camera: blurred within each cell, at one position for each cell."""
+    """Look-ups of a bitmap that faces the camera: blurred within a cell, and read at one position for each cell."""
 
     down: NDArray[np.float64]  # taps along a column
     across: NDArray[np.float64]  # taps along a row
-    rows: NDArray[np.float64]  # that pixel 0 reads through each row of cells, in samples of the plane's window, [J]
-    columns: NDArray[np.float64]  # that pixel 0 reads through each column of cells, [I]
+    rows: NDArray[np.float64]  # row that pixel 0 reads through each row of cells, in samples of the window, [J]
+    columns: NDArray[np.float64]  # column that pixel 0 reads through each column of cells, [I]
 
 
 def cell_filter(e: float, cells: Cells, margin: int) -> CellFilter:
@@ -106,12 +106,12 @@ def cell_filter(e: float, cells: Cells, margin: int) -> CellFilter:
 def box_taps(width: float, positions: NDArray) -> NDArray:
     """Taps of sum 1, symmetric and odd in number, that act as a box of some width in samples.
 
-    The box is integrated over each sample. That and the linear look-ups at `positions` blur a little themselves: a
-    kernel (-excess / 2, 1 + excess, -excess / 2) takes their variance off again, so that taps and look-ups together
-    have the variance of the box, width^2 / 12.
+    The box is integrated over each sample. This integration and the linear look-ups at `positions` add a little blur. A
+    kernel (-excess / 2, 1 + excess, -excess / 2) removes its variance, so that taps and look-ups together have the
+    variance of the box, width^2 / 12.
     """
     half = max(width, 1) / 2
-    # Sample n covers n - 1/2 to n + 1/2: its tap is the part of that within the box.
+    # Sample n covers n - 1/2 to n + 1/2: its tap is the part of this range within the box.
     n = np.arange(-math.ceil(half - 0.5), math.ceil(half - 0.5) + 1)
     box = np.minimum(n + 0.5, half) - np.maximum(n - 0.5, -half)
     box /= box.sum()
@@ -121,7 +121,7 @@ def box_taps(width: float, positions: NDArray) -> NDArray:
 
 
 def combined_taps(taps: NDArray, positions: NDArray, weights: NDArray) -> tuple[int, NDArray]:
-    """A filter followed by a weighted sum of linear look-ups, as one filter: its first sample, and its taps."""
+    """First sample and taps of one filter that equals a filter and a weighted sum of linear look-ups after it."""
     whole = np.floor(positions).astype(int)
     first, share = whole.min(), positions - whole
     look_ups = np.zeros(whole.max() - first + 2)
@@ -135,7 +135,7 @@ class Windows:
     """Parts of bitmaps that the planes of a stack see, cut once for all planes; the bitmaps face the camera."""
 
     camera: Camera
-    margin: int  # greatest of any plane, in pixels around the central view
+    margin: int  # greatest margin of any plane around the central view, in pixels
     _samples: dict[Bitmap, Tensor] = field(default_factory=dict)
 
     def cut(self, bitmap: Bitmap, margin: int) -> Tensor:
@@ -151,9 +151,9 @@ class Windows:
 class FocalPlane:
     """One plane to be photographed."""
 
-    slope: float  # in pixels per view step
+    slope: float  # slope in pixels per view step
     camera: Camera
-    layers: tuple[Layer, ...]  # visible ones from far to near
+    layers: tuple[Layer, ...]  # visible layers from far to near
     cells: Cells
     margin: int  # pixels around the central view that the plane sees of bitmaps that face the camera
     windows: Windows
@@ -194,20 +194,20 @@ class FocalPlane:
         return marks
 
     def blur_levels(self, layer: Layer) -> tuple[NDArray[np.float64], float]:
-        """Blurred copies of a traced layer's bitmap that suit each relative slope.
+        """Levels of the blurred copies of a traced layer's bitmap that suit each relative slope.
 
-        Level at 256 even steps of |e| from 0 on, with fractions; and the number of steps per unit of |e|. A layer that
-        faces the camera has one blur, already in its window: all levels are 0.
+        Returns the level, with its fraction, at 256 even steps of |e| from 0 on, and the number of steps per unit of
+        |e|. The window of a layer that faces the camera is already blurred: all levels are 0.
         """
         n_steps = 256
         if layer.surface.geometry.is_parallel:
             return np.zeros(n_steps), 0.0
         ends = disparity_span(self.camera, layer.surface.geometry, abs(self.slope))
         farthest = max(abs(self.slope - end) for end in ends)
-        # A layer that is in focus everywhere still has a table longer than 0.
+        # The table of a layer that is in focus everywhere must span more than 0, too.
         e = np.linspace(0, max(farthest, 1e-6), n_steps)
-        # A box of width w has the variance w^2 / 12. The linear look-ups through all cells have a share of it, which
-        # is t (1 - t) at a fraction t of a sample; the rest is left to the copies.
+        # A box of width w has the variance w^2 / 12. The linear look-ups through all cells add a part of it: t (1 - t)
+        # at a fraction t of a sample. The copies add the rest.
         box = (e * self.cell_width * OVERSAMPLING) ** 2 / 12
         shares = [(OVERSAMPLING * e[:, None] * centres.numpy()) % 1 for centres in (self.cells.q, self.cells.p)]
         look_ups = sum((share * (1 - share)).mean(1) for share in shares) / 2
@@ -217,7 +217,7 @@ class FocalPlane:
 def focal_planes(
     layers: Sequence[Layer], camera: Camera, slopes: Sequence[float], n_cells: int | None = None
 ) -> list[FocalPlane]:
-    """The planes of a stack, each with its visible layers and as many cells as it needs, or with `n_cells` a side."""
+    """The planes of a stack, each with its visible layers and the cells that it needs, or `n_cells` along a side."""
     windows = Windows(camera, max(_margin(layers, camera, slope) for slope in slopes))
     planes = []
     for slope in slopes:
@@ -228,7 +228,7 @@ def focal_planes(
 
 
 def _margin(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
-    """Width of the margin around the central view that a plane reads of bitmaps that face the camera, in pixels."""
+    """Margin around the central view, in pixels, that a plane reads in bitmaps that face the camera."""
     disparities: list[float] = []
     for layer in layers:
         if layer.surface.geometry.is_parallel:
@@ -245,10 +245,10 @@ def _crossing(layers: Sequence[Layer], camera: Camera, slope: float) -> list[tup
 
 
 def visible_layers(layers: Sequence[Layer], slope: float, windows: Windows) -> tuple[Layer, ...]:
-    """Layers that contribute to a plane: not transparent all over, and not behind one that is opaque all over.
+    """Layers that contribute to a plane: neither transparent all over, nor behind a layer that is opaque all over.
 
-    A layer may be opaque in all that this plane sees of it though it has an edge elsewhere. One that crosses an opaque
-    layer is before it somewhere.
+    A layer with an edge may still be opaque in the part that this plane sees. A layer that crosses an opaque layer is
+    in front of it somewhere.
     """
     crossing = _crossing(layers, windows.camera, slope)
     margin = _margin(layers, windows.camera, slope)

@@ -1,8 +1,9 @@
-"""Layers: painted surfaces, what rays see of them, how far rays reach, and which layers cross each other.
+"""Layers: painted surfaces, their light along rays, the reach of rays, and layers that cross each other.
 
 A layer is a bitmap on its surface, premultiplied by its opacity, and read where rays meet the surface: exact in
-geometry, cubic between samples. If two surfaces have the same order of disparity everywhere in the central view, they
-have it along every ray, since the points of both on a ray shift alike: only surfaces that cross need sorting by depth.
+geometry, cubic between samples. If the order of disparity of two surfaces is the same everywhere in the central view,
+it is the same along every ray, since surfaces that meet on a ray have equal disparities at one point (X, Y). So only
+surfaces that cross need sorting by depth.
 Letters: `X Y`, `p q`, `x y` and `D` as in `surfaces`; `M` aperture points; `h w` rows and columns of a bitmap.
 """
 
@@ -33,9 +34,9 @@ class Highlight(NamedTuple):
     y: float
 
     def light_at(self, positions: Positions, p: Tensor, q: Tensor, spread: float | Tensor = 0.0) -> Tensor:
-        """Its light at points of the surface from aperture points [M, 1, 1], float64, [M, 3, H, W].
+        """Light of the highlight at points of the surface, from aperture points [M, 1, 1], float64, [M, 3, H, W].
 
-        `spread` is the width in pixels of a box, along both axes, that the lobe is blurred by: a box of width b has the
+        `spread` is the width in pixels of the box that blurs the lobe along both axes. A box of width b has the
         variance b^2 / 12, and a wider lobe is lower.
         """
         offset_x = positions[0] - self.x - self.drift * p
@@ -49,8 +50,8 @@ class Reflection(NamedTuple):
     """The picture that a mirror or glass shows."""
 
     picture: Bitmap  # opaque all over, [4, h, w]
-    share: float  # of its light per unit of the surface's opacity
-    disparity: float  # in pixels per view step
+    share: float  # share of its light per unit of the surface's opacity
+    disparity: float  # disparity of the picture in pixels per view step
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +60,11 @@ class Layer:
 
     surface: Surface
     bitmap: Bitmap  # premultiplied colours and opacity, [4, h, w]
-    index: int = 0  # of the surface in the scene's list
+    index: int = 0  # index of the surface in the scene's list
     highlight: Highlight | None = None
     reflection: Reflection | None = None
     is_traced: bool = False  # whether its rays are followed one by one; otherwise every view is a shifted copy
-    is_sorted: bool = False  # whether it crosses another layer, so that they are sorted at each pixel
+    is_sorted: bool = False  # whether it crosses another layer, so that layers are sorted at each pixel
 
     @property
     def device(self) -> torch.device:
@@ -77,7 +78,7 @@ class Layer:
             p: Columns of the aperture points, in view steps from the centre, [M].
             q: Rows of the aperture points, [M].
             x: Columns of pixels from the picture's centre, of a shape that broadcasts with [M, H, W].
-            y: Rows of pixels, likewise.
+            y: Rows of pixels, of a shape that broadcasts with [M, H, W].
         """
         p, q, x, y = as_rays(p, q, x, y, self.device)
         positions = ray_positions(self.surface.geometry, x, y, p, q)
@@ -100,7 +101,7 @@ def as_rays(p: Tensor, q: Tensor, x: Tensor, y: Tensor, device: torch.device) ->
 def ray_positions(geometry: Geometry, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Positions:
     """Points (X, Y) where rays meet a surface; if it faces the camera, as a grid of columns and rows."""
     shape = torch.broadcast_shapes(x.shape, y.shape, p.shape)
-    # One pixel is enough where disparity is the same everywhere; all of them would undo the grid.
+    # One pixel is enough where disparity is the same everywhere; all pixels would undo the grid.
     pixels = slice(1) if geometry.is_parallel else slice(None)
     disparity = geometry.ray_disparity(x[..., pixels, pixels], y[..., pixels, pixels], p, q)
     at_x, at_y = x - disparity * p, y - disparity * q
@@ -110,7 +111,7 @@ def ray_positions(geometry: Geometry, x: Tensor, y: Tensor, p: Tensor, q: Tensor
 
 
 def total_opacity(surface: Surface) -> float:
-    """Opacity within the outline: a mirrored share hides the background, the rest has the surface's own opacity."""
+    """Opacity within the outline: the mirrored share hides the background; the rest has the surface's own opacity."""
     return 1 - (1 - surface.material.reflectance) * (1 - surface.opacity)
 
 
@@ -129,7 +130,7 @@ Extent = tuple[float, float]
 
 
 def disparity_span(camera: Camera, geometry: Geometry, reach: float) -> tuple[float, float]:
-    """Least and greatest disparity that rays can meet of a surface; arguments as for `ray_extent`."""
+    """Least and greatest disparity at which rays can meet a surface; arguments as for `ray_extent`."""
     return geometry.ray_disparity_range(_half_size(camera, reach), camera.half_aperture)
 
 
@@ -138,8 +139,8 @@ def ray_extent(camera: Camera, geometry: Geometry, reach: float) -> Extent:
     half_width, half_height = _half_size(camera, reach)
     half_p, half_q = camera.half_aperture
     farthest = max(map(abs, disparity_span(camera, geometry, reach)))
-    # Beyond, cubic look-ups read one pixel, and the lens's box filters up to two more. The period of random textures
-    # follows from the sum: another number changes all scenes.
+    # Beyond this distance, cubic look-ups read one pixel, and the lens's box filters up to two more. The period of
+    # random textures follows from the sum: another number changes all scenes.
     return half_width + farthest * half_p + 3.0, half_height + farthest * half_q + 3.0
 
 
@@ -150,7 +151,7 @@ def _half_size(camera: Camera, reach: float) -> Extent:
 
 
 def disparity_lead(near: Geometry, far: Geometry, within: Extent) -> tuple[float, float]:
-    """Bounds of the disparity of one surface minus that of another, over a part of the central view.
+    """Bounds of the difference between the disparities of two surfaces, over a part of the central view.
 
     Planes differ most at a corner of that part. Bumps may lie anywhere, so that their whole heights are added.
     """
@@ -163,7 +164,7 @@ def disparity_lead(near: Geometry, far: Geometry, within: Extent) -> tuple[float
 
 
 def crossing_pairs(surfaces: Sequence[Geometry], camera: Camera, reach: float) -> list[tuple[int, int]]:
-    """Pairs of indices, the smaller first, of surfaces of which each may be before the other somewhere."""
+    """Pairs of indices, the smaller first, of surfaces that cross: each may be in front of the other somewhere."""
     pairs = []
     for k, m in itertools.combinations(range(len(surfaces)), 2):
         least, greatest = disparity_lead(surfaces[m], surfaces[k], _shared(surfaces[k], surfaces[m], camera, reach))
@@ -173,7 +174,7 @@ def crossing_pairs(surfaces: Sequence[Geometry], camera: Camera, reach: float) -
 
 
 def is_before(near: Geometry, far: Geometry, camera: Camera, reach: float) -> bool:
-    """Whether one surface is nowhere behind another."""
+    """Whether the surface `near` is nowhere behind the surface `far`."""
     return disparity_lead(near, far, _shared(near, far, camera, reach))[0] >= 0
 
 

@@ -33,14 +33,14 @@ class Material:
 
 @dataclass(frozen=True)
 class Matte(Material):
-    """Looks the same from everywhere (Lambert)."""
+    """A matte material: it looks the same from everywhere (Lambert)."""
 
     lengths = ()
 
 
 @dataclass(frozen=True)
 class Emissive(Material):
-    """Shines by itself: its colour times a gain, whatever the light."""
+    """A material that shines by itself: its light is the colour times a gain, whatever the scene's light."""
 
     lengths = ()
     gain: float = 1.0
@@ -56,9 +56,10 @@ class Emissive(Material):
 
 @dataclass(frozen=True)
 class Glossy(Material):
-    """Adds a round highlight that moves over the surface with the aperture point.
+    """A material with a round highlight that moves over the surface with the aperture point.
 
-    The highlight is strength * exp(-r^2 / (2 width^2)), r the distance of (X, Y) from centre + drift (p, q).
+    The light of the highlight is strength * exp(-r^2 / (2 width^2)), where r is the distance of (X, Y) from the point
+    centre + drift (p, q).
     """
 
     lengths = ("width", "drift", "centre")
@@ -76,13 +77,13 @@ class Glossy(Material):
 
     @property
     def is_view_dependent(self) -> bool:
-        """Whether there is a highlight; one that does not drift counts too, though it could be painted."""
+        """Whether there is a highlight; a highlight that does not drift counts too, though it could be painted."""
         return self.strength > 0
 
 
 @dataclass(frozen=True)
 class _Reflecting(Material):
-    """Shows another texture at another disparity: `share` of the light comes from it, the rest from the surface."""
+    """A material that mirrors a texture at another disparity: `share` of the light comes from the texture."""
 
     lengths = ("disparity",)
     share: float  # Reflectance, from 0 to 1

@@ -1,8 +1,8 @@
 """Mattes: outlines of surfaces, as signed distances from the edge and the opacity that follows from them.
 
-An edge is one pixel wide: opacity = 0.5 - distance, clamped to [0, 1]. That is the part of a pixel that a straight edge
-along its rows or columns leaves covered, and it keeps areas. Distances are in pixels of the central view, below 0
-inside; they need to be right only within a pixel of the edge. Letters: `X Y` as in `surfaces`, `h w` rows and columns.
+An edge is one pixel wide: opacity = 0.5 - distance, clamped to [0, 1]. For a straight edge along rows or columns, that
+is the covered part of the pixel; areas are kept. Distances are in pixels of the central view, below 0 inside; they need
+to be right only within a pixel of the edge. Letters: `X Y` as in `surfaces`, `h w` rows and columns.
 """
 
 import abc
@@ -61,7 +61,7 @@ class Disc(Outline):
     """A circle."""
 
     lengths = ("radius", "centre")
-    radius: float  # in pixels
+    radius: float  # radius in pixels
     centre: tuple[float, float] = (0.0, 0.0)  # (X, Y)
 
     def __post_init__(self) -> None:
@@ -74,13 +74,13 @@ class Disc(Outline):
         return torch.hypot(x - self.centre[0], y[:, None] - self.centre[1]) - self.radius
 
     def box(self) -> Box:
-        """Around the circle."""
+        """The box around the circle."""
         return _around([self.centre], self.radius)
 
 
 @dataclass(frozen=True)
 class Polygon(Outline):
-    """Straight edges from corner to corner and back to the first; where they cross, the even-odd rule decides."""
+    """Straight edges from corner to corner and back; where edges cross, the even-odd rule decides what is inside."""
 
     lengths = ("corners",)
     corners: tuple[tuple[float, float], ...]  # (X, Y) of three corners at least
@@ -106,7 +106,7 @@ class Polygon(Outline):
         return torch.where(is_inside, -nearest.sqrt(), nearest.sqrt())
 
     def box(self) -> Box:
-        """Around the corners."""
+        """The box around the corners."""
         return _around(self.corners, 0)
 
 
@@ -115,8 +115,8 @@ class Leaf(Outline):
     """A pointed leaf: the intersection of two equal circles."""
 
     lengths = ("length", "width", "centre")
-    length: float  # from tip to tip in pixels
-    width: float  # across the middle in pixels, below its length
+    length: float  # distance from tip to tip in pixels
+    width: float  # width across the middle in pixels, below the length
     angle: float = 0.0  # direction of its axis in degrees, from x towards y
     centre: tuple[float, float] = (0.0, 0.0)  # (X, Y)
 
@@ -143,7 +143,7 @@ class Leaf(Outline):
         return torch.where(is_beyond, torch.hypot(along - half, across), from_arc)
 
     def box(self) -> Box:
-        """Around the tips."""
+        """The box around the tips."""
         return _around([self.centre], self.length / 2)
 
 
@@ -152,12 +152,12 @@ class Twigs(Outline):
     """Thin branching lines that grow from one point, drawn by a seed."""
 
     lengths = ("length", "width", "foot")
-    length: float  # of the first branch in pixels; each generation is shorter by a third
-    width: float = 2.0  # of all branches in pixels, at least 1
+    length: float  # length of the first branch in pixels; each generation is shorter by a third
+    width: float = 2.0  # width of all branches in pixels, at least 1
     generations: int = 4  # number of forks from foot to tip, from 0 to 6; each branch ends in two
     angle: float = -90.0  # direction of the first branch in degrees, from x towards y
-    foot: tuple[float, float] = (0.0, 0.0)  # (X, Y) where it begins
-    seed: int = 0  # of the directions and lengths of the branches
+    foot: tuple[float, float] = (0.0, 0.0)  # (X, Y) of the start of the first branch
+    seed: int = 0  # seed of the directions and lengths of the branches
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -185,7 +185,7 @@ class Twigs(Outline):
         return result
 
     def box(self) -> Box:
-        """Around all branches."""
+        """The box around all branches."""
         ends = [end for segment in self.branches() for end in (segment[:2], segment[2:])]
         return _around(ends, self.width / 2)
 
@@ -211,8 +211,8 @@ class Perforated(Outline):
 
     lengths = ("pitch", "radius")
     pitch: float  # distance of neighbouring holes in pixels
-    radius: float  # of a hole in pixels, at most half the pitch less half a pixel
-    angle: float = 0.0  # of the lattice in degrees, from x towards y
+    radius: float  # radius of a hole in pixels, at most half the pitch less half a pixel
+    angle: float = 0.0  # direction of the lattice in degrees, from x towards y
 
     def __post_init__(self) -> None:
         checks.numbers("a hole's radius", [self.radius], least=EDGE)
@@ -222,28 +222,28 @@ class Perforated(Outline):
             raise InputError("holes must leave something between them", got=self, remedy=remedy)
 
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
-        """Distance from the nearest hole, below 0 outside of it."""
+        """Distance from the edge of the nearest hole, below 0 outside of it."""
         along, across = _rotated(x, y[:, None], self.angle)
-        # From the centre of the nearest hole, along both axes of the lattice.
+        # Offsets from the centre of the nearest hole, along both axes of the lattice.
         offsets = [offset - self.pitch * (offset / self.pitch).round() for offset in (along, across)]
         return self.radius - torch.hypot(*offsets)
 
 
 def _around(points: Iterable[tuple[float, float]], radius: float) -> Box:
-    """The box of discs about points, with their edges."""
+    """The box around discs about points, with their edges."""
     xs, ys = zip(*points, strict=True)
     margin = radius + EDGE
     return min(xs) - margin, min(ys) - margin, max(xs) + margin, max(ys) + margin
 
 
 def _rotated(x: Tensor, y: Tensor, angle: float) -> tuple[Tensor, Tensor]:
-    """Coordinates along an axis at so many degrees, and across it."""
+    """Coordinates along an axis at `angle` degrees, and across it."""
     cosine, sine = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     return cosine * x + sine * y, cosine * y - sine * x
 
 
 def _squared_distance(segment: Segment, x: Tensor, y: Tensor) -> Tensor:
-    """Of points from the nearest one of a segment: the foot of the perpendicular, or an end."""
+    """Squared distance of points from the nearest point of a segment: the foot of the perpendicular, or an end."""
     along_x, along_y = segment[2] - segment[0], segment[3] - segment[1]
     offset_x, offset_y = x - segment[0], y - segment[1]
     squared_length = max(along_x**2 + along_y**2, 1e-12)  # a segment may be a point

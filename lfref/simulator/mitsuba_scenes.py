@@ -1,18 +1,17 @@
-"""Scenes of the simulator in Mitsuba 3, which traces paths and shares no code with ours: a judge of views and truth.
+"""Scenes of the simulator in Mitsuba 3, a path tracer that shares no code with ours and checks views and truth.
 
-Ours: a point (X, Y) of the central view is at x = X + d p, y = Y + d q in the view from aperture point (p, q).
-Mitsuba's: a pinhole at the origin that looks along Z, of focal length f in pixels, sees (A, B, Z) at X = f A / Z. The
-view from (p, q) is the pinhole at (-p, -q, 0), one unit of length a view step (minus, since a main lens inverts its
-aperture). It sees the point at f (A + p) / Z = X + p f / Z. Its sensor moves too, so that the picture moves back by
-c p: d = f / Z - c.
-Hence surfaces stand at
+In our simulator, the view from aperture point (p, q) shows a point (X, Y) of the central view at x = X + d p,
+y = Y + d q. In Mitsuba, a pinhole at the origin that looks along Z, of focal length f in pixels, sees (A, B, Z) at
+X = f A / Z. The view from (p, q) is that of a pinhole at (-p, -q, 0), in view steps; the signs are negative, since a
+main lens inverts its aperture. This pinhole sees the point at f (A + p) / Z = X + p f / Z. Its sensor moves too, so
+that the picture moves back by c p: d = f / Z - c. Hence surfaces stand at
 
-    Z = f / (d + c),   (A, B) = (X, Y) Z / f,
+    Z = f / (d + c),   (A, B) = (X, Y) Z / f.
 
-disparity 0 at f / c, disparity -c at infinity, and a plane of space is one whose d is affine in (X, Y). A lens focused
-at slope s unites at pixel x the rays through all (p, q) that pass x in the plane of disparity s. That is a thin lens
-focused at f / (s + c), its radius in view steps; or, for a square aperture, pinholes all over it whose pictures go back
-by (c + s) p.
+Disparity 0 is at f / c, and disparity -c is at infinity; a plane in space has a d that is affine in (X, Y). A lens
+focused at slope s collects at pixel x the rays through all (p, q) that pass x in the plane of disparity s. That is a
+thin lens focused at f / (s + c), with its radius in view steps. A square aperture is a set of pinholes all over it,
+whose pictures move back by (c + s) p.
 
 Our textures are what pixels record: means over the area of a pixel. Mitsuba gets the radiance that has these means. Its
 outlines are ideal, and its pixels average over their area (box filter). Surfaces emit their light, since ours do not
@@ -38,12 +37,12 @@ from lfref.simulator.textures import Checker, Flat, Noise, Stripes, Texture
 SIZE = (64, 96)
 """Height and width of the pictures."""
 SLOPES = (-1.0, 0.3, 0.9)
-"""Of the truths that are compared, in pixels per view step: behind, among and before the surfaces."""
+"""Slopes of the truths that are compared, in pixels per view step: behind, among and in front of the surfaces."""
 VIEWS = ((3, 3), (0, 0), (6, 1))
 """Row and column of the views that are compared: the middle, a corner, an edge."""
 SHINES = Emissive()
 
-# Scenes that both renderers can show. Together they have all that geometry can do wrong; their colours are bright
+# Scenes that both renderers can show. Together they cover all cases of the geometry; their colours are bright
 # enough to be sharpened without falling below 0.
 
 
@@ -56,14 +55,14 @@ def cards(aperture: str = "disc") -> Scene:
 
 
 def relief(aperture: str = "disc") -> Scene:
-    """A slanted background behind a dome, so that disparity changes all over the picture."""
+    """A slanted background behind a dome: disparity changes all over the picture."""
     wall = Surface(Plane(-1.0, (0.008, -0.006)), Noise((0.4, 0.5, 0.6), (0.2, 0.3, 0.3)), material=SHINES)
     ball = Surface(Dome(0.2, 0.6, 30.0), Noise((0.7, 0.6, 0.4), (0.2, 0.2, 0.2)), Disc(22.0, (6.0, -2.0)), SHINES)
     return _scene("relief", aperture, wall, ball)
 
 
 def mirror(aperture: str = "disc") -> Scene:
-    """A mirror before a background; what it shows stands behind the cameras."""
+    """A mirror in front of a background; the mirrored picture stands behind the cameras."""
     wall = Surface(Plane(-1.5), Noise((0.4, 0.4, 0.5), (0.2, 0.2, 0.3)), material=SHINES)
     shown = Mirror(0.8, Checker(14.0, (0.3, 0.3, 0.3), angle=15), disparity=-2.0)
     return _scene("mirror", aperture, wall, Surface(Plane(0.5), Flat((0.8, 0.3, 0.2)), _card(-30, -20, 25, 20), shown))
@@ -94,7 +93,7 @@ def _card(left: float, top: float, right: float, bottom: float) -> Polygon:
 
 # The focal length f is 100 pixels. Pictures do not depend on it: it scales distances.
 HORIZON = 4.0
-"""c, in pixels per view step: surfaces of disparity -c are at infinity, so that all must be nearer."""
+"""c, in pixels per view step: disparity -c is at infinity, so that all surfaces need larger disparities."""
 FINER = 4
 """Texels of Mitsuba's bitmaps per sample of a canvas, along each axis."""
 MARGIN = 32
@@ -140,7 +139,7 @@ class MitsubaScene:
         return self._render({"type": "thinlens", **lens}, (0, 0), samples, seed)
 
     def through_square(self, slope: float, side: int = 12, samples: int = 4, seed: int = 0) -> Tensor:
-        """Mean of pinholes at a random point of each of side x side parts of the square, [3, H, W]."""
+        """Mean picture of pinholes, one at a random point of each of side x side parts of the square, [3, H, W]."""
         random = np.random.default_rng(seed)
         parts = np.stack(np.meshgrid(np.arange(side), np.arange(side)), -1).reshape(-1, 2)
         points = ((parts + random.uniform(size=parts.shape)) / side - 0.5) * self.camera.grid[::-1]
@@ -205,7 +204,7 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
 
 
 def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
-    """The picture that a mirror shows, behind the cameras: as far before the mirror as its image is behind it."""
+    """The picture that a mirror shows: it stands behind the cameras, as far from the mirror as its image is."""
     material: Any = surface.material
     x, y = mesh_points(Full(), canvas)
     image, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)
@@ -218,13 +217,13 @@ def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
 
 
 def _sharpened_texture(texture: Texture, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
-    """Colours whose means over pixels are the painted ones, [FINER h, FINER w, 3], with MARGIN around the canvas."""
+    """Colours whose means over pixels are the painted colours, [FINER h, FINER w, 3], with MARGIN around the canvas."""
     left, top, width, height = canvas.left, canvas.top, canvas.width, canvas.height
     wide = Canvas(left - MARGIN, top - MARGIN, width + 2 * MARGIN, height + 2 * MARGIN, canvas.period)
     painted = texture.paint(wide, key).double()
     for axis in (-2, -1):
-        # Beside its mirror image it is periodic without a jump. The mean over a pixel multiplies a spectrum by sinc(f):
-        # that is undone up to half a cycle per pixel, where all textures end.
+        # Together with its mirror image, the texture is periodic without a jump. The mean over a pixel multiplies a
+        # spectrum by sinc(f): that is undone up to half a cycle per pixel, where all textures end.
         endless = torch.cat([painted, painted.flip(axis)], axis).movedim(axis, -1)
         length = endless.shape[-1]
         cycles = (OVERSAMPLING * torch.fft.rfftfreq(length, dtype=torch.float64)).clamp(max=0.5)
@@ -234,7 +233,7 @@ def _sharpened_texture(texture: Texture, canvas: Canvas, key: tuple[int, ...]) -
 
 
 def _texture_coordinates(x: Tensor, y: Tensor, canvas: Canvas) -> Tensor:
-    """Coordinates from 0 to 1 of points of a surface in the bitmap of `_sharpened_texture`, [..., 2]."""
+    """Coordinates, from 0 to 1, of a surface's points in the bitmap of `_sharpened_texture`, [..., 2]."""
     columns, rows = x * OVERSAMPLING - canvas.left + MARGIN, y * OVERSAMPLING - canvas.top + MARGIN
     # A texel's middle is half a texel from its edge.
     u, v = ((at + 0.5 / FINER) / (n + 2 * MARGIN) for at, n in ((columns, canvas.width), (rows, canvas.height)))
@@ -249,7 +248,7 @@ def _bitmap(values: Tensor) -> dict[str, Any]:
 def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict[str, Any] | None = None) -> Any:
     """A mesh of points [.., 3] with texture coordinates [.., 2].
 
-    From its front, the turn from the first axis of the points to the second is clockwise.
+    Seen from the front, the turn from the first axis of the points to the second is clockwise.
     """
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)

@@ -1,9 +1,9 @@
 """Painting the surfaces of a scene: passes of the planner that turn a scene into the result `layers`.
 
-Surfaces are lined up from far to near, hidden ones are left out, and the rest is painted in full, opaque colours.
-Changes follow, each of which the planner skips if it would leave all layers as they are: light, opacity, outline,
-motion, mirrored pictures, highlights, and marks for rays and sorting. All is painted on the CPU, so that layers are the
-same on every device.
+Surfaces are sorted from far to near, hidden surfaces are left out, and visible surfaces are painted in full, opaque
+colours. Then come changes: light, opacity, outline, motion, mirrored pictures, highlights, and marks for rays and
+sorting. The planner skips a change that would leave all layers as they are. All layers are painted on the CPU, so that
+they are the same on every device.
 """
 
 import math
@@ -27,7 +27,7 @@ from lfref.simulator.textures import Flat
 def paint(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0) -> list[Layer]:
     """Layers of all visible surfaces from far to near (by their mean disparity), large enough for every aperture point.
 
-    `reach` is the greatest |slope|, in pixels per view step, that the layers will be refocused at.
+    `reach` is the greatest |slope|, in pixels per view step, at which the layers will be refocused.
     """
     painted: list[Layer] = planner.plan(passes(scene, device, reach), ["layers"]).run()["layers"]
     return painted
@@ -99,7 +99,7 @@ def passes(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0,
             lambda surface: not layers.only_shifts(surface), lambda layer: replace(layer, is_traced=True),
         ),
         change(
-            # Equal surfaces cross the same others: identity is enough.
+            # Equal surfaces cross the same surfaces: identity is enough.
             "sort by depth", "traced", "sorted", "no two surfaces cross",
             lambda surface: any(scene.surfaces[index] is surface for index in crossing),
             lambda layer: replace(layer, is_sorted=True),
@@ -118,7 +118,7 @@ def far_to_near(scene: Scene) -> list[int]:
 
 
 def visible_surfaces(scene: Scene, reach: float) -> list[int]:
-    """Indices of the surfaces, from far to near, that no nearer backdrop hides from everywhere."""
+    """Indices, from far to near, of the surfaces that no nearer backdrop hides from all aperture points."""
 
     def hides(near: Surface, far: Surface) -> bool:
         return layers.is_backdrop(near) and layers.is_before(near.geometry, far.geometry, scene.camera, reach)
@@ -132,23 +132,23 @@ def visible_surfaces(scene: Scene, reach: float) -> list[int]:
 
 
 def crossing_surfaces(scene: Scene, reach: float) -> set[int]:
-    """Indices of the visible surfaces that cross another visible one."""
+    """Indices of the visible surfaces that cross another visible surface."""
     visible = visible_surfaces(scene, reach)
     pairs = layers.crossing_pairs([scene.surfaces[index].geometry for index in visible], scene.camera, reach)
     return {visible[rank] for pair in pairs for rank in pair}
 
 
 def reachable_canvas(camera: Camera, geometry: Geometry, reach: float, surface: Surface | None = None) -> Canvas:
-    """The part of a surface that rays can reach; without a surface, that of a mirrored picture."""
+    """Canvas for the part of a surface that rays can reach; without a surface, for that part of a mirrored picture."""
 
     def box(reach: float) -> Box:
         right, bottom = layers.ray_extent(camera, geometry, reach)
         left, top = -right, -bottom
         if surface and (outline := surface.matte.box()):
             left, top = max(left, outline[0]), max(top, outline[1])
-            # A point where they do not overlap.
+            # If outline and reach do not overlap, the box is a point.
             right, bottom = max(left, min(right, outline[2])), max(top, min(bottom, outline[3]))
-        # Motion smears half its length to each side, and the cubic look-ups that do it one pixel more.
+        # Motion smears a surface by half its length to each side; its cubic look-ups reach one pixel further.
         x, y = (abs(step) / 2 + 1 if step else 0.0 for step in (surface.motion if surface else (0.0, 0.0)))
         return left - x, top - y, right + x, bottom + y
 
@@ -172,7 +172,7 @@ def _light_gains(scene: Scene, surface: Surface) -> Tensor:
 
 
 def _opacities(surface: Surface) -> tuple[float, float]:
-    """Opacity of its own colours, without what it mirrors, and of all."""
+    """Opacity of the surface's own colours, without the mirrored picture, and its total opacity."""
     return surface.opacity * (1 - surface.material.reflectance), layers.total_opacity(surface)
 
 
@@ -198,7 +198,7 @@ def _with_reflection(layer: Layer, scene: Scene, reach: float) -> Layer:
     canvas = reachable_canvas(scene.camera, Plane(material.disparity), reach)
     picture = _opaque(canvas, material.texture.paint(canvas, (scene.seed, layer.index, 1)))
     picture *= _light_gains(scene, layer.surface)
-    # `Reflection.share` is that of the light per unit of the surface's opacity.
+    # `Reflection.share` is the share of the light per unit of the surface's opacity.
     share = material.share / opacity if opacity > 0 else 0.0
     return replace(layer, reflection=Reflection(Bitmap(canvas, picture), share, material.disparity))
 

@@ -50,7 +50,7 @@ class Schedule:
     stages: tuple[Stage, ...]
     outputs: tuple[str, ...]  # names of the requested results
     unneeded: tuple[Pass, ...] = ()  # passes on which no requested result depends
-    milliseconds: dict[str, float] = field(default_factory=dict)  # of each pass in the last timed run, by its result
+    milliseconds: dict[str, float] = field(default_factory=dict)  # duration of each pass, by its result
 
     def run(self, timed: bool = False) -> dict[str, Any]:
         """The requested results by name; `timed` measures each pass, waiting for an idle GPU before and after it."""
@@ -76,7 +76,7 @@ class Schedule:
         return {name: results[name] for name in self.outputs}
 
     def explain(self) -> list[Outcome]:
-        """What becomes of every pass and why, in the order of running; unneeded passes come last."""
+        """Whether each pass runs and why, in the order of the schedule; unneeded passes come last."""
         rows = [
             Outcome(work.name, "skipped", why, None)
             if is_skipped

@@ -1,9 +1,10 @@
 """Layers whose rays are followed one by one: their tables, and the compiled loops along a row of pixels.
 
 They serve surfaces that are slanted or curved, highlights, mirrored pictures, and surfaces that cross. For each layer
-and row: the pixels at which it may be visible (`visible_pixels`), the points where their rays meet it (`intersect`),
-its highlight (`add_highlight`), and compositing: in a fixed order, by depth at each pixel, or by depth in parts of a
-cell. Compiled code takes plain arrays only: `RayLayers` describes the layers, an `Atlas` holds their bitmaps.
+and row, the loops compute the pixels at which the layer may be visible (`visible_pixels`), the points where rays meet
+it (`intersect`), and its highlight (`add_highlight`). Then they composite the layers: in a fixed order, by depth at
+each pixel, or by depth in parts of a cell. Compiled code takes plain arrays only: `RayLayers` describes the layers, an
+`Atlas` holds their bitmaps.
 Letters: `k m` layers from far to near, `n` bitmap of the atlas, `x` pixel of the row, `X Y D p q` as in `surfaces`.
 """
 
@@ -36,7 +37,7 @@ class Atlas(NamedTuple):
     """A texture atlas: bitmaps one after the other in one array."""
 
     samples: Floats  # premultiplied RGBA of all bitmaps, [all]
-    frames: Integers  # index of its first value, rows, columns, Y and X of its first sample in samples, [n, 5]
+    frames: Integers  # of each: index of the first value, rows, columns, Y and X of the first sample in samples, [n, 5]
 
 
 class RayLayers(NamedTuple):
@@ -48,8 +49,8 @@ class RayLayers(NamedTuple):
     bitmaps: Integers  # index in the atlas of the layer's bitmap, and of the mirrored picture or -1, [K, 2]
     mirrors: Float64s  # share and disparity of the mirrored picture, [K, 2]
     highlights: Float64s  # parameters of `layers.Highlight`, of width 0 where there is none, [K, 7]
-    is_parallel: Bools  # whether it faces the camera, [K]
-    is_backdrop: Bools  # whether it is opaque all over, [K]
+    is_parallel: Bools  # whether each layer faces the camera, [K]
+    is_backdrop: Bools  # whether each layer is opaque all over, [K]
 
 
 class RayRow(NamedTuple):
@@ -57,10 +58,10 @@ class RayRow(NamedTuple):
 
     p: float
     q: float
-    x: float  # of the first pixel, displaced by slope times p
-    y: float  # of the row, displaced by slope times q
-    slope: float  # of the picture in pixels per view step; 0 for a view
-    cell: float  # width in view steps of the cell of the aperture that the point stands for; 0 for a view
+    x: float  # x of the first pixel, displaced by slope times p
+    y: float  # y of the row, displaced by slope times q
+    slope: float  # slope of the picture in pixels per view step; 0 for a view
+    cell: float  # width in view steps of the aperture cell for which the point stands; 0 for a view
 
 
 def atlas(entries: Sequence[AtlasEntry]) -> Atlas:
@@ -97,10 +98,10 @@ def ray_layers(
 
 
 def visible_box(entry: AtlasEntry, reads: int) -> Box:
-    """The box of points, in pixels, whose look-ups meet more than transparent samples of a bitmap.
+    """The box, in pixels, of the points whose look-ups read samples that are not transparent.
 
-    A look-up reads `reads` samples on either side of its point. Edge samples repeat beyond a bitmap: towards an
-    edge that is not transparent throughout, the box has no limit.
+    A look-up reads `reads` samples on either side of its point. Edge samples repeat beyond a bitmap: towards an edge
+    with a visible sample, the box has no limit.
     """
     margin = (reads + 1) / OVERSAMPLING  # one sample more for rounding
     is_visible = entry.opacity != 0
@@ -146,7 +147,7 @@ def visible_pixels(layers: RayLayers, k: int, row: RayRow, width: int) -> tuple[
 def intersect(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at: Float64s) -> None:
     """Fill `at` [5, W] with X, Y, D and the derivatives of D along x and y, where rays meet layer k.
 
-    Of a plane, D = (d + a x + b y) / (1 + a p + b q). A dome is solved by Newton's method, starting from that plane
+    On a plane, D = (d + a x + b y) / (1 + a p + b q). A dome is solved by Newton's method, starting from that plane
     plus the height of the bump at the pixel before: two or three steps then suffice.
     """
     form = layers.forms[k]
@@ -184,8 +185,8 @@ def intersect(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at:
 def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at: Float64s, rgba: Floats) -> None:
     """Add the highlight of layer k to `rgba` [4, W] at the points that `intersect` found.
 
-    Within a cell the highlight moves over the picture by (e - drift) times the cell's width, e the relative slope, and
-    is blurred by a box of that width. See `layers.Highlight.light_at`.
+    Within a cell the highlight moves over the picture by (e - drift) times the cell's width, where e is the relative
+    slope, and is blurred by a box of that width. See `layers.Highlight.light_at`.
     """
     lobe = layers.highlights[k]
     width, drift = lobe[3], lobe[4]
@@ -196,7 +197,7 @@ def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int,
         spread = (row.slope - at[2, x] - drift) * row.cell
         variance = width * width + spread * spread / 12
         exponent = ((at[0, x] - centre_x) ** 2 + (at[1, x] - centre_y) ** 2) / (2 * variance)
-        # Beyond, it is below exp(-20) = 2e-9 of its maximum, far below the rounding of float32.
+        # Beyond 20, the light is below exp(-20) = 2e-9 of its maximum, far below the rounding of float32.
         if exponent < 20.0:
             light = rgba.dtype.type(np.exp(-exponent) * width * width / variance) * rgba[3, x]
             rgba[0, x] += red * light
@@ -246,14 +247,14 @@ def composite_by_depth(rgba: Floats, disparities: Float64s, order: Integers, rad
 def composite_crossing(
     rgba: Floats, at: Float64s, crosses: Bools, row: RayRow, passed: Floats, radiance: Floats
 ) -> None:
-    """Lay layers over one another as seen through a cell, in the parts of which their order may differ.
+    """Lay layers over one another as seen through a cell; their order may differ between parts of the cell.
 
     Where two surfaces cross, each is the nearer one in a part of the cell. The line where they cross moves over the
     picture by |e| times the cell's width. So the lead, the disparity of one minus that of the other, varies within the
     cell by `spread`: this distance times the gradient of the lead. The share of the cell in which a layer is the nearer
-    one grows linearly from 0 to 1 as its lead goes from -spread / 2 to spread / 2. All light of a layer passes the
-    shares of the others before it.
-    `rgba` [K, 4, W] is 0 where a layer is not visible, `at` [K, 5, W] as by `intersect`; `passed` [W] is scratch.
+    one grows linearly from 0 to 1 as its lead goes from -spread / 2 to spread / 2. The light of a layer passes the
+    shares of all other layers in front of it. `rgba` [K, 4, W] is 0 where a layer is not visible; `intersect` fills
+    `at` [K, 5, W]; `passed` [W] is scratch.
     """
     radiance[:] = 0
     for k in range(len(rgba)):
@@ -273,7 +274,7 @@ def _occlude(
     """Multiply `passed` [W], the share of the light of one layer, by the share that another one lets through."""
     for x in range(passed.size):
         lead = front[2, x] - behind[2, x]
-        # Of equal disparities the later layer is in front.
+        # At equal disparities, the later layer is in front.
         before = 1.0 if lead > 0 or (lead == 0 and is_later) else 0.0
         if crosses:
             across, down = front[3, x] - behind[3, x], front[4, x] - behind[4, x]

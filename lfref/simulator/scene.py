@@ -1,7 +1,7 @@
 """A scene in plain numbers: surfaces, light and camera. Nothing is painted here.
 
 Coordinates are pixels of the central view from the picture's centre, x to the right and y down; aperture points (p, q)
-are view steps from the angular centre. The surface of larger disparity is nearer and hides the others.
+are view steps from the angular centre. The surface of larger disparity is nearer and hides other surfaces.
 """
 
 from dataclasses import dataclass, field
@@ -27,8 +27,8 @@ class Camera:
     size: tuple[int, int] = (256, 256)  # height and width (H, W) of a view in pixels
     aperture: str = "square"  # `square` or `disc`, U by V view steps: the cells of all views
     samples: int = field(default=1, repr=False)  # keeps the repr of older descriptions
-    """Samples along each axis of a pixel, which is their mean. Textures end at samples / 2 cycles per pixel: with more
-    than one sample, details alias in the views."""
+    """Samples along each axis of a pixel; a pixel is the mean of its samples. Textures end at samples / 2 cycles per
+    pixel: with more than one sample, details alias in the views."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -63,7 +63,7 @@ class Surface:
     material: Material = Matte()  # noqa: RUF009  frozen
     opacity: float = 1.0  # share of the background that it hides within its outline, from 0 to 1
     motion: tuple[float, float] = (0.0, 0.0)
-    """(x, y) in pixels during the exposure, whose middle the geometry and outline describe."""
+    """Movement (x, y) in pixels during the exposure; geometry and outline describe the middle of the exposure."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -93,11 +93,11 @@ class Scene:
     """Everything that a picture depends on."""
 
     camera: Camera
-    surfaces: tuple[Surface, ...]  # in any order: disparity decides which one hides another
+    surfaces: tuple[Surface, ...]  # surfaces in any order: disparity decides which surface hides another
     light: Light = Light()
     sensor: Sensor = Sensor()  # noqa: RUF009  frozen
     name: str = ""
-    seed: int = 0  # of noise and of random textures, the latter together with the index of the surface
+    seed: int = 0  # seed of noise and random textures; the index of a surface also enters its texture
 
     def __post_init__(self) -> None:
         checks.freeze(self)

@@ -1,4 +1,4 @@
-"""Where scenes come from: a fixed list that repeats, or a random distribution.
+"""Sources of scenes: a fixed list that repeats, or a random distribution.
 
 Every scene is fixed by (seed, epoch, index) alone, so that any worker process can make any of them.
 """
@@ -46,9 +46,9 @@ class Scenes(abc.ABC):
 
 @dataclass(frozen=True)
 class Fixed(Scenes):
-    """The same scenes one after the other, then again from the first with other textures and noise.
+    """The same scenes one after the other, then again from the first scene, with other textures and noise.
 
-    In the first round of epoch 0 the seed is added to their own: seed 0 gives the scenes as they are.
+    In the first round of epoch 0 the seed is added to their own seeds: seed 0 gives the scenes as they are.
     """
 
     scenes: tuple[Scene, ...]  # at least one, of different names
@@ -78,7 +78,7 @@ class RandomDraws:
         self.generator = generator
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:
-        """A number between two others."""
+        """A number from `low` to `high`."""
         return low + (high - low) * float(torch.rand((), generator=self.generator))
 
     def integer(self, low: int, high: int) -> int:
@@ -90,18 +90,18 @@ class RandomDraws:
         return items[self.integer(0, len(items) - 1)]
 
     def happens(self, probability: float) -> bool:
-        """Whether an event happens; one of probability 0 draws no number, so that it leaves later draws alone."""
+        """Whether an event of this probability happens; at 0 no number is drawn, so that later draws stay the same."""
         return probability > 0 and self.uniform() < probability
 
     def case(self, probabilities: Sequence[float]) -> int | None:
-        """Index of one of several cases that exclude each other, or None; draws no number if all are impossible."""
+        """Index of the drawn case, or None; the cases exclude each other. If all are impossible, no number is drawn."""
         if not any(probabilities):
             return None
         at = self.uniform()
         return next((k for k in range(len(probabilities)) if at < sum(probabilities[: k + 1])), None)
 
     def colour(self, low: float, high: float) -> Colour:
-        """Red, green and blue, each between two numbers."""
+        """Red, green and blue, each from `low` to `high`."""
         return self.uniform(low, high), self.uniform(low, high), self.uniform(low, high)
 
     def point(self, camera: Camera) -> tuple[float, float]:
@@ -118,7 +118,7 @@ class Tone:
     saturation: float  # 1 keeps colours, 0 leaves grey
 
     def __call__(self, colour: Colour) -> Colour:
-        """The colour in such a scene."""
+        """The colour with this brightness and saturation."""
         grey = sum(colour) / 3
         red, green, blue = (self.brightness * (grey + self.saturation * (value - grey)) for value in colour)
         return red, green, blue
@@ -143,7 +143,7 @@ TEXTURES: tuple[Callable[[RandomDraws, Tone], Texture], ...] = (
     lambda draws, tone: Gradient(draws.uniform(100, 600), *_wave_options(draws, tone)),
     lambda draws, tone: Flat(tone(draws.colour(0, 1))),
 )
-"""Equally likely; noise six times, since most textures in photographs are no regular pattern."""
+"""Functions that draw a texture, equally likely; six draw noise, since most textures in photographs are irregular."""
 
 
 def random_outline(draws: RandomDraws, camera: Camera) -> Outline:
@@ -180,7 +180,7 @@ OUTLINES: tuple[Callable[[RandomDraws, Camera, float], Outline], ...] = (
     *(lambda draws, camera, radius: Disc(radius, draws.point(camera)), _polygon, _leaf, _twigs) * 2,
     _perforated,
 )
-"""Equally likely; the lattice once only, since it covers the whole picture."""
+"""Functions that draw an outline, equally likely; the lattice is there only once, since it covers the whole picture."""
 
 
 def random_dome(draws: RandomDraws, camera: Camera, disparity: float, bulge: Range) -> Dome:
@@ -208,7 +208,7 @@ MATERIALS: dict[str, Callable[[RandomDraws, Tone, Camera, Range], Material]] = {
     "glass": lambda draws, tone, camera, span: Glass(draws.uniform(0.05, 0.3), *_mirrored(draws, tone, span)),
     "emissive": lambda draws, tone, camera, span: Emissive(draws.uniform(1, 4)),
 }
-"""All but matte: functions of draws, the scene's tone, the camera, and the range of mirrored disparities."""
+"""Functions that draw a material (all but matte) from draws, the scene's tone, the camera, and mirrored disparities."""
 
 
 @dataclass(frozen=True)
@@ -216,8 +216,8 @@ class RandomSensor:
     """Random sensors: for each effect the share of scenes that have it, from 0 to 1, and the ranges of its options."""
 
     chromatic: float = 0.0
-    magnification: Range = (0.998, 1.002)  # of red and of blue; green keeps its size and focus
-    focus: Range = (-0.05, 0.05)  # of red and of blue, in pixels per view step
+    magnification: Range = (0.998, 1.002)  # magnification of red and of blue; green keeps its size and focus
+    focus: Range = (-0.05, 0.05)  # disparity added to red and to blue, in pixels per view step
     vignetting: float = 0.0
     field: Range = (0.0, 0.6)
     cats_eye: Range = (0.0, 0.4)
@@ -231,12 +231,12 @@ class RandomSensor:
     noise: float = 0.0
     shot: Range = (0.0, 0.002)
     read: Range = (0.0, 1e-4)
-    clipping: float = 0.0  # to [0, 1]
+    clipping: float = 0.0  # share of scenes whose samples are clipped to [0, 1]
     quantisation: float = 0.0
     bits: tuple[int, int] = (8, 12)
     white_balance: float = 0.0
-    gains: Range = (0.8, 1.25)  # of red and of blue; that of green is 1
-    tone_curve: float = 0.0  # that of sRGB
+    gains: Range = (0.8, 1.25)  # gains of red and of blue; the gain of green is 1
+    tone_curve: float = 0.0  # share of scenes with the curve of sRGB
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -279,26 +279,26 @@ RANDOM_EFFECTS: dict[str, Callable[[RandomSensor, RandomDraws], Any]] = {
 class RandomScenes(Scenes):
     """Random scenes: a full background, and islands of all outlines in front of it.
 
-    Shares are of all surfaces, from 0 to 1. An option of share 0 draws no random number, so that scenes without it stay
-    as they were before it existed.
+    Shares are parts of all surfaces, from 0 to 1. An option of share 0 draws no random number, so that scenes without
+    it stay as they were before it existed.
     """
 
     camera: Camera = Camera()  # noqa: RUF009  frozen
     n_surfaces: tuple[int, int] = (3, 5)  # least and greatest number of surfaces
-    disparities: Range = (-1.0, 1.0)  # in pixels per view step
+    disparities: Range = (-1.0, 1.0)  # range of disparities in pixels per view step
     slant: float = 0.0
     """Greatest change of disparity per pixel along each axis; surfaces may then cross each other."""
-    pictures: tuple[str, ...] = ()  # image files; with any, they are half of the textures
+    pictures: tuple[str, ...] = ()  # image files; if there are any, half of the textures are such pictures
     domes: float = 0.0  # share of curved surfaces
     bulge: Range = (-0.5, 0.5)  # height of domes in pixels per view step
     glossy: float = 0.0
     mirror: float = 0.0
     glass: float = 0.0
-    emissive: float = 0.0  # shares of the materials, together 1 at most; the rest is matte
+    emissive: float = 0.0  # the shares of these four materials are together at most 1; the rest is matte
     translucent: float = 0.0  # share of islands that the background shines through
-    opacity: Range = (0.3, 0.9)  # of translucent islands
+    opacity: Range = (0.3, 0.9)  # opacity of translucent islands
     moving: float = 0.0  # share of surfaces that move during the exposure
-    motion: Range = (-6.0, 6.0)  # of moving surfaces, in pixels along each axis
+    motion: Range = (-6.0, 6.0)  # movement of moving surfaces, in pixels along each axis
     sensor: RandomSensor = RandomSensor()
 
     def __post_init__(self) -> None:
@@ -316,7 +316,7 @@ class RandomScenes(Scenes):
         checks.span("the range of opacities", self.opacity, 0, 1)
 
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
-        """The scene of the generator that seed, epoch and index fix."""
+        """The scene that seed, epoch and index fix."""
         scene = self.draw(Generator().manual_seed(_combined_seed(seed, epoch, index)))
         # Its name must not end in two numbers: readers would take its files for views by row and column.
         return dataclasses.replace(scene, name=f"simulated_s{seed}_e{epoch}_{index:03d}")
@@ -326,7 +326,7 @@ class RandomScenes(Scenes):
         return dataclasses.replace(self, glossy=0.0, mirror=0.0, glass=0.0, emissive=0.0, moving=0.0)
 
     def draw(self, generator: Generator) -> Scene:
-        """A random scene, its surfaces from far to near; the generator fixes it with all its textures."""
+        """A random scene with its surfaces from far to near; the generator fixes the scene and all its textures."""
         draws = RandomDraws(generator)
         disparities = sorted(draws.uniform(*self.disparities) for _ in range(draws.integer(*self.n_surfaces)))
         tone = Tone(1 - 0.75 * draws.uniform(), 1 - 0.75 * draws.uniform())

@@ -28,7 +28,7 @@ class TrimmedBitmap(NamedTuple):
     """A bitmap, and the part of each row that is not transparent."""
 
     samples: Float32s  # premultiplied colours, and opacity unless it is opaque all over; w is even, [3 or 4, h, w]
-    begins: Integers  # first column of each row that is not transparent, [h]
+    begins: Integers  # first column that is not transparent in each row, [h]
     ends: Integers  # one past the last such column, [h]
 
 
@@ -72,8 +72,8 @@ def composite_shifted(
     row = np.empty((2, picture.shape[4]), np.float32)
     for y in range(top, end):
         for v in range(picture.shape[0]):
-            # Down: row y of the views reads rows `starts + 2 y` to `+ 3` of the bitmap. One line for the whole view
-            # row, only where one of its four rows is not transparent. Then across, for each view.
+            # First down: row y of the views reads the four rows of the bitmap from `starts + 2 y` on. They give one
+            # line for the whole view row, only where one of them is not transparent. Then across, for each view.
             begin, stop = _interpolate_visible(bitmap, down.starts[v] + 2 * y, down.weights[v], lines)
             for u in range(picture.shape[1] if begin < stop else 0):
                 start, weights = across.starts[u], across.weights[u]
@@ -84,7 +84,7 @@ def composite_shifted(
 
 @inlined
 def _interpolate_visible(bitmap: TrimmedBitmap, first: int, weights: Float32s, lines: Float32s) -> tuple[int, int]:
-    """Interpolate four rows from `first` on; returns the pairs of columns that are not transparent."""
+    """Interpolate four rows from `first` on; returns the range of pairs of columns that are not transparent."""
     height = bitmap.samples.shape[1]
     begin, end = bitmap.samples.shape[2], 0
     for row in range(max(first, 0), min(first + 4, height)):
@@ -98,7 +98,7 @@ def _interpolate_visible(bitmap: TrimmedBitmap, first: int, weights: Float32s, l
 
 @inlined
 def interpolate_rows(samples: Float32s, first: int, weights: Float32s, begin: int, end: int, lines: Float32s) -> None:
-    """Four rows of a bitmap [C, h, w] from `first` on as one line per channel, from pair `begin` to before `end`."""
+    """Fill one line per channel from four rows of a bitmap [C, h, w], `first` on, from pair `begin` to before `end`."""
     last = samples.shape[1] - 1
     # Beyond its first and last row a bitmap is transparent: such rows get the weight 0 and any valid index.
     w0 = weights[0] if 0 <= first <= last else np.float32(0)
@@ -109,7 +109,7 @@ def interpolate_rows(samples: Float32s, first: int, weights: Float32s, begin: in
     r2, r3 = min(max(first + 2, 0), last), min(max(first + 3, 0), last)
     for c in range(samples.shape[0]):
         rows, line = samples[c], lines[c]
-        # Lines are reused: black pairs on each side erase what a cubic might still read of the last one.
+        # Lines are reused: black pairs on each side erase what a cubic might still read of the last line.
         line[:, begin : PAD + begin] = 0
         line[:, PAD + end : PAD + end + PAD] = 0
         span = slice(2 * begin, 2 * end)

@@ -4,9 +4,9 @@ Their disparities lie among the slopes of the paper's planes in either conventio
 pixels per view step. Figures are comparable only between equal `VERSION`s.
 `WIDE` are ten more scenes, of wide baselines, and no part of the thirty.
 
-In version 1, what is painted has no frequencies above half a cycle per pixel. In version 2, cameras average over
+In version 1, painted surfaces have no frequencies above half a cycle per pixel. In version 2, cameras average over
 several samples per pixel, so that textures and edges have higher frequencies and views alias, as in photographs.
-A file of its own, since its scenes must stay as they are.
+The module stands alone, since its scenes must stay as they are.
 """
 
 import dataclasses
@@ -84,7 +84,7 @@ SCENES: dict[str, Scene] = {
         _scene("lattice", GARDEN, FENCE),
         _scene("thicket", WALL, *LEAVES[:2], *TWIGS, FENCE),
         _scene("deep", Surface(Plane(-3.0), STONE), Surface(Plane(-5 / 3), MOSS, Leaf(150, 60, 10)), *TWIGS[1:]),
-        # Planes at a slant, and curved ones.
+        # Slanted planes, and curved surfaces.
         _scene("floor", Surface(Plane(-0.3, (0.0, 0.008)), CLOTH)),
         _scene("wall", Surface(Plane(-0.25, (0.006, -0.002)), LINES), *TWIGS[1:]),
         _scene("crossing", Surface(Plane(-0.3, (0.006, 0.0)), STONE), Surface(Plane(-0.3, (-0.006, 0.001)), CLOTH)),
@@ -150,7 +150,7 @@ SCENES: dict[str, Scene] = {
         ),
     )
 }
-"""By name, in their order."""
+"""The scenes of version 1 by name, in their order."""
 
 
 def _wide(name: str, grid: tuple[int, int], size: tuple[int, int], ends: tuple[float, float], *shares: float) -> Scene:
@@ -189,7 +189,7 @@ WIDE: dict[str, Scene] = {
 }
 """Scenes whose views lie far apart, as those of camera arrays and gantries; they have no sensor. By name."""
 ALIASED = 2
-"""Samples of the cameras of version 2 along each axis of a pixel: detail ends at one cycle a pixel."""
+"""Samples along each axis of a pixel in version 2: details end at one cycle per pixel."""
 
 
 def _aliased(scene: Scene) -> Scene:
@@ -199,9 +199,10 @@ def _aliased(scene: Scene) -> Scene:
 VERSIONS: dict[str, dict[str, Scene]] = {"1": SCENES, "2": {name: _aliased(scene) for name, scene in SCENES.items()}}
 """All versions of the set, their scenes by name."""
 VERSION = "d8d1d6f245da"
-"""Identifies the pictures of version 1. Change it when they change: tests/simulator/test_sim30.py compares them."""
+"""Identifier of the pictures of version 1, to be changed when they change; tests/simulator/test_sim30.py compares
+them."""
 VERSION_2 = "19e864d2ff0b"
-"""Identifies the pictures of version 2."""
+"""Identifier of the pictures of version 2."""
 
 
 def scenes(name: str | None = None, camera: Camera | None = None, version: int = 1) -> Fixed:
@@ -209,11 +210,11 @@ def scenes(name: str | None = None, camera: Camera | None = None, version: int =
 
     Args:
         name: A key of `SCENES`; None takes all.
-        camera: Replaces their own camera, and shows more or less of them.
-        version: 1, band-limited textures, or 2, aliased ones.
+        camera: Camera that replaces the scenes' own camera; its size may show more or less of them.
+        version: 1 (band-limited textures) or 2 (aliased textures).
 
     Raises:
-        InputError: There is no such scene, or no such version.
+        InputError: No such scene or version exists.
     """
     known = chosen("version of sim30", str(version), VERSIONS)
     selected = tuple(known.values()) if name is None else (chosen("sim30 scene", name, known),)

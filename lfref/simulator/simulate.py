@@ -32,15 +32,15 @@ PAPER = geometry.planes_at_alphas(step / 8 for step in range(1, 17))
 """The planes of the paper's stacks."""
 OUTPUTS = ("views", "truth", "disparity", "all_in_focus", "masks")
 SHARED_EFFECTS = ("exposure", "clipping", "white_balance", "tone_curve")
-"""Effects that treat all samples of a colour alike: a truth is developed by them."""
+"""Effects that treat all samples of a colour alike; `developed` applies them to a truth."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Simulated:
-    """The requested outputs of a scene; the others are None."""
+    """The requested outputs of a scene; other outputs are None."""
 
     slopes: Tensor
-    """Of the truth's planes, in pixels per view step, float64, [N]."""
+    """Slopes of the truth's planes, in pixels per view step, float64, [N]."""
     rows: tuple[Outcome, ...]
     """Explanation of every pass."""
     views: Tensor | None = None
@@ -48,11 +48,11 @@ class Simulated:
     truth: Tensor | None = None
     """Stack of a lens with the whole aperture, linear and without the sensor's effects, float32, [N, 3, H, W]."""
     disparity: Tensor | None = None
-    """Of the nearest surface in the central view, in pixels per view step, float32, [H, W]."""
+    """Disparity of the nearest surface in the central view, in pixels per view step, float32, [H, W]."""
     all_in_focus: Tensor | None = None
     """The central view through a pinhole, linear and without the sensor's effects, float32, [3, H, W]."""
     masks: Tensor | None = None
-    """Share of each surface of the scene in the central view, float32, [K, H, W]."""
+    """Share of each surface of the scene in each pixel of the central view, float32, [K, H, W]."""
 
 
 class Simulation:
@@ -130,13 +130,13 @@ def simulate(
 
     Args:
         scene: The scene.
-        seed: Added to the seed of the scene: another one draws other textures and noise.
+        seed: Number that is added to the seed of the scene: another number gives other textures and noise.
         outputs: Any of `views`, `truth`, `disparity`, `all_in_focus`, `masks`.
         slopes: Planes of the truth, in pixels per view step, [N]; None takes the paper's 16.
         force: Run inert passes too, and each pass on every surface. The results are the same and take longer: all rays
             are followed one by one, layers are sorted by depth at each pixel, every surface gets a highlight and a
             mirror (black where the scene has none), a single layer is composited cell by cell instead of filtered
-            once, and all effects of the sensor are applied. The aperture is cut into as many cells.
+            once, and all effects of the sensor are applied. The number of cells of the aperture stays the same.
         device: Device that renders.
         timed: Measure the milliseconds of each pass, waiting for an idle GPU before and after it.
 
@@ -163,8 +163,8 @@ def finer(scene: Scene, factor: int) -> Scene:
     """This scene for a camera whose pixels are `factor` times smaller along each axis.
 
     Lengths and disparities are in pixels, so that they are multiplied; random textures are drawn anew, down to the
-    smaller pixels. The mean over `factor` by `factor` pixels of one picture is a pixel of the other, where slopes are
-    `factor` times larger.
+    smaller pixels. The mean over `factor` by `factor` pixels of a finer picture is a pixel of a picture of `scene`; the
+    slopes of the finer picture are `factor` times larger.
 
     Raises:
         InputError: `factor` does not divide the camera's `samples`.
@@ -187,7 +187,7 @@ def finer(scene: Scene, factor: int) -> Scene:
 
 
 def _enlarged(part: Any, factor: int) -> Any:
-    """A part of a scene with its own `lengths` multiplied, and those of its parts."""
+    """A part of a scene whose `lengths`, and those of its own parts, are multiplied."""
 
     def multiplied(lengths: Any) -> Any:
         return tuple(map(multiplied, lengths)) if isinstance(lengths, tuple) else factor * lengths
@@ -226,7 +226,7 @@ def white_picture(scene: Scene, light: LightField) -> LightField:
     """The picture of a white scene by which a camera is calibrated: it shows the vignetting of every view.
 
     Args:
-        scene: The scene whose sensor records it, with noise of its own.
+        scene: The scene whose sensor records the picture, with other noise than the views.
         light: Views of the scene; the picture has their shape, in linear light.
     """
     # White of radiance 0.8: below 1, so that noise is not clipped.

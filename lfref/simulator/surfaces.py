@@ -1,9 +1,9 @@
-"""Where surfaces stand: disparity as a function of the central view, and the point where a ray meets a surface.
+"""Positions of surfaces: disparity at points of the central view, and the point where a ray meets a surface.
 
 Letters: `X Y` point of the surface in pixels of the central view, origin at the picture's centre; `p q` aperture point
 in view steps from the centre, along columns and rows; `x y` pixel of the picture from that aperture point. `D`
-disparity that the ray meets. With d(X, Y) the disparity of the surface, x = X + D p and y = Y + D q, so that D is the
-one unknown of D = d(x - D p, y - D q).
+disparity at which a ray meets the surface; `d(X, Y)` disparity of the surface. Since x = X + D p and y = Y + D q, D is
+the only unknown of D = d(x - D p, y - D q).
 """
 
 import abc
@@ -18,14 +18,14 @@ from torch import Tensor
 from lfref.simulator import checks
 
 STEEPEST = 0.5
-"""Greatest |gradient of d| times half the aperture. Below 1 every ray meets a surface once; half of that leaves
-Newton's method a margin."""
+"""Greatest |gradient of d| times half the aperture. Below 1, every ray meets a surface once; 0.5 leaves a margin for
+Newton's method."""
 
 
 class Form(NamedTuple):
     """Parameters of all surfaces: d = disparity + a X + b Y + bulge (1 - r^2 / radius^2)^2 within the radius."""
 
-    disparity: float  # at the centre, without the bump
+    disparity: float  # disparity at the centre, without the bump
     a: float = 0.0
     b: float = 0.0
     bulge: float = 0.0
@@ -62,7 +62,7 @@ class Geometry(abc.ABC):
         return form.a + steepness * offset_x, form.b + steepness * offset_y
 
     def _rise(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Offsets from the top of the bump in radii, and 1 - r^2 / radius^2, 0 outside."""
+        """Offsets from the top of the bump in radii, and 1 - r^2 / radius^2, which is 0 outside the bump."""
         form = self.form
         offset_x, offset_y = (x - form.centre_x) / form.radius, (y - form.centre_y) / form.radius
         return offset_x, offset_y, (1 - offset_x**2 - offset_y**2).clamp(min=0)
@@ -114,7 +114,7 @@ class Plane(Geometry):
     """A plane: d(X, Y) = disparity + a X + b Y."""
 
     lengths = ("disparity",)
-    disparity: float  # at the centre, in pixels per view step
+    disparity: float  # disparity at the centre, in pixels per view step
     gradient: tuple[float, float] = (0.0, 0.0)
     """(a, b): change of disparity per pixel to the right, and per pixel down."""
 
@@ -134,9 +134,9 @@ class Dome(Geometry):
     """A round bump on a plane that faces the camera: d = disparity + bulge (1 - r^2 / radius^2)^2 within the radius."""
 
     lengths = ("disparity", "bulge", "radius", "centre")
-    disparity: float  # of the plane, in pixels per view step
+    disparity: float  # disparity of the plane, in pixels per view step
     bulge: float  # disparity that the top adds, in pixels per view step; below 0 it is a hollow
-    radius: float  # in pixels of the central view
+    radius: float  # radius in pixels of the central view
     centre: tuple[float, float] = (0.0, 0.0)  # (X, Y) of the top
 
     def __post_init__(self) -> None:

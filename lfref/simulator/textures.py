@@ -1,8 +1,8 @@
 """Textures: colours of surfaces, painted on a canvas and band-limited to what pixels can record without aliasing.
 
-Nothing is left at or above half a cycle per pixel. Waves lose their higher harmonics, by weights (Fejer's) that never
-overshoot. Noise and pictures are made on the grid of pixels and carried to the finer canvas with the response
-cos^2(pi f) along each axis, which is 1/2 at a quarter of a cycle per pixel and 0 at half a cycle.
+Textures have no frequencies at or above half a cycle per pixel. Fejer's weights remove the higher harmonics of waves
+without overshoot. Noise and pictures are made on the grid of pixels and interpolated to the finer canvas with the
+response cos^2(pi f) along each axis, which is 1/2 at a quarter of a cycle per pixel and 0 at half a cycle.
 Letters: `X Y` as in `surfaces`, `h w` rows and columns of the canvas, `f` frequency in cycles per pixel.
 """
 
@@ -25,8 +25,8 @@ from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
 NYQUIST = 0.5
 """Cycles per pixel at which the spectra of all textures end."""
 HARMONICS = 0.35
-"""Highest frequency of a wave's harmonics. At 1/sqrt 8 = 0.354 and below, the product of a checker's two waves, which
-reaches sqrt 2 times as far along a diagonal, still ends before Nyquist."""
+"""Highest frequency of a wave's harmonics, in cycles per pixel. The product of a checker's two waves reaches sqrt 2
+times as far along a diagonal: from harmonics below 1/sqrt 8 = 0.354, it still ends below NYQUIST."""
 GREY = (0.5, 0.5, 0.5)
 
 Colour = tuple[float, float, float]
@@ -64,11 +64,11 @@ class _Wave(Texture):
     """Two colours that alternate along one direction or two."""
 
     lengths = ("period",)
-    period: float  # in pixels
+    period: float  # period in pixels
     low: Colour = (0.2, 0.2, 0.2)  # first colour
     high: Colour = (0.8, 0.8, 0.8)  # second colour
     angle: float = 0.0  # direction of the wave in degrees, from x towards y
-    phase: float = 0.0  # in periods
+    phase: float = 0.0  # phase in periods
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -83,7 +83,7 @@ class _Wave(Texture):
         return low + (high - low) * (0.5 + 0.5 * wave).float()
 
     def _cycles(self, canvas: Canvas, turn: float) -> Tensor:
-        """Periods since the start of the wave along its direction, turned by some degrees, [h, w]."""
+        """Periods since the start of the wave along its direction, which is turned by `turn` degrees, [h, w]."""
         angle = math.radians(self.angle + turn)
         return (canvas.x * math.cos(angle) + canvas.y[:, None] * math.sin(angle)) / self.period + self.phase
 
@@ -141,10 +141,10 @@ class Noise(Texture):
     """A random pattern of spectrum 1/f^exponent with soft or hard edges between two colours, and fine colour noise."""
 
     lengths = ()
-    colour: Colour = GREY  # mean
+    colour: Colour = GREY  # mean colour
     contrast: Colour = (0.3, 0.3, 0.3)  # amplitude of the pattern
     exponent: float = 1.5  # fall of the amplitude with frequency; larger is smoother
-    hardness: float = 0.2  # from 0, smooth, to 1, patches with edges
+    hardness: float = 0.2  # from 0 (smooth) to 1 (patches with edges)
     grain: float = 0.02  # standard deviation of the colour noise
 
     def __post_init__(self) -> None:
@@ -170,7 +170,7 @@ class Picture(Texture):
 
     lengths = ("width",)
     path: str  # PNG, EXR, TIFF or JPEG; grey or colour
-    width: float = 256.0  # in pixels of the central view
+    width: float = 256.0  # width in pixels of the central view
 
     def __post_init__(self) -> None:
         checks.numbers("a picture's width", [self.width], 4, 16384)
@@ -184,7 +184,7 @@ class Picture(Texture):
         size = [max(2, round(length * self.width / image.shape[-1])) for length in image.shape[-2:]]
         options = {"mode": "bicubic", "align_corners": False, "antialias": True}
         small = torch.nn.functional.interpolate(image[None], size, **options)[0].clamp(0, 1)  # type: ignore[arg-type]
-        # Beside its mirror image it is periodic without a jump.
+        # Together with its mirror image, the picture is periodic without a jump.
         wide = torch.cat([small, small.flip(-1)], dim=-1)
         tile = oversampled(torch.cat([wide, wide.flip(-2)], dim=-2))
         # A tile starts in the picture's centre: turn it so that the middle of the image lies there, not its corner.

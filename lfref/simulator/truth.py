@@ -42,9 +42,9 @@ def stack(layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, n_ce
     """Photograph layers at each slope: a stack of the layers' type and device, [N, 3, H, W].
 
     Args:
-        layers: From far to near, painted for a reach of the greatest |slope|.
+        layers: Layers from far to near, painted for a reach of the greatest |slope|.
         camera: The lens and the size of the picture.
-        slopes: Of the planes in pixels per view step, [N].
+        slopes: Slopes of the planes in pixels per view step, [N].
         n_cells: Cells along the aperture's longer side; None takes as many as each plane needs.
     """
     values = geometry.checked_slopes(slopes, camera.grid, camera.size).tolist()
@@ -67,8 +67,8 @@ def stack(layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, n_ce
 def filter_layer(plane: FocalPlane) -> Tensor:
     """The picture of a single layer that is only shifted, by a few separable filters, [3, H, W].
 
-    The weighted sum over all cells separates into rows and columns for rows of cells that are open alike: all rows of a
-    square, pairs of rows of a disc. Each such group is one filter along columns and one along rows.
+    Rows of cells with equal weights (all rows of a square, pairs of rows of a disc) form a group. The weighted sum over
+    the cells of a group is one filter along columns and one filter along rows.
     """
     (layer,) = plane.layers
     samples = plane.window(layer.bitmap)[:3]
@@ -144,7 +144,7 @@ class CellRenderer:
                 rows[k], columns[k] = cell.rows, cell.columns
             positions = CellPositions(rows, columns)
             composite = functools.partial(truth_loops.composite_fixed, shifted, positions, traced)
-        # About 4 million look-ups take as long as one more thread costs to start.
+        # About 4 million look-ups take as long as the start of one more thread.
         n_threads = loops.worthwhile(len(plane.layers) * aperture.weights.size * picture[0].size, 1 << 22)
         work = functools.partial(composite, aperture, picture)
         loops.share(work, loops.bands(plane.camera.size[0], n_threads), n_threads)
@@ -174,7 +174,7 @@ class CellRenderer:
                 boxes.append(self._fill_window(own, plane, layer.bitmap, shape.form.disparity))
             else:
                 own = self.copies[layer.bitmap]
-                # The widest copy that this plane reads bounds all the others.
+                # The widest copy that this plane reads bounds all other copies.
                 boxes.append(rays.visible_box(_blurred_entry(layer.bitmap, _n_levels(plane, layer) - 1), reads=1))
             mirrored = -1
             if reflection:
@@ -185,7 +185,7 @@ class CellRenderer:
         blurs = [plane.blur_levels(layer) for layer in layers]
         tables = BlurTables(np.array([levels for levels, _ in blurs], ndmin=2), np.array([steps for _, steps in blurs]))
         described = rays.ray_layers(layers, spans, boxes, indices)
-        # All layers from far to near: index among the shifted ones, or -1 - index among the traced ones.
+        # All layers from far to near: index among shifted layers, or -1 - index among traced layers.
         order: list[int] = []
         n_traced = 0
         for layer in plane.layers:

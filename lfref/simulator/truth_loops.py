@@ -2,9 +2,9 @@
 
 One row of the picture after the other: for each cell, the layers are laid over one another from far to near in a row of
 radiance, which is added to the total with the cell's weight. Layers that every cell only shifts are read along whole
-rows, interpolated between two rows of samples once for all cells of a row of cells. The rays to others are followed one
-by one, with linear look-ups of blurred copies. The module holds the compiled code of `truth`, which alone uses it:
-arrays and loops, nothing of PyTorch.
+rows, interpolated between two rows of samples once for all cells of a row of cells. The rays to other layers are
+followed one by one, with linear look-ups of blurred copies. The module holds the compiled code of `truth`, which alone
+uses it: arrays and loops, nothing of PyTorch.
 A blurred layer's samples lie phase by phase: of `o` samples per pixel, sample m = o x + f is column x of phase f. A row
 of pixels then reads contiguous memory wherever it starts.
 Letters: `k` layer from far to near, `c` channel of premultiplied RGBA, `j i` row and column of cells, `y x` pixel,
@@ -26,24 +26,24 @@ class ApertureCells(NamedTuple):
 
     p: Float64s  # columns of their centres in view steps, [I]
     q: Float64s  # rows of their centres, [J]
-    weights: Float64s  # share of each, of sum 1, [J, I]
-    width: float  # of one cell in view steps
-    slope: float  # of the plane
+    weights: Float64s  # share of the open aperture in each cell, [J, I]; their sum is 1
+    width: float  # width of one cell in view steps
+    slope: float  # slope of the plane in pixels per view step
 
 
 class BlurredLayers(NamedTuple):
     """Layers that every cell only shifts, from far to near."""
 
     samples: Floats  # premultiplied RGBA, blurred by a cell, [K, 4, rows, o, columns]
-    first: Integers  # first column of each row that is not transparent, [K, rows]
+    first: Integers  # first column that is not transparent in each row, [K, rows]
     last: Integers  # one past the last such column, [K, rows]
 
 
 class CellPositions(NamedTuple):
     """Position where pixel 0 reads each shifted layer, in samples, at least 0."""
 
-    rows: Float64s  # through each row of cells, [K, J]
-    columns: Float64s  # through each column of cells, [K, I]
+    rows: Float64s  # row of samples through each row of cells, [K, J]
+    columns: Float64s  # column of samples through each column of cells, [K, I]
 
 
 class BlurTables(NamedTuple):
@@ -59,7 +59,7 @@ class TracedLayers(NamedTuple):
     layers: RayLayers
     blurs: BlurTables
     atlas: Atlas
-    order: Integers  # all layers from far to near: index among the shifted ones, or -1 - index among the traced ones
+    order: Integers  # layers from far to near: index among shifted layers, or -1 - index among traced layers
     crosses: Bools  # pairs of layers that cross, [K, K]
 
 
@@ -99,7 +99,7 @@ def composite_fixed(
 
 @compiled
 def composite_sorted(traced: TracedLayers, cells: ApertureCells, picture: Floats, top: int, end: int) -> None:
-    """Fill rows of a picture for layers that cross: all rays are followed, layers sorted by depth at every pixel."""
+    """Fill rows of a picture for layers that cross: all rays are followed, and layers sorted at every pixel."""
     n_layers, width = len(traced.order), picture.shape[2]
     radiance, total = np.zeros((3, width), picture.dtype), np.zeros((3, width))
     rgba, at = np.zeros((n_layers, 4, width), picture.dtype), np.zeros((n_layers, 5, width))
@@ -112,7 +112,7 @@ def composite_sorted(traced: TracedLayers, cells: ApertureCells, picture: Floats
                     row = rays.rays_of_row(cells.p[i], cells.q[j], cells.slope, cells.width, y, picture)
                     for k in range(n_layers):
                         begin, stop = trace_row(traced.layers, traced.blurs, traced.atlas, k, row, at[k], rgba[k])
-                        # Outside the layer is transparent; `at` may be stale there, which opacity 0 makes harmless.
+                        # Outside these pixels the layer is transparent; with opacity 0, old values of `at` do no harm.
                         rgba[k, :, :begin] = 0
                         rgba[k, :, stop:] = 0
                     rays.composite_crossing(rgba, at, traced.crosses, row, passed, radiance)
@@ -143,8 +143,8 @@ def blur_layer(samples: Floats, down: Floats, across: Floats, result: Floats, fi
     row = np.zeros(samples.shape[2] + 2 * side + n_phases, samples.dtype)
     line = np.zeros((n_phases, row.size // n_phases), samples.dtype)
     for m in range(samples.shape[1]):
-        # Row by row: down the columns into `row`, its phases into `line`, then along the row into `result`.
-        # A filtered row is visible where any row under the taps is, and `side` samples further.
+        # Each row is filtered down the columns into `row`, sorted by phase into `line`, and filtered along into
+        # `result`. A filtered row is visible where any row under the taps is, and `side` samples further.
         near = slice(max(m - half, 0), m + half + 1)
         begin, end = begins[near].min(), ends[near].max()
         result[:, m] = 0
@@ -182,13 +182,13 @@ def _visible_spans(opacity: Floats) -> tuple[Integers, Integers]:
 
 @compiled
 def _filter_down(samples: Floats, m: int, down: Floats, begin: int, end: int, side: int, row: Floats) -> None:
-    """Row m of the filtered samples from column `begin` to before `end`, padded by `side` columns at both ends."""
+    """Fill `row` with filtered row m, from column `begin` to before `end`, padded by `side` columns at both ends."""
     row[:] = 0
     target = row[side + begin : side + end]
     for t in range(down.size):
         source = min(max(m + t - down.size // 2, 0), samples.shape[0] - 1)
         _accumulate(down[t], samples[source, begin:end], target)
-    # Edge samples of the bitmap repeat beyond it; those of the visible part do not.
+    # Edge samples of the bitmap repeat beyond it; edge samples of the visible part do not.
     if begin == 0:
         row[:side] = row[side]
     if end == samples.shape[1]:
@@ -197,7 +197,7 @@ def _filter_down(samples: Floats, m: int, down: Floats, begin: int, end: int, si
 
 @compiled
 def _sort_by_phase(row: Floats, line: Floats, first: int) -> None:
-    """Columns of each phase side by side, from pixel column `first` on."""
+    """Put the columns of each phase side by side, from pixel column `first` on."""
     n_phases = line.shape[0]
     for f in range(n_phases):
         target = line[f]
@@ -211,7 +211,8 @@ def filter_at_pixels(
 ) -> None:
     """Add a separable filter's values at pixels to `result` [C, H, W]; samples are [C, h, w].
 
-    For the first pixel the first tap reads row `top` and column `left`; each further pixel is `n_phases` samples on.
+    For the first pixel the first tap reads row `top` and column `left`; each further pixel reads `n_phases` samples
+    further on.
     """
     row = np.zeros(samples.shape[2], samples.dtype)
     line = np.zeros((n_phases, samples.shape[2] // n_phases), samples.dtype)
@@ -236,7 +237,7 @@ def _accumulate(weight: float, values: Floats, row: Floats) -> None:
 
 @compiled
 def _interpolate_line(shifted: BlurredLayers, k: int, position: float, line: Floats, span: Integers) -> None:
-    """A row of layer k at any height, linearly between the two next to it, and its visible columns."""
+    """Fill `line` with layer k at any height, linearly between two rows, and `span` with its visible columns."""
     m = int(position)
     share = line.dtype.type(position - m)
     rest = line.dtype.type(1) - share
@@ -294,7 +295,7 @@ def trace_row(
 ) -> tuple[int, int]:
     """Fill `at` [5, W] (as `rays.intersect`) and `rgba` [4, W] with traced layer k at a row of pixels through a cell.
 
-    Returns the first pixel at which it may be visible, and one past the last; the others are not filled.
+    Returns the first pixel at which it may be visible, and one past the last; other pixels are not filled.
     """
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:
@@ -329,7 +330,7 @@ def _read_copies(
         n = int(level)
         share = rgba.dtype.type(level - n)
         red, green, blue, opacity = _read_linear(atlas, first + n, at[0, x], at[1, x])
-        # The table ends with the last copy: the next one is read only where it counts.
+        # The table ends with the last copy: a next copy is read only where its share is above 0.
         if share > 0:
             wider = _read_linear(atlas, first + n + 1, at[0, x], at[1, x])
             red += share * (wider[0] - red)

@@ -1,10 +1,10 @@
-"""Views: pictures of layers from points of the aperture, and what the central view shows.
+"""Views: pictures of layers from points of the aperture, and the contents of the central view.
 
-On the CPU views are made in bands of rows, one layer after the other laid over the band from far to near: a layer whose
-views are shifted copies is carried along whole rows (`shifts`), the rays to others are followed one by one (`rays`).
-If any layers cross, the rays to all are followed and sorted by depth at each pixel. A traced layer that faces the
-camera is read by the same shifts as one that is not traced, so that both give the same bits. On other devices
-PyTorch's operations do the same, ray by ray.
+On the CPU, views are rendered in bands of rows; layers are laid over a band from far to near. A layer whose views are
+shifted copies is read along whole rows (`shifts`); the rays to other layers are followed one by one (`rays`). If any
+layers cross, the rays to all layers are followed, and the layers are sorted by depth at each pixel. A traced layer that
+faces the camera is read by the same shifts as a layer that is not traced, so that both give the same bits. On other
+devices PyTorch's operations do the same, ray by ray.
 Letters: `p q` aperture point in view steps, `v u` row and column of aperture points, `x y` pixel from the picture's
 centre, `M` aperture points, `K` layers, `n` bitmap of the atlas.
 """
@@ -29,10 +29,10 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.shifts import ShiftTaps
 
 MOSTLY_OPAQUE = 0.5
-"""Opacity from which a surface is the one that a pixel shows."""
+"""Opacity above which a pixel is said to show a surface."""
 
 DrawRows = Callable[[int, int], None]
-"""(first row, one past the last): lays layers over these rows of all pictures."""
+"""Function (first row, one past the last) that lays layers over these rows of all pictures."""
 
 
 def views(layers: Sequence[Layer], camera: Camera) -> Tensor:
@@ -45,17 +45,17 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
     """Pictures from a grid of aperture points: radiance, float32, [V, U, 3, H, W].
 
     Args:
-        layers: From far to near, painted for a reach of |slope|.
-        camera: The size of the pictures.
+        layers: Layers from far to near, painted for a reach of |slope|.
+        camera: Camera with the size of the pictures.
         p: Columns of the aperture points, in view steps from the centre, float64, [U].
         q: Rows of the aperture points, likewise, [V].
-        slope: In pixels per view step, of the plane that is at the same place in all pictures; 0 for views.
+        slope: Slope of the plane that is at the same place in all pictures, in pixels per view step; 0 for views.
     """
     if layers[0].device.type != "cpu":
         x, y = camera.pixels()
         across = x + slope * p[:, None, None]
         return torch.stack([radiance(layers, p, row.expand(len(p)), across, y + slope * row) for row in q])
-    # A backdrop that is only shifted writes every pixel; others are laid over black.
+    # A backdrop that is only shifted writes every pixel; other layers are laid over black.
     allocate = np.empty if is_backdrop(layers[0].surface) and not layers[0].is_traced else np.zeros
     picture = allocate((len(q), len(p), 3, *camera.size), np.float32)
     if any(layer.is_sorted for layer in layers):
@@ -75,13 +75,13 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
     height = camera.size[0]
     # 8 rows of 7 x 7 views stay in a core's second cache until all layers are drawn.
     bands = itertools.pairwise([*range(0, height, 8), height])
-    # Plain threads, started for the call: unlike OpenMP's they work after a fork.
+    # Plain threads, started for the call: unlike OpenMP's threads, they work after a fork.
     loops.share(draw_band, bands, torch.get_num_threads())
     return torch.from_numpy(picture)
 
 
 def _shifted_drawer(layer: Layer, camera: Camera, p: Tensor, q: Tensor, slope: float, picture: Floats) -> DrawRows:
-    """Draws a layer whose pictures are shifted copies."""
+    """A function that draws a layer whose pictures are shifted copies."""
     samples = layer.bitmap.samples.numpy()
     bitmap = shifts.untrimmed(samples[:3]) if is_backdrop(layer.surface) else shifts.trimmed(samples)
     disparity = layer.surface.geometry.form.disparity
@@ -101,11 +101,11 @@ def _shift_taps(
 
 
 class Viewpoints(NamedTuple):
-    """A grid of aperture points, and the shifts of every bitmap of an atlas from there."""
+    """A grid of aperture points, and the look-ups of every bitmap of an atlas from these points."""
 
     p: Float64s  # columns, [U]
     q: Float64s  # rows, [V]
-    slope: float  # of the plane that the pictures are registered on
+    slope: float  # slope of the plane that is at the same place in all pictures
     across: ShiftTaps  # look-ups along rows, [N, U] and [N, U, 4]
     down: ShiftTaps  # look-ups along columns, [N, V] and [N, V, 4]
 
@@ -113,7 +113,7 @@ class Viewpoints(NamedTuple):
 def _traced_drawer(
     layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float, picture: Floats
 ) -> DrawRows:
-    """Draws layers by following their rays, sorted at each pixel if there are several."""
+    """A function that draws layers by following their rays; several layers are sorted at each pixel."""
     entries: list[AtlasEntry] = []
     indices, taps = [], []
 
@@ -141,7 +141,7 @@ def _traced_drawer(
 def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
     """Lay layers over the rows from `top` to before `end` of all pictures [V, U, 3, H, W], one after the other.
 
-    The atlas has bitmaps [4, h, w] of layers that face the camera, and [h, w, 4] of others.
+    The atlas has bitmaps [4, h, w] of layers that face the camera, and [h, w, 4] of other layers.
     """
     # For each row of pixels of each view: follow its rays to all layers, and lay them over each other from far to near.
     at = np.empty((5, picture.shape[4]))
@@ -204,7 +204,7 @@ def _layer_row(
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:
         return 0, 0
-    # 1. Where the rays meet the surface, and the bitmap there: by lines if it faces the camera, else point by point.
+    # 1. Find where the rays meet the surface. Read the bitmap there: by lines if it faces the camera, else by points.
     rays.intersect(layers, k, row, begin, stop, at)
     n, mirrored_n = layers.bitmaps[k, 0], layers.bitmaps[k, 1]
     if layers.is_parallel[k]:
@@ -216,7 +216,7 @@ def _layer_row(
             rgba[0, x], rgba[1, x], rgba[2, x], rgba[3, x] = bitmaps.cubic_sample(
                 atlas.samples, frame[0], frame[1], frame[2], i, j
             )
-    # 2. Without the overshoot of the cubic, colours first: they depend on the opacity as it was read.
+    # 2. Remove the overshoot of the cubic, first from the colours: they depend on the opacity as it was read.
     one, zero = rgba.dtype.type(1), rgba.dtype.type(0)
     if layers.is_backdrop[k]:
         rgba[3, begin:stop] = 1
@@ -241,7 +241,7 @@ def _layer_row(
 def _read_line(
     atlas: Atlas, points: Viewpoints, n: int, u: int, begin: int, stop: int, lines: Floats, rgba: Floats
 ) -> None:
-    """Read pixels of a bitmap that faces the camera from its interpolated lines; beyond the bitmap they are 0."""
+    """Read pixels of a bitmap that faces the camera from its interpolated lines; pixels beyond the bitmap are 0."""
     start, weights = points.across.starts[n, u], points.across.weights[n, u]
     left, right = shifts.pixels_reading(start, 0, atlas.frames[n, 2] // 2, rgba.shape[1])
     for c in range(4):

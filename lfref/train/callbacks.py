@@ -2,7 +2,7 @@
 
 `StepGuard` keeps numbers that are not finite out of weights and checkpoints; `HeadInitialization` starts the last
 convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run.
-Apart from the command, since configurations name them.
+The module stands apart from the command, since configurations name its classes.
 """
 
 import csv
@@ -39,7 +39,7 @@ class BatchRecord(NamedTuple):
     where: list[str]
     """Name of each patch."""
     is_finite: dict[str, Tensor]
-    """Name of a tensor of images -> whether those of each patch are finite, [P]."""
+    """Name of a tensor of images -> whether the images of each patch are finite, [P]."""
 
 
 class StepGuard(Callback):
@@ -62,13 +62,13 @@ class StepGuard(Callback):
             raise InputError("patience must be at least 1", got=patience)
         self.patience = patience
         self.skipped = 0
-        """Skipped steps."""
+        """Number of skipped steps."""
         self.overflowed = 0
-        """Steps that the loss scaler of float16 skipped."""
+        """Number of steps that the loss scaler of float16 skipped."""
         self.in_a_row = 0
-        """Steps skipped since the last complete one."""
+        """Number of steps skipped since the last complete step."""
         self.resampled = 0
-        """Flat patches that were replaced by others."""
+        """Number of flat patches that were replaced by other patches."""
         self._window: list[BatchRecord] = []
         self._losses: list[Tensor] = []
         self._statistics: list[Tensor] = []
@@ -124,7 +124,7 @@ class StepGuard(Callback):
         return {name: getattr(self, name) for name in (*COUNTS, "in_a_row")}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Go on counting."""
+        """Restore the counts."""
         vars(self).update(state)
 
     def _count(self, trainer: Trainer, cause: str, is_overflow: bool) -> None:
@@ -144,7 +144,7 @@ class StepGuard(Callback):
 
 
 class BestCheckpoint(ModelCheckpoint):
-    """Keeps the checkpoint whose monitored value is the best; a value that is not finite is never the best."""
+    """Keeps the checkpoint with the best monitored value; a value that is not finite is never the best."""
 
     def check_monitor_top_k(self, trainer: Trainer, current: Tensor | None = None) -> bool:
         """Whether to save. Lightning's own method accepts any first value, also NaN."""
@@ -164,7 +164,7 @@ class BestCheckpoint(ModelCheckpoint):
 
 
 def finite_patches(batch: Mapping[str, Any]) -> dict[str, Tensor]:
-    """For each tensor of images in a batch, [P, ...], whether those of each patch are finite, [P]."""
+    """For each tensor of images in a batch, [P, ...], whether the images of each patch are finite, [P]."""
     images = {name: each for name, each in batch.items() if isinstance(each, Tensor) and each.ndim > 1}
     return {name: each.isfinite().flatten(1).all(1) for name, each in images.items()}
 
@@ -176,7 +176,7 @@ def gradient_norm(module: nn.Module) -> Tensor:
 
 
 def not_finite(window: list[BatchRecord]) -> list[str]:
-    """Texts NAME of PATCH, one for each tensor of images and patch that are not finite."""
+    """Texts `NAME of PATCH`, one for each patch whose images in the tensor NAME are not finite."""
     return [
         f"{name} of {place}"
         for batch in window
@@ -220,8 +220,8 @@ class StackPictures(Callback):
     """Writes a picture of label and prediction of the first held-out patch after each validation.
 
     Args:
-        folder: Where the PNG files go; loggers that take images get them too.
-        slopes: Slopes whose nearest planes are shown, in pixels per view step.
+        folder: Folder of the PNG files; loggers that take images get the pictures too.
+        slopes: Slopes in pixels per view step; the planes nearest to them are shown.
     """
 
     def __init__(self, folder: str, slopes: Sequence[float] = (-7.0, 0.0, 0.5)) -> None:
@@ -260,7 +260,7 @@ class RankAgreement(Callback):
         self.fingerprint = fingerprint
 
     def setup(self, trainer: Trainer, pl_module: Any, stage: str) -> None:
-        """Compare with rank 0. Every rank learns of a difference, so that none waits for one that has ended."""
+        """Compare with rank 0. Every rank learns of a difference, so that no rank waits for a rank that has ended."""
         differs = torch.tensor(float(trainer.strategy.broadcast(self.fingerprint) != self.fingerprint))
         if trainer.strategy.reduce(differs.to(trainer.strategy.root_device), reduce_op="sum") > 0:
             raise InputError(
@@ -271,7 +271,7 @@ class RankAgreement(Callback):
 
 
 def nearest(slopes: Sequence[float], slope: float) -> int:
-    """Index of the plane whose slope is nearest."""
+    """Index of the plane whose slope is nearest to `slope`."""
     return min(range(len(slopes)), key=lambda i: abs(slopes[i] - slope))
 
 
@@ -279,8 +279,8 @@ def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:
     """Labels above predictions, planes from left to right.
 
     Args:
-        labels: [K, C, H, W] in [0, 1].
-        stack: [K, C, H, W].
+        labels: Labels in [0, 1], [K, C, H, W].
+        stack: Predictions, [K, C, H, W].
 
     Returns:
         Picture in [0, 1], float32, CPU, [C, 2 H, K W].
@@ -298,7 +298,7 @@ def log_picture(logger: Any, picture: Tensor, step: int) -> None:
 
 
 class _Continued(ExperimentWriter):
-    """Lightning's writer deletes an existing log; this one appends to it."""
+    """Lightning's writer deletes an existing log; this writer appends to it."""
 
     def _check_log_dir_exists(self) -> None:
         path = Path(self.metrics_file_path)
@@ -320,7 +320,7 @@ class CSVLogger(loggers.CSVLogger):
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    """Writes checkpoints under a temporary name and renames them: a killed run leaves the last whole one."""
+    """Writes checkpoints under a temporary name and renames them: a killed run leaves the last whole checkpoint."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
         """Write plain containers and tensors to a file, which is replaced as a whole or not at all.

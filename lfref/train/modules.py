@@ -30,7 +30,7 @@ from lfref.refocuser.networks import refiner_entry
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], Optimizer]
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
 RESERVED = frozenset({"loss", "mpsnr", "mssim", "gain", *TERMS})
-"""Values that validation logs anyway."""
+"""Names of the values that validation logs anyway."""
 METRICS = "metrics."
 """Prefix of the weights of further metrics, such as LPIPS; checkpoints leave them out."""
 
@@ -40,8 +40,8 @@ class Fitting(LightningModule, abc.ABC):
 
     Args:
         net: The network.
-        optimizer: Makes the optimiser from the parameters.
-        scheduler: Makes the schedule of its learning rate; None keeps the rate.
+        optimizer: Function that makes the optimiser from the parameters.
+        scheduler: Function that makes the schedule of its learning rate; None keeps the rate.
         metrics: Further metrics by name, logged as `val/NAME`; see `update_metrics`.
 
     Raises:
@@ -49,7 +49,7 @@ class Fitting(LightningModule, abc.ABC):
     """
 
     interval: ClassVar[str] = "epoch"
-    """When the schedule is stepped: each epoch, or each step."""
+    """Time at which the schedule is stepped: each `epoch`, or each `step`."""
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class Fitting(LightningModule, abc.ABC):
         """The optimiser over all parameters of the network, and its schedule.
 
         Raises:
-            InputError: Their settings do not fit them.
+            InputError: The settings do not fit the optimiser or the schedule.
         """
         optimizer, schedule = self._optimization(self.net.parameters())
         stepped = {"scheduler": schedule, "interval": self.interval}
@@ -111,7 +111,7 @@ class Fitting(LightningModule, abc.ABC):
         checkpoint["state_dict"] = {name: value for name, value in state.items() if not name.startswith(METRICS)}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Replace the checkpoint's settings of optimiser and schedule by those of this run; add weights of metrics."""
+        """Use this run's settings of optimiser and schedule, not the checkpoint's; add weights of metrics."""
         own = {name: value for name, value in self.state_dict().items() if name.startswith(METRICS)}
         checkpoint["state_dict"] |= own
         n_steps = {
@@ -135,10 +135,10 @@ class Refocusing(Fitting):
     Args:
         net: Views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
         loss: Named weighted terms.
-        planes: Planes of the labels; goes into every checkpoint.
-        optimizer: Makes the optimiser from the parameters.
-        scheduler: Makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
-        is_linear: Whether the data are linear light or encoded samples; goes into every checkpoint.
+        planes: Planes of the labels; they go into every checkpoint.
+        optimizer: Function that makes the optimiser from the parameters.
+        scheduler: Function that makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
+        is_linear: Whether the data are linear light or encoded samples; this goes into every checkpoint.
         metrics: Further metrics of refocused images by name, logged as `val/NAME`.
 
     Raises:
@@ -178,7 +178,7 @@ class Refocusing(Fitting):
         return stack
 
     def payload(self) -> dict[str, Any]:
-        """As in `Fitting`: the network's arguments and its planes."""
+        """The entry of `Fitting.payload`: the network's arguments and its planes."""
         return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
@@ -204,8 +204,8 @@ class Refining(Fitting):
         net: Features, pictures and error scale -> better pictures.
         loss: Function of refined pictures, truth, pictures and error scale.
         recipe: Recipe of the set of planes; its method and features go into every checkpoint.
-        optimizer: Makes the optimiser from the parameters.
-        scheduler: Makes the schedule of its learning rate, stepped each step; None keeps the rate.
+        optimizer: Function that makes the optimiser from the parameters.
+        scheduler: Function that makes the schedule of its learning rate, stepped each step; None keeps the rate.
         metrics: Further metrics of refined planes by name, logged as `val/NAME`.
 
     Raises:
@@ -245,7 +245,7 @@ class Refining(Fitting):
         self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
 
     def payload(self) -> dict[str, Any]:
-        """As in `Fitting`: the refiner's arguments, its method and its features."""
+        """The entry of `Fitting.payload`: the refiner's arguments, its method and its features."""
         return refiner_entry(self.net, self.recipe.base, self.recipe.features)
 
     def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
@@ -263,17 +263,17 @@ def _wrong_loss(got: str) -> InputError:
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
     """Replace the settings of optimiser and schedule in a checkpoint of Lightning, in place; the moments stay.
 
-    The new schedule takes the steps of the old one, so that the learning rate is that of these settings from the start.
+    The new schedule repeats the steps of the old one: the learning rate is as if these settings held from the start.
 
     Args:
         checkpoint: Contents of the file.
-        optimizer: With the new settings; its parameters do not matter.
-        schedule: Of that optimiser.
-        n_steps: Steps of the schedule so far.
+        optimizer: Optimiser with the new settings; its parameters do not matter.
+        schedule: Schedule of that optimiser.
+        n_steps: Number of steps of the schedule so far.
     """
     if schedule is not None:
         for _ in range(n_steps):
-            optimizer.step()  # a schedule that is stepped first warns
+            optimizer.step()  # a schedule that is stepped before its optimiser warns
             schedule.step()
     checkpoint["lr_schedulers"] = [] if schedule is None else [schedule.state_dict()]
     (settings,) = optimizer.param_groups
@@ -285,7 +285,7 @@ def cut_log(path: Path, step: int) -> None:
     """Remove the lines of a log from a step on, and an incomplete line.
 
     Args:
-        path: `metrics.csv`; may be missing.
+        path: Path of `metrics.csv`, which may be missing.
         step: Step of the checkpoint from which training continues; 0 deletes the file.
 
     Raises:

@@ -1,12 +1,12 @@
-"""Ends of a training: all processes stop together when one gets a signal or dies, and failures from outside (a full
-disk, a dead or hanging data process) are errors of one line.
+"""The end of a training: all processes stop together when one process gets a signal or dies, and failures from outside
+(a full disk, a dead or hanging data process) become errors of one line.
 
 A handler must not start a collective: other processes may be in another one, and all would wait for ever. Lightning's
 own notifier does so, and is switched off. Here a handler only sets a flag. The processes compare their flags after
 every step; if one is set, they write a checkpoint, from which the epoch continues. A process that stands still in a
 library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives that, since files are renamed
 only when they are whole.
-Apart from the command: signals and processes are a story of their own.
+The module stands apart from the command, since signals and processes are a separate subject.
 """
 
 import multiprocessing
@@ -31,7 +31,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 15
 """Seconds from a signal to an end by force."""
 PARENT = "LFREF_FIRST_PROCESS"
-"""Environment variable with the id of the process that started the others."""
+"""Environment variable with the id of the process that started the other processes."""
 
 
 class Stopping(Callback):
@@ -39,7 +39,7 @@ class Stopping(Callback):
 
     Args:
         path: The checkpoint to write.
-        give_up: Prints why a process ends by force; its argument is the signal.
+        give_up: Function that prints why a process ends by force; its argument is the signal.
     """
 
     def __init__(self, path: Path, give_up: Callable[[int], None]) -> None:
@@ -57,7 +57,7 @@ class Stopping(Callback):
         if trainer.world_size == 1:
             yield
             return
-        # Private, but without it every SIGTERM under DDP starts a broadcast inside the handler.
+        # Private, but without this line every SIGTERM under DDP starts a broadcast inside the handler.
         trainer._signal_connector._sigterm_notifier_fn = lambda *_: None  # type: ignore[method-assign]
         self._previous = {number: signal.getsignal(number) for number in SIGNALS}
         self._owner = os.getpid()
@@ -89,24 +89,24 @@ class Stopping(Callback):
         self._is_training = True
 
     def on_train_batch_end(self, trainer: Trainer, module: Any, outputs: Any, batch: Any, batch_index: int) -> None:
-        """Write a checkpoint and stop in all processes if a signal has come in one."""
-        # A checkpoint holds no gradients: those that are accumulated for a step would be lost.
+        """If any process got a signal, write a checkpoint and stop all processes."""
+        # A checkpoint holds no gradients: gradients that are accumulated for a step would be lost.
         if trainer.world_size == 1 or (batch_index + 1) % trainer.accumulate_grad_batches:
             return
         number = torch.tensor(float(self.number), device=trainer.strategy.root_device)
         if latest := int(trainer.strategy.reduce(number, reduce_op="max")):
             self.agreed = True
-            # After the last batch validation is due, which a resumed training would leave out: it repeats the epoch.
+            # After the last batch, validation is due. A resumed training would leave it out, so it repeats the epoch.
             if not trainer.fit_loop.epoch_loop.batch_progress.is_last_batch:
                 trainer.save_checkpoint(self.path)
             self._stop(latest)
 
     def on_train_end(self, trainer: Trainer, module: Any) -> None:
-        """Note that the processes meet no more: the others may have ended."""
+        """Note that the processes no longer meet: other processes may have ended."""
         self._is_training = False
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        """Handler of signals: remember the signal, or stop at once where no step follows."""
+        """Handler of signals: remember the signal, or stop at once if no step follows."""
         is_first = not self.number
         if os.getpid() == self._owner:
             self.number = number
@@ -129,7 +129,7 @@ class Stopping(Callback):
                     os._exit(128 + numbers[0])
 
     def _end_others(self, trainer: Trainer, patience_s: float = PATIENCE_S / 2) -> None:
-        """Wait until the processes that this one has started have ended, and kill those that do not."""
+        """Wait until the processes that this process started have ended, and kill those that do not end."""
         end = time.monotonic() + (patience_s if self.agreed else 0)
         for process in getattr(trainer.strategy.launcher, "procs", ()):
             while process.poll() is None and time.monotonic() < end:
@@ -140,7 +140,7 @@ class Stopping(Callback):
 
 
 def _end_with_parent(parent: int) -> None:
-    """End this process when its parent has ended: it would wait for the parent in the next collective."""
+    """End this process when its parent has ended: otherwise it would wait for the parent in the next collective."""
     while os.getppid() == parent:
         time.sleep(1)
     os._exit(1)

@@ -1,8 +1,8 @@
 """The refocus page of `lfref view`: one HTML file with pictures of every plane, the views, and a map of disparity.
 
-The page loads nothing from elsewhere. Its program is named by its hash, so that a title or a file name cannot bring in
-a program of its own. Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
-Apart from the command: the page is a program of its own.
+The page loads nothing from elsewhere. It allows only the program with a given hash, so that a title or a file name
+cannot add another program. Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
+This module stands apart from the command, since the page is a program of its own.
 """
 
 import base64
@@ -29,7 +29,7 @@ from lfref.report import drawing
 from lfref.report.refocused import Refocused
 
 PROGRAMS = ("pictures.js", "lens.js", "controls.js")
-"""In the order of execution."""
+"""Files of the page's program, in the order of execution."""
 MOST_VIEW_PIXELS = 12_000_000
 """Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
 JPEG_QUALITY = 88
@@ -38,7 +38,7 @@ BAR_SIZE = 8, 256
 LEAST_CONFIDENCE, GREY = 0.1, 0.5
 """Least confidence of a known disparity; below, the colours of the map fade to this grey."""
 DISPARITY_STEPS = 65535
-"""Steps between the least and the largest disparity."""
+"""Number of steps between the least and the largest disparity."""
 
 
 def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> None:
@@ -46,9 +46,9 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
 
     Args:
         path: HTML file to write.
-        title: Its heading.
+        title: Heading of the page.
         facts: Name -> value, shown below the picture.
-        content: Of `page_content`.
+        content: Content that `page_content` returns.
 
     Raises:
         FileError: The file cannot be written.
@@ -119,7 +119,7 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
 
 
 def picture(image: NDArray[np.floating]) -> str:
-    """A JPEG as a data URI, of an encoded image [H, W, 3] in [0, 1]."""
+    """An encoded image [H, W, 3] in [0, 1] as a JPEG in a data URI."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "picture.jpg")
         images.write_parts(path, [images.Part(image)], 8, JPEG_QUALITY)
@@ -147,7 +147,7 @@ def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> di
 
 
 def _ends(slopes: NDArray[np.floating], planes: Sequence[float]) -> tuple[float, float]:
-    """Range of the map's colours: the overlap of planes and slopes, or all slopes where there is none."""
+    """Range of the map's colours: the overlap of planes and slopes, or all slopes if there is no overlap."""
     least, largest = float(slopes.min()), float(slopes.max())
     low, high = max(min(planes), least), min(max(planes), largest)
     return (low, high) if low < high else (least, largest)

@@ -15,7 +15,7 @@ from lfref.report import results
 from lfref.report.refocused import Refocused
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
-from tests.io.test_point_cloud import parsed
+from tests.io.test_disparity_files import parsed
 
 
 @pytest.fixture(scope="module")

@@ -1,1 +1,1 @@
-"""Hard cases: what they are, what is tried on them, and what must hold."""
+"""Hard cases: their inputs, the trials of components on them, and the goals."""

@@ -39,7 +39,7 @@ class HardCase(NamedTuple):
     make: Make
     demand: Demand = Demand.ACCURATE
     is_large: bool = False
-    """It takes seconds: only for float32 and bfloat16, and not for components that are sums of others."""
+    """Whether the case takes seconds: it is then run only in float32 and bfloat16, and only if `takes_large`."""
 
 
 def noise(*shape: int, seed: int = 0) -> Tensor:
@@ -163,7 +163,7 @@ def _field(views: Tensor, slopes: tuple[float, ...], weights: Tensor | None = No
 
 
 def _vignetted() -> Tensor:
-    """The outer views black towards their outer corners, as behind a round lens."""
+    """Views whose outer corners are black in the outer views, as behind a round lens."""
     views = _views()
     y, x = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in views.shape[-2:])
     v, u = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in GRID)
@@ -278,5 +278,5 @@ SCENES: dict[str, Scene] = {
     "one view": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera(grid=(1, 1), size=(24, 32))),
     "round aperture": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera((3, 4), (24, 32), "disc")),
 }
-"""Scenes whose surfaces all have one colour, so that every view and every plane must have it everywhere: a wrong weight
-of anything that hides, slants, moves, lets light through or falls between samples shows."""
+"""Scenes whose surfaces all have one colour, which every view and every plane must have everywhere. Wrong weights show
+as another colour: of surfaces that hide, slant, move, let light through, or end between samples."""

@@ -1,6 +1,6 @@
 """The components of the package for trials on hard cases: losses and metrics, operators, networks, files, simulator.
 
-Each has our formulation, textbook forms where there are some, reference values and a tolerance. Letters:
+Each component has our formulation, textbook forms if there are some, reference values and a tolerance. Letters:
 `x y` prediction and target, [B, C, H, W]; `V U` view rows and columns, `N` planes.
 """
 
@@ -45,7 +45,7 @@ from lfref.simulator.simulate import simulate
 
 FLOAT32 = Precision(torch.float32)
 RELATIVE = 1e-6
-"""Tolerance of a value in float32 as a share of it: 8 roundings of 2^-23."""
+"""Tolerance of a value in float32, as a share of the value: 8 roundings of 2^-23."""
 
 # Losses and metrics.
 
@@ -67,7 +67,7 @@ def _one_minus_ssim_tolerance(values: Tensor, precision: Precision, *inputs: Ten
 
 
 def _inverse_psnr_tolerance(values: Tensor, precision: Precision, x: Tensor, y: Tensor) -> Tensor:
-    """Beyond 100 and 8.69 dB the paper fixes no value: any positive one of the same size is allowed."""
+    """Above 100 dB and below 8.69 dB the paper fixes no value: any positive value of the same size is allowed."""
     m = reference.mse(x, y)
     return torch.where((m < reference.FLOOR) | (m > reference.JOIN), values, RELATIVE * values)
 
@@ -178,7 +178,7 @@ PERIODIC = {
 
 
 def operator_components() -> list[Component]:
-    """Every operator, against the matrices of its interpolation."""
+    """A component for every operator; its reference uses the matrices of its interpolation."""
     component = functools.partial(Component, cases=catalogue.FIELDS, has_inference_path=True)
 
     def matrices(interpolation: str, border: str) -> Operator:
@@ -230,7 +230,7 @@ def _any_number(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor
 
 
 # Networks: RefNet with every activation and normalisation of the ablations, 11 blocks on degenerate views. Narrow
-# networks fail as wide ones do: the cause is the depth, on constant input.
+# networks fail as wide ones do: the cause is the depth together with constant input.
 
 WIDTHS = (32,) * 11
 N_PLANES = 2
@@ -254,7 +254,7 @@ def network_components() -> list[Component]:
 
 
 def network(activation: str = "softplus", normalization: str = "instance", seed: int = 0) -> RefNet:
-    """A narrow RefNet of 11 blocks with random weights; the global random state is left alone."""
+    """A narrow RefNet of 11 blocks with random weights; the global random state does not change."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return RefNet(
@@ -268,7 +268,7 @@ def network(activation: str = "softplus", normalization: str = "instance", seed:
 
 
 def _network_tolerance(values: Tensor, precision: Precision, *views: Tensor) -> Tensor:
-    """In half types, any finite result: errors grow through 11 blocks."""
+    """A share of the brightest pixel in float32; infinite in half types, since errors grow through 11 blocks."""
     brightest = float(values.nan_to_num(0, 0, 0).abs().max())
     return torch.full_like(values, NETWORK_ERROR * brightest if precision == FLOAT32 else torch.inf)
 
@@ -301,7 +301,7 @@ def missing_formats() -> Iterator[Row]:
 
 
 def _file_tolerance(values: Tensor, precision: Precision, *views: Tensor) -> Tensor:
-    """Files compute in float32 whatever type their views have; a half type rounds the result besides."""
+    """Files compute in float32, whatever the type of their views; a half type also rounds the result."""
     rounding = 0.0 if precision.dtype == torch.float32 else torch.finfo(precision.dtype).eps / 2
     return NETWORK_ERROR * values.abs().max() + rounding * values.abs()
 

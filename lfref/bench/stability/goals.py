@@ -1,8 +1,8 @@
 """Acceptance goals for hard cases: figures of losses, operators and networks, and their limits.
 
-Where there is a textbook form, its figure stands beside ours. Letters: `m` mean squared error, `x y` prediction and
+If there is a textbook form, its figure stands beside ours. Letters: `m` mean squared error, `x y` prediction and
 target, [B, C, H, W]; alphas are the paper's.
-Apart from the trials, which measure: this file says which figures are good enough.
+This module stands apart from the trials, which measure: it says which figures are good enough.
 """
 
 import contextlib
@@ -45,10 +45,10 @@ class AcceptanceGoal(NamedTuple):
     textbook: Callable[[], float] | None = None
     """The measure of the textbook form."""
     at_least: bool = False
-    """The limit is the least value, not the largest."""
+    """Whether the limit is the least value, not the largest."""
 
     def row(self) -> Row:
-        """Measure it; columns `figure, goal, measured, textbook, holds`."""
+        """Measure the figure; columns `figure, goal, measured, textbook, holds`."""
         value = float(self.measure())
         holds = value >= self.limit if self.at_least else value <= self.limit
         return {
@@ -113,7 +113,7 @@ def goals(components: Sequence[Component], rows: Sequence[Row]) -> list[Acceptan
 
 
 def finite_share(components: Sequence[Component], rows: Sequence[Row]) -> float:
-    """Share of our trials on images that end in finite numbers where there is an answer, and in none elsewhere."""
+    """Share of our trials on images with finite results where there is an answer, and no finite ones elsewhere."""
     names = {component.name for component in components if component.cases is catalogue.IMAGES}
     outcomes = [row["outcome"] for row in rows if row["component"] in names and row["formulation"] == OURS]
     return sum(outcome in ("holds", "inexact", "refused") for outcome in outcomes) / len(outcomes)
@@ -122,7 +122,7 @@ def finite_share(components: Sequence[Component], rows: Sequence[Row]) -> float:
 def error_of_paper_term(dtype: torch.dtype, n: int = 2001) -> float:
     """Largest relative error of 1 / PSNR at n values from 8.69 to 100 dB, against the paper's in extended precision.
 
-    In float64 it is that of the function of m, in float32 that of images.
+    In float64 it is the error of the function of m, in float32 the error of the function of images.
     """
     m = torch.logspace(-10, math.log10(reference.JOIN), n, dtype=torch.float64).clamp(reference.FLOOR, reference.JOIN)
     if dtype == torch.float64:
@@ -165,7 +165,7 @@ def time_of_ssim(rounds: int = 5) -> float:
         name: functools.partial(timing.seconds, functools.partial(step, form), CPU) for name, form in forms.items()
     }
     times = timing.in_turns(watches, range(rounds + 1), warmup=1)
-    # The fastest runs: other work on a machine only adds time.
+    # The fastest runs are compared: other work on a machine only adds time.
     return min(times["ours"]) / min(times["theirs"])
 
 
@@ -179,7 +179,7 @@ def falls_of_loss(n: int = 20001) -> int:
 
 
 def drawn_pairs(n: int, seed: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
-    """Random pairs of images [1, 2, 7, 9] of three types, of any brightness, contrast and error, many degenerate."""
+    """Random pairs of images [1, 2, 7, 9] in three types, of any brightness, contrast and error; many degenerate."""
     generator = torch.Generator().manual_seed(seed)
     dtypes = itertools.cycle((torch.float32, torch.float16, torch.bfloat16))
     for dtype in itertools.islice(dtypes, n):
@@ -202,7 +202,7 @@ def share_with_finite_gradient(loss: ImageFunction, n: int = 2000) -> float:
 
 
 def dead_channels(is_primed: bool) -> int:
-    """Output channels that are black on every pixel at the start, over all seeds and two initialisations.
+    """Number of output channels that are black on every pixel at the start, over all seeds and two initialisations.
 
     Training sets the last layer on the first batch (`is_primed`).
     """
@@ -243,7 +243,7 @@ def gradients_not_finite() -> int:
 def worst_fit(loss: ImageFunction, steps: int = 150) -> float:
     """Least PSNR in dB, over all seeds, of a patch whose pixels Adam fits from a squared error of 4.
 
-    It is -inf where a fit ends in numbers that are not finite.
+    The result is -inf if a fit ends in numbers that are not finite.
     """
     decibels = []
     for seed in SEEDS:

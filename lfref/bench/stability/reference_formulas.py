@@ -1,7 +1,7 @@
 """Reference values: losses, metrics and refocused stacks in float64, in forms whose steps are all well conditioned.
 
-They share no code with the package: local means are products with banded matrices, views are read through a matrix of
-the interpolation's kernel, the continuation of 1 / PSNR is written out piece by piece.
+They share no code with the package: local means are products with banded matrices, views are read by a matrix of the
+interpolation's kernel, and the continuation of 1 / PSNR is written out piece by piece.
 Letters: `x y` prediction and target, [..., C, H, W]; `d` distance in pixels, `s` slope, `m` mean squared error.
 """
 
@@ -17,7 +17,7 @@ from lfref.losses.composite import paper_weights
 C1, C2 = 0.01**2, 0.03**2
 RADIUS, SIGMA = 5, 1.5
 FLOOR, JOIN = 1e-10, math.exp(-2)
-"""The mean squared errors between which 1 / PSNR is the paper's: 100 and 8.69 dB."""
+"""Least and largest mean squared error at which 1 / PSNR is the paper's: 100 and 8.69 dB."""
 _K = math.log(10) / 10
 
 
@@ -37,7 +37,7 @@ def psnr(x: Tensor, y: Tensor) -> Tensor:
 
 
 def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
-    """1 / PSNR between 100 and 8.69 dB, its tangents beyond, [...]."""
+    """1 / PSNR between 100 and 8.69 dB, and its tangents beyond them, [...]."""
     m = mse(x, y)
     low, high = (-_K / math.log(end) + _K / (end * math.log(end) ** 2) * (m - end) for end in (FLOOR, JOIN))
     return torch.where(m < FLOOR, low, torch.where(m > JOIN, high, -_K / m.clamp(FLOOR, JOIN).log()))
@@ -110,13 +110,13 @@ KERNELS: dict[str, Kernel] = {"nearest": _linear, "linear": _linear, "cubic": _c
 def refocused(
     views: Tensor, slopes: Tensor, weights: Tensor, interpolation: str = "exact", border: str = "wrap"
 ) -> Tensor:
-    """The stack [N, C, H, W]: the weighted sum of `rows @ view @ columns^T`, over the weight of the views that count.
+    """The stack [N, C, H, W]: the weighted sum of `rows @ view @ columns^T`, divided by the weights that count.
 
     Views [V, U, C, H, W] are float64; those of weight 0 are skipped, so they may hold NaN. The interpolation is a key
-    of `KERNELS`, or `exact` (periodic only); the border `wrap`, `edge`, or `renormalize`, where only views with a
-    sample count.
+    of `KERNELS`, or `exact` (periodic only). The border is `wrap`, `edge`, or `renormalize`, which counts only views
+    with a sample.
     """
-    share = weights / weights.max()  # first, so that weights of 1e308 or 5e-324 neither overflow nor vanish
+    share = weights / weights.max()  # so that sums of weights of 1e308 or 5e-324 neither overflow nor vanish
     return torch.stack([_plane(views, float(s), share / share.sum(), interpolation, border) for s in slopes])
 
 
@@ -132,7 +132,7 @@ def _plane(views: Tensor, slope: float, share: Tensor, interpolation: str, borde
 
 
 def _reading_matrix(shift: float, length: int, interpolation: str, border: str) -> tuple[Tensor, Tensor]:
-    """The matrix that reads a shifted axis, [length, length], and where it has a sample, 1 or 0, [length]."""
+    """The matrix that reads a shifted axis, [length, length], and 1 where the axis has a sample, else 0, [length]."""
     x = torch.arange(length, dtype=torch.float64)
     if interpolation == "exact":
         return _dirichlet(x[:, None] + shift - x, length), torch.ones_like(x)
@@ -147,7 +147,7 @@ def _reading_matrix(shift: float, length: int, interpolation: str, border: str) 
 
 
 def _dirichlet(d: Tensor, length: int) -> Tensor:
-    """Trigonometric interpolation; of even sizes with the real part of the Nyquist bin."""
+    """Weights of trigonometric interpolation at distances d; even sizes use the real part of the Nyquist bin."""
     d = d - length * (d / length).round()
     at_nyquist = (math.pi * d / length).cos() if length % 2 == 0 else 1.0
     return torch.sinc(d) / torch.sinc(d / length) * at_nyquist

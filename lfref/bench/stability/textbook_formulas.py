@@ -1,6 +1,6 @@
 """Textbook formulas: losses, metrics, operators and network layers as they are in wide use, for comparison with ours.
 
-On benign input in float32 each is as accurate as its definition allows.
+On benign input in float32, each formula is as accurate as its definition allows.
 Letters: `x y` prediction and target, [B, C, H, W]; `u v` view column and row, `s` slope in pixels per view step.
 """
 
@@ -71,11 +71,11 @@ def composite(x: Tensor, y: Tensor) -> Tensor:
 SSIMS: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = {"torchmetrics": one_minus_ssim} | (
     {"pytorch-msssim": pytorch_msssim} if importlib.util.find_spec("pytorch_msssim") else {}
 )
-"""Package -> its 1 - SSIM, where it is installed."""
+"""Package -> its 1 - SSIM, if the package is installed."""
 
 
 def grid_sample(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
-    """Shift-and-sum by `grid_sample`, edges repeated, in the type of the views, [N, C, H, W]."""
+    """Shift-and-sum by `grid_sample` with repeated edges, in the type of the views, [N, C, H, W]."""
     share = weights.to(views.dtype) / weights.to(views.dtype).sum()
     return torch.stack([_warped(views, float(slope), share) for slope in slopes])
 
@@ -101,7 +101,7 @@ def _warped(views: Tensor, slope: float, share: Tensor) -> Tensor:
 
 
 def phase_ramps(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
-    """Fourier shifts with phases of float32 and no care for the Nyquist bin, [N, C, H, W]."""
+    """Fourier shifts with phases in float32 and without a rule for the Nyquist bin, [N, C, H, W]."""
     share, size = weights.to(views.dtype) / weights.to(views.dtype).sum(), views.shape[-2:]
     spectra = torch.fft.rfft2(views * share[:, :, None, None, None])
     ky, kx = torch.fft.fftfreq(size[0])[:, None], torch.fft.rfftfreq(size[1])
@@ -112,7 +112,7 @@ def phase_ramps(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
 
 
 def slice_without_compensation(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
-    """A slice read with a Kaiser-Bessel kernel, the views not divided by its transform, [N, C, H, W]."""
+    """A slice read with a Kaiser-Bessel kernel; views are not divided by its transform, [N, C, H, W]."""
     share, size = weights.to(views.dtype) / weights.to(views.dtype).sum(), views.shape[-2:]
     spectra = torch.fft.rfft2(views * share[:, :, None, None, None])
     planes = []
@@ -134,10 +134,10 @@ def _slice_taps(crossing: Tensor, n_views: int, width: int = 4, padding: int = 2
 
 
 class Softplus(nn.Module):
-    """log(1 + e^x) as written; e^x overflows."""
+    """log(1 + e^x), computed as it is written; e^x overflows."""
 
     def forward(self, features: Tensor) -> Tensor:
-        """Any shape, elementwise."""
+        """Softplus of each element of features of any shape."""
         return torch.log(1 + torch.exp(features))
 
 
@@ -152,7 +152,7 @@ class Standardized(nn.Module):
         self.axes, self.groups = axes, groups
 
     def forward(self, features: Tensor) -> Tensor:
-        """Features [B, C, H, W] of the same shape."""
+        """Standardized features, [B, C, H, W]."""
         groups = self.groups or features.shape[1]
         split = features.reshape(len(features), groups, -1, *features.shape[-2:])
         deviation, mean = torch.std_mean(split, self.axes, correction=0, keepdim=True)
@@ -160,7 +160,7 @@ class Standardized(nn.Module):
 
 
 def with_textbook_layers(network: nn.Module) -> nn.Module:
-    """Replace PyTorch's softplus and normalisations, of scale 1 and offset 0, by the textbook's, in place."""
+    """Replace PyTorch's softplus and normalisations (scale 1 and offset 0) by textbook layers, in place."""
     for module in network.modules():
         for name, child in module.named_children():
             if type(child) in REPLACEMENTS:

@@ -1,8 +1,8 @@
 """Run a formulation on a hard case, compare the result with its reference value, and name the outcome.
 
-Outcomes: `holds` (within the tolerance), `inexact` (beyond), `not finite` (NaN or infinity in a value or gradient that
-has an answer), `hidden` (finite where the input has no answer), `refused` (an error where one is allowed), `error` (an
-error where none is), `missing` (cannot be run here).
+Outcomes: `holds` (within the tolerance), `inexact` (beyond the tolerance), `not finite` (NaN or infinity in a value or
+gradient that has an answer), `hidden` (a finite value where the input has no answer), `refused` (an error that is
+allowed), `error` (an error that is not allowed), `missing` (the component cannot be run here).
 """
 
 import copy
@@ -21,7 +21,7 @@ OURS = "lfref"
 """Name of our own formulation in tables."""
 
 Formulation = Callable[..., Tensor]
-"""(*input of a case) -> values; their first axis is one image or plane."""
+"""(*input of a case) -> values, whose first axis counts images or planes."""
 Tolerance = Callable[..., Tensor]
 """(reference values, precision, *input in float64) -> allowed absolute error of each value."""
 
@@ -30,9 +30,9 @@ class Precision(NamedTuple):
     """Number types of a trial."""
 
     dtype: torch.dtype
-    """Of the input, and of a network's weights."""
+    """Type of the input, and of a network's weights."""
     autocast: torch.dtype | None = None
-    """Type that autocast computes in; None: it is off."""
+    """Type in which autocast computes; None: autocast is off."""
 
 
 PRECISIONS: dict[str, Precision] = {
@@ -53,25 +53,25 @@ class Component(NamedTuple):
     formulations: Mapping[str, Formulation]
     """Ours and textbook forms; a network is copied for every trial."""
     reference: Formulation
-    """The correct values, of the same input in float64."""
+    """Function that returns the correct values, for the same input in float64."""
     tolerance: Tolerance
     cases: tuple[HardCase, ...]
     takes_large: bool = True
     has_gradient: bool = True
     has_inference_path: bool = False
-    """It computes in another way where no derivative is needed; both ways are run."""
+    """Whether the component computes in another way if no derivative is needed; both ways are run."""
     without_reference: tuple[str, ...] = ()
-    """Formulations of another function by definition, which only have to stay finite."""
+    """Formulations that compute another function by definition, and only have to stay finite."""
 
 
 class TrialResult(NamedTuple):
     """Result of a formulation on a case."""
 
     values: Tensor
-    """float64."""
+    """Values, float64."""
     gradient: Tensor | None
-    """With respect to the first tensor of the input and the weights of a network: a row per image, or one row if there
-    are weights."""
+    """Gradient by the first tensor of the input and the weights of a network: a row per image, or one row if there are
+    weights."""
 
 
 def run_trials(components: Iterable[Component]) -> Iterator[Row]:
@@ -97,7 +97,7 @@ def run_trials(components: Iterable[Component]) -> Iterator[Row]:
 
 
 def _reference(component: Component, case: HardCase, precision: Precision) -> tuple[Tensor, Tensor] | None:
-    """Correct values and their tolerance; None where the input has no answer."""
+    """Correct values and their tolerance; None if the input has no answer."""
     exact = tuple(tensor.double() for tensor in case.make(precision.dtype))
     try:
         with torch.no_grad():

@@ -1,7 +1,7 @@
-"""ONNX files: run by ONNX Runtime, and by whatever else reads them.
+"""ONNX files, which ONNX Runtime and other programs run.
 
-Files are hostile input: other operators than those of our networks, and weights in other files or that are no finite
-numbers, are refused before a runtime sees the model.
+Files are hostile input. Before a runtime sees a model, these are refused: operators that our networks do not need,
+weights in other files, and weights that are not finite.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from lfref.errors import CheckpointError, first_line
 from lfref.io import atomic, tensor_files
 
 PRECISIONS = (FP32, FP16, INT8)
-"""ONNX Runtime has no convolutions in bfloat16 on CPUs."""
+"""Precisions of ONNX files; ONNX Runtime has no convolutions in bfloat16 on CPUs."""
 PACKAGES = by_onnxruntime.PACKAGES
 OPERATORS = {
     "Add", "And", "BatchNormalization", "Cast", "Concat", "Conv", "DepthToSpace", "DequantizeLinear", "Div", "Elu",
@@ -26,11 +26,11 @@ OPERATORS = {
     "MatMul", "Mul", "Pad", "QuantizeLinear", "Range", "Reciprocal", "ReduceMean", "Relu", "Reshape", "Shape",
     "Sigmoid", "Slice", "Softplus", "SpaceToDepth", "Split", "Squeeze", "Sub", "Transpose", "Unsqueeze", "Where",
 }  # fmt: skip
-"""Operators of ONNX that our networks and shift-and-sum need: none that repeats, branches, or reads files."""
+"""Operators of ONNX that our networks and shift-and-sum need: none of them repeats, branches, or reads files."""
 NUMBERS = {1, 3, 6, 7, 9, 10}
 """Types of weights and sizes, as ONNX numbers them: float32, int8, int32, int64, bool, float16."""
 LARGEST = 2**31
-"""Bytes that a message of this kind may have."""
+"""Largest size of an ONNX file in bytes."""
 
 
 def write(path: Path, graph: Graph, manifest: Manifest) -> None:
@@ -88,7 +88,7 @@ def read(path: Path) -> tuple[NetworkFunction, Manifest]:
         run = by_onnxruntime.Session(content)
     except CheckpointError:
         raise
-    # On a foreign file the libraries raise whatever they like.
+    # On a foreign file, the libraries raise any error.
     except Exception as error:
         raise CheckpointError(
             f"{path} must be a model that ONNX Runtime can run", got=first_line(error), remedy="export it anew"
@@ -99,14 +99,14 @@ def read(path: Path) -> tuple[NetworkFunction, Manifest]:
 
 
 def run_by_openvino(path: Path) -> NetworkFunction:
-    """A model that `write` wrote, run by OpenVINO, which reads this format too."""
+    """A model that `write` wrote, ready to run by OpenVINO, which also reads this format."""
     import openvino
 
     return by_openvino.compile_model(openvino.Core().read_model(path), FP32)
 
 
 def _check(path: Path, model: Any) -> None:
-    """Refuse a model that does more than compute, or whose weights are not in it, or are no finite numbers."""
+    """Refuse a model that does more than compute, lacks its weights, or has weights that are not finite."""
     import onnx
     from onnx import numpy_helper
 
@@ -122,7 +122,7 @@ def _check(path: Path, model: Any) -> None:
     for node in graph.node:
         if node.domain or node.op_type not in OPERATORS:
             refuse("consist of the operators of lfref's networks", f"{node.domain} {node.op_type}".strip()[:80])
-        # Graphs within nodes, tensors and types are kinds of attributes too.
+        # Attributes of other kinds are graphs, tensors and types.
         if any(attribute.type not in kinds or attribute.ref_attr_name for attribute in node.attribute):
             refuse("give operators numbers and texts only", node.op_type)
     for tensor in graph.initializer:

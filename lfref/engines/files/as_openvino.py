@@ -1,8 +1,7 @@
 """OpenVINO files: NAME.xml, the graph, and NAME.bin beside it, the weights.
 
-The SHA-256 of both stands in NAME.xml. Graphs are hostile input: other layers than those of our networks are refused
-before OpenVINO sees them.
-A file of its own, as each format has.
+NAME.xml holds the SHA-256 of both files. Graphs are hostile input: layers that our networks do not need are refused
+before OpenVINO sees them. Each format has its own module.
 """
 
 import hashlib
@@ -22,10 +21,10 @@ from lfref.errors import CheckpointError
 from lfref.io import atomic, tensor_files
 
 PRECISIONS = (FP32, FP16, BF16, INT8)
-"""fp16 weights are stored in half precision; bf16 is a setting of the runtime."""
+"""Precisions of OpenVINO files: fp16 stores weights in half precision; bf16 is a setting of the runtime."""
 PACKAGES = (*by_openvino.PACKAGES, *as_onnx.PACKAGES)
 DIGEST_KEY, FORMER_KEY = "lfref_digest", "lfref_weights"
-"""Key of the SHA-256 of both files; in files of earlier versions, that of the weights alone."""
+"""Key of the SHA-256 of both files, and the key of earlier versions, for the SHA-256 of the weights alone."""
 LAYERS = {
     "Add", "Concat", "Const", "Convert", "Convolution", "DepthToSpace", "Divide", "Elu", "FakeQuantize", "Gather",
     "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LogicalAnd", "MVN", "MatMul",
@@ -33,9 +32,9 @@ LAYERS = {
     "Sigmoid", "Slice", "SoftPlus", "SpaceToDepth", "Split", "Squeeze", "Subtract", "Swish", "Transpose", "Unsqueeze",
     "VariadicSplit",
 }  # fmt: skip
-"""Layers that our networks and shift-and-sum need: none that repeats, branches, or keeps a state."""
+"""Layers that our networks and shift-and-sum need: none of them repeats, branches, or keeps a state."""
 LARGEST = 2**26
-"""Bytes of NAME.xml."""
+"""Largest size of NAME.xml in bytes."""
 
 
 def write(path: Path, graph: Graph, manifest: Manifest) -> None:
@@ -47,7 +46,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     import openvino
 
     with tempfile.TemporaryDirectory() as folder:
-        # By way of ONNX, which knows free axes: what OpenVINO traces knows only the sizes of the trace.
+        # The model goes through ONNX, which knows free axes: a trace of OpenVINO knows only the sizes of its inputs.
         onnx_path = Path(folder, "model.onnx")
         onnx_path.write_bytes(as_onnx.to_model(graph).SerializeToString())
         model = openvino.convert_model(onnx_path)
@@ -73,7 +72,7 @@ def read(path: Path) -> tuple[NetworkFunction, Manifest]:
     """A model that `write` wrote, ready to run, and its manifest.
 
     Raises:
-        CheckpointError: `write` did not write the file, its weights are missing or those of another model, or this
+        CheckpointError: `write` did not write the file, its weights are missing or belong to another model, or this
             runtime cannot run it.
     """
     import openvino

@@ -3,7 +3,7 @@
 `torch.export.load` unpickles members of the archive, evaluates expressions as Python, imports modules and calls
 functions of PyTorch by name. Archives are hostile input, so each is checked first: plain weights, expressions of sizes,
 and the operators that our own networks need.
-A file of its own, as each format has.
+Each format has its own module.
 """
 
 import copy
@@ -28,11 +28,11 @@ from lfref.io import atomic, tensor_files
 PRECISIONS = (FP32, FP16, BF16)
 PACKAGES: tuple[str, ...] = ()
 LARGEST = 2**33
-"""Bytes of an archive, and of all of its members."""
+"""Largest size of an archive, and of all its members together, in bytes."""
 LARGEST_TEXT = 2**26
-"""Bytes of one of its texts."""
+"""Largest size of one text of an archive, in bytes."""
 LONGEST_EXPRESSION = 10000
-"""Characters."""
+"""Greatest length of an expression, in characters."""
 MEMBERS = re.compile(
     r"\.data/(version|serialization_id)|byteorder|archive_format|archive_version|models/model\.json|extra/lfref"
     r"|data/(weights|constants)/(weight_\d+|tensor_\d+|model_(weights|constants)_config\.json)"
@@ -91,18 +91,18 @@ OPERATORS = {
 }
 """Functions that a graph may call, and the kinds of their arguments: those that our networks and shift-and-sum need."""
 BYTES = {5: 8, 6: 2, 7: 4, 12: 1, 13: 2}
-"""Types of weights and constants, as archives number them: int64, float16, float32, bool, bfloat16; and their bytes."""
+"""Bytes of each type of weights and constants, by its number in archives: int64, float16, float32, bool, bfloat16."""
 NOTES = ("stack_trace", "nn_module_stack", "torch_fn", "source_fn_stack", "from_node", "custom")
 """Notes of the exporter about nodes: lines and paths of source code."""
 EXPRESSION = re.compile(
     r"('[su]\d+'|\b(Symbol|Integer|Add|Mul|FloorDiv|CeilDiv|Mod|PythonMod|Max|Min|positive|nonnegative|integer|True)\b"
     r"|\d{1,12}\b|[ (),=-])*"
 )
-"""An expression of sizes; anything else could be any Python."""
+"""An expression of sizes; any other text could be Python code."""
 SPECIFICATION = re.compile(
     r'([\[\]{}:, 1]|"(type|context|children_spec|null|\[\]|builtins\.(tuple|list|dict))"|null)*', re.ASCII
 )
-"""How arguments are nested; of other containers, PyTorch imports the modules that a file names."""
+"""A description of nested arguments; for other containers, PyTorch imports the modules that a file names."""
 
 
 def write(path: Path, graph: Graph, manifest: Manifest) -> None:
@@ -113,7 +113,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     """
     is_full = manifest.precision == FP32
     module = copy.deepcopy(graph.module) if is_full else half_convolutions(graph.module, manifest.precision).eval()
-    # Weights in another memory order would be stored as parts of others.
+    # Weights in another memory order would be stored as parts of other tensors.
     for weight in module.parameters():
         weight.data = weight.data.clone(memory_format=torch.contiguous_format)
     axes = tuple(dict.fromkeys(free, torch.export.Dim.DYNAMIC) for free in graph.free)
@@ -156,7 +156,7 @@ def read(path: Path) -> tuple[NetworkFunction, Manifest]:
             f"{path} must be an archive of torch.export", got=first_line(error), remedy="export it anew"
         ) from error
 
-    # A function, since a module would be a part of whatever module holds it.
+    # A function, since a module would become a part of the module that holds it.
     def run(*inputs: Tensor) -> Tensor:
         stack: Tensor = module(*inputs)
         return stack
@@ -170,7 +170,7 @@ def _check(path: Path) -> None:
         members = {member.filename.partition("/")[2]: member for member in archive.infolist()}
         if path.stat().st_size > LARGEST or sum(member.file_size for member in members.values()) > LARGEST:
             raise _refusal(path, "more than 8 GiB")
-        # Of two members with one name, another reader might see the other one.
+        # If two members had one name, another reader might see the other member.
         if len(members) < len(archive.infolist()):
             raise _refusal(path, "members of one name")
         for name, member in members.items():
@@ -215,7 +215,7 @@ def _check_nodes(path: Path, nodes: list[dict[str, Any]]) -> None:
 
 
 def _check_sizes(path: Path, text: Any, folder: str, members: Mapping[str, zipfile.ZipInfo]) -> None:
-    """Refuse weights of other types, and weights whose size differs from that of their member of the archive."""
+    """Refuse weights of other types, and weights whose size differs from the size of their member of the archive."""
     for name, entry in text["config"].items():
         meta = entry["tensor_meta"]
         sizes = [int(size["as_int"]) for size in meta["sizes"]]
@@ -225,7 +225,7 @@ def _check_sizes(path: Path, text: Any, folder: str, members: Mapping[str, zipfi
 
 
 def _pairs(text: Any) -> Iterator[tuple[str, Any]]:
-    """All (key, value) of all mappings; without recursion, which deep nesting would break."""
+    """All pairs (key, value) of all mappings; the search has no recursion, which deep nesting would break."""
     waiting = [text]
     while waiting:
         part = waiting.pop()

@@ -16,7 +16,7 @@ class NetworkFormat(NamedTuple):
     """A file format of networks."""
 
     suffix: str
-    """Of the file name."""
+    """Suffix of the file name, with its dot."""
     precisions: tuple[str, ...]
     """Precisions that it can hold."""
     packages: tuple[str, ...]
@@ -24,7 +24,7 @@ class NetworkFormat(NamedTuple):
     write: Callable[[Path, Graph, Manifest], None]
     read: Callable[[Path], tuple[NetworkFunction, Manifest]]
     engine: str
-    """The engine by which it is run."""
+    """The engine that runs it."""
     others: Mapping[str, Callable[[Path], NetworkFunction]] = {}
     """Further engines that run it, by the name of the package that each needs."""
 
@@ -47,12 +47,12 @@ FORMATS: dict[str, NetworkFormat] = {
 
 
 def format_of(path: Path) -> NetworkFormat | None:
-    """The format of a file by its suffix; None if no format has this suffix."""
+    """The format to which a file's suffix belongs; None if no format has this suffix."""
     return next((entry for entry in FORMATS.values() if entry.suffix == path.suffix.lower()), None)
 
 
 def read(path: Path) -> tuple[NetworkFunction, Manifest]:
-    """A file with the suffix of a format, ready to run, and its manifest; CheckpointError if it is of another kind."""
+    """A file with the suffix of a format, ready to run, and its manifest; CheckpointError for other files."""
     file_format = format_of(path)
     assert file_format is not None, path
     if not path.is_file():

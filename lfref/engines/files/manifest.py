@@ -1,4 +1,4 @@
-"""What is written into a file, and what the file says of itself: one JSON text under one key of its metadata.
+"""The graph that a file holds, and the manifest that describes it: one JSON text under one key of the metadata.
 
 Axes are numbers where they are fixed and letters where any length will do: `B` light fields, `V U` view rows and
 columns, `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
@@ -21,13 +21,13 @@ from lfref.io import tensor_files
 KEY = "lfref"
 """Key of the text in the metadata of a file."""
 FORMAT = 2
-"""Files of format 1 have no digest of the whole file (`lfref.io.tensor_files`)."""
+"""Format of the files; files of format 1 have no digest of the whole file (`lfref.io.tensor_files`)."""
 LONGEST = 2**20
-"""Characters of the text, at most."""
+"""Greatest length of the text, in characters."""
 VIEWS, FEATURES = "views", "features"
-"""First input of networks that read views, and of refiners."""
+"""Name of the first input of networks that read views, and of refiners."""
 FORMER_FEATURES = "guides"
-"""First input of refiners in files of earlier versions."""
+"""Name of the first input of refiners in files of earlier versions."""
 
 Axes = tuple[int | str, ...]
 
@@ -37,7 +37,7 @@ class Graph:
     """A network whose pictures may have any size, as it goes into a file."""
 
     module: nn.Module
-    """In evaluation mode, its weights in float32, on the CPU; it returns one tensor."""
+    """The network in evaluation mode, on the CPU, with weights in float32; it returns one tensor."""
     inputs: Mapping[str, Axes]
     """Axes of the inputs by name, in the order of the arguments."""
     output: Axes
@@ -45,7 +45,7 @@ class Graph:
     example: Inputs
     """Inputs with which the network is traced; no free axis may have a length that is a special case, such as 1."""
     patches: Sequence[Inputs] = ()
-    """Inputs by which int8 is calibrated."""
+    """Inputs on which int8 is calibrated."""
 
     @property
     def workload(self) -> EngineWorkload:
@@ -54,7 +54,7 @@ class Graph:
 
     @property
     def free(self) -> tuple[dict[int, str], ...]:
-        """For each input, the letters of its free axes by their place."""
+        """Letter of each free axis by its place, for each input."""
         return tuple(
             {place: axis for place, axis in enumerate(axes) if isinstance(axis, str)} for axes in self.inputs.values()
         )
@@ -62,26 +62,26 @@ class Graph:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a file says of itself."""
+    """Description of the network in a file."""
 
     name: str
-    """As tables call it."""
+    """Name of the network in tables."""
     inputs: Mapping[str, Axes]
-    """By name, in their order; `views` [B, V, U, C, H, W], or `features`, `pictures` and `error_scale`; float32."""
+    """Axes of the inputs (float32) by name: `views` [B, V, U, C, H, W], or `features`, `pictures` and `error_scale`."""
     output: Axes
-    """Of the stack, float32."""
+    """Axes of the stack (float32)."""
     precision: str
     """Precision of its arithmetic or of its weights."""
     sha256: str
     """Digest of the network's weights in float32."""
     version: str
-    """Of the lfref that wrote it."""
+    """Version of the lfref that wrote the file."""
     planes: Mapping[str, Any] | None = None
-    """`slopes` in pixels per view step, and `convention` and `alphas` if they were written so; None: any."""
+    """`slopes` in pixels per view step, and `convention` and `alphas` if the planes have them; None: any planes."""
     is_linear: bool | None = None
-    """Whether it reads linear light, or samples as files hold them; None: both."""
+    """Whether the network reads linear light; False: samples as files hold them; None: both."""
     config: Mapping[str, Any] = field(default_factory=dict)
-    """What builds the same network again."""
+    """Arguments that build the same network again."""
 
     @property
     def reads_views(self) -> bool:

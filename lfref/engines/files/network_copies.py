@@ -14,7 +14,7 @@ HALF_TYPES = {FP16: torch.float16, BF16: torch.bfloat16}
 
 
 class Half(nn.Module):
-    """A convolution of half precision between tensors of another type: a file holds half as many bytes."""
+    """A convolution in half precision between tensors of another type; its weights take half the bytes in a file."""
 
     def __init__(self, convolution: nn.Conv2d, dtype: torch.dtype) -> None:
         super().__init__()
@@ -23,7 +23,7 @@ class Half(nn.Module):
 
     @property
     def weight(self) -> Tensor:
-        """The weights in the type of the input: networks look at it."""
+        """The weights in the type of the input, since networks check this type."""
         return self.convolution.weight.float()
 
     def forward(self, features: Tensor) -> Tensor:
@@ -33,10 +33,10 @@ class Half(nn.Module):
 
 
 class Centred(nn.Module):
-    """A normalisation whose input has a mean of nearly 0 already, so that the precision of its mean does not matter.
+    """A normalisation that first centres its input, so that the precision of its own mean does not matter.
 
-    On flat frames, runtimes that sum in float32 get a mean that is off by more than the variation: pictures of a small
-    RefNet were off by 0.008 in OpenVINO, of the one of 12.5 million weights by 0.15 in ONNX Runtime.
+    On flat frames, the mean in runtimes that sum in float32 is off by more than the variation: pictures were off by
+    0.008 for a small RefNet in OpenVINO, and by 0.15 for the RefNet of 12.5 million weights in ONNX Runtime.
     """
 
     def __init__(self, norm: nn.InstanceNorm2d | nn.GroupNorm) -> None:

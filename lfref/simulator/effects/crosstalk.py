@@ -1,7 +1,7 @@
 """Lenslet crosstalk: light that reaches a neighbouring pixel under its lenslet ends up in the neighbouring view.
 
 The kernel is 3 x 3 views, (a, 1 - 2a, a) along each axis. Light that would leave the grid stays in the outermost view,
-so that energy is conserved and even light stays even.
+so that energy is conserved and uniform light stays uniform.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Crosstalk(Effect):
         checks.numbers("a crosstalk's leak", [self.leak], 0, 1 / 3)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a leak or a neighbour."""
+        """The effect is inert without a leak or a neighbour."""
         if not self.leak:
             return "leak is 0"
         return "a single view has no neighbour" if tuple(grid) == (1, 1) else None

@@ -1,7 +1,7 @@
 """Effects that move pictures: chromatic aberration and misaligned views, by interpolation along rows and columns.
 
 Pictures are read between their samples by Lagrange interpolation through eight samples. It reproduces polynomials of
-degree 7, and the samples themselves at whole positions; beyond the edge the outermost sample is held.
+degree 7, and the samples themselves at whole positions; beyond the edge, the outermost sample repeats.
 Source: Laakso et al., "Splitting the unit delay", 1996.
 Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre.
 """
@@ -17,7 +17,7 @@ from lfref.simulator import checks
 from lfref.simulator.effects import Effect
 
 TAPS = range(-3, 5)
-"""Samples around a position, counted from the one at or before it."""
+"""Samples around a position, counted from the sample at or before it."""
 Triple = tuple[float, ...]
 """One number each for red, green and blue."""
 
@@ -54,13 +54,13 @@ def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 class Chromatic(Effect):
     """Chromatic aberration: each colour has its own magnification (lateral) and its own focus (longitudinal).
 
-    A focus of its own is a disparity that is added to that of every surface: L_c(x) = L(x - d_c p).
+    Its own focus is a disparity d_c that is added to the disparity of every surface: L_c(x) = L(x - d_c p).
     """
 
     magnification: Triple = (1.0, 1.0, 1.0)
-    """Size of each channel's picture about its centre, [0.5, 2]; 1 leaves it."""
+    """Size of each channel's picture about its centre, [0.5, 2]; 1 keeps it."""
     disparity: Triple = (0.0, 0.0, 0.0)
-    """Added to each channel's disparities, in pixels per view step, [-10, 10]."""
+    """Number that is added to each channel's disparities, in pixels per view step, [-10, 10]."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -68,7 +68,7 @@ class Chromatic(Effect):
         checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if every magnification is 1, and every added disparity is 0 or there is only one view."""
+        """The effect is inert if every magnification is 1, and every added disparity is 0 or there is only one view."""
         if any(size != 1 for size in self.magnification):
             return None
         if not any(self.disparity):
@@ -98,7 +98,7 @@ class Misalignment(Effect):
         checks.numbers("a misalignment's sigma", [self.sigma], 0, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if all shifts are 0."""
+        """The effect is inert if all shifts are 0."""
         return None if self.sigma else "sigma is 0"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:

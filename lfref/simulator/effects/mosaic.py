@@ -24,7 +24,8 @@ PATTERNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
 }
 """Channel of each pixel of the top-left block of 2 x 2, row by row."""
 
-# In eighths: green at red or blue; red or blue at a green pixel with this colour to its left and right; red at blue.
+# Filters in eighths. CROSS: green at red or blue. ACROSS: red or blue at a green pixel with this colour to its left and
+# right. CORNERS: red at blue, or blue at red.
 CROSS = ((0, 0, -1, 0, 0), (0, 0, 2, 0, 0), (-1, 2, 4, 2, -1), (0, 0, 2, 0, 0), (0, 0, -1, 0, 0))
 ACROSS = ((0, 0, 0.5, 0, 0), (0, -1, 0, -1, 0), (-1, 4, 5, 4, -1), (0, -1, 0, -1, 0), (0, 0, 0.5, 0, 0))
 CORNERS = ((0, 0, -1.5, 0, 0), (0, 2, 0, 2, 0), (-1.5, 0, 6, 0, -1.5), (0, 2, 0, 2, 0), (0, 0, -1.5, 0, 0))
@@ -41,7 +42,7 @@ class Mosaic(Effect):
             chosen("mosaic pattern", self.pattern, PATTERNS)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a pattern."""
+        """The effect is inert without a pattern."""
         return None if self.pattern else "every pixel sees three colours"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -51,12 +52,12 @@ class Mosaic(Effect):
 
 @dataclass(frozen=True)
 class Demosaic(Effect):
-    """Three colours per pixel again. A sensor applies it by itself where it has a mosaic."""
+    """Three colours per pixel again. A sensor with a mosaic applies this effect by itself."""
 
-    pattern: str | None = "RGGB"  # that of the mosaic, which has checked it
+    pattern: str | None = "RGGB"  # pattern of the mosaic, which has checked it
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a mosaic."""
+        """The effect is inert without a mosaic."""
         return None if self.pattern else "there is no mosaic"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:

@@ -23,7 +23,7 @@ class Noise(Effect):
         checks.numbers("a noise's shot and read", [self.shot, self.read], 0, 1)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if the variance is 0."""
+        """The effect is inert if the variance is 0."""
         return None if self.shot or self.read else "shot and read noise are 0"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -32,7 +32,7 @@ class Noise(Effect):
 
 
 def noisy(views: Tensor, shot: float, read: float, draws: Tensor) -> Tensor:
-    """Radiance of any shape plus noise from standard normal `draws`; below radiance 0 the noise is that of 0."""
+    """Radiance of any shape plus noise from standard normal `draws`; below 0, the noise is the same as at 0."""
     variance = views.clamp(min=0) * shot + read
-    # The root has no finite gradient at 0: it is taken of at least 1e-20, and that root, 1e-10, taken off again.
+    # The root has no finite gradient at 0: the variance is at least 1e-20, and the root of that, 1e-10, is subtracted.
     return views + draws * (variance.clamp(min=1e-20).sqrt() - 1e-20**0.5)

@@ -22,7 +22,7 @@ class Exposure(Effect):
         checks.numbers("an exposure's gain", [self.gain], 0, 1e4)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert at gain 1."""
+        """The effect is inert at gain 1."""
         return "gain is 1" if self.gain == 1 else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -34,8 +34,8 @@ class Exposure(Effect):
 class Clipping(Effect):
     """The range that samples are clamped to."""
 
-    low: float = 0.0  # smallest value; -inf: none
-    high: float = 1.0  # largest value; inf: none
+    low: float = 0.0  # smallest value; -inf: no limit
+    high: float = 1.0  # largest value; inf: no limit
 
     def __post_init__(self) -> None:
         are_numbers = all(isinstance(limit, int | float) for limit in (self.low, self.high))
@@ -43,7 +43,7 @@ class Clipping(Effect):
             raise InputError("a clipping needs a low limit below its high one", got=f"{self.low} and {self.high}")
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without limits; whether radiances exceed them is not known before they are rendered."""
+        """The effect is inert without limits; whether radiances exceed them is not known before they are rendered."""
         return "there are no limits" if math.isinf(self.low) and math.isinf(self.high) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -64,7 +64,7 @@ class Quantisation(Effect):
             raise InputError("quantisation bits must be a whole number from 1 to 20", got=repr(self.bits))
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without a number of bits."""
+        """The effect is inert without a number of bits."""
         return None if self.bits else "samples are not rounded"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -86,7 +86,7 @@ class WhiteBalance(Effect):
         checks.colour("a white balance's gains", self.gains, 0, 1e4)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if all gains are 1."""
+        """The effect is inert if all gains are 1."""
         return "all gains are 1" if all(gain == 1 for gain in self.gains) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -106,12 +106,12 @@ class ToneCurve(Effect):
         checks.numbers("a tone curve's gamma", [self.gamma], 0.1, 10)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert if the curve is a straight line."""
+        """The effect is inert if the curve is a straight line."""
         is_straight = self.curve == "linear" or (self.curve == "gamma" and self.gamma == 1)
         return "the curve is linear" if is_straight else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """Encode."""
+        """Encode the views by the curve."""
         return self.encoding.encode(views)
 
     @property

@@ -1,8 +1,8 @@
 """A camera's optics and sensor as a chain of effects on views, in the order in which light meets them.
 
 To add an effect, write its class with `inert` and `apply` in a file of this folder, and add a field to `Sensor` at its
-place in the chain. Scenes then set it by `sensor.NAME: {_target_: CLASS}`. All else that belongs to it stands in
-CONTRIBUTING.md.
+place in the chain. Scenes then set it by `sensor.NAME: {_target_: CLASS}`. CONTRIBUTING.md lists everything else that
+an effect needs.
 """
 
 import functools
@@ -27,7 +27,7 @@ from lfref.simulator.planner import Pass
 
 @dataclass(frozen=True)
 class Sensor:
-    """The effects of a camera; None is off.
+    """The effects of a camera; None means no effect.
 
     The lens disperses and shades the pictures, misplaced lenslets displace and mix them, the exposure collects them.
     From mosaic to quantisation the samples are raw, one colour per pixel where there is a mosaic. Software comes last.
@@ -59,11 +59,11 @@ class Sensor:
 EFFECTS: dict[str, type] = {name: get_args(hint)[0] for name, hint in get_type_hints(Sensor).items()}
 """Class of the effect in each field of a sensor."""
 OFF: dict[str, Effect] = {"mosaic": Mosaic(None), "clipping": Clipping(-math.inf, math.inf)}
-"""Inert forms of the effects whose default does something."""
+"""Inert forms of the effects whose defaults change views."""
 
 
 def effect_chain(sensor: Sensor) -> dict[str, Effect]:
-    """All effects by name, inert ones where the sensor has none, in the order in which they are applied."""
+    """All effects by name, inert effects where the sensor has none, in the order of their application."""
     chain: dict[str, Effect] = {}
     for name, kind in EFFECTS.items():
         chain[name] = getattr(sensor, name) or OFF.get(name) or kind()
@@ -85,7 +85,7 @@ def sensor_passes(sensor: Sensor, grid: tuple[int, int], seed: int) -> list[Pass
 
 
 def recorded(radiance: Tensor, sensor: Sensor, seed: int) -> Tensor:
-    """Views as a sensor records them, of views without any effect, [V, U, 3, H, W]."""
+    """Views as a sensor records them, from views without any effect, [V, U, 3, H, W]."""
     grid = (radiance.shape[0], radiance.shape[1])
     for name, effect in effect_chain(sensor).items():
         if effect.inert(grid) is None:

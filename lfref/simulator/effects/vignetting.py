@@ -30,7 +30,7 @@ class Vignetting(Effect):
         checks.numbers("a vignetting's cats_eye", [self.cats_eye], 0, 2)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
-        """Inert without falloff and displacement."""
+        """The effect is inert without falloff and displacement."""
         return None if self.field or self.cats_eye else "field and cat's eye are 0"
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
@@ -41,7 +41,7 @@ class Vignetting(Effect):
 def falloff(views: Tensor, field: float) -> Tensor:
     """cos^4 of the field angle at every pixel, a gain in (0, 1], [H, W].
 
-    Of the views [V, U, C, H, W] only shape, type and device count; `field` is the tangent of the angle at the corner.
+    Only shape, type and device of the views [V, U, C, H, W] count; `field` is the tangent of the angle at the corner.
     """
     x, y = _pixels(views)
     return (1 + field**2 * (x**2 + y**2)) ** -2
@@ -50,8 +50,8 @@ def falloff(views: Tensor, field: float) -> Tensor:
 def clipped_pupil(views: Tensor, displacement: float) -> Tensor:
     """Share of each view's cell that the rim lets through at every pixel, a gain in [0, 1], [V, U, 1, H, W].
 
-    Of the views [V, U, C, H, W] only shape, type and device count; `displacement` is that of the rim at the corner, in
-    radii of the rim.
+    Only the shape, type and device of the views [V, U, C, H, W] count; `displacement` is the distance by which the rim
+    is displaced at the corner, in radii of the rim.
     """
     x, y = _pixels(views)
     grid = views.shape[:2]
