@@ -101,9 +101,7 @@ def check_archive_digest(path: Path) -> bool:
         members = archive.infolist()
         is_plain = all(member.compress_type == zipfile.ZIP_STORED for member in members)
         if not is_plain or sum(member.file_size for member in members) > path.stat().st_size:
-            raise CheckpointError(
-                f"{path} must hold plain members", got="compressed ones", remedy="write it anew"
-            )
+            raise CheckpointError(f"{path} must hold plain members", got="compressed ones", remedy="write it anew")
         if not has_digest and (name := archive.testzip()) is not None:
             raise CheckpointError(f"{path} is damaged", got=f"another checksum of {name}", remedy="copy it anew")
     return has_digest
