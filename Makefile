@@ -49,8 +49,8 @@ demo: install
 
 figures: $(VENV)/checks
 	$(BIN)/lfref bench overwrite=true output=runs/figures/bench repeats=5
-	$(BIN)/lfref bench correct=white 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/white repeats=1
-	$(BIN)/lfref bench test_scenes=[] varied=60 overwrite=true output=runs/figures/varied repeats=1
+	$(BIN)/lfref bench wide=false correct=white 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/white repeats=1
+	$(BIN)/lfref bench test_scenes=[] wide=false varied=60 overwrite=true output=runs/figures/varied repeats=1
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2

@@ -226,10 +226,12 @@ def front(config: DictConfig, folder: Path) -> None:
     times = operator_costs.times(timed, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
     bench = times[TIMES].reset_index().drop(columns="input").merge(evaluation.by_class(evaluated), "left", "method")
     by_plane, scenes = evaluation.by_plane(evaluated), evaluation.by_scene(evaluated)
-    for name, table in {"bench": bench, "scenes": scenes, "planes": by_plane, "evaluation": evaluated}.items():
-        tables.write_table(folder / f"{name}.csv", table)
+    written = {"bench": bench, "scenes": scenes, "planes": by_plane, "evaluation": evaluated}
+    for name, table in written.items():
+        if len(table):  # scenes of wide baselines have no planes in common
+            tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
-    if len(by_plane):  # scenes of wide baselines have no planes in common
+    if len(by_plane):
         drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
     write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
     n_scenes = evaluated["scene"].nunique()

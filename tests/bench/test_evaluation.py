@@ -90,6 +90,20 @@ def test_operators_refocus_a_disc_scene_through_a_disc():
     torch.testing.assert_close(case.stack(small, SLOPES), small(case.light, SLOPES))
 
 
+def test_scenes_of_wide_baselines_have_planes_of_their_own():
+    near = dataclasses.replace(CLEAN, surfaces=(*SURFACES, Surface(Plane(1.5), Flat(), Disc(2))), name="near")
+    cases = list(evaluation.wide_cases([CLEAN, near], CPU))
+    assert [case.planes.values for case in cases] == [
+        pytest.approx([0.5 * k / 7 for k in range(8)]),
+        pytest.approx([1.5 * k / 7 for k in range(8)]),
+    ]
+    torch.testing.assert_close(cases[1].reference, simulate(near, slopes=cases[1].planes.slopes).truth)
+    rows = pd.DataFrame(evaluation.evaluate(cases, [OperatorRefocuser("sum", shift_and_sum)], PLANES, 2))
+    assert rows["slope"].tolist() == [*cases[0].planes.values, *cases[1].planes.values]
+    assert evaluation.by_plane(rows).empty
+    assert evaluation.by_class(rows)["class"].tolist() == ["wide"]
+
+
 def test_captures_are_compared_with_exact_refocusing():
     field = LightField(torch.rand(3, 3, 3, 16, 18), "a")
     (case,) = evaluation.capture_cases([field], SLOPES)

@@ -142,13 +142,48 @@ def coarse(views):
     return [found.disparity.mean(), *sure, wide.disparity.median(), *slope_range.slope_range(ramp()), surfaces, *agreed]
 
 
+def wide(views):
+    far, small = layered_views(8.2, -3.0, (144, 160))[0].float(), views[..., ::2, ::2]
+    found = [*slope_range.scene_range(far), *slope_range.scene_range(small), *shift_and_sum.disparity_range(far)]
+    found += slope_range.scene_range(views)
+    for high in (5.0, 8.0):  # before and beyond 1.5 of 4 pixels
+        searched = slope_range.DisparityRange(0.0, 0.0, high)
+        with mock.patch.object(shift_and_sum, "scene_range", return_value=searched):
+            found.append(shift_and_sum.disparity_range(far) is searched)
+    counted = []
+    for n_sure in (4, 10):
+        swept = CoarseDisparity(torch.ones(40, 40), (torch.arange(1600) < n_sure).float().reshape(40, 40), 1)
+        with mock.patch.object(slope_range, "_swept", return_value=swept):
+            counted.append(slope_range.scene_range(views) is None)
+    with mock.patch.object(disparity_layers, "scene_range", return_value=slope_range.DisparityRange(-9, 0, 9)):
+        corners = [disparity_layers.exceeds_layers(_at(d), views, FULL) for d in (5.0, 7.0)]
+    close = disparity_layers.estimate_energies(far, 5, FULL).disparities
+    with mock.patch.object(disparity_layers, "_held", return_value=(-60.0, 60.0)):
+        most = disparity_layers.estimate_energies(views, 5, FULL).disparities
+    bounded = []
+    for d in (1.8, 3.4):
+        with (
+            mock.patch.object(disparity_layers, "estimate_energies", return_value=_at(d)),
+            mock.patch.object(occlusion_aware, "bounded_by_views", wraps=occlusion_aware.bounded_by_views) as bound,
+        ):
+            occlusion_aware.occlusion_aware(views, [0.0], disparities=torch.zeros(72, 80))
+        bounded.append(bound.call_count)
+    return [*found, *counted, *corners, len(close), close[-1], len(most), *bounded]
+
+
+def _at(disparity):
+    return disparity_layers.Energies(
+        torch.tensor([0.0, disparity], dtype=torch.float64), torch.full((2,), 0.5, dtype=torch.float64)
+    )
+
+
 def sharp(views):
     slopes = torch.linspace(-0.6, 1.1, 6)
     found, faint = (all_in_focus(exact_fourier(light, slopes)) for light in (views, 0.5 + 0.02 * views))
     return [found.index.mean(), found.confidence.mean(), faint.confidence.mean(), found.index[:6].mean()]
 
 
-FIGURES = [depth_steps, energies, layers, filtered, edges, volume, matched, ranges, reduced, coarse, sharp]
+FIGURES = [depth_steps, energies, layers, filtered, edges, volume, matched, ranges, reduced, coarse, wide, sharp]
 # fmt: off
 RECORDED = {
     "depth_steps": [7, 45, 4, 10.149, 0, 2, 15, 0, 1],
@@ -162,6 +197,8 @@ RECORDED = {
         -0.065969, 1.2133, -2.6127, -0.76877, 5.442, 0, 1],
     "reduced": [0.71212, 1, 0.71589, 1, 0.7401, 0.96597, 0.69872, 0.328, 2, 13],
     "coarse": [-0.075796, 0.91237, 0.0028269, 8.1484, -0.047073, 1.0694, 0.43028, 0, 1],
+    "wide": [-6.875, -2.201, 12.375, -0.9375, -0.028948, 1.1875, -6.875, -2.201, 12.375, -1.375, -0.09601, 1.875,
+        0, 1, 1, 0, 0, 1, 30, 8.375, 96, 0, 1],
     "sharp": [1.5751, 0.9189, 0.33883, 0.73505],
 }
 # fmt: on

@@ -44,13 +44,13 @@ SKIRT = 0.05
 """Weight of a window three times as wide, which decides where the inner one is flat."""
 WIDEST = 4.0
 """Slopes of the first sweep, in pixels of its smaller views per view step."""
-MOST_SLOPES = 160
-"""Largest number of slopes of a sweep."""
 OVERLAP = 0.45
 """Share of the shorter side by which the sweep of `scene_range` shifts the outermost view that is read, at most:
 operators refuse slopes at which the corner views move by half a side."""
 DETAIL = 48
 """Pixels along the shorter side of the views of that sweep: small surfaces still show in them."""
+SPARE = 0.25
+"""Share of its range that is added at either end: reduced views do not show thin things, which may be at the ends."""
 BIN, FEWEST = 0.25, 6
 """Width of a bin of its disparities, in reduced pixels per view step; sure pixels that fill a bin."""
 MARGIN = 0.5
@@ -236,7 +236,7 @@ def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
     # Slopes at which the outermost view moves by one pixel more each.
     reach = float(reduced.steps.abs().max())
     step = 1 / max(reach, 2.0)
-    n_slopes = min(MOST_SLOPES, max(2, 1 + math.ceil((high - low) / step - 1e-9)))
+    n_slopes = max(2, 1 + math.ceil((high - low) / step - 1e-9))
     slopes = torch.linspace(low, high, n_slopes, dtype=torch.float64)
     most = max(step, float(slopes[1] - slopes[0]))
     pad = math.ceil(max(abs(low), abs(high)) * reach) + 1
@@ -367,7 +367,8 @@ class DisparityRange(NamedTuple):
 def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange | None:
     """Find the range in which methods look for the disparities of a light field, at any distance of the cameras.
 
-    Small surfaces count too, and half a reduced pixel is added at either end, so the range is wider than `slope_range`.
+    Small surfaces count too, and there is room for what reduced views do not show, so the range is wider than that of
+    `slope_range`.
 
     Args:
         views: Floating point, uint8 or uint16, [V, U, C, H, W].
@@ -396,7 +397,9 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
     filled = bins[counts >= max(FEWEST, swept.disparity.numel() // 1000)]
     if not len(filled):
         return None
-    low, high = float(filled[0]) * BIN - MARGIN, float(filled[-1]) * BIN + MARGIN
+    low, high = float(filled[0]) * BIN, float(filled[-1]) * BIN
+    spare = MARGIN + SPARE * (high - low)
+    low, high = max(low - spare, -widest), min(high + spare, widest)
     return DisparityRange(swept.factor * low, swept.factor * float(sure.mean()), swept.factor * high)
 
 

@@ -15,6 +15,7 @@ from lfref.refocus.focus.slope_range import (
     disparity_of_reduced,
     on_surfaces,
     reduce_views,
+    scene_range,
     seems_reversed,
     slope_range,
 )
@@ -23,7 +24,7 @@ from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import simulate
-from tests.refocus.conftest import shifted_views, texture
+from tests.refocus.conftest import layered_views, shifted_views, texture
 
 
 def coarse(views, weight=None, positions=None):
@@ -256,6 +257,45 @@ def test_a_surface_is_where_neighbours_agree():
 )
 def test_flat_views_single_views_and_noise_have_no_range(views):
     assert slope_range(coarse(views)) is None
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.9, -0.4), (8.2, -3.1), (-6.7, -9.4), (9.5, 1.3)])
+def test_the_range_to_search_holds_all_surfaces_at_any_baseline(near, far):
+    torch.manual_seed(1)
+    views = layered_views(near, far, (144, 160))[0].float()
+    low, middle, high = scene_range(views)
+    assert low < min(near, far) < middle < max(near, far) < high
+    assert high - low < 1.5 * abs(near - far) + 2 * 2  # a quarter at either end, and half of a pixel reduced by 2
+
+
+def test_a_small_surface_counts_for_the_range_to_search():
+    torch.manual_seed(2)
+    views = shifted_views(texture(1, 144, 160), 0.5, (5, 5)).float()
+    twig = shifted_views(texture(1, 144, 160), 7.0, (5, 5)).float()
+    offsets = 7 * (torch.arange(5) - 2)
+    for v in range(5):
+        for u in range(5):
+            rows, columns = slice(60 + offsets[v], 100 + offsets[v]), slice(72 + offsets[u], 88 + offsets[u])
+            views[v, u, :, rows, columns] = twig[v, u, :, rows, columns]
+    assert scene_range(views).high > 7
+    assert scene_range(views).high < 10
+
+
+def test_views_of_weight_0_do_not_count_for_the_range_to_search():
+    torch.manual_seed(3)
+    views = shifted_views(texture(1, 96, 96), 4.0, (5, 5)).float()
+    weights = torch.ones(5, 5)
+    weights[1, 2] = weights[2, 4] = 0
+    spoiled = views.clone()
+    spoiled[1, 2] = spoiled[2, 4] = 0.5
+    assert scene_range(spoiled, weights) == scene_range(views, weights)
+
+
+@pytest.mark.parametrize(
+    "views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50), torch.rand(3, 3, 1, 1, 1)]
+)
+def test_where_nothing_moves_there_is_no_range_to_search(views):
+    assert scene_range(views) is None
 
 
 @pytest.mark.parametrize("name", ["plane", "deep", "everything"])

@@ -237,6 +237,14 @@ def test_each_light_field_of_a_batch_has_its_own_range():
         assert torch.equal(stack, shift_and_sum_through_cells(field, [-2.5, 0.0]))
 
 
+@pytest.mark.parametrize("name", ["wide_near_5", "wide_both_5", "wide_steps_5"])
+def test_planes_among_disparities_of_wide_baselines_stay_points(name):
+    scene = sim30.WIDE[name]
+    views = simulate(scene, outputs=["views"], slopes=[0.0]).views
+    planes = [surface.geometry.form.disparity for surface in scene.surfaces]
+    assert torch.equal(shift_and_sum_through_cells(views, planes), shift_and_sum(views, planes, "cubic"))
+
+
 @pytest.mark.parametrize("name", ["edge", "discs", "twigs"])
 def test_wide_blur_has_no_copies(name):
     scene = dataclasses.replace(sim30.SCENES[name], sensor=sim30.IDEAL)
