@@ -262,8 +262,8 @@ def _evaluation_cases(
         chosen("correct", config.correct, dict.fromkeys(CORRECTIONS))
         shown = progress(scenes, "evaluating against the truth")
         wide_shown = progress(wide, "evaluating wide baselines")
-        cases = evaluation.scene_cases(shown, planes.slopes, device, config.correct)
-        return itertools.chain(cases, evaluation.wide_cases(wide_shown, device)), fields
+        common = evaluation.scene_cases(shown, planes.slopes, device, config.correct)
+        return itertools.chain(common, evaluation.wide_cases(wide_shown, device)), fields
     corrected = (
         correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
         for field in light_fields(config, methods if config.thin is None else ())
