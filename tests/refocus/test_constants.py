@@ -146,6 +146,8 @@ def wide(views):
     far, small = layered_views(8.2, -3.0, (144, 160))[0].float(), views[..., ::2, ::2]
     found = [*slope_range.scene_range(far), *slope_range.scene_range(small), *shift_and_sum.disparity_range(far)]
     found += slope_range.scene_range(views)
+    moved = views, layered_views(2.2, -1.0)[0].float()
+    found += [shift_and_sum.wide_range(field) is None for field in moved]
     for high in (5.0, 8.0):  # before and beyond 1.5 of 4 pixels
         searched = slope_range.DisparityRange(0.0, 0.0, high)
         with mock.patch.object(shift_and_sum, "scene_range", return_value=searched):
@@ -155,7 +157,7 @@ def wide(views):
         swept = CoarseDisparity(torch.ones(40, 40), (torch.arange(1600) < n_sure).float().reshape(40, 40), 1)
         with mock.patch.object(slope_range, "_swept", return_value=swept):
             counted.append(slope_range.scene_range(views) is None)
-    with mock.patch.object(disparity_layers, "scene_range", return_value=slope_range.DisparityRange(-9, 0, 9)):
+    with mock.patch.object(disparity_layers, "wide_range", return_value=slope_range.DisparityRange(-9, 0, 9)):
         corners = [disparity_layers.exceeds_layers(_at(d), views, FULL) for d in (5.0, 7.0)]
     close = disparity_layers.estimate_energies(far, 5, FULL).disparities
     with mock.patch.object(disparity_layers, "_held", return_value=(-60.0, 60.0)):
@@ -193,12 +195,12 @@ RECORDED = {
     "edges": [0.12222, 0, 0.066667, 0],
     "volume": [0.0062529, 3.9432e-05, 0.001],
     "matched": [21, 0.51989, 0.79368, 0.51442, 0.026946, 2.4456, 0.089988],
-    "ranges": [-0.19413, 0.19869, -0.55296, 1.0111, -0.53321, 0.1, -2, -0.9, -2, -0.9, -2, -0.9, -0.54008,
-        -0.065969, 1.2133, -2.6127, -0.76877, 5.442, 0, 1],
+    "ranges": [-0.19413, 0.19869, -0.55296, 1.0111, -0.53321, 0.1, -2, -0.9, -2, -0.9, -2, -0.9,
+        -0.54008, -0.065969, 1.2133, -5.5, -0.38404, 7.5, 0, 1],
     "reduced": [0.71212, 1, 0.71589, 1, 0.7401, 0.96597, 0.69872, 0.328, 2, 13],
     "coarse": [-0.075796, 0.91237, 0.0028269, 8.1484, -0.047073, 1.0694, 0.43028, 0, 1],
     "wide": [-6.875, -2.201, 12.375, -0.9375, -0.028948, 1.1875, -6.875, -2.201, 12.375, -1.375, -0.09601, 1.875,
-        0, 1, 1, 0, 0, 1, 30, 8.375, 96, 0, 1],
+        1, 0, 0, 1, 1, 0, 0, 1, 30, 8.375, 96, 0, 1],
     "sharp": [1.5751, 0.9189, 0.33883, 0.73505],
 }
 # fmt: on

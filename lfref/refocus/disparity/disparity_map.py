@@ -22,9 +22,8 @@ from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.refocus import batches
 from lfref.refocus.disparity import cost_volume, matching
-from lfref.refocus.focus.slope_range import scene_range
 from lfref.refocus.fourier import disparity_layers
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, wide_range
 
 SURE = 0.3
 """Confidence from which a reduced pixel counts for the range."""
@@ -145,11 +144,11 @@ def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = N
     grid, size = batches.grid_and_size(views)
     shift = geometry.corner_shift(torch.ones(1), batches.lines(grid, positions).extent)
     most = 0.9 * min(size) / 2 / max(shift, 0.5)
-    first, last = (min(max(end, -most), most) for end in disparity_layers.energy_range(views, aperture))
+    known, reach = wide_range(views, aperture, positions), disparity_layers.REACH
+    first, last = (min(max(end, -most), most) for end in disparity_layers.energy_range(views, aperture, known))
     # Views of at least 32 pixels, at most 4 times smaller.
     factor = max(1, min(4, min(size) // 32))
     light = F.avg_pool2d(batches.radiance(views).mean(2), factor)[:, :, None]
-    known, reach = scene_range(views, aperture, positions), disparity_layers.REACH
     low, high = (-reach, reach) if known is None else (min(-reach, known.low), max(reach, known.high))
     low, high = max(low, -most) / factor, min(high, most) / factor
     slopes = matching.slopes_between(low, high)

@@ -36,18 +36,18 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.focus.slope_range import scene_range
+from lfref.refocus.focus.slope_range import DisparityRange
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.exact import exact_fourier, frequencies, half_frequencies, shift_phases
 from lfref.refocus.fourier.layer_mixing import Frame
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells, wide_range
 
 log = logging.getLogger(__name__)
 
 RIDGE = 1e-3
 """Power of noise, and of all that is no layer, in the mean view, as a share of its power."""
 REACH = 4.0
-"""Disparities that are always tried, to either side of 0, in pixels per view step; `scene_range` may widen them."""
+"""Disparities that are always tried, to either side of 0, in pixels per view step; `wide_range` may widen them."""
 SPACING = 1.25
 """Pixels in the outermost view by which neighbouring layers lie apart, at most: light between two layers is blurred by
 half of that."""
@@ -100,24 +100,25 @@ def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energie
         InputError: Views that are not finite.
     """
     sample = _sampled(views, aperture)
-    low, high = _held(sample, views, aperture)
+    low, high = _held(sample, views, wide_range(views.detach(), aperture))
     outermost = (max(aperture.shape) - 1) / 2
     needed = min(1 + math.ceil((high - low) * outermost / SPACING), MOST_LAYERS)
     # Numbers below 1 are left for `even_slopes` to refuse.
     return _maximised(sample, geometry.even_slopes(max(n_layers, needed) if n_layers > 0 else n_layers, low, high))
 
 
-def energy_range(views: Tensor, aperture: Tensor) -> tuple[float, float]:
+def energy_range(views: Tensor, aperture: Tensor, known: DisparityRange | None) -> tuple[float, float]:
     """Least and largest disparity at which the spectra of a light field hold light, in pixels per view step.
 
     Args:
         views: Light field, [V, U, C, H, W].
         aperture: Weight of each view, their sum 1, [V, U].
+        known: Range of its disparities, if it is wide.
 
     Raises:
         InputError: Views that are not finite.
     """
-    return _held(_sampled(views, aperture), views, aperture)
+    return _held(_sampled(views, aperture), views, known)
 
 
 def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
@@ -147,10 +148,10 @@ def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
     return sample
 
 
-def _held(sample: _Sample, views: Tensor, aperture: Tensor) -> tuple[float, float]:
+def _held(sample: _Sample, views: Tensor, known: DisparityRange | None) -> tuple[float, float]:
     """Ends of the layers that hold light, of a grid of layers as far as the scene reaches and the views can shift."""
-    limit = min(length / max(n - 1, 1) for n, length in zip(aperture.shape, views.shape[-2:], strict=True))
-    known = scene_range(views, aperture)
+    grid, size = batches.grid_and_size(views)
+    limit = min(length / max(n - 1, 1) for n, length in zip(grid, size, strict=True))
     low, high = (-REACH, REACH) if known is None else (min(-REACH, known.low), max(REACH, known.high))
     n_below, n_above = (max(math.ceil(min(side, limit - STEP) / STEP), 0) for side in (-low, high))
     wide = _maximised(sample, torch.arange(-n_below, n_above + 1, dtype=torch.float64) * STEP)
@@ -333,7 +334,7 @@ def exceeds_layers(energies: Energies, field: Tensor, aperture: Tensor) -> bool:
     if geometry.corner_shift(energies.disparities, grid) <= FARTHEST * min(size):
         return False
     # Spectra of noise hold light at all disparities: the views themselves must move that far.
-    known = scene_range(field, aperture)
+    known = wide_range(field, aperture)
     if known is None or geometry.corner_shift(torch.tensor([known.low, known.high]), grid) <= FARTHEST * min(size):
         return False
     _warn_of_far_views()

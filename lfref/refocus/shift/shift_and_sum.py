@@ -180,6 +180,8 @@ WINDOW = 5
 """Side of the window that shares one disparity, in reduced pixels."""
 OUTLIERS = 0.04
 """Share of the gradients' energy beyond either end of the range."""
+FAR = 0.75
+"""Disparity in reduced pixels per view step from which the whole range is searched: gradients fail from about 1 on."""
 BEYOND = 1.5
 """Disparities in reduced pixels per view step beyond which gradients are not believed, and the whole range counts."""
 
@@ -190,18 +192,38 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
 
     Args:
         views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        weights: Weight of each view, those of 0 are not read, [V, U]; None reads all.
+        weights: Weight of each view; views of weight 0 are not read, [V, U]; None reads all.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
         The range, weighted by the energy of gradients: one part in 25 is below it, one above. All is 0 where nothing
         is known (flat views, a single view, samples that are not finite).
     """
+    lines, factor = _reduced_lines(views, weights, positions)
+    searched = scene_range(views, weights, positions) if _move_far(lines) else None
+    if searched is not None and max(-searched.low, searched.high) > BEYOND * factor:
+        return searched
+    return DisparityRange(*(factor * value for value in _range_of_lines(lines, 1, WINDOW)))
+
+
+@torch.no_grad()
+def wide_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange | None:
+    """The `scene_range` of views that move by some pixels per view step; None where they do not.
+
+    It takes the arguments of `disparity_range`, and a small part of the time of `scene_range` where views move little.
+    """
+    return scene_range(views, weights, positions) if _move_far(_reduced_lines(views, weights, positions)[0]) else None
+
+
+def _reduced_lines(
+    views: Tensor, weights: Tensor | None, positions: Tensor | None
+) -> tuple[list[tuple[Tensor, Tensor]], int]:
+    """The row and the column with the most open views: grey pictures and camera positions; and their reduction."""
     factor = max(1, min(REDUCTION, min(views.shape[-2:]) // SMALLEST))
     grid, _ = batches.grid_and_size(views)
     cameras = batches.even(grid) if positions is None else batches.checked_positions(positions, grid)
     is_open = torch.ones(grid, dtype=torch.bool) if weights is None else batches.checked_weights(weights, grid) > 0
-    # The row and the column with the most open views, of several the middlemost.
+    # Of several such rows or columns, the middlemost.
     row, column = (_middlemost(counts) for counts in (is_open.sum(1), is_open.sum(0)))
     # A slice copies nothing, a mask copies the views.
     columns, rows = (slice(None) if bool(line.all()) else line for line in (is_open[row], is_open[:, column]))
@@ -209,15 +231,14 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
         (F.avg_pool2d(batches.radiance(line).mean(1)[None], factor)[0], steps)
         for line, steps in ((views[row, columns], cameras[row, columns]), (views[rows, column], cameras[rows, column]))
     ]
-    quick = _range_of_lines(lines, 1, WINDOW)
-    # Gradients fail where views move by more than a reduced pixel. Smaller pictures show whether they do.
-    if quick.high > quick.low:
-        coarse = _range_of_lines(lines, max(1, min(REDUCTION, min(lines[0][0].shape[1:]) // 8)), WINDOW - 2)
-        if max(-coarse.low, coarse.high) > 1:
-            searched = scene_range(views, weights, positions)
-            if searched is not None and max(-searched.low, searched.high) > BEYOND * factor:
-                return searched
-    return DisparityRange(*(factor * value for value in quick))
+    return lines, factor
+
+
+def _move_far(lines: Sequence[tuple[Tensor, Tensor]]) -> bool:
+    """Whether pictures move too far for their gradients, by what smaller pictures show."""
+    factor = max(1, min(REDUCTION, min(lines[0][0].shape[1:]) // 8))
+    coarse = _range_of_lines(lines, factor, WINDOW - 2)
+    return max(-coarse.low, coarse.high) > FAR
 
 
 def _middlemost(counts: Tensor) -> int:
