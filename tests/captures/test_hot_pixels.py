@@ -1,6 +1,7 @@
 """Hot pixels: known ones are found and replaced; detail and noise stay bit for bit."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -65,6 +66,19 @@ def test_noise_is_left():
 @pytest.mark.parametrize("views", [torch.zeros(3, 3, 3, 40, 60), torch.rand(1, 2, 3, 40, 60)])
 def test_black_views_and_two_views_have_no_hot_pixels(views):
     assert found_in(LightField(views)).reason_to_skip() is not None
+
+
+def test_a_hot_sample_is_found_beside_points_that_other_views_confirm():
+    views = 0.5 + 0.001 * torch.rand(5, 5, 1, 40, 60)
+    for v, u in itertools.product(range(5), repeat=2):
+        views[v, u, 0, 14 + 3 * v, 24 + 3 * u] = 1.0
+    disparity = torch.zeros(40, 60)
+    disparity[14:27, 24:37] = 3.0
+    # A dead sample and one that it has spoilt.
+    views[1, 3, 0, 8, 40], views[1, 3, 0, 9, 41] = 0.1, 0.4
+    defect = hot_pixels.find(LightField(views), disparity, (2, 2))
+    assert defect.samples.tolist() == [[1, 3, 0, 8, 40], [1, 3, 0, 9, 41]]
+    assert defect.count == 1
 
 
 def spikes(height, count, size=192):

@@ -80,6 +80,19 @@ def test_an_operator_is_fixed_to_its_planes_grid_and_aperture(lfref_alone, tmp_p
     assert loaded.grid == (3, 5)
 
 
+@pytest.mark.parametrize(("precision", "n_patches"), [("int8", 2), ("fp32", 0)])
+def test_only_int8_is_calibrated_on_patches(precision, n_patches, lfref, net, monkeypatch):
+    patches = []
+
+    def write_checked(file, refocuser, subject, *rest):
+        patches.extend(subject.graph.patches)
+        raise LfrefError("stopped before writing")
+
+    monkeypatch.setattr(ExportFile, "write_checked", write_checked)
+    assert "stopped before writing" in lfref(*SMALL, net, f"precision={precision}", "output=run")[1]
+    assert [tuple(views.shape) for (views,) in patches] == n_patches * [(1, *cases.GRID, 3, 48, 64)]
+
+
 @pytest.mark.parametrize(
     ("spent", "is_kept"), [({"fp32": [2.0], "int8": [1.0]}, True), ({"fp32": [1.0], "int8": [1.1]}, False)]
 )

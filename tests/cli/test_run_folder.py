@@ -118,6 +118,16 @@ def test_what_a_killed_run_listed_is_its_own_and_nothing_else(tmp_path):
     assert names(tmp_path) == [ownership.MARK, "two/stack.exr"]
 
 
+@pytest.mark.parametrize("kind", [None, "views"])
+def test_without_a_mark_of_a_run_only_the_part_is_listed(kind, tmp_path):
+    if kind is not None:
+        ownership.write_mark(tmp_path, kind, {"view.png": "0"})
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "stack.exr").write_text("x")
+    run_folder.list_also(tmp_path, tmp_path / "one")
+    assert ownership.read_mark(tmp_path).files.keys() == {"one/stack.exr"}
+
+
 @pytest.mark.parametrize("content", ["{", "[]", '{"files": 3}', "{}"])
 def test_a_damaged_mark_deletes_nothing(tmp_path, content):
     (tmp_path / ownership.MARK).write_text(content)

@@ -137,6 +137,12 @@ def test_a_file_packed_by_hand_is_read_from_its_bottom_row(tmp_path):
     assert disparity_files.read_pfm(path)[..., 0].tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
+def test_a_missing_file_is_one_line(tmp_path, one_line):
+    with pytest.raises(FileError) as caught:
+        disparity_files.read_pfm(tmp_path / "a.pfm")
+    one_line(caught.value, tmp_path / "a.pfm", "cannot be read;")
+
+
 def test_data_that_starts_like_white_space_stay_data(tmp_path):
     path = tmp_path / "a.pfm"
     path.write_bytes(b"Pf\n1 1\n-1.0\n" + b"\n \t\r")

@@ -70,7 +70,7 @@ def test_files_beside_it_belong_to_it(path, tmp_path):
     tensor_files.fill_digest(path, beside)
     assert tensor_files.check_digest(path, beside)
     beside.write_bytes(b"1235")
-    with pytest.raises(CheckpointError):
+    with pytest.raises(CheckpointError, match="write it anew"):
         tensor_files.check_digest(path, beside)
     with pytest.raises(CheckpointError):
         tensor_files.check_digest(path)

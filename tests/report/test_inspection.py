@@ -1,5 +1,6 @@
 """The sheet of an inspection: every panel is there, and fields of all shapes can be drawn."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -17,13 +18,16 @@ def titles(figure) -> list[str]:
 
 def test_the_sheet_shows_views_disparity_light_and_range():
     views = simulate(sim30.SCENES["vignetting"], outputs=["views"]).views
-    figure = inspection_sheet(inspect(LightField(views, "cards")))
+    weight = torch.ones_like(views[:, :, :1])
+    weight[0, 3] = 0
+    figure = inspection_sheet(inspect(LightField(views, "cards", weight=weight)))
     shown = titles(figure)
     for corner in ("view 3, 3", "view 0, 0", "view 0, 6", "view 6, 0", "view 6, 6"):
         assert corner in shown
     (light,) = (axes for axes in figure.axes if axes.get_title().startswith("light"))
     gains = light.images[0].get_array()
     assert gains.shape == (7, 7)
+    assert np.argwhere(gains.mask).tolist() == [[0, 3]]
     assert gains[3, 3] == pytest.approx(1)
     assert gains[0, 0] == pytest.approx(float(views[0, 0].mean() / views[3, 3].mean()), rel=0.02)
     (slopes,) = (axes for axes in figure.axes if axes.get_title().startswith("range"))

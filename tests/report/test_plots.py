@@ -102,6 +102,13 @@ def test_a_missing_quality_column_is_named(column):
         plots.quality_by_plane(planes("net", "a").drop(columns=column))
 
 
+def test_six_methods_have_six_colours_and_none_of_references():
+    rows = pd.concat([planes(f"net {number}", "a") for number in range(6)])
+    colours = {line.get_color() for line in plots.quality_by_plane(rows).axes[0].get_lines()}
+    assert len(colours) == 6
+    assert not colours & {drawing.BLUE, drawing.RED}
+
+
 def test_scatter_has_a_point_per_light_field_coloured_by_reference_shaped_by_method():
     rows = [
         {"method": method, "reference": reference, "mpsnr_db": 20.0 + index, "mssim": 0.8 + index / 100}

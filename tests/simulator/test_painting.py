@@ -80,6 +80,13 @@ def test_motion_smears_along_its_way():
         assert spread[1] - spread[0] == pytest.approx(more, abs=0.06)
 
 
+def test_a_canvas_reaches_a_pixel_further_than_motion_smears():
+    canvas = painted(Surface(Plane(0.0), GREY, Disc(6.0), motion=(8.0, 0.0))).bitmap.canvas
+    still = painted(Surface(Plane(0.0), GREY, Disc(6.0))).bitmap.canvas
+    assert (canvas.x[0] - still.x[0], canvas.x[-1] - still.x[-1]) == (-5, 5)
+    assert torch.equal(canvas.y, still.y)
+
+
 SEVERAL = (
     Surface(Plane(1.0), GREY, Disc(9.0)),
     Surface(Plane(-1.0), GREY, opacity=0.5),

@@ -30,7 +30,7 @@ from lfref.geometry import even_planes
 from lfref.losses.composite import PAPER_WEIGHTS, CompositeLoss, mean_absolute_error, mean_squared_error
 from lfref.metrics.stack import MPSNR, MSSIM, StackQuality
 from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS
-from lfref.nets.refnet import RefNet
+from lfref.nets.refnet import PAPER_WIDTHS, RefNet
 from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.fourier import focal_stack_transform
 from lfref.refocus.fourier.exact import exact_fourier
@@ -232,7 +232,7 @@ def _any_number(values: Tensor, precision: Precision, *inputs: Tensor) -> Tensor
 # Networks: RefNet with every activation and normalisation of the ablations, 11 blocks on degenerate views. Narrow
 # networks fail as wide ones do: the cause is the depth together with constant input.
 
-WIDTHS = (32,) * 11
+WIDTHS = (32,) * len(PAPER_WIDTHS)
 N_PLANES = 2
 NETWORK_ERROR = 1e-3
 """Tolerance of networks in float32, as a share of the brightest pixel: rounding grows through 11 normalisations."""

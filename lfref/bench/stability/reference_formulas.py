@@ -85,7 +85,7 @@ def _window(length: int) -> Tensor:
     """Gaussian local means along an axis that is reflected at its ends, [length, length]."""
     offsets = torch.arange(-RADIUS, RADIUS + 1)
     weights = (-offsets.double().square() / (2 * SIGMA**2)).softmax(0)
-    index = (torch.arange(length)[:, None] + offsets).abs()
+    index = torch.arange(-RADIUS, length + RADIUS).unfold(0, len(weights), 1).abs()
     index = length - 1 - (length - 1 - index).abs()
     return torch.zeros(length, length, dtype=torch.float64).scatter_add_(1, index, weights.expand(length, -1))
 

@@ -138,6 +138,12 @@ def test_a_plane_comes_back_with_confidence(disparity):
     assert float((found.confidence > 0.5).float().mean()) > 0.9
 
 
+@pytest.mark.parametrize(("disparity", "is_sure"), [(5.0, True), (6.0, False)])
+def test_a_plane_beyond_the_first_sweep_has_no_confidence(disparity, is_sure):
+    found = coarse(shifted_views(texture(1, 47, 60), disparity, (3, 3)))
+    assert float((found.confidence > 0.5).float().mean()) == pytest.approx(0.95 * is_sure, abs=0.05)
+
+
 @pytest.mark.parametrize("grid", [(1, 7), (7, 1), (2, 2), (14, 14)])
 def test_grids_of_all_kinds_will_do(grid):
     assert error(coarse(plane(0.7, grid)), 0.7) < 0.03

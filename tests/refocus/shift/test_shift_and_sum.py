@@ -275,9 +275,10 @@ def test_one_plane_is_found(disparity):
     assert seen.middle == pytest.approx(disparity, rel=0.25, abs=0.02)
 
 
-def test_two_planes_span_a_range():
+@pytest.mark.parametrize("width", [80, 24])
+def test_strips_of_two_planes_span_a_range(width):
     near, far = smooth_views(0.5), smooth_views(-1.0)
-    views = torch.where(torch.arange(160) < 80, near, far)
+    views = torch.where(torch.arange(160) // width % 2 == 0, near, far)
     seen = disparity_range(views)
     assert seen.low < -0.7
     assert seen.high > 0.3
