@@ -250,7 +250,11 @@ def signals(number: int, seed: int) -> Iterator[str]:
                 if name.startswith("SIGTERM"):
                     target, sent = session, signal.SIGTERM
                 else:
-                    ranks = [pid for pid in members if pid != session and is_rank(pid)]
+                    while not (ranks := [pid for pid in members if pid != session and is_rank(pid)]):
+                        time.sleep(0.2)  # the second process has not begun, or the training is over
+                        if process.poll() is not None:
+                            break
+                        members = processes_of(session)
                     target, sent = (ranks[0] if ranks else 0), signal.SIGKILL
                 stopped = time.monotonic()
                 if target and process.poll() is None:

@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import signal
 import socket
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -50,6 +51,7 @@ class Stopping(Callback):
         self.agreed = False
         """Whether all processes stop after the same step."""
         self._is_training = False
+        self._started: list[subprocess.Popen[bytes]] = []
 
     @contextmanager
     def listening(self, trainer: Trainer) -> Iterator[None]:
@@ -59,6 +61,7 @@ class Stopping(Callback):
             return
         # Private, but without this line every SIGTERM under DDP starts a broadcast inside the handler.
         trainer._signal_connector._sigterm_notifier_fn = lambda *_: None  # type: ignore[method-assign]
+        self._trainer = trainer
         self._previous = {number: signal.getsignal(number) for number in SIGNALS}
         self._owner = os.getpid()
         for number in SIGNALS:
@@ -68,7 +71,7 @@ class Stopping(Callback):
         ours, written = socket.socketpair()
         written.setblocking(False)
         before = signal.set_wakeup_fd(written.fileno(), warn_on_full_buffer=False)
-        threading.Thread(target=self._end_by_force, args=(ours, trainer), daemon=True).start()
+        threading.Thread(target=self._end_by_force, args=(ours,), daemon=True).start()
         if trainer.global_rank == 0:
             os.environ[PARENT] = str(os.getpid())
         elif os.environ.get(PARENT):
@@ -76,7 +79,7 @@ class Stopping(Callback):
         try:
             yield
         except BaseException:
-            self._end_others(trainer)
+            self._end_others()
             raise
         finally:
             signal.set_wakeup_fd(before)
@@ -96,6 +99,7 @@ class Stopping(Callback):
         number = torch.tensor(float(self.number), device=trainer.strategy.root_device)
         if latest := int(trainer.strategy.reduce(number, reduce_op="max")):
             self.agreed = True
+            self._take_over_processes()
             # After the last batch, validation is due. A resumed training would leave it out, so it repeats the epoch.
             if not trainer.fit_loop.epoch_loop.batch_progress.is_last_batch:
                 trainer.save_checkpoint(self.path)
@@ -110,6 +114,7 @@ class Stopping(Callback):
         is_first = not self.number
         if os.getpid() == self._owner:
             self.number = number
+            self._take_over_processes()
         if os.getpid() != self._owner or not (self._is_training and is_first):  # a worker, or a second Ctrl-C
             self._stop(number)
 
@@ -118,20 +123,30 @@ class Stopping(Callback):
         assert callable(previous), "the command line has set a handler"
         previous(number, None)
 
-    def _end_by_force(self, signals: socket.socket, trainer: Trainer) -> None:
+    def _end_by_force(self, signals: socket.socket) -> None:
         """In a thread of its own, wait for a signal, and end the process if it still runs some seconds later."""
         with signals:
             while numbers := signals.recv(1):
                 if numbers[0] in SIGNALS:
                     time.sleep(PATIENCE_S)
                     self.give_up(numbers[0])
-                    self._end_others(trainer, patience_s=0)
+                    self._end_others(patience_s=0)
                     os._exit(128 + numbers[0])
 
-    def _end_others(self, trainer: Trainer, patience_s: float = PATIENCE_S / 2) -> None:
+    def _take_over_processes(self) -> None:
+        """Take the processes that this process started from Lightning, whose observer would kill this process too.
+
+        It does so when one of them ends with a status, which they do after a signal.
+        """
+        processes = getattr(self._trainer.strategy.launcher, "procs", None) or []
+        self._started += processes
+        processes.clear()
+
+    def _end_others(self, patience_s: float = PATIENCE_S / 2) -> None:
         """Wait until the processes that this process started have ended, and kill those that do not end."""
         end = time.monotonic() + (patience_s if self.agreed else 0)
-        for process in getattr(trainer.strategy.launcher, "procs", ()):
+        self._take_over_processes()
+        for process in self._started:
             while process.poll() is None and time.monotonic() < end:
                 time.sleep(0.05)
             if process.poll() is None:
