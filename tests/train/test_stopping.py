@@ -6,15 +6,19 @@ import os
 import re
 import resource
 import signal
+import subprocess
+import sys
+from types import SimpleNamespace
 
 import pytest
 import torch
+from lightning.fabric.strategies.launchers.subprocess_script import _ChildProcessObserver
 from lightning.pytorch.loggers.csv_logs import ExperimentWriter
 
 from lfref.data.patch_data import FieldPatches
 from lfref.errors import CheckpointError, FileError, LfrefError
 from lfref.train.callbacks import AtomicCheckpointIO, CSVLogger
-from lfref.train.stopping import one_line_errors
+from lfref.train.stopping import PARENT, Stopping, one_line_errors
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*"
@@ -101,3 +105,25 @@ def test_a_checkpoint_of_another_network_is_one_line(tmp_path):
 def test_what_nobody_knows_stays_as_it_is(tmp_path):
     with pytest.raises(RuntimeError, match=r"^unheard of$"), one_line_errors(tmp_path):
         raise RuntimeError("unheard of")
+
+
+def test_lightning_ends_no_process_because_another_one_ended_after_a_signal(tmp_path):
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
+    first, second = subprocess.Popen(sleep), subprocess.Popen(sleep)
+    launcher = SimpleNamespace(procs=[second])
+    strategy = SimpleNamespace(launcher=launcher)
+    trainer = SimpleNamespace(
+        world_size=2, global_rank=0, strategy=strategy, _signal_connector=SimpleNamespace(_sigterm_notifier_fn=None)
+    )
+    observer = _ChildProcessObserver(first.pid, launcher.procs)
+    stopping = Stopping(tmp_path / "last.ckpt", lambda number: None)
+    try:
+        with pytest.raises(KeyboardInterrupt), stopping.listening(trainer):
+            raise KeyboardInterrupt
+        assert second.poll() == -signal.SIGKILL
+        assert observer._run()  # its work is over
+        assert first.poll() is None
+    finally:
+        first.kill()
+        first.wait()
+        os.environ.pop(PARENT, None)
