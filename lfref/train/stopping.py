@@ -200,11 +200,17 @@ def one_line_errors(folder: Path) -> Iterator[None]:
         FileError: The disk refuses.
         LfrefError: A data process died or hangs.
         CheckpointError: A checkpoint does not fit the network.
+        SystemExit: A signal came, whatever failed after it.
     """
     try:
         with atomic.file_errors(folder, "written"):
             yield
-    except RuntimeError as error:
+    except Exception as error:
+        # After a signal, libraries clean up, and may fail over what they had not begun: the signal is what counts.
+        if (end := _exit_behind(error)) is not None:
+            raise end from None
+        if not isinstance(error, RuntimeError):
+            raise
         known = next((entry for part, entry in KNOWN.items() if part in str(error)), None)
         if known is None:
             raise
@@ -213,3 +219,11 @@ def one_line_errors(folder: Path) -> Iterator[None]:
             process.kill()
         error_class, expected, remedy = known
         raise error_class(expected, got=first_line(error), remedy=remedy) from error
+
+
+def _exit_behind(error: BaseException) -> SystemExit | None:
+    """The end of the process during which an error occurred."""
+    before = error.__context__
+    while before is not None and not isinstance(before, SystemExit):
+        before = before.__context__
+    return before

@@ -102,6 +102,16 @@ def test_a_checkpoint_of_another_network_is_one_line(tmp_path):
         torch.nn.Linear(2, 1).load_state_dict(torch.nn.Linear(3, 1).state_dict())
 
 
+@pytest.mark.parametrize("error", [RuntimeError("Connection closed by peer"), AttributeError("not set up")])
+def test_what_fails_after_a_signal_is_the_end_by_the_signal(error, tmp_path):
+    with pytest.raises(SystemExit) as caught, one_line_errors(tmp_path):
+        try:
+            raise SystemExit(143)
+        except SystemExit:
+            raise error  # noqa: B904  as a library that cleans up
+    assert caught.value.code == 143
+
+
 def test_what_nobody_knows_stays_as_it_is(tmp_path):
     with pytest.raises(RuntimeError, match=r"^unheard of$"), one_line_errors(tmp_path):
         raise RuntimeError("unheard of")
