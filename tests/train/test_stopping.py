@@ -104,11 +104,14 @@ def test_a_checkpoint_of_another_network_is_one_line(tmp_path):
 
 @pytest.mark.parametrize("error", [RuntimeError("Connection closed by peer"), AttributeError("not set up")])
 def test_what_fails_after_a_signal_is_the_end_by_the_signal(error, tmp_path):
-    with pytest.raises(SystemExit) as caught, one_line_errors(tmp_path):
+    def fit():
         try:
             raise SystemExit(143)
-        except SystemExit:
-            raise error  # noqa: B904  as a library that cleans up
+        finally:
+            raise error  # as a library that cleans up
+
+    with pytest.raises(SystemExit) as caught, one_line_errors(tmp_path):
+        fit()
     assert caught.value.code == 143
 
 
