@@ -9,7 +9,9 @@
    fit fractions, so that a few slopes suffice; the variance of r is the uncertainty of a pixel. The sweep runs twice:
    over a wide range on even smaller views, then over the range that this gives.
 3. `slope_range`: quantiles of the disparities that are sure and lie on a surface.
-4. `seems_reversed`: rows and columns of views give equal disparities; if one axis of the views is reversed, they give
+4. `scene_range`: one sweep over all slopes at which views overlap. It keeps small surfaces, and is wider than the
+   scene: methods look for disparities within it.
+5. `seems_reversed`: rows and columns of views give equal disparities; if one axis of the views is reversed, they give
    opposite ones. (If both are reversed, only the sign changes; if one is, nothing but slope 0 comes into focus.)
 Letters: `s r` in pixels per view step, `p e` (v, u), `g` (y, x); `S` slopes, `K` views that are read, `h w` rows and
 columns of reduced pixels.

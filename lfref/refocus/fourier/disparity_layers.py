@@ -49,13 +49,13 @@ RIDGE = 1e-3
 REACH = 4.0
 """Disparities that are always tried, to either side of 0, in pixels per view step; `wide_range` may widen them."""
 SPACING = 1.25
-"""Pixels in the outermost view by which neighbouring layers lie apart, at most: light between two layers is blurred by
-half of that."""
+"""Largest distance of neighbouring layers in the outermost view, in pixels: light between two layers is blurred by half
+of it."""
 FARTHEST = 0.25
-"""Share of the shorter side by which disparities may move the corner views: beyond it, most of what layers are fitted
-to lies outside of the views, and a sum of the views is better."""
+"""Largest shift of the corner views that layers fit, as a share of the shorter side: beyond it, layers are fitted
+mostly to what lies outside of the views, and a sum of the views is better."""
 MOST_LAYERS = 96
-"""Largest number of layers that are added for a wide range: each costs memory for a picture."""
+"""Largest number of layers that a wide range gets: each layer needs the memory of a picture."""
 STEP = 0.25
 """Distance of the layers that are tried, in pixels per view step."""
 LEAST_SHARE = 0.01
@@ -319,7 +319,7 @@ def refocus_by_layers(
     for field in batch:  # each has its own layers
         radiance = batches.radiance(field)
         energies = _energies(radiance, disparities, n_layers, aperture)
-        # Nothing that is given says otherwise.
+        # Sums through cells have this fill and no period, and ignore given disparities.
         is_free = disparities is None and fill == 1 and border == "edge"
         if is_free and exceeds_layers(energies, radiance, aperture):
             stacks.append(shift_and_sum_through_cells(radiance, planes, aperture))

@@ -11,7 +11,8 @@ view stands for its whole cell: its box is as wide as the plane is from the midd
 disparities stay sums of points, since cells of one width would blur what is in focus. `disparity_range` finds these
 disparities in milliseconds, from the gradients of one row and one column of reduced views. Where f moves by d pixels a
 view step, the change from view to view is -d times the gradient g in the picture: least squares over a window give
-`d = -sum g L' / sum g^2`, and g^2 weighs the windows.
+`d = -sum g L' / sum g^2`, and g^2 weighs the windows. Gradients fail where views move by several pixels per view
+step. Smaller pictures of the same lines show whether they do; then `scene_range` searches all slopes (`wide_range`).
 Letters: `u v` view column and row, `x y` pixel column and row, `s` slope and `d` disparity in pixels per view step, `n`
 views of a line, `h w` rows and columns of reduced pixels.
 Sources: Ng et al., "Light Field Photography with a Hand-held Plenoptic Camera", 2005, section 4; Adelson, Wang, "Single
