@@ -14,7 +14,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, vignetting
+from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, view_order, vignetting
+from lfref.captures.registration import Registration
 from lfref.errors import FileError, InputError
 from lfref.functional import noise_line
 from lfref.io import tensor_files
@@ -26,6 +27,9 @@ VERSION = 1
 """Version of all corrections, a part of cache keys; raise it when corrected light fields change."""
 SMALLEST = 32
 """Least height and width of views: 8 of the 4-pixel blocks in which brightness is compared."""
+TEXTURE, LEAST_TEXTURED = 0.01, 0.1
+"""Difference of the root of light of neighbours in a texture, and part of the picture with textures from which views
+that do not fit together cannot be compared in brightness."""
 FORMAT = "lfref corrections 1"
 FORMER_FIELDS = {
     "hot_pixels": {"places": "samples"},
@@ -89,6 +93,7 @@ class NoiseDefect:
 
 
 KINDS: tuple[type[Defect], ...] = (
+    view_order.ViewOrderDefect,
     hot_pixels.HotPixelsDefect,
     black_views.BlackViewsDefect,
     vignetting.VignettingDefect,
@@ -114,6 +119,18 @@ class CentralView(NamedTuple):
     """The same maps at low resolution."""
     reduced: ReducedViews
     """The small views from which the maps were estimated."""
+
+    @property
+    def slopes(self) -> tuple[float, float] | None:
+        """Range of the scene's disparities, in pixels per view step; None: unknown."""
+        return slope_range.slope_range(self.coarse)
+
+    @property
+    def is_comparable(self) -> bool:
+        """Whether the places of a point in all views are known, or do not matter, as in a picture of a white wall."""
+        picture = self.reduced.pictures[0]
+        differences = picture[1:, 1:] - picture[:-1, :-1]
+        return self.slopes is not None or float((differences.abs() > TEXTURE).float().mean()) < LEAST_TEXTURED
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +271,7 @@ def estimate_and_correct(
     `view` is the central view, if the caller has computed it.
     """
     _check_white(field, white)
-    grid, size, defects = field.grid, field.size, list[Defect]()
+    grid, size, defects, skipped = field.grid, field.size, list[Defect](), _skipped_of_encoded(field)
     reason = _reason_to_estimate_nothing(field)
     if reason:
         return field, Corrections(grid, size, (), {kind.name: reason for kind in KINDS})
@@ -270,10 +287,15 @@ def estimate_and_correct(
 
     # Each correction changes the estimates after it.
     view = view or central_view(field)
+    if correct_if_due(view_order.find(view.reduced)):
+        view = central_view(field)
     is_new = correct_if_due(hot_pixels.find(field, view.disparity, view.reference))
     is_new |= correct_if_due(black_views.find(field))
     view = central_view(field) if is_new else view
-    if field.is_linear:
+    if not view.is_comparable:
+        reason = "unknown: the views show no common disparities"
+        skipped = {vignetting.VignettingDefect.name: reason, brightness.ExposureDefect.name: reason} | skipped
+    elif field.is_linear:
         ratios = brightness.ratios(field, view.disparity, view.reference)
         shading = vignetting.find(ratios) if white is None else vignetting.find_by_white(white)
         if correct_if_due(shading):
@@ -281,17 +303,22 @@ def estimate_and_correct(
             ratios = brightness.ratios(field, view.disparity, view.reference)
         if correct_if_due(brightness.find_exposure(ratios)):
             view = central_view(field)
-    registered = registration.register(field, view.disparity, view.reference)
+    registered = _registration(field, view)
     if correct_if_due(chromatic.find(field, registered)):
         view = central_view(field)
-        registered = registration.register(field, view.disparity, view.reference)
+        registered = _registration(field, view)
     if correct_if_due(registration.find_alignment(field.grid, registered)):
         view = central_view(field)
-        registered = registration.register(field, view.disparity, view.reference)
+        registered = _registration(field, view)
     correct_if_due(registration.find_spacing(registered))
     if field.is_linear:
         correct_if_due(NoiseDefect(*noise_line.measure(field)))
-    return field, Corrections(grid, size, tuple(defects), _skipped_of_encoded(field))
+    return field, Corrections(grid, size, tuple(defects), skipped)
+
+
+def _registration(field: LightField, view: CentralView) -> Registration | None:
+    """Registration of the views; None where no disparities are known, whose patches it would start from."""
+    return None if view.slopes is None else registration.register(field, view.disparity, view.reference)
 
 
 def central_view(field: LightField) -> CentralView:

@@ -3,6 +3,7 @@
 Nothing is changed. It takes half a second for fifty views of a fifth of a megapixel.
 """
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,14 +12,22 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.captures.correct import Corrections, Defect, central_view, estimate_and_correct
+from lfref.captures.view_order import ViewOrderDefect
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 
+log = logging.getLogger(__name__)
 LEAST_BLUR = 0.5
 """Least shift, in pixels, of the outermost views against the centre at the first and last plane: half a pixel is the
 least blur that shows."""
+UNKNOWN = (-1.0, 1.0)
+"""First and last plane of a light field whose range of slopes is unknown, in pixels per view step."""
+NO_SLOPES = (
+    "slopes are unknown (nothing moves, or too far, or the views do not belong together): give slopes=[LOW,HIGH], or "
+    "check reader.views, reader.grid and reader.spacing (see lfref info)"
+)
 DARK = 0.02
 """Median light below which an 8-bit picture was probably linear before it was decoded: the median of photographs is
 about .18, which decoding once more turns into .18^2.2 = .02."""
@@ -41,15 +50,15 @@ class AutoPlanes:
             raise InputError("planes.n must be a whole number of at least 1", got=self.n)
 
     def of(self, field: LightField) -> FocalPlanes:
-        """The planes of a light field; from -1 to 1 where its range is unknown."""
-        return self.between(slope_range.slope_range(central_view(field).coarse), field)
+        """The planes of a light field; `UNKNOWN` with a warning in the log where its range is unknown."""
+        slopes = central_view(field).slopes
+        if slopes is None:
+            log.warning("%s: planes from %g to %g, since %s", field.name or "light field", *UNKNOWN, NO_SLOPES)
+        return self.between(slopes, field)
 
     def between(self, ends: tuple[float, float] | None, field: LightField) -> FocalPlanes:
-        """Planes from one slope to the other. A range too narrow to change the picture is widened.
-
-        `ends` None stands for -1 and 1.
-        """
-        low, high = ends or (-1.0, 1.0)
+        """Planes from end to end, `UNKNOWN` for None. A range too narrow to change the picture is widened."""
+        low, high = ends or UNKNOWN
         outermost = (max(field.grid) - 1) / 2
         middle, half = (low + high) / 2, max((high - low) / 2, LEAST_BLUR / max(outermost, 1))
         # Operators refuse slopes that move a view by half its size: .49 stays below that.
@@ -77,11 +86,9 @@ class Inspection:
     confidence: Tensor
     """Confidence of the disparity, [0, 1], [H, W]."""
     slopes: tuple[float, float] | None
-    """Range of the scene's slopes in pixels per view step, without 1 % of outliers at either end; None: unknown."""
+    """Range of the scene's slopes in pixels per view step, without .5 % of outliers at either end; None: unknown."""
     confident_share: float
-    """Part of the picture whose disparity is reliable, [0, 1]."""
-    is_reversed: bool
-    """Whether one axis of the views seems to run in the opposite direction to ours."""
+    """Part of the picture's textures whose disparity is reliable, [0, 1]."""
     median_light: float
     """Median of the samples of the central view."""
     corrections: Corrections
@@ -103,12 +110,16 @@ class Inspection:
     def advice(self) -> list[str]:
         """Options that would help, each with its reason, in one line."""
         lines = []
-        if self.is_reversed:
-            lines.append("rows and columns of views disagree about near and far: try reader.reverse_v=true")
+        order = self.defect(ViewOrderDefect.name)
+        if isinstance(order, ViewOrderDefect) and order.remedy:
+            lines.append(f"the views focus better in another order: give {order.remedy}")
+        if isinstance(order, ViewOrderDefect) and self.slopes is None and order.row_spacing != 1:
+            spacing = f"{order.row_spacing:.2g}"
+            lines.append(f"rows seem {spacing} times as far apart as columns: give reader.spacing=[{spacing},1]")
         if self.field.metadata.get("encoding") == "srgb" and self.median_light < DARK:
             lines.append(f"half of the light is below {self.median_light:.1%}: if too dark, try reader.encoding=linear")
         if self.slopes is None:
-            lines.append("nothing moves visibly between views: check reader.views, or name planes, slopes=[-1,0,1]")
+            lines.append(NO_SLOPES)
         if self.defects:
             lines.append("lfref refocus corrects these defects unless correct=none")
         return lines
@@ -117,16 +128,17 @@ class Inspection:
         """The whole inspection as lines of two columns."""
         field, planes = self.field, self.planes.values
         form = {name: field.metadata[name] for name in ("format", "bits", "encoding") if name in field.metadata}
-        span = "unknown: too little moves visibly"
+        span = "unknown"
         if self.slopes is not None:
             low, high = self.slopes
             span = f"{low:.3g} to {high:.3g} px per view step ({self.confident_share:.0%} of the picture is reliable)"
+        chosen_by = "planes=auto" if self.slopes else "planes=auto, the default where slopes are unknown"
         rows = [
             ("name", field.name),
             ("form", ", ".join(f"{name} {value}" for name, value in form.items()) or "unknown"),
             ("views", f"{field.grid[0]}x{field.grid[1]} of {field.size[0]}x{field.size[1]}x{field.views.shape[2]}"),
             ("slopes", span),
-            ("planes", f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} (planes=auto)"),
+            ("planes", f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} ({chosen_by})"),
         ]
         rows += [(defect.name, defect.reason_to_skip() or defect.summary()) for defect in self.corrections.defects]
         rows += [(name, f"not estimated: {why}") for name, why in self.corrections.skipped.items()]
@@ -145,7 +157,6 @@ class Inspection:
             "slopes": None if self.slopes is None else list(self.slopes),
             "confident_share": self.confident_share,
             "planes": list(self.planes.values),
-            "is_reversed": self.is_reversed,
             "median_light": self.median_light,
             "defects": {
                 defect.name: {"reason_to_skip": defect.reason_to_skip(), "summary": defect.summary()}
@@ -168,11 +179,13 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
 
     Example:
         >>> inspection = lfref.inspect(lfref.LightField(torch.rand(5, 5, 3, 64, 80)))
-        >>> inspection.disparity.shape, inspection.is_reversed
-        (torch.Size([64, 80]), False)
+        >>> inspection.disparity.shape, inspection.slopes
+        (torch.Size([64, 80]), None)
     """
     view = central_view(field)
     corrections = estimate_and_correct(field, white, view)[1]
+    if ViewOrderDefect.name in corrections.active:
+        view = central_view(corrections[ViewOrderDefect.name].corrected(field))
     central = field.views[view.reference].flatten()
     # About 50,000 samples, by trial: the median need not be exact.
     median = central[:: max(1, central.numel() // 50_000)].float().nan_to_num().median()
@@ -181,9 +194,8 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         view.reference,
         view.disparity,
         view.confidence,
-        slope_range.slope_range(view.coarse),
-        float(slope_range.on_surfaces(view.coarse).float().mean()),
-        slope_range.seems_reversed(view.reduced),
+        view.slopes,
+        slope_range.reliable_share(view.coarse),
         float(median),
         corrections,
     )

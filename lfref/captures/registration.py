@@ -265,21 +265,24 @@ class SpacingDefect:
     """The ratio as it was estimated, whether it is certain or not; NaN: unknown."""
     error: float
     """Standard error of the ratio."""
+    spacing: float = 1.0
+    """Distance between rows over that between columns by the positions before the correction."""
 
     def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: rows and columns seem to be equally far apart, or their distances are unknown."""
+        """Why nothing is corrected: rows and columns stand as their positions say, or their distances are unknown."""
         if self.ratio != 1:
             return None
         if self.estimate != self.estimate:
             return "unknown: too little depth or texture, or too few rows and columns of views"
-        return f"rows are {self.estimate:.4f} times as far apart as columns, to {self.error:.4f}"
+        return self._distances(self.estimate)
 
     def summary(self) -> str:
         """The ratio, and the reader's option that sets the same."""
-        return (
-            f"rows are {self.ratio:.4f} times as far apart as columns, to {self.error:.4f} "
-            f"(reader.spacing=[{self.ratio:.4f},1])"
-        )
+        return f"{self._distances(self.ratio)} (reader.spacing=[{self.ratio * self.spacing:.4f},1])"
+
+    def _distances(self, ratio: float) -> str:
+        error = self.error * self.spacing
+        return f"rows are {ratio * self.spacing:.4f} times as far apart as columns, to {error:.4f}"
 
     def corrected(self, field: LightField) -> LightField:
         """The same views at corrected positions."""
@@ -297,7 +300,14 @@ def find_spacing(registered: Registration | None) -> SpacingDefect:
     disparities = registered.explanation.disparities[:, 1].abs()
     outermost = float(registered.positions[:, 0].abs().max())
     is_sure = is_certain(abs(float(fit.values[1])), error, disparities, outermost, fit.scatter)
-    return SpacingDefect(ratio if is_sure else 1.0, ratio, error)
+    spacing = _row_spacing(registered.positions.unflatten(0, registered.field.grid))
+    return SpacingDefect(ratio if is_sure else 1.0, ratio, error, spacing)
+
+
+def _row_spacing(positions: Tensor) -> float:
+    """Distance between rows over that between columns, of positions (v, u), [V, U, 2]."""
+    rows, columns = (float(positions.diff(dim=axis)[..., axis].mean()) for axis in (0, 1))
+    return rows / columns
 
 
 def is_certain(excess: float, error: float, disparities: Tensor, outermost: float, scatter: float) -> bool:

@@ -92,7 +92,6 @@ def film(config: DictConfig, folder: Path) -> None:
     first, *others = fields.values()
     white = steps.white_field(config, refocuser)
     opening = steps.read_field(first, config, [refocuser])
-    steps.warn_if_reversed(opening)
     # Corrections and brightness of the first light field serve all of them, so that nothing flickers.
     opening, corrections = steps.correct_field(opening, config, white, refocuser)
     gain = steps.gain(opening, exposure)

@@ -38,9 +38,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
         fields = steps.remaining(fields, places, folder)
 
     def read(_: str, path: Path) -> LightField:
-        field = steps.read_field(path, config, [refocuser], scratch)
-        steps.warn_if_reversed(field)
-        return field
+        return steps.read_field(path, config, [refocuser], scratch)
 
     def compute(_: str, field: LightField) -> tuple[Refocused, Corrections | None]:
         field, corrections = steps.correct_field(field, config, white, refocuser)

@@ -17,6 +17,7 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
+from lfref.captures import view_order
 from lfref.captures.correct import Corrections, correct_by_option
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
@@ -131,12 +132,6 @@ def read_field(
     return field
 
 
-def warn_if_reversed(field: LightField) -> None:
-    """Log a warning if the views of a light field seem to count along one axis in the other direction."""
-    if slope_range.seems_reversed(slope_range.reduce_views(field.views, field.weight, field.positions)):
-        log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
-
-
 def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> None:
     """Run steps on each light field, under a progress bar; those that fail are named at the end.
 
@@ -240,6 +235,10 @@ def correct_field(
     remedy = "take method=shift_and_sum_through_cells to have it corrected"
     even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {remedy}"
     corrected, corrections = correct_by_option(field, str(config.correct), white, even)
+    if corrections is None:
+        order = view_order.find(slope_range.reduce_views(field.views, field.weight, field.positions))
+        if order.remedy:
+            log.warning("%s focuses better with its views in another order: give %s", field.name, order.remedy)
     if corrections is not None and config.explain:
         log.info("%s\n%s", field.name, corrections.summary())
     elif corrections is not None:

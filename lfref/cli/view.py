@@ -32,7 +32,6 @@ def view(config: DictConfig, folder: Path) -> None:
 
     def write_page(name: str, path: Path) -> None:
         field = steps.read_field(path, config, refocusers)
-        steps.warn_if_reversed(field)
         field, _ = steps.correct_field(field, config, white, refocusers[0])
         # Planes of a network come first, then those of the truth, then the configured ones.
         planes = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)

@@ -38,7 +38,7 @@ def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_
     Args:
         path: The light field.
         options: Options of the reader; those that choose views count too.
-        present: Which of the chosen views exist, as stored, [V, U].
+        present: Which of the chosen views exist, as stored but transposed if `transpose` says so, [V, U].
     """
     if options.positions is None:
         spacing = options.spacing or (1, 1)
@@ -47,10 +47,12 @@ def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_
         got, remedy = "both", "leave out reader.positions or reader.spacing"
         raise InputError("cameras stand at positions, or in even steps", got=got, remedy=remedy)
     if options.positions == NAMES:
-        return normalised(view_folders.positions_in_names(path, options), present, f"the names in {path}")
-    listed = read_positions(options.positions)
-    kept = replace(options, views=present.shape).window(listed.shape[:2], Path(options.positions))
-    return normalised(listed[kept], present, options.positions)
+        chosen, source = view_folders.positions_in_names(path, options), f"the names in {path}"
+    else:
+        listed, source = read_positions(options.positions), options.positions
+        shape = present.T.shape if options.transpose else present.shape
+        chosen = listed[replace(options, views=shape).window(listed.shape[:2], Path(source))]
+    return normalised(chosen.swapaxes(0, 1) if options.transpose else chosen, present, source)
 
 
 def even_positions(shape: Sequence[int], spacing: Sequence[float] = (1.0, 1.0)) -> NDArray[np.float64]:
@@ -136,7 +138,11 @@ def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: 
         along, across = abs(steps[axis, axis]), abs(steps[1 - axis, axis])
         if listed.shape[axis] > 1 and (along < across or along == 0):
             got = f"steps of {steps[0, axis]:g} along rows and {steps[1, axis]:g} along columns"
-            raise InputError(f"{source} must let {name} grow together", got=got, remedy="exchange v and u in it")
+            raise InputError(
+                f"{source} must let {name} grow together",
+                got=got,
+                remedy="give reader.transpose=true, or exchange v and u in it",
+            )
     step = np.diagonal(steps)
     centre = listed[present].mean(axis=0) - step * offsets[present].mean(axis=0)
     unit = np.mean(np.abs(step[step != 0])) if step.any() else 1.0

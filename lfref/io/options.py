@@ -21,6 +21,7 @@ _PATH = (str, Path)
 KINDS: dict[str, tuple[str, tuple[type, ...], tuple[type, ...]]] = {
     "views": ("a whole number or [rows,columns]", (int,), (int,)),
     "start": ("a whole number", (int,), ()),
+    "transpose": ("true or false", (bool,), ()),
     "reverse_v": ("true or false", (bool,), ()),
     "reverse_u": ("true or false", (bool,), ()),
     "pattern": ("text", (str,), ()),
@@ -45,10 +46,11 @@ KINDS: dict[str, tuple[str, tuple[type, ...], tuple[type, ...]]] = {
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options as `lfref.read` describes them; `parse` checks them."""
+    """Options as `lfref.read` describes them; `parse` checks them. `views` and `grid` count as the file does."""
 
     views: tuple[int, int] | None = None
     start: int | None = None
+    transpose: bool = False
     reverse_v: bool = False
     reverse_u: bool = False
     pattern: str | None = None
@@ -108,6 +110,9 @@ class ReadOptions:
             raise InputError("spacing must be two steps above 0, of rows and of columns", got=got, remedy=remedy)
         if isinstance(views := options.get("views"), int):
             options["views"] = views, views
+        if options.get("transpose"):
+            # Users count rows and columns of the light field, decoders those of the file.
+            options |= {name: options[name][::-1] for name in ("views", "grid") if options.get(name) is not None}
         for name, form in (("white", Path), ("scratch", Path), ("positions", str)):
             if options.get(name) is not None:
                 options[name] = form(options[name])

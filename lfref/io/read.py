@@ -134,6 +134,7 @@ def read(
     *,
     views: int | tuple[int, int] | None = None,
     start: int | None = None,
+    transpose: bool = False,
     reverse_v: bool = False,
     reverse_u: bool = False,
     pattern: str | None = None,
@@ -160,7 +161,8 @@ def read(
         views: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a lenslet image.
         start: First row and column to keep, from 0, as stored; None keeps the centre, which for 7 of the 14
             views of an ESLF starts at 4 (3 is as central).
-        reverse_v: Whether the rows of views run upwards in the file.
+        transpose: Whether the file counts views down the columns: its rows are columns of the light field.
+        reverse_v: Whether the rows of views run upwards in the file (after `transpose`).
         reverse_u: Whether the columns of views run to the left in the file.
         pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row), or a
             regular expression with the named groups `row` and `column`, or `index`; None: a name in `view_folders`.
@@ -202,9 +204,10 @@ def read(
         torch.Size([3, 3, 3, 24, 32])
     """
     options = ReadOptions.parse(
-        views=views, start=start, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern, lenslet=lenslet,
-        pitch=pitch, offset=offset, rotation=rotation, lattice=lattice, white=white, size=size, grid=grid, holes=holes,
-        axes=axes, variable=variable, positions=positions, spacing=spacing, encoding=encoding, scratch=scratch,
+        views=views, start=start, transpose=transpose, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern,
+        lenslet=lenslet, pitch=pitch, offset=offset, rotation=rotation, lattice=lattice, white=white, size=size,
+        grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing, encoding=encoding,
+        scratch=scratch,
     )  # fmt: skip
     path = Path(path)
     form = format_of(path)
@@ -236,11 +239,13 @@ def read(
     if (rows, columns) != (height, width):
         entries["cut from"] = f"{height}x{width} pixels"
 
+    if transpose:
+        samples, present = samples.swapaxes(0, 1), present.T
+    has_positions = options.positions is not None or options.spacing is not None
+    stored = cameras.camera_positions(path, options, present) if has_positions else None
     # On a reversed axis, the first view in the file becomes the last, and positions change their sign.
     signs = (-1 if reverse_v else 1), (-1 if reverse_u else 1)
     samples = samples[:: signs[0], :: signs[1]]
-    has_positions = options.positions is not None or options.spacing is not None
-    stored = cameras.camera_positions(path, options, present) if has_positions else None
     stood = None if stored is None else torch.from_numpy(stored[:: signs[0], :: signs[1]] * signs)
     allocate = None if options.scratch is None else allocator(options.scratch)
     return LightField(

@@ -4,6 +4,7 @@ import json
 
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
 
 import lfref
 from lfref.captures.inspect import AutoPlanes, inspect
@@ -12,6 +13,7 @@ from lfref.geometry import checked_slopes
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
+from tests.refocus.conftest import texture
 
 from .scenes import recorded
 
@@ -56,8 +58,9 @@ def test_defects_are_named(inspection):
 
 def test_the_option_for_a_reversed_axis_is_named(shards):
     reversed_rows = inspect(LightField(shards.views.flip(0)))
-    assert reversed_rows.is_reversed
     assert any("reader.reverse_v=true" in line for line in reversed_rows.lines())
+    # All else is estimated in the corrected order.
+    assert reversed_rows.slopes == pytest.approx(inspect(shards).slopes, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -85,10 +88,42 @@ def test_views_in_which_nothing_moves_have_no_range(views):
     json.dumps(inspection.as_dict(), allow_nan=False)
 
 
+def hopeless() -> dict[str, torch.Tensor]:
+    """Name -> views without a common scene, [V, U, C, 96, 120]."""
+    picture, others, large = texture(3, 96, 120), texture(75, 96, 120).unflatten(0, (25, 3)), texture(3, 200, 240)
+    widths = [(0, 0.8 * abs(step), 0.8 * abs(step)) for step in range(-4, 5)]
+    blurred = [torch.from_numpy(gaussian_filter(picture.numpy(), width)) for width in widths]
+    walk = torch.randint(0, 90, (25, 2), generator=torch.Generator().manual_seed(1)).tolist()
+    pair = torch.stack([large[:, :96, 9:129], large[:, :96, :120]])
+    return {
+        "noise": torch.rand(5, 5, 3, 96, 120),
+        "noise on grey": (0.4 + 0.02 * torch.randn(5, 5, 3, 96, 120)).clamp(0, 1),
+        "black": torch.zeros(5, 5, 3, 96, 120),
+        "grey": torch.full((5, 5, 3, 96, 120), 0.4),
+        "a smooth gradient": torch.linspace(0.2, 0.6, 120).expand(5, 5, 3, 96, 120),
+        "unrelated pictures": others.unflatten(0, (5, 5)),
+        "a focal stack in a row": torch.stack(blurred)[None],
+        "a focal stack in a grid": torch.stack(blurred).unflatten(0, (3, 3)),
+        "a pair, one above the other, that moves sideways": pair[:, None],
+        "a walk": torch.stack([large[:, y : y + 96, x : x + 120] for y, x in walk]).unflatten(0, (5, 5)),
+    }
+
+
+@pytest.mark.parametrize("name", hopeless())
+def test_what_cannot_be_known_is_unknown(name):
+    inspection = inspect(LightField(hopeless()[name].float()))
+    assert inspection.slopes is None
+    assert inspection.planes.values == pytest.approx(torch.linspace(-1, 1, 16).tolist())
+    assert any("slopes are unknown" in line and "slopes=[LOW,HIGH]" in line for line in inspection.advice())
+    for defect in ("chromatic", "alignment", "spacing"):
+        assert inspection.defect(defect).reason_to_skip().startswith("unknown")
+    assert inspection.corrections.active == ()
+
+
 def test_the_real_capture_reaches_from_its_nose_to_the_wall(lytro):
     inspection = inspect(lfref.read(lytro, encoding="linear"))
     assert inspection.slopes == pytest.approx((-1.36, 0.1), abs=0.15)
-    assert not inspection.is_reversed
+    assert not inspection.defect("view_order").remedy
     assert inspection.confident_share > 0.9
 
 

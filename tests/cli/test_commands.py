@@ -96,14 +96,16 @@ def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
     assert "leave the planes as it was trained" in error
 
 
-def test_refocus_warns_when_one_axis_of_views_is_reversed(lfref, trained, tmp_path):
+def test_refocus_corrects_a_reversed_axis_of_views_or_warns_of_it(lfref, trained, tmp_path):
     field = trained / "scenes" / "simulated_s0_e0_001"
     words = ("refocus", f"input={field}", "alphas=[1]", f"output={tmp_path}/out")
     log = tmp_path / "out" / "refocus.log"
     assert lfref(*words)[0] == 0
     assert "reverse" not in log.read_text()
     assert lfref(*words, "reader.reverse_v=true", "overwrite=true")[0] == 0
-    assert "one axis reversed" in log.read_text()
+    assert "corrected: view_order" in log.read_text()
+    assert lfref(*words, "reader.reverse_v=true", "correct=none", "overwrite=true")[0] == 0
+    assert "its views in another order: give reader.reverse_v=true" in log.read_text()
 
 
 def test_eval_writes_every_plane_and_the_means(lfref, trained):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 import torch
 
+from lfref.captures import view_order
 from lfref.captures.correct import correct
 from lfref.data.field_sources import FolderSource, SimulatedSource
 from lfref.errors import InputError
 from lfref.io import read as reader
-from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import reduce_views
 from lfref.simulator import painting, sim30
 from lfref.simulator.effects.noise import Noise
@@ -63,8 +63,8 @@ def test_any_seed_that_lightning_takes_works(seed):
 
 def test_simulated_parallax_runs_in_our_order():
     views = SimulatedSource(1, 0, RandomScenes(Camera((5, 5), (64, 64)))).field(0).views
-    assert not slope_range.seems_reversed(reduce_views(views))
-    assert slope_range.seems_reversed(reduce_views(views.flip(0)))
+    assert not view_order.find(reduce_views(views)).remedy
+    assert view_order.find(reduce_views(views.flip(0))).is_reversed
 
 
 def test_a_single_scene_is_seen_as_it_is_and_then_with_other_noise():

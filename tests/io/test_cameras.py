@@ -141,6 +141,14 @@ def test_a_reader_takes_positions_of_the_views_that_it_keeps(view_folder, tmp_pa
     np.testing.assert_allclose(turned, field.positions.numpy()[::-1] * (-1, 1))
 
 
+def test_positions_of_a_transposed_grid_are_in_the_order_of_its_views(view_folder, tmp_path):
+    # Files count down the columns; v and u in the table are those of the cameras.
+    folder = view_folder({(row, column): f"a_{column}_{row}.png" for row in range(3) for column in range(3)})
+    path = table(tmp_path / "a.csv", "row,column,v,u", 31 * UNEVEN.swapaxes(0, 1))
+    positions = read.read(folder, positions=path, transpose=True).positions.numpy()
+    np.testing.assert_allclose(positions, cameras.normalised(UNEVEN, ALL, "a"))
+
+
 def test_a_reader_takes_a_spacing_as_it_is(view_folder):
     folder = view_folder({(row, column): f"a_{row}_{column}.png" for row in range(2) for column in range(3)})
     positions = read.read(folder, spacing=(1, 1.25), reverse_u=True).positions.numpy()

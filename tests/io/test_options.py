@@ -14,6 +14,7 @@ from tests.io.lenslet_drawing import made
 WRONG = {
     "views": ["a", [3], 3.5, True],
     "start": ["a", 1.5],
+    "transpose": ["yes", 1],
     "reverse_v": ["yes", 1],
     "reverse_u": [0],
     "pattern": [3],

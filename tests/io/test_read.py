@@ -31,6 +31,24 @@ def test_options_mean_the_same_for_every_form(tmp_path, make_field, suffix):
     assert window.views.is_contiguous()
     both = read.read(path, reverse_v=True, reverse_u=True)
     torch.testing.assert_close(both.views, field.views.flip(0, 1), rtol=0, atol=0)
+    columns_first = read.read(path, views=(3, 2), start=1, transpose=True, reverse_v=True)
+    torch.testing.assert_close(columns_first.views, field.views[1:3, 1:4].transpose(0, 1).flip(0), rtol=0, atol=0)
+    assert columns_first.views.is_contiguous()
+
+
+def test_views_numbered_down_the_columns_are_read_with_the_grid_of_the_light_field(tmp_path, make_field):
+    field = make_field((2, 3))
+    names = {(row, column): f"cam_{2 * column + row:03d}.png" for row in range(2) for column in range(3)}
+    for (row, column), name in names.items():
+        images.write_image(tmp_path / name, field.views[row, column].permute(1, 2, 0).numpy(), bits=16)
+    views = read.read(tmp_path, pattern="index", grid=(2, 3), transpose=True, encoding="linear").views
+    torch.testing.assert_close(views, field.views, rtol=0, atol=1e-5)
+
+
+def test_an_array_may_be_transposed_too(tmp_path, make_field):
+    field = make_field((3, 4))
+    np.save(tmp_path / "a.npy", field.views.permute(1, 0, 3, 4, 2).numpy())
+    torch.testing.assert_close(read.read(tmp_path / "a.npy", transpose=True).views, field.views, rtol=0, atol=0)
 
 
 FOREIGN = {

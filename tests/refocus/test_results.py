@@ -57,8 +57,7 @@ def reduced() -> tuple[Tensor, ...]:
     coarse = slope_range.disparity_of_reduced(small)
     ends = slope_range.slope_range(coarse)
     assert ends is not None
-    numbers = [*ends, slope_range.axis_correlation(small), float(slope_range.seems_reversed(small))]
-    return coarse.disparity, coarse.confidence, slope_range.on_surfaces(coarse).float(), torch.tensor(numbers)
+    return coarse.disparity, coarse.confidence, slope_range.on_surfaces(coarse).float(), torch.tensor(ends)
 
 
 def ordered() -> tuple[Tensor, Tensor, Tensor]:

@@ -11,8 +11,6 @@
 3. `slope_range`: quantiles of the disparities that are sure and lie on a surface.
 4. `scene_range`: one sweep over all slopes at which views overlap. It keeps small surfaces, and is wider than the
    scene: methods look for disparities within it.
-5. `seems_reversed`: rows and columns of views give equal disparities; if one axis of the views is reversed, they give
-   opposite ones. (If both are reversed, only the sign changes; if one is, nothing but slope 0 comes into focus.)
 Letters: `s r` in pixels per view step, `p e` (v, u), `g` (y, x); `S` slopes, `K` views that are read, `h w` rows and
 columns of reduced pixels.
 Sources: Lucas, Kanade, "An Iterative Image Registration Technique", 1981; Adelson, Wang, "Single Lens Stereo with a
@@ -44,31 +42,39 @@ WINDOW = 2
 """Reduced pixels to each side that share one disparity in a fit."""
 SKIRT = 0.05
 """Weight of a window three times as wide, which decides where the inner one is flat."""
-WIDEST = 4.0
-"""Slopes of the first sweep, in pixels of its smaller views per view step."""
 OVERLAP = 0.45
-"""Share of the shorter side by which the sweep of `scene_range` shifts the outermost view that is read, at most:
-operators refuse slopes at which the corner views move by half a side."""
+"""Share of the shorter side by which sweeps over all slopes shift the outermost view that is read, at most: operators
+refuse slopes at which the corner views move by half a side."""
 DETAIL = 48
-"""Pixels along the shorter side of the views of that sweep: small surfaces still show in them."""
+"""Pixels along the shorter side of the views of `scene_range`: small surfaces still show in them."""
 SPARE = 0.25
 """Share of its range that is added at either end: reduced views do not show thin things, which may be at the ends."""
 BIN, FEWEST = 0.25, 6
 """Width of a bin of its disparities, in reduced pixels per view step; sure pixels that fill a bin."""
+NEAR = 3
+"""Reduced pixels to each side over which pictures are averaged twice for their smooth parts."""
+SHADING = 0.35
+"""Share of the smooth parts that stays for the fit. Sheen on a wall moves as if it lay behind the wall, and vignetting
+as if it stood still; textures tell where a surface is, and where there are none, a share of the shading suffices."""
 MARGIN = 0.5
 """Reduced pixels per view step that the second sweep goes beyond the result of the first."""
 UNSURE = 0.03
 """Standard error in reduced pixels per view step at which the confidence is 1/2."""
 FLOOR = 1e-7
 """Variance of roots of light that good views leave; rounding to 8 bits leaves about ten times that."""
+ROUNDING = 20 * FLOOR
+"""Variance of dark roots of light that are rounded to 8 bits."""
 SURE = 0.5
 """Confidence from which a disparity counts."""
 TOGETHER = 0.1
 """Reduced pixels per view step by which neighbours on one surface differ at most."""
-STRAYS = 0.01
+STRAYS = 0.005
 """Share of the sure pixels beyond either end of the range."""
-AGREE = 0.5
-"""Correlation of rows and columns: simulated scenes of all kinds have .74 to 1, with one axis reversed -.74 to -1."""
+LEAST_SHARE = 0.1
+"""Least part of the textured picture that must be sure: unrelated pictures have none, and focal stacks .07; a capture
+with noise of .2 has .11."""
+LEAST_STILL = 0.8
+"""The same where nothing moves: scenes that stand still have .99, and a focal stack in a row .54."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +203,20 @@ class CoarseDisparity(NamedTuple):
     """1 / (1 + (standard error / .03 reduced pixels per view step)²), in [0, 1], float32, [h, w]."""
     factor: int
     """Pixels along each side of a reduced pixel."""
+    is_textured: Tensor
+    """Where views that agree but for rounding would give a confidence above 1/2, bool, [h, w]."""
+
+
+class SlopeFit(NamedTuple):
+    """Least squares at each reduced pixel, each [h, w]."""
+
+    unexplained: Tensor
+    """Variance that is left."""
+    disparity: Tensor
+    information: Tensor
+    """Squared change that a unit of disparity makes, summed over views."""
+    freedom: Tensor
+    """Number of views less one."""
 
 
 @torch.no_grad()
@@ -214,8 +234,7 @@ def disparity_of_reduced(reduced: ReducedViews) -> CoarseDisparity:
     """
     first = _first_sweep(reduced)
     if not bool(first.confidence.any()):
-        empty = torch.zeros(reduced.pictures.shape[1:])
-        return CoarseDisparity(empty, empty, reduced.factor)
+        return _nothing(reduced)
     sure = first.confidence >= min(SURE, float(first.confidence.quantile(0.8)))
     ends = first.disparity[sure].quantile(torch.tensor([0.005, 0.995])) / reduced.factor
     return _swept(reduced, float(ends[0]) - MARGIN, float(ends[1]) + MARGIN)
@@ -223,17 +242,40 @@ def disparity_of_reduced(reduced: ReducedViews) -> CoarseDisparity:
 
 @torch.no_grad()
 def _first_sweep(reduced: ReducedViews) -> CoarseDisparity:
-    """Over all slopes, on views that are reduced once more: to 24 pixels along their shorter side, at most 4 times."""
-    size = reduced.pictures.shape[1:]
-    if len(reduced.indices) < 2 or min(size) < 2:
-        empty = torch.zeros(size)
-        return CoarseDisparity(empty, empty, reduced.factor)
-    reach = float(reduced.steps.abs().max())
-    widest = WIDEST * min(1.0, REACH / reach) if reach else WIDEST
-    return _swept(reduced.smaller(max(1, min(4, min(size) // 24))), -widest, widest)
+    """Over all slopes, on the smallest views."""
+    if len(reduced.indices) < 2 or min(reduced.pictures.shape[1:]) < 2:
+        return _nothing(reduced)
+    smaller = smallest(reduced)
+    return as_disparity(widest_fit(smaller), smaller.factor)
+
+
+def _nothing(reduced: ReducedViews) -> CoarseDisparity:
+    empty = torch.zeros(reduced.pictures.shape[1:])
+    return CoarseDisparity(empty, empty, reduced.factor, empty.bool())
+
+
+def smallest(reduced: ReducedViews) -> ReducedViews:
+    """The views of the first sweep: reduced to 24 pixels along their shorter side, at most 4 times."""
+    return reduced.smaller(max(1, min(4, min(reduced.pictures.shape[1:]) // 24)))
+
+
+def widest_fit(reduced: ReducedViews) -> SlopeFit:
+    """The best fit among all slopes at which views overlap."""
+    widest = _widest(reduced)
+    return best_fit(reduced, -widest, widest)
+
+
+def _widest(reduced: ReducedViews) -> float:
+    """Largest slope at which views overlap, in reduced pixels per view step."""
+    return OVERLAP * min(reduced.pictures.shape[1:]) / max(float(reduced.steps.abs().max()), 1.0)
 
 
 def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
+    """Disparity and confidence by the best fit among the slopes from `low` to `high`."""
+    return as_disparity(best_fit(reduced, low, high), reduced.factor)
+
+
+def best_fit(reduced: ReducedViews, low: float, high: float) -> SlopeFit:
     """The best fit among the slopes from `low` to `high`, in reduced pixels per view step."""
     # Slopes at which the outermost view moves by one pixel more each.
     reach = float(reduced.steps.abs().max())
@@ -244,7 +286,7 @@ def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
     pad = math.ceil(max(abs(low), abs(high)) * reach) + 1
     weights = F.pad(reduced.weights, (pad,) * 4)
     # A binomial window first: gradients of sharper pictures would not be those of what was sampled.
-    padded = F.pad(reduced.pictures[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
+    padded = F.pad(_detail(reduced.pictures, reduced.weights)[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
     rows = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
     light = F.pad((rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]) / 16, (pad,) * 4) * weights
     parts = slopes.split(max(1, 40_000 // light[0].numel()))  # many slopes of small views at once
@@ -252,24 +294,31 @@ def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
     for fit in others:
         is_better = fit.unexplained < best.unexplained
         best = SlopeFit(*(torch.where(is_better, new, old) for new, old in zip(fit, best, strict=True)))
+    return best
+
+
+def _detail(pictures: Tensor, weights: Tensor) -> Tensor:
+    """Pictures [K, h, w] with their smooth parts made weaker."""
+
+    def smoothed(images: Tensor) -> Tensor:
+        for _ in range(2):
+            images = F.pad(images[:, None], (NEAR,) * 4, mode="replicate")
+            images = F.avg_pool2d(images, 2 * NEAR + 1, 1)[:, 0]
+        return images
+
+    smooth = smoothed(pictures * weights) / smoothed(weights).clamp(min=1e-6)
+    return (pictures - (1 - SHADING) * smooth) * weights
+
+
+def as_disparity(best: SlopeFit, factor: int) -> CoarseDisparity:
+    """Disparity and confidence of the best fit to pictures that are reduced by a factor."""
     # Variance of r: what is unexplained, over the information of all pixels of the window.
-    error = (best.unexplained + FLOOR) / (best.information * (2 * WINDOW + 1) ** 2).clamp(min=1e-12)
-    confidence = torch.where(best.freedom > 0, 1 / (1 + error / UNSURE**2), 0.0)
+    information = (best.information * (2 * WINDOW + 1) ** 2).clamp(min=1e-12)
+    confidence = torch.where(best.freedom > 0, 1 / (1 + (best.unexplained + FLOOR) / information / UNSURE**2), 0.0)
     known = confidence >= 0.02  # others take the median
     middle = best.disparity[known].median() if bool(known.any()) else 0.0
-    return CoarseDisparity(reduced.factor * torch.where(known, best.disparity, middle), confidence, reduced.factor)
-
-
-class SlopeFit(NamedTuple):
-    """Least squares at each reduced pixel, each [h, w]."""
-
-    unexplained: Tensor
-    """Variance that is left."""
-    disparity: Tensor
-    information: Tensor
-    """Squared change that a unit of disparity makes, summed over views."""
-    freedom: Tensor
-    """Number of views less one."""
+    disparity = factor * torch.where(known, best.disparity, middle)
+    return CoarseDisparity(disparity, confidence, factor, ROUNDING / information < UNSURE**2)
 
 
 def fit_slopes(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, most: float, pad: int) -> list[SlopeFit]:
@@ -391,7 +440,7 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
     if len(reduced.indices) < 2 or min(reduced.pictures.shape[1:]) < 2:
         return None
     smaller = reduced.smaller(max(1, min(2, min(reduced.pictures.shape[1:]) // DETAIL)))
-    widest = OVERLAP * min(smaller.pictures.shape[1:]) / max(float(reduced.steps.abs().max()), 1.0)
+    widest = _widest(smaller)
     swept = _swept(smaller, -widest, widest)
     sure = swept.disparity[swept.confidence >= SURE] / swept.factor
     bins, counts = (sure / BIN).round().long().unique(return_counts=True)
@@ -407,19 +456,28 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
 
 @torch.no_grad()
 def slope_range(coarse: CoarseDisparity) -> tuple[float, float] | None:
-    """Lower and upper end of a scene's disparities, in pixels per view step; None where too few are sure.
+    """Lower and upper end of a scene's disparities, in pixels per view step; None where too little of it is sure.
 
     Example:
         >>> from lfref.refocus.focus.slope_range import disparity_of_reduced, reduce_views
         >>> slope_range(disparity_of_reduced(reduce_views(torch.full((5, 5, 3, 64, 64), 0.5)))) is None
         True
     """
-    sure = on_surfaces(coarse)
-    if int(sure.sum()) < min(50, sure.numel() / 4):
+    sure, share = on_surfaces(coarse), reliable_share(coarse)
+    if int((sure & coarse.is_textured).sum()) < min(50, sure.numel() / 4) or share < LEAST_SHARE:
         return None
     low, high = coarse.disparity[sure].quantile(torch.tensor([STRAYS, 1 - STRAYS])).tolist()
+    # Blurred copies of one picture, as of a focal stack, seem to stand still where they happen to be alike.
+    if max(abs(low), abs(high)) < UNSURE * coarse.factor and share < LEAST_STILL:
+        return None
     margin = 0.03 * (high - low)  # windows see less of what is small, and of the very ends
     return low - margin, high + margin
+
+
+def reliable_share(coarse: CoarseDisparity) -> float:
+    """Part of the textured picture whose disparity is sure and lies on a surface, [0, 1]; 1 without any texture."""
+    is_reliable = on_surfaces(coarse)[coarse.is_textured]
+    return float(is_reliable.float().mean()) if is_reliable.numel() else 1.0
 
 
 def on_surfaces(coarse: CoarseDisparity) -> Tensor:
@@ -428,31 +486,3 @@ def on_surfaces(coarse: CoarseDisparity) -> Tensor:
     around = F.unfold(padded, 3).reshape(9, *coarse.disparity.shape)
     together = ((around - coarse.disparity).abs() < TOGETHER * coarse.factor).sum(0) > 6  # itself is one of the 9
     return (coarse.confidence > SURE) & together
-
-
-def seems_reversed(reduced: ReducedViews) -> bool:
-    """Whether one axis of the views is reversed (which one cannot be known); of a single row or column False.
-
-    Example:
-        >>> from lfref.refocus.focus.slope_range import reduce_views
-        >>> seems_reversed(reduce_views(torch.rand(1, 5, 3, 64, 64)))
-        False
-    """
-    return axis_correlation(reduced) < -AGREE
-
-
-@torch.no_grad()
-def axis_correlation(reduced: ReducedViews) -> float:
-    """Correlation of the disparities of the column of views with those of the row, -1 to 1; 0 where unknown."""
-    axes = [reduced.along(axis) for axis in (0, 1)]
-    if min(len(views.indices) for views in axes) < 2:
-        return 0.0
-    column, row = (_first_sweep(views) for views in axes)
-    sure = (column.confidence > SURE) & (row.confidence > SURE)
-    if float(sure.float().mean()) < 0.02:  # of the picture
-        return 0.0
-    both = torch.stack([column.disparity[sure], row.disparity[sure]])
-    motion = both.square().mean(1).sqrt()
-    if float(motion.min()) < 0.03 * row.factor:  # the standard error of sure pixels: signs mean nothing
-        return 0.0
-    return float((both[0] * both[1]).mean() / motion.prod())
