@@ -1,7 +1,7 @@
 """From the raw image of a Lytro camera to views in linear light, by what its own record says.
 
-    samples -> light (black and white level) -> divided by the white image -> white balance -> all colours at each
-    pixel -> linear sRGB (colour matrix) -> views on the lattice of lenslets
+    samples -> light (black and white level) -> white balance -> divided by the white image -> all colours at each
+    pixel -> views on the lattice of lenslets -> linear sRGB (colour matrix)
 
 The record gives the lattice to about a pixel; the white image, or the raw image itself, shows it to hundredths. The
 gamma of the record is left out: views are linear light. `lytro_files` reads the files.
@@ -40,6 +40,10 @@ TILINGS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "square"}
 """Tiling of the lenslets in a record -> lattice."""
 FEWEST_PIXELS, MOST_PIXELS = lenslet_search.SHORTEST_PITCH, lenslet_search.LONGEST_PITCH
 """Range of the distance between lenslets, in pixels."""
+BAND = 512
+"""Rows whose colours are interpolated at a time, which saves memory."""
+NEIGHBOURS = [(y, x) for y in range(-2, 3) for x in range(-2, 3) if abs(y) + abs(x) <= 2]
+"""Steps (y, x) to the pixels that enter an interpolated colour."""
 COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
 """Colour of a pixel of the mosaic (green in rows of red, green in rows of blue) -> channel."""
 
@@ -52,14 +56,10 @@ def decode_raw(path: Path, options: ReadOptions) -> NDArray[np.float32]:
     image = lytro_files.read_raw(path)
     pattern = mosaic(image.record)
     white = _white_light(image, options.white, pattern)
-    recorded = light_of(image.samples, image.record)
-    light = per_colour(recorded, pattern, balance(image.record))
-    if white is not None:
-        light /= np.maximum(white, lenslets.DARK / 10)
-    # All colours end where the least amplified one does: saturated pixels are white, and alike in all views.
-    light = np.where(recorded < 1, np.minimum(light, 1), np.float32(1))
-    colours = demosaiced(light, pattern) @ colour_matrix(image.record).T
+    light = _even_light(image, white, pattern)
+    colours = demosaiced(light, pattern)
     lattice = _lattice(image, colours.mean(axis=2) if white is None else white, options)
+    keep_to_lenslets(colours, light, pattern, lattice)
     angular = lenslet_lattice.n_views(lattice.pitch[0]), lenslet_lattice.n_views(lattice.pitch[1])
     default = min(lenslets.DEFAULT_VIEWS, angular[0]), min(lenslets.DEFAULT_VIEWS, angular[1])
     window = options.window(angular, path, options.views or default)
@@ -67,10 +67,24 @@ def decode_raw(path: Path, options: ReadOptions) -> NDArray[np.float32]:
     if not views.size:
         expected = f"{path} must hold whole lenslets of {lattice.pitch[1]:.4g} pixels"
         raise FileError(expected, got="{}x{} pixels".format(*image.samples.shape), remedy="check reader.pitch")
+    # The matrix mixes colours of one place, so that it may follow the sampling, which leaves fewer samples.
+    views = np.einsum("ij,vujhw->vuihw", colour_matrix(image.record), views).astype(np.float32)
     if white is None:
         return views
     trust = lenslet_lattice.sample_views(white[..., None], lattice, angular, window) / lenslets.DARK
     return np.concatenate([views, trust.clip(0, 1)], axis=2, dtype=np.float32)
+
+
+def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: list[list[str]]) -> NDArray[np.float32]:
+    """Light of the mosaic, balanced and divided by the white image, [H, W]."""
+    light = light_of(image.samples, image.record)
+    is_saturated = light >= 1
+    light = per_colour(light, pattern, balance(image.record))
+    if white is not None:
+        light /= np.maximum(white, lenslets.DARK / 10)
+    # All colours end where the least amplified one does: saturated pixels are white, and alike in all views.
+    light[is_saturated] = 1
+    return np.minimum(light, 1, out=light)
 
 
 def _white_light(image: RawImage, path: Path | None, pattern: list[list[str]]) -> NDArray[np.float32] | None:
@@ -276,10 +290,52 @@ def demosaiced(light: NDArray[np.float32], pattern: list[list[str]]) -> NDArray[
                 # A green pixel has this colour either in its row or in its column.
                 kernel = along if COLOURS[pattern[y][1 - x]] == colour else along.T
             kernels[colour, y, x, y : y + 5, x : x + 5] = kernel / 8
-    # One convolution gives the colours of all four pixels of a tile. Mirroring at the border keeps colours in place.
+    weights = torch.from_numpy(kernels.reshape(12, 1, 6, 6).astype(np.float32))
+    # Mirroring at the border keeps colours in place.
     padded = F.pad(torch.from_numpy(light)[None, None], (2, 2, 2, 2), mode="reflect")
-    tiles = F.conv2d(padded, torch.from_numpy(kernels.reshape(12, 1, 6, 6).astype(np.float32)), stride=2)
-    return F.pixel_shuffle(tiles, 2)[0].permute(1, 2, 0).numpy()
+    colours = np.empty((*light.shape, 3), np.float32)
+    for top in range(0, len(light), BAND):
+        # One convolution gives the colours of all four pixels of a tile.
+        tiles = F.conv2d(padded[..., top : top + BAND + 4, :], weights, stride=2)
+        colours[top : top + BAND] = F.pixel_shuffle(tiles, 2)[0].permute(1, 2, 0).numpy()
+    return colours
+
+
+def keep_to_lenslets(
+    colours: NDArray[np.float32], light: NDArray[np.float32], pattern: list[list[str]], lattice: Lattice
+) -> None:
+    """Interpolate colours [H, W, 3] anew where neighbouring lenslets entered: by the mean of the lenslet's own pixels.
+
+    Neighbours on the other side of a border show the scene from the opposite direction. The mean is that of the eight
+    neighbours, weighted as for linear interpolation; where none of a colour is in the lenslet, nothing changes.
+    """
+    height, width = light.shape
+    for top in range(0, height, BAND):
+        # Two rows and columns more on each side; those beyond the image belong to no lenslet.
+        y, x = np.arange(top - 2, min(top + BAND, height) + 2)[:, None], np.arange(-2, width + 2)[None, :]
+        i, j = lattice.nearest(y, x)
+        outside = (y < 0) | (y >= height) | (x < 0) | (x >= width)
+        lenslet = np.where(outside, -1, (i - i.min()) * (2 * width) + j - j.min()).astype(np.int32)
+        known = light[y.clip(0, height - 1), x.clip(0, width - 1)]
+        band = colours[top : top + BAND]
+        for (row, column), key in np.ndenumerate(pattern):
+            near = [
+                (slice(2 + row + down, len(y) - 2 + down, 2), slice(2 + column + right, width + 2 + right, 2))
+                for down, right in NEIGHBOURS
+            ]
+            own = lenslet[near[NEIGHBOURS.index((0, 0))]]
+            is_same = [lenslet[place] == own for place in near]
+            is_crossed = ~np.logical_and.reduce(is_same)
+            for colour in {0, 1, 2} - {COLOURS[key]}:
+                total, weights = np.zeros(own.shape, np.float32), np.zeros(own.shape, np.float32)
+                for (down, right), place, same in zip(NEIGHBOURS, near, is_same, strict=True):
+                    is_near = max(abs(down), abs(right)) == 1
+                    if is_near and COLOURS[pattern[(row + down) % 2][(column + right) % 2]] == colour:
+                        weight = same * np.float32(1 if down and right else 2)
+                        total += weight * known[place]
+                        weights += weight
+                target = band[row::2, column::2, colour]
+                np.divide(total, weights, out=target, where=is_crossed & (weights > 0))
 
 
 def metadata_lattice(record: Record) -> Lattice:
