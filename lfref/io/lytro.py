@@ -6,7 +6,7 @@
 The record gives the lattice to about a pixel; the white image, or the raw image itself, shows it to hundredths. The
 gamma of the record is left out: views are linear light. `lytro_files` reads the files.
 Sources: Malvar, He, Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images", 2004;
-the Light Field Toolbox 0.5, which also divides before it interpolates colours.
+the Light Field Toolbox 0.5 (calibration, read for facts), which also divides before it interpolates colours.
 Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
 """
 
@@ -43,7 +43,9 @@ FEWEST_PIXELS, MOST_PIXELS = lenslet_search.SHORTEST_PITCH, lenslet_search.LONGE
 BAND = 512
 """Rows whose colours are interpolated at a time, which saves memory."""
 NEIGHBOURS = [(y, x) for y in range(-2, 3) for x in range(-2, 3) if abs(y) + abs(x) <= 2]
-"""Steps (y, x) to the pixels that enter an interpolated colour."""
+"""Steps (y, x) to the pixels that enter an interpolated colour; the pixel itself is in the middle."""
+Mosaic = list[list[str]]
+"""Colours, keys of `COLOURS`, of the pixels (0, 0), (0, 1), (1, 0) and (1, 1), [2][2]."""
 COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
 """Colour of a pixel of the mosaic (green in rows of red, green in rows of blue) -> channel."""
 
@@ -75,7 +77,7 @@ def decode_raw(path: Path, options: ReadOptions) -> NDArray[np.float32]:
     return np.concatenate([views, trust.clip(0, 1)], axis=2, dtype=np.float32)
 
 
-def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: list[list[str]]) -> NDArray[np.float32]:
+def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: Mosaic) -> NDArray[np.float32]:
     """Light of the mosaic, balanced and divided by the white image, [H, W]."""
     light = light_of(image.samples, image.record)
     is_saturated = light >= 1
@@ -87,7 +89,7 @@ def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: lis
     return np.minimum(light, 1, out=light)
 
 
-def _white_light(image: RawImage, path: Path | None, pattern: list[list[str]]) -> NDArray[np.float32] | None:
+def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray[np.float32] | None:
     """The white image, each colour 1 where it is white, [H, W]; None if neither the user nor the container has one."""
     if path is not None:
         found = read_white(path, image)
@@ -196,9 +198,8 @@ def _open_tar(path: Path) -> Iterator[tarfile.TarFile]:
         with atomic.file_errors(path, "read"), tarfile.open(path) as archive:
             yield archive
     except tarfile.TarError as error:
-        raise FileError(
-            f"{path} must be a whole tar file", got=first_line(error), remedy=lytro_files.DAMAGED
-        ) from error
+        got = first_line(error)
+        raise FileError(f"{path} must be a whole tar file", got=got, remedy=lytro_files.DAMAGED) from error
 
 
 def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
@@ -215,8 +216,8 @@ def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
             yield _White(name, Record(Path(name), frame), lytro_files.serial_of([whole]), read)
 
 
-def mosaic(record: Record) -> list[list[str]]:
-    """Colours, keys of `COLOURS`, of the pixels (0, 0), (0, 1), (1, 0) and (1, 1), [2][2]."""
+def mosaic(record: Record) -> Mosaic:
+    """The colour mosaic that a record describes."""
     keys = (*lytro_files.details(record), "mosaic")
     tiles, first = str(record.get(*keys, "tile")), str(record.get(*keys, "upperLeftPixel"))
     tile = [row.split(",") for row in tiles.split(":")]
@@ -241,7 +242,7 @@ def light_of(samples: NDArray[np.uint16], record: Record) -> NDArray[np.float32]
     return light
 
 
-def per_colour(light: NDArray[np.float32], pattern: list[list[str]], gains: dict[str, float]) -> NDArray[np.float32]:
+def per_colour(light: NDArray[np.float32], pattern: Mosaic, gains: dict[str, float]) -> NDArray[np.float32]:
     """Light whose colours, keys of `COLOURS`, are multiplied by gains, [H, W]."""
     scaled = light.copy()
     for (y, x), key in np.ndenumerate(pattern):
@@ -266,7 +267,7 @@ def colour_matrix(record: Record) -> NDArray[np.float32]:
     return np.array(values, np.float32).reshape(3, 3)
 
 
-def demosaiced(light: NDArray[np.float32], pattern: list[list[str]]) -> NDArray[np.float32]:
+def demosaiced(light: NDArray[np.float32], pattern: Mosaic) -> NDArray[np.float32]:
     """All colours at each pixel of a Bayer mosaic with even sides, by Malvar, He and Cutler, [H, W, 3].
 
     Each colour is the mean of its neighbours, plus a share of the curvature of the colour that was measured there.
@@ -302,7 +303,7 @@ def demosaiced(light: NDArray[np.float32], pattern: list[list[str]]) -> NDArray[
 
 
 def keep_to_lenslets(
-    colours: NDArray[np.float32], light: NDArray[np.float32], pattern: list[list[str]], lattice: Lattice
+    colours: NDArray[np.float32], light: NDArray[np.float32], pattern: Mosaic, lattice: Lattice
 ) -> None:
     """Interpolate colours [H, W, 3] anew where neighbouring lenslets entered: by the mean of the lenslet's own pixels.
 
@@ -323,7 +324,7 @@ def keep_to_lenslets(
                 (slice(2 + row + down, len(y) - 2 + down, 2), slice(2 + column + right, width + 2 + right, 2))
                 for down, right in NEIGHBOURS
             ]
-            own = lenslet[near[NEIGHBOURS.index((0, 0))]]
+            own = lenslet[near[len(near) // 2]]
             is_same = [lenslet[place] == own for place in near]
             is_crossed = ~np.logical_and.reduce(is_same)
             for colour in {0, 1, 2} - {COLOURS[key]}:

@@ -1,11 +1,11 @@
-"""Files of Lytro cameras: containers, raw images of the sensor, white images of a calibration, and refocus stacks.
+"""Files of Lytro cameras: containers, raw images of the sensor with their JSON, and refocused pictures.
 
 A container (`.lfp`, `.lfr`, `data.C.0`) is a header and sections of data, each with its length and its SHA-1. One
 section is the table of contents, in JSON, which refers to the others by their SHA-1. A raw image needs the JSON record
 of its frame: in the container, or beside a `.raw` file. `lytro` makes views of a raw image.
 
-Sources: lfptools and python-lfp-reader (containers), the Light Field Toolbox 0.5 (calibration), imageio (packing of
-samples), all read for facts; containers of both versions of Lytro Desktop.
+Sources: lfptools and python-lfp-reader (containers), imageio (packing of samples), all read for facts; containers of
+both versions of Lytro Desktop.
 Letters: `H W` pixel rows and columns, `N` planes.
 """
 
@@ -127,7 +127,11 @@ class Container:
         contents, sections = None, {}
         with atomic.file_errors(path, "read"), path.open("rb") as file:
             length = path.stat().st_size
-            is_damaged = not file.read(HEADER).startswith(MAGIC)
+            head = file.read(HEADER)
+            if not head.startswith(MAGIC):
+                got, remedy = images.described_head(head), "give a raw file of the camera (IMG_0001.lfp, .lfr)"
+                raise FileError(f"{path} must be a file of a Lytro camera", got=got, remedy=remedy)
+            is_damaged = False
             while file.tell() < length and not is_damaged:
                 start = file.tell()
                 header = file.read(SECTION_HEADER)
@@ -201,13 +205,19 @@ class RawImage:
 
 
 def is_raw(path: Path) -> bool:
-    """Whether a file has a raw image of a Lytro camera: a container with one, or a `.raw` file with its JSON."""
-    with suppress(FileError):
-        if path.suffix.lower() == BARE:
-            return path.is_file() and next(_partners(path), None) is not None
+    """Whether a file has a raw image of a Lytro camera: a container with one, or a `.raw` file with its JSON.
+
+    Damaged containers count too, so that reading them reports it.
+    """
+    if path.suffix.lower() == BARE or not path.is_file():
+        return path.is_file() and next(_partners(path), None) is not None
+    if not images.read_head(path).startswith(MAGIC):
+        return False
+    try:
         container = Container.open(path)
-        return container.holds(container.frame.get("imageRef"))
-    return False
+    except FileError:
+        return True
+    return container.holds(container.frame.get("imageRef"))
 
 
 def is_stack(path: Path) -> bool:

@@ -101,6 +101,8 @@ def test_raw_files_are_found_in_a_folder_and_files_for_sharing_are_not(raw, tmp_
 
 def test_every_truncation_is_one_line(raw, one_line):
     whole = raw.read_bytes()
+    raw.write_bytes(whole[:-20])
+    assert read.find(raw.parent) == [raw]  # it is not passed over in silence
     for length in (9, 16, 60, 112, 113, 500, len(whole) // 2, len(whole) - 17):
         raw.write_bytes(whole[:length])
         with pytest.raises(FileError) as caught:
