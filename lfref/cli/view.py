@@ -102,11 +102,11 @@ def _lytro_pictures(path: Path) -> Refocused:
     """Pictures and depth of a file for sharing; its only view is the picture nearest to the captured focus."""
     stack = lytro_files.read_focal_stack(path)
     light = torch.from_numpy(images.decoded(stack.pictures.transpose(0, 3, 1, 2), encoding.SRGB))
-    captured = min(range(len(light)), key=lambda plane: abs(stack.lambdas[plane]))
+    focus = min(range(len(light)), key=lambda plane: abs(stack.lambdas[plane]))
     depth = F.interpolate(torch.from_numpy(stack.depth)[None, None], light.shape[-2:], mode="nearest")[0, 0]
-    known = DisparityMap(depth, torch.ones_like(depth))
-    field = LightField(light[None, captured : captured + 1], path.stem, metadata={"path": str(path)})
-    return Refocused(field, light, LambdaPlanes(stack.lambdas), known=known)
+    disparity = DisparityMap(depth, torch.ones_like(depth))
+    field = LightField(light[None, focus : focus + 1], path.stem, metadata={"path": str(path)})
+    return Refocused(field, light, LambdaPlanes(stack.lambdas), foreign_disparity=disparity)
 
 
 def _facts(shown: dict[str, Refocused]) -> dict[str, object]:

@@ -92,8 +92,8 @@ def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: Mos
 def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray[np.float32] | None:
     """The white image, each colour 1 where it is white, [H, W]; None if neither the user nor the container has one."""
     if path is not None:
-        found = read_white(path, image)
-        samples, record, name = found.samples, found.record, found.path
+        white = read_white(path, image)
+        samples, record, name = white.samples, white.record, white.path
         log.info("%s: white image %s", image.path.name, name.name)
     elif image.white is not None:
         samples, record, name = image.white, image.record, image.path
@@ -145,9 +145,11 @@ def read_white(path: Path, image: RawImage) -> RawImage:
             got = f"those of camera {cameras}, not of {image.serial}" if whites else "none"
             expected = f"{path} must hold white images of the camera of {image.path}"
             raise FileError(expected, got=got, remedy=WHITE_REMEDY)
-        chosen = min(own, key=lambda one: one.distance(image.record))
-        name = path / PureWindowsPath(chosen.name).name
-        white = RawImage(name, lytro_files.unpacked(chosen.data(), chosen.record, name), chosen.record, chosen.serial)
+        nearest = min(own, key=lambda one: one.distance(image.record))
+        name = path / PureWindowsPath(nearest.name).name
+        white = RawImage(
+            name, lytro_files.unpacked(nearest.data(), nearest.record, name), nearest.record, nearest.serial
+        )
     if white.samples.shape != image.samples.shape:
         got = "{}x{} for {}x{}".format(*white.samples.shape, *image.samples.shape)
         raise FileError(f"{white.path} must be as large as {image.path}", got=got, remedy=WHITE_REMEDY)
@@ -211,8 +213,8 @@ def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
             continue
         whole = Record.parse(Path(name), texts[stem]())
         frame = next(lytro_files.records(whole.entries, "image", "devices"), None)
-        tagged: Mapping[str, Any] = next(lytro_files.records(whole.entries, TAGS), {TAGS: {}})[TAGS]
-        if frame is not None and tagged.get("modulationFrame", True) and not tagged.get("darkFrame", False):
+        tags: Mapping[str, Any] = next(lytro_files.records(whole.entries, TAGS), {TAGS: {}})[TAGS]
+        if frame is not None and tags.get("modulationFrame", True) and not tags.get("darkFrame", False):
             yield _White(name, Record(Path(name), frame), lytro_files.serial_of([whole]), read)
 
 
@@ -317,7 +319,7 @@ def keep_to_lenslets(
         i, j = lattice.nearest(y, x)
         outside = (y < 0) | (y >= height) | (x < 0) | (x >= width)
         lenslet = np.where(outside, -1, (i - i.min()) * (2 * width) + j - j.min()).astype(np.int32)
-        known = light[y.clip(0, height - 1), x.clip(0, width - 1)]
+        samples = light[y.clip(0, height - 1), x.clip(0, width - 1)]
         band = colours[top : top + BAND]
         for (row, column), key in np.ndenumerate(pattern):
             near = [
@@ -333,7 +335,7 @@ def keep_to_lenslets(
                     is_near = max(abs(down), abs(right)) == 1
                     if is_near and COLOURS[pattern[(row + down) % 2][(column + right) % 2]] == colour:
                         weight = same * np.float32(1 if down and right else 2)
-                        total += weight * known[place]
+                        total += weight * samples[place]
                         weights += weight
                 target = band[row::2, column::2, colour]
                 np.divide(total, weights, out=target, where=is_crossed & (weights > 0))
@@ -367,13 +369,13 @@ def metadata_lattice(record: Record) -> Lattice:
     )
 
 
-def _lattice(image: RawImage, shown: NDArray[np.float32], options: ReadOptions) -> Lattice:
-    """The lattice of the record, refined by the image that shows it, [H, W]; the options count first."""
-    described = metadata_lattice(image.record)
-    lattice = lenslet_search.refined(shown, described) or lenslet_search.find_lattice(shown)
-    if lattice is None or not same_pitch(lattice, described):
+def _lattice(image: RawImage, picture: NDArray[np.float32], options: ReadOptions) -> Lattice:
+    """The lattice of the record, refined by a picture [H, W] that shows it; the options count first."""
+    nominal = metadata_lattice(image.record)
+    lattice = lenslet_search.refined(picture, nominal) or lenslet_search.find_lattice(picture)
+    if lattice is None or not same_pitch(lattice, nominal):
         log.warning("%s: lenslets hardly show; they are taken to be where the camera's record says", image.path.name)
-        lattice = described
+        lattice = nominal
     return lenslets.overridden(lattice, options)
 
 

@@ -272,20 +272,20 @@ def read_raw(path: Path) -> RawImage:
         raise FileError(f"{path} must hold a raw image of the sensor", got=got, remedy=remedy)
     record = container.record(frame.get("metadataRef"))
     private = frame.get("privateMetadataRef")
-    known = [record, *([container.record(private)] if container.holds(private) else [])]
+    sources = [record, *([container.record(private)] if container.holds(private) else [])]
     white = frame.get("modulationDataRef")
     return RawImage(
         path,
         unpacked(container.data(frame["imageRef"]), record, path),
         record,
-        serial_of(known),
+        serial_of(sources),
         unpacked(container.data(white), record, path) if container.holds(white) else None,
     )
 
 
-def serial_of(known: Iterable[Record]) -> str:
+def serial_of(sources: Iterable[Record]) -> str:
     """The camera's serial number in the first record that has one."""
-    cameras = (camera for record in known for camera in records({"": record.entries}, "camera"))
+    cameras = (camera for record in sources for camera in records({"": record.entries}, "camera"))
     return next((str(one["camera"]["serialNumber"]) for one in cameras if "serialNumber" in one["camera"]), "")
 
 

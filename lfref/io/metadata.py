@@ -103,8 +103,8 @@ def _lytro(path: Path) -> dict[str, str]:
         files = [path.with_suffix(".json")]
     for file in files:
         if not file.name.startswith(".") and file.is_file() and file.stat().st_size <= MAX_JSON:
-            found = lytro_files.records(json.loads(file.read_text("utf-8")), "camera", "devices")
-            frames = itertools.chain(frames, found)
+            inner = lytro_files.records(json.loads(file.read_text("utf-8")), "camera", "devices")
+            frames = itertools.chain(frames, inner)
     frame, entries = next(frames, {}), {}
     for name, text in LYTRO.items():
         with suppress(KeyError, TypeError, ValueError):

@@ -1,8 +1,8 @@
 """Reading light fields and refocused stacks, in whatever format they are stored.
 
-A folder holds sub-aperture views, an image file holds lenslets, an EXR file has one part per view, and an array file
-holds all views in one array. The steps are: options -> format -> samples as stored -> light. A format needs only an
-entry of `FORMATS`.
+A folder holds sub-aperture views, an image file or a raw file holds lenslets, an EXR file has one part per view, and an
+array file holds all views in one array. The steps are: options -> format -> samples as stored -> light. A format needs
+only an entry of `FORMATS`.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
