@@ -8,7 +8,7 @@ Source: Ng, "Light Field Photography with a Hand-held Plenoptic Camera", 2005 (c
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -158,6 +158,10 @@ class FocalPlanes:
         ('slope -1', 'slope 0', 'slope 0.5')
     """
 
+    quantity: ClassVar[str] = "slope"
+    """Name of what the numbers are, for people."""
+    unit: ClassVar[str] = "px per view step"
+    """Unit of the numbers."""
     values: tuple[float, ...]
     """The slopes as plain numbers."""
     convention: str | None = field(compare=False)

@@ -2,17 +2,22 @@
 
 from pathlib import Path
 
+import torch
 from omegaconf import DictConfig
 from torch import Tensor
+from torch.nn import functional as F
 
+from lfref import encoding
 from lfref.cli import config as configs
 from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
+from lfref.io import images, lytro_files
 from lfref.io import read as reader
 from lfref.lightfield import LightField
+from lfref.refocus.disparity.disparity_map import DisparityMap
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import Refocused
@@ -30,7 +35,9 @@ def view(config: DictConfig, folder: Path) -> None:
     if truth is not None and len(fields) > 1:
         raise InputError("truth belongs to one light field", got=f"{len(fields)} of them", remedy="view one at a time")
 
-    def write_page(name: str, path: Path) -> None:
+    def refocused(path: Path) -> dict[str, Refocused]:
+        if lytro_files.is_stack(path):
+            return {"Lytro": _lytro_pictures(path)}
         field = steps.read_field(path, config, refocusers)
         field, _ = steps.correct_field(field, config, white, refocusers[0])
         # Planes of a network come first, then those of the truth, then the configured ones.
@@ -44,9 +51,14 @@ def view(config: DictConfig, folder: Path) -> None:
         }
         if truth is not None:
             shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
+        return shown
+
+    def write_page(name: str, path: Path) -> None:
+        shown = refocused(path)
+        title = next(iter(shown.values())).field.name
         place = steps.result_folder(folder, name, path, named) / "index.html"
-        view_page.write(place, config.title or field.name, _facts(shown), view_page.page_content(shown))
-        log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
+        view_page.write(place, config.title or title, _facts(shown), view_page.page_content(shown))
+        log.info("%s: open %s (%.1f MB)", title, place, place.stat().st_size / 1e6)
 
     steps.process(fields, [write_page], "viewing")
 
@@ -74,15 +86,38 @@ def _checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes:
     return stack
 
 
+class LambdaPlanes(FocalPlanes):
+    """Planes of pictures that Lytro's software refocused, whose numbers are no slopes."""
+
+    quantity, unit = "lambda", "Lytro units"
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """Lambda of each plane."""
+        return tuple(f"lambda {value:.3g}" for value in self.values)
+
+
+def _lytro_pictures(path: Path) -> Refocused:
+    """Pictures and depth of a file for sharing; its only view is the picture nearest to the captured focus."""
+    stack = lytro_files.read_focal_stack(path)
+    light = torch.from_numpy(images.decoded(stack.pictures.transpose(0, 3, 1, 2), encoding.SRGB))
+    focus = min(range(len(light)), key=lambda plane: abs(stack.lambdas[plane]))
+    depth = F.interpolate(torch.from_numpy(stack.depth)[None, None], light.shape[-2:], mode="nearest")[0, 0]
+    disparity = DisparityMap(depth, torch.ones_like(depth))
+    field = LightField(light[None, focus : focus + 1], path.stem, metadata={"path": str(path)})
+    return Refocused(field, light, LambdaPlanes(stack.lambdas), foreign_disparity=disparity)
+
+
 def _facts(shown: dict[str, Refocused]) -> dict[str, object]:
     first = next(iter(shown.values()))
+    planes, slopes = first.planes, first.planes.values
     rows, columns = first.field.grid
     height, width = first.field.size
     return {
         "views": f"{rows} x {columns}",
         "pixels": f"{width} x {height}",
-        "planes": len(first.planes),
-        "slopes": f"{min(first.planes.values):.2f} to {max(first.planes.values):.2f} px per view step",
+        "planes": len(planes),
+        f"{planes.quantity}s": f"{min(slopes):.2f} to {max(slopes):.2f} {planes.unit}",
         "methods": ", ".join(shown),
     }
 

@@ -57,6 +57,19 @@ class Lattice:
         y, x = (self.origin[k] + i * self.rows[k] + along * self.columns[k] for k in (0, 1))
         return y, x
 
+    def nearest(self, y: NDArray, x: NDArray) -> tuple[NDArray, NDArray]:
+        """Row and column of the lenslet nearest to each place, in pixels; `y` and `x` broadcast."""
+        inverse = np.linalg.inv([self.rows, self.columns])
+        row, along = (inverse[0, k] * (y - self.origin[0]) + inverse[1, k] * (x - self.origin[1]) for k in (0, 1))
+        numbers, distances = [], []
+        for i in (np.floor(row), np.floor(row) + 1):
+            j = np.rint(along - (i % 2) / 2 * self.is_hexagonal)
+            centre_y, centre_x = self.centres(i, j)
+            numbers.append((i, j))
+            distances.append((centre_y - y) ** 2 + (centre_x - x) ** 2)
+        is_second = distances[1] < distances[0]
+        return np.where(is_second, numbers[1][0], numbers[0][0]), np.where(is_second, numbers[1][1], numbers[0][1])
+
     def steps(self) -> tuple[Pair, Pair]:
         """The directions (y, x) of `v` (from row to row) and of `u` (along a row), one pixel long."""
         (row_y, row_x), (column_y, column_x), (down, along) = self.rows, self.columns, self.pitch

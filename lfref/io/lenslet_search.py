@@ -59,11 +59,20 @@ def find_lattice(image: NDArray) -> Lattice | None:
     """The lattice that a white image, or one of lenslets with dark borders, shows, [H, W]; None if it shows none."""
     rough = strongest_waves(image)
     waves = None if rough is None else _fit_phases(image, rough)
-    if waves is None:
-        return None
-    # A rounded pitch from the options does least harm if lenslets are counted from the middle.
-    lattice = _lattice_of_waves(*waves)
-    height, width = image.shape
+    return None if waves is None else _counted_from_middle(_lattice_of_waves(*waves), image.shape)
+
+
+def refined(image: NDArray, lattice: Lattice) -> Lattice | None:
+    """A lattice that is known to about one part in 20, as an image [H, W] shows it; None if it does not."""
+    columns = np.array(lattice.columns)
+    steps = np.stack([np.array(lattice.rows) + columns / 2 * lattice.is_hexagonal, columns])
+    waves = _fit_phases(image, np.linalg.inv(steps).T)
+    return None if waves is None else _counted_from_middle(_lattice_of_waves(*waves), image.shape)
+
+
+def _counted_from_middle(lattice: Lattice, shape: tuple[int, ...]) -> Lattice:
+    """The lattice whose lenslet (0, 0) is next to the middle of an image: errors of the pitch do least harm so."""
+    height, width = shape
     i, j = lattice.numbers_around((height, width))
     y, x = lattice.centres(i[:, None], j[None, :])
     if lattice.is_hexagonal:

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from lfref.errors import FileError, first_line
-from lfref.io import atomic, images, view_folders
+from lfref.io import atomic, images, lytro_files, view_folders
 
 MAX_SAMPLES = 4096
 """Most samples of an array in a structure: a larger array is no number, text or short list."""
 MAX_DEPTH = 8
-"""Deepest nesting of structures and JSON to follow."""
+"""Deepest nesting of structures to follow."""
 MAX_JSON = 2**22
 """Largest JSON file to read, in bytes; thumbnails in base64 make some of them long."""
 PARAMETERS = "parameters.cfg"
@@ -46,7 +46,7 @@ LYTRO: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "exposure time": lambda frame: f"{float(frame['devices']['shutter']['frameExposureDuration']):.3g} s",
     "f-number": lambda frame: f"{float(frame['devices']['lens']['fNumber']):.3g}",
     "focal length": lambda frame: f"{1000 * float(frame['devices']['lens']['focalLength']):.4g} mm",
-    "ISO": lambda frame: f"{float(frame['devices']['sensor']['iso']):g}",
+    "ISO": lambda frame: f"{float(frame['devices']['sensor'].get('iso') or frame['image']['iso']):g}",
     "date": lambda frame: str(frame["devices"]["clock"]["zuluTime"]),
     "lens pitch": lambda frame: f"{1e6 * float(frame['devices']['mla']['lensPitch']):.4g} um",
     "pixel pitch": lambda frame: f"{1e6 * float(frame['devices']['sensor']['pixelPitch']):.4g} um",
@@ -89,32 +89,28 @@ def _exif(path: Path) -> dict[str, str]:
 
 
 def _lytro(path: Path) -> dict[str, str]:
-    """Metadata of a Lytro camera, from a MAT file of the Light Field Toolbox, or from JSON beside the pictures."""
+    """Metadata of a Lytro camera: of its own files, a MAT file of the Light Field Toolbox, or JSON beside pictures."""
     frames: Iterator[Mapping[str, Any]] = iter(())
+    files: list[Path] = []
     if path.suffix.lower() == ".mat":
-        frames = _lytro_frames(read_struct(path, "LFMetadata"))
-    for file in sorted(path.glob("*.json")) if path.is_dir() else [path.with_suffix(".json")]:
+        frames = lytro_files.records(read_struct(path, "LFMetadata"), "camera", "devices")
+        files = [path.with_suffix(".json")]
+    elif lytro_files.is_raw(path):
+        frames = iter([lytro_files.frame_record(path).entries])
+    elif path.is_dir():
+        files = sorted(path.glob("*.json"))
+    else:
+        files = [path.with_suffix(".json")]
+    for file in files:
         if not file.name.startswith(".") and file.is_file() and file.stat().st_size <= MAX_JSON:
-            frames = itertools.chain(frames, _lytro_frames(json.loads(file.read_text("utf-8"))))
+            inner = lytro_files.records(json.loads(file.read_text("utf-8")), "camera", "devices")
+            frames = itertools.chain(frames, inner)
     frame, entries = next(frames, {}), {}
     for name, text in LYTRO.items():
         with suppress(KeyError, TypeError, ValueError):
             if value := text(frame):
                 entries[name] = value
     return entries
-
-
-def _lytro_frames(contents: Any, depth: int = MAX_DEPTH) -> Iterator[Mapping[str, Any]]:
-    """The records of frames anywhere in nested containers: dictionaries with `camera` and `devices`."""
-    if (
-        isinstance(contents, dict)
-        and isinstance(contents.get("camera"), dict)
-        and isinstance(contents.get("devices"), dict)
-    ):
-        yield contents
-    elif isinstance(contents, Mapping | list) and depth > 0:
-        for child in contents.values() if isinstance(contents, Mapping) else contents:
-            yield from _lytro_frames(child, depth - 1)
 
 
 def read_struct(path: Path, name: str) -> Mapping[str, Any]:

@@ -30,7 +30,7 @@ KINDS: dict[str, tuple[str, tuple[type, ...], tuple[type, ...]]] = {
     "offset": ("two numbers", (), (int, float)),
     "rotation": ("a number of degrees", (int, float), ()),
     "lattice": (" or ".join(ROW_DISTANCES), (str,), ()),
-    "white": ("an image file", _PATH, ()),
+    "white": ("an image file, or a Lytro camera's calibration", _PATH, ()),
     "size": ("[height,width] in whole pixels", (), (int,)),
     "grid": ("[rows,columns]", (), (int,)),
     "holes": ("true or false", (bool,), ()),

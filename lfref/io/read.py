@@ -1,8 +1,8 @@
 """Reading light fields and refocused stacks, in whatever format they are stored.
 
-A folder holds sub-aperture views, an image file holds lenslets, an EXR file has one part per view, and an array file
-holds all views in one array. The steps are: options -> format -> samples as stored -> light. A format needs only an
-entry of `FORMATS`.
+A folder holds sub-aperture views, an image file or a raw file holds lenslets, an EXR file has one part per view, and an
+array file holds all views in one array. The steps are: options -> format -> samples as stored -> light. A format needs
+only an entry of `FORMATS`.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
@@ -19,7 +19,7 @@ from torch import Tensor
 from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import arrays, cameras, exr, images, lenslets, metadata, view_folders
+from lfref.io import arrays, cameras, exr, images, lenslets, lytro, lytro_files, metadata, view_folders
 from lfref.io.options import LENSLET, ReadOptions
 from lfref.io.scratch import Allocator, allocator
 from lfref.lightfield import LightField
@@ -78,14 +78,19 @@ FORMATS = (
         arrays.holds_views,
         ("grid", "axes", "variable"),
     ),
+    Format(
+        "lytro",
+        "a raw file of a Lytro camera (LFP, LFR, RAW)",
+        (lytro_files.MAGIC,),
+        (".lfp", ".lfr", lytro_files.BARE),
+        lytro.decode_raw,
+        lytro_files.is_raw,
+        ("pitch", "offset", "rotation", "lattice", "white"),
+    ),
 )
 """Formats of files; a file has the first format with whose magic bytes it starts."""
 TITLES = ", ".join(known.title for known in (*FORMATS, FOLDER))
 UNSUPPORTED = {
-    "a raw container of a Lytro camera (.lfp, .lfr)": (
-        (b"\x89LFP\r\n\x1a\n",),
-        "unpack it with plenopticam and read its folder viewpoints_*, or with LFToolbox and read its *__Decoded.mat",
-    ),
     "a compressed archive": (
         (b"\x1f\x8b", b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07", b"BZh", b"\xfd7zXZ\0"),
         "unpack it and read what is in it",
@@ -100,7 +105,7 @@ def format_of(path: Path) -> Format:
         return FOLDER
     head = images.read_head(path)
     for known in FORMATS:
-        if head.startswith(known.magics):
+        if head.startswith(known.magics) or (known.name == "lytro" and path.suffix.lower() == lytro_files.BARE):
             return known
     got, remedy = images.described_head(head), "convert it"
     for title, (magics, unpacking) in UNSUPPORTED.items():
@@ -154,11 +159,12 @@ def read(
     encoding: str = "file",
     scratch: str | Path | None = None,
 ) -> LightField:
-    """Read a light field: a lenslet image, a folder of views, a multi-part EXR file, or an array file.
+    """Read a light field: a lenslet image, a raw file of a Lytro camera, a folder, a multi-part EXR file, or an array.
 
     Args:
         path: File or folder.
-        views: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a lenslet image.
+        views: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a lenslet image or
+            raw file.
         start: First row and column to keep, from 0, as stored; None keeps the centre, which for 7 of the 14
             views of an ESLF starts at 4 (3 is as central).
         transpose: Whether the file counts views down the columns: its rows are columns of the light field.
@@ -172,7 +178,9 @@ def read(
             lenslets, else half a pitch from the corner.
         rotation: Angle of the rows of lenslets in degrees, above 0 if they fall to the right.
         lattice: `square` or `hexagonal` (every other row half a pitch further); None: as in `white`, else square.
-        white: A white image of the camera: it shows where the lenslets are, and the image is divided by it.
+        white: A white image of the camera: it shows where the lenslets are, and the image is divided by it. Of a Lytro
+            camera also its calibration (`data.C.*`, `caldata-*.tar`, or a folder of either or of `MOD_*.RAW` files):
+            its white image with the nearest zoom, then focus, is taken.
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
         grid: Rows and columns of the grid if each view has one number; None: a square grid.
         holes: Whether views may be missing; None: only where the holes seem intended (a cross, a diagonal).
@@ -189,10 +197,10 @@ def read(
 
     Returns:
         The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
-        in [0, 1], or beyond it if floating-point files are. Alpha becomes the weight, which is 0 where views are
-        missing. The name is that of the path without suffix. The metadata have `path`, `format` (`eslf`, `folder`,
-        `exr`, `array`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are missing, `cut from` if `size`
-        crops the views, and further entries from the files (see `metadata`).
+        in [0, 1], or beyond it if floating-point files are, or colours of raw files. Alpha becomes the weight, which is
+        0 where views are missing. The name is that of the path without suffix. The metadata have `path`, `format`
+        (`eslf`, `folder`, `exr`, `array`, `lytro`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are
+        missing, `cut from` if `size` crops the views, and further entries from the files (see `metadata`).
 
     Raises:
         FileError: A file is missing, damaged, or not what it should be.

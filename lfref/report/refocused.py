@@ -75,6 +75,8 @@ class Refocused:
     gain: float = 1.0
     """Factor of the brightness of all pictures."""
     files: PictureFiles = dataclasses.field(default_factory=PictureFiles)
+    foreign_disparity: DisparityMap | None = None
+    """Slope of each pixel and its confidence, if another program measured them."""
 
     @cached_property
     def disparity(self) -> DisparityMap:
@@ -110,6 +112,8 @@ class Refocused:
     @cached_property
     def slope_and_confidence(self) -> tuple[Tensor, Tensor]:
         """The slope at which each pixel is sharp, and its confidence, [H, W] each."""
+        if self.foreign_disparity is not None:
+            return self.foreign_disparity.disparity, self.foreign_disparity.confidence
         if self.field.grid != (1, 1):
             return self.disparity.disparity, self.disparity.confidence
         _, index, confidence = all_in_focus(self.stack[self.by_slope])

@@ -82,7 +82,7 @@ function show() {
   find("plane_text").textContent = content.titles[plane];
   find("plane").setAttribute("aria-valuetext", content.titles[plane]);
   find("slope").value = settings.slope;
-  find("slope_text").textContent = `slope ${settings.slope.toFixed(2)}`;
+  find("slope_text").textContent = `${content.quantity} ${settings.slope.toFixed(2)}`;
   stage.dataset.plane = plane;
   stage.dataset.slope = state.mode === "lens" ? settings.slope : content.slopes[plane];
   for (const part of document.querySelectorAll("[data-mode]")) {
@@ -121,7 +121,7 @@ function focusOn(x, y) {
   const plane = nearestPlane(point.slope);
   const what = point.source === "neighbour" ? "The nearest known point" : "The point";
   const isBeyond = content.slopes.length > 1 && (point.slope < content.slopes[0] - 0.5 || point.slope > content.slopes.at(-1) + 0.5);
-  report(`${what} is sharp at slope ${point.slope.toFixed(2)}; ${isBeyond ? "that is beyond the planes; nearest plane:" : "nearest plane:"} ${content.titles[plane]}.`);
+  report(`${what} is sharp at ${content.quantity} ${point.slope.toFixed(2)}; ${isBeyond ? "that is beyond the planes; nearest plane:" : "nearest plane:"} ${content.titles[plane]}.`);
   if (state.mode === "lens") move(settings, "slope", point.slope);
   else move(state, "plane", plane);
 }

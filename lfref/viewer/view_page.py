@@ -85,11 +85,12 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         methods: Method -> the light field refocused to the same planes; the first method is the first on the page.
 
     Returns:
-        `size` [H, W]; `slopes` and `titles` of the planes, from the least slope to the largest; `start`, the first
-        plane on the page; `methods`, each with `name` and `planes` (pictures); `depth` with `low`, `high`, `disparity`,
-        `confidence`, and `least_confidence`, that of a known disparity; `sharp` and `map` (pictures); `scale` of the
-        map's colours with `low`, `high` and `bar` (a picture of them); `views` with `size`, `pictures` and
-        `cameras` (x, y from the middle, in view steps).
+        `size` [H, W]; `quantity` and `unit` of the planes' numbers, usually slopes; `slopes` (these numbers) and
+        `titles` of the planes, from the least to the largest; `start`, the first plane on the page; `methods`, each
+        with `name` and `planes` (pictures); `depth` with `low`, `high`, `disparity`, `confidence`, and
+        `least_confidence`, that of a known disparity; `sharp` and `map` (pictures); `scale` of the map's colours with
+        `low`, `high` and `bar` (a picture of them); `views` with `size`, `pictures` and `cameras` (x, y from the
+        middle, in view steps).
 
     Raises:
         InputError: There is no method, or the methods have different planes.
@@ -103,6 +104,8 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
     ends = _ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
+        "quantity": first.planes.quantity,
+        "unit": first.planes.unit,
         "slopes": [first.planes.values[plane] for plane in first.by_slope],
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [

@@ -1,5 +1,6 @@
 """`lfref refocus`: a folder of results for each light field, with what was asked for in it."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -10,10 +11,11 @@ import OpenImageIO
 import pytest
 import torch
 
-from lfref.io.read import read_stack
+from lfref.io.read import read, read_stack
 from lfref.io.write import write
 from lfref.lightfield import LightField
 from tests.cli.test_bad_input import assert_one_line
+from tests.io import lytro_drawing
 
 QUICK = ("method=shift_and_sum", "slopes=[-0.5,0.5]")
 
@@ -178,3 +180,26 @@ def test_what_people_take_away_from_the_real_capture(lfref, lytro, tmp_path):
     wall = points[(abs(points["x"] + 120) < 30) & (abs(points["y"] - 130) < 30)]
     assert np.median(head["z"]) > np.median(wall["z"]) + 50
     assert np.median(head["disparity"]) < np.median(wall["disparity"]) - 0.5
+
+
+def test_raw_files_of_a_lytro_camera_and_its_calibration(lfref, tmp_path):
+    camera = lytro_drawing.F01
+    lattice, frame = lytro_drawing.true_lattice(camera), lytro_drawing.frame_record(camera)
+    picture, white = lytro_drawing.picture_samples(camera, lattice), lytro_drawing.white_samples(camera, lattice)
+    folder, calibration = tmp_path / "library", tmp_path / "calibration"
+    for made in (folder, calibration):
+        made.mkdir()
+    lytro_drawing.write_raw(folder / "IMG_0001.lfp", camera, picture, frame)
+    lytro_drawing.write_focal_stack(folder / "IMG_0001-stk.lfp", (0.0, 1.0), np.zeros((2, 2), np.float32))
+    for name, samples in ((folder / "IMG_0002__frame.raw", picture), (calibration / "MOD_0000.RAW", white)):
+        name.write_bytes(lytro_drawing.packed(samples, 12))
+        name.with_suffix(".json" if name.parent == folder else ".TXT").write_text(json.dumps(frame))
+    words = ("method=shift_and_sum_cubic", "slopes=[0.3,-0.3]", "correct=none", "exposure=1")
+    status, error = lfref("refocus", folder, f"reader.white={calibration}", f"output={tmp_path}/out", *words)
+    assert status == 0, error
+    stacks = [read_stack(tmp_path / "out" / name / "stack.exr")[0] for name in ("IMG_0001", "IMG_0002__frame")]
+    torch.testing.assert_close(*stacks, rtol=0, atol=0)
+    view = read(folder / "IMG_0001.lfp", white=calibration).views[3, 3]
+    # The scene is at slope .3.
+    errors = (stacks[0] - view)[..., 4:-4, 4:-4].square().mean(dim=(1, 2, 3))
+    assert errors[1] > 20 * errors[0], errors

@@ -1,12 +1,15 @@
 """`lfref view`: a page for each light field, or one line."""
 
+import base64
 import json
 import re
 
+import numpy as np
 import pytest
 
 from lfref.geometry import FocalPlanes
-from lfref.io import write
+from lfref.io import images, write
+from tests.io import lytro_drawing
 from tests.viewer import cases
 
 WORDS = ("view", "slopes=[-0.5,0,1]", "method@methods.first=shift_and_sum_cubic", "correct=none")
@@ -58,3 +61,22 @@ def test_a_page_without_a_method_is_a_line(lfref, field, tmp_path):
     status, errors = lfref("view", field, "methods=null", f"output={tmp_path}/run")
     assert status != 0
     assert "Traceback" not in errors
+
+
+def test_a_file_for_sharing_of_a_lytro_camera_becomes_a_page_of_its_pictures(lfref, tmp_path):
+    depth = np.array([[-5.5, 0.25], [0.25, 4.0]], np.float32)
+    path = lytro_drawing.write_focal_stack(tmp_path / "IMG_0001-stk.lfp", (4.0, 0.25, -5.5), depth)
+    status, errors = lfref("view", path, f"output={tmp_path}/run")
+    assert status == 0, errors
+    text, made = held(tmp_path / "run")
+    assert made["slopes"] == [-5.5, 0.25, 4.0]
+    assert made["titles"] == ["lambda -5.5", "lambda 0.25", "lambda 4"]
+    assert (made["quantity"], made["depth"]["low"], made["depth"]["high"]) == ("lambda", -5.5, 4.0)
+    assert "lambdas" in text
+    assert "px per view step" not in text
+    for plane, number in zip(made["methods"][0]["planes"], (2, 1, 0), strict=True):
+        (tmp_path / "plane.jpg").write_bytes(base64.b64decode(plane.partition(",")[2]))
+        picture = images.read_image(tmp_path / "plane.jpg")
+        assert abs(picture.astype(int) - lytro_drawing.stack_picture(number)).max() < 16
+    steps = np.frombuffer(base64.b64decode(made["depth"]["disparity"]), "<u2").reshape(48, 64)
+    np.testing.assert_allclose(steps[[0, 0, -1], [0, -1, -1]] / 65535 * 9.5 - 5.5, [-5.5, 0.25, 4.0], atol=1e-3)

@@ -119,3 +119,15 @@ def test_pixels_are_square_to_one_in_500():
     views = np.random.default_rng(0).random((1, 1, 1, 5, 8), np.float32)
     assert lenslet_lattice.squared(views, upright((14 * 1.0015, 14.0), (0, 0)), np.arange(5)) is views
     assert lenslet_lattice.squared(views, upright((14 * 1.003, 14.0), (0, 0)), np.arange(5)) is not views
+
+
+@pytest.mark.parametrize("is_hexagonal", [False, True])
+def test_the_nearest_lenslet_is_the_nearest_of_all(is_hexagonal):
+    lattice = made(rotation=2.0, is_hexagonal=is_hexagonal)
+    rng = np.random.default_rng(0)
+    y, x = rng.uniform(-50, 200, (2, 400))
+    i, j = np.mgrid[-20:40, -20:40]
+    centres = np.stack(lattice.centres(i, j), axis=-1).reshape(-1, 2)
+    least = np.array([np.hypot(*(centres - place).T).min() for place in np.stack([y, x], axis=-1)])
+    centre_y, centre_x = lattice.centres(*lattice.nearest(y, x))
+    np.testing.assert_allclose(np.hypot(centre_y - y, centre_x - x), least, atol=1e-9)

@@ -9,7 +9,7 @@ import OpenImageIO
 import pytest
 import scipy.io
 
-from lfref.io import images, metadata, read
+from lfref.io import images, lytro_files, metadata, read
 
 ILLUM = {
     "camera": {"make": "Lytro, Inc.", "model": "ILLUM", "firmware": "1.1.1"},
@@ -131,7 +131,7 @@ def test_json_deeper_than_any_of_lytro_is_not_followed():
     plain: dict = dict(ILLUM)
     for _ in range(20):
         plain = {"frame": plain}
-    assert list(metadata._lytro_frames(plain)) == []
+    assert list(lytro_files.records(plain, "camera", "devices")) == []
 
 
 PLAIN = {"camera": {"model": "ILLUM"}, "iso": 80.0}

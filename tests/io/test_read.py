@@ -169,12 +169,13 @@ def test_one_entry_is_enough_for_a_format_that_is_read_and_found(tmp_path, monke
 
 
 @pytest.mark.parametrize("suffix", [".lfp", ".lfr", ".png"])
-def test_a_raw_container_names_the_tools_that_unpack_it(tmp_path, suffix, one_line):
+def test_a_container_of_a_lytro_camera_is_known_by_its_first_bytes(tmp_path, suffix, one_line):
     path = tmp_path / f"IMG_0001{suffix}"
     path.write_bytes(b"\x89LFP\r\n\x1a\n\0\0\0\x01" + bytes(40))
+    assert read.format_of(path).name == "lytro"
     with pytest.raises(FileError) as caught:
         read.read(path)
-    one_line(caught.value, path, "raw container of a Lytro camera", "plenopticam", "viewpoints_*", "__Decoded.mat")
+    one_line(caught.value, path, "whole container of a Lytro camera")
 
 
 @pytest.mark.parametrize("head", [b"7z\xbc\xaf\x27\x1crest", b"\x1f\x8brest", b"Rar!\x1a\x07rest"])

@@ -1,0 +1,385 @@
+"""From the raw image of a Lytro camera to views in linear light, by what its own record says.
+
+    samples -> light (black and white level) -> white balance -> divided by the white image -> all colours at each
+    pixel -> views on the lattice of lenslets -> linear sRGB (colour matrix)
+
+The record gives the lattice to about a pixel; the white image, or the raw image itself, shows it to hundredths. The
+gamma of the record is left out: views are linear light. `lytro_files` reads the files.
+Sources: Malvar, He, Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images", 2004;
+the Light Field Toolbox 0.5 (calibration, read for facts), which also divides before it interpolates colours.
+Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
+"""
+
+import functools
+import logging
+import math
+import tarfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path, PureWindowsPath
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.nn import functional as F
+
+from lfref.errors import FileError, InputError, first_line
+from lfref.io import atomic, images, lenslet_lattice, lenslet_search, lenslets, lytro_files
+from lfref.io.lenslet_lattice import Lattice
+from lfref.io.lytro_files import RawImage, Record
+from lfref.io.options import ROW_DISTANCES, ReadOptions
+
+log = logging.getLogger(__name__)
+
+ENCODINGS = ("file", "linear", "none")
+"""Values of the option `encoding` that fit: raw images are linear."""
+WHITE_REMEDY = "set reader.white to its calibration: data.C.*, caldata-*.tar, or a folder of MOD_*.RAW and .TXT"
+TAGS = "com.lytro.tags"
+TILINGS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "square"}
+"""Tiling of the lenslets in a record -> lattice."""
+FEWEST_PIXELS, MOST_PIXELS = lenslet_search.SHORTEST_PITCH, lenslet_search.LONGEST_PITCH
+"""Range of the distance between lenslets, in pixels."""
+BAND = 512
+"""Rows whose colours are interpolated at a time, which saves memory."""
+NEIGHBOURS = [(y, x) for y in range(-2, 3) for x in range(-2, 3) if abs(y) + abs(x) <= 2]
+"""Steps (y, x) to the pixels that enter an interpolated colour; the pixel itself is in the middle."""
+Mosaic = list[list[str]]
+"""Colours, keys of `COLOURS`, of the pixels (0, 0), (0, 1), (1, 0) and (1, 1), [2][2]."""
+COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
+"""Colour of a pixel of the mosaic (green in rows of red, green in rows of blue) -> channel."""
+
+
+def decode_raw(path: Path, options: ReadOptions) -> NDArray[np.float32]:
+    """The chosen views, linear sRGB, a weight as the last channel if there is a white image, [V, U, C, H, W]."""
+    if options.encoding not in ENCODINGS:
+        remedy = "leave reader.encoding out"
+        raise InputError(f"samples of {path}, a raw image, are linear", got=options.encoding, remedy=remedy)
+    image = lytro_files.read_raw(path)
+    pattern = mosaic(image.record)
+    white = _white_light(image, options.white, pattern)
+    light = _even_light(image, white, pattern)
+    colours = demosaiced(light, pattern)
+    lattice = _lattice(image, colours.mean(axis=2) if white is None else white, options)
+    keep_to_lenslets(colours, light, pattern, lattice)
+    angular = lenslet_lattice.n_views(lattice.pitch[0]), lenslet_lattice.n_views(lattice.pitch[1])
+    default = min(lenslets.DEFAULT_VIEWS, angular[0]), min(lenslets.DEFAULT_VIEWS, angular[1])
+    window = options.window(angular, path, options.views or default)
+    views = lenslet_lattice.sample_views(colours, lattice, angular, window)
+    if not views.size:
+        expected = f"{path} must hold whole lenslets of {lattice.pitch[1]:.4g} pixels"
+        raise FileError(expected, got="{}x{} pixels".format(*image.samples.shape), remedy="check reader.pitch")
+    # The matrix mixes colours of one place, so that it may follow the sampling, which leaves fewer samples.
+    views = np.einsum("ij,vujhw->vuihw", colour_matrix(image.record), views).astype(np.float32)
+    if white is None:
+        return views
+    trust = lenslet_lattice.sample_views(white[..., None], lattice, angular, window) / lenslets.DARK
+    return np.concatenate([views, trust.clip(0, 1)], axis=2, dtype=np.float32)
+
+
+def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: Mosaic) -> NDArray[np.float32]:
+    """Light of the mosaic, balanced and divided by the white image, [H, W]."""
+    light = light_of(image.samples, image.record)
+    is_saturated = light >= 1
+    light = per_colour(light, pattern, balance(image.record))
+    if white is not None:
+        light /= np.maximum(white, lenslets.DARK / 10)
+    # All colours end where the least amplified one does: saturated pixels are white, and alike in all views.
+    light[is_saturated] = 1
+    return np.minimum(light, 1, out=light)
+
+
+def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray[np.float32] | None:
+    """The white image, each colour 1 where it is white, [H, W]; None if neither the user nor the container has one."""
+    if path is not None:
+        white = read_white(path, image)
+        samples, record, name = white.samples, white.record, white.path
+        log.info("%s: white image %s", image.path.name, name.name)
+    elif image.white is not None:
+        samples, record, name = image.white, image.record, image.path
+    else:
+        return None
+    if mosaic(record) != pattern:
+        got, remedy = f"colours {mosaic(record)} for {pattern}", WHITE_REMEDY
+        raise FileError(f"{name} must have the mosaic of {image.path}", got=got, remedy=remedy)
+    light = light_of(samples, record)
+    levels = {}
+    for (y, x), key in np.ndenumerate(pattern):
+        levels[key] = float(np.percentile(light[y::2, x::2][:: max(1, len(light) // 1000)], lenslets.WHITE_PERCENTILE))
+    if not min(levels.values()) > 0:
+        raise FileError(f"{name} must be a white image", got="a black one", remedy=WHITE_REMEDY)
+    return per_colour(light, pattern, {key: 1 / level for key, level in levels.items()})
+
+
+class _White(NamedTuple):
+    """A white image of a calibration, not yet read."""
+
+    name: str
+    record: Record
+    serial: str
+    data: Callable[[], bytes]
+
+    def distance(self, record: Record) -> tuple[float, float, float]:
+        """Steps of zoom and of focus to the frame of a record, and the negative exposure time, for sorting."""
+        keys = ("devices", "lens", "zoomStep"), ("devices", "lens", "focusStep")
+        zoom, focus = (abs(self.record.number(*key) - record.number(*key)) for key in keys)
+        # The first camera took two exposures each; the darker one is noisy at the borders of lenslets.
+        return zoom, focus, -self.record.number("devices", "shutter", "frameExposureDuration", default=0)
+
+
+def read_white(path: Path, image: RawImage) -> RawImage:
+    """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus.
+
+    Args:
+        path: A calibration (`data.C.*`, `caldata-*.tar`, a folder of either or of `MOD_*.RAW` and `.TXT`), or one raw
+            image of white.
+        image: The raw image that the white image is for; serial numbers must agree if both are known.
+    """
+    if not path.is_dir() and not _is_archive(path):
+        white = lytro_files.read_raw(path)
+    else:
+        whites = list(_whites(_calibration_files(path)))
+        own = [one for one in whites if not image.serial or not one.serial or one.serial == image.serial]
+        if not own:
+            cameras = ", ".join(sorted({one.serial for one in whites}))
+            got = f"those of camera {cameras}, not of {image.serial}" if whites else "none"
+            expected = f"{path} must hold white images of the camera of {image.path}"
+            raise FileError(expected, got=got, remedy=WHITE_REMEDY)
+        nearest = min(own, key=lambda one: one.distance(image.record))
+        name = path / PureWindowsPath(nearest.name).name
+        white = RawImage(
+            name, lytro_files.unpacked(nearest.data(), nearest.record, name), nearest.record, nearest.serial
+        )
+    if white.samples.shape != image.samples.shape:
+        got = "{}x{} for {}x{}".format(*white.samples.shape, *image.samples.shape)
+        raise FileError(f"{white.path} must be as large as {image.path}", got=got, remedy=WHITE_REMEDY)
+    return white
+
+
+def _is_archive(path: Path) -> bool:
+    """Whether a file is an archive of other files: a tar file, or a container like `data.C.0`."""
+    if images.read_head(path).startswith(lytro_files.MAGIC):
+        return lytro_files.Container.open(path).contents.get("files") is not None
+    return path.suffix.lower() != lytro_files.BARE and tarfile.is_tarfile(path)
+
+
+def _calibration_files(path: Path) -> dict[str, Callable[[], bytes]]:
+    """Name -> function that reads it, of all files in a calibration."""
+    files: dict[str, Callable[[], bytes]] = {}
+    if path.is_dir():
+        for file in sorted(file for file in path.rglob("*") if file.is_file()):
+            name = file.name.lower()
+            if name.endswith((lytro_files.BARE, ".txt")):
+                files[str(file)] = functools.partial(lytro_files.read_bytes, file)
+            elif (name.endswith(".tar") or ".c." in name) and _is_archive(file):
+                files |= _calibration_files(file)
+    elif tarfile.is_tarfile(path):
+        with _open_tar(path) as archive:
+            names = [member.name for member in archive.getmembers() if member.isfile()]
+        files |= {name: functools.partial(_read_member, path, name) for name in names}
+    else:
+        container = lytro_files.Container.open(path)
+        entries = container.contents.get("files")
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, dict) and isinstance(entry.get("name"), str):
+                files[entry["name"]] = functools.partial(container.data, entry.get("dataRef"))
+    return files
+
+
+def _read_member(path: Path, name: str) -> bytes:
+    """The bytes of a file in a tar file."""
+    with _open_tar(path) as archive:
+        member = archive.extractfile(name)
+        return member.read() if member is not None else b""
+
+
+@contextmanager
+def _open_tar(path: Path) -> Iterator[tarfile.TarFile]:
+    """A tar file, whose damage is one error."""
+    try:
+        with atomic.file_errors(path, "read"), tarfile.open(path) as archive:
+            yield archive
+    except tarfile.TarError as error:
+        got = first_line(error)
+        raise FileError(f"{path} must be a whole tar file", got=got, remedy=lytro_files.DAMAGED) from error
+
+
+def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
+    """The white images among the files of a calibration: `.RAW` files whose `.TXT` does not call them dark."""
+    texts = {name[:-4].lower(): read for name, read in files.items() if name.lower().endswith(".txt")}
+    for name, read in files.items():
+        stem = name[:-4].lower()
+        if not name.lower().endswith(lytro_files.BARE) or stem not in texts:
+            continue
+        whole = Record.parse(Path(name), texts[stem]())
+        frame = next(lytro_files.records(whole.entries, "image", "devices"), None)
+        tags: Mapping[str, Any] = next(lytro_files.records(whole.entries, TAGS), {TAGS: {}})[TAGS]
+        if frame is not None and tags.get("modulationFrame", True) and not tags.get("darkFrame", False):
+            yield _White(name, Record(Path(name), frame), lytro_files.serial_of([whole]), read)
+
+
+def mosaic(record: Record) -> Mosaic:
+    """The colour mosaic that a record describes."""
+    keys = (*lytro_files.details(record), "mosaic")
+    tiles, first = str(record.get(*keys, "tile")), str(record.get(*keys, "upperLeftPixel"))
+    tile = [row.split(",") for row in tiles.split(":")]
+    if [len(row) for row in tile] != [2, 2] or sorted([*tile[0], *tile[1]]) != sorted(COLOURS) or first not in COLOURS:
+        got = f"tile {tiles}, upper left {first}"
+        raise FileError(f"{record.path} must have a Bayer mosaic", got=got, remedy=lytro_files.CAMERA_FILE)
+    # The tile repeats in both directions; the image may begin at any of its pixels.
+    top, left = next((y, x) for y in (0, 1) for x in (0, 1) if tile[y][x] == first)
+    return [[tile[(top + y) % 2][(left + x) % 2] for x in (0, 1)] for y in (0, 1)]
+
+
+def light_of(samples: NDArray[np.uint16], record: Record) -> NDArray[np.float32]:
+    """Linear light of samples, 0 at the black level and 1 at the white level of their colour, [H, W]."""
+    light = samples.astype(np.float32)
+    for (y, x), key in np.ndenumerate(mosaic(record)):
+        keys = (*lytro_files.details(record), "pixelFormat")
+        black, white = (record.number(*keys, level, key) for level in ("black", "white"))
+        if not white > black:
+            got = f"black {black:g}, white {white:g}"
+            raise FileError(f"{record.path} must have a white level above black", got=got, remedy=lytro_files.DAMAGED)
+        light[y::2, x::2] = (light[y::2, x::2] - black) / (white - black)
+    return light
+
+
+def per_colour(light: NDArray[np.float32], pattern: Mosaic, gains: dict[str, float]) -> NDArray[np.float32]:
+    """Light whose colours, keys of `COLOURS`, are multiplied by gains, [H, W]."""
+    scaled = light.copy()
+    for (y, x), key in np.ndenumerate(pattern):
+        scaled[y::2, x::2] *= gains[key]
+    return scaled
+
+
+def balance(record: Record) -> dict[str, float]:
+    """Gain of each colour, a key of `COLOURS`, for white balance; the least is 1."""
+    gains = {key: record.number("image", "color", "whiteBalanceGain", key) for key in COLOURS}
+    least = min(gains.values())
+    if not least > 0:
+        expected = f"{record.path} must have gains of white balance above 0"
+        raise FileError(expected, got=least, remedy=lytro_files.DAMAGED)
+    return {key: gain / least for key, gain in gains.items()}
+
+
+def colour_matrix(record: Record) -> NDArray[np.float32]:
+    """Matrix from balanced colours of the camera to linear sRGB, [3, 3]; its rows sum to 1, so that white stays."""
+    names = [name for name in ("ccm", "ccmRgbToSrgbArray") if record.get("image", "color", name) is not None]
+    values = record.numbers("image", "color", *(names[:1] or ["ccm"]), count=9)
+    return np.array(values, np.float32).reshape(3, 3)
+
+
+def demosaiced(light: NDArray[np.float32], pattern: Mosaic) -> NDArray[np.float32]:
+    """All colours at each pixel of a Bayer mosaic with even sides, by Malvar, He and Cutler, [H, W, 3].
+
+    Each colour is the mean of its neighbours, plus a share of the curvature of the colour that was measured there.
+    """
+    centre = np.zeros((5, 5))
+    centre[2, 2] = 8
+    # Weights in eighths. Along `x` the missing colour has neighbours on the left and right, and not above and below.
+    green = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]])
+    along = np.array([[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]])
+    across = np.array([[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]])
+    kernels = np.zeros((3, 2, 2, 6, 6))
+    for (y, x), key in np.ndenumerate(pattern):
+        for colour in range(3):
+            if colour == COLOURS[key]:
+                kernel = centre
+            elif colour == 1:
+                kernel = green
+            elif COLOURS[key] != 1:
+                kernel = across
+            else:
+                # A green pixel has this colour either in its row or in its column.
+                kernel = along if COLOURS[pattern[y][1 - x]] == colour else along.T
+            kernels[colour, y, x, y : y + 5, x : x + 5] = kernel / 8
+    weights = torch.from_numpy(kernels.reshape(12, 1, 6, 6).astype(np.float32))
+    # Mirroring at the border keeps colours in place.
+    padded = F.pad(torch.from_numpy(light)[None, None], (2, 2, 2, 2), mode="reflect")
+    colours = np.empty((*light.shape, 3), np.float32)
+    for top in range(0, len(light), BAND):
+        # One convolution gives the colours of all four pixels of a tile.
+        tiles = F.conv2d(padded[..., top : top + BAND + 4, :], weights, stride=2)
+        colours[top : top + BAND] = F.pixel_shuffle(tiles, 2)[0].permute(1, 2, 0).numpy()
+    return colours
+
+
+def keep_to_lenslets(
+    colours: NDArray[np.float32], light: NDArray[np.float32], pattern: Mosaic, lattice: Lattice
+) -> None:
+    """Interpolate colours [H, W, 3] anew where neighbouring lenslets entered: by the mean of the lenslet's own pixels.
+
+    Neighbours on the other side of a border show the scene from the opposite direction. The mean is that of the eight
+    neighbours, weighted as for linear interpolation; where none of a colour is in the lenslet, nothing changes.
+    """
+    height, width = light.shape
+    for top in range(0, height, BAND):
+        # Two rows and columns more on each side; those beyond the image belong to no lenslet.
+        y, x = np.arange(top - 2, min(top + BAND, height) + 2)[:, None], np.arange(-2, width + 2)[None, :]
+        i, j = lattice.nearest(y, x)
+        outside = (y < 0) | (y >= height) | (x < 0) | (x >= width)
+        lenslet = np.where(outside, -1, (i - i.min()) * (2 * width) + j - j.min()).astype(np.int32)
+        samples = light[y.clip(0, height - 1), x.clip(0, width - 1)]
+        band = colours[top : top + BAND]
+        for (row, column), key in np.ndenumerate(pattern):
+            near = [
+                (slice(2 + row + down, len(y) - 2 + down, 2), slice(2 + column + right, width + 2 + right, 2))
+                for down, right in NEIGHBOURS
+            ]
+            own = lenslet[near[len(near) // 2]]
+            is_same = [lenslet[place] == own for place in near]
+            is_crossed = ~np.logical_and.reduce(is_same)
+            for colour in {0, 1, 2} - {COLOURS[key]}:
+                total, weights = np.zeros(own.shape, np.float32), np.zeros(own.shape, np.float32)
+                for (down, right), place, same in zip(NEIGHBOURS, near, is_same, strict=True):
+                    is_near = max(abs(down), abs(right)) == 1
+                    if is_near and COLOURS[pattern[(row + down) % 2][(column + right) % 2]] == colour:
+                        weight = same * np.float32(1 if down and right else 2)
+                        total += weight * samples[place]
+                        weights += weight
+                target = band[row::2, column::2, colour]
+                np.divide(total, weights, out=target, where=is_crossed & (weights > 0))
+
+
+def metadata_lattice(record: Record) -> Lattice:
+    """The lattice as the record describes it; lenslet (0, 0) is next to the sensor's middle.
+
+    The images of lenslets are a little farther apart than the lenslets, since light comes from the exit pupil.
+    """
+    tiling = str(record.get("devices", "mla", "tiling"))
+    if tiling not in TILINGS:
+        expected = f"{record.path} must have lenslets in {' or '.join(TILINGS)}"
+        raise FileError(expected, got=tiling, remedy=lytro_files.CAMERA_FILE)
+    pixel = record.number("devices", "sensor", "pixelPitch")
+    pitch, rotation = (record.number("devices", "mla", key) for key in ("lensPitch", "rotation"))
+    scale, offset = ([record.number("devices", "mla", key, k) for k in "yx"] for key in ("scaleFactor", "sensorOffset"))
+    gap = record.number("devices", "mla", "sensorOffset", "z", default=0)
+    distance = record.number("devices", "lens", "exitPupilOffset", "z", default=math.inf) or math.inf
+    neighbours = pitch * (1 + gap / distance) / pixel if pixel > 0 else math.nan
+    if not all(FEWEST_PIXELS <= neighbours * factor <= MOST_PIXELS for factor in scale):
+        expected = f"{record.path} must have lenslets of {FEWEST_PIXELS:g} to {MOST_PIXELS:g} pixels"
+        raise FileError(expected, got=f"{neighbours:.4g}", remedy=lytro_files.CAMERA_FILE)
+    height, width = (record.number("image", key) for key in ("height", "width"))
+    lattice = TILINGS[tiling]
+    return lenslet_lattice.upright(
+        (neighbours * scale[0] * ROW_DISTANCES[lattice], neighbours * scale[1]),
+        ((height - 1) / 2 + offset[0] / pixel, (width - 1) / 2 + offset[1] / pixel),
+        math.degrees(rotation),
+        lattice == "hexagonal",
+    )
+
+
+def _lattice(image: RawImage, picture: NDArray[np.float32], options: ReadOptions) -> Lattice:
+    """The lattice of the record, refined by a picture [H, W] that shows it; the options count first."""
+    nominal = metadata_lattice(image.record)
+    lattice = lenslet_search.refined(picture, nominal) or lenslet_search.find_lattice(picture)
+    if lattice is None or not same_pitch(lattice, nominal):
+        log.warning("%s: lenslets hardly show; they are taken to be where the camera's record says", image.path.name)
+        lattice = nominal
+    return lenslets.overridden(lattice, options)
+
+
+def same_pitch(one: Lattice, other: Lattice) -> bool:
+    """Whether two lattices have the same pitches, up to `lenslets.SAME_PITCH`, and are both hexagonal or square."""
+    agree = (abs(a / b - 1) < lenslets.SAME_PITCH for a, b in zip(one.pitch, other.pitch, strict=True))
+    return one.is_hexagonal == other.is_hexagonal and all(agree)

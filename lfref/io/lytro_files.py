@@ -1,0 +1,380 @@
+"""Files of Lytro cameras: containers, raw images of the sensor with their JSON, and refocused pictures.
+
+A container (`.lfp`, `.lfr`, `data.C.0`) is a header and sections of data, each with its length and its SHA-1. One
+section is the table of contents, in JSON, which refers to the others by their SHA-1. A raw image needs the JSON record
+of its frame: in the container, or beside a `.raw` file. `lytro` makes views of a raw image.
+
+Sources: lfptools and python-lfp-reader (containers), imageio (packing of samples), all read for facts; containers of
+both versions of Lytro Desktop.
+Letters: `H W` pixel rows and columns, `N` planes.
+"""
+
+import hashlib
+import io
+import json
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfref.errors import FileError, first_line
+from lfref.io import atomic, images
+
+MAGIC = b"\x89LFP\r\n\x1a\n"
+"""First bytes of a container; a version follows."""
+BARE = ".raw"
+"""Suffix of files that hold nothing but the samples of a raw image."""
+HEADER, SECTION_HEADER, PADDING = 16, 96, 16
+"""Bytes of the file's header, of a section's header, and the unit to which sections are padded."""
+CONTENTS, DATA = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
+"""First bytes of sections: the table of contents, and all others."""
+PACKINGS = {"12 bits, big-endian": (2, 3), "10 bits, little-endian": (4, 5)}
+"""Packing -> number of samples in a group, and of its bytes: of the first camera, and of the Illum."""
+FRAMES = (("frames",), ("picture", "frameArray"))
+"""Keys of the list of frames in the table of contents: of the Illum, and of the first camera."""
+REFOCUS_STACK, DEPTH_MAP = "com.lytro.acceleration.refocusStack", "com.lytro.acceleration.depthMap"
+LARGEST = 1e30
+"""Bound of all numbers in JSON: products of two of them fit into float64."""
+MAX_DEPTH = 8
+"""Deepest nesting of JSON to follow."""
+CAMERA_FILE = "give a raw file of the camera itself"
+DAMAGED = "the file may be damaged: copy it again"
+
+
+def read_bytes(path: Path) -> bytes:
+    """All bytes of a file."""
+    with atomic.file_errors(path, "read"):
+        return path.read_bytes()
+
+
+@dataclass(frozen=True)
+class Record:
+    """JSON of a file, whose entries are checked when they are used."""
+
+    path: Path
+    """File for messages."""
+    entries: Mapping[str, Any]
+
+    @classmethod
+    def parse(cls, path: Path, text: bytes) -> "Record":
+        """A record from JSON; what follows its end is ignored, since cameras pad their files."""
+        try:
+            entries = json.JSONDecoder().raw_decode(text.decode("utf-8", "replace").lstrip("\ufeff \t\r\n"))[0]
+        except (ValueError, RecursionError) as error:
+            raise FileError(f"{path} must hold JSON", got=first_line(error), remedy=DAMAGED) from error
+        if not isinstance(entries, dict):
+            raise FileError(f"{path} must hold a record in JSON", got=type(entries).__name__, remedy=DAMAGED)
+        return cls(path, entries)
+
+    def get(self, *keys: str | int) -> Any:
+        """The entry under nested keys; None if there is none."""
+        entry: Any = self.entries
+        for key in keys:
+            try:
+                entry = entry[key]
+            except (KeyError, IndexError, TypeError):
+                return None
+        return entry
+
+    def number(self, *keys: str, default: float | None = None) -> float:
+        """The finite number under nested keys; the default, if there is one, where there is no entry."""
+        if default is not None and self.get(*keys) is None:
+            return default
+        return self.numbers(*keys, count=1)[0]
+
+    def numbers(self, *keys: str, count: int) -> list[float]:
+        """The list of finite numbers under nested keys; one number may stand alone."""
+        entry = self.get(*keys)
+        values = entry if isinstance(entry, list) else [entry]
+        if len(values) != count or not all(type(one) in (int, float) and abs(one) < LARGEST for one in values):
+            numbers = "a number" if count == 1 else f"{count} numbers"
+            expected = f"{self.path} must have {numbers} below {LARGEST:g} as {'.'.join(keys)} in its JSON"
+            raise FileError(expected, got=str(entry)[:60], remedy=CAMERA_FILE)
+        return [float(one) for one in values]
+
+
+def records(contents: Any, *keys: str, depth: int = MAX_DEPTH) -> Iterator[Mapping[str, Any]]:
+    """The dictionaries, anywhere in nested containers, that hold a dictionary under each of these keys."""
+    if isinstance(contents, Mapping) and all(isinstance(contents.get(key), Mapping) for key in keys):
+        yield contents
+    elif isinstance(contents, Mapping | list) and depth > 0:
+        for child in contents.values() if isinstance(contents, Mapping) else contents:
+            yield from records(child, *keys, depth=depth - 1)
+
+
+@dataclass(frozen=True)
+class Container:
+    """A container, whose sections are read when they are used."""
+
+    path: Path
+    contents: Record
+    """The table of contents."""
+    sections: Mapping[str, tuple[int, int]]
+    """SHA-1, such as `sha1-0a...`, of a section of data -> position and number of its bytes."""
+
+    @classmethod
+    def open(cls, path: Path) -> "Container":
+        """A container whose sections lie wholly in its file.
+
+        Raises:
+            FileError: It is none, or it is damaged.
+        """
+        contents, sections = None, {}
+        with atomic.file_errors(path, "read"), path.open("rb") as file:
+            length = path.stat().st_size
+            head = file.read(HEADER)
+            if not head.startswith(MAGIC):
+                got, remedy = images.described_head(head), "give a raw file of the camera (IMG_0001.lfp, .lfr)"
+                raise FileError(f"{path} must be a file of a Lytro camera", got=got, remedy=remedy)
+            is_damaged = False
+            while file.tell() < length and not is_damaged:
+                start = file.tell()
+                header = file.read(SECTION_HEADER)
+                kind, n_bytes = header[: len(DATA)], int.from_bytes(header[12:16], "big")
+                end = start + SECTION_HEADER + n_bytes
+                if kind not in (CONTENTS, DATA) or end > length:
+                    is_damaged = True
+                    break
+                reference = header[16:61].decode("ascii", "replace").lower()
+                sections[reference] = start + SECTION_HEADER, n_bytes
+                contents = reference if kind == CONTENTS else contents
+                file.seek(end + -end % PADDING)
+        if is_damaged or contents is None:
+            got = f"{length} bytes that do not end where its sections do" if is_damaged else "no table of contents"
+            raise FileError(f"{path} must be a whole container of a Lytro camera", got=got, remedy=DAMAGED)
+        whole = cls(path, Record(path, {}), sections)
+        return cls(path, whole.record(contents), sections)
+
+    def holds(self, reference: Any) -> bool:
+        """Whether there is a section of this SHA-1."""
+        return isinstance(reference, str) and reference.lower() in self.sections
+
+    def data(self, reference: Any) -> bytes:
+        """The bytes of a section."""
+        if not self.holds(reference):
+            raise FileError(f"{self.path} must be a whole container", got=f"no section {reference}", remedy=DAMAGED)
+        start, n_bytes = self.sections[reference.lower()]
+        with atomic.file_errors(self.path, "read"), self.path.open("rb") as file:
+            file.seek(start)
+            data = file.read(n_bytes)
+        if f"sha1-{hashlib.sha1(data, usedforsecurity=False).hexdigest()}" != reference.lower():
+            got = f"a section whose SHA-1 is not {reference}"
+            raise FileError(f"{self.path} must be a whole container", got=got, remedy=DAMAGED)
+        return data
+
+    def record(self, reference: Any) -> Record:
+        """The JSON in a section."""
+        return Record.parse(self.path, self.data(reference))
+
+    @property
+    def frame(self) -> Mapping[str, Any]:
+        """References of the first frame, `imageRef`, `metadataRef` and others; empty if there is no frame."""
+        for keys in FRAMES:
+            if isinstance(frame := self.contents.get(*keys, 0, "frame"), Mapping):
+                return frame
+        return {}
+
+    def acceleration(self, kind: str) -> Record | None:
+        """Lytro's own result of a kind: its record, if there is one."""
+        entries = self.contents.get("picture", "accelerationArray")
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, dict) and entry.get("type") == kind:
+                content = entry.get("vendorContent")
+                return Record(self.path, content if isinstance(content, dict) else {})
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class RawImage:
+    """The image of a sensor behind its lenslets and its colour mosaic, as recorded."""
+
+    path: Path
+    samples: NDArray[np.uint16]
+    """Samples of the mosaic, [H, W]."""
+    record: Record
+    """Record of the frame: `image`, `devices`, `camera`."""
+    serial: str = ""
+    """Serial number of the camera, if known."""
+    white: NDArray[np.uint16] | None = None
+    """The white image that the container itself holds, [H, W]."""
+
+
+def is_raw(path: Path) -> bool:
+    """Whether a file has a raw image of a Lytro camera: a container with one, or a `.raw` file with its JSON.
+
+    Damaged containers count too, so that reading them reports it.
+    """
+    if path.suffix.lower() == BARE or not path.is_file():
+        return path.is_file() and next(_partners(path), None) is not None
+    if not images.read_head(path).startswith(MAGIC):
+        return False
+    try:
+        container = Container.open(path)
+    except FileError:
+        return True
+    return container.holds(container.frame.get("imageRef"))
+
+
+def is_stack(path: Path) -> bool:
+    """Whether a file is a container of Lytro's refocused pictures without a raw image."""
+    with suppress(FileError):
+        if path.is_file() and images.read_head(path).startswith(MAGIC):
+            return not is_raw(path) and Container.open(path).acceleration(REFOCUS_STACK) is not None
+    return False
+
+
+def frame_record(path: Path) -> Record:
+    """The record of the frame of a container, or of a `.raw` file from the JSON beside it."""
+    if path.suffix.lower() != BARE:
+        container = Container.open(path)
+        return container.record(container.frame.get("metadataRef"))
+    for partner in _partners(path):
+        whole = Record.parse(partner, read_bytes(partner))
+        if (record := next(records(whole.entries, "image", "devices"), None)) is not None:
+            return Record(partner, record)
+    expected = f"{path} needs the JSON of its frame beside it"
+    raise FileError(expected, got="none", remedy=f"add {path.stem}.json, {path.stem}_metadata.json or {path.stem}.TXT")
+
+
+def _partners(path: Path) -> Iterator[Path]:
+    """Files beside a `.raw` file that may hold its JSON, as the camera, LFP Reader and lfptools name them."""
+    names = [f"{path.stem}{end}".lower() for end in (".json", ".txt", "_metadata.json", "_private_metadata.json")]
+    if "imageref" in path.stem.lower():
+        head, _, number = path.stem.lower().rpartition("imageref")
+        names += [f"{head}metadataref{number}.json", f"{head}privatemetadataref{number}.json"]
+        # lfptools counts all references that are metadata in one sequence.
+        names += [f"{head}privatemetadataref{int(number) + 1}.json"] if number.isdecimal() else []
+    there = {file.name.lower(): file for file in path.parent.iterdir()} if path.parent.is_dir() else {}
+    return (there[name] for name in names if name in there)
+
+
+def read_raw(path: Path) -> RawImage:
+    """The raw image of a container, or of a `.raw` file with its JSON.
+
+    Raises:
+        FileError: The file is damaged, or it is a file for sharing, which has no raw image.
+    """
+    if path.suffix.lower() == BARE:
+        record = frame_record(path)
+        serial = serial_of(Record.parse(partner, read_bytes(partner)) for partner in _partners(path))
+        return RawImage(path, unpacked(read_bytes(path), record, path), record, serial)
+    container = Container.open(path)
+    frame = container.frame
+    if not container.holds(frame.get("imageRef")):
+        stack = container.acceleration(REFOCUS_STACK) is not None
+        got = "a file for sharing, with refocused pictures only" if stack else "a container without one"
+        remedy = "give the raw file of the camera (IMG_0001.lfp, .lfr)" + (f", or lfref view {path}" if stack else "")
+        raise FileError(f"{path} must hold a raw image of the sensor", got=got, remedy=remedy)
+    record = container.record(frame.get("metadataRef"))
+    private = frame.get("privateMetadataRef")
+    sources = [record, *([container.record(private)] if container.holds(private) else [])]
+    white = frame.get("modulationDataRef")
+    return RawImage(
+        path,
+        unpacked(container.data(frame["imageRef"]), record, path),
+        record,
+        serial_of(sources),
+        unpacked(container.data(white), record, path) if container.holds(white) else None,
+    )
+
+
+def serial_of(sources: Iterable[Record]) -> str:
+    """The camera's serial number in the first record that has one."""
+    cameras = (camera for record in sources for camera in records({"": record.entries}, "camera"))
+    return next((str(one["camera"]["serialNumber"]) for one in cameras if "serialNumber" in one["camera"]), "")
+
+
+def details(record: Record) -> tuple[str, ...]:
+    """Keys under which the record of a frame describes its samples: those of the first camera, or of the Illum."""
+    return ("image", "rawDetails") if record.get("image", "rawDetails") is not None else ("image",)
+
+
+def unpacked(packed: bytes, record: Record, path: Path) -> NDArray[np.uint16]:
+    """Samples [H, W] from packed bytes: 12 bits, big-endian (2 samples in 3 bytes), or 10 bits (4 in 5 bytes)."""
+    width, height = (int(record.number("image", key)) for key in ("width", "height"))
+    bits, order = (record.get(*details(record), "pixelPacking", key) for key in ("bitsPerPixel", "endianness"))
+    packing = f"{bits} bits, {order}-endian"
+    if packing not in PACKINGS:
+        raise FileError(f"{path} must hold samples of {' or '.join(PACKINGS)}", got=packing, remedy=CAMERA_FILE)
+    n_samples, n_bytes = PACKINGS[packing]
+    if min(width, height) < 6 or height % 2 or width % n_samples or len(packed) * n_samples != width * height * n_bytes:
+        expected = f"{path} must hold {width}x{height} samples of {bits} bits"
+        raise FileError(expected, got=f"{len(packed)} bytes", remedy=DAMAGED)
+    groups = np.frombuffer(packed, np.uint8).reshape(height, width // n_samples, n_bytes).astype(np.uint16)
+    *high, low = (groups[..., k] for k in range(n_bytes))
+    if bits == 12:
+        samples = [high[0] << 4 | high[1] >> 4, (high[1] & 15) << 8 | low]
+    else:
+        # The last byte holds the two lowest bits of four samples, those of the first sample lowest.
+        samples = [one << 2 | low >> 2 * k & 3 for k, one in enumerate(high)]
+    return np.stack(samples, axis=-1).reshape(height, width)
+
+
+class FocalStack(NamedTuple):
+    """Refocused pictures that Lytro's software made."""
+
+    pictures: NDArray[np.uint8]
+    """Pictures in sRGB, [N, H, W, 3]."""
+    lambdas: tuple[float, ...]
+    """Focus of each picture: Lytro's depth parameter, 0 at the lenslets."""
+    depth: NDArray[np.float32]
+    """Lambda at which each patch of the pictures is sharp, [rows, columns]."""
+
+
+def read_focal_stack(path: Path) -> FocalStack:
+    """The refocused pictures, and the depth look-up table, of a container for sharing (`IMG_0001-stk.lfp`).
+
+    Raises:
+        FileError: The container is damaged, or holds no refocused pictures.
+    """
+    container = Container.open(path)
+    stack = container.acceleration(REFOCUS_STACK)
+    if stack is None:
+        got = "a depth map only" if container.acceleration(DEPTH_MAP) is not None else "none"
+        remedy = "give IMG_0001-stk.lfp, which Lytro Desktop wrote"
+        raise FileError(f"{path} must hold refocused pictures", got=got, remedy=remedy)
+    block = stack.get("blockOfImages", "blockOfImagesRef")
+    entries = stack.get("imageArray") if block is None else stack.get("blockOfImages", "metadataArray")
+    planes = [Record(path, entry) for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+    lambdas = tuple(plane.number("lambda") for plane in planes)
+    if block is None:
+        pictures = [_decoded_jpeg(container.data(plane.get("imageRef")), path) for plane in planes]
+    else:
+        pictures = _decoded_video(container.data(block), path)
+    if not pictures or len(pictures) != len(planes) or len({picture.shape for picture in pictures}) > 1:
+        shapes = sorted({"{}x{}".format(*picture.shape) for picture in pictures})
+        got = f"{len(pictures)} for {len(planes)} planes, of {', '.join(shapes) or 'no'} pixels"
+        raise FileError(f"{path} must hold pictures of one size, one a plane", got=got, remedy=DAMAGED)
+    width, height = (int(stack.number("depthLut", key)) for key in ("width", "height"))
+    table = container.data(stack.get("depthLut", "imageRef"))
+    if min(width, height) < 1 or len(table) != 4 * width * height:
+        expected = f"{path} must hold a depth table of {width}x{height}"
+        raise FileError(expected, got=f"{len(table)} bytes", remedy=DAMAGED)
+    depth = np.frombuffer(table, "<f4").reshape(height, width).astype(np.float32)
+    if not np.isfinite(depth).all():
+        raise FileError(f"{path} must hold a finite depth table", got="NaN or infinity", remedy=DAMAGED)
+    return FocalStack(np.stack(pictures), lambdas, depth)
+
+
+def _decoded_jpeg(data: bytes, path: Path) -> NDArray[np.uint8]:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, f"{path.stem}.jpg")
+        file.write_bytes(data)
+        picture = images.read_image(file)
+    return np.repeat(picture, 3, axis=2) if picture.shape[2] == 1 else picture[..., :3]
+
+
+def _decoded_video(data: bytes, path: Path) -> list[NDArray[np.uint8]]:
+    """The pictures of an H.264 stream without a container, as version 2 of Lytro Desktop stores them."""
+    import av  # takes a third of a second to import
+
+    try:
+        with av.open(io.BytesIO(data), "r", format="h264") as stream:
+            return [np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) for frame in stream.decode(video=0)]
+    except av.FFmpegError as error:
+        raise FileError(f"{path} must hold pictures in H.264", got=first_line(error), remedy=DAMAGED) from error
