@@ -38,6 +38,12 @@ def extent(cells: Iterable[Cell]) -> tuple[int, int]:
     return 1 + max(rows), 1 + max(columns)
 
 
+def cell_of(number: int, n_columns: int, is_serpentine: bool = False) -> Cell:
+    """The cell of a view by its number, row by row; on a serpentine path every second row runs to the left."""
+    row, column = divmod(number, n_columns)
+    return row, n_columns - 1 - column if is_serpentine and row % 2 else column
+
+
 def check_holes(grid: Grid[Source], name_of: Callable[[Cell], str], path: Path, allowed: bool | None = None) -> None:
     """Refuse a grid whose views are missing by accident.
 
