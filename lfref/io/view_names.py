@@ -102,19 +102,21 @@ def fitting_option(files: Sequence[Path], among: Sequence[Path]) -> str:
         files: The views; up to half of them may be named in other ways.
         among: All image files of the folder: a pattern may match no other.
     """
+    best, n_best = "", 0
     # In the first attempt a minus is a separator (`view-3-4`), in the second one a sign (`cam_-1_2`).
     for number in (r"\d+", r"(?<![a-zA-Z\d])-?\d+"):
         kinds: dict[tuple[str, ...], list[Path]] = {}
         for path in files:
             kinds.setdefault(tuple(re.split(number, path.name)), []).append(path)
         texts, views = max(kinds.items(), key=lambda kind: len(kind[1]), default=((), []))
-        if len(views) < max(2, len(files) / 2):
+        if len(views) < max(2, len(files) / 2) or len(views) <= n_best:
             continue
         numbers = [re.findall(number, path.name) for path in views]
         for pattern, grid in _grids(texts, numbers, number.removeprefix(r"(?<![a-zA-Z\d])")):
             if [path for path in among if re.search(pattern, path.name)] == views:
-                return shell_option("index" if _is_plain(pattern, among) else pattern) + grid
-    return ""
+                best, n_best = shell_option("index" if _is_plain(pattern, among) else pattern) + grid, len(views)
+                break
+    return best
 
 
 def _grids(texts: Sequence[str], numbers: list[list[str]], number: str) -> Iterable[tuple[str, str]]:
