@@ -230,8 +230,7 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
         raise FileError(f"{folder} must hold views whose names say their rows and columns", got=got, remedy=remedy)
     if len(fields) > 1:
         got = " and ".join(field[0].path.name for field in fields[:2])
-        choices = [file.path for field in fields for file in field], [file.path for file in fields[0]]
-        option = next(filter(None, (fitting_option(choice, files) for choice in choices)), "")
+        option = fitting_option(files, files) or fitting_option([file.path for file in fields[0]], files)
         remedy = "move one away" + (f", or set {option}" if option else "")
         raise FileError(f"{folder} must hold one light field", got=got, remedy=remedy)
     return fields[0]
