@@ -18,6 +18,8 @@ from lfref.io.scratch import Allocator
 Source = TypeVar("Source")
 Cell = tuple[int, int]
 """Row and column of a view, from 0."""
+ROW_RATIO = 1.5
+"""Difference of a view from the one below, over that from the next one, above which pictures count as one row."""
 FEWEST_HOLES = 4
 """Fewest missing views that may be intended: the smallest such grids lack four corners, or four views of 3x3."""
 

@@ -30,8 +30,6 @@ log = logging.getLogger(__name__)
 
 FEWEST_NUMBERED = 9
 """Fewest numbered pictures that count as views: other pictures rarely are so many, and a square number."""
-ROW_RATIO = 1.5
-"""Difference of a view from the one below, over that from the next one, above which pictures count as one row."""
 LARGEST_NUMBERED = 2500
 """Height and width, in pixels, from which numbered pictures may be lenslet images of several scenes."""
 N_NAMED = 5
@@ -250,7 +248,7 @@ def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
     last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
     if not last.shape == first_below.shape == last_below.shape:
         return  # `gather` names the view that is unlike the others
-    if np.abs(last_below - last).mean() > ROW_RATIO * np.abs(first_below - last).mean():
+    if np.abs(last_below - last).mean() > grid.ROW_RATIO * np.abs(first_below - last).mean():
         got, n_views = f"{len(stored.cells)} pictures that look like one row", len(stored.cells)
         remedy = f"set reader.pattern=index and reader.grid=[1,{n_views}], or reader.grid=[{n_rows},{n_columns}]"
         raise FileError(f"{folder} must hold a square grid of views, row by row", got=got, remedy=remedy)
