@@ -119,9 +119,8 @@ def _check_row(path: Path, sketches: list[NDArray[np.float32]], options: ReadOpt
     columns = max(ratios, key=lambda n: ratios[n], default=0)
     if columns and options.pattern is None and ratios[columns] > grid.ROW_RATIO:
         remedy = f"set reader.grid=[{count // columns},{columns}], or reader.grid=[1,{count}] for one row"
-        raise FileError(
-            f"{path} must be one row of views", got=f"{count} pictures that look like a grid", remedy=remedy
-        )
+        got = f"{count} pictures that look like a grid"
+        raise FileError(f"{path} must be one row of views", got=got, remedy=remedy)
 
 
 def read_frames(path: Path) -> Iterator[Frame]:
@@ -146,10 +145,11 @@ def read_frames(path: Path) -> Iterator[Frame]:
                 picture = frame.reformat(format="rgb24", src_colorspace=space).to_ndarray()
                 yield np.ascontiguousarray(np.rot90(picture, getattr(frame, "rotation", 0) // 90))
     except (av.FFmpegError, IndexError) as error:
-        got = "no pictures" if isinstance(error, IndexError) else first_line(error)
-        raise FileError(
-            f"{path} cannot be decoded", got=got, remedy="the film may be damaged: export it again"
-        ) from error
+        raise _damaged(path, "no pictures" if isinstance(error, IndexError) else first_line(error)) from error
+
+
+def _damaged(path: Path, reason: str) -> FileError:
+    return FileError(f"{path} cannot be decoded", got=reason, remedy="the film may be damaged: export it again")
 
 
 def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) -> None:

@@ -1,6 +1,7 @@
 """Films are read back by PyAV: as many frames, as large, as fast and of such colours as were written; and as views."""
 
 import functools
+import struct
 
 import av
 import numpy as np
@@ -259,6 +260,18 @@ def test_a_film_without_a_label_is_decoded_as_players_do(tmp_path):
     )
     assert np.abs(small[9, 9].astype(int) - (20, 200, 40)).max() < 4
     assert 10 < np.abs(large[9, 9].astype(int) - (20, 200, 40)).max() < 40
+
+
+def test_a_film_that_a_telephone_took_upright_is_turned_as_it_says(tmp_path):
+    path = film(tmp_path / "a.mov", ROW)
+    contents = bytearray(path.read_bytes())
+    at = contents.index(b"tkhd") + 44
+    # Each pixel (x, y) goes to (H - y, x): a quarter clockwise.
+    numbers = [0, 1 << 16, 0, -(1 << 16), 0, 0, 48 << 16, 0, 1 << 30]
+    contents[at : at + 36] = struct.pack(">9i", *numbers)
+    upright = next(video.read_frames(path))
+    path.write_bytes(contents)
+    np.testing.assert_array_equal(next(video.read_frames(path)), np.rot90(upright, -1))
 
 
 def test_still_pictures_are_no_films(tmp_path):
