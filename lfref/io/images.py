@@ -117,8 +117,8 @@ def described_head(head: bytes) -> str:
 
 
 @contextmanager
-def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
-    """Open an image file of `FORMATS` for decoding."""
+def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.ImageInput]:
+    """Open an image file of `FORMATS` for decoding; alpha of PNG and WebP is kept apart or multiplied in."""
     head = read_head(path)
     image_format = format_of_head(head)
     if image_format is None:
@@ -135,8 +135,7 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
         raise FileError(f"{path} must have a name in UTF-8", remedy="rename it")
     OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
     hints = OpenImageIO.ImageSpec()
-    # Otherwise alpha is multiplied into the colours of a PNG.
-    hints.attribute("oiio:UnassociatedAlpha", 1)
+    hints.attribute("oiio:UnassociatedAlpha", int(is_alpha_apart))
     try:
         source = OpenImageIO.ImageInput.open(str(path), hints)
         if source is None:

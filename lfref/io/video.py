@@ -126,8 +126,8 @@ def _check_row(path: Path, sketches: list[NDArray[np.float32]], options: ReadOpt
 def read_frames(path: Path) -> Iterator[Frame]:
     """The pictures of a film, one after the other, encoded for the screen, turned as it says, RGB, [H, W, 3]."""
     if images.format_of_head(images.read_head(path)) == "webp":
-        with images.open_image(path) as source:
-            # `source.spec(part)` would begin again with the first picture.
+        # OpenImageIO shows the first picture again and again if alpha is kept apart, or `spec(part)` asked for.
+        with images.open_image(path, is_alpha_apart=False) as source:
             for part in itertools.takewhile(lambda part: source.seek_subimage(part, 0), itertools.count()):
                 picture = source.read_image(part, 0, 0, 3, "uint8")
                 if (reason := source.geterror()) or picture is None:
