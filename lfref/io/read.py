@@ -57,8 +57,7 @@ FOLDER = Format(
     view_folders.is_field,
     ("pattern", "grid", "holes"),
 )
-# JPEG is excluded: its losses mix neighbouring pixels, which are neighbouring views.
-_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
+_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
 # A film, or a JPEG, in a folder may be anything: they are read only if they are named.
 FILM = Format(
     "film",
@@ -71,9 +70,9 @@ FILM = Format(
 FORMATS = (
     Format(
         "eslf",
-        "an ESLF image (PNG, TIFF, BMP ...)",
+        "a lenslet image (ESLF or raw: PNG, TIFF, JPEG ...)",
         tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
-        tuple(suffix for image_format in _LENSLETS for suffix in image_format.suffixes),
+        tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
         lenslets.decode_lenslets,
         options=("lenslet", "pitch", "offset", "rotation", "lattice", "white"),
     ),
