@@ -1,10 +1,12 @@
 """What shows that an image with a lattice is one of lenslets, and of which kind of camera.
 
-Photographs of bricks, tiles, fences and fabric have lattices too. Three things are different there. No lens and no wall
-is as straight as an array of lenslets (`lenslet_search.find_lattice` measures that). The image of the pupil is round:
-the mean of all cells depends on the distance from the centre alone (`roundness`). And at the border between lenslets
-the direction jumps: once each pixel is divided by the mean of its place in the cell, a photograph goes on there as
-anywhere else, while lenslets begin anew (`step`).
+Photographs of bricks, tiles, fences and fabric have lattices too. What is different there:
+- No lens and no wall is as straight as an array of lenslets (`lenslet_search` measures that).
+- The image of the pupil is round: the mean of all cells depends on the distance from the centre alone (`roundness`).
+- At the border between lenslets the direction jumps. Once each pixel is divided by the mean of its place in the cell, a
+  photograph goes on there as anywhere else, while lenslets begin anew (`step`).
+- Lenslets see the scene from several directions, so that there is detail in each (`parallax`), and the detail of one is
+  seen again in the next (`repetition`). Mosaics and lamps in rows have none, threads and dots of a print their own.
 
 A focused plenoptic camera (Lumsdaine & Georgiev 2009; Perwass & Wietzke 2012, the Raytrix with lenslets of three focal
 lengths) has a small sharp picture of the scene behind each lenslet. Behind the lenslets of other cameras a scene is
@@ -45,6 +47,10 @@ ALIGNED_CONTRAST, ALIGNED_ROUND, ALIGNED_STEP = 0.1, 0.65, 1.4
 
 Aligned lenslets have a step of 2.1 to 10, and a roundness of .9 to 1; photographs of a period of 14 pixels .2 to .5.
 """
+PARALLAX = 0.06
+"""Least variance of detail in lenslets, over that of steps between them: scenes of |slope| .1 have .2, mosaics .04."""
+REPETITION = 0.45
+"""Least correlation of detail with that of the next lenslet, without noise: scenes have .5 to 1, fences and dots .4."""
 REPEATED = 0.45
 """Least correlation of neighbouring lenslets that counts as the same scene: .6 to .75, without shift up to .3."""
 SHARP = 0.6
@@ -63,6 +69,8 @@ class Cells:
 
     light: NDArray[np.float64]
     """Samples over the mean of their neighbourhood and over the mean of their place in the cell."""
+    even: NDArray[np.float64]
+    """Samples over the mean of their place in the cell."""
     gain: NDArray[np.float64]
     """Mean of the pixel's place in the cell, about 1 on average."""
     radius: NDArray[np.float64]
@@ -133,9 +141,9 @@ def fold(image: NDArray, lattice: Lattice) -> Cells:
     level = np.maximum(around[0].numpy(), 1e-9)
     fine, place = _mean_cell(middle, level, offset / lattice.pitch[1], math.ceil(3 * lattice.pitch[1]))
     gain = fine[place].reshape(size)
-    light = middle / level / np.maximum(gain, DARK / 2 * gain.max() + 1e-9)
+    even = middle / np.maximum(gain, DARK / 2 * gain.max() + 1e-9)
     coarse, place = _mean_cell(middle, level, offset / lattice.pitch[1], BINS)
-    return Cells(light, gain, radius, numbers, _roundness(coarse, place, radius.ravel()), lattice)
+    return Cells(even / level, even, gain, radius, numbers, _roundness(coarse, place, radius.ravel()), lattice)
 
 
 def _mean_cell(middle: NDArray, level: NDArray, offset: NDArray, n_bins: int) -> tuple[NDArray, NDArray]:
@@ -157,9 +165,93 @@ def _roundness(cell: NDArray, place: NDArray, radius: NDArray) -> float:
     return 1 - float(rest @ rest) / max(float(target @ target), 1e-30)
 
 
+@dataclass(frozen=True)
+class Detail:
+    """What lenslets show within themselves: deviations of pixels from the mean of their lenslet, where it is bright."""
+
+    parallax: float
+    """Variance of the detail without noise, over that of the steps from one lenslet to the next."""
+    correlation: float
+    """Largest correlation of the detail with that of the next lenslet."""
+    repetition: float
+    """The same without noise."""
+    shift: float
+    """Distance of the correlated places in the two lenslets, in pixels."""
+    width: float
+    """Distance at which the detail correlates with itself by half as much as with the next pixel, in pixels."""
+    kind_ratio: float
+    """Sharpness of the sharpest of three kinds of lenslets, over that of the least sharp; 1 for square lattices."""
+
+
+def measure_detail(cells: Cells) -> Detail:
+    """The detail within the lenslets."""
+    pitch = cells.lattice.pitch[1]
+    i, j = cells.numbers - cells.numbers.reshape(2, -1).min(axis=1)[:, None, None]
+    n_columns = int(j.max()) + 1
+    lenslet, size = i * n_columns + j, (int(i.max()) + 1) * n_columns
+    bright = cells.radius < 0.4
+    n_pixels = np.bincount(lenslet.ravel(), bright.ravel(), size)
+    whole = n_pixels >= 0.9 * n_pixels.max()
+    mean = np.bincount(lenslet.ravel(), np.where(bright, cells.even, 0).ravel(), size) / np.maximum(n_pixels, 1)
+    counts = bright & whole[lenslet]
+    detail = np.where(counts, cells.even / np.maximum(mean, 1e-9)[lenslet] - 1, 0).clip(-2, 2)
+
+    def products(lag: float, lenslets_apart: int) -> tuple[float, float]:
+        """Correlation and covariance of pixels so far apart along a row of lenslets."""
+        here, there = _apart(*(round(lag * step / pitch) for step in cells.lattice.columns))
+        pairs = counts[here] & counts[there] & (i[here] == i[there]) & (j[there] - j[here] == lenslets_apart)
+        if pairs.sum() < FEWEST_PAIRS:
+            return 0.0, 0.0
+        one, other = detail[here][pairs], detail[there][pairs]
+        return float(one @ other / math.sqrt(max(float(one @ one * (other @ other)), 1e-30))), float(
+            (one * other).mean()
+        )
+
+    # Noise correlates only with itself: all is measured from the next pixel on.
+    along = [products(lag, 0) for lag in range(math.ceil(0.8 * pitch))]
+    first, covariance = along[1]
+    width = next((lag - 1 + (a - first / 2) / (a - b) for lag, a, b in _falling([one for one, _ in along])), math.inf)
+    lags = np.arange(math.ceil(0.5 * pitch), math.floor(1.5 * pitch) + 1)
+    repeated = [products(float(lag), 1)[0] for lag in lags]
+    best = int(np.argmax(repeated))
+
+    grid, is_whole = mean.reshape(-1, n_columns), whole.reshape(-1, n_columns)
+    steps = 2 * (grid[:, 1:] - grid[:, :-1]) / np.maximum(grid[:, 1:] + grid[:, :-1], 1e-9)
+    spread = float((steps[is_whole[:, 1:] & is_whole[:, :-1]] ** 2).mean())
+
+    kind_ratio = 1.0
+    if cells.lattice.is_hexagonal:
+        here, there = _apart(0, 1)
+        inside = counts[here] & counts[there] & (lenslet[here] == lenslet[there])
+        kind = (cells.numbers[1] - np.floor_divide(cells.numbers[0], 2) - cells.numbers[0]) % KINDS
+        edges = (detail[here] - detail[there]) ** 2
+        sharpness = [float(edges[inside & (kind[here] == k)].mean()) for k in range(KINDS)]
+        kind_ratio = max(sharpness) / max(min(sharpness), 1e-30)
+    return Detail(
+        parallax=covariance / max(spread, 1e-30),
+        correlation=repeated[best],
+        repetition=repeated[best] / first if first > 0 else 0.0,
+        shift=abs(float(lags[best]) - pitch),
+        width=width,
+        kind_ratio=kind_ratio,
+    )
+
+
+def _falling(along: list[float]) -> Iterator[tuple[int, float, float]]:
+    """Lags, from 2, at which a correlation falls below half of that of the next pixel, with both its values."""
+    for lag in range(2, len(along)):
+        if along[lag] < along[1] / 2 <= along[lag - 1]:
+            yield lag, along[lag - 1], along[lag]
+
+
+def has_parallax(detail: Detail) -> bool:
+    """Whether lenslets see a scene from several directions."""
+    return detail.parallax >= PARALLAX and detail.repetition >= REPETITION
+
+
 def shows_lenslets(cells: Cells) -> bool:
     """Whether the lattice is one of lenslets with dark gaps, and not of a photograph."""
-    return cells.roundness >= ROUND and cells.step() >= STEP
+    return cells.roundness >= ROUND and cells.step() >= STEP and has_parallax(measure_detail(cells))
 
 
 def shows_aligned_lenslets(cells: Cells) -> bool:
@@ -168,46 +260,7 @@ def shows_aligned_lenslets(cells: Cells) -> bool:
     return is_round and cells.step(1) >= ALIGNED_STEP
 
 
-def is_focused(cells: Cells) -> bool:
+def is_focused(detail: Detail) -> bool:
     """Whether lenslets are those of a focused plenoptic camera: sharp pictures that repeat in the next lenslet."""
-    pitch = cells.lattice.pitch[1]
-    # Deviations from the mean of the lenslet, where it is bright.
-    i, j = cells.numbers - cells.numbers.reshape(2, -1).min(axis=1)[:, None, None]
-    lenslet = i * (j.max() + 1) + j
-    counts = cells.radius < 0.4
-    n_pixels = np.maximum(np.bincount(lenslet.ravel(), counts.ravel()), 1)
-    mean = np.bincount(lenslet.ravel(), np.where(counts, cells.light, 0).ravel()) / n_pixels
-    detail = np.where(counts, cells.light - mean[lenslet], 0)
-
-    def correlation(lag: float, lenslets_apart: int) -> float:
-        down, right = (round(lag * step / pitch) for step in cells.lattice.columns)
-        here, there = _apart(down, right)
-        pairs = counts[here] & counts[there] & (i[here] == i[there]) & (j[there] - j[here] == lenslets_apart)
-        if pairs.sum() < FEWEST_PAIRS:
-            return 0.0
-        one, other = detail[here][pairs], detail[there][pairs]
-        return float((one * other).sum() / math.sqrt(max(float((one**2).sum() * (other**2).sum()), 1e-30)))
-
-    # Noise correlates only with itself: widths are measured from the first neighbour on.
-    along = [correlation(lag, 0) for lag in range(math.ceil(0.8 * pitch))]
-    width = next((lag - 1 + (a - along[1] / 2) / (a - b) for lag, a, b in _falling(along)), math.inf)
-    lags = np.arange(math.ceil(0.5 * pitch), math.floor(1.5 * pitch) + 1)
-    repeated = [correlation(float(lag), 1) for lag in lags]
-    shift = abs(lags[int(np.argmax(repeated))] - pitch)
-    if max(repeated) > REPEATED and shift >= SHORTEST_SHIFT and width < SHARP * shift:
-        return True
-    if not cells.lattice.is_hexagonal:
-        return False
-    here, there = _apart(0, 1)
-    inside = counts[here] & counts[there] & (lenslet[here] == lenslet[there])
-    kind = (cells.numbers[1] - np.floor_divide(cells.numbers[0], 2) - cells.numbers[0]) % KINDS
-    edges = (detail[here] - detail[there]) ** 2
-    sharpness = [float(edges[inside & (kind[here] == k)].mean()) for k in range(KINDS)]
-    return max(sharpness) > KIND_RATIO * min(sharpness)
-
-
-def _falling(along: list[float]) -> Iterator[tuple[int, float, float]]:
-    """Lags, from 2, at which a correlation falls below half of that of the first neighbour, with both its values."""
-    for lag in range(2, len(along)):
-        if along[lag] < along[1] / 2 <= along[lag - 1]:
-            yield lag, along[lag - 1], along[lag]
+    is_sharp = detail.shift >= SHORTEST_SHIFT and detail.width < SHARP * detail.shift
+    return (is_sharp and detail.correlation > REPEATED) or detail.kind_ratio > KIND_RATIO

@@ -41,8 +41,13 @@ def decode_lenslets(path: Path, options: ReadOptions) -> NDArray:
         got, remedy = "one view of a folder of views", f"read {path.parent}"
         raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
     is_jpeg = images.format_of_head(images.read_head(path)) == "jpeg"
+    views = _decode(path, options, is_jpeg)
     if is_jpeg:
         log.warning("%s: the losses of JPEG mix neighbouring views; read a lossless file if there is one", path)
+    return views
+
+
+def _decode(path: Path, options: ReadOptions, is_jpeg: bool) -> NDArray:
     if options.describes_lenslets:
         if options.lenslet != LENSLET:
             got, remedy = f"both, lenslet {options.lenslet}", "leave reader.lenslet out"
@@ -51,7 +56,13 @@ def decode_lenslets(path: Path, options: ReadOptions) -> NDArray:
     image = images.read_image(path)
     lenslet = options.lenslet
     if lenslet == LENSLET and (lattice := _shown_lattice(image, path)) is not None:
-        return _resampled_views(path, image, options, lattice)
+        if not lattice.is_hexagonal or abs(lattice.rotation) <= lenslet_search.MAX_HEXAGONAL_ROTATION:
+            return _resampled_views(path, image, options, lattice)
+        # Rows of hexagonal lenslets that stand upright are level in the transposed image.
+        across = replace(options, views=None if options.views is None else options.views[::-1])
+        image = np.ascontiguousarray(image.swapaxes(0, 1))
+        if (lattice := lenslet_search.lattice_of_scene(_grey(image))) is not None:
+            return _resampled_views(path, image, across, lattice).transpose(1, 0, 2, 4, 3)
     rows, columns = options.window((lenslet, lenslet), path, options.views or (DEFAULT_VIEWS, DEFAULT_VIEWS))
     if min(image.shape[:2]) < lenslet * (FEWEST_LENSLETS if is_jpeg else 1):
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
@@ -92,7 +103,7 @@ def _is_aligned(lattice: Lattice, size: tuple[int, ...]) -> bool:
 
 
 def _refuse_focused(cells: lenslet_evidence.Cells, path: Path) -> None:
-    if lenslet_evidence.is_focused(cells):
+    if lenslet_evidence.is_focused(lenslet_evidence.measure_detail(cells)):
         expected = f"{path} must be of a plenoptic camera whose lenslets show the pupil (Lytro, for one)"
         got = (
             f"one of a focused camera (Raytrix, for one): lenslets of {cells.lattice.pitch[1]:.1f} pixels with pictures"
