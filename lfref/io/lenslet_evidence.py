@@ -47,8 +47,8 @@ ALIGNED_CONTRAST, ALIGNED_ROUND, ALIGNED_STEP = 0.1, 0.65, 1.4
 
 Aligned lenslets have a step of 2.1 to 10, and a roundness of .9 to 1; photographs of a period of 14 pixels .2 to .5.
 """
-PARALLAX = 0.06
-"""Least variance of detail in lenslets, over that of steps between them: scenes of |slope| .1 have .2, mosaics .04."""
+PARALLAX = 0.16
+"""Least variance of detail in lenslets, over that of steps between them: scenes of |slope| .1 have .19, mosaics .14."""
 REPETITION = 0.45
 """Least correlation of detail with that of the next lenslet, without noise: scenes have .5 to 1, fences and dots .4."""
 REPEATED = 0.45

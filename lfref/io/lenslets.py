@@ -76,20 +76,26 @@ def _shown_lattice(image: NDArray, path: Path) -> Lattice | None:
     """The lattice of lenslets that an image [H, W, C] shows by itself; None if they are aligned, or do not show.
 
     Raises:
-        FileError: The camera is a focused one.
+        FileError: The camera is a focused one, or the image is of something else that is regular and round.
     """
     grey = _grey(image)
     lattice = lenslet_search.lattice_of_scene(grey)
     if lattice is None:
         return None
     cells = lenslet_evidence.fold(grey, lattice)
-    if not lenslet_evidence.shows_lenslets(cells):
+    if cells.roundness < lenslet_evidence.ROUND:
         return None
-    _refuse_focused(cells, path)
+    shows_lenslets = lenslet_evidence.shows_lenslets(cells)
+    if shows_lenslets:
+        _refuse_focused(cells, path)
     if _is_aligned(lattice, grey.shape):
         return None
     option = f"reader.lattice={lattice.name} reader.pitch=[{lattice.pitch[0]:.3f},{lattice.pitch[1]:.3f}]"
     place = f"reader.offset=[{lattice.origin[0]:.2f},{lattice.origin[1]:.2f}] reader.rotation={lattice.rotation:.3f}"
+    if not shows_lenslets:
+        got = f"a {lattice.name} pattern of {lattice.pitch[1]:.2f} pixels without parallax"
+        remedy = f"give a light field (a folder of views, for one), or set {option} to read it all the same"
+        raise FileError(f"{path} must be an image of lenslets", got=got, remedy=remedy)
     log.info("%s: lenslets found as by %s %s", path, option, place)
     return lattice
 
