@@ -55,49 +55,51 @@ def _decode(path: Path, options: ReadOptions, is_jpeg: bool) -> NDArray:
         return _resampled_views(path, images.read_image(path), options)
     image = images.read_image(path)
     lenslet = options.lenslet
-    if lenslet == LENSLET and (lattice := _shown_lattice(image, path)) is not None:
+    lattice, pattern = _shown_lattice(image, path) if lenslet == LENSLET else (None, None)
+    if lattice is not None:
         if not lattice.is_hexagonal or abs(lattice.rotation) <= lenslet_search.MAX_HEXAGONAL_ROTATION:
             return _resampled_views(path, image, options, lattice)
         # Rows of hexagonal lenslets that stand upright are level in the transposed image.
         across = replace(options, views=None if options.views is None else options.views[::-1])
         image = np.ascontiguousarray(image.swapaxes(0, 1))
-        if (lattice := lenslet_search.lattice_of_scene(_grey(image))) is not None:
-            return _resampled_views(path, image, across, lattice).transpose(1, 0, 2, 4, 3)
+        if (level := lenslet_search.lattice_of_scene(_grey(image))) is not None:
+            return _resampled_views(path, image, across, level).transpose(1, 0, 2, 4, 3)
     rows, columns = options.window((lenslet, lenslet), path, options.views or (DEFAULT_VIEWS, DEFAULT_VIEWS))
     if min(image.shape[:2]) < lenslet * (FEWEST_LENSLETS if is_jpeg else 1):
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
         raise FileError(f"{path} must hold lenslets of {lenslet}x{lenslet}", got=got, remedy=remedy)
-    lenslet_search.check_pitch(image, lenslet, path)
-    _check_no_pattern(image, lenslet, path)
+    try:
+        lenslet_search.check_pitch(image, lenslet, path)
+        _check_no_pattern(image, lenslet, path)
+    except FileError as error:
+        raise pattern or error from error
     return unpack(image, lenslet)[rows, columns]
 
 
-def _shown_lattice(image: NDArray, path: Path) -> Lattice | None:
-    """The lattice of lenslets that an image [H, W, C] shows by itself; None if they are aligned, or do not show.
+def _shown_lattice(image: NDArray, path: Path) -> tuple[Lattice | None, FileError | None]:
+    """The lattice of lenslets that an image [H, W, C] shows by itself, none if they are aligned or do not show.
+
+    The second value says, if there is none, which pattern may be one of lenslets all the same.
 
     Raises:
-        FileError: The camera is a focused one, or the image is of something else that is regular and round.
+        FileError: The camera is a focused one.
     """
     grey = _grey(image)
     lattice = lenslet_search.lattice_of_scene(grey)
-    if lattice is None:
-        return None
-    cells = lenslet_evidence.fold(grey, lattice)
-    if cells.roundness < lenslet_evidence.ROUND:
-        return None
-    shows_lenslets = lenslet_evidence.shows_lenslets(cells)
-    if shows_lenslets:
-        _refuse_focused(cells, path)
-    if _is_aligned(lattice, grey.shape):
-        return None
+    cells = None if lattice is None else lenslet_evidence.fold(grey, lattice)
+    if lattice is None or cells is None or cells.roundness < lenslet_evidence.ROUND:
+        return None, None
     option = f"reader.lattice={lattice.name} reader.pitch=[{lattice.pitch[0]:.3f},{lattice.pitch[1]:.3f}]"
-    place = f"reader.offset=[{lattice.origin[0]:.2f},{lattice.origin[1]:.2f}] reader.rotation={lattice.rotation:.3f}"
-    if not shows_lenslets:
+    if not lenslet_evidence.shows_lenslets(cells):
         got = f"a {lattice.name} pattern of {lattice.pitch[1]:.2f} pixels without parallax"
         remedy = f"give a light field (a folder of views, for one), or set {option} to read it all the same"
-        raise FileError(f"{path} must be an image of lenslets", got=got, remedy=remedy)
+        return None, FileError(f"{path} must be an image of lenslets", got=got, remedy=remedy)
+    _refuse_focused(cells, path)
+    if _is_aligned(lattice, grey.shape):
+        return None, None
+    place = f"reader.offset=[{lattice.origin[0]:.2f},{lattice.origin[1]:.2f}] reader.rotation={lattice.rotation:.3f}"
     log.info("%s: lenslets found as by %s %s", path, option, place)
-    return lattice
+    return lattice, None
 
 
 def _is_aligned(lattice: Lattice, size: tuple[int, ...]) -> bool:
@@ -217,7 +219,7 @@ def _lattice(options: ReadOptions, image: NDArray, white: NDArray | None, path: 
         of_white = lenslet_search.lattice_of(white.mean(axis=2), options.white)
         _refuse_focused(lenslet_evidence.fold(_grey(image), of_white), path)
         return overridden(of_white, options)
-    if options.pitch is None and (of_scene := _shown_lattice(image, path)) is not None:
+    if options.pitch is None and (of_scene := _shown_lattice(image, path)[0]) is not None:
         return overridden(of_scene, options)
     described = lattice_of_options(options)
     # An image with a whole pitch was cut by a tool: its first lenslet begins in the corner.
