@@ -306,8 +306,11 @@ def spectrum(image: NDArray, axis: int) -> Spectrum | None:
     return Spectrum(np.log10(power / median + 1e-3), grey.shape[1])
 
 
-def check_pitch(image: NDArray, pitch: int, path: Path) -> None:
-    """Refuse an image [H, W, C] without lenslets, or with lenslets that clearly have another pitch along both axes."""
+def check_pitch(image: NDArray, pitch: int, path: Path, pattern: FileError | None = None) -> None:
+    """Refuse an image [H, W, C] without lenslets, or with lenslets that clearly have another pitch along both axes.
+
+    `pattern` is the error for an image that shows no aligned lenslets of any pitch, if more is known of it.
+    """
     down, across = spectrum(image, 0), spectrum(image, 1)
     if down is None or across is None or pitch < SHORTEST_PITCH or down.shows(pitch) or across.shows(pitch):
         return
@@ -321,12 +324,12 @@ def check_pitch(image: NDArray, pitch: int, path: Path) -> None:
     expected = f"{path} must hold aligned lenslets of {pitch} pixels"
     if not is_lattice:
         remedy = f"give a light field (a folder of views, for one), or set reader.pitch={pitch} to read it all the same"
-        raise FileError(expected, got="an image that shows none", remedy=remedy)
+        raise pattern or FileError(expected, got="an image that shows none", remedy=remedy)
     whole = round(columns)
     if is_square and abs(columns - whole) < WHOLE_PITCH * columns**2 / image.shape[1]:
-        remedy = f"set reader.lenslet={whole}"
+        remedy, pattern = f"set reader.lenslet={whole}", None
     else:
         lattice = "" if is_square else "reader.lattice=hexagonal "
         remedy = f"set {lattice}reader.pitch={columns:.2f}, or reader.white to a white image of the camera"
     got = f"a pitch of about {columns:.2f}{'' if is_square else ', hexagonal'}"
-    raise FileError(expected, got=got, remedy=remedy)
+    raise pattern or FileError(expected, got=got, remedy=remedy)

@@ -68,11 +68,8 @@ def _decode(path: Path, options: ReadOptions, is_jpeg: bool) -> NDArray:
     if min(image.shape[:2]) < lenslet * (FEWEST_LENSLETS if is_jpeg else 1):
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
         raise FileError(f"{path} must hold lenslets of {lenslet}x{lenslet}", got=got, remedy=remedy)
-    try:
-        lenslet_search.check_pitch(image, lenslet, path)
-        _check_no_pattern(image, lenslet, path)
-    except FileError as error:
-        raise pattern or error from error
+    lenslet_search.check_pitch(image, lenslet, path, pattern)
+    _check_no_pattern(image, lenslet, path)
     return unpack(image, lenslet)[rows, columns]
 
 
