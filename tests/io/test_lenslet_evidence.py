@@ -182,3 +182,41 @@ def test_the_measures_are_what_they_say():
     assert lenslet_evidence.fold(photographs.tiles((400, 400), 12), lattice).roundness < 0.85
     flat = np.kron(np.random.default_rng(0).random((34, 34)), np.ones((12, 12)))[:400, :400] + 0.2
     assert lenslet_evidence.measure_detail(lenslet_evidence.fold(flat, lattice)).parallax < 1e-3
+
+
+def test_thresholds_lie_between_lenslets_and_other_things():
+    lenslets = lenslet_evidence.fold(sensor(LATTICES["hexagonal"], 0.7), LATTICES["hexagonal"])
+    others = {thing: photographs.REGULAR[thing](SIZE, 14) for thing in ("wire", "tiles", "fence")}
+    cells = {
+        thing: lenslet_evidence.fold(image, made(14.0, 0.0, thing == "wire", (0, 0))) for thing, image in others.items()
+    }
+    assert lenslet_evidence.STEP / 2 < cells["wire"].step() < lenslet_evidence.STEP < lenslets.step()
+    assert lenslets.step() < 2 * lenslet_evidence.STEP
+    square = [lenslet_evidence.fold(others[thing], made(14.0, 0.0, False, (6.5, 6.5))) for thing in ("tiles", "fence")]
+    assert lenslet_evidence.ALIGNED_ROUND / 2 < square[0].roundness < lenslet_evidence.ALIGNED_ROUND
+    assert lenslet_evidence.ALIGNED_STEP / 2 < square[1].step(1) < lenslet_evidence.ALIGNED_STEP
+
+
+MEASURED = {"parallax": 1.0, "correlation": 0.6, "repetition": 0.9, "shift": 6.7, "width": 7.0, "kind_ratio": 1.05}
+"""Detail of a scene behind lenslets."""
+
+
+@pytest.mark.parametrize(
+    ("changed", "has_parallax", "is_focused"),
+    [
+        ({}, True, False),
+        ({"parallax": 0.19, "repetition": 0.5}, True, False),
+        ({"parallax": 0.144}, False, False),
+        ({"repetition": 0.42}, False, False),
+        ({"width": 0.55 * 6.7}, True, True),
+        ({"width": 0.85 * 6.7}, True, False),
+        ({"width": 2.5, "correlation": 0.59}, True, True),
+        ({"width": 2.5, "correlation": 0.3}, True, False),
+        ({"width": 0.7, "shift": 1.5}, True, False),
+        ({"kind_ratio": 1.6}, True, True),
+    ],
+)
+def test_what_was_measured_of_cameras_and_mosaics_decides(changed, has_parallax, is_focused):
+    detail = lenslet_evidence.Detail(**(MEASURED | changed))
+    assert lenslet_evidence.has_parallax(detail) == has_parallax
+    assert lenslet_evidence.is_focused(detail) == is_focused
