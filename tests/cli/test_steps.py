@@ -68,7 +68,8 @@ def test_an_option_that_concerns_other_forms_is_refused_and_their_defaults_are_n
     words = ("info", field)
     assert lfref(*words, "output=run")[0] == 0  # with all of conf/reader
     said = assert_one_line(*lfref(*words, "reader.pitch=14.3"))
-    assert "pitch (reader.pitch) concerns a lenslet image (ESLF or raw: PNG, TIFF, JPEG ...); got a folder of views" in said
+    title = "a lenslet image (ESLF or raw: PNG, TIFF, JPEG ...)"
+    assert f"pitch (reader.pitch) concerns {title}; got a folder of views" in said
     said = assert_one_line(*lfref(*words, "reader.axes=vuhwc"))
     assert "axes (reader.axes) concerns an array" in said
 
