@@ -18,6 +18,8 @@ from lfref.io.scratch import Allocator
 Source = TypeVar("Source")
 Cell = tuple[int, int]
 """Row and column of a view, from 0."""
+ROW_RATIO = 1.5
+"""Difference of a view from the one below, over that from the next one, above which pictures count as one row."""
 FEWEST_HOLES = 4
 """Fewest missing views that may be intended: the smallest such grids lack four corners, or four views of 3x3."""
 
@@ -36,6 +38,12 @@ def extent(cells: Iterable[Cell]) -> tuple[int, int]:
     """Rows and columns of the smallest grid with these cells."""
     rows, columns = zip(*cells, strict=True)
     return 1 + max(rows), 1 + max(columns)
+
+
+def cell_of(number: int, n_columns: int, is_serpentine: bool = False) -> Cell:
+    """The cell of a view by its number, row by row; on a serpentine path every second row runs to the left."""
+    row, column = divmod(number, n_columns)
+    return row, n_columns - 1 - column if is_serpentine and row % 2 else column
 
 
 def check_holes(grid: Grid[Source], name_of: Callable[[Cell], str], path: Path, allowed: bool | None = None) -> None:

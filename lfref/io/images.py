@@ -30,7 +30,7 @@ class ImageFormat(NamedTuple):
     """A format of image files."""
 
     magics: tuple[bytes, ...]
-    """Possible first bytes of a file."""
+    """Possible first bytes of a file; `?` is any byte."""
     suffixes: tuple[str, ...]
     """Suffixes of file names, in small letters."""
 
@@ -45,13 +45,15 @@ FORMATS = {
     "jpegxl": ImageFormat((b"\0\0\0\x0cJXL \r\n\x87\n", b"\xff\x0a"), (".jxl",)),
     # The text forms P1 to P3 are excluded: a file that lacks its last digits looks whole.
     "pnm": ImageFormat((b"P5", b"P6"), (".pgm", ".ppm", ".pnm")),
-    "webp": ImageFormat((b"RIFF",), (".webp",)),
+    "webp": ImageFormat((b"RIFF????WEBP",), (".webp",)),
     "hdr": ImageFormat((b"#?RADIANCE", b"#?RGBE"), (".hdr",)),
 }
 """Formats that are read; the suffix of a file does not matter."""
 SUFFIXES = [suffix for image_format in FORMATS.values() for suffix in image_format.suffixes]
 ARRAY_TYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 """Sample type of the file -> sample type of the array."""
+HEADER_SEARCH = 65536
+"""Number of bytes at the start of a PNG or WebP among which it says whether it moves."""
 PNG_END = b"IEND\xaeB`\x82"
 PNG_END_SEARCH = 65536
 """Number of bytes at the end of a PNG among which its end mark must be; some tools append data of their own."""
@@ -86,9 +88,26 @@ def read_head(path: Path) -> bytes:
         return file.read(16)
 
 
+def starts_with(head: bytes, magics: Sequence[bytes]) -> bool:
+    """Whether a file's first bytes are among those of a format."""
+    return any(
+        len(head) >= len(magic) and all(one in (b"?"[0], other) for one, other in zip(magic, head, strict=False))
+        for magic in magics
+    )
+
+
+def is_animation(path: Path) -> bool:
+    """Whether a PNG or WebP file says in its header that it holds several pictures."""
+    with atomic.file_errors(path, "read"), path.open("rb") as file:
+        head = file.read(HEADER_SEARCH)
+    if format_of_head(head) == "png":
+        return b"acTL" in head.partition(b"IDAT")[0]
+    return format_of_head(head) == "webp" and b"ANIM" in head
+
+
 def format_of_head(head: bytes) -> str | None:
     """Name of the format in `FORMATS` by a file's first bytes, if any."""
-    return next((name for name, image_format in FORMATS.items() if head.startswith(image_format.magics)), None)
+    return next((name for name, image_format in FORMATS.items() if starts_with(head, image_format.magics)), None)
 
 
 def described_head(head: bytes) -> str:
@@ -98,8 +117,8 @@ def described_head(head: bytes) -> str:
 
 
 @contextmanager
-def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
-    """Open an image file of `FORMATS` for decoding."""
+def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.ImageInput]:
+    """Open an image file of `FORMATS` for decoding; alpha of PNG and WebP is kept apart or multiplied in."""
     head = read_head(path)
     image_format = format_of_head(head)
     if image_format is None:
@@ -116,8 +135,7 @@ def open_image(path: Path) -> Iterator[OpenImageIO.ImageInput]:
         raise FileError(f"{path} must have a name in UTF-8", remedy="rename it")
     OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
     hints = OpenImageIO.ImageSpec()
-    # Otherwise alpha is multiplied into the colours of a PNG.
-    hints.attribute("oiio:UnassociatedAlpha", 1)
+    hints.attribute("oiio:UnassociatedAlpha", int(is_alpha_apart))
     try:
         source = OpenImageIO.ImageInput.open(str(path), hints)
         if source is None:

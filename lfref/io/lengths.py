@@ -76,8 +76,14 @@ def _check_bmp(file: BinaryIO, length: int) -> str:
 
 def _check_webp(file: BinaryIO, length: int) -> str:
     file.seek(4)
-    (size,) = struct.unpack("<I", file.read(4))
-    return _differs(length, 8 + size + size % 2)
+    size, kind = struct.unpack("<I4s", file.read(8))
+    # A long AVI consists of several such containers.
+    return _differs(length, 8 + size + size % 2) if kind == b"WEBP" else ""
+
+
+def _check_gif(file: BinaryIO, length: int) -> str:
+    file.seek(-1, 2)
+    return "" if file.read() == b";" else "a GIF without its end"
 
 
 def _check_tiff(file: BinaryIO, length: int) -> str:
@@ -170,6 +176,7 @@ CHECKS: dict[bytes, Callable[[BinaryIO, int], str]] = {
     b"P6": _check_pnm,
     b"BM": _check_bmp,
     b"RIFF": _check_webp,
+    b"GIF8": _check_gif,
     b"II": _check_tiff,
     b"MM": _check_tiff,
     b"\x93NUMPY": _check_npy,

@@ -39,6 +39,8 @@ MAX_TILES = 32
 """Most tiles along each side of the image."""
 PHASE_ERROR = 0.12
 """Largest distance of the tiles' lenslets from the lattice, root mean square, in pitches; random phases have .29."""
+SCENE_PHASE_ERROR = 0.06
+"""The same for an image of a scene: lenslets have .01 to .05, a wall through a lens that bends by .3 % .06 to .1."""
 MAX_HEXAGONAL_ROTATION = 15.0
 """Largest rotation of hexagonal rows, in degrees: half of the 30 after which other rows are more level."""
 REMEDY = "give a white image of the camera, or reader.pitch, reader.offset and reader.rotation without reader.white"
@@ -55,10 +57,19 @@ def lattice_of(white: NDArray, path: Path) -> Lattice:
     return lattice
 
 
-def find_lattice(image: NDArray) -> Lattice | None:
+def lattice_of_scene(image: NDArray) -> Lattice | None:
+    """The lattice that the lenslets of a scene show by their dark borders, [H, W] in any encoding; None if none."""
+    # The root evens out the light, so that bright parts of a scene do not decide alone.
+    lattice = find_lattice(np.sqrt(np.maximum(image, 0)), SCENE_PHASE_ERROR)
+    if lattice is None or min(image.shape) < FEWEST_LENSLETS * max(lattice.pitch):
+        return None
+    return lattice
+
+
+def find_lattice(image: NDArray, phase_error: float = PHASE_ERROR) -> Lattice | None:
     """The lattice that a white image, or one of lenslets with dark borders, shows, [H, W]; None if it shows none."""
     rough = strongest_waves(image)
-    waves = None if rough is None else _fit_phases(image, rough)
+    waves = None if rough is None else _fit_phases(image, rough, phase_error)
     return None if waves is None else _counted_from_middle(_lattice_of_waves(*waves), image.shape)
 
 
@@ -66,7 +77,7 @@ def refined(image: NDArray, lattice: Lattice) -> Lattice | None:
     """A lattice that is known to about one part in 20, as an image [H, W] shows it; None if it does not."""
     columns = np.array(lattice.columns)
     steps = np.stack([np.array(lattice.rows) + columns / 2 * lattice.is_hexagonal, columns])
-    waves = _fit_phases(image, np.linalg.inv(steps).T)
+    waves = _fit_phases(image, np.linalg.inv(steps).T, PHASE_ERROR)
     return None if waves is None else _counted_from_middle(_lattice_of_waves(*waves), image.shape)
 
 
@@ -130,7 +141,7 @@ def _lattice_angle(one: NDArray, other: NDArray) -> float | None:
     return next((known for known in (SQUARE, HEXAGONAL) if abs(angle - known) < ANGLE_ERROR), None)
 
 
-def _fit_phases(white: NDArray, rough: NDArray) -> tuple[NDArray, NDArray] | None:
+def _fit_phases(white: NDArray, rough: NDArray, phase_error: float) -> tuple[NDArray, NDArray] | None:
     """Frequencies of waves and phases at pixel (0, 0), in cycles, by least squares; None if tiles disagree."""
     side = math.ceil(TILE / np.hypot(*rough.T).min())
     if side > min(white.shape):
@@ -152,7 +163,7 @@ def _fit_phases(white: NDArray, rough: NDArray) -> tuple[NDArray, NDArray] | Non
             level = fade @ tile @ fade / fade.sum() ** 2
             tiles[row, column] = [down[k] @ (tile - level) @ along[k] for k in (0, 1)]
     fits = [_fit_plane(tiles[..., k], rough[k], centres) for k in (0, 1)]
-    if any(error > PHASE_ERROR for *_, error in fits):
+    if any(error > phase_error for *_, error in fits):
         return None
     return np.stack([f for f, *_ in fits]), np.array([phase for _, phase, _ in fits])
 
@@ -304,8 +315,11 @@ def spectrum(image: NDArray, axis: int) -> Spectrum | None:
     return Spectrum(np.log10(power / median + 1e-3), grey.shape[1])
 
 
-def check_pitch(image: NDArray, pitch: int, path: Path) -> None:
-    """Refuse an image [H, W, C] without lenslets, or with lenslets that clearly have another pitch along both axes."""
+def check_pitch(image: NDArray, pitch: int, path: Path, pattern: FileError | None = None) -> None:
+    """Refuse an image [H, W, C] without lenslets, or with lenslets that clearly have another pitch along both axes.
+
+    `pattern` is the error for an image that shows no aligned lenslets of any pitch, if more is known of it.
+    """
     down, across = spectrum(image, 0), spectrum(image, 1)
     if down is None or across is None or pitch < SHORTEST_PITCH or down.shows(pitch) or across.shows(pitch):
         return
@@ -319,12 +333,12 @@ def check_pitch(image: NDArray, pitch: int, path: Path) -> None:
     expected = f"{path} must hold aligned lenslets of {pitch} pixels"
     if not is_lattice:
         remedy = f"give a light field (a folder of views, for one), or set reader.pitch={pitch} to read it all the same"
-        raise FileError(expected, got="an image that shows none", remedy=remedy)
+        raise pattern or FileError(expected, got="an image that shows none", remedy=remedy)
     whole = round(columns)
     if is_square and abs(columns - whole) < WHOLE_PITCH * columns**2 / image.shape[1]:
-        remedy = f"set reader.lenslet={whole}"
+        remedy, pattern = f"set reader.lenslet={whole}", None
     else:
         lattice = "" if is_square else "reader.lattice=hexagonal "
         remedy = f"set {lattice}reader.pitch={columns:.2f}, or reader.white to a white image of the camera"
     got = f"a pitch of about {columns:.2f}{'' if is_square else ', hexagonal'}"
-    raise FileError(expected, got=got, remedy=remedy)
+    raise pattern or FileError(expected, got=got, remedy=remedy)

@@ -1,8 +1,8 @@
 """Reading light fields and refocused stacks, in whatever format they are stored.
 
-A folder holds sub-aperture views, an image file or a raw file holds lenslets, an EXR file has one part per view, and an
-array file holds all views in one array. The steps are: options -> format -> samples as stored -> light. A format needs
-only an entry of `FORMATS`.
+A folder holds sub-aperture views, an image file or a raw file holds lenslets, an EXR file has one part per view, an
+array file holds all views in one array, and the pictures of a film are views. The steps are: options -> format ->
+samples as stored -> light. A format needs only an entry of `FORMATS`.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
@@ -19,7 +19,7 @@ from torch import Tensor
 from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import arrays, cameras, exr, images, lenslets, lytro, lytro_files, metadata, view_folders
+from lfref.io import arrays, cameras, exr, images, lenslets, lytro, lytro_files, metadata, video, view_folders
 from lfref.io.options import LENSLET, ReadOptions
 from lfref.io.scratch import Allocator, allocator
 from lfref.lightfield import LightField
@@ -37,9 +37,9 @@ class Format(NamedTuple):
     title: str
     """Title in messages, with its article."""
     magics: tuple[bytes, ...]
-    """Possible first bytes of a file; none for a folder."""
+    """Possible first bytes of a file, `?` for any byte; none for a folder."""
     suffixes: tuple[str, ...]
-    """Suffixes of file names, in small letters; "" for a folder."""
+    """Suffixes by which such files count among those of a folder, in small letters; "" for a folder."""
     decode: Callable[[Path, ReadOptions], NDArray]
     """Function that returns the chosen views: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
     holds_views: Callable[[Path], bool] = Path.is_file
@@ -57,14 +57,22 @@ FOLDER = Format(
     view_folders.is_field,
     ("pattern", "grid", "holes"),
 )
-# JPEG is excluded: its losses mix neighbouring pixels, which are neighbouring views.
-_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp")]
+_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
+# A film, or a JPEG, in a folder may be anything: they are read only if they are named.
+FILM = Format(
+    "film",
+    "a film (MP4, MOV, WebM, AVI, GIF, animated PNG or WebP)",
+    video.MAGICS,
+    (),
+    video.decode_film,
+    options=("pattern", "grid"),
+)
 FORMATS = (
     Format(
         "eslf",
-        "an ESLF image (PNG, TIFF, BMP ...)",
+        "a lenslet image (ESLF or raw: PNG, TIFF, JPEG ...)",
         tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
-        tuple(suffix for image_format in _LENSLETS for suffix in image_format.suffixes),
+        tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
         lenslets.decode_lenslets,
         options=("lenslet", "pitch", "offset", "rotation", "lattice", "white"),
     ),
@@ -87,6 +95,7 @@ FORMATS = (
         lytro_files.is_raw,
         ("pitch", "offset", "rotation", "lattice", "white"),
     ),
+    FILM,
 )
 """Formats of files; a file has the first format with whose magic bytes it starts."""
 TITLES = ", ".join(known.title for known in (*FORMATS, FOLDER))
@@ -105,11 +114,13 @@ def format_of(path: Path) -> Format:
         return FOLDER
     head = images.read_head(path)
     for known in FORMATS:
-        if head.startswith(known.magics) or (known.name == "lytro" and path.suffix.lower() == lytro_files.BARE):
+        if images.starts_with(head, known.magics):
+            return FILM if images.is_animation(path) else known
+        if known.name == "lytro" and path.suffix.lower() == lytro_files.BARE:
             return known
     got, remedy = images.described_head(head), "convert it"
     for title, (magics, unpacking) in UNSUPPORTED.items():
-        if head.startswith(magics):
+        if images.starts_with(head, magics):
             got, remedy = title, unpacking
     raise FileError(f"{path} must be a light field: {TITLES}", got=got, remedy=remedy)
 
@@ -159,7 +170,7 @@ def read(
     encoding: str = "file",
     scratch: str | Path | None = None,
 ) -> LightField:
-    """Read a light field: a lenslet image, a raw file of a Lytro camera, a folder, a multi-part EXR file, or an array.
+    """Read a light field: a lenslet image, a raw file of a Lytro camera, a folder, an EXR file, an array, or a film.
 
     Args:
         path: File or folder.
@@ -170,8 +181,9 @@ def read(
         transpose: Whether the file counts views down the columns: its rows are columns of the light field.
         reverse_v: Whether the rows of views run upwards in the file (after `transpose`).
         reverse_u: Whether the columns of views run to the left in the file.
-        pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row), or a
-            regular expression with the named groups `row` and `column`, or `index`; None: a name in `view_folders`.
+        pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row),
+            `serpentine` (likewise, every second row from right to left; also of a film), or a regular expression with
+            the named groups `row` and `column`, or `index`; None: a name in `view_names`.
         lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
         pitch: Distance between lenslets that are not aligned, in pixels, also a fraction; or [rows, columns].
         offset: Centre [y, x] of any lenslet, in pixels from the middle of the first pixel; None: by the dark borders of
@@ -182,7 +194,7 @@ def read(
             camera also its calibration (`data.C.*`, `caldata-*.tar`, or a folder of either or of `MOD_*.RAW` files):
             its white image with the nearest zoom, then focus, is taken.
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
-        grid: Rows and columns of the grid if each view has one number; None: a square grid.
+        grid: Rows and columns of the grid if each view has one number; None: a square grid, but one row of a film.
         holes: Whether views may be missing; None: only where the holes seem intended (a cross, a diagonal).
         axes: Axes of an array, such as `vuhwc`: view row and column, pixel row and column, channel, or `n` for views
             row by row; None: by the shape of the array, if only one order fits.
@@ -199,8 +211,8 @@ def read(
         The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
         in [0, 1], or beyond it if floating-point files are, or colours of raw files. Alpha becomes the weight, which is
         0 where views are missing. The name is that of the path without suffix. The metadata have `path`, `format`
-        (`eslf`, `folder`, `exr`, `array`, `lytro`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views are
-        missing, `cut from` if `size` crops the views, and further entries from the files (see `metadata`).
+        (`eslf`, `folder`, `exr`, `array`, `lytro`, `film`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views
+        are missing, `cut from` if `size` crops the views, and further entries from the files (see `metadata`).
 
     Raises:
         FileError: A file is missing, damaged, or not what it should be.

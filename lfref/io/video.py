@@ -1,11 +1,15 @@
-"""Writing films, whole or not at all: MP4 that every browser plays, and GIF with a palette of its own.
+"""Films: reading their pictures as views, and writing them, whole or not at all.
 
-An MP4 is H.264 in 4:2:0 with even sides; its colours are converted and labelled by BT.709. It is written frame by
-frame, with one frame in memory at a time. A GIF has 256 colours, chosen from all of its frames, and repeats for ever. A
-film never replaces a file.
+The pictures of a film are the views of one row, or of a grid, row by row. PyAV decodes them (FFmpeg); animated WebP is
+decoded by OpenImageIO, because FFmpeg cannot do it.
+
+What is written is MP4 that every browser plays, and GIF with a palette of its own. An MP4 is H.264 in 4:2:0 with even
+sides; its colours are converted and labelled by BT.709. It is written frame by frame, with one frame in memory at a
+time. A GIF has 256 colours, chosen from all of its frames, and repeats for ever. A film never replaces a file.
 """
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -14,8 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.errors import FileError, InputError, first_line
-from lfref.io import atomic, ownership
+from lfref.errors import FileError, InputError, counted, first_line
+from lfref.io import atomic, grid, images, lengths, ownership
+from lfref.io.options import ReadOptions
+from lfref.io.scratch import allocator
 
 if TYPE_CHECKING:
     import av
@@ -23,11 +29,127 @@ if TYPE_CHECKING:
 Frame = NDArray[np.uint8]
 Frames = Sequence[Frame]
 
+MAGICS = (b"GIF87a", b"GIF89a", b"????ftyp", b"????moov", b"????mdat", b"????wide", b"\x1aE\xdf\xa3", b"RIFF????AVI ")
+"""Possible first bytes of a film (GIF, MP4 and MOV, WebM and MKV, AVI); `?` is any byte."""
+STILL = ("index", "serpentine")
+"""Values of the option `pattern` that make sense for pictures without names."""
+MOST_FRAMES = 1089
+"""Most pictures of a film that are all taken as views: 33x33 views are more than the largest captures have."""
+SKETCH_SIDE = 128
+"""Side of the small copies of pictures that tell a row from a grid, in pixels, at least."""
+BACK_RATIO = 0.5
+"""Difference of a film from itself backwards, over the difference of neighbouring pictures, below which it returns."""
+UNLABELLED = 2
+"""Number of H.273 for colours without a label."""
+HD_HEIGHT = 720
+"""Height in pixels from which players take colours without a label for those of BT.709, and for BT.601 below."""
 GIF_SIDE = 640
 """Largest length of a GIF's longer side, in pixels: a GIF hardly compresses."""
 X264 = {"crf": "16", "preset": "medium"}
 BT709 = {"color_primaries": 1, "color_trc": 1, "colorspace": 1, "color_range": 1}
 """Colour properties of BT.709, as numbers of H.273; the range is that of television."""
+
+
+def decode_film(path: Path, options: ReadOptions) -> NDArray[np.uint8]:
+    """The chosen pictures of a film as views, without alpha, [V, U, 3, H, W]."""
+    if options.pattern not in (None, *STILL):
+        expected = f"pattern (reader.pattern) of a film must be {' or '.join(STILL)}"
+        raise InputError(expected, got=repr(options.pattern), remedy=f"{path} has no names of views")
+    lengths.check_length(path)
+    sketches = [_sketch(frame) for frame in read_frames(path)]
+    count = len(sketches)
+    if count < 2:
+        got, remedy = counted(count, "picture"), "give a film of views, or a folder of views"
+        raise FileError(f"{path} must hold the views of a light field", got=got, remedy=remedy)
+    if options.grid is not None and math.prod(options.grid) != count:
+        shapes = " or ".join(f"[{n},{count // n}]" for n in range(1, count + 1) if count % n == 0)
+        got = f"reader.grid=[{options.grid[0]},{options.grid[1]}]"
+        raise InputError(f"{path} has {count} pictures", got=got, remedy=f"set reader.grid={shapes}")
+    if options.grid is None:
+        _check_row(path, sketches, options)
+    shape = options.grid or (1, count)
+    rows, columns = options.window(shape, path)
+    views: NDArray[np.uint8] | None = None
+    for number, frame in enumerate(read_frames(path)):
+        row, column = grid.cell_of(number, shape[1], options.pattern == "serpentine")
+        views = (
+            allocator(options.scratch)(
+                (rows.stop - rows.start, columns.stop - columns.start, 3, *frame.shape[:2]), np.uint8
+            )
+            if views is None
+            else views
+        )
+        if frame.shape[:2] != views.shape[3:]:
+            got = f"{views.shape[3]}x{views.shape[4]}, then {frame.shape[0]}x{frame.shape[1]}"
+            raise FileError(f"{path} must hold pictures of one size", got=got, remedy="export it again")
+        if rows.start <= row < rows.stop and columns.start <= column < columns.stop:
+            views[row - rows.start, column - columns.start] = frame.transpose(2, 0, 1)
+    assert views is not None, "a film of no pictures was refused"
+    return views
+
+
+def _sketch(frame: Frame) -> NDArray[np.float32]:
+    step = max(1, min(frame.shape[:2]) // SKETCH_SIDE)
+    return frame[::step, ::step].astype(np.float32)
+
+
+def _check_row(path: Path, sketches: list[NDArray[np.float32]], options: ReadOptions) -> None:
+    """Refuse a film that is no row of views: one that goes there and back, a grid, or a film of too many pictures."""
+
+    def difference(one: int, other: int) -> float:
+        return float(np.abs(sketches[one] - sketches[other]).mean())
+
+    count = len(sketches)
+    if count > MOST_FRAMES and options.views is None:
+        remedy = "set reader.views=[1,64] for 64 in its middle, reader.start=0 for those of its beginning"
+        raise InputError(f"{path} must have at most {MOST_FRAMES} pictures", got=count, remedy=remedy)
+    if len({sketch.shape for sketch in sketches}) > 1:
+        return  # `decode_film` says so
+    steps = float(np.mean([difference(k, k + 1) for k in range(count - 1)]))
+    # The turning picture may be there once or twice.
+    for last in (count, count - 1):
+        mirrored = [difference(k, last - k) for k in range(max(0, last + 1 - count), (last - 1) // 2 + 1)]
+        if count > 3 and options.views is None and np.mean(mirrored) < BACK_RATIO * steps:
+            remedy = f"set reader.views=[1,{last // 2 + 1}] reader.start=0"
+            raise FileError(f"{path} must show each view once", got="a film that goes there and back", remedy=remedy)
+    ratios = {}
+    for columns in (n for n in range(2, count // 2 + 1) if count % n == 0):
+        last = columns * (count // columns // 2) - 1
+        ratios[columns] = difference(last, last + 1) / max(difference(last, last + columns), 1e-6)
+    columns = max(ratios, key=lambda n: ratios[n], default=0)
+    if columns and options.pattern is None and ratios[columns] > grid.ROW_RATIO:
+        remedy = f"set reader.grid=[{count // columns},{columns}], or reader.grid=[1,{count}] for one row"
+        got = f"{count} pictures that look like a grid"
+        raise FileError(f"{path} must be one row of views", got=got, remedy=remedy)
+
+
+def read_frames(path: Path) -> Iterator[Frame]:
+    """The pictures of a film, one after the other, encoded for the screen, turned as it says, RGB, [H, W, 3]."""
+    if images.format_of_head(images.read_head(path)) == "webp":
+        # OpenImageIO shows the first picture again and again if alpha is kept apart, or `spec(part)` asked for.
+        with images.open_image(path, is_alpha_apart=False) as source:
+            for part in itertools.takewhile(lambda part: source.seek_subimage(part, 0), itertools.count()):
+                picture = source.read_image(part, 0, 0, 3, "uint8")
+                if (reason := source.geterror()) or picture is None:
+                    raise _damaged(path, reason)
+                yield picture
+        return
+    import av  # takes a third of a second to import
+
+    try:
+        with av.open(str(path)) as container:
+            # Without this, damaged pictures are patched from their neighbours.
+            container.streams.video[0].codec_context.options = {"err_detect": "explode"}
+            for frame in container.decode(video=0):
+                space = "ITU709" if frame.colorspace == UNLABELLED and frame.height >= HD_HEIGHT else None
+                picture = frame.reformat(format="rgb24", src_colorspace=space).to_ndarray()
+                yield np.ascontiguousarray(np.rot90(picture, getattr(frame, "rotation", 0) // 90))
+    except (av.FFmpegError, IndexError) as error:
+        raise _damaged(path, "no pictures" if isinstance(error, IndexError) else first_line(error)) from error
+
+
+def _damaged(path: Path, reason: str) -> FileError:
+    return FileError(f"{path} cannot be decoded", got=reason, remedy="the film may be damaged: export it again")
 
 
 def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) -> None:

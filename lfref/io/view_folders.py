@@ -1,17 +1,17 @@
-"""Folders of sub-aperture views: naming patterns -> arrangement on the grid -> decoding; and writing such folders.
+"""Folders of sub-aperture views: names -> arrangement on the grid -> decoding; and writing such folders.
 
-Known names are those of the Stanford gantry (`out_RR_CC_Y_X.png`), the HCI benchmark (`input_Cam000.png`), numbers
-behind letters (`v03_u04`, `row3_col4`), a row and a column (`03_04`, `view-3-4`, `NAME_03x04`), and plain numbers
-(`000.png`). Pictures with plain numbers are views of a square grid, row by row, if number, size and contents allow it.
+`view_names` has the names. Pictures with plain numbers (`000.png`) are views of a square grid, row by row, if number,
+size and contents allow it. Other pictures of the folder are left out, and named in the log.
 
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
+import logging
 import math
-import re
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,90 +20,24 @@ from numpy.typing import NDArray
 
 from lfref import encoding as encodings
 from lfref.encoding import Encoding
-from lfref.errors import FileError, InputError, counted
+from lfref.errors import FileError, InputError, LfrefError, counted
 from lfref.io import atomic, grid, images, ownership
 from lfref.io.options import ReadOptions
 from lfref.io.scratch import allocator
+from lfref.io.view_names import NamedFile, compiled, fields_of, fitting_option, groups_of, numbered_fields
 
-_ROW, _COLUMN = r"(?P<row>\d{1,3})", r"(?P<column>\d{1,3})"
-_V, _U = rf"(?:row|r|v|t)[_-]?{_ROW}", rf"(?:column|col|c|u|s)[_-]?{_COLUMN}"
-PATTERNS: dict[str, str] = {
-    "gantry": r"^(?P<name>out)_(?P<row>\d+)_(?P<column>\d+)_(?P<v>-?\d+\.\d+)_(?P<u>-?\d+\.\d+)_?\.\w+$",
-    "HCI": r"^(?P<name>input_Cam)(?P<index>\d+)\.\w+$",
-    "v_u": rf"(?i)^(?P<name>|.*[^a-z]){_V}[_-]?{_U}\.\w+$",
-    "u_v": rf"(?i)^(?P<name>|.*[^a-z]){_U}[_-]?{_V}\.\w+$",
-    # Numbers of more than 3 digits are dates or counters of cameras; numbers right behind letters belong to a name.
-    "row_column": rf"^(?P<name>|.*[^a-zA-Z\d]){_ROW}[_x-]{_COLUMN}\.\w+$",
-}
-"""Name of a pattern -> regular expression; a file has the first pattern that it matches."""
-AMBIGUOUS_PATTERNS: dict[str, str] = {
-    "column_row": rf"^(?P<name>|.*[^a-zA-Z\d]){_COLUMN}[_x-]{_ROW}\.\w+$",
-    "index": r"^(?P<name>|.*\D)(?P<index>\d+)\.\w+$",
-}
-"""Further patterns: names alone do not tell `column_row` from `row_column`, nor `index` from unrelated pictures."""
+log = logging.getLogger(__name__)
+
 FEWEST_NUMBERED = 9
 """Fewest numbered pictures that count as views: other pictures rarely are so many, and a square number."""
-ROW_RATIO = 1.5
-"""Difference of a view from the one below, over that from the next one, above which pictures count as one row."""
 LARGEST_NUMBERED = 2500
 """Height and width, in pixels, from which numbered pictures may be lenslet images of several scenes."""
+N_NAMED = 5
+"""Most pictures that are named in the log as left out."""
 GAMMAS = (0.1, 10.0)
 """Smallest and largest plausible exponent in a header."""
 N_WRITERS = 4
 """Number of images that are compressed, and held in memory, at the same time."""
-
-
-class NamedFile(NamedTuple):
-    """A file that matches a pattern."""
-
-    path: Path
-    match: re.Match[str]
-
-    def renamed(self, numbers: Mapping[str, int]) -> str:
-        """The name that the file would have with other numbers."""
-        name = self.match.string
-        for group in sorted(numbers, key=self.match.start, reverse=True):
-            first, last = self.match.span(group)
-            name = f"{name[:first]}{numbers[group]:0{last - first}d}{name[last:]}"
-        return name
-
-
-def _groups(regex: re.Pattern[str]) -> list[str]:
-    """The named groups for the place of a view: `row` and `column`, or `index`."""
-    return [group for group in ("row", "column", "index") if group in regex.groupindex]
-
-
-def compiled(pattern: str) -> re.Pattern[str]:
-    """The regular expression of the option `pattern`, which is a name in the two tables, or an expression itself."""
-    known = PATTERNS | AMBIGUOUS_PATTERNS
-    expected = f"pattern (reader.pattern) must be {', '.join(known)} or a regular expression"
-    try:
-        regex = re.compile(known.get(pattern, pattern))
-    except re.error as error:
-        raise InputError(expected, got=f"{pattern!r} ({error})") from error
-    if _groups(regex) not in (["row", "column"], ["index"]):
-        raise InputError(f"{expected} with the named groups row and column, or index", got=repr(pattern))
-    return regex
-
-
-def fields_of(
-    files: Iterable[Path], patterns: Iterable[str | re.Pattern[str]] = PATTERNS.values()
-) -> list[list[NamedFile]]:
-    """The files that match a pattern, one list per light field (one pattern and one name)."""
-    fields: dict[tuple[str, str], list[NamedFile]] = {}
-    expressions = [re.compile(pattern) for pattern in patterns]
-    for path in files:
-        match = next(filter(None, (expression.search(path.name) for expression in expressions)), None)
-        if match:
-            key = match.re.pattern, match.groupdict().get("name") or ""
-            fields.setdefault(key, []).append(NamedFile(path, match))
-    return list(fields.values())
-
-
-def numbered_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
-    """The files that are numbered, one list per name; a name with one picture counts only if no name has more."""
-    fields = fields_of(files, [AMBIGUOUS_PATTERNS["index"]])
-    return [field for field in fields if len(field) > 1] or fields
 
 
 def _looks_like_views(field: list[NamedFile]) -> bool:
@@ -112,8 +46,21 @@ def _looks_like_views(field: list[NamedFile]) -> bool:
     if len(numbers) < len(field) or len(numbers) < FEWEST_NUMBERED:
         return False
     if square(min(numbers), max(numbers), len(numbers)) is None:
-        return False
+        # One picture of another size, such as a preview, may be among them.
+        is_one_more = math.isqrt(len(numbers) - 1) ** 2 == len(numbers) - 1 >= FEWEST_NUMBERED
+        return is_one_more and len(alike := _alike(field)) == len(field) - 1 and _looks_like_views(alike)
     return min(images.image_size(field[0].path)) < LARGEST_NUMBERED
+
+
+def _alike(field: list[NamedFile]) -> list[NamedFile]:
+    """The files whose pictures have the size that most have."""
+    sizes: list[tuple[int, int] | None] = []
+    for file in field:
+        sizes.append(None)
+        with suppress(FileError):
+            sizes[-1] = images.image_size(file.path)
+    ((usual, _),) = Counter(sizes).most_common(1)
+    return [file for file, size in zip(field, sizes, strict=True) if size == usual]
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -148,7 +95,7 @@ class Arrangement(NamedTuple):
 
 def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arrangement:
     """Places on the grid of files of one pattern, by the options `pattern` and `grid`."""
-    groups = _groups(field[0].match.re)
+    groups = groups_of(field[0].match.re)
     numbered: dict[tuple[int, ...], NamedFile] = {}
     for file in field:
         try:
@@ -157,13 +104,18 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
             raise InputError(f"groups of pattern must be numbers in {file.path}", got=error) from error
         if key in numbered:
             got = f"{numbered[key].path.name} and {file.path.name}"
-            remedy = "remove one of them, or give reader.pattern"
-            raise FileError(f"{file.path.parent} must hold each view once", got=got, remedy=remedy)
+            raise FileError(f"{folder} must hold each view once", got=got, remedy="remove one of them")
         numbered[key] = file
     if groups == ["index"]:
         shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
-        cells = {divmod(index - base, shape[1]): file for (index,), file in numbered.items()}
-        return Arrangement(cells, shape, lambda cell: field[0].renamed({"index": base + shape[1] * cell[0] + cell[1]}))
+        is_serpentine = options.pattern == "serpentine"
+        cells = {grid.cell_of(index - base, shape[1], is_serpentine): file for (index,), file in numbered.items()}
+
+        def name_of_index(cell: grid.Cell) -> str:
+            column = shape[1] - 1 - cell[1] if is_serpentine and cell[0] % 2 else cell[1]
+            return field[0].renamed({"index": base + shape[1] * cell[0] + column})
+
+        return Arrangement(cells, shape, name_of_index)
 
     # `cam_1_01` to `cam_1_81` may be one row of 81 views, or 9x9 numbered views of camera 1. Names are ambiguous
     # unless the numbers of row and column have equally many digits.
@@ -228,13 +180,32 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
 
 def decode_folder(folder: Path, options: ReadOptions) -> NDArray:
     """The chosen views of a folder in the files' own type, alpha as the last channel, [V, U, C, H, W]."""
-    cells, shape, name_of = arrange(folder, _only_field(folder, options.pattern), options)
+    cells, shape, name_of = _arranged(folder, options)
     stored = grid.Grid(shape, {cell: file.path for cell, file in cells.items()})
     grid.check_holes(stored, name_of, folder, options.holes)
     if options.pattern is None and options.grid is None:
         _check_square(folder, stored)
+    views = set(stored.cells.values())
+    if others := [path.name for path in image_files(folder) if path not in views]:
+        more = f" and {len(others) - N_NAMED} more" if len(others) > N_NAMED else ""
+        log.info("%s: left out, since they are no views: %s%s", folder, ", ".join(others[:N_NAMED]), more)
     window = options.window(shape, folder)
     return grid.gather(stored, window, images.read_image, str, allocator(options.scratch))
+
+
+def _arranged(folder: Path, options: ReadOptions) -> Arrangement:
+    """The arrangement of the only light field in a folder, without pictures of another size if the rest is a grid."""
+    field = _only_field(folder, options.pattern)
+    with suppress(LfrefError):
+        arrangement = arrange(folder, field, options)
+        if len(arrangement.cells) == math.prod(arrangement.shape):
+            return arrangement
+    if len(alike := _alike(field)) < len(field):
+        with suppress(LfrefError):
+            arrangement = arrange(folder, alike, options)
+            if len(arrangement.cells) == math.prod(arrangement.shape):
+                return arrangement
+    return arrange(folder, field, options)
 
 
 def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
@@ -245,14 +216,21 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
     if pattern is not None:
         fields = fields_of(files, [compiled(pattern)])
     else:
-        fields = fields_of(files) or [field for field in numbered_fields(files) if _looks_like_views(field)]
+        # A single name beside a light field is that of another picture, such as a depth map.
+        named = fields_of(files)
+        fields = [field for field in named if len(field) > 1]
+        fields = fields or [field for field in numbered_fields(files) if _looks_like_views(field)] or named
     if not fields:
         got = f"{counted(len(files), 'image')} named like {files[0].name}"
         remedy = "give reader.pattern: index (row by row), or a regular expression with groups row and column"
+        if option := fitting_option(files, files):
+            remedy = f"set {option}"
         raise FileError(f"{folder} must hold views whose names say their rows and columns", got=got, remedy=remedy)
     if len(fields) > 1:
         got = " and ".join(field[0].path.name for field in fields[:2])
-        raise FileError(f"{folder} must hold one light field", got=got, remedy="move one away, or give reader.pattern")
+        option = fitting_option(files, files) or fitting_option([file.path for file in fields[0]], files)
+        remedy = "move one away" + (f", or set {option}" if option else "")
+        raise FileError(f"{folder} must hold one light field", got=got, remedy=remedy)
     return fields[0]
 
 
@@ -270,7 +248,7 @@ def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
     last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
     if not last.shape == first_below.shape == last_below.shape:
         return  # `gather` names the view that is unlike the others
-    if np.abs(last_below - last).mean() > ROW_RATIO * np.abs(first_below - last).mean():
+    if np.abs(last_below - last).mean() > grid.ROW_RATIO * np.abs(first_below - last).mean():
         got, n_views = f"{len(stored.cells)} pictures that look like one row", len(stored.cells)
         remedy = f"set reader.pattern=index and reader.grid=[1,{n_views}], or reader.grid=[{n_rows},{n_columns}]"
         raise FileError(f"{folder} must hold a square grid of views, row by row", got=got, remedy=remedy)
@@ -281,12 +259,12 @@ def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64
     remedy = "give a CSV or JSON file as reader.positions"
     if not folder.is_dir():
         raise FileError(f"{folder} must be a folder for positions=names", got="a file", remedy=remedy)
-    arrangement = arrange(folder, _only_field(folder, options.pattern), options)
+    arrangement = _arranged(folder, options)
     positions = np.full((*arrangement.shape, 2), np.nan)
     for cell, file in arrangement.cells.items():
         groups = file.match.groupdict()
         if "v" not in groups or "u" not in groups:
-            expected = f"{file.path} must be named out_RR_CC_Y_X for positions=names"
+            expected = f"{file.path} must be named NAME_RR_CC_Y_X for positions=names"
             raise FileError(expected, got=file.path.name, remedy=remedy)
         positions[cell] = float(groups["v"]), float(groups["u"])
     return positions[options.window(arrangement.shape, folder)]
@@ -298,13 +276,17 @@ def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
     Encodings stand in the sRGB and gAMA chunks of PNG, and in the EXIF of JPEG and TIFF.
 
     Args:
-        path: A file, or a folder of views, whose first image counts for all.
+        path: A file, or a folder of views, whose first one counts for all.
         option: The option `encoding` of `lfref.read`; `file`: as the header says.
         default: Encoding for headers that say none, or an unknown one.
     """
     if option != "file":
         return encodings.parsed(option)
-    files = image_files(path)[:1] if path.is_dir() else [path]
+    files = [path]
+    if path.is_dir():
+        files = image_files(path)
+        fields = [field for field in fields_of(files) if len(field) > 1] or numbered_fields(files)
+        files = [file.path for file in max(fields, key=len)] if fields else files
     if not files or images.format_of_head(images.read_head(files[0])) is None:
         return default
     with images.open_image(files[0]) as source:

@@ -68,7 +68,8 @@ def test_an_option_that_concerns_other_forms_is_refused_and_their_defaults_are_n
     words = ("info", field)
     assert lfref(*words, "output=run")[0] == 0  # with all of conf/reader
     said = assert_one_line(*lfref(*words, "reader.pitch=14.3"))
-    assert "pitch (reader.pitch) concerns an ESLF image (PNG, TIFF, BMP ...) and a raw file of a Lytro" in said
+    title = "a lenslet image (ESLF or raw: PNG, TIFF, JPEG ...)"
+    assert f"pitch (reader.pitch) concerns {title} and a raw file of a Lytro" in said
     assert "got a folder of views" in said
     said = assert_one_line(*lfref(*words, "reader.axes=vuhwc"))
     assert "axes (reader.axes) concerns an array" in said
@@ -306,7 +307,8 @@ def test_leaving_early_leaves_no_thread():
 SHIFTS = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SLICES = OperatorRefocuser("fourier_slice", fourier_slice)
 QUICK = ("method=shift_and_sum", "slopes=[-0.5,0.5]", "exposure=1")
-NAMES = ["hot_pixels", "black_views", "vignetting", "exposure", "chromatic", "alignment", "spacing", "noise"]
+NAMES = ["view_order", "hot_pixels", "black_views", "vignetting", "exposure"]
+NAMES += ["chromatic", "alignment", "spacing", "noise"]
 
 
 @pytest.fixture(autouse=True)

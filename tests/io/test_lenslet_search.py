@@ -268,3 +268,13 @@ def test_a_file_of_another_pitch_is_refused_and_told_how_to_be_read(tmp_path):
     assert read.read(tmp_path / "a.png", lenslet=9).size == (30, 36)
     asked = read.read(tmp_path / "a.png", pitch=9, views=9, encoding="linear")
     np.testing.assert_allclose(asked.views, images.to_float(lenslets.unpack(image, 9)), atol=1e-6)
+
+
+def test_the_lattice_of_a_scene_is_as_straight_as_lenslets_are():
+    wall = {bend: crests(*CROSSED, bend=bend) + 3 for bend in (0.0, 0.045, 0.08)}
+    assert {bend: lenslet_search.lattice_of_scene(image) is not None for bend, image in wall.items()} == {
+        0.0: True,
+        0.045: True,
+        0.08: False,
+    }
+    assert lenslet_search.lattice_of_scene(wall[0.0][:140]) is None

@@ -9,6 +9,8 @@ import torch
 from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
 from lfref.io import images, read, write
+from lfref.io.lenslet_lattice import upright
+from tests.io.lenslet_drawing import lenslet_image
 
 
 def test_the_real_capture_is_9x9_views(lytro):
@@ -66,8 +68,8 @@ def stored(tmp_path, make_field):
     """Form -> a light field of that form."""
     field = make_field((3, 4))
     np.save(tmp_path / "a.npy", field.views.permute(0, 1, 3, 4, 2).numpy())
-    shown = np.random.default_rng(1).random((20 * 14, 20 * 14, 3))
-    images.write_image(tmp_path / "a.png", shown * np.tile(np.hanning(16)[1:-1], 20)[:, None, None])
+    aligned = upright((14.0, 14.0), (6.5, 6.5))
+    images.write_image(tmp_path / "a.png", np.repeat(lenslet_image(aligned, (280, 280))[..., None], 3, axis=2))
     return {
         "folder": write.write(tmp_path / "a", field),
         "eslf": tmp_path / "a.png",
@@ -132,7 +134,7 @@ def test_the_form_of_a_file_is_told_by_its_first_bytes(tmp_path, make_field):
 
 @pytest.mark.parametrize(
     ("head", "got"),
-    [(b"", "an empty file"), (b"hello", "another kind of file"), (b"\xff\xd8\xff\xe0", "an image in JPEG")],
+    [(b"", "an empty file"), (b"hello", "another kind of file"), (b"#?RADIANCE", "an image in HDR")],
 )
 def test_what_is_no_light_field_is_told_what_would_be(tmp_path, one_line, head, got):
     (tmp_path / "a.png").write_bytes(head)

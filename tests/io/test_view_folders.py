@@ -12,55 +12,15 @@ from hypothesis import strategies as st
 
 from lfref import encoding
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import images, read, view_folders
+from lfref.io import images, read, view_folders, view_names
 from lfref.io.options import ReadOptions
-
-SAID = {
-    "out_03_14_-776.880371_-3355.331299_.png": (
-        "gantry",
-        {"row": "03", "column": "14", "v": "-776.880371", "u": "-3355.331299"},
-    ),
-    "input_Cam080.png": ("HCI", {"index": "080"}),
-    "v3_u14.png": ("v_u", {"row": "3", "column": "14"}),
-    "scene_row03col14.png": ("v_u", {"row": "03", "column": "14"}),
-    "S14_T3.png": ("u_v", {"row": "3", "column": "14"}),
-    "3_14.png": ("row_column", {"row": "3", "column": "14"}),
-    "view-03-14.tif": ("row_column", {"row": "03", "column": "14"}),
-    "2067_03_14.png": ("row_column", {"row": "03", "column": "14"}),
-    "IMG_20190101_03x14.jpg": ("row_column", {"row": "03", "column": "14"}),
-}
-
-
-@pytest.mark.parametrize("name", SAID)
-def test_a_name_is_of_the_first_pattern_that_it_follows(name):
-    ((found,),) = view_folders.fields_of([Path(name)])
-    pattern, said = SAID[name]
-    assert found.match.re.pattern == view_folders.PATTERNS[pattern]
-    assert said.items() <= found.match.groupdict().items()
-
-
-@pytest.mark.parametrize(
-    "name", ["0001.png", "IMG_20190101_0001.png", "depth.png", "IMG_1085_eslf.png", "a_1_2345.png", "start1_s2.png"]
-)
-def test_other_names_leave_it_open(name):
-    assert view_folders.fields_of([Path(name)]) == []
-
-
-def test_a_user_names_a_pattern_or_writes_one(one_line):
-    assert view_folders.compiled("column_row").pattern == view_folders.AMBIGUOUS_PATTERNS["column_row"]
-    assert view_folders.compiled(r"(?P<index>\d+)").groupindex.keys() == {"index"}
-    for wrong in ("(", "columns", r"(?P<row>\d)"):
-        with pytest.raises(InputError) as caught:
-            view_folders.compiled(wrong)
-        one_line(caught.value, "reader.pattern", "row_column", repr(wrong)[1:-1])
-
 
 FOLDER = Path("f")
 
 
 def found(numbers, name="{}.png"):
-    (field,) = view_folders.fields_of(
-        [FOLDER / name.format(number) for number in numbers], [view_folders.compiled("index")]
+    (field,) = view_names.fields_of(
+        [FOLDER / name.format(number) for number in numbers], [view_names.compiled("index")]
     )
     return field
 
@@ -209,15 +169,79 @@ def test_a_stray_name_of_billions_is_refused_at_once(view_folder):
         read.read(folder)
 
 
-@pytest.mark.parametrize(
-    "second", [{(0, 0): "other_00_00.png"}, {(0, 0): "input_Cam000.png"}, {(0, 0): "out_00_00_1.0_2.0_.png"}]
-)
-def test_two_light_fields_in_one_folder_are_refused(view_folder, second, one_line):
+@pytest.mark.parametrize("second", ["other_0{}_00.png", "input_Cam00{}.png", "out_00_0{}_1.0_2.0_.png"])
+def test_two_light_fields_in_one_folder_are_refused_and_a_single_stray_name_is_not(view_folder, second, one_line):
     view_folder(names(NAMINGS["from 0"]))
-    folder = view_folder(second)
+    folder = view_folder({(0, 0): second.format(0)})
+    assert read.read(folder).grid == (3, 3)
+    view_folder({(0, 1): second.format(1)})
     with pytest.raises(FileError) as caught:
         read.read(folder)
-    one_line(caught.value, folder, second[0, 0], "scene_00_00.png", "pattern")
+    one_line(caught.value, folder, second.format(0), "scene_00_00.png", "reader.pattern")
+
+
+@pytest.mark.parametrize(
+    ("naming", "foreign"),
+    [
+        ("from 0", "preview.png"),
+        ("from 0", "thumb_1_2.png"),
+        ("from 0", "scene_03_03.png"),
+        ("HCI", "input_Cam009.png"),
+        ("000", "depth.png"),
+        ("000", "009.png"),
+        ("000", "view_1_1.png"),
+    ],
+)
+def test_a_foreign_picture_is_left_out_and_named(view_folder, numbered_views, caplog, naming, foreign):
+    folder = view_folder(names(NAMINGS[naming]))
+    for name in ("Thumbs.db", "README", "README.txt"):
+        (folder / name).write_bytes(b"x")
+    with caplog.at_level("INFO", "lfref"):
+        assert read.read(folder).grid == (3, 3)
+    assert not caplog.messages
+    images.write_image(folder / foreign, np.zeros((5, 4, 3)))
+    assert view_folders.is_field(folder)
+    with caplog.at_level("INFO", "lfref"):
+        assert numbered_views(read.read(folder).views) == EXPECTED
+    assert caplog.messages == [f"{folder}: left out, since they are no views: {foreign}"]
+
+
+def test_a_picture_of_another_size_in_the_grid_is_still_an_error(view_folder, one_line):
+    folder = view_folder(names(NAMINGS["from 0"]))
+    images.write_image(folder / "scene_01_01.png", np.zeros((5, 4, 1)))
+    with pytest.raises(FileError) as caught:
+        read.read(folder)
+    one_line(caught.value, "scene_01_01.png must be 2x3", "got 5x4")
+
+
+def test_the_log_names_five_pictures_that_are_left_out(view_folder, caplog):
+    folder = view_folder({**names(NAMINGS["HCI"]), **{(0, 10 + k): f"gt_{'abcdefg'[k]}.png" for k in range(7)}})
+    with caplog.at_level("INFO", "lfref"):
+        read.read(folder)
+    (message,) = caplog.messages
+    assert message.endswith("gt_a.png, gt_b.png, gt_c.png, gt_d.png, gt_e.png and 2 more")
+
+
+def test_the_encoding_is_that_of_a_view_and_not_of_a_picture_beside_it(tmp_path):
+    for index in range(9):
+        picture(tmp_path / f"view_{index // 3}_{index % 3}.png", "Gamma1.8")
+    picture(tmp_path / "a_preview.png", "sRGB")
+    assert read.read(tmp_path).metadata["encoding"] == "gamma:1.8"
+
+
+def test_a_serpentine_path_turns_every_second_row(view_folder, numbered_views):
+    folder = view_folder(
+        {
+            (row, column): f"{4 * row + (3 - column if row % 2 else column)}.png"
+            for row in range(3)
+            for column in range(4)
+        }
+    )
+    expected = [[10 * row + column for column in range(4)] for row in range(3)]
+    assert numbered_views(read.read(folder, pattern="serpentine", grid=(3, 4)).views) == expected
+    (folder / "5.png").unlink()
+    with pytest.raises(FileError, match=r"no 5\.png"):
+        read.read(folder, pattern="serpentine", grid=(3, 4))
 
 
 def test_a_pattern_chooses_one_of_two_light_fields(view_folder, numbered_views):
@@ -300,7 +324,7 @@ def test_numbered_pictures_that_may_be_anything_are_no_light_field(view_folder, 
     assert not view_folders.is_field(folder)
     with pytest.raises(FileError) as caught:
         read.read(folder)
-    one_line(caught.value, folder, f"got {count} images named like photo0.png", "reader.pattern: index")
+    one_line(caught.value, folder, f"got {count} images named like photo0.png", "set reader.pattern=index")
 
 
 def test_a_row_of_views_is_told_from_a_square_that_is_numbered_through(view_folder, numbered_views, one_line):
@@ -372,23 +396,24 @@ def test_a_missing_view_is_read_where_that_is_allowed(view_folder, numbered_view
     assert turned.weight.flatten(2).amax(2).tolist() == [[1, 1, 1], [0, 1, 1], [1, 1, 1]]
 
 
-def test_a_gantry_says_where_its_cameras_stood(view_folder):
+@pytest.mark.parametrize("name", ["out_{:02d}_{:02d}_{:.6f}_{:.6f}_", "Tarot_{:02d}_{:02d}_{:.2f}_{:.2f}_30_36"])
+def test_a_gantry_says_where_its_cameras_stood(view_folder, name):
     said = {cell: (-3.0 * cell[0] + (cell == (1, 1)), 2.0 * cell[1]) for cell in GRID}
-    folder = view_folder(
-        {cell: f"out_{cell[0]:02d}_{cell[1]:02d}_{v:.6f}_{u:.6f}_.png" for cell, (v, u) in said.items()}
-    )
+    folder = view_folder({cell: name.format(*cell, v, u) + ".png" for cell, (v, u) in said.items()})
     np.testing.assert_array_equal(
         view_folders.positions_in_names(folder, ReadOptions()),
         [[said[row, column] for column in range(3)] for row in range(3)],
     )
     window = view_folders.positions_in_names(folder, ReadOptions((2, 2), start=1))
     np.testing.assert_array_equal(window[0, 0], said[1, 1])
+    stood = read.read(folder, positions="names").positions
+    assert float(stood[1, 1, 0]) != float(stood[1, 0, 0])
 
 
 def test_names_without_positions_are_refused_where_positions_are_asked_for(view_folder, one_line):
     with pytest.raises(FileError) as caught:
         view_folders.positions_in_names(view_folder(names(NAMINGS["HCI"])), ReadOptions())
-    one_line(caught.value, "input_Cam000.png", "out_RR_CC_Y_X", "reader.positions")
+    one_line(caught.value, "input_Cam000.png", "NAME_RR_CC_Y_X", "reader.positions")
 
 
 NAME = st.one_of(
