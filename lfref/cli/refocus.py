@@ -42,8 +42,11 @@ def refocus(config: DictConfig, folder: Path) -> None:
         steps.warn_if_reversed(field)
         return field
 
-    def compute(_: str, field: LightField) -> tuple[Refocused, Corrections | None]:
-        field, corrections = steps.correct_field(field, config, white, refocuser)
+    def correct(_: str, field: LightField) -> tuple[LightField, Corrections | None]:
+        return steps.correct_field(field, config, white, refocuser)
+
+    def compute(_: str, corrected: tuple[LightField, Corrections | None]) -> tuple[Refocused, Corrections | None]:
+        field, corrections = corrected
         planes = planes_of(configured_planes, field)
         if n_rows is None:
             stack = steps.refocus_field(refocuser, field, planes.slopes, device)
@@ -59,7 +62,8 @@ def refocus(config: DictConfig, folder: Path) -> None:
         n_planes = len(refocused.planes)
         log.info("%s refocused by %s to %s in %s", name, refocuser.name, counted(n_planes, "plane"), places[name])
 
-    steps.process(fields, [read, compute, write], "refocusing")
+    stages: dict[str, steps.Step] = {"reading": read, "correcting": correct, "refocusing": compute, "writing": write}
+    steps.process(fields, stages, "refocusing")
 
 
 def _rows(config: DictConfig, optional: list[str]) -> int | None:

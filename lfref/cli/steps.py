@@ -21,7 +21,7 @@ from lfref.captures.correct import Corrections, correct_by_option
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli import run_folder
-from lfref.cli.command import log, paths, progress
+from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic, images
@@ -137,29 +137,35 @@ def warn_if_reversed(field: LightField) -> None:
         log.warning("the views focus better with one axis reversed: try reader.reverse_v=true")
 
 
-def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> None:
+def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) -> None:
     """Run steps on each light field, under a progress bar; those that fail are named at the end.
 
-    Each step runs in its own thread, on the light field after the one that the next step works on.
+    The first step, those between, and the last one run in threads of their own, each on the light field after the one
+    that the next of them works on.
 
     Args:
         fields: Name -> path of each light field. If there is only one, its error is raised as it is.
-        steps: Steps in their order.
-        what: Label of the progress bar, such as `refocusing`.
+        steps: Name of each step, such as `reading`, -> step, in their order.
+        what: Label of the progress bar of several light fields, such as `refocusing`.
     """
     if not fields:
         return
     if len(fields) == 1:
         ((name, result),) = fields.items()
-        for step in steps:
-            with _memory_errors(name):
-                result = step(name, result)
+        with stages(name, len(steps)) as begin:
+            for stage, step in steps.items():
+                begin(stage)
+                with _memory_errors(name):
+                    result = step(name, result)
         return
     outcomes: Iterable[Outcome] = ((name, path, None) for name, path in fields.items())
-    for step in steps[:-1]:
-        outcomes = ahead(_run_step(step, outcomes))
+    first, *between, last = steps.values() if len(steps) > 1 else (lambda _, path: path, *steps.values())
+    outcomes = ahead(_run_step(first, outcomes))
+    for step in between:
+        outcomes = _run_step(step, outcomes)
+    outcomes = ahead(outcomes) if between else outcomes
     failed = []
-    for name, _, error in progress(_run_step(steps[-1], outcomes), what, len(fields)):
+    for name, _, error in progress(_run_step(last, outcomes), what, len(fields)):
         if error is not None:
             failed.append(name)
             log.warning("%s: %s", name, error, exc_info=None if isinstance(error, LfrefError | OSError) else error)

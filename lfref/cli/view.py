@@ -7,7 +7,7 @@ from torch import Tensor
 
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
@@ -30,10 +30,15 @@ def view(config: DictConfig, folder: Path) -> None:
     if truth is not None and len(fields) > 1:
         raise InputError("truth belongs to one light field", got=f"{len(fields)} of them", remedy="view one at a time")
 
-    def write_page(name: str, path: Path) -> None:
+    def read(_: str, path: Path) -> LightField:
         field = steps.read_field(path, config, refocusers)
         steps.warn_if_reversed(field)
-        field, _ = steps.correct_field(field, config, white, refocusers[0])
+        return field
+
+    def correct(_: str, field: LightField) -> LightField:
+        return steps.correct_field(field, config, white, refocusers[0])[0]
+
+    def refocus(_: str, field: LightField) -> dict[str, Refocused]:
         # Planes of a network come first, then those of the truth, then the configured ones.
         planes = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)
         if planes is None:
@@ -41,15 +46,24 @@ def view(config: DictConfig, folder: Path) -> None:
         gain = steps.gain(field, exposure)
         shown = {
             method.name: Refocused(field, steps.refocus_field(method, field, planes.slopes, device), planes, gain)
-            for method in progress(refocusers, f"{field.name}: refocusing")
+            for method in refocusers
         }
         if truth is not None:
             shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
-        place = steps.result_folder(folder, name, path, named) / "index.html"
-        view_page.write(place, config.title or field.name, _facts(shown), view_page.page_content(shown))
-        log.info("%s: open %s (%.1f MB)", field.name, place, place.stat().st_size / 1e6)
+        return shown
 
-    steps.process(fields, [write_page], "viewing")
+    def write_page(name: str, shown: dict[str, Refocused]) -> None:
+        place = steps.result_folder(folder, name, fields[name], named) / "index.html"
+        view_page.write(place, config.title or name, _facts(shown), view_page.page_content(shown))
+        log.info("%s: open %s (%.1f MB)", name, place, place.stat().st_size / 1e6)
+
+    stages: dict[str, steps.Step] = {
+        "reading": read,
+        "correcting": correct,
+        "refocusing": refocus,
+        "writing the page": write_page,
+    }
+    steps.process(fields, stages, "viewing")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:

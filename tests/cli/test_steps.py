@@ -200,7 +200,7 @@ def test_the_others_are_done_and_the_failed_named_at_the_end(tmp_path):
         done.append((name, path))
 
     with pytest.raises(LfrefError, match="all 4 light fields must be usable; got 2 that failed: b, d; the others"):
-        steps.process({name: tmp_path / name for name in "abcd"}, [task], "trying")
+        steps.process({name: tmp_path / name for name in "abcd"}, {"trying": task}, "trying")
     assert done == [("a", tmp_path / "a"), ("c", tmp_path / "c")]
 
 
@@ -216,7 +216,7 @@ def test_steps_work_at_once_on_light_fields_that_follow_each_other(tmp_path):
 
         return work
 
-    steps.process(dict.fromkeys("01234"), [step(0), step(1), step(2)], "trying")
+    steps.process(dict.fromkeys("01234"), {"a": step(0), "b": step(1), "c": step(2)}, "trying")
     for number in range(3):
         assert [name for each, name in seen if each == number] == list("01234")
 
@@ -227,7 +227,9 @@ def test_no_more_than_one_waits_between_two_steps(tmp_path):
     def written(name, made):
         most.append(len(read) - len(most))
 
-    steps.process(dict.fromkeys("abcdefghij"), [lambda name, path: read.append(name), written], "trying")
+    steps.process(
+        dict.fromkeys("abcdefghij"), {"reading": lambda name, path: read.append(name), "writing": written}, "trying"
+    )
     assert max(most) <= 2
 
 
@@ -238,7 +240,7 @@ def test_the_error_of_a_single_one_is_raised_as_it_is(tmp_path):
         raise error
 
     with pytest.raises(FileError) as caught:
-        steps.process({"a": tmp_path}, [task], "trying")
+        steps.process({"a": tmp_path}, {"trying": task}, "trying")
     assert caught.value is error
 
 
@@ -251,7 +253,7 @@ def test_mistakes_of_ours_are_logged_whole_and_stop_no_other(tmp_path, caplog):
         done.append(name)
 
     with pytest.raises(LfrefError, match="failed: a"):
-        steps.process({"a": tmp_path, "b": tmp_path}, [task], "trying")
+        steps.process({"a": tmp_path, "b": tmp_path}, {"trying": task}, "trying")
     assert done == ["b"]
     assert "Traceback" in caplog.text
 
@@ -259,11 +261,11 @@ def test_mistakes_of_ours_are_logged_whole_and_stop_no_other(tmp_path, caplog):
 @pytest.mark.parametrize("allocate", [np.empty, torch.empty], ids=["numpy", "torch"])
 def test_too_little_memory_is_one_line_that_says_what_to_do(tmp_path, allocate):
     with pytest.raises(LfrefError, match="must fit into memory"):
-        steps.process({"a": tmp_path}, [lambda name, path: allocate(2**58)], "trying")
+        steps.process({"a": tmp_path}, {"reading": lambda name, path: allocate(2**58)}, "trying")
 
 
 def test_where_nothing_is_to_do_nothing_is_shown(capsys):
-    steps.process({}, [pytest.fail], "trying")
+    steps.process({}, {"trying": pytest.fail}, "trying")
     assert capsys.readouterr() == ("", "")
 
 
