@@ -222,7 +222,11 @@ def correct(
 
 
 def correct_by_option(
-    field: LightField, option: str, white: LightField | None = None, even_grid_for: str | None = None
+    field: LightField,
+    option: str,
+    white: LightField | None = None,
+    even_grid_for: str | None = None,
+    in_place: bool = False,
 ) -> tuple[LightField, Corrections | None]:
     """Correct a light field as the option `correct` says; the corrections are None for `none`.
 
@@ -231,6 +235,7 @@ def correct_by_option(
         option: `auto`, `none`, or a file that `Corrections.save` wrote.
         white: A picture of a white scene by the same camera.
         even_grid_for: Why cameras must stay on an even grid, if so; their spacing is then reported, not corrected.
+        in_place: Whether estimated corrections may overwrite the views of `field`, which saves as much memory.
 
     Raises:
         InputError: The white picture or the corrections have another grid or size.
@@ -238,7 +243,10 @@ def correct_by_option(
     """
     if option == NONE:
         return field, None
-    corrected, corrections = correct(field, white, None if option == AUTO else option)
+    if option == AUTO:
+        corrected, corrections = estimate_and_correct(field, white, in_place=in_place)
+    else:
+        corrected, corrections = correct(field, white, option)
     if even_grid_for is None or corrected.positions is field.positions:
         return corrected, corrections
     name = registration.SpacingDefect.name
@@ -247,11 +255,11 @@ def correct_by_option(
 
 
 def estimate_and_correct(
-    field: LightField, white: LightField | None = None, view: CentralView | None = None
+    field: LightField, white: LightField | None = None, view: CentralView | None = None, in_place: bool = False
 ) -> tuple[LightField, Corrections]:
     """Estimate all defects in turn, and correct those that show.
 
-    `view` is the central view, if the caller has computed it.
+    `view` is the central view, if the caller has computed it; `in_place` as in `correct_by_option`.
     """
     _check_white(field, white)
     grid, size, defects = field.grid, field.size, list[Defect]()
@@ -265,7 +273,11 @@ def estimate_and_correct(
         defects.append(defect)
         if defect.reason_to_skip() is not None:
             return False
-        field = defect.corrected(field)
+        corrected = defect.corrected(field)
+        if in_place and corrected.views is not field.views:
+            field.views.copy_(corrected.views)
+            corrected = dataclasses.replace(corrected, views=field.views)
+        field = corrected
         return True
 
     # Each correction changes the estimates after it.

@@ -242,10 +242,10 @@ def white_field(config: DictConfig, refocuser: Refocuser) -> LightField | None:
 def correct_field(
     field: LightField, config: DictConfig, white: LightField | None, refocuser: Refocuser
 ) -> tuple[LightField, Corrections | None]:
-    """Correct a light field as `config.correct` says, and log what was corrected."""
+    """Correct a light field, which is given up, as `config.correct` says, and log what was corrected."""
     remedy = "take method=shift_and_sum_through_cells to have it corrected"
     even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {remedy}"
-    corrected, corrections = correct_by_option(field, str(config.correct), white, even)
+    corrected, corrections = correct_by_option(field, str(config.correct), white, even, in_place=True)
     if corrections is not None and config.explain:
         log.info("%s\n%s", field.name, corrections.summary())
     elif corrections is not None:

@@ -20,6 +20,7 @@ import torch
 from markupsafe import Markup
 from matplotlib import colormaps
 from numpy.typing import NDArray
+from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
@@ -175,9 +176,13 @@ def _views(refocused: Refocused) -> dict[str, Any]:
     field = refocused.field
     images = field.views.flatten(0, 1)
     scale = min(1.0, math.sqrt(MOST_VIEW_PIXELS / (len(images) * math.prod(field.size))))
-    if scale < 1:
-        size = [max(1, int(scale * length)) for length in field.size]
-        images = F.interpolate(images, size, mode="bilinear", antialias=True)
+    size = [max(1, int(scale * length)) for length in field.size] if scale < 1 else list(field.size)
+
+    def shown(view: Tensor) -> str:
+        # One view at a time: all of them may be larger than all else of the page.
+        small = F.interpolate(view[None], size, mode="bilinear", antialias=True)[0] if scale < 1 else view
+        return picture(refocused.encoded(small))
+
     positions = field.positions
     if positions is None:
         offsets = [geometry.angular_offsets(n_views) for n_views in field.grid]
@@ -187,8 +192,8 @@ def _views(refocused: Refocused) -> dict[str, Any]:
     kept = weights.nonzero()[:, 0].tolist()
     cameras = positions.flatten(0, 1)[kept].tolist()
     return {
-        "size": list(images.shape[-2:]),
-        "pictures": [picture(refocused.encoded(images[n])) for n in kept],
+        "size": size,
+        "pictures": [shown(images[n]) for n in kept],
         "cameras": [[round(x, 4), round(y, 4)] for y, x in cameras],
     }
 

@@ -207,11 +207,12 @@ def _picture(views: Tensor, aperture: Tensor, positions: Tensor | None, disparit
         weigh_views(coefficients, light.positions, light.middle, d, spread, first, weights[first:last])
 
     loops.share(weigh, bands, n_threads)
-    channels = []
-    for channel in views.detach()[(aperture > 0).to(views.device)].unbind(1):
-        samples = splines.coefficients(batches.radiance(channel).float().cpu().contiguous().numpy())
+    channels, positions, is_read = [], light.positions, (aperture > 0).to(views.device)
+    del light, coefficients  # as large as a channel of all views each
+    for channel in views.detach().unbind(2):
+        samples = splines.coefficients(batches.radiance(channel[is_read]).float().cpu().contiguous().numpy())
         picture = np.empty_like(d)
-        jobs = [(samples, light.positions, d, weights[a:b], a, picture[a:b]) for a, b in bands]
+        jobs = [(samples, positions, d, weights[a:b], a, picture[a:b]) for a, b in bands]
         loops.share(add_views, jobs, n_threads)
         channels.append(torch.from_numpy(picture))
     return torch.stack(channels)
