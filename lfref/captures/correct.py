@@ -6,6 +6,7 @@ in the light field that the corrections before it return.
 
 import dataclasses
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, vignetting
 from lfref.errors import FileError, InputError
@@ -26,7 +28,9 @@ VERSION = 1
 """Version of all corrections, a part of cache keys; raise it when corrected light fields change."""
 SMALLEST = 32
 """Least height and width of views: 8 of the 4-pixel blocks in which brightness is compared."""
-FORMAT = "lfref corrections 1"
+FORMAT = "lfref corrections 2"
+FORMATS = "lfref corrections 1", FORMAT
+"""Formats that are read; the first one held tensors as they are, up to 60 MB of them."""
 FORMER_FIELDS = {
     "hot_pixels": {"places": "samples"},
     "spacing": {"found": "estimate"},
@@ -174,7 +178,7 @@ class Corrections:
             FileError: The file cannot be written.
         """
         values = {
-            defect.name: {field.name: getattr(defect, field.name) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
+            defect.name: {field.name: packed(getattr(defect, field.name)) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
             for defect in self.defects
             if defect.reason_to_skip() is None
         }
@@ -365,15 +369,65 @@ def load(path: str | Path) -> Corrections:
     except Exception as error:  # torch raises errors of many kinds for damaged archives
         got = "another kind of file, or a damaged one"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if not isinstance(content, dict) or content.get("format") not in FORMATS:
         raise FileError(f"{path} must hold corrections", got="another file", remedy=remedy)
     kinds = {kind.name: kind for kind in KINDS}
     try:
         defects = []
         for name, fields in content["findings"].items():
             current = FORMER_FIELDS.get(name, {})
-            defects.append(kinds[name](**{current.get(field, field): value for field, value in fields.items()}))
+            values = {current.get(field, field): unpacked(value) for field, value in fields.items()}
+            defects.append(kinds[name](**values))
         return Corrections(tuple(content["grid"]), tuple(content["size"]), tuple(defects))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, zlib.error) as error:
         got = f"entries that cannot be read ({error})"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
+
+
+# Tensors in files. Which samples are hot or black has long runs of equal values. Gains are smooth: where a coarse map
+# says them, what it leaves out is 0.
+
+LARGE = 1 << 12  # values from which a tensor is packed: smaller ones take kilobytes
+GAIN_STEP = 1e-3  # of the logarithm of a gain, its largest error: single gains are rounded to half as much already
+LEAST_PACKED = 1e-3  # least gain that is kept: samples below 0.02 have no weight
+COARSE = 16  # pixels, the distance of the samples of the coarse map
+MOST_VALUES = 1 << 31  # of a packed tensor: a damaged file may ask for any number
+
+
+def packed(value: Any) -> Any:
+    """A value of a file: large tensors as compressed bytes, gains [..., H, W] to `GAIN_STEP`, all others exactly."""
+    if not isinstance(value, Tensor) or value.numel() < LARGE:
+        return value
+    entry: dict[str, Any] = {"shape": tuple(value.shape), "type": str(value.dtype).removeprefix("torch.")}
+    if value.is_floating_point():
+        logarithm = value.float().clamp(min=LEAST_PACKED).log().reshape(1, -1, *value.shape[-2:])
+        entry["coarse"] = F.interpolate(
+            logarithm, [-(-length // COARSE) for length in value.shape[-2:]], mode="area"
+        ).half()
+        # Towards 0: where the coarse map errs by less than a step, nothing is left.
+        value = ((logarithm - _smooth(entry)) / GAIN_STEP).int()
+    else:
+        value = value.int()
+    # The bytes of one significance lie together: most of them are equal.
+    planes = value.contiguous().reshape(-1, 1).view(torch.uint8).T.contiguous()
+    entry["bytes"] = torch.frombuffer(bytearray(zlib.compress(planes.numpy().tobytes())), dtype=torch.uint8)
+    return entry
+
+
+def unpacked(entry: Any) -> Any:
+    """The value that `packed` turned into a value of a file."""
+    if not isinstance(entry, dict):
+        return entry
+    count = math.prod(entry["shape"])
+    if count > MOST_VALUES:
+        raise ValueError(f"{count} values")
+    content = zlib.decompressobj().decompress(entry["bytes"].numpy().tobytes(), 4 * count)
+    values = torch.frombuffer(bytearray(content), dtype=torch.uint8).reshape(4, count).T.contiguous().view(torch.int32)
+    if "coarse" in entry:
+        return (values.reshape(1, -1, *entry["shape"][-2:]) * GAIN_STEP + _smooth(entry)).exp().reshape(entry["shape"])
+    return values.reshape(entry["shape"]).to(getattr(torch, entry["type"]))
+
+
+def _smooth(entry: Mapping[str, Any]) -> Tensor:
+    """The coarse map of a packed tensor at all of its pixels."""
+    return F.interpolate(entry["coarse"].float(), entry["shape"][-2:], mode="bicubic")

@@ -60,7 +60,8 @@ def refocus(config: DictConfig, folder: Path) -> None:
             results.write_results(place, refocused, optional)
             steps.write_corrections(place, corrections)
         n_planes = len(refocused.planes)
-        log.info("%s refocused by %s to %s in %s", name, refocuser.name, counted(n_planes, "plane"), places[name])
+        text = "%s refocused by %s to %s: open %s"
+        log.info(text, name, refocuser.name, counted(n_planes, "plane"), places[name] / results.SHEET)
 
     stages: dict[str, steps.Step] = {"reading": read, "correcting": correct, "refocusing": compute, "writing": write}
     steps.process(fields, stages, "refocusing")

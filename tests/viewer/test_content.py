@@ -58,8 +58,8 @@ def test_the_map_has_the_colours_of_its_bar(content):
     places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
     expected = bar[np.rint(places * (len(bar) - 1)).astype(int)]
     is_known, is_unknown = (
-        confidence.numpy() >= view_page.LEAST_CONFIDENCE,
-        confidence.numpy() < view_page.LEAST_CONFIDENCE / 50,
+        confidence.numpy() >= disparity_colours.LEAST_CONFIDENCE,
+        confidence.numpy() < disparity_colours.LEAST_CONFIDENCE / 50,
     )
     assert np.median(np.abs(expected - shown)[is_known]) < 0.02
     assert is_known.any()
