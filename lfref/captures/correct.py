@@ -388,7 +388,7 @@ def load(path: str | Path) -> Corrections:
 # says them, what it leaves out is 0.
 
 LARGE = 1 << 12  # values from which a tensor is packed: smaller ones take kilobytes
-GAIN_STEP = 1e-3  # of the logarithm of a gain, its largest error: single gains are rounded to half as much already
+GAIN_STEP = 2e-4  # of the logarithm of a gain: half of it is its largest error, so that no picture changes by 1e-4
 LEAST_PACKED = 1e-3  # least gain that is kept: samples below 0.02 have no weight
 COARSE = 16  # pixels, the distance of the samples of the coarse map
 MOST_VALUES = 1 << 31  # of a packed tensor: a damaged file may ask for any number
@@ -404,10 +404,9 @@ def packed(value: Any) -> Any:
         entry["coarse"] = F.interpolate(
             logarithm, [-(-length // COARSE) for length in value.shape[-2:]], mode="area"
         ).half()
-        # Towards 0: where the coarse map errs by less than a step, nothing is left.
-        value = ((logarithm - _smooth(entry)) / GAIN_STEP).int()
+        value = ((logarithm - _smooth(entry)) / GAIN_STEP).round().int()
     else:
-        value = value.int()
+        value = value.to(torch.uint8 if value.dtype == torch.bool else torch.int32)
     # The bytes of one significance lie together: most of them are equal.
     planes = value.contiguous().reshape(-1, 1).view(torch.uint8).T.contiguous()
     entry["bytes"] = torch.frombuffer(bytearray(zlib.compress(planes.numpy().tobytes())), dtype=torch.uint8)
@@ -421,8 +420,10 @@ def unpacked(entry: Any) -> Any:
     count = math.prod(entry["shape"])
     if count > MOST_VALUES:
         raise ValueError(f"{count} values")
-    content = zlib.decompressobj().decompress(entry["bytes"].numpy().tobytes(), 4 * count)
-    values = torch.frombuffer(bytearray(content), dtype=torch.uint8).reshape(4, count).T.contiguous().view(torch.int32)
+    stored, n_bytes = (torch.uint8, 1) if entry["type"] == "bool" else (torch.int32, 4)
+    content = zlib.decompressobj().decompress(entry["bytes"].numpy().tobytes(), n_bytes * count)
+    planes = torch.frombuffer(bytearray(content), dtype=torch.uint8).reshape(n_bytes, count)
+    values = planes.T.contiguous().view(stored)
     if "coarse" in entry:
         return (values.reshape(1, -1, *entry["shape"][-2:]) * GAIN_STEP + _smooth(entry)).exp().reshape(entry["shape"])
     return values.reshape(entry["shape"]).to(getattr(torch, entry["type"]))

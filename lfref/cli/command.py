@@ -89,7 +89,7 @@ def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iter
 @contextmanager
 def stages(name: str, number: int) -> Iterator[Callable[[str], None]]:
     """A progress bar of the stages of one light field, on a terminal; yields the function that begins a stage."""
-    with _bar(TimeElapsedColumn(), is_shown=console.is_terminal) as bar:
+    with _bar(TimeElapsedColumn(), is_shown=console.is_terminal, transient=True) as bar:
         task = bar.add_task(name, total=number)
         n_begun = 0
 
@@ -102,7 +102,9 @@ def stages(name: str, number: int) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _bar(clock: TimeElapsedColumn | TimeRemainingColumn, is_shown: bool = True) -> Iterator[Progress]:
+def _bar(
+    clock: TimeElapsedColumn | TimeRemainingColumn, is_shown: bool = True, transient: bool = False
+) -> Iterator[Progress]:
     """A progress bar; on a terminal, the lines of the log stand above it."""
 
     def make_room(_: logging.LogRecord) -> bool:
@@ -111,7 +113,8 @@ def _bar(clock: TimeElapsedColumn | TimeRemainingColumn, is_shown: bool = True) 
         return True
 
     handlers = logging.getLogger().handlers if is_shown and console.is_terminal else []
-    with Progress(TextColumn("{task.description}"), BarColumn(), clock, console=console, disable=not is_shown) as bar:
+    columns = TextColumn("{task.description}"), BarColumn(), clock
+    with Progress(*columns, console=console, disable=not is_shown, transient=transient) as bar:
         for handler in handlers:
             handler.addFilter(make_room)
         try:

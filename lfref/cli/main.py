@@ -3,7 +3,8 @@
 import difflib
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import lfref
 from lfref import extensions
@@ -59,10 +60,22 @@ def main() -> None:
     except LfrefError as error:
         fail(name, error, status=1 if isinstance(error, FileError) else 2)
     with exit_line_on_signals(name):
-        module = importlib.import_module(f"lfref.cli.{name}")
+        with starting(name):
+            module = importlib.import_module(f"lfref.cli.{name}")
         # Lightning starts the other processes of a ddp run as `python ARGV[0] ...`: that must be the command itself.
         sys.argv = [str(module.__file__), *words]
         module.main()
+
+
+@contextmanager
+def starting(name: str) -> Iterator[None]:
+    """Say on a terminal that the command starts: PyTorch takes seconds to import."""
+    is_shown = sys.stderr.isatty()
+    if is_shown:
+        print(f"lfref {name}: starting", end="\r", file=sys.stderr, flush=True)
+    yield
+    if is_shown:
+        print("\x1b[2K", end="\r", file=sys.stderr, flush=True)
 
 
 def allowed_packages(words: list[str]) -> tuple[list[str], list[str]]:

@@ -40,6 +40,8 @@ def refocus(config: DictConfig, folder: Path) -> None:
     def read(_: str, path: Path) -> LightField:
         field = steps.read_field(path, config, [refocuser], scratch)
         steps.warn_if_reversed(field)
+        if n_rows is None:
+            steps.warn_of_memory(field, configured_planes, [refocuser], config)
         return field
 
     def correct(_: str, field: LightField) -> tuple[LightField, Corrections | None]:

@@ -5,6 +5,8 @@ computing and writing run at the same time in one thread each, so that memory ho
 are.
 """
 
+import dataclasses
+import math
 import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,10 +30,17 @@ from lfref.io import atomic, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import PREDICTING, OperatorRefocuser, Refocuser
 from lfref.report import pictures
 from lfref.report.refocused import mean_of_views
 
+MUCH_MEMORY = 4e9
+"""Bytes from which a command warns before it takes them: half of what a common laptop has."""
+PROGRAM = 0.45e9
+"""Bytes that libraries take before any light field is read."""
+CORRECTING, REFOCUSING, COMPARING = 3.0, 2.0, 3.5
+"""Largest number of copies of the views that a capture needs while it is corrected, refocused by a method that sums
+views, and by one that compares them: measured, with their weights, on 14x14 views of 383x552 pixels."""
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
@@ -129,6 +138,32 @@ def read_field(
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and have weight 0", field.name, missing)
     return field
+
+
+def estimated_memory(field: LightField, n_planes: int, refocusers: Iterable[Refocuser], corrects: bool) -> float:
+    """Bytes that a command takes at its highest for a light field, about; each method keeps its stack."""
+    methods = list(refocusers)
+    compares = any(not isinstance(method, OperatorRefocuser) or method.function in PREDICTING for method in methods)
+    copies = max(COMPARING if compares else REFOCUSING, CORRECTING if corrects else 0)
+    n_samples = field.views.numel() / math.prod(field.grid) * n_planes
+    return PROGRAM + copies * 4 * field.views.numel() + 4 * n_samples * (len(methods) + 1)
+
+
+def warn_of_memory(field: LightField, planes: Planes, refocusers: Sequence[Refocuser], config: DictConfig) -> None:
+    """Log a warning, with the option that halves it, if a light field will need much memory."""
+    n_planes = planes.n if isinstance(planes, AutoPlanes) else len(planes)
+    corrects = config.correct != "none"
+    needed = estimated_memory(field, n_planes, refocusers, corrects)
+    if needed > MUCH_MEMORY:
+        halved = dataclasses.replace(field, views=field.views[: field.grid[0] // 2])
+        fewer_planes = estimated_memory(field, max(1, n_planes // 2), refocusers, corrects)
+        less_views = estimated_memory(halved, n_planes, refocusers, corrects)
+        # Half of the views: their number along each axis, divided by the root of 2.
+        views = max(1, round(min(field.grid) / math.sqrt(2)))
+        remedy = (
+            f"reader.views={views}" if less_views <= fewer_planes else f"planes=auto planes.n={max(1, n_planes // 2)}"
+        )
+        log.warning("%s will take about %.1f GB of memory; %s takes half of it", field.name, needed / 1e9, remedy)
 
 
 def warn_if_reversed(field: LightField) -> None:

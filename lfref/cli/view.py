@@ -33,6 +33,7 @@ def view(config: DictConfig, folder: Path) -> None:
     def read(_: str, path: Path) -> LightField:
         field = steps.read_field(path, config, refocusers)
         steps.warn_if_reversed(field)
+        steps.warn_of_memory(field, configured_planes, refocusers, config)
         return field
 
     def correct(_: str, field: LightField) -> LightField:

@@ -129,7 +129,7 @@ def _lanes(factors: Tensor) -> Tensor:
 
 
 def _by_loop(spectra: Tensor, table: Tensor, n_sums: int) -> Tensor:
-    """Spectra [V U, J, side, K] times factors (`_lanes`), added up, [N, J, side, K]; times i after the first `n_sums`."""
+    """Spectra [V U, J, side, K] times `_lanes` of factors, added up, [N, J, side, K]; times i after `n_sums`."""
     pairs = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
     total = np.empty((len(table), *pairs.shape[1:]), pairs.dtype)
     lanes = table.numpy()
