@@ -6,6 +6,7 @@ in the light field that the corrections before it return.
 
 import dataclasses
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, view_order, vignetting
 from lfref.captures.registration import Registration
@@ -30,7 +32,9 @@ SMALLEST = 32
 TEXTURE, LEAST_TEXTURED = 0.01, 0.1
 """Difference of the root of light of neighbours in a texture, and part of the picture with textures from which views
 that do not fit together cannot be compared in brightness."""
-FORMAT = "lfref corrections 1"
+FORMAT = "lfref corrections 2"
+FORMATS = "lfref corrections 1", FORMAT
+"""Formats that are read; the first one held tensors as they are, up to 60 MB of them."""
 FORMER_FIELDS = {
     "hot_pixels": {"places": "samples"},
     "spacing": {"found": "estimate"},
@@ -191,7 +195,7 @@ class Corrections:
             FileError: The file cannot be written.
         """
         values = {
-            defect.name: {field.name: getattr(defect, field.name) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
+            defect.name: {field.name: packed(getattr(defect, field.name)) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
             for defect in self.defects
             if defect.reason_to_skip() is None
         }
@@ -239,7 +243,11 @@ def correct(
 
 
 def correct_by_option(
-    field: LightField, option: str, white: LightField | None = None, even_grid_for: str | None = None
+    field: LightField,
+    option: str,
+    white: LightField | None = None,
+    even_grid_for: str | None = None,
+    in_place: bool = False,
 ) -> tuple[LightField, Corrections | None]:
     """Correct a light field as the option `correct` says; the corrections are None for `none`.
 
@@ -248,6 +256,7 @@ def correct_by_option(
         option: `auto`, `none`, or a file that `Corrections.save` wrote.
         white: A picture of a white scene by the same camera.
         even_grid_for: Why cameras must stay on an even grid, if so; their spacing is then reported, not corrected.
+        in_place: Whether estimated corrections may overwrite the views of `field`, which saves as much memory.
 
     Raises:
         InputError: The white picture or the corrections have another grid or size.
@@ -255,7 +264,10 @@ def correct_by_option(
     """
     if option == NONE:
         return field, None
-    corrected, corrections = correct(field, white, None if option == AUTO else option)
+    if option == AUTO:
+        corrected, corrections = estimate_and_correct(field, white, in_place=in_place)
+    else:
+        corrected, corrections = correct(field, white, option)
     if even_grid_for is None or corrected.positions is field.positions:
         return corrected, corrections
     name = registration.SpacingDefect.name
@@ -264,11 +276,11 @@ def correct_by_option(
 
 
 def estimate_and_correct(
-    field: LightField, white: LightField | None = None, view: CentralView | None = None
+    field: LightField, white: LightField | None = None, view: CentralView | None = None, in_place: bool = False
 ) -> tuple[LightField, Corrections]:
     """Estimate all defects in turn, and correct those that show.
 
-    `view` is the central view, if the caller has computed it.
+    `view` is the central view, if the caller has computed it; `in_place` as in `correct_by_option`.
     """
     _check_white(field, white)
     grid, size, defects, skipped = field.grid, field.size, list[Defect](), _skipped_of_encoded(field)
@@ -282,7 +294,11 @@ def estimate_and_correct(
         defects.append(defect)
         if defect.reason_to_skip() is not None:
             return False
-        field = defect.corrected(field)
+        corrected = defect.corrected(field)
+        if in_place and corrected.views is not field.views:
+            field.views.copy_(corrected.views)
+            corrected = dataclasses.replace(corrected, views=field.views)
+        field = corrected
         return True
 
     # Each correction changes the estimates after it.
@@ -380,15 +396,66 @@ def load(path: str | Path) -> Corrections:
     except Exception as error:  # torch raises errors of many kinds for damaged archives
         got = "another kind of file, or a damaged one"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if not isinstance(content, dict) or content.get("format") not in FORMATS:
         raise FileError(f"{path} must hold corrections", got="another file", remedy=remedy)
     kinds = {kind.name: kind for kind in KINDS}
     try:
         defects = []
         for name, fields in content["findings"].items():
             current = FORMER_FIELDS.get(name, {})
-            defects.append(kinds[name](**{current.get(field, field): value for field, value in fields.items()}))
+            values = {current.get(field, field): unpacked(value) for field, value in fields.items()}
+            defects.append(kinds[name](**values))
         return Corrections(tuple(content["grid"]), tuple(content["size"]), tuple(defects))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, zlib.error) as error:
         got = f"entries that cannot be read ({error})"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
+
+
+# Tensors in files. Which samples are hot or black has long runs of equal values. Gains are smooth: where a coarse map
+# says them, what it leaves out is 0.
+
+LARGE = 1 << 12  # values from which a tensor is packed: smaller ones take kilobytes
+GAIN_STEP = 2e-4  # of the logarithm of a gain: half of it is its largest error, so that no picture changes by 1e-4
+LEAST_PACKED = 1e-3  # least gain that is kept: samples below 0.02 have no weight
+COARSE = 16  # pixels, the distance of the samples of the coarse map
+MOST_VALUES = 1 << 31  # of a packed tensor: a damaged file may ask for any number
+
+
+def packed(value: Any) -> Any:
+    """A value of a file: large tensors as compressed bytes, gains [..., H, W] to `GAIN_STEP`, all others exactly."""
+    if not isinstance(value, Tensor) or value.numel() < LARGE:
+        return value
+    entry: dict[str, Any] = {"shape": tuple(value.shape), "type": str(value.dtype).removeprefix("torch.")}
+    if value.is_floating_point():
+        logarithm = value.float().clamp(min=LEAST_PACKED).log().reshape(1, -1, *value.shape[-2:])
+        entry["coarse"] = F.interpolate(
+            logarithm, [-(-length // COARSE) for length in value.shape[-2:]], mode="area"
+        ).half()
+        value = ((logarithm - _smooth(entry)) / GAIN_STEP).round().int()
+    else:
+        value = value.to(torch.uint8 if value.dtype == torch.bool else torch.int32)
+    # The bytes of one significance lie together: most of them are equal.
+    planes = value.contiguous().reshape(-1, 1).view(torch.uint8).T.contiguous()
+    entry["bytes"] = torch.frombuffer(bytearray(zlib.compress(planes.numpy().tobytes())), dtype=torch.uint8)
+    return entry
+
+
+def unpacked(entry: Any) -> Any:
+    """The value that `packed` turned into a value of a file."""
+    if not isinstance(entry, dict):
+        return entry
+    count = math.prod(entry["shape"])
+    if count > MOST_VALUES:
+        raise ValueError(f"{count} values")
+    stored, n_bytes = (torch.uint8, 1) if entry["type"] == "bool" else (torch.int32, 4)
+    content = zlib.decompressobj().decompress(entry["bytes"].numpy().tobytes(), n_bytes * count)
+    planes = torch.frombuffer(bytearray(content), dtype=torch.uint8).reshape(n_bytes, count)
+    values = planes.T.contiguous().view(stored)
+    if "coarse" in entry:
+        return (values.reshape(1, -1, *entry["shape"][-2:]) * GAIN_STEP + _smooth(entry)).exp().reshape(entry["shape"])
+    return values.reshape(entry["shape"]).to(getattr(torch, entry["type"]))
+
+
+def _smooth(entry: Mapping[str, Any]) -> Tensor:
+    """The coarse map of a packed tensor at all of its pixels."""
+    return F.interpolate(entry["coarse"].float(), entry["shape"][-2:], mode="bicubic")

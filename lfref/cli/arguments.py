@@ -1,10 +1,12 @@
 """The command line as people write it, turned into the words that Hydra reads.
 
 Paths may contain any characters; `slopes=`, `alphas=` and `convention=` choose planes; `run=` stands for the key that
-takes a run folder; `+sweep=NAME` names a file of ablations.
+takes a run folder; `+sweep=NAME` names a file of ablations. Habits of other programs are understood: `-o FOLDER`,
+`--method learned`, `--slopes 1 2`, `slopes=1,2`.
 """
 
 import argparse
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from lfref.cli import config, exit_codes
+from lfref.cli import help as texts
 from lfref.errors import InputError
 
 # Ablations are one file for two runners: `sweeps/NAME.yaml` is a wandb sweep, and `lfref train --multirun +sweep=NAME`
@@ -50,9 +53,17 @@ SHORTHANDS = {
     "alphas": ["planes=alphas", "planes.alphas={}"],
     "convention": ["planes.convention={}"],
 }
+LISTS = "slopes", "alphas"
+"""Shorthands for lists of numbers, whose brackets may be left out."""
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?")
 BEGINNINGS = ("/", "./", "../", "~/")
 REFUSED = (["--config-path", "-cp"], ["--config-name", "-cn"], ["--experimental-rerun"])
 """Options of Hydra that replace our configuration; the last one unpickles a file."""
+HYDRA = (
+    "--cfg", "--info", "--run", "--multirun", "--shell-completion", "--help", "--hydra-help", "--resolve", "--package",
+    "--config-dir", *(names[0] for names in REFUSED),
+)  # fmt: skip
+"""Options that are Hydra's own, also where they are abbreviated."""
 
 
 def rewritten(command: str, words: list[str]) -> list[str]:
@@ -62,12 +73,36 @@ def rewritten(command: str, words: list[str]) -> list[str]:
         InputError: The command takes no paths, the sweep is unknown, or a sweep lacks --multirun.
     """
     end = words.index("--") if "--" in words else len(words)
-    parsed = options(command, words[:end])
+    parsed = options(command, _as_overrides(command, words[:end]))
     paths = [] if parsed["shell_completion"] else [word for word in parsed["overrides"] if _is_path(word)]
     overrides: list[str] = []
     for word in parsed["overrides"]:
         overrides += [] if word in paths else _expanded(command, word, overrides, parsed["multirun"])
     return [*as_words(parsed), *_inputs(command, [*paths, *words[end + 1 :]]), *overrides]
+
+
+def _as_overrides(command: str, words: list[str]) -> list[str]:
+    """Words in which `-o X`, `--method learned`, `--slopes 1 2` are written `KEY=VALUE`; Hydra's options stay."""
+    defaults = texts.defaults(command)
+    translated, queue = [], list(words)
+    while queue:
+        word = queue.pop(0)
+        name, equals, value = word.partition("=")
+        key = "output" if name == "-o" else name.removeprefix("--").replace("-", "_")
+        is_ours = key in (*defaults, *SHORTHANDS) or not any(option.startswith(name) for option in HYDRA)
+        if not (name == "-o" or name.startswith("--")) or not is_ours:
+            translated.append(word)
+            continue
+        if not equals:
+            n_numbers = next((n for n, text in enumerate(queue) if not NUMBER.fullmatch(text)), len(queue))
+            is_flag = defaults.get(key) in ("true", "false") and queue[:1] not in (["true"], ["false"])
+            if not is_flag and not queue:
+                raise InputError(f"{name} takes a value", got="none", remedy=f"write {key}=VALUE")
+            taken = 0 if is_flag else max(1, n_numbers) if key in LISTS else 1
+            value = "true" if is_flag else ",".join(queue[:taken])
+            del queue[:taken]
+        translated.append(f"{key}={value}")
+    return translated
 
 
 def options(command: str, words: list[str]) -> dict[str, Any]:
@@ -125,4 +160,6 @@ def _expanded(command: str, word: str, before: list[str], is_multirun: bool) -> 
         if not is_multirun:
             raise InputError("a sweep needs --multirun", got=word, remedy="lfref train --multirun +sweep=NAME")
         return overrides(value, config.directory("sweeps"))
+    if key in LISTS and not is_multirun and re.fullmatch(r"[^\[\]{}$'\"]+", value):
+        value = f"[{value}]"
     return [full for form in SHORTHANDS.get(key, [word]) if (full := form.replace("{}", value)) not in before]

@@ -4,8 +4,8 @@ import functools
 import logging
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +14,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 from rich.console import Console
-from rich.progress import track
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from lfref.cli import composition, parts, resume
 from lfref.cli import config as configs
@@ -82,7 +82,46 @@ def command(
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
     """Return items one by one under a progress bar; `total` is needed for items without a length."""
-    return track(items, description=what, total=total, console=console)
+    with _bar(TimeRemainingColumn()) as bar:
+        yield from bar.track(items, total=total, description=what)
+
+
+@contextmanager
+def stages(name: str, number: int) -> Iterator[Callable[[str], None]]:
+    """A progress bar of the stages of one light field, on a terminal; yields the function that begins a stage."""
+    with _bar(TimeElapsedColumn(), is_shown=console.is_terminal, transient=True) as bar:
+        task = bar.add_task(name, total=number)
+        n_begun = 0
+
+        def begin(stage: str) -> None:
+            nonlocal n_begun
+            bar.update(task, description=f"{name}: {stage}", completed=n_begun, refresh=True)
+            n_begun += 1
+
+        yield begin
+
+
+@contextmanager
+def _bar(
+    clock: TimeElapsedColumn | TimeRemainingColumn, is_shown: bool = True, transient: bool = False
+) -> Iterator[Progress]:
+    """A progress bar; on a terminal, the lines of the log stand above it."""
+
+    def make_room(_: logging.LogRecord) -> bool:
+        console.file.write("\r\x1b[2K")  # erases the bar, which is drawn again below the line
+        console.file.flush()
+        return True
+
+    handlers = logging.getLogger().handlers if is_shown and console.is_terminal else []
+    columns = TextColumn("{task.description}"), BarColumn(), clock
+    with Progress(*columns, console=console, disable=not is_shown, transient=transient) as bar:
+        for handler in handlers:
+            handler.addFilter(make_room)
+        try:
+            yield bar
+        finally:
+            for handler in handlers:
+                handler.removeFilter(make_room)
 
 
 def device_of(name: str) -> torch.device:

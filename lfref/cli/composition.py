@@ -1,4 +1,4 @@
-"""Checks of a composed configuration, before Hydra or a command acts on it.
+"""Checks of a composed configuration, before PyTorch is imported, and before Hydra or a command acts on it.
 
 1. `hydra.*` must agree with tables (`check`): Hydra builds callbacks, launchers, sweepers and log handlers from it,
    some before a command starts.
@@ -13,7 +13,6 @@ This module stands apart from `command`, which wraps a command: these checks kee
 """
 
 import difflib
-import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -32,6 +31,8 @@ from omegaconf.errors import OmegaConfBaseException
 from lfref.cli import arguments, exit_codes, parts
 from lfref.cli import config as configs
 from lfref.errors import InputError, LfrefError
+from lfref.io import atomic
+from lfref.io.options import ReadOptions
 
 RENAMED = {
     "guides": "features", "n_guides": "n_features", "n_offers": "n_candidates",
@@ -191,7 +192,7 @@ def find(base: DictConfig, path: str, key: str, others: Iterable[str], may_add: 
         children = _children(node)
         if name not in children:
             target = children.get("_target_")
-            options = list(inspect.signature(parts.resolve(target)).parameters) if target else []
+            options = parts.argument_names(target) if target else []
             is_open = above and isinstance(node, DictConfig) and "_target_" not in children
             is_open = is_open and all(child is None or isinstance(child, DictConfig) for child in children.values())
             if may_add and (name in options or is_open):
@@ -228,8 +229,19 @@ def _nearest(name: str, known: Iterable[str]) -> str | None:
 # 3. Composition.
 
 
+_checked: list[tuple[str, ...]] = []
+"""The command line that `check_early` has checked; the command does not compose it once more."""
+
+
+def check_early(command: str, words: list[str]) -> None:
+    """Check a command line before the command's module is imported, and with it PyTorch, which takes seconds."""
+    _checked[:] = [(command, *check_line(command, words))]
+
+
 def check_line(command: str, words: list[str]) -> list[str]:
     """Compose and check a command line; returns its words, options first, or exits with one line."""
+    if _checked and _checked.pop() == (command, *words):
+        return words
     options = arguments.options(command, words)
     folder, shows = options["config_dir"], any(options[name] for name in ("help", "hydra_help", "cfg", "info"))
     if folder is not None and not Path(folder).is_dir():
@@ -237,7 +249,10 @@ def check_line(command: str, words: list[str]) -> list[str]:
     mode = RunMode.MULTIRUN if options["multirun"] and not shows else RunMode.RUN
     if not options["shell_completion"]:
         with initialize_config_dir(str(configs.directory()), command, "1.3"):
-            check_composition(GlobalHydra.instance().config_loader(), command, options["overrides"], mode, folder)
+            loader = GlobalHydra.instance().config_loader()
+            config = check_composition(loader, command, options["overrides"], mode, folder)
+        if mode == RunMode.RUN and not shows:
+            check_files(config)
     return [*arguments.as_words(options), *options["overrides"]]
 
 
@@ -272,7 +287,7 @@ class CheckedLoader:
 
 def check_composition(
     loader: ConfigLoader, command: str, words: Sequence[str], mode: RunMode, folder: str | None = None
-) -> None:
+) -> DictConfig:
     """Compose a configuration and check it; exits with one line if it is refused.
 
     Args:
@@ -311,8 +326,40 @@ def check_composition(
         if search:
             whole.hydra.searchpath = []
         check(whole.hydra)
+        return whole
     except Exception as error:  # whatever it is, it is about the configuration
         exit_codes.fail(command, _explanation(loader, overrides, error), status=2)
+
+
+FILES = ("input", "runs", "checkpoint", "white", "truth", "correct", "data.path", "data.validation_path")
+"""Keys of configurations that name the user's files."""
+CORRECT = ("auto", "none", "white")
+"""Values of `correct` that name no file."""
+
+
+def check_files(config: DictConfig) -> None:
+    """Refuse a configuration whose input is not given, or that names files that do not exist.
+
+    Raises:
+        InputError: An input is missing, or `correct` is no choice.
+        FileError: A file or folder does not exist.
+    """
+    if "reader" in config:
+        ReadOptions.parse(**configs.plain(config.reader))
+    for key in FILES:
+        value = OmegaConf.select(config, key, throw_on_missing=False)
+        if OmegaConf.is_missing(config, key):
+            raise InputError(f"{key} must be given", got="none", remedy=f"add PATH, or {key}=PATH")
+        for path in [value] if isinstance(value, str | bool) else value or ():
+            place = Path(str(path))
+            if key == "correct" and path in CORRECT:
+                continue
+            if key == "correct" and not place.exists():
+                expected = "correct must be auto, none, or a file that correct=auto wrote"
+                raise InputError(expected, got=f"no corrections at {path}", remedy="correct=none corrects nothing")
+            if not set("*?[") & set(str(place)):
+                with atomic.file_errors(place, "read"):
+                    place.stat()
 
 
 def _explanation(loader: ConfigLoader, overrides: list[Override], error: Exception) -> object:
@@ -326,6 +373,16 @@ def _explanation(loader: ConfigLoader, overrides: list[Override], error: Excepti
             near = _nearest(value, known)
             remedy = f"perhaps {group}={near}" if near else "choices of your own need --config-dir FOLDER"
             return InputError(f"{group} must be one of {', '.join(known)}", got=repr(value), remedy=remedy)
+    ambiguous = re.search(r"Ambiguous value for argument '([^=']+)=([^']+)'", str(error))
+    if ambiguous:
+        key, value = ambiguous.groups()
+        remedy = f"write {key}=[{value}], or add --multirun to run one after the other"
+        return InputError(f"{key} must be one value", got=repr(value), remedy=remedy)
+    places = re.search(r"Could not override '([^']+)'\.\s+Did you mean to override (?:one of )?([^?]+)\?", str(error))
+    if places:
+        value = next((override.value() for override in overrides if override.key_or_group == places[1]), "NAME")
+        lines = " or ".join(f"{place}={value}" for place in places[2].split(", "))
+        return InputError("a choice must name its place", got=f"{places[1]}={value}", remedy=f"write {lines}")
     alien = re.search(r"Could not override '([^']+)'.\s+No match in the defaults list", str(error))
     if alien:
         return InputError("every key must be one of this command", got=repr(alien[1]), remedy="--cfg job shows all")

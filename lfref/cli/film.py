@@ -14,7 +14,7 @@ from torch import Tensor
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, progress
+from lfref.cli.command import command, device_of, log, progress, stages
 from lfref.cli.steps import ahead
 from lfref.errors import InputError, chosen, counted
 from lfref.io import video
@@ -91,9 +91,12 @@ def film(config: DictConfig, folder: Path) -> None:
     fields = steps.find_fields(config)
     first, *others = fields.values()
     white = steps.white_field(config, refocuser)
-    opening = steps.read_field(first, config, [refocuser])
-    # Corrections and brightness of the first light field serve all of them, so that nothing flickers.
-    opening, corrections = steps.correct_field(opening, config, white, refocuser)
+    with stages(next(iter(fields)), 2) as begin:
+        begin("reading")
+        opening = steps.read_field(first, config, [refocuser])
+        begin("correcting")
+        # Corrections and brightness of the first light field serve all of them, so that nothing flickers.
+        opening, corrections = steps.correct_field(opening, config, white, refocuser)
     gain = steps.gain(opening, exposure)
     slopes = _slopes(config, opening, len(fields), rate)
 
@@ -119,7 +122,7 @@ def film(config: DictConfig, folder: Path) -> None:
     video.write_video(folder / FILM, progress(ahead(frames()), "refocusing", len(slopes)), rate)
     steps.write_corrections(folder, corrections)
     ends = f"slopes {float(slopes.min()):.2f} to {float(slopes.max()):.2f}"
-    log.info("%s: %s, %s, by %s", folder / FILM, counted(len(slopes), "frame"), ends, refocuser.name)
+    log.info("%s, %s, by %s: open %s", counted(len(slopes), "frame"), ends, refocuser.name, folder / FILM)
 
 
 def _slopes(config: DictConfig, opening: LightField, n_fields: int, rate: float) -> Tensor:

@@ -10,8 +10,11 @@ from lfref.cli import config as configs
 from lfref.cli import steps
 from lfref.cli.command import command, log, paths
 from lfref.io import atomic
+from lfref.lightfield import LightField
 from lfref.report import drawing
 from lfref.report.inspection import inspection_sheet
+
+SHEET = "inspection.png"
 
 
 def info(config: DictConfig, folder: Path) -> None:
@@ -19,18 +22,24 @@ def info(config: DictConfig, folder: Path) -> None:
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
     white = None if config.white is None else steps.read_field(Path(config.white), config)
 
-    def inspect_field(name: str, path: Path) -> None:
-        inspection = inspect(steps.read_field(path, config), white)
-        log.info("%s", "\n".join(inspection.lines()))
-        _write(steps.result_folder(folder, name, path, named), inspection)
+    def read(_: str, path: Path) -> LightField:
+        return steps.read_field(path, config)
 
-    steps.process(fields, [inspect_field], "inspecting")
-    log.info("inspected: %s", folder)
+    def inspect_field(_: str, field: LightField) -> Inspection:
+        return inspect(field, white)
+
+    def write(name: str, inspection: Inspection) -> None:
+        log.info("%s", "\n".join(inspection.lines()))
+        place = steps.result_folder(folder, name, fields[name], named)
+        _write(place, inspection)
+        log.info("open %s", place / SHEET)
+
+    steps.process(fields, {"reading": read, "inspecting": inspect_field, "writing": write}, "inspecting")
 
 
 def _write(folder: Path, inspection: Inspection) -> None:
     atomic.write_text(folder / "inspection.json", json.dumps(inspection.as_dict(), indent=2))
-    drawing.save_figure(inspection_sheet(inspection), folder / "inspection.png")
+    drawing.save_figure(inspection_sheet(inspection), folder / SHEET)
 
 
 main = command(info)

@@ -3,13 +3,15 @@
 import difflib
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import lfref
 from lfref import extensions
-from lfref.cli import arguments
+from lfref.cli import arguments, composition
+from lfref.cli import help as texts
 from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
-from lfref.errors import InputError
+from lfref.errors import FileError, InputError, LfrefError
 
 COMMANDS = {
     "info": "show properties of light fields, the slopes of their scenes, and their defects",
@@ -47,13 +49,33 @@ def main() -> None:
         sys.exit(2)
     try:
         words = arguments.rewritten(name, sys.argv[2:])
-    except InputError as error:
-        fail(name, error, status=2)
+        parsed = arguments.options(name, words)
+        # `resume=RUN` stands for the overrides of that run, which the command reads itself.
+        if words != ["--help"] and not any(word.startswith("resume=") for word in words):
+            composition.check_early(name, words)
+        if parsed["help"]:
+            with patient_pipes():
+                print(texts.command_help(name, parsed["overrides"]))
+            return
+    except LfrefError as error:
+        fail(name, error, status=1 if isinstance(error, FileError) else 2)
     with exit_line_on_signals(name):
-        module = importlib.import_module(f"lfref.cli.{name}")
+        with starting(name):
+            module = importlib.import_module(f"lfref.cli.{name}")
         # Lightning starts the other processes of a ddp run as `python ARGV[0] ...`: that must be the command itself.
         sys.argv = [str(module.__file__), *words]
         module.main()
+
+
+@contextmanager
+def starting(name: str) -> Iterator[None]:
+    """Say on a terminal that the command starts: PyTorch takes seconds to import."""
+    is_shown = sys.stderr.isatty()
+    if is_shown:
+        print(f"lfref {name}: starting", end="\r", file=sys.stderr, flush=True)
+    yield
+    if is_shown:
+        print("\x1b[2K", end="\r", file=sys.stderr, flush=True)
 
 
 def allowed_packages(words: list[str]) -> tuple[list[str], list[str]]:
@@ -83,7 +105,7 @@ lfref COMMAND [PATH ...] [KEY=VALUE ...]
 
 {commands}
 
-lfref COMMAND --help shows examples, --cfg job its configuration; --multirun runs KEY=A,B,C in turn.
+lfref COMMAND --help shows examples and options, --cfg job its configuration; --multirun runs KEY=A,B,C in turn.
 --allow PACKAGE lets a configuration name the classes and functions of an installed package of yours."""
 
 

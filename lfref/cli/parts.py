@@ -5,6 +5,7 @@ loggers, metrics), or come from a package that the user trusts (`lfref.extension
 imported. To add a part of ours, add its name to its group.
 """
 
+import ast
 import difflib
 import functools
 import importlib
@@ -15,12 +16,17 @@ from typing import Any, NamedTuple
 
 from lfref import extensions
 from lfref.errors import InputError, LfrefError, first_line
-from lfref.simulator.effects.sensor import EFFECTS, Sensor
 
 APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
 CALLBACKS = ("BestCheckpoint", "HeadInitialization", "StackPictures", "StepGuard")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
+EFFECTS = (
+    "displacement.Chromatic", "vignetting.Vignetting", "displacement.Misalignment", "crosstalk.Crosstalk",
+    "response.Exposure", "mosaic.Mosaic", "noise.Noise", "response.Clipping", "response.Quantisation",
+    "response.WhiteBalance", "response.ToneCurve",
+)  # fmt: skip
+"""Written out, since importing them would import PyTorch before the command line is checked."""
 
 TABLE: dict[str, tuple[str, ...]] = {
     "operators": (
@@ -68,7 +74,7 @@ TABLE: dict[str, tuple[str, ...]] = {
         "lfref.simulator.sim30.scenes",
     ),
     "sensors": (
-        *(f"{effect.__module__}.{effect.__name__}" for effect in (*EFFECTS.values(), Sensor)),
+        *(f"lfref.simulator.effects.{effect}" for effect in (*EFFECTS, "sensor.Sensor")),
         "lfref.simulator.scenes.RandomSensor",
     ),
     "measurements": ("lfref.bench.operator_costs.Scales",),
@@ -269,6 +275,34 @@ def resolve(name: str) -> Callable[..., Any]:
         if not inspect.isclass(part) or not issubclass(part, base) or part.__module__.partition(".")[0] != own:
             raise _unknown(name)
     return part
+
+
+def argument_names(name: str) -> list[str]:
+    """Names of the arguments of a part; those of lfref itself are read from its text, since an import takes seconds."""
+    module, _, attribute = MOVED.get(name, name).rpartition(".")
+    source = Path(__file__).resolve().parents[2] / f"{module.replace('.', '/')}.py"
+    if module.startswith("lfref.") and source.is_file():
+        for node in ast.parse(source.read_text(encoding="utf-8")).body:
+            if getattr(node, "name", None) == attribute and (names := _argument_names(node)) is not None:
+                return names
+    return list(inspect.signature(resolve(name)).parameters)
+
+
+def _argument_names(node: ast.AST) -> list[str] | None:
+    """Arguments of a function, or of a class that is a dataclass or has a constructor of its own; None for others."""
+    if isinstance(node, ast.FunctionDef):
+        given = node.args
+        last = [argument for argument in (given.vararg, given.kwarg) if argument is not None]
+        return [argument.arg for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs, *last)]
+    if not isinstance(node, ast.ClassDef):
+        return None
+    for member in node.body:
+        if isinstance(member, ast.FunctionDef) and member.name == "__init__":
+            return (_argument_names(member) or [])[1:]
+    if node.bases or not node.decorator_list:
+        return None
+    fields = [member for member in node.body if isinstance(member, ast.AnnAssign)]
+    return [ast.unparse(field.target) for field in fields if "ClassVar" not in ast.unparse(field.annotation)]
 
 
 BASES = {

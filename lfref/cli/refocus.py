@@ -38,10 +38,16 @@ def refocus(config: DictConfig, folder: Path) -> None:
         fields = steps.remaining(fields, places, folder)
 
     def read(_: str, path: Path) -> LightField:
-        return steps.read_field(path, config, [refocuser], scratch)
+        field = steps.read_field(path, config, [refocuser], scratch)
+        if n_rows is None:
+            steps.warn_of_memory(field, configured_planes, [refocuser], config)
+        return field
 
-    def compute(_: str, field: LightField) -> tuple[Refocused, Corrections | None]:
-        field, corrections = steps.correct_field(field, config, white, refocuser)
+    def correct(_: str, field: LightField) -> tuple[LightField, Corrections | None]:
+        return steps.correct_field(field, config, white, refocuser)
+
+    def compute(_: str, corrected: tuple[LightField, Corrections | None]) -> tuple[Refocused, Corrections | None]:
+        field, corrections = corrected
         planes = planes_of(configured_planes, field)
         if n_rows is None:
             stack = steps.refocus_field(refocuser, field, planes.slopes, device)
@@ -55,9 +61,11 @@ def refocus(config: DictConfig, folder: Path) -> None:
             results.write_results(place, refocused, optional)
             steps.write_corrections(place, corrections)
         n_planes = len(refocused.planes)
-        log.info("%s refocused by %s to %s in %s", name, refocuser.name, counted(n_planes, "plane"), places[name])
+        text = "%s refocused by %s to %s: open %s"
+        log.info(text, name, refocuser.name, counted(n_planes, "plane"), places[name] / results.SHEET)
 
-    steps.process(fields, [read, compute, write], "refocusing")
+    stages: dict[str, steps.Step] = {"reading": read, "correcting": correct, "refocusing": compute, "writing": write}
+    steps.process(fields, stages, "refocusing")
 
 
 def _rows(config: DictConfig, optional: list[str]) -> int | None:

@@ -23,7 +23,6 @@ from lfref.cli import parts
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 from lfref.io.run import Run
-from lfref.train import modules
 
 KEY = "resume="
 FOLDERS = "output", "folder", "resume"
@@ -127,6 +126,9 @@ def prepare(config: dict[str, Any], folder: Path) -> None:
     run, checkpoint = Run.of(config["resume"]), Path(config["resume"])
     if not config["allow_changes"]:
         refuse_changes(run, config)
+    # Lightning, of which only training has need, takes seconds and 200 MB to import.
+    from lfref.train import modules
+
     step = runs.steps_done(checkpoint)
     if run.folder != folder:
         refuse_occupied(folder)

@@ -17,6 +17,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
+from lfref.cli import composition
 from lfref.cli.exit_codes import fail
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import ownership
@@ -167,17 +168,13 @@ def _is_unborn(folder: Path, overrides: Sequence[str] | None) -> bool:
     return False
 
 
-SOURCES = ("input", "runs", "checkpoint", "white", "truth", "correct", "data.path", "data.validation_path")
-"""Keys of configurations that name the user's files."""
-
-
 def refuse_inputs(config: DictConfig, folder: Path) -> None:
     """Refuse an output folder that is an input, or that contains one: `overwrite=true` could delete it.
 
     Raises:
         FileError: The output folder is an input or contains one.
     """
-    for key in SOURCES:
+    for key in composition.FILES:
         value = OmegaConf.select(config, key, throw_on_missing=False)
         for name in [value] if isinstance(value, str) else value or ():
             # For a pattern such as shots/*.exr, the folder before the first wildcard counts.

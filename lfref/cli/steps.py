@@ -5,6 +5,8 @@ computing and writing run at the same time in one thread each, so that memory ho
 are.
 """
 
+import dataclasses
+import math
 import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,17 +24,24 @@ from lfref.captures.correct import Corrections, correct_by_option
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli import run_folder
-from lfref.cli.command import log, paths, progress
+from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic, images
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import PREDICTING, OperatorRefocuser, Refocuser
 from lfref.report import pictures
 from lfref.report.refocused import mean_of_views
 
+MUCH_MEMORY = 4e9
+"""Bytes from which a command warns before it takes them: half of what a common laptop has."""
+PROGRAM = 0.45e9
+"""Bytes that libraries take before any light field is read."""
+CORRECTING, REFOCUSING, COMPARING = 3.0, 2.0, 3.5
+"""Largest number of copies of the views that a capture needs while it is corrected, refocused by a method that sums
+views, and by one that compares them: measured, with their weights, on 14x14 views of 383x552 pixels."""
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
@@ -132,29 +141,61 @@ def read_field(
     return field
 
 
-def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> None:
+def estimated_memory(field: LightField, n_planes: int, refocusers: Iterable[Refocuser], corrects: bool) -> float:
+    """Bytes that a command takes at its highest for a light field, about; each method keeps its stack."""
+    methods = list(refocusers)
+    compares = any(not isinstance(method, OperatorRefocuser) or method.function in PREDICTING for method in methods)
+    copies = max(COMPARING if compares else REFOCUSING, CORRECTING if corrects else 0)
+    n_samples = field.views.numel() / math.prod(field.grid) * n_planes
+    return PROGRAM + copies * 4 * field.views.numel() + 4 * n_samples * (len(methods) + 1)
+
+
+def warn_of_memory(field: LightField, planes: Planes, refocusers: Sequence[Refocuser], config: DictConfig) -> None:
+    """Log a warning, with the option that halves it, if a light field will need much memory."""
+    n_planes = planes.n if isinstance(planes, AutoPlanes) else len(planes)
+    corrects = config.correct != "none"
+    needed = estimated_memory(field, n_planes, refocusers, corrects)
+    if needed > MUCH_MEMORY:
+        halved = dataclasses.replace(field, views=field.views[: field.grid[0] // 2])
+        fewer_planes = estimated_memory(field, max(1, n_planes // 2), refocusers, corrects)
+        less_views = estimated_memory(halved, n_planes, refocusers, corrects)
+        # Half of the views: their number along each axis, divided by the root of 2.
+        views = max(1, round(min(field.grid) / math.sqrt(2)))
+        remedy = (
+            f"reader.views={views}" if less_views <= fewer_planes else f"planes=auto planes.n={max(1, n_planes // 2)}"
+        )
+        log.warning("%s will take about %.1f GB of memory; %s takes half of it", field.name, needed / 1e9, remedy)
+
+
+def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) -> None:
     """Run steps on each light field, under a progress bar; those that fail are named at the end.
 
-    Each step runs in its own thread, on the light field after the one that the next step works on.
+    The first step, those between, and the last one run in threads of their own, each on the light field after the one
+    that the next of them works on.
 
     Args:
         fields: Name -> path of each light field. If there is only one, its error is raised as it is.
-        steps: Steps in their order.
-        what: Label of the progress bar, such as `refocusing`.
+        steps: Name of each step, such as `reading`, -> step, in their order.
+        what: Label of the progress bar of several light fields, such as `refocusing`.
     """
     if not fields:
         return
     if len(fields) == 1:
         ((name, result),) = fields.items()
-        for step in steps:
-            with _memory_errors(name):
-                result = step(name, result)
+        with stages(name, len(steps)) as begin:
+            for stage, step in steps.items():
+                begin(stage)
+                with _memory_errors(name):
+                    result = step(name, result)
         return
     outcomes: Iterable[Outcome] = ((name, path, None) for name, path in fields.items())
-    for step in steps[:-1]:
-        outcomes = ahead(_run_step(step, outcomes))
+    first, *between, last = steps.values() if len(steps) > 1 else (lambda _, path: path, *steps.values())
+    outcomes = ahead(_run_step(first, outcomes))
+    for step in between:
+        outcomes = _run_step(step, outcomes)
+    outcomes = ahead(outcomes) if between else outcomes
     failed = []
-    for name, _, error in progress(_run_step(steps[-1], outcomes), what, len(fields)):
+    for name, _, error in progress(_run_step(last, outcomes), what, len(fields)):
         if error is not None:
             failed.append(name)
             log.warning("%s: %s", name, error, exc_info=None if isinstance(error, LfrefError | OSError) else error)
@@ -231,10 +272,10 @@ def white_field(config: DictConfig, refocuser: Refocuser) -> LightField | None:
 def correct_field(
     field: LightField, config: DictConfig, white: LightField | None, refocuser: Refocuser
 ) -> tuple[LightField, Corrections | None]:
-    """Correct a light field as `config.correct` says, and log what was corrected."""
+    """Correct a light field, which is given up, as `config.correct` says, and log what was corrected."""
     remedy = "take method=shift_and_sum_through_cells to have it corrected"
     even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {remedy}"
-    corrected, corrections = correct_by_option(field, str(config.correct), white, even)
+    corrected, corrections = correct_by_option(field, str(config.correct), white, even, in_place=True)
     if corrections is None:
         order = view_order.find(slope_range.reduce_views(field.views, field.weight, field.positions))
         if order.remedy:

@@ -10,7 +10,7 @@ from torch.nn import functional as F
 from lfref import encoding
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
@@ -35,11 +35,19 @@ def view(config: DictConfig, folder: Path) -> None:
     if truth is not None and len(fields) > 1:
         raise InputError("truth belongs to one light field", got=f"{len(fields)} of them", remedy="view one at a time")
 
-    def refocused(path: Path) -> dict[str, Refocused]:
+    def read(_: str, path: Path) -> LightField | Refocused:
         if lytro_files.is_stack(path):
-            return {"Lytro": _lytro_pictures(path)}
+            return _lytro_pictures(path)
         field = steps.read_field(path, config, refocusers)
-        field, _ = steps.correct_field(field, config, white, refocusers[0])
+        steps.warn_of_memory(field, configured_planes, refocusers, config)
+        return field
+
+    def correct(_: str, field: LightField | Refocused) -> LightField | Refocused:
+        return field if isinstance(field, Refocused) else steps.correct_field(field, config, white, refocusers[0])[0]
+
+    def refocus(_: str, field: LightField | Refocused) -> dict[str, Refocused]:
+        if isinstance(field, Refocused):
+            return {"Lytro": field}
         # Planes of a network come first, then those of the truth, then the configured ones.
         planes = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)
         if planes is None:
@@ -47,20 +55,25 @@ def view(config: DictConfig, folder: Path) -> None:
         gain = steps.gain(field, exposure)
         shown = {
             method.name: Refocused(field, steps.refocus_field(method, field, planes.slopes, device), planes, gain)
-            for method in progress(refocusers, f"{field.name}: refocusing")
+            for method in refocusers
         }
         if truth is not None:
             shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
         return shown
 
-    def write_page(name: str, path: Path) -> None:
-        shown = refocused(path)
-        title = next(iter(shown.values())).field.name
-        place = steps.result_folder(folder, name, path, named) / "index.html"
-        view_page.write(place, config.title or title, _facts(shown), view_page.page_content(shown))
-        log.info("%s: open %s (%.1f MB)", title, place, place.stat().st_size / 1e6)
+    def write_page(name: str, shown: dict[str, Refocused]) -> None:
+        place = steps.result_folder(folder, name, fields[name], named) / "index.html"
+        title = config.title or next(iter(shown.values())).field.name
+        view_page.write(place, title, _facts(shown), view_page.page_content(shown))
+        log.info("%s: open %s (%.1f MB)", name, place, place.stat().st_size / 1e6)
 
-    steps.process(fields, [write_page], "viewing")
+    stages: dict[str, steps.Step] = {
+        "reading": read,
+        "correcting": correct,
+        "refocusing": refocus,
+        "writing the page": write_page,
+    }
+    steps.process(fields, stages, "viewing")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:

@@ -34,6 +34,8 @@ from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites
 
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
+AT_ONCE = 2**24
+"""Samples of all views in the squares that are transformed at once, 64 MB: several copies of them are needed."""
 
 
 def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None = None) -> Tensor:
@@ -95,29 +97,42 @@ def _filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tens
     side, size = factors.shape[-2], views.shape[-2:]
     step = side - 2 * margin
     counts = [-(-length // step) for length in size]
-    down, across = (count * step + margin - length for count, length in zip(counts, size, strict=True))
-    padded = F.pad(views.flatten(0, 2), (margin, across, margin, down), mode="replicate").reshape(
-        *views.shape[:3], size[0] + margin + down, -1
-    )
+    across = counts[1] * step + margin - size[1]
+    n_squares = max(1, AT_ONCE // (math.prod(views.shape[:3]) * side**2))
     stack = views.new_empty(len(views), len(factors), views.shape[2], counts[0] * step, counts[1] * step)
-    add = _by_loop if batches.compiler_for(views, factors) == "numba" else _by_torch
+    by_loop = batches.compiler_for(views, factors) == "numba"
+    table = _lanes(factors) if by_loop else factors
+    # Some squares of a row at a time: the spectra of all would take many times the memory of the views.
     for row in range(counts[0]):
-        # One row of squares at a time: the spectra of all would take many times the memory of the views.
-        band = pairs.mixed(padded[..., row * step : row * step + side, :])
-        spectra = torch.fft.rfft2(band.unfold(-1, side, step).movedim(-2, -3)).transpose(0, 1)  # V U, B, C, T, side, K
-        total = add(spectra.flatten(1, 3), factors, len(pairs.first)).unflatten(1, spectra.shape[1:4]).transpose(0, 1)
-        inner = torch.fft.irfft2(total, s=(side, side))[..., margin : side - margin, margin : side - margin]
-        stack[..., row * step : (row + 1) * step, :] = inner.movedim(-3, -2).flatten(-2)
+        top = row * step - margin
+        rows = views[..., max(top, 0) : top + side, :].flatten(0, 2)
+        beyond = (margin, across, max(-top, 0), max(top + side - size[0], 0))
+        padded = F.pad(rows, beyond, mode="replicate").unflatten(0, views.shape[:3])
+        for first in range(0, counts[1], n_squares):
+            last = min(first + n_squares, counts[1])
+            band = pairs.mixed(padded[..., first * step : (last - 1) * step + side])
+            squares = band.unfold(-1, side, step).movedim(-2, -3)
+            spectra = torch.fft.rfft2(squares).transpose(0, 1)  # V U, B, C, T, side, K
+            flat = spectra.flatten(1, 3)
+            total = (_by_loop if by_loop else _by_torch)(flat, table, len(pairs.first))
+            total = total.unflatten(1, spectra.shape[1:4]).transpose(0, 1)
+            inner = torch.fft.irfft2(total, s=(side, side))[..., margin : side - margin, margin : side - margin]
+            place = stack[..., row * step : (row + 1) * step, first * step : last * step]
+            place.copy_(inner.movedim(-3, -2).flatten(-2))
     return stack[..., : size[0], : size[1]].contiguous()
 
 
-def _by_loop(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
-    """Spectra [V U, J, side, K] times factors, added up, [N, J, side, K]; times i after the first `n_sums`."""
+def _lanes(factors: Tensor) -> Tensor:
+    """Factors [N, V U, side, K] with those of one lane together, [n, y, x lanes, p, LANES]."""
+    padded = F.pad(factors, (0, -factors.shape[-1] % LANES))
+    return padded.unflatten(-1, (-1, LANES)).permute(0, 2, 3, 1, 4).contiguous()
+
+
+def _by_loop(spectra: Tensor, table: Tensor, n_sums: int) -> Tensor:
+    """Spectra [V U, J, side, K] times `_lanes` of factors, added up, [N, J, side, K]; times i after `n_sums`."""
     pairs = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
-    total = np.empty((len(factors), *pairs.shape[1:]), pairs.dtype)
-    # Factors of one lane lie together: [n, y, x lanes, p, LANES].
-    table = F.pad(factors, (0, -factors.shape[-1] % LANES)).unflatten(-1, (-1, LANES)).permute(0, 2, 3, 1, 4)
-    lanes = table.contiguous().numpy()
+    total = np.empty((len(table), *pairs.shape[1:]), pairs.dtype)
+    lanes = table.numpy()
     n_threads = loops.worthwhile(total.size, 1 << 18)  # numbers from which one more thread pays
     jobs = ((pairs, lanes, n_sums, *band, total) for band in loops.bands(pairs.shape[2], n_threads))
     loops.share(add_rows, jobs, n_threads)

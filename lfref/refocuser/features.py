@@ -150,6 +150,9 @@ def refiner_inputs(
     disparity = whole.new_zeros(light.size)
     if max(light.grid) > 1 and (takes_disparity or {"central", "defocus", "relief"} & {*names}):
         disparity = coarse_disparity(whole).to(whole)
+    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in light.grid)
+    middle_views = whole[rows, columns].clone()
+    del whole  # it is as large as the views
     if takes_disparity:
         base = replace(base, operator=functools.partial(base.operator, disparities=disparity))
 
@@ -166,11 +169,9 @@ def refiner_inputs(
     fraction = 2 * (slopes - slopes.round()).abs().to(views)[:, None, None, None]
 
     # Of the light field: central view, range of disparities, and variance of the noise, shot * light + read.
-    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in light.grid)
-    middle = whole[rows, columns]
     # The view at the angular centre, [C, H, W]; of even grids, the mean of the middle ones at the disparity.
-    is_single = middle.shape[:2].numel() == 1
-    central = middle[0, 0] if is_single else per_pixel(middle, disparity, "cubic", border="edge")[0]
+    is_single = middle_views.shape[:2].numel() == 1
+    central = middle_views[0, 0] if is_single else per_pixel(middle_views, disparity, "cubic", border="edge")[0]
     depth = disparity[None, None]
     relief = torch.cat([box_max(depth, window) + box_max(-depth, window) for window in RELIEF_WINDOWS], 1).tanh()
     shot, read = noise_line.measure(light)

@@ -46,12 +46,13 @@ def trusted(weight: Tensor) -> Tensor:
     return weight > LEAST * weight.amax((-5, -4, -3, -2, -1), keepdim=True)
 
 
-def extended(views: Tensor, is_trusted: Tensor) -> Tensor:
+def extended(views: Tensor, is_trusted: Tensor, in_place: bool = False) -> Tensor:
     """Continue the views smoothly over pixels where no view is trusted, so that blurs mix in no black.
 
     Args:
         views: Return value of `filled`, [..., V, U, C, H, W].
         is_trusted: Return value of `trusted`, [..., V, U, 1, H, W].
+        in_place: Whether the views may be changed.
     """
     known = is_trusted.any(-5).any(-4)
     y, x = (~known).flatten(0, -3).any(0).nonzero(as_tuple=True)
@@ -60,7 +61,7 @@ def extended(views: Tensor, is_trusted: Tensor) -> Tensor:
     mean = views.mean((-5, -4))
     around = _pyramid_fill(*(images.reshape(-1, *images.shape[-3:]) for images in (mean, known.to(views))))
     around, is_known = around.reshape(mean.shape)[..., None, None, :, :, :], known[..., None, None, :, :, :]
-    result = views.clone()
+    result = views if in_place else views.clone()
     result[..., y, x] = torch.where(is_known[..., y, x], views[..., y, x], around[..., y, x])
     return result
 

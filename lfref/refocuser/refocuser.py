@@ -8,6 +8,7 @@ Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and
 import abc
 import inspect
 import itertools
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -147,12 +148,14 @@ def check_for_network(name: str, views: Tensor, positions: Tensor | None, device
         raise uneven(name)
     if views.device != device:
         raise InputError(f"views must be on the network's device, {device}", got=views.device)
-    if not bool(views.isfinite().all()):
+    low, high = (float(extreme) for extreme in views.aminmax())  # NaN if any sample is
+    if not (math.isfinite(low) and math.isfinite(high)):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
     # Candidates come from spectra, which round to 1e-7 of the largest sample everywhere in the picture.
     some = views.flatten()[:: max(1, views.numel() // 10**6)].abs()
-    bright, largest = float(some.quantile(0.99)), views.abs().argmax()
-    if 0 < RANGE * bright < float(views.flatten()[largest].abs()):
+    bright = float(some.quantile(0.99))
+    if 0 < RANGE * bright < max(-low, high):
+        largest = views.abs().argmax()
         place = tuple(int(index) for index in torch.unravel_index(largest, views.shape)[-5:])
         expected = f"{name} needs samples below {RANGE:.0e} times the bright ones ({bright:.3g})"
         got = f"{float(views.flatten()[largest]):.3g} at (v, u, channel, y, x) = {place}"
@@ -307,7 +310,10 @@ class OperatorRefocuser(Refocuser):
     def _weighted_mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """Sum of the weighted samples over the sum of the weights."""
         share = self.operator(weight, slopes, **options)
-        weighted = self.operator(views * weight, slopes, **options)
+        # Of large light fields a few channels at a time: the product needs as much memory as its factor.
+        n_channels = max(1, AT_ONCE // (views.numel() // views.shape[-3]))
+        parts = [self.operator(part * weight, slopes, **options) for part in views.split(n_channels, -3)]
+        weighted = parts[0] if len(parts) == 1 else torch.cat(parts, -3)
         # Interpolation by more than two samples gives some of them negative weight. Division by a sum near 0 would
         # leave light and dark dots, so such pixels are black.
         least = filling.LEAST * share.detach().amax((-3, -2, -1), keepdim=True)
@@ -317,7 +323,8 @@ class OperatorRefocuser(Refocuser):
     def _of_filled(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """The stack of views whose untrusted samples are filled, black where no trusted sample is reached."""
         is_trusted = filling.trusted(weight)
-        whole = filling.extended(filling.filled(views, weight), is_trusted)
+        whole = filling.filled(views, weight)
+        whole = filling.extended(whole, is_trusted, in_place=whole is not views)
         is_there = (weight.reshape(-1, *weight.shape[-5:]) > 0).any(0).flatten(2).any(2)
         if bool(is_there.all()) or not (bool(is_there.any()) and self.takes("weights")):
             stack = self.operator(whole, slopes, **options)
@@ -359,6 +366,8 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
     return all_in_focus(shift_and_sum(views, slopes)).image.unsqueeze(-4)
 
 
+AT_ONCE = 2**26
+"""Samples that are weighted at once, 256 MB: 9x9 views of 380x550 pixels in three channels are fewer."""
 PREDICTING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
 """Operators that estimate the record of the whole aperture: missing views are predicted for them."""
 COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus}

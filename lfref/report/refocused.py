@@ -18,7 +18,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap, depth_order, disparity_map
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
 from lfref.refocuser import filling
-from lfref.report import pictures
+from lfref.report import disparity_colours, pictures
 
 log = logging.getLogger(__name__)
 
@@ -118,6 +118,13 @@ class Refocused:
             return self.disparity.disparity, self.disparity.confidence
         _, index, confidence = all_in_focus(self.stack[self.by_slope])
         return index_to_slope(index, self.planes.slopes[self.by_slope]), confidence
+
+    @property
+    def disparity_picture(self) -> NDArray[np.float64]:
+        """The map of slopes in colours, grey where they are unknown, [H, W, 3] in [0, 1]."""
+        slopes, confidence = (values.detach().double().cpu().numpy() for values in self.slope_and_confidence)
+        ends = disparity_colours.ends(slopes, self.planes.values)
+        return disparity_colours.greyed(disparity_colours.coloured(slopes, *ends), confidence)
 
     @property
     def _view_weights(self) -> Tensor | None:

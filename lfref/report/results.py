@@ -19,6 +19,8 @@ from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import drawing, pictures
 from lfref.report.refocused import Refocused, mean_of_views
 
+SHEET = "contact_sheet.png"
+"""Picture of all planes, the one to open first."""
 SCALE_CONFIDENCE = 0.1  # least confidence of pixels that determine the scale of colours
 OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # quantile of confidence from which pixels are opaque, and its least value
 OUTLIERS = 0.02  # share of the confidence that lies beyond either end of the scale
@@ -104,7 +106,7 @@ def _sheet(folder: Path, refocused: Refocused) -> None:
     sheet = pictures.contact_sheet(
         refocused.stack, refocused.planes.titles, refocused.gain, encoding=refocused.field.picture_encoding
     )
-    drawing.save_figure(sheet, folder / "contact_sheet.png")
+    drawing.save_figure(sheet, folder / SHEET)
 
 
 def _mean(folder: Path, refocused: Refocused) -> None:
@@ -123,7 +125,7 @@ def _disparity(folder: Path, refocused: Refocused) -> None:
         disparity_files.write_pfm(folder / f"{name}.pfm", array)
         images.write_image(folder / f"{name}.exr", array[..., None])
     images.write_image(folder / "confidence.png", array[..., None], bits=16)
-    drawing.save_figure(focus_map(*refocused.disparity), folder / "map.png")
+    images.write_image(folder / "map.png", refocused.disparity_picture)
     # A PNG of 16 bits, whose name holds the disparities of black and white.
     disparity = refocused.disparity.disparity.double().cpu().numpy()
     low, high = np.floor(100 * disparity.min()) / 100, np.floor(100 * disparity.max() + 1) / 100

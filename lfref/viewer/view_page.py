@@ -18,14 +18,14 @@ import jinja2
 import numpy as np
 import torch
 from markupsafe import Markup
-from matplotlib import colormaps
 from numpy.typing import NDArray
+from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.io import atomic, images
-from lfref.report import drawing
+from lfref.report import disparity_colours
 from lfref.report.refocused import Refocused
 
 PROGRAMS = ("pictures.js", "lens.js", "controls.js")
@@ -35,8 +35,6 @@ MOST_VIEW_PIXELS = 12_000_000
 JPEG_QUALITY = 88
 BAR_SIZE = 8, 256
 """Height and width of the colour bar in pixels."""
-LEAST_CONFIDENCE, GREY = 0.1, 0.5
-"""Least confidence of a known disparity; below, the colours of the map fade to this grey."""
 DISPARITY_STEPS = 65535
 """Number of steps between the least and the largest disparity."""
 
@@ -101,7 +99,7 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
     if any(refocused.planes != first.planes for refocused in methods.values()):
         raise InputError("all methods must be refocused to the same planes", got="others")
     slopes, confidence = (values.detach().double().cpu().numpy() for values in first.slope_and_confidence)
-    ends = _ends(slopes, first.planes.values)
+    ends = disparity_colours.ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
         "quantity": first.planes.quantity,
@@ -115,8 +113,8 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         "start": _start([first.planes.values[plane] for plane in first.by_slope], slopes, confidence),
         "depth": _depth(slopes, confidence),
         "sharp": picture(first.encoded(first.sharp)),
-        "map": picture(_greyed(_coloured(slopes, *ends), confidence)),
-        "scale": {"low": ends[0], "high": ends[1], "bar": picture(_coloured(_bar(*ends), *ends))},
+        "map": picture(first.disparity_picture),
+        "scale": {"low": ends[0], "high": ends[1], "bar": picture(disparity_colours.coloured(_bar(*ends), *ends))},
         "views": _views(first),
     }
 
@@ -145,29 +143,8 @@ def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> di
         "high": high,
         "disparity": _base64(steps.tobytes()),
         "confidence": _base64(np.rint(255 * confidence.clip(0, 1)).astype(np.uint8).tobytes()),
-        "least_confidence": round(255 * LEAST_CONFIDENCE),
+        "least_confidence": round(255 * disparity_colours.LEAST_CONFIDENCE),
     }
-
-
-def _ends(slopes: NDArray[np.floating], planes: Sequence[float]) -> tuple[float, float]:
-    """Range of the map's colours: the overlap of planes and slopes, or all slopes if there is no overlap."""
-    least, largest = float(slopes.min()), float(slopes.max())
-    low, high = max(min(planes), least), min(max(planes), largest)
-    return (low, high) if low < high else (least, largest)
-
-
-def _coloured(slopes: NDArray[np.floating], low: float, high: float) -> NDArray[np.float64]:
-    """Slopes in the colours of the map."""
-    positions = (slopes - low) / max(high - low, 1e-9)
-    colours: NDArray[np.float64] = colormaps[drawing.MAP](positions.clip(0, 1))[..., :3]
-    return colours
-
-
-def _greyed(colours: NDArray[np.float64], confidence: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Colours of the map, faded to grey where the disparity is unknown."""
-    share = (confidence / LEAST_CONFIDENCE).clip(0, 1)[..., None]
-    greyed: NDArray[np.float64] = share * colours + (1 - share) * GREY
-    return greyed
 
 
 def _bar(low: float, high: float) -> NDArray[np.float64]:
@@ -178,9 +155,13 @@ def _views(refocused: Refocused) -> dict[str, Any]:
     field = refocused.field
     images = field.views.flatten(0, 1)
     scale = min(1.0, math.sqrt(MOST_VIEW_PIXELS / (len(images) * math.prod(field.size))))
-    if scale < 1:
-        size = [max(1, int(scale * length)) for length in field.size]
-        images = F.interpolate(images, size, mode="bilinear", antialias=True)
+    size = [max(1, int(scale * length)) for length in field.size] if scale < 1 else list(field.size)
+
+    def shown(view: Tensor) -> str:
+        # One view at a time: all of them may be larger than all else of the page.
+        small = F.interpolate(view[None], size, mode="bilinear", antialias=True)[0] if scale < 1 else view
+        return picture(refocused.encoded(small))
+
     positions = field.positions
     if positions is None:
         offsets = [geometry.angular_offsets(n_views) for n_views in field.grid]
@@ -190,8 +171,8 @@ def _views(refocused: Refocused) -> dict[str, Any]:
     kept = weights.nonzero()[:, 0].tolist()
     cameras = positions.flatten(0, 1)[kept].tolist()
     return {
-        "size": list(images.shape[-2:]),
-        "pictures": [picture(refocused.encoded(images[n])) for n in kept],
+        "size": size,
+        "pictures": [shown(images[n]) for n in kept],
         "cameras": [[round(x, 4), round(y, 4)] for y, x in cameras],
     }
 

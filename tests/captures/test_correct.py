@@ -6,12 +6,15 @@ import pytest
 import torch
 
 from lfref import encoding
+from lfref.captures.black_views import BlackViewsDefect
 from lfref.captures.correct import KINDS, Corrections, NoiseDefect, central_view, correct, correct_by_option, load
+from lfref.captures.hot_pixels import HotPixelsDefect
 from lfref.captures.registration import SpacingDefect
 from lfref.errors import FileError, InputError
 from lfref.functional import noise_line
 from lfref.io.read import read
 from lfref.lightfield import LightField
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.effects.noise import noisy
 
 from . import displaced, scenes
@@ -227,3 +230,54 @@ def test_views_that_weigh_nothing_do_not_count():
     views[0], weight[0] = torch.rand(3, 3, 64, 64), 0
     defect = found_in(dataclasses.replace(LightField(views), weight=weight))
     assert defect.deviation(0.5) == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_file_of_many_black_and_hot_samples_is_small_and_exact(tmp_path):
+    grid, size = (9, 9), (190, 270)
+    rows, columns = (torch.arange(length) - length // 2 for length in size)
+    radii = 120 + torch.arange(81).reshape(9, 9, 1, 1, 1)  # of the light in each view
+    corners = (rows[:, None].square() + columns.square()) > radii.square()
+    samples = torch.stack([torch.arange(5000) % n for n in (9, 9, 3, 190, 270)], 1)
+    defects = (HotPixelsDefect(samples, 5000), BlackViewsDefect(((0, 0),), corners))
+    Corrections(grid, size, defects).save(tmp_path / "correction.pt")
+    assert (tmp_path / "correction.pt").stat().st_size < 100_000 < corners.nbytes
+    loaded = load(tmp_path / "correction.pt")
+    assert torch.equal(loaded["black_views"].corners, corners)
+    assert loaded["black_views"].corners.dtype == torch.bool
+    assert torch.equal(loaded["hot_pixels"].samples, samples)
+    assert loaded["black_views"].views == ((0, 0),)
+
+
+def test_gains_of_a_white_picture_take_an_eighth_and_give_the_same_picture(tmp_path):
+    field = scenes.recorded("vignetting")
+    corrected, corrections = correct(field, white=scenes.white("vignetting"))
+    corrections.save(tmp_path / "correction.pt")
+    gains = corrections["vignetting"].white
+    assert (tmp_path / "correction.pt").stat().st_size < gains.nbytes / 8
+    again, loaded = correct(field, profile=tmp_path / "correction.pt")
+    seen = gains.float() > 0.02
+    assert (loaded["vignetting"].white / gains - 1)[seen].abs().max() < 1.1e-4
+    pictures = [shift_and_sum(light.views * light.weight, [-0.5, 0.0, 0.5]) for light in (corrected, again)]
+    assert (pictures[0] - pictures[1]).abs().max() < 1e-4
+
+
+@pytest.mark.parametrize("entry", [{"shape": (10**6, 10**6)}, {"bytes": torch.zeros(9, dtype=torch.uint8)}])
+def test_a_packed_tensor_that_is_damaged_is_refused(tmp_path, entry):
+    corners = torch.zeros(3, 3, 1, 64, 64, dtype=torch.bool)
+    Corrections((3, 3), (64, 64), (BlackViewsDefect((), corners),)).save(tmp_path / "a.pt")
+    content = torch.load(tmp_path / "a.pt")
+    content["findings"]["black_views"]["corners"] |= entry
+    torch.save(content, tmp_path / "a.pt")
+    with pytest.raises(FileError, match="entries that cannot be read"):
+        load(tmp_path / "a.pt")
+
+
+def test_corrections_in_place_use_the_memory_of_the_light_field():
+    field = displaced.misaligned("leaves", displaced.shifts())
+    field.views[5, 1] *= 1.1
+    expected, _ = correct_by_option(field, "auto")
+    own = LightField(field.views.clone())
+    corrected, corrections = correct_by_option(own, "auto", in_place=True)
+    assert corrections.active == ("exposure", "alignment")
+    assert torch.equal(corrected.views, expected.views)
+    assert corrected.views.data_ptr() == own.views.data_ptr()

@@ -68,6 +68,11 @@ def test_a_path_for_a_command_without_inputs_is_refused(command):
         ),
         (["planes=even", "planes.n=3"], ["planes=even", "planes.n=3"]),
         (["planes.alphas=[1]"], ["planes.alphas=[1]"]),
+        (["slopes=1,2"], ["planes=slopes", "planes.slopes=[1,2]"]),
+        (["alphas=3"], ["planes=alphas", "planes.alphas=[3]"]),
+        (["--slopes", "-1", "0", ".5"], ["planes=slopes", "planes.slopes=[-1,0,.5]"]),
+        (["--slopes", "[-1,0]"], ["planes=slopes", "planes.slopes=[-1,0]"]),
+        (["--slopes=1,2"], ["planes=slopes", "planes.slopes=[1,2]"]),
     ],
 )
 def test_planes_have_short_ways(words, expected):
@@ -90,6 +95,35 @@ def test_planes_have_short_ways(words, expected):
 )
 def test_options_of_hydra_stay_whatever_their_place(words, expected):
     assert arguments.rewritten("refocus", words) == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["a", "-o", "x y"], ["input='a'", "output=x y"]),
+        (["--output", "x", "a"], ["input='a'", "output=x"]),
+        (["--output=x"], ["output=x"]),
+        (["--slopes", "1", "2", "a"], ["input='a'", "planes=slopes", "planes.slopes=[1,2]"]),
+        (["--method", "learned"], ["method=learned"]),
+        (["--all-in-focus", "a"], ["input='a'", "all_in_focus=true"]),
+        (["--disparity", "false", "--video"], ["disparity=false", "video=true"]),
+        (["--reader.reverse-v", "a", "--reader.views", "7"], ["input='a'", "reader.reverse_v=true", "reader.views=7"]),
+        (["--metod", "learned"], ["metod=learned"]),  # refused later, by the name of the nearest key
+        (["--", "--slopes"], ["input='--slopes'"]),
+    ],
+)
+def test_habits_of_other_programs_are_understood(words, expected):
+    assert arguments.rewritten("refocus", words) == expected
+
+
+def test_an_option_without_its_value_names_what_to_write():
+    with pytest.raises(InputError, match="-o takes a value; got none; write output=VALUE"):
+        arguments.rewritten("refocus", ["a", "-o"])
+
+
+def test_lists_of_a_sweep_keep_their_commas():
+    words = ["--multirun", "slopes=[0],[1]"]
+    assert arguments.rewritten("refocus", words) == ["--multirun", "planes=slopes", "planes.slopes=[0],[1]"]
 
 
 @pytest.mark.parametrize(

@@ -321,6 +321,74 @@ def test_a_missing_argument_of_a_component_may_be_added():
         composition.check_overrides(base, OverridesParser.create().parse_overrides(["net.last=2"]), [])
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["{capture}", "correct=off"], "no corrections at off; correct=none corrects nothing"),
+        (["{capture}", "correct=false"], "no corrections at False; correct=none corrects nothing"),
+        (["{capture}", "reader.size=24,32"], "write reader.size=[24,32], or add --multirun"),
+        (["{capture}", "reader.size=24"], "size (reader.size) must be [height,width]"),
+        (["{capture}", "--metod", "learned"], "got 'metod'; perhaps method"),
+        (["{capture}", "aperture=disk"], "perhaps aperture=disc"),
+        (["{capture}", "white={capture}/no"], "/no cannot be read; got no such file"),
+        (["{capture}/no", "{capture}"], "/no cannot be read; got no such file"),
+        ([], "input must be given; got none; add PATH"),
+    ],
+)
+def test_mistakes_are_answered_by_the_line_to_write(lfref, tmp_path, words, expected):
+    words = [word.format(capture=tmp_path) for word in words]
+    status, error = lfref("refocus", *words, f"output={tmp_path}/out")
+    assert status in (1, 2)
+    assert expected in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_choice_with_several_places_names_them(lfref, tmp_path):
+    _, error = lfref("view", tmp_path, "method=learned")
+    assert "write method@methods.first=learned or method@methods.second=learned" in error
+
+
+def test_the_sweep_of_a_list_is_no_missing_file(lfref, tmp_path):
+    status, error = lfref("refocus", "--multirun", "input=a,b", f"output={tmp_path}/out")
+    assert status == 1
+    assert "2 of the runs failed" in error
+
+
+LATE = """
+import sys
+from lfref.cli import main
+sys.argv = ["lfref", *sys.argv[1:]]
+try:
+    main.main()
+except SystemExit as leaving:
+    status = leaving.code or 0
+else:
+    status = 0
+print("torch" in sys.modules, status, file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        (["--help"], 0),
+        (["refocus", "--help"], 0),
+        (["train", "--help"], 0),
+        (["refocus", ".", "metod=learned"], 2),
+        (["refocus", ".", "method=lerned"], 2),
+        (["refocus", ".", "method=shift_and_sum", "method.operator.interpolaton=cubic"], 2),
+        (["refocus", ".", "+apertur=disc"], 2),
+        (["refocus", ".", "reader.views=many"], 2),
+        (["refocus", "nowhere"], 1),
+        (["info"], 2),
+    ],
+)
+def test_pytorch_is_not_imported_for_help_or_a_mistake(tmp_path, words, status):
+    run = subprocess.run([sys.executable, "-c", LATE, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert run.stderr.splitlines()[-1] == f"False {status}", run.stderr
+
+
 def test_files_may_be_added_only_where_a_command_reads_them(lfref):
     assert lfref("eval", "--cfg", "job", "input=x", "+method@methods.s=shift_and_sum")[0] == 0
     status, error = lfref("eval", "--cfg", "job", "input=x", "+method@metods.s=shift_and_sum")

@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 from lfref.cli import config as configs
 from lfref.cli import parts
 from lfref.errors import InputError
+from lfref.simulator.effects.sensor import EFFECTS
 
 NAMED = {
     name
@@ -284,3 +285,17 @@ def test_comet_writes_its_offline_data_into_the_run_folder_only(place, tmp_path)
 def test_metrics_that_fetch_or_open_files_are_no_parts(name):
     with pytest.raises(InputError, match="downloads weights"):
         parts.check({"_target_": f"torchmetrics.image.{name}", "feature_extractor_weights_path": "/etc/passwd"})
+
+
+@pytest.mark.parametrize("name", [name for name in (*parts.GROUPS, *parts.MOVED) if name.startswith("lfref.")])
+def test_arguments_are_read_from_the_text_as_python_knows_them(name):
+    assert parts.argument_names(name) == list(inspect.signature(parts.resolve(name)).parameters)
+
+
+def test_the_arguments_of_a_part_of_a_library_are_known():
+    assert "weight_decay" in parts.argument_names("torch.optim.AdamW")
+
+
+def test_every_effect_of_a_sensor_is_a_part():
+    names = {f"{effect.__module__}.{effect.__name__}" for effect in EFFECTS.values()}
+    assert names == {f"lfref.simulator.effects.{name}" for name in parts.EFFECTS}

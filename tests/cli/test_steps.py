@@ -2,6 +2,7 @@
 
 import dataclasses
 import gc
+import io
 import logging
 import threading
 import time
@@ -10,14 +11,15 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
+from rich.console import Console
 
 from lfref import encoding
 from lfref.captures.brightness import ExposureDefect
 from lfref.captures.correct import Corrections, load
 from lfref.captures.inspect import AutoPlanes
 from lfref.captures.registration import SpacingDefect
+from lfref.cli import command, steps
 from lfref.cli import config as configs
-from lfref.cli import steps
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.geometry import FocalPlanes, even_planes
 from lfref.io import images, ownership
@@ -202,7 +204,7 @@ def test_the_others_are_done_and_the_failed_named_at_the_end(tmp_path):
         done.append((name, path))
 
     with pytest.raises(LfrefError, match="all 4 light fields must be usable; got 2 that failed: b, d; the others"):
-        steps.process({name: tmp_path / name for name in "abcd"}, [task], "trying")
+        steps.process({name: tmp_path / name for name in "abcd"}, {"trying": task}, "trying")
     assert done == [("a", tmp_path / "a"), ("c", tmp_path / "c")]
 
 
@@ -218,9 +220,57 @@ def test_steps_work_at_once_on_light_fields_that_follow_each_other(tmp_path):
 
         return work
 
-    steps.process(dict.fromkeys("01234"), [step(0), step(1), step(2)], "trying")
+    steps.process(dict.fromkeys("01234"), {"a": step(0), "b": step(1), "c": step(2)}, "trying")
     for number in range(3):
         assert [name for each, name in seen if each == number] == list("01234")
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_stages_of_one_light_field_are_shown_on_a_terminal(tmp_path, monkeypatch, is_terminal):
+    screen, stages = io.StringIO(), {"reading": lambda name, path: path, "writing": lambda name, path: None}
+    monkeypatch.setattr(command, "console", Console(file=screen, force_terminal=is_terminal, width=80))
+    steps.process({"leaves": tmp_path}, stages, "trying")
+    assert ("leaves: reading" in screen.getvalue()) is is_terminal
+    assert ("leaves: writing" in screen.getvalue()) is is_terminal
+
+
+def test_lines_of_the_log_stand_above_the_bar(monkeypatch):
+    screen = io.StringIO()
+    monkeypatch.setattr(command, "console", Console(file=screen, force_terminal=True, width=80))
+    handler = logging.StreamHandler(screen)
+    logging.getLogger().addHandler(handler)
+    try:
+        with command.stages("leaves", 2) as begin:
+            begin("reading")
+            logging.getLogger("lfref").warning("a line")
+        assert "\r\x1b[2Ka line\n" in screen.getvalue()
+        assert not handler.filters
+    finally:
+        logging.getLogger().removeHandler(handler)
+
+
+def large(side, n_views):
+    """A light field that takes no memory, of square views."""
+    return LightField(torch.zeros(1).expand(n_views, n_views, 3, side, side), "large")
+
+
+def test_a_light_field_that_needs_much_memory_is_named_with_the_option_that_halves_it(settings, caplog):
+    steps.warn_of_memory(large(1500, 9), AutoPlanes(16), [SHIFTS], settings("correct=none"))
+    assert caplog.messages == ["large will take about 5.7 GB of memory; reader.views=6 takes half of it"]
+    caplog.clear()
+    steps.warn_of_memory(large(1500, 5), even_planes(64), [SHIFTS], settings("correct=none"))
+    assert "planes.n=32 takes half of it" in caplog.text
+    caplog.clear()
+    steps.warn_of_memory(large(500, 9), AutoPlanes(16), [SHIFTS], settings())
+    assert caplog.messages == []
+
+
+def test_memory_is_that_of_views_and_stacks():
+    needed = steps.estimated_memory(large(1000, 10), 16, [SHIFTS], corrects=False)
+    views, stack = 4 * 3 * 10**8, 4 * 16 * 3 * 10**6
+    assert needed == steps.PROGRAM + steps.REFOCUSING * views + 2 * stack
+    corrected = steps.estimated_memory(large(1000, 10), 16, [SHIFTS], corrects=True)
+    assert corrected - needed == pytest.approx((steps.CORRECTING - steps.REFOCUSING) * views)
 
 
 def test_no_more_than_one_waits_between_two_steps(tmp_path):
@@ -229,7 +279,9 @@ def test_no_more_than_one_waits_between_two_steps(tmp_path):
     def written(name, made):
         most.append(len(read) - len(most))
 
-    steps.process(dict.fromkeys("abcdefghij"), [lambda name, path: read.append(name), written], "trying")
+    steps.process(
+        dict.fromkeys("abcdefghij"), {"reading": lambda name, path: read.append(name), "writing": written}, "trying"
+    )
     assert max(most) <= 2
 
 
@@ -240,7 +292,7 @@ def test_the_error_of_a_single_one_is_raised_as_it_is(tmp_path):
         raise error
 
     with pytest.raises(FileError) as caught:
-        steps.process({"a": tmp_path}, [task], "trying")
+        steps.process({"a": tmp_path}, {"trying": task}, "trying")
     assert caught.value is error
 
 
@@ -253,7 +305,7 @@ def test_mistakes_of_ours_are_logged_whole_and_stop_no_other(tmp_path, caplog):
         done.append(name)
 
     with pytest.raises(LfrefError, match="failed: a"):
-        steps.process({"a": tmp_path, "b": tmp_path}, [task], "trying")
+        steps.process({"a": tmp_path, "b": tmp_path}, {"trying": task}, "trying")
     assert done == ["b"]
     assert "Traceback" in caplog.text
 
@@ -261,11 +313,11 @@ def test_mistakes_of_ours_are_logged_whole_and_stop_no_other(tmp_path, caplog):
 @pytest.mark.parametrize("allocate", [np.empty, torch.empty], ids=["numpy", "torch"])
 def test_too_little_memory_is_one_line_that_says_what_to_do(tmp_path, allocate):
     with pytest.raises(LfrefError, match="must fit into memory"):
-        steps.process({"a": tmp_path}, [lambda name, path: allocate(2**58)], "trying")
+        steps.process({"a": tmp_path}, {"reading": lambda name, path: allocate(2**58)}, "trying")
 
 
 def test_where_nothing_is_to_do_nothing_is_shown(capsys):
-    steps.process({}, [pytest.fail], "trying")
+    steps.process({}, {"trying": pytest.fail}, "trying")
     assert capsys.readouterr() == ("", "")
 
 
@@ -337,21 +389,27 @@ def settings(composed):
     return lambda *overrides: composed("refocus", "input=unused", *overrides)
 
 
+def recorded():
+    """A vignetted light field of its own memory, which may be corrected in place."""
+    field = scenes.recorded("vignetting")
+    return dataclasses.replace(field, views=field.views.clone())
+
+
 def test_none_looks_for_nothing(settings):
     field = scenes.recorded("vignetting")
     assert steps.correct_field(field, settings("correct=none"), None, SHIFTS) == (field, None)
 
 
 def test_auto_takes_off_what_is_shown_and_says_so(settings, caplog):
-    field = scenes.recorded("vignetting")
+    field = recorded()
     made, found = steps.correct_field(field, settings(), None, SHIFTS)
     assert found.active == ("vignetting",)
-    assert not torch.equal(made.views, field.views)
+    assert not torch.equal(made.views, scenes.recorded("vignetting").views)
     assert caplog.messages == ["corrected: vignetting (explain=true says more, correct=none corrects nothing)"]
 
 
 def test_explain_says_a_line_of_each_correction(settings, caplog):
-    steps.correct_field(scenes.recorded("vignetting"), settings("explain=true"), None, SHIFTS)
+    steps.correct_field(recorded(), settings("explain=true"), None, SHIFTS)
     name, *lines = "\n".join(caplog.messages).splitlines()
     assert name == "vignetting"
     assert [line.split()[0] for line in lines] == NAMES
@@ -406,7 +464,7 @@ def test_a_white_picture_is_read_like_the_input_and_tells_vignetting(lfref, tmp_
 
 
 def test_encoded_samples_are_not_scaled_as_light(settings, caplog):
-    linear = scenes.recorded("vignetting")
+    linear = recorded()
     field = dataclasses.replace(linear, views=encoding.SRGB.encode(linear.views), is_linear=False)
     made, found = steps.correct_field(field, settings(), None, SHIFTS)
     assert made is field

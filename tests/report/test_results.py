@@ -1,5 +1,7 @@
 """Result files, read back by other programs, hold the computed values; focus maps fade where confidence is low."""
 
+import base64
+
 import av
 import numpy as np
 import OpenImageIO
@@ -15,6 +17,7 @@ from lfref.report import results
 from lfref.report.refocused import Refocused
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
+from lfref.viewer import view_page
 from tests.io.test_disparity_files import parsed
 
 
@@ -46,6 +49,14 @@ def test_the_folder_holds_nothing_else(written):
         *(f"disparity/{name}.{suffix}" for name in ("disparity", "confidence") for suffix in ("pfm", "exr")),
         "disparity/confidence.png", f"disparity/{scaled.name}", "disparity/map.png",
     ])  # fmt: skip
+
+
+def test_the_map_is_that_of_the_page(scene, written):
+    np.testing.assert_allclose(pixels(written / "disparity" / "map.png"), scene.disparity_picture, atol=0.51 / 255)
+    encoded = base64.b64decode(view_page.page_content({"a": scene})["map"].partition(",")[2])
+    (written.parent / "page.jpg").write_bytes(encoded)
+    differences = np.abs(pixels(written.parent / "page.jpg") - scene.disparity_picture)
+    assert differences.mean() < 0.02  # what JPEG changes
 
 
 def test_planes_are_the_stack(scene, written):

@@ -11,7 +11,7 @@ from matplotlib import colormaps
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.report import drawing
+from lfref.report import disparity_colours, drawing
 from lfref.viewer import view_page
 from tests.viewer import cases
 
@@ -58,8 +58,8 @@ def test_the_map_has_the_colours_of_its_bar(content):
     places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
     expected = bar[np.rint(places * (len(bar) - 1)).astype(int)]
     is_known, is_unknown = (
-        confidence.numpy() >= view_page.LEAST_CONFIDENCE,
-        confidence.numpy() < view_page.LEAST_CONFIDENCE / 50,
+        confidence.numpy() >= disparity_colours.LEAST_CONFIDENCE,
+        confidence.numpy() < disparity_colours.LEAST_CONFIDENCE / 50,
     )
     assert np.median(np.abs(expected - shown)[is_known]) < 0.02
     assert is_known.any()
@@ -70,12 +70,12 @@ def test_the_map_has_the_colours_of_its_bar(content):
     ("planes", "ends"), [([-1, 1], (-0.5, 1)), ([-2, 5], (-0.5, 2)), ([0], (-0.5, 2)), ([5, 6], (-0.5, 2))]
 )
 def test_the_map_spans_the_planes_where_slopes_lie_among_them(planes, ends):
-    assert view_page._ends(np.array([[-0.5, 2.0]]), planes) == ends
+    assert disparity_colours.ends(np.array([[-0.5, 2.0]]), planes) == ends
 
 
 def test_the_map_is_grey_where_disparity_is_unknown():
     colours, confidence = np.ones((2, 3, 3)) * [1.0, 0.0, 0.2], np.array([[0, 0.05, 0.1], [1, 1, 0]])
-    greyed = view_page._greyed(colours, confidence)
+    greyed = disparity_colours.greyed(colours, confidence)
     assert np.allclose(greyed[[0, 1], [0, 2]], 0.5)
     assert np.allclose(greyed[0, 1], [0.75, 0.25, 0.35])
     assert np.allclose(greyed[0, 2], [1, 0, 0.2])

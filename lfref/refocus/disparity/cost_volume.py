@@ -72,8 +72,10 @@ def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None)
     is_read = aperture > 0
     if int(is_read.sum()) < 2:
         raise InputError("disparity takes more than one view", got=f"{int(is_read.sum())} of a weight above 0")
-    light = [batches.radiance(view).mean(0).float().cpu() for view in views.detach()[is_read.to(views.device)]]
-    samples = torch.stack(light)
+    # View by view into one array: lists and masks would copy all views.
+    samples = torch.empty(int(is_read.sum()), *views.shape[-2:])
+    for sample, (v, u) in zip(samples, is_read.nonzero().tolist(), strict=True):
+        sample.copy_(batches.radiance(views[v, u].detach()).mean(0))
     if not bool(samples.isfinite().all()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give views weight 0")
     grid = batches.grid_and_size(views)[0]

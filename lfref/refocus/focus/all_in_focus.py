@@ -196,25 +196,33 @@ def extended_focus(
 
 def _picture(views: Tensor, aperture: Tensor, positions: Tensor | None, disparity: Tensor) -> Tensor:
     """One light field [V, U, C, H, W] as one picture [C, H, W]."""
+    weights, places = _weighed(views, aperture, positions, disparity)
+    d, is_read = disparity.numpy(), (aperture > 0).to(views.device)
+    n_threads = loops.worthwhile(disparity.numel(), 1 << 10)  # pixels from which one more thread pays
+    channels = []
+    for channel in views.detach().unbind(2):  # one at a time: each needs two copies
+        samples = splines.coefficients(batches.radiance(channel[is_read]).float().cpu().contiguous().numpy())
+        picture = np.empty_like(d)
+        bands = loops.bands(len(disparity), n_threads)
+        jobs = [(samples, places, d, weights[a:b], a, picture[a:b]) for a, b in bands]
+        loops.share(add_views, jobs, n_threads)
+        channels.append(torch.from_numpy(picture))
+    return torch.stack(channels)
+
+
+def _weighed(views: Tensor, aperture: Tensor, positions: Tensor | None, disparity: Tensor) -> tuple[Reals, Reals]:
+    """Weights of the views at each pixel, [H, W, K], and their positions, [K, 2]."""
     light, d = cost_volume.grey_views(views, aperture, positions), disparity.numpy()
     noise = cost_volume.noise(light, torch.linspace(float(disparity.min()), float(disparity.max()), 9))
     spread, coefficients = cost_volume.spread(light, noise).numpy(), splines.coefficients(light.samples)
     weights = np.empty((*disparity.shape, len(light.samples)), np.float32)
-    n_threads = loops.worthwhile(disparity.numel(), 1 << 10)  # pixels from which one more thread pays
-    bands = loops.bands(len(disparity), n_threads)
+    n_threads = loops.worthwhile(disparity.numel(), 1 << 10)
 
     def weigh(first: int, last: int) -> None:
         weigh_views(coefficients, light.positions, light.middle, d, spread, first, weights[first:last])
 
-    loops.share(weigh, bands, n_threads)
-    channels = []
-    for channel in views.detach()[(aperture > 0).to(views.device)].unbind(1):
-        samples = splines.coefficients(batches.radiance(channel).float().cpu().contiguous().numpy())
-        picture = np.empty_like(d)
-        jobs = [(samples, light.positions, d, weights[a:b], a, picture[a:b]) for a, b in bands]
-        loops.share(add_views, jobs, n_threads)
-        channels.append(torch.from_numpy(picture))
-    return torch.stack(channels)
+    loops.share(weigh, loops.bands(len(disparity), n_threads), n_threads)
+    return weights, light.positions
 
 
 @compiled
