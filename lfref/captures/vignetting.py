@@ -52,21 +52,21 @@ class VignettingDefect:
     radius: float = 1e3
     """Radius of the rim, in view steps."""
     is_known: bool = True
-    """Whether enough of the scene is visible in all views."""
+    """Whether enough of the scene is visible in all views, and a rim fits them."""
     white: Tensor | None = None
     """Gain from a white picture, [V, U, C, H, W]."""
     error: float = 0.0
     """Standard deviation of the gain in `white`, by the noise of the white picture."""
 
     def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: the rim clips no view, the white picture is even, or too little is visible."""
+        """Why nothing is corrected: no rim clips a view or fits, the white picture is even, or too little is visible."""
         if self.white is not None:
             # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
             losses = (1 - self.white[..., ::4, ::4].float()).abs().flatten()
             loss = float(losses.kthvalue(max(1, int(0.99 * len(losses)))).values)
             return None if loss > max(LEAST_LOSS, CERTAIN * self.error) else "the white picture is even"
         if not self.is_known:
-            return "unknown: too little is visible in all views"
+            return "unknown: too little is visible in all views, or no rim fits them"
         return None if self.displacement else "no view is darker in its corners than others"
 
     def summary(self) -> str:
@@ -88,10 +88,11 @@ class VignettingDefect:
         return (rim_gain(self._rim, y[:, None], x, q, p) * falloff_gain(self._rim, y[:, None], x))[:, :, None]
 
     def corrected(self, field: LightField) -> LightField:
-        """Samples divided by their gain; those with next to no light stay dark and have no weight."""
+        """Samples divided by their gain; those with next to no light stay as they are and have no weight."""
         gain = self.gain(field).to(field.views.device)
-        views = (field.views / gain.clamp(min=UNTRUSTED)).to(field.views.dtype)
-        weight = ((gain.mean(2, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1).to(views.dtype)
+        weight = ((gain.mean(2, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1).to(field.views.dtype)
+        divided = (field.views / gain.clamp(min=UNTRUSTED)).to(field.views.dtype)
+        views = torch.where(weight > 0, divided, field.views)
         weight = weight if field.weight is None else weight * field.weight
         return dataclasses.replace(field, views=views, weight=None if bool((weight == 1).all()) else weight)
 
@@ -115,7 +116,20 @@ def find(ratios: Ratios) -> VignettingDefect:
     if len(steps) < LEAST_WINDOWS * known.shape[0] * known.shape[1] / 2:
         return VignettingDefect(is_known=False)
     scatter = 1.4826 * float(steps.abs().median()) / math.sqrt(2)
-    return certain_vignetting(fit_rim(ratios, scatter))
+    fit = fit_rim(ratios, scatter)
+    return VignettingDefect(is_known=False) if gives_up_light(fit.rim, ratios) else certain_vignetting(fit)
+
+
+def gives_up_light(rim: "Rim", ratios: Ratios) -> bool:
+    """Whether a rim leaves next to no light where a view shows more than a tenth of it: such a rim is wrong."""
+    # A window is as wide as the rim's edge: it is dark if it lies a view step beyond the rim.
+    wider = rim._replace(radius=rim.radius + 1)
+    gain = rim_gain(wider, *ratios.places, *ratios.views)
+    central = rim_gain(rim, *ratios.places[(slice(None), *ratios.centre)], *ratios.views[(slice(None), *ratios.centre)])
+    is_dark = ratios.known & (gain < UNTRUSTED)
+    light = central * torch.where(is_dark, ratios.log.mean(2).exp(), 0.0)
+    light = light.sum(2) / is_dark.sum(2).clamp(min=1)
+    return bool((light > TRUSTED).any())
 
 
 def certain_vignetting(fit: "RimFit") -> VignettingDefect:
@@ -164,7 +178,8 @@ def falloff_gain(rim: Rim, y: Tensor, x: Tensor) -> Tensor:
 def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
     """Find the rim that explains the ratios best; `scatter` is that of their logarithms between windows."""
     scale = 2 * max(scatter, 1e-3)
-    # A coarse grid of starts, compared by every second view; the three best are refined by all views.
+    # A coarse grid of starts, compared by every second view; the six best are refined by all views, the best of them
+    # until it rests: the cost has a narrow valley, along which displacement and radius grow together.
     radius = math.hypot(*ratios.known.shape[:2]) / 2
     starts = [Rim(0.0, 0.0, radius)] + [
         Rim(0.0, displacement * radius, size * radius)
@@ -175,7 +190,8 @@ def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
     if not starts[0].displacement:
         return RimFit(Rim(), 0.0, math.inf)
     problem = _RimProblem(ratios, scale)
-    rim = min((problem.refined(start) for start in starts[:3]), key=problem.cost)
+    rim = min((problem.refined(start) for start in starts[:6]), key=problem.cost)
+    rim = min((rim, problem.refined(rim, rounds=32)), key=problem.cost)
     return RimFit(rim, problem.gain(rim), problem.falloff_error(rim))
 
 
@@ -235,10 +251,10 @@ class _RimProblem:
         slopes = torch.stack([(self.explained(other) - here) / step for other in moved])
         return slopes - (weight * slopes).sum(2, keepdim=True) / total
 
-    def refined(self, rim: Rim) -> Rim:
-        """A rim after eight rounds of weighted least squares, with limited steps: the cost is far from quadratic."""
+    def refined(self, rim: Rim, rounds: int = 8) -> Rim:
+        """A rim after some rounds of weighted least squares, with limited steps: the cost is far from quadratic."""
         largest, bounds = (0.1, 0.3, 0.3), ((-0.2, 3.0), (0.0, 20.0), (0.5, 100.0))
-        for _ in range(8):
+        for _ in range(rounds):
             rest, weight = self.rest(rim)
             slopes = self.slopes(rim, weight)
             pull = torch.einsum("ivn,vn->i", slopes, weight * rest).double()
