@@ -2,8 +2,8 @@
 
 A photosite records one colour, so a glint, a star or a firefly of a path tracer, whose spot looks alike in several
 colours, is none. Nor is a spot that neighbouring views show too, at the place of any disparity of the scene.
-Hot and dead pixels are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow down all
-refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
+Hot and dead pixels are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow
+down all refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
 Each defect has a module of its own.
 Letters: `V U` view rows and columns, `C` channels, `K` samples, `v u c y x` their indices.
 """

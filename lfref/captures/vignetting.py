@@ -59,7 +59,7 @@ class VignettingDefect:
     """Standard deviation of the gain in `white`, by the noise of the white picture."""
 
     def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: no rim clips a view or fits, the white picture is even, or too little is visible."""
+        """Why nothing is corrected: no rim clips a view or fits, the white picture is even, or little is visible."""
         if self.white is not None:
             # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
             losses = (1 - self.white[..., ::4, ::4].float()).abs().flatten()

@@ -29,8 +29,7 @@ from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocuser.refocuser import Refocuser
-from lfref.report import pictures
-from lfref.report.refocused import mean_of_views
+from lfref.report.refocused import brightening
 
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
@@ -275,10 +274,10 @@ def gain(field: LightField, factor: float | None) -> float:
     """Factor of the brightness of pictures of one light field; the log reports when dark captures are brightened."""
     if factor is not None:
         return factor
-    brightening = max(1.0, pictures.common_exposure(mean_of_views(field)))
-    if brightening > 1:
-        log.info("pictures are brightened %.2f times (exposure=1 prevents it; stack.exr never changes)", brightening)
-    return brightening
+    own = brightening(field)
+    if own > 1:
+        log.info("pictures are brightened %.2f times (exposure=1 prevents it; stack.exr never changes)", own)
+    return own
 
 
 def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -> Path:

@@ -64,6 +64,24 @@ def mean_of_views(field: LightField) -> Tensor:
     return torch.where(total > 0, (field.views * weight).sum(dim=(0, 1)) / total.clamp(min=1e-6), 0.0)
 
 
+def brightening(field: LightField) -> float:
+    """Factor, at least 1, by which the pictures of a light field are brightened.
+
+    Samples that were encoded for looking at keep their brightness. Dark linear ones are brightened as far as
+    `common_exposure` says, but no further than where the share of clipped pixels grows.
+    """
+    if not field.is_linear or field.metadata.get("encoding", "linear") != "linear":
+        return 1.0
+    gain = pictures.common_exposure(mean_of_views(field).nan_to_num(0, 0, 0))
+    if gain <= 1:
+        return 1.0
+    brightest = field.views.float().nan_to_num(0, 0, 0).amax(2, keepdim=True)
+    brightest = brightest.flatten() if field.weight is None else brightest[field.weight > 0]
+    # The brightest pixel that is not clipped, or the brightest of all where as many already are.
+    below = int((brightest < 1).sum())
+    return max(1.0, min(gain, 1 / float(brightest.kthvalue(below).values))) if below else 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class Refocused:
     """A light field and its stack."""

@@ -49,7 +49,9 @@ KINDS = {
     # Bright thin lines on a smooth wall, without noise: renders of the HCI benchmark.
     "lines": Kind(60, (8, 50), (0.15, 0.5), (-1, 1), WHITE, 0.5, glint=1.0, wall=(0.35, 0.08)),
     "grass": Kind(1500, (20, 60), (0.4, 1.2), (-1.2, 1.0), GREEN, 0.5, True, glint=0.3, noise=0.03),
-    "tall_grass": Kind(700, (30, 90), (0.3, 0.9), (-1.5, 1.5), GREEN, 0.9, True, noise=0.08, fireflies=1e-4, filter=0.4),
+    "tall_grass": Kind(
+        700, (30, 90), (0.3, 0.9), (-1.5, 1.5), GREEN, 0.9, True, noise=0.08, fireflies=1e-4, filter=0.4
+    ),
     "foliage": Kind(400, (2, 6), (2, 6), (-1, 1), GREEN, 0.5, glint=0.2, noise=0.05, fireflies=5e-5),
     "stars": Kind(120, (0, 0), (0.1, 0.6), (-1, 1), WHITE, 2.0, wall=(0.002, 0.5)),
     "lights": Kind(60, (0, 0), (0.2, 1.0), (-1, 1), (0.9, 0.4, 0.2), 1.0, wall=(0.2, 0.3), noise=0.02, fireflies=1e-4),
@@ -72,8 +74,8 @@ def clean_field(name: str, seed: int, grid: int = 7, size: tuple[int, int] = (64
     # Each pixel is the mean of many random paths; a few of them carry far more light than the others.
     if kind.noise:
         shape = kind.noise**-2
-        views *= random.gamma(shape, 1 / shape, views.shape[:2] + (1,) + views.shape[3:]).astype(np.float32)
-    hit = random.random(views.shape[:2] + (1,) + views.shape[3:]) < kind.fireflies
+        views *= random.gamma(shape, 1 / shape, (*views.shape[:2], 1, *views.shape[3:])).astype(np.float32)
+    hit = random.random((*views.shape[:2], 1, *views.shape[3:])) < kind.fireflies
     fire = hit * random.pareto(1.0, hit.shape) * (0.2 + views)
     fire = torch.from_numpy(fire.astype(np.float32)).flatten(0, 1)
     views = torch.from_numpy(views) + _filtered(fire, kind.filter).reshape(views.shape)
@@ -89,7 +91,8 @@ def _needles(kind: Kind, random, size):
     ends = np.concatenate([foot, foot + along, np.stack([near, near + random.uniform(0, 0.3, kind.count)], 1)], 1)
     light = random.lognormal(0, kind.spread, (kind.count, 1))
     colours = light * np.array(kind.colour) * random.uniform(0.8, 1.2, (kind.count, 3))
-    # Place of the highlight in the central view, perhaps beyond the ends, and its movement along the needle for each view row and column.
+    # Place of the highlight in the central view, perhaps beyond the ends, and its movement along the needle for each
+    # view row and column.
     moves = np.concatenate([random.uniform(-1, 2, (kind.count, 1)), random.normal(0, 0.15, (kind.count, 2))], 1)
     return ends, random.uniform(*kind.radius, kind.count), colours, moves
 

@@ -104,6 +104,22 @@ def test_a_rim_is_fitted(rim):
     assert 0.001 < fit.falloff_error < 0.1
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_a_rim_is_refined_along_its_valley(noise):
+    # From the start that fits best, displacement and radius must grow together.
+    fit = vignetting.fit_rim(ratios_of(Rim(0.36, 0.5 * RADIUS, RADIUS), noise, 0.1 * torch.rand(216) - 0.05), 2 * noise)
+    assert fit.rim.displacement == pytest.approx(0.5 * RADIUS, rel=0.1)
+    assert fit.rim.radius == pytest.approx(RADIUS, rel=0.03)
+
+
+@pytest.mark.parametrize(("light", "is_wrong"), [(0.08, False), (0.12, True)])
+def test_a_rim_that_leaves_no_light_where_a_view_has_a_tenth_is_wrong(light, is_wrong):
+    dark, even = Rim(0.0, 2.0, 2.0), ratios_of(Rim(), 0.0, torch.zeros(216))
+    shown = even._replace(log=torch.full_like(even.log, light).log())
+    assert vignetting.gives_up_light(dark, shown) == is_wrong
+    assert not vignetting.gives_up_light(Rim(0.0, 0.5, RADIUS), shown)
+
+
 def test_falloff_is_certain_in_a_scene_with_depth_only():
     rim = Rim(0.3, 1.5, RADIUS)
     flat = vignetting.fit_rim(ratios_of(rim, 0.01, torch.zeros(216)), 0.01)
@@ -149,6 +165,8 @@ def test_dark_samples_weigh_less_and_black_ones_nothing():
     torch.testing.assert_close(corrected.weight[0, 0, 0, :4, 0], torch.tensor([0.0, 0.25, 0.5, 0.5]))
     torch.testing.assert_close(corrected.views[0, 0, 0, 1:3, 0], torch.tensor([0.2 / 0.06, 0.4]))
     assert bool(corrected.views.isfinite().all())
+    # Untrusted samples stay as they are.
+    torch.testing.assert_close(corrected.views[0, 0, 0, 0], torch.full((8,), 0.2))
     full = VignettingDefect(white=gain.clamp(min=0.5)).corrected(LightField(torch.full((3, 3, 3, 8, 8), 0.2)))
     assert full.weight is None
 

@@ -1,5 +1,7 @@
 """Pictures of one light field look alike, whatever they are written as."""
 
+import dataclasses
+
 import numpy as np
 import OpenImageIO
 import pytest
@@ -9,7 +11,8 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus.all_in_focus import all_in_focus
-from lfref.report.refocused import PictureFiles, Refocused, mean_of_views
+from lfref.report import pictures
+from lfref.report.refocused import PictureFiles, Refocused, brightening, mean_of_views
 
 
 def refocused(channels=3, files=PictureFiles(), gain=2.0):  # noqa: B008
@@ -44,6 +47,44 @@ def test_the_mean_of_views_is_weighted():
     expected[:, 0, 0] = 0
     torch.testing.assert_close(mean, expected)
     torch.testing.assert_close(mean_of_views(LightField(views)), views.mean((0, 1)))
+
+
+def dark(encoding=None, bright=0.3, n_clipped=0):
+    """Views of light up to `bright`, with some clipped pixels in one view."""
+    views = torch.linspace(0, bright, 3 * 40 * 50).reshape(3, 40, 50).expand(3, 3, -1, -1, -1).clone()
+    views[0, 0, 1, 0, :n_clipped] = 1.0
+    return LightField(views, metadata={} if encoding is None else {"encoding": encoding})
+
+
+@pytest.mark.parametrize(
+    ("encoding", "gain"), [(None, 0.9 / 0.297), ("linear", 0.9 / 0.297), ("srgb", 1.0), ("gamma:2.2", 1.0), ("none", 1)]
+)
+def test_only_dark_linear_samples_are_brightened(encoding, gain):
+    assert brightening(dark(encoding)) == pytest.approx(gain, rel=1e-3)
+
+
+def test_encoded_samples_keep_their_brightness():
+    assert brightening(dataclasses.replace(dark(), is_linear=False)) == 1.0
+
+
+@pytest.mark.parametrize("n_clipped", [0, 3])
+def test_pictures_clip_no_more_than_their_views(n_clipped):
+    field = dark(n_clipped=n_clipped)
+    # A light in a dark scene, too small for the percentile.
+    field.views[1, 1, :, 5, 5] = 0.6
+    gain = brightening(field)
+    assert gain == pytest.approx(1 / 0.6)
+    shown = [pictures.for_display(view, gain).max(2) for view in field.views.flatten(0, 1)]
+    assert int((np.stack(shown) > 1 - 1e-6).sum()) == n_clipped + 1  # the light itself is just white
+    # Pixels without weight are not shown.
+    weight = torch.ones(3, 3, 1, 40, 50)
+    weight[1, 1, :, 5, 5] = 0
+    assert brightening(dataclasses.replace(field, weight=weight)) == pytest.approx(0.9 / 0.297, rel=1e-3)
+
+
+def test_white_and_black_light_fields_keep_their_brightness():
+    assert brightening(LightField(torch.ones(2, 2, 3, 8, 8))) == 1.0
+    assert brightening(LightField(torch.zeros(2, 2, 3, 8, 8))) == 1.0
 
 
 def test_planes_rise_from_the_least_slope_whatever_their_order():
