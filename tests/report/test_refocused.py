@@ -6,13 +6,16 @@ import numpy as np
 import OpenImageIO
 import pytest
 import torch
+from torch.nn import functional as F
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus.all_in_focus import all_in_focus
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import pictures
-from lfref.report.refocused import PictureFiles, Refocused, brightening, mean_of_views
+from lfref.report.refocused import PictureFiles, Refocused, brightening, mean_of_views, without_gaps
 
 
 def refocused(channels=3, files=PictureFiles(), gain=2.0):  # noqa: B008
@@ -85,6 +88,47 @@ def test_pictures_clip_no_more_than_their_views(n_clipped):
 def test_white_and_black_light_fields_keep_their_brightness():
     assert brightening(LightField(torch.ones(2, 2, 3, 8, 8))) == 1.0
     assert brightening(LightField(torch.zeros(2, 2, 3, 8, 8))) == 1.0
+
+
+@pytest.fixture
+def cornered():
+    """A scene that brightens to the right at disparity 1, with round corners of weight 0 in all views."""
+    y, x = torch.meshgrid(torch.arange(60.0), torch.arange(80.0), indexing="ij")
+    offset = torch.arange(3.0) - 1
+    views = (0.2 + (x - offset[:, None, None, None]) / 160).expand(3, 3, 1, 60, 80).clone()
+    corner = torch.hypot(y - 29.5, x - 39.5) > 44
+    views[..., corner] = 0
+    return LightField(views, "cornered", weight=(~corner).float().expand(3, 3, 1, 60, 80).clone())
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, -2.5])
+def test_pixels_that_no_view_shows_continue_those_around_them(cornered, slope):
+    slopes = torch.tensor([slope])
+    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(cornered, slopes)
+    shown = without_gaps(stack, cornered, slopes)
+    assert float((stack[0, 0, [0, 0, -1, -1], [0, -1, 0, -1]]).abs().max()) == 0
+    expected = (0.2 + torch.arange(80) / 160).expand(60, 80)
+    # No black, and no step at the edge: the gap differs from the scene by less than its range across the gap.
+    assert float((shown[0, 0] - expected).abs().max()) < 0.1
+    assert float(shown.diff(dim=-1).abs().max()) < 0.03
+    is_known = stack[0, 0] > 0
+    far = F.max_pool2d((~is_known).float()[None], 7, 1, 3)[0] == 0
+    assert torch.equal(shown[0, 0][far], stack[0, 0][far])
+
+
+def test_mean_and_sharp_picture_have_no_black_corners(cornered):
+    slopes = FocalPlanes([0.0, 1.0])
+    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(cornered, slopes.slopes)
+    light_field = Refocused(cornered, stack, slopes)
+    for image in (light_field.mean, light_field.sharp, *light_field.shown):
+        assert float(image.min()) > 0.15
+
+
+def test_a_stack_without_gaps_stays_as_it_is(cornered):
+    stack = torch.rand(1, 1, 60, 80)
+    whole = dataclasses.replace(cornered, weight=torch.ones_like(cornered.weight))
+    for field in (whole, dataclasses.replace(cornered, weight=None)):
+        assert without_gaps(stack, field, torch.zeros(1)) is stack
 
 
 def test_planes_rise_from_the_least_slope_whatever_their_order():
