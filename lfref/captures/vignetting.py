@@ -31,6 +31,7 @@ from lfref.lightfield import LightField
 
 LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a clipped pupil must explain the views better by this
 SURE = 6.0  # standard errors of falloff: gloss reaches 6.6 on scenes without falloff, where no rim is visible
+AGREED = 0.5  # share of the falloff, by trial, that three quarters of the picture must show: a gloss shows in one
 UNTRUSTED, TRUSTED = 0.02, 0.1  # gains, by trial: weight 0 below the first, full weight above the second
 CERTAIN = 6.0  # standard deviations of a white picture's noise, by trial
 LEAST_LOSS = 0.01  # share of the light that one sample in a hundred lacks, by trial: less hardly shows
@@ -136,7 +137,8 @@ def certain_vignetting(fit: "RimFit") -> VignettingDefect:
     """The rim of a fit, if it explains the views clearly better than no rim; its falloff is 0 where it is uncertain."""
     if fit.gain < LEAST_GAIN or not fit.rim.displacement:
         return VignettingDefect()
-    falloff = fit.rim.falloff if fit.rim.falloff > SURE * fit.falloff_error else 0.0
+    is_sure = fit.rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * fit.rim.falloff
+    falloff = fit.rim.falloff if is_sure else 0.0
     return VignettingDefect(falloff, fit.rim.displacement, fit.rim.radius)
 
 
@@ -159,7 +161,9 @@ class RimFit(NamedTuple):
     """Squared scatters per window by which the rim explains the views better than a pupil that is not clipped, in the
     second worst of the picture's four quarters."""
     falloff_error: float
-    """Standard error of the falloff, from the disagreement of the picture's tiles."""
+    """Standard error of the falloff, from the disagreement of the picture's tiles and quarters."""
+    least_falloff: float = math.inf
+    """Falloff of the second worst quarter by itself."""
 
 
 def rim_gain(rim: Rim, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
@@ -192,7 +196,9 @@ def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
     problem = _RimProblem(ratios, scale)
     rim = min((problem.refined(start) for start in starts[:6]), key=problem.cost)
     rim = min((rim, problem.refined(rim, rounds=32)), key=problem.cost)
-    return RimFit(rim, problem.gain(rim), problem.falloff_error(rim))
+    quarters = problem.falloffs(rim)
+    error = max(problem.falloff_error(rim), float(quarters.std()) / 2)
+    return RimFit(rim, problem.gain(rim), error, float(quarters.sort().values[1]))
 
 
 class _RimProblem:
@@ -238,10 +244,31 @@ class _RimProblem:
     def gain(self, rim: Rim) -> float:
         """`RimFit.gain` of a rim: the second least of four quarters, since one may hold a highlight or an edge."""
         gained = self.costs(rim._replace(displacement=0.0)) - self.costs(rim)
-        quarter = 2 * (self.y0 > 0) + (self.x0 > 0)
         counts = self.known.any(0)
-        means = [(gained * counts)[quarter == i].sum() / max(1, int(counts[quarter == i].sum())) for i in range(4)]
+        means = [(gained * counts)[quarter].sum() / max(1, int(counts[quarter].sum())) for quarter in self.quarters()]
         return float(torch.stack(means).sort().values[1])
+
+    def quarters(self) -> list[Tensor]:
+        """Windows of each quarter of the picture, bool, [n] each."""
+        return [
+            (self.y0 > 0 if down else self.y0 <= 0) & (self.x0 > 0 if right else self.x0 <= 0)
+            for down in (False, True)
+            for right in (False, True)
+        ]
+
+    def falloffs(self, rim: Rim) -> Tensor:
+        """Falloff of each quarter by itself, [4]; the rim stays."""
+        falloffs = []
+        for quarter in self.quarters():
+            own = rim
+            for _ in range(4):  # number of rounds by trial
+                rest, weight = self.rest(own)
+                weight = weight * quarter
+                slope = self.slopes(own, weight)[0]
+                move = float((weight * slope * rest).sum() / (weight * slope.square()).sum().clamp(min=1e-9))
+                own = own._replace(falloff=min(max(own.falloff + min(max(move, -0.3), 0.3), -0.2), 3.0))
+            falloffs.append(own.falloff)
+        return torch.tensor(falloffs)
 
     def slopes(self, rim: Rim, weight: Tensor) -> Tensor:
         """Derivatives of the explained logarithms by the parameters, minus their mean over each view, [3, VU, n]."""

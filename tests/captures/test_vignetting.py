@@ -74,6 +74,23 @@ def test_a_rim_counts_if_it_explains_the_views_and_falloff_if_it_is_certain(gain
     assert (defect.reason_to_skip() is None) == bool(expected[1])
 
 
+@pytest.mark.parametrize(("least", "is_sure"), [(0.17, True), (0.13, False)])
+def test_falloff_counts_if_three_quarters_of_the_picture_show_half_of_it(least, is_sure):
+    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, least))
+    assert defect.falloff == (0.3 if is_sure else 0.0)
+
+
+def test_falloff_of_a_lens_behind_gloss_is_not_corrected_too_far():
+    field = clean("gloss")
+    for tangent, eye in ((0.6, 0.5), (0.3, 0.25), (0.0, 0.5)):
+        whole = falloff(field.views, tangent) * clipped_pupil(field.views, eye)
+        shaded = dataclasses.replace(field, views=field.views * whole)
+        defect = vignetting.find(ratios(shaded))
+        assert defect.reason_to_skip() is None
+        after = ((defect.corrected(shaded).views - field.views) * (whole > 0.1)).square().mean()
+        assert float(after) < float((shaded.views - field.views).square().mean())
+
+
 def test_gains_of_a_rim_are_those_of_the_simulator():
     y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(64, 96) for length in (64, 96))
     q, p = (places[:, :, None, None].float() for places in positions_of(FIELD).unflatten(0, (7, 7)).movedim(-1, 0))
