@@ -139,6 +139,9 @@ def certain_vignetting(fit: "RimFit") -> VignettingDefect:
         return VignettingDefect()
     is_sure = fit.rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * fit.rim.falloff
     falloff = fit.rim.falloff if is_sure else 0.0
+    if falloff < SURE * fit.disagreement:
+        # Too bright corners look worse than dark ones: what the quarters do not share is left.
+        falloff = max(0.0, falloff - fit.disagreement)
     return VignettingDefect(falloff, fit.rim.displacement, fit.rim.radius)
 
 
@@ -161,9 +164,11 @@ class RimFit(NamedTuple):
     """Squared scatters per window by which the rim explains the views better than a pupil that is not clipped, in the
     second worst of the picture's four quarters."""
     falloff_error: float
-    """Standard error of the falloff, from the disagreement of the picture's tiles and quarters."""
+    """Standard error of the falloff, from the disagreement of the picture's tiles."""
     least_falloff: float = math.inf
     """Falloff of the second worst quarter by itself."""
+    disagreement: float = 0.0
+    """Standard error of the falloff, from the disagreement of quarters, each by itself."""
 
 
 def rim_gain(rim: Rim, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
@@ -197,8 +202,8 @@ def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
     rim = min((problem.refined(start) for start in starts[:6]), key=problem.cost)
     rim = min((rim, problem.refined(rim, rounds=32)), key=problem.cost)
     quarters = problem.falloffs(rim)
-    error = max(problem.falloff_error(rim), float(quarters.std()) / 2)
-    return RimFit(rim, problem.gain(rim), error, float(quarters.sort().values[1]))
+    least, disagreement = float(quarters.sort().values[1]), float(quarters.std()) / 2
+    return RimFit(rim, problem.gain(rim), problem.falloff_error(rim), least, disagreement)
 
 
 class _RimProblem:

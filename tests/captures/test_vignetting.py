@@ -80,8 +80,15 @@ def test_falloff_counts_if_three_quarters_of_the_picture_show_half_of_it(least, 
     assert defect.falloff == (0.3 if is_sure else 0.0)
 
 
-def test_falloff_of_a_lens_behind_gloss_is_not_corrected_too_far():
-    field = clean("gloss")
+@pytest.mark.parametrize(("disagreement", "falloff"), [(0.045, 0.3), (0.055, 0.245), (0.4, 0.0)])
+def test_falloff_on_which_quarters_disagree_counts_less(disagreement, falloff):
+    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, 0.2, disagreement))
+    assert defect.falloff == pytest.approx(falloff)
+
+
+@pytest.mark.parametrize("name", ["gloss", "window"])
+def test_falloff_of_a_lens_behind_gloss_is_not_corrected_too_far(name):
+    field = clean(name)
     for tangent, eye in ((0.6, 0.5), (0.3, 0.25), (0.0, 0.5)):
         whole = falloff(field.views, tangent) * clipped_pupil(field.views, eye)
         shaded = dataclasses.replace(field, views=field.views * whole)
