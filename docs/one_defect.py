@@ -91,6 +91,8 @@ def one_defect() -> Iterator[str]:
         worst = min(won, key=won.__getitem__)
         note = f"{won[worst]:+.2f} ({', '.join(worst)})" if won[worst] < 0 else f"{won[worst]:+.2f}"
         yield f"| {defect} | {n_corrected} | {' | '.join(f'{mean:+.1f}' for mean in means)} | {note} |"
+    yield ""
+    yield f"Scenes {', '.join(SCENES)} of sim30 (version {sim30.VERSION}) without their sensors."
 
 
 def _ideal(name: str) -> Scene:
