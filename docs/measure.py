@@ -16,6 +16,7 @@ import hard_cases
 import learned
 import maps
 import markers
+import one_defect
 import pandas as pd
 import runtimes
 import scale
@@ -169,6 +170,7 @@ FIGURES = {
     **hard_cases.TABLES,
     **learned.TABLES,
     **maps.TABLES,
+    **one_defect.TABLES,
     **runtimes.TABLES,
     **scale.TABLES,
     **scene_costs.TABLES,

@@ -32,6 +32,8 @@ LEAST_RATIO = 0.02  # smaller ratios are raised to this one, so that logarithms 
 SURE = 6.0  # standard errors from which a gain is certain, by trial
 SHOWN = 0.02  # logarithm of a gain that shows: scenes without a defect, but with much occlusion, have up to .016
 LEAST = 0.004  # least logarithm of a gain that is corrected if another shows: half a level of 8 bits at 1/2
+CLEAR = 1.5  # least share of the scatter of windows that shows: occlusion and gloss look like gains of up to .8 of it
+LIKELY = 0.5  # the same of a gain beside one that shows, by trial
 LARGEST = 1.5  # logarithm, by trial: a view with less than a fifth of the light has another defect
 TILES = 5  # number along a side, by trial: tiles are larger than highlights and edges: errors are about independent
 
@@ -174,22 +176,27 @@ class ExposureDefect:
 
 def find_exposure(ratios: Ratios) -> ExposureDefect:
     """Estimate the gain of every view and channel, in a field without vignetting."""
-    level, error = levels(ratios)
+    level, error, scatter = levels(ratios)
     is_enough = (ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS).expand_as(error)
     typical = float(error[is_enough].median()) if bool(is_enough.any()) else 0.0
-    return ExposureDefect(certain_gains(level, error.masked_fill(~is_enough, torch.inf)), typical)
+    return ExposureDefect(certain_gains(level, error.masked_fill(~is_enough, torch.inf), scatter), typical)
 
 
-def certain_gains(level: Tensor, error: Tensor) -> Tensor:
-    """Gains from their logarithms and standard errors, 1 where none is certain; all 1 if none shows, [V, U, C]."""
-    is_sure = (level.abs() > SURE * error) & (level.abs() < LARGEST)
-    if not bool((is_sure & (level.abs() > SHOWN)).any()):
+def certain_gains(level: Tensor, error: Tensor, scatter: Tensor) -> Tensor:
+    """Gains from their logarithms, standard errors and the scatter of windows, [V, U, C] each.
+
+    Where none is certain a gain is 1; all are 1 if none shows. Views of a scene with much occlusion differ in what they
+    show: then windows scatter, and their mean errs by more than independent windows would.
+    """
+    size = level.abs()
+    is_sure = (size > SURE * error) & (size < LARGEST)
+    if not bool((is_sure & (size > SHOWN) & (size > CLEAR * scatter)).any()):
         return torch.ones_like(level, dtype=torch.float64, device="cpu")
-    return torch.where(is_sure & (level.abs() > LEAST), level.exp(), 1.0).cpu().double()
+    return torch.where(is_sure & (size > LEAST) & (size > LIKELY * scatter), level.exp(), 1.0).cpu().double()
 
 
-def levels(ratios: Ratios) -> tuple[Tensor, Tensor]:
-    """Robust mean of the logarithms of each view and channel, and its standard error, [V, U, C] each."""
+def levels(ratios: Ratios) -> tuple[Tensor, Tensor, Tensor]:
+    """Robust mean of the logarithms of each view and channel, its standard error, and their scatter, [V, U, C] each."""
     known = ratios.known[:, :, None].expand_as(ratios.log)
     level = torch.where(known, ratios.log, torch.nan).nanmedian(3, keepdim=True).values.nan_to_num()
     # Two standard deviations, from the median deviation: values farther out hardly count.
@@ -204,4 +211,4 @@ def levels(ratios: Ratios) -> tuple[Tensor, Tensor]:
     tiles = (row_tiles[:, None] * TILES + column_tiles).flatten()
     pulls = torch.zeros(*level.shape[:3], TILES**2).to(level)
     pulls.index_add_(3, tiles, weight * (ratios.log - level))
-    return level[..., 0], (pulls / total).square().sum(3).sqrt()
+    return level[..., 0], (pulls / total).square().sum(3).sqrt(), scale[..., 0] / 2

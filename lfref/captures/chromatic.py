@@ -82,7 +82,8 @@ class ChromaticDefect:
 def find(field: LightField, registered: Registration | None) -> ChromaticDefect:
     """Estimate how the colours of a light field differ; unknown without a registration."""
     n_channels = field.views.shape[2]
-    if n_channels < 2 or registered is None:
+    # Three parameters of colours whose textures differ need more patches than positions of views do.
+    if n_channels < 2 or registered is None or len(registered.patches.rows) < displacements.FEWEST:
         reason = "there is one channel" if n_channels < 2 else "unknown: too little texture, or too few views"
         nothing = torch.zeros(n_channels, 2, dtype=torch.float64)
         return ChromaticDefect(1 + nothing[:, 0], nothing, nothing[:, 1].clone(), reason)

@@ -1,7 +1,9 @@
-"""Hot and dead pixels: samples that stick out of their surroundings and that no neighbouring view confirms.
+"""Hot and dead pixels: samples that stick out of their surroundings, in one view and one colour alone.
 
-They are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow down all
-refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
+A photosite records one colour, so a glint, a star or a firefly of a path tracer, whose spot looks alike in several
+colours, is none. Nor is a spot that neighbouring views show too, at the place of any disparity of the scene.
+Hot and dead pixels are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow
+down all refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
 Each defect has a module of its own.
 Letters: `V U` view rows and columns, `C` channels, `K` samples, `v u c y x` their indices.
 """
@@ -33,6 +35,11 @@ ABOVE_ERROR = 1.5  # times the disagreement of neighbouring views, by trial, if 
 FEW = 3  # samples, by trial: so few may be chance
 RARE = 0.01  # share of the candidates, by trial: so few may be detail, whatever they look like
 SPOILT = 0.15  # share of the height from which samples beside a hot one count as spoilt by it, by trial
+SHARED = 0.15  # share of the height, by trial: another colour that sticks out by less records another spot
+ALIKE = 0.08  # of the height: half of the least that a mosaic (Malvar's) spreads a hot colour farther than the others
+ROUGH = 0.3  # standard deviations of the surroundings, by trial, by which a spread may err
+CLIPPED = 0.98  # share of the brightest sample, by trial: compression changes clipped samples a little
+BESIDE = 1  # pixels per view step that disparities may lie beyond those of the map, by trial
 REACH = 3  # pixels around a sample: a mosaic spoils 2, and the ring around them shows the detail
 WIDTH = 0.6  # pixels, by trial: standard deviation of the weights of the samples that replace a hot one
 
@@ -83,12 +90,24 @@ def find(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> Ho
         return none
     positions = registration.positions_of(field).unflatten(0, field.grid).movedim(-1, 0).float()
     v, u = reference
-    steps = positions - positions[:, v, u, None, None]
-    neighbours = _neighbours(field.views.shape, samples, disparity.cpu(), steps)
-    own = _patches(field.views, samples)
+    steps, disparity = positions - positions[:, v, u, None, None], disparity.cpu()
+    own = _patches(field.views, samples).float()
+    others = _in_neighbours(field.views, samples, _disparity_of(samples, disparity, steps), steps)
     # The median over the neighbouring views: one of them may have a hot sample at the same place.
-    others = torch.stack([_patches(field.views, places) for places in neighbours]).float().nanquantile(0.5, 0)
-    is_hot = is_unconfirmed(own, others, heights)
+    others = others.nanquantile(0.5, 0)
+    is_new = is_unconfirmed(own, others, heights)
+    colours = [_patches(field.views, samples.index_fill(1, torch.tensor(2), c)) for c in range(field.views.shape[2])]
+    is_single = is_of_one_colour(torch.stack(colours).float())
+    is_hot = is_new & is_single
+    # A scene with more spots in all colours has glints: those in one colour may be glints of coloured light.
+    if int(is_hot.sum()) <= int((is_new & ~is_single).sum()):
+        return none
+    suspects = is_hot.nonzero()[:, 0]
+    low, high = float(disparity.min()) - BESIDE, float(disparity.max()) + BESIDE
+    # A spot that two neighbours show at one disparity is a point of the scene; places are compared within a pixel.
+    for d in torch.arange(low, high + 1.5, 1.5).tolist():
+        places = _in_neighbours(field.views, samples[suspects], torch.full((len(suspects),), d), steps)
+        is_hot[suspects] &= (sticking_as_far(places, own[suspects], heights[suspects])).sum(0) < 2
     if not bool(is_hot.any()):
         return none
     spoilt = with_spoilt(own[is_hot], others[is_hot], samples[is_hot], field.size)
@@ -142,26 +161,72 @@ def _patches(views: Tensor, samples: Tensor) -> Tensor:
     return views[v, u, c, rows[:, :, None], columns[:, None, :]]
 
 
-def _neighbours(shape: torch.Size, samples: Tensor, disparity: Tensor, steps: Tensor) -> list[Tensor]:
-    """The same points in the eight views around each view, [K, 5] each; beyond the grid, in the opposite view."""
-    n_rows, n_columns, _, height, width = shape
-    v, u, c, y, x = samples.unbind(1)
-    # The map belongs to the reference view: its value at the sample's own place leads to the place in that view.
+def _disparity_of(samples: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:
+    """Disparity of samples [K, 5] by the map [H, W] of the reference view, [K]."""
+    v, u, _, y, x = samples.unbind(1)
+    # The value at the sample's own place leads to the place in the reference view.
     q, p = steps[:, v, u]
-    d = disparity[y, x]
-    row = (y - d * q).round().long().clamp(0, height - 1)
-    column = (x - d * p).round().long().clamp(0, width - 1)
-    d = disparity[row, column]
-    neighbours = []
+    row = (y - disparity[y, x] * q).round().long().clamp(0, disparity.shape[0] - 1)
+    column = (x - disparity[y, x] * p).round().long().clamp(0, disparity.shape[1] - 1)
+    return disparity[row, column]
+
+
+def _in_neighbours(views: Tensor, samples: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:
+    """Surroundings of samples of some disparity [K] in the eight views around each view, [N, K, 7, 7].
+
+    Beyond the grid it is the opposite view.
+    """
+    n_rows, n_columns, _, height, width = views.shape
+    v, u, c, y, x = samples.unbind(1)
+    patches = []
     for down, across in itertools.product((-1, 0, 1), repeat=2):
         if (down, across) == (0, 0) or (down and n_rows == 1) or (across and n_columns == 1):
             continue
         to_v = torch.where((v + down >= 0) & (v + down < n_rows), v + down, v - down).clamp(0, n_rows - 1)
         to_u = torch.where((u + across >= 0) & (u + across < n_columns), u + across, u - across).clamp(0, n_columns - 1)
         down_by, across_by = steps[:, to_v, to_u] - steps[:, v, u]
-        to_y, to_x = (y + d * down_by).round().long(), (x + d * across_by).round().long()
-        neighbours.append(torch.stack([to_v, to_u, c, to_y.clamp(0, height - 1), to_x.clamp(0, width - 1)], 1))
-    return neighbours
+        to_y, to_x = (y + disparity * down_by).round().long(), (x + disparity * across_by).round().long()
+        places = torch.stack([to_v, to_u, c, to_y.clamp(0, height - 1), to_x.clamp(0, width - 1)], 1)
+        patches.append(_patches(views, places))
+    return torch.stack(patches).float()
+
+
+def is_of_one_colour(colours: Tensor) -> Tensor:
+    """Whether spots in the middle of surroundings in all channels, [C, K, 7, 7], are those of a photosite, [K].
+
+    Either they show in one channel alone, or a mosaic has spread the hot colour farther than the others.
+    """
+    ring = _ring()
+    spots = colours - colours[..., ring].median(-1).values[..., None, None]
+    top = spots[..., REACH, REACH]
+    highest = top.abs().argmax(0, keepdim=True)
+    height = top.gather(0, highest)
+    beside = sum(spots.roll(steps, (-2, -1))[..., REACH, REACH] for steps in ((0, 1), (0, -1), (1, 0), (-1, 0))) / 4
+    share, spread, rough = top / height, beside / height, spots[..., ring].std(-1) / height.abs()
+    differs = (spread - share * spread.gather(0, highest)).abs() > ALIKE + ROUGH * rough
+    # Heights over the eight samples around, with the sign of the spot.
+    around = (spots / height[..., None, None])[..., REACH - 1 : REACH + 2, REACH - 1 : REACH + 2].flatten(-2)
+    sticks_out = share - around[..., [0, 1, 2, 3, 5, 6, 7, 8]].amax(-1) > SHARED
+    # The shape of a clipped spot is unknown; a photosite clips one colour.
+    is_clipped = colours[..., REACH, REACH] >= CLIPPED * colours.amax()
+    # Channels that are equal are one colour: grey pictures that are stored as RGB.
+    is_equal = (colours == colours.take_along_dim(highest[..., None, None], 0)).all(-1).all(-1)
+    is_alike = sticks_out & ~is_equal & (~differs | is_clipped)
+    return ~is_alike.any(0)
+
+
+def sticking_as_far(places: Tensor, own: Tensor, heights: Tensor) -> Tensor:
+    """Whether places [N, K, 7, 7] in other views have a spot like that of samples [K, 7, 7], within a pixel, [N, K]."""
+    ring, middle = _ring(), slice(REACH - 1, REACH + 2)
+    sign = torch.sign(own[:, REACH, REACH] - own[:, ring].median(-1).values)[:, None, None]
+    # Above three quarters of the surroundings: half of them may lie beyond an edge.
+    base = (sign * places)[..., ring].quantile(0.75, -1)
+    return (sign * places)[..., middle, middle].flatten(2).amax(2) - base > UNCONFIRMED * heights
+
+
+def _ring() -> Tensor:
+    """The surroundings without the middle 3x3, which a mosaic may have spoilt, bool, [7, 7]."""
+    return ~F.pad(torch.ones(3, 3, dtype=torch.bool), (REACH - 1,) * 4)
 
 
 def is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
@@ -171,8 +236,7 @@ def is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
     [K, 7, 7] each.
     """
     middle = slice(REACH - 1, REACH + 2)
-    # Surroundings without the middle 3x3, which a mosaic may have spoilt.
-    ring = ~F.pad(torch.ones(3, 3, dtype=torch.bool), (REACH - 1,) * 4)
+    ring = _ring()
     sample, near = own[:, REACH, REACH].float(), others[:, middle, middle].flatten(1)
     beyond = torch.maximum(sample - near.amax(1), near.amin(1) - sample)
     detail, error = (

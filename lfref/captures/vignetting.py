@@ -31,6 +31,7 @@ from lfref.lightfield import LightField
 
 LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a clipped pupil must explain the views better by this
 SURE = 6.0  # standard errors of falloff: gloss reaches 6.6 on scenes without falloff, where no rim is visible
+AGREED = 0.5  # share of the falloff, by trial, that three quarters of the picture must show: a gloss shows in one
 UNTRUSTED, TRUSTED = 0.02, 0.1  # gains, by trial: weight 0 below the first, full weight above the second
 CERTAIN = 6.0  # standard deviations of a white picture's noise, by trial
 LEAST_LOSS = 0.01  # share of the light that one sample in a hundred lacks, by trial: less hardly shows
@@ -52,21 +53,21 @@ class VignettingDefect:
     radius: float = 1e3
     """Radius of the rim, in view steps."""
     is_known: bool = True
-    """Whether enough of the scene is visible in all views."""
+    """Whether enough of the scene is visible in all views, and a rim fits them."""
     white: Tensor | None = None
     """Gain from a white picture, [V, U, C, H, W]."""
     error: float = 0.0
     """Standard deviation of the gain in `white`, by the noise of the white picture."""
 
     def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: the rim clips no view, the white picture is even, or too little is visible."""
+        """Why nothing is corrected: no rim clips a view or fits, the white picture is even, or little is visible."""
         if self.white is not None:
             # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
             losses = (1 - self.white[..., ::4, ::4].float()).abs().flatten()
             loss = float(losses.kthvalue(max(1, int(0.99 * len(losses)))).values)
             return None if loss > max(LEAST_LOSS, CERTAIN * self.error) else "the white picture is even"
         if not self.is_known:
-            return "unknown: too little is visible in all views"
+            return "unknown: too little is visible in all views, or no rim fits them"
         return None if self.displacement else "no view is darker in its corners than others"
 
     def summary(self) -> str:
@@ -88,10 +89,11 @@ class VignettingDefect:
         return (rim_gain(self._rim, y[:, None], x, q, p) * falloff_gain(self._rim, y[:, None], x))[:, :, None]
 
     def corrected(self, field: LightField) -> LightField:
-        """Samples divided by their gain; those with next to no light stay dark and have no weight."""
+        """Samples divided by their gain; those with next to no light stay as they are and have no weight."""
         gain = self.gain(field).to(field.views.device)
-        views = (field.views / gain.clamp(min=UNTRUSTED)).to(field.views.dtype)
-        weight = ((gain.mean(2, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1).to(views.dtype)
+        weight = ((gain.mean(2, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1).to(field.views.dtype)
+        divided = (field.views / gain.clamp(min=UNTRUSTED)).to(field.views.dtype)
+        views = torch.where(weight > 0, divided, field.views)
         weight = weight if field.weight is None else weight * field.weight
         return dataclasses.replace(field, views=views, weight=None if bool((weight == 1).all()) else weight)
 
@@ -115,14 +117,31 @@ def find(ratios: Ratios) -> VignettingDefect:
     if len(steps) < LEAST_WINDOWS * known.shape[0] * known.shape[1] / 2:
         return VignettingDefect(is_known=False)
     scatter = 1.4826 * float(steps.abs().median()) / math.sqrt(2)
-    return certain_vignetting(fit_rim(ratios, scatter))
+    fit = fit_rim(ratios, scatter)
+    return VignettingDefect(is_known=False) if gives_up_light(fit.rim, ratios) else certain_vignetting(fit)
+
+
+def gives_up_light(rim: "Rim", ratios: Ratios) -> bool:
+    """Whether a rim leaves next to no light where a view shows more than a tenth of it: such a rim is wrong."""
+    # A window is as wide as the rim's edge: it is dark if it lies a view step beyond the rim.
+    wider = rim._replace(radius=rim.radius + 1)
+    gain = rim_gain(wider, *ratios.places, *ratios.views)
+    central = rim_gain(rim, *ratios.places[(slice(None), *ratios.centre)], *ratios.views[(slice(None), *ratios.centre)])
+    is_dark = ratios.known & (gain < UNTRUSTED)
+    light = central * torch.where(is_dark, ratios.log.mean(2).exp(), 0.0)
+    light = light.sum(2) / is_dark.sum(2).clamp(min=1)
+    return bool((light > TRUSTED).any())
 
 
 def certain_vignetting(fit: "RimFit") -> VignettingDefect:
     """The rim of a fit, if it explains the views clearly better than no rim; its falloff is 0 where it is uncertain."""
     if fit.gain < LEAST_GAIN or not fit.rim.displacement:
         return VignettingDefect()
-    falloff = fit.rim.falloff if fit.rim.falloff > SURE * fit.falloff_error else 0.0
+    is_sure = fit.rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * fit.rim.falloff
+    falloff = fit.rim.falloff if is_sure else 0.0
+    if falloff < SURE * fit.disagreement:
+        # Too bright corners look worse than dark ones: what the quarters do not share is left.
+        falloff = max(0.0, falloff - fit.disagreement)
     return VignettingDefect(falloff, fit.rim.displacement, fit.rim.radius)
 
 
@@ -146,6 +165,10 @@ class RimFit(NamedTuple):
     second worst of the picture's four quarters."""
     falloff_error: float
     """Standard error of the falloff, from the disagreement of the picture's tiles."""
+    least_falloff: float = math.inf
+    """Falloff of the second worst quarter by itself."""
+    disagreement: float = 0.0
+    """Standard error of the falloff, from the disagreement of quarters, each by itself."""
 
 
 def rim_gain(rim: Rim, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
@@ -164,7 +187,8 @@ def falloff_gain(rim: Rim, y: Tensor, x: Tensor) -> Tensor:
 def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
     """Find the rim that explains the ratios best; `scatter` is that of their logarithms between windows."""
     scale = 2 * max(scatter, 1e-3)
-    # A coarse grid of starts, compared by every second view; the three best are refined by all views.
+    # A coarse grid of starts, compared by every second view; the six best are refined by all views, the best of them
+    # until it rests: the cost has a narrow valley, along which displacement and radius grow together.
     radius = math.hypot(*ratios.known.shape[:2]) / 2
     starts = [Rim(0.0, 0.0, radius)] + [
         Rim(0.0, displacement * radius, size * radius)
@@ -175,8 +199,11 @@ def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
     if not starts[0].displacement:
         return RimFit(Rim(), 0.0, math.inf)
     problem = _RimProblem(ratios, scale)
-    rim = min((problem.refined(start) for start in starts[:3]), key=problem.cost)
-    return RimFit(rim, problem.gain(rim), problem.falloff_error(rim))
+    rim = min((problem.refined(start) for start in starts[:6]), key=problem.cost)
+    rim = min((rim, problem.refined(rim, rounds=32)), key=problem.cost)
+    quarters = problem.falloffs(rim)
+    least, disagreement = float(quarters.sort().values[1]), float(quarters.std()) / 2
+    return RimFit(rim, problem.gain(rim), problem.falloff_error(rim), least, disagreement)
 
 
 class _RimProblem:
@@ -222,10 +249,31 @@ class _RimProblem:
     def gain(self, rim: Rim) -> float:
         """`RimFit.gain` of a rim: the second least of four quarters, since one may hold a highlight or an edge."""
         gained = self.costs(rim._replace(displacement=0.0)) - self.costs(rim)
-        quarter = 2 * (self.y0 > 0) + (self.x0 > 0)
         counts = self.known.any(0)
-        means = [(gained * counts)[quarter == i].sum() / max(1, int(counts[quarter == i].sum())) for i in range(4)]
+        means = [(gained * counts)[quarter].sum() / max(1, int(counts[quarter].sum())) for quarter in self.quarters()]
         return float(torch.stack(means).sort().values[1])
+
+    def quarters(self) -> list[Tensor]:
+        """Windows of each quarter of the picture, bool, [n] each."""
+        return [
+            (self.y0 > 0 if down else self.y0 <= 0) & (self.x0 > 0 if right else self.x0 <= 0)
+            for down in (False, True)
+            for right in (False, True)
+        ]
+
+    def falloffs(self, rim: Rim) -> Tensor:
+        """Falloff of each quarter by itself, [4]; the rim stays."""
+        falloffs = []
+        for quarter in self.quarters():
+            own = rim
+            for _ in range(4):  # number of rounds by trial
+                rest, weight = self.rest(own)
+                weight = weight * quarter
+                slope = self.slopes(own, weight)[0]
+                move = float((weight * slope * rest).sum() / (weight * slope.square()).sum().clamp(min=1e-9))
+                own = own._replace(falloff=min(max(own.falloff + min(max(move, -0.3), 0.3), -0.2), 3.0))
+            falloffs.append(own.falloff)
+        return torch.tensor(falloffs)
 
     def slopes(self, rim: Rim, weight: Tensor) -> Tensor:
         """Derivatives of the explained logarithms by the parameters, minus their mean over each view, [3, VU, n]."""
@@ -235,10 +283,10 @@ class _RimProblem:
         slopes = torch.stack([(self.explained(other) - here) / step for other in moved])
         return slopes - (weight * slopes).sum(2, keepdim=True) / total
 
-    def refined(self, rim: Rim) -> Rim:
-        """A rim after eight rounds of weighted least squares, with limited steps: the cost is far from quadratic."""
+    def refined(self, rim: Rim, rounds: int = 8) -> Rim:
+        """A rim after some rounds of weighted least squares, with limited steps: the cost is far from quadratic."""
         largest, bounds = (0.1, 0.3, 0.3), ((-0.2, 3.0), (0.0, 20.0), (0.5, 100.0))
-        for _ in range(8):
+        for _ in range(rounds):
             rest, weight = self.rest(rim)
             slopes = self.slopes(rim, weight)
             pull = torch.einsum("ivn,vn->i", slopes, weight * rest).double()

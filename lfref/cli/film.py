@@ -21,6 +21,7 @@ from lfref.io import video
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import pictures
+from lfref.report.refocused import without_gaps
 
 Motion = Callable[[NDArray, NDArray, NDArray], NDArray]
 """(frames, key frames, slopes of the key frames) -> slopes of the frames."""
@@ -109,10 +110,10 @@ def film(config: DictConfig, folder: Path) -> None:
     def planes() -> Iterator[Tensor]:
         if not others:
             for part in slopes.split(PLANES_PER_CALL):
-                yield from steps.refocus_field(refocuser, opening, part, device)
+                yield from without_gaps(steps.refocus_field(refocuser, opening, part, device), opening, part)
             return
         for field, slope in zip(ahead(corrected_fields()), slopes, strict=True):
-            yield from steps.refocus_field(refocuser, field, slope[None], device)
+            yield from without_gaps(steps.refocus_field(refocuser, field, slope[None], device), field, slope[None])
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for plane in planes():

@@ -32,16 +32,16 @@ from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocuser.refocuser import PREDICTING, OperatorRefocuser, Refocuser
-from lfref.report import pictures
-from lfref.report.refocused import mean_of_views
+from lfref.report.refocused import brightening
 
 MUCH_MEMORY = 4e9
 """Bytes from which a command warns before it takes them: half of what a common laptop has."""
 PROGRAM = 0.45e9
 """Bytes that libraries take before any light field is read."""
-CORRECTING, REFOCUSING, COMPARING = 3.0, 2.0, 3.5
+CORRECTING, REFOCUSING, COMPARING = 3.0, 2.0, 4.7
 """Largest number of copies of the views that a capture needs while it is corrected, refocused by a method that sums
-views, and by one that compares them: measured, with their weights, on 14x14 views of 383x552 pixels."""
+views, and by one that compares them; the first is measured on 14x14 views of 383x552 pixels with weights, the others
+are estimates."""
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
@@ -315,10 +315,10 @@ def gain(field: LightField, factor: float | None) -> float:
     """Factor of the brightness of pictures of one light field; the log reports when dark captures are brightened."""
     if factor is not None:
         return factor
-    brightening = max(1.0, pictures.common_exposure(mean_of_views(field)))
-    if brightening > 1:
-        log.info("pictures are brightened %.2f times (exposure=1 prevents it; stack.exr never changes)", brightening)
-    return brightening
+    own = brightening(field)
+    if own > 1:
+        log.info("pictures are brightened %.2f times (exposure=1 prevents it; stack.exr never changes)", own)
+    return own
 
 
 def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -> Path:

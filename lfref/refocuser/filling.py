@@ -59,20 +59,25 @@ def extended(views: Tensor, is_trusted: Tensor, in_place: bool = False) -> Tenso
     if len(y) == 0:
         return views
     mean = views.mean((-5, -4))
-    around = _pyramid_fill(*(images.reshape(-1, *images.shape[-3:]) for images in (mean, known.to(views))))
+    around = continued(*(images.reshape(-1, *images.shape[-3:]) for images in (mean, known.to(views))))
     around, is_known = around.reshape(mean.shape)[..., None, None, :, :, :], known[..., None, None, :, :, :]
     result = views if in_place else views.clone()
     result[..., y, x] = torch.where(is_known[..., y, x], views[..., y, x], around[..., y, x])
     return result
 
 
-def _pyramid_fill(images: Tensor, known: Tensor) -> Tensor:
-    """Images [B, C, H, W] whose unknown pixels are taken from the means of ever larger squares; known: [B, 1, H, W]."""
+def continued(images: Tensor, known: Tensor) -> Tensor:
+    """Images whose unknown pixels are taken from the means of ever larger squares.
+
+    Args:
+        images: Floating point, [B, C, H, W].
+        known: 1 where a pixel is known, else 0, [B, 1, H, W].
+    """
     if min(images.shape[-2:]) == 1 or bool((known > 0).all()):
         return images
     share = F.avg_pool2d(known, 2, ceil_mode=True)
     coarse = F.avg_pool2d(images * known, 2, ceil_mode=True) / share.clamp(min=torch.finfo(share.dtype).tiny)
-    coarse = _pyramid_fill(coarse, (share > 0).to(share))
+    coarse = continued(coarse, (share > 0).to(share))
     return torch.where(known > 0, images, F.interpolate(coarse, images.shape[-2:], mode="bilinear"))
 
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from lfref.captures.inspect import Inspection
 from lfref.lightfield import LightField
 from lfref.report import drawing, pictures, tables
+from lfref.report.refocused import brightening
 
 
 def inspection_sheet(inspection: Inspection) -> Figure:
@@ -27,22 +28,22 @@ def inspection_sheet(inspection: Inspection) -> Figure:
     figure.suptitle(tables.plot_text(title, 120), fontsize=11, x=0.01, ha="left")
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(top + 0.3, 2.9))[:, 0]
     centre, disparity = above.subplots(1, 2)
-    _draw_view(centre, inspection, inspection.reference)
+    gain = brightening(inspection.field)
+    _draw_view(centre, inspection, inspection.reference, gain)
     _draw_disparity(disparity, inspection)
     corners, light, slopes = below.subfigures(1, 3, squeeze=False, width_ratios=(1.35, 1, 1.5))[0]
     v_ends, u_ends = (sorted({0, n - 1}) for n in (rows, columns))
     grid = corners.subplots(len(v_ends), len(u_ends), squeeze=False)
     for axes, view in zip(grid.flat, itertools.product(v_ends, u_ends), strict=True):
-        _draw_view(axes, inspection, view)
+        _draw_view(axes, inspection, view, gain)
     _draw_light(light.subplots(), inspection.field, inspection.reference)
     _draw_slopes(slopes.subplots(), inspection)
     return figure
 
 
-def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int]) -> None:
-    # One gain for all views; dark captures are brightened.
-    gain = max(1.0, pictures.common_exposure(inspection.field.views[inspection.reference].nan_to_num()))
-    axes.imshow(pictures.for_display(inspection.field.views[view].clamp(0, None), gain))
+def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int], gain: float) -> None:
+    field = inspection.field
+    axes.imshow(pictures.for_display(field.views[view].clamp(0, None), gain, field.picture_encoding))
     axes.set_title(f"view {view[0]}, {view[1]}", fontsize=9)
     axes.set_axis_off()
 

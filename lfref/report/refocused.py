@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
@@ -17,6 +18,7 @@ from lfref.io import images
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap, depth_order, disparity_map
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import filling
 from lfref.report import disparity_colours, pictures
 
@@ -64,6 +66,40 @@ def mean_of_views(field: LightField) -> Tensor:
     return torch.where(total > 0, (field.views * weight).sum(dim=(0, 1)) / total.clamp(min=1e-6), 0.0)
 
 
+def brightening(field: LightField) -> float:
+    """Factor, at least 1, by which the pictures of a light field are brightened.
+
+    Samples that were encoded for looking at keep their brightness. Dark linear ones are brightened as far as
+    `common_exposure` says, but no further than where the share of clipped pixels grows.
+    """
+    if not field.is_linear or field.metadata.get("encoding", "linear") != "linear":
+        return 1.0
+    gain = pictures.common_exposure(mean_of_views(field).nan_to_num(0, 0, 0))
+    if gain <= 1:
+        return 1.0
+    brightest = field.views.float().nan_to_num(0, 0, 0).amax(2, keepdim=True)
+    brightest = brightest.flatten() if field.weight is None else brightest[field.weight > 0]
+    # The brightest pixel that is not clipped, or the brightest of all where as many already are.
+    below = int((brightest < 1).sum())
+    return max(1.0, min(gain, 1 / float(brightest.kthvalue(below).values))) if below else 1.0
+
+
+EDGE = 2  # pixels by which operators differ at the edge of what views show, from their interpolation
+
+
+def without_gaps(stack: Tensor, field: LightField, slopes: Tensor) -> Tensor:
+    """A stack [N, C, H, W] for pictures, at slopes [N]: pixels that no view shows continue those around them.
+
+    In a stack these pixels are black, such as the corners of a camera whose optics leave them black in all views.
+    """
+    if field.weight is None or bool((is_trusted := filling.trusted(field.weight)).any(0).any(0).all()):
+        return stack
+    share = shift_and_sum(is_trusted.to(torch.float32), slopes, positions=field.positions)
+    is_gap = (share <= filling.LEAST * share.amax()).to(stack)
+    is_gap = F.interpolate(F.max_pool2d(is_gap, 2 * EDGE + 1, 1, EDGE), stack.shape[-2:]) > 0
+    return filling.continued(stack, (~is_gap).to(stack))
+
+
 @dataclass(frozen=True, eq=False)
 class Refocused:
     """A light field and its stack."""
@@ -103,11 +139,25 @@ class Refocused:
         return [self.planes.values.index(slope) for slope in sorted(set(self.planes.values))]
 
     @cached_property
+    def shown(self) -> Tensor:
+        """The stack as pictures show it, without gaps, [N, C, H, W]."""
+        return without_gaps(self.stack, self.field, self.planes.slopes)
+
+    @cached_property
+    def mean(self) -> Tensor:
+        """Mean of all views, without gaps, [C, H, W]."""
+        return without_gaps(mean_of_views(self.field)[None], self.field, torch.zeros(1))[0]
+
+    @cached_property
     def sharp(self) -> Tensor:
         """The picture that is sharp everywhere, [C, H, W]."""
         if self.field.grid == (1, 1):
-            return all_in_focus(self.stack[self.by_slope]).image
-        return extended_focus(self.field.views, self.disparity.disparity, self._view_weights, self.field.positions)
+            return all_in_focus(self.shown[self.by_slope]).image
+        views, weight = self.field.views, self.field.weight
+        if weight is not None:
+            # Samples without weight differ from view to view, and would leave a dark rim.
+            views = filling.extended(filling.filled(views, weight.to(views)), filling.trusted(weight))
+        return extended_focus(views, self.disparity.disparity, self._view_weights, self.field.positions)
 
     @cached_property
     def slope_and_confidence(self) -> tuple[Tensor, Tensor]:

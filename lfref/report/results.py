@@ -17,7 +17,7 @@ from lfref.io import disparity_files, images, video, write
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import drawing, pictures
-from lfref.report.refocused import Refocused, mean_of_views
+from lfref.report.refocused import Refocused
 
 SHEET = "contact_sheet.png"
 """Picture of all planes, the one to open first."""
@@ -96,7 +96,7 @@ def _stack(folder: Path, refocused: Refocused) -> None:
 
 def _planes(folder: Path, refocused: Refocused) -> None:
     files = refocused.files
-    shown = (refocused.picture(plane).transpose(2, 0, 1) for plane in refocused.stack)
+    shown = (refocused.picture(plane).transpose(2, 0, 1) for plane in refocused.shown)
     write.write_pictures(
         folder / "planes", shown, refocused.planes, suffix=files.suffix, bits=files.bits, quality=files.quality
     )
@@ -104,13 +104,13 @@ def _planes(folder: Path, refocused: Refocused) -> None:
 
 def _sheet(folder: Path, refocused: Refocused) -> None:
     sheet = pictures.contact_sheet(
-        refocused.stack, refocused.planes.titles, refocused.gain, encoding=refocused.field.picture_encoding
+        refocused.shown, refocused.planes.titles, refocused.gain, encoding=refocused.field.picture_encoding
     )
     drawing.save_figure(sheet, folder / SHEET)
 
 
 def _mean(folder: Path, refocused: Refocused) -> None:
-    refocused.save(folder / "all_views_mean", mean_of_views(refocused.field))
+    refocused.save(folder / "all_views_mean", refocused.mean)
 
 
 def _all_in_focus(folder: Path, refocused: Refocused) -> None:
@@ -152,7 +152,7 @@ def _points(folder: Path, refocused: Refocused) -> None:
 
 
 def _sweep(folder: Path, refocused: Refocused) -> None:
-    frames = [_bytes(refocused.encoded(refocused.stack[n])) for n in refocused.by_slope]
+    frames = [_bytes(refocused.encoded(refocused.shown[n])) for n in refocused.by_slope]
     rate = min(max(len(frames) / SWEEP_SECONDS, FRAME_RATES[0]), FRAME_RATES[1])
     for suffix in video.WRITERS:
         video.write_video(folder / f"sweep{suffix}", video.there_and_back(frames), rate)

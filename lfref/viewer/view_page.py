@@ -107,7 +107,7 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         "slopes": [first.planes.values[plane] for plane in first.by_slope],
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [
-            {"name": name, "planes": [picture(refocused.encoded(refocused.stack[plane])) for plane in first.by_slope]}
+            {"name": name, "planes": [picture(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}
             for name, refocused in methods.items()
         ],
         "start": _start([first.planes.values[plane] for plane in first.by_slope], slopes, confidence),

@@ -141,6 +141,10 @@ def test_black_views_cannot_be_compared():
     assert found_in(LightField(torch.zeros(3, 3, 3, 40, 60))).reason_to_skip() is not None
 
 
+def certain_gains(levels, errors, scatter=0.0):
+    return brightness.certain_gains(levels, errors, torch.full_like(levels, scatter))
+
+
 @pytest.mark.parametrize(
     ("level", "error", "is_corrected"),
     [
@@ -157,12 +161,19 @@ def test_a_gain_counts_if_it_is_certain_and_shows(level, error, is_corrected):
     levels[0, 0] = level
     expected = torch.ones(3, 3, 1).double()
     expected[0, 0] = torch.tensor(level if is_corrected else 0.0).exp()
-    torch.testing.assert_close(brightness.certain_gains(levels, torch.full_like(levels, error)), expected)
+    torch.testing.assert_close(certain_gains(levels, torch.full_like(levels, error)), expected)
 
 
 def test_smaller_gains_are_corrected_beside_one_that_shows():
-    gains = brightness.certain_gains(torch.tensor([[[0.1], [0.0045], [0.0035]]]), torch.zeros(1, 3, 1))
+    gains = certain_gains(torch.tensor([[[0.1], [0.0045], [0.0035]]]), torch.zeros(1, 3, 1))
     assert (gains != 1).flatten().tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(("scatter", "gains"), [(0.06, 2), (0.068, 0), (0.044, 2), (0.036, 3)])
+def test_gains_that_scatter_explains_are_left(scatter, gains):
+    # 1.5 times the scatter shows; beside that half of the scatter is enough.
+    levels = torch.tensor([[[0.1], [0.1], [0.02]]])
+    assert int((certain_gains(levels, torch.zeros(1, 3, 1), scatter) != 1).sum()) == gains
 
 
 def even_ratios(log, shape):
@@ -180,7 +191,7 @@ def test_a_gain_needs_two_dozen_windows(n, is_enough):
 
 def test_errors_follow_repeated_trials_where_windows_of_one_tile_err_alike():
     trials = 0.05 * torch.randn(15, 10, 3, 5, 5).repeat_interleave(4, 3).repeat_interleave(4, 4).flatten(3)
-    level, error = brightness.levels(even_ratios(trials, (20, 20)))
+    level, error, _ = brightness.levels(even_ratios(trials, (20, 20)))
     # The errors leave out how much less outliers count: about half of the true ones, which `SURE` allows for.
     assert 0.4 < float(error.mean() / level.std()) < 0.8
     # Larger tiles would give about the same mean from too few numbers.

@@ -63,6 +63,12 @@ def test_one_channel_and_flat_pictures_have_nothing_to_compare():
     assert "too little texture" in found_in(LightField(torch.full((3, 3, 3, 80, 96), 0.5))).reason_to_skip()
 
 
+def test_two_dozen_patches_are_needed():
+    known = registered(displaced.dispersed("shards", SIZES, FOCUS))
+    few = known._replace(patches=known.patches._replace(rows=known.patches.rows[:23]))
+    assert "too little texture" in chromatic.find(known.field, few).reason_to_skip()
+
+
 def fitted(values, errors, effect=1.0, scatter=0.0):
     return Fitted(torch.tensor(values), torch.tensor(errors), effect, scatter)
 

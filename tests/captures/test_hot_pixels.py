@@ -153,6 +153,75 @@ def test_one_clear_sample_in_a_hundred_candidates_may_be_detail(n_hot, is_hot):
     assert int(hot_pixels.is_unconfirmed(own, others, torch.ones(1000)).sum()) == n_hot * is_hot
 
 
+def spot(top, beside, colour=1.0):
+    """Surroundings of a spot in three channels, [3, 1, 7, 7]: its top, and the mean of the samples beside it."""
+    shape = torch.zeros(7, 7)
+    shape[3, 3] = top
+    shape[3, 2] = shape[3, 4] = shape[2, 3] = shape[4, 3] = beside
+    return 0.2 + torch.tensor([colour, 0, 0])[:, None, None, None] * shape
+
+
+@pytest.mark.parametrize(
+    ("others", "is_single"),
+    [
+        (spot(0.0, 0.0), True),  # no other colour sticks out
+        (spot(0.4, 0.1), False),  # a glint: another colour has the same shape
+        (spot(0.06, 0.0), True),  # .12 of the height
+        (spot(0.1, 0.02), False),  # .16
+        (spot(0.4, 0.0), True),  # a mosaic spreads the hot colour alone, here by .2 times .8 of the height
+        (spot(0.4, 0.055), True),  # the spreads differ by .09 of the height
+        (spot(0.4, 0.065), False),  # .07
+    ],
+)
+def test_a_photosite_has_one_colour(others, is_single):
+    colours = spot(0.5, 0.125) + others.roll(1, 0) - 0.2
+    assert hot_pixels.is_of_one_colour(colours).tolist() == [is_single]
+
+
+def test_a_grey_picture_stored_as_rgb_has_one_colour():
+    colours = spot(0.5, 0.0)[:1].expand(3, -1, -1, -1)
+    assert hot_pixels.is_of_one_colour(colours).tolist() == [True]
+
+
+def test_the_shape_of_a_clipped_glint_is_unknown():
+    glint = spot(0.8, 0.4) + spot(0.8, 0.1).roll(1, 0) - 0.2
+    assert hot_pixels.is_of_one_colour(glint).tolist() == [False]
+    assert hot_pixels.is_of_one_colour(torch.cat([glint, 1.2 + 0 * glint], 1)).tolist() == [True, True]
+
+
+@pytest.mark.parametrize(("height", "confirms"), [(0.45, False), (0.55, True)])
+def test_a_spot_of_half_the_height_confirms(height, confirms):
+    own = torch.zeros(1, 7, 7)
+    own[0, 3, 3] = 1.0
+    for sign in (1, -1):
+        places = torch.zeros(1, 1, 7, 7)
+        places[..., 2, 4] = height
+        assert bool(hot_pixels.sticking_as_far(sign * places, sign * own, torch.ones(1))) == confirms
+    # A row through the place is no spot, unless it is brighter still.
+    places[..., :4, :] += height
+    assert bool(hot_pixels.sticking_as_far(places, own, torch.ones(1))) == (height + height > 0.5 + height)
+
+
+def test_points_of_one_colour_are_confirmed_at_a_disparity_that_the_map_lacks():
+    views = 0.5 + 0.001 * torch.rand(5, 5, 3, 40, 60)
+    for v, u in itertools.product(range(5), repeat=2):
+        views[v, u, 2, 14 + 2 * v, 24 + 2 * u] = 1.0
+    # The map has disparities from 1 to 1.5 elsewhere, not at the points.
+    disparity = torch.full((40, 60), 1.0)
+    disparity[0] = 1.5
+    assert hot_pixels.find(LightField(views), disparity, (2, 2)).count == 0
+    # The points are hot pixels where no disparity of the scene explains them.
+    assert hot_pixels.find(LightField(views), disparity - 3, (2, 2)).count == 25
+
+
+def test_colours_of_few_glints_are_no_hot_pixels():
+    views = 0.5 + 0.001 * torch.rand(3, 3, 3, 64, 64)
+    views[0, 0, 1, 8:56:8, 8:56:8] = 1.0
+    assert hot_pixels.find(LightField(views), torch.zeros(64, 64), (1, 1)).count == 36
+    views[2, 0, :, 8:56:8, 8:56:8] += 0.45
+    assert hot_pixels.find(LightField(views), torch.zeros(64, 64), (1, 1)).count == 0
+
+
 @pytest.mark.parametrize(("share", "is_spoilt"), [(0.18, True), (0.12, False)])
 def test_samples_that_share_a_seventh_of_the_height_are_spoilt(share, is_spoilt):
     own = torch.zeros(1, 7, 7)

@@ -74,6 +74,30 @@ def test_a_rim_counts_if_it_explains_the_views_and_falloff_if_it_is_certain(gain
     assert (defect.reason_to_skip() is None) == bool(expected[1])
 
 
+@pytest.mark.parametrize(("least", "is_sure"), [(0.17, True), (0.13, False)])
+def test_falloff_counts_if_three_quarters_of_the_picture_show_half_of_it(least, is_sure):
+    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, least))
+    assert defect.falloff == (0.3 if is_sure else 0.0)
+
+
+@pytest.mark.parametrize(("disagreement", "falloff"), [(0.045, 0.3), (0.055, 0.245), (0.4, 0.0)])
+def test_falloff_on_which_quarters_disagree_counts_less(disagreement, falloff):
+    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, 0.2, disagreement))
+    assert defect.falloff == pytest.approx(falloff)
+
+
+@pytest.mark.parametrize("name", ["gloss", "window"])
+def test_falloff_of_a_lens_behind_gloss_is_not_corrected_too_far(name):
+    field = clean(name)
+    for tangent, eye in ((0.6, 0.5), (0.3, 0.25), (0.0, 0.5)):
+        whole = falloff(field.views, tangent) * clipped_pupil(field.views, eye)
+        shaded = dataclasses.replace(field, views=field.views * whole)
+        defect = vignetting.find(ratios(shaded))
+        assert defect.reason_to_skip() is None
+        after = ((defect.corrected(shaded).views - field.views) * (whole > 0.1)).square().mean()
+        assert float(after) < float((shaded.views - field.views).square().mean())
+
+
 def test_gains_of_a_rim_are_those_of_the_simulator():
     y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(64, 96) for length in (64, 96))
     q, p = (places[:, :, None, None].float() for places in positions_of(FIELD).unflatten(0, (7, 7)).movedim(-1, 0))
@@ -102,6 +126,22 @@ def test_a_rim_is_fitted(rim):
     assert fit.rim.radius == pytest.approx(rim.radius, abs=0.06)
     assert fit.rim.falloff == pytest.approx(rim.falloff, abs=4 * fit.falloff_error)
     assert 0.001 < fit.falloff_error < 0.1
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_a_rim_is_refined_along_its_valley(noise):
+    # From the start that fits best, displacement and radius must grow together.
+    fit = vignetting.fit_rim(ratios_of(Rim(0.36, 0.5 * RADIUS, RADIUS), noise, 0.1 * torch.rand(216) - 0.05), 2 * noise)
+    assert fit.rim.displacement == pytest.approx(0.5 * RADIUS, rel=0.1)
+    assert fit.rim.radius == pytest.approx(RADIUS, rel=0.03)
+
+
+@pytest.mark.parametrize(("light", "is_wrong"), [(0.08, False), (0.12, True)])
+def test_a_rim_that_leaves_no_light_where_a_view_has_a_tenth_is_wrong(light, is_wrong):
+    dark, even = Rim(0.0, 2.0, 2.0), ratios_of(Rim(), 0.0, torch.zeros(216))
+    shown = even._replace(log=torch.full_like(even.log, light).log())
+    assert vignetting.gives_up_light(dark, shown) == is_wrong
+    assert not vignetting.gives_up_light(Rim(0.0, 0.5, RADIUS), shown)
 
 
 def test_falloff_is_certain_in_a_scene_with_depth_only():
@@ -149,6 +189,8 @@ def test_dark_samples_weigh_less_and_black_ones_nothing():
     torch.testing.assert_close(corrected.weight[0, 0, 0, :4, 0], torch.tensor([0.0, 0.25, 0.5, 0.5]))
     torch.testing.assert_close(corrected.views[0, 0, 0, 1:3, 0], torch.tensor([0.2 / 0.06, 0.4]))
     assert bool(corrected.views.isfinite().all())
+    # Untrusted samples stay as they are.
+    torch.testing.assert_close(corrected.views[0, 0, 0, 0], torch.full((8,), 0.2))
     full = VignettingDefect(white=gain.clamp(min=0.5)).corrected(LightField(torch.full((3, 3, 3, 8, 8), 0.2)))
     assert full.weight is None
 

@@ -1,15 +1,21 @@
 """Pictures of one light field look alike, whatever they are written as."""
 
+import dataclasses
+
 import numpy as np
 import OpenImageIO
 import pytest
 import torch
+from torch.nn import functional as F
 
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus.all_in_focus import all_in_focus
-from lfref.report.refocused import PictureFiles, Refocused, mean_of_views
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocuser.refocuser import OperatorRefocuser
+from lfref.report import pictures
+from lfref.report.refocused import PictureFiles, Refocused, brightening, mean_of_views, without_gaps
 
 
 def refocused(channels=3, files=PictureFiles(), gain=2.0):  # noqa: B008
@@ -44,6 +50,85 @@ def test_the_mean_of_views_is_weighted():
     expected[:, 0, 0] = 0
     torch.testing.assert_close(mean, expected)
     torch.testing.assert_close(mean_of_views(LightField(views)), views.mean((0, 1)))
+
+
+def dark(encoding=None, bright=0.3, n_clipped=0):
+    """Views of light up to `bright`, with some clipped pixels in one view."""
+    views = torch.linspace(0, bright, 3 * 40 * 50).reshape(3, 40, 50).expand(3, 3, -1, -1, -1).clone()
+    views[0, 0, 1, 0, :n_clipped] = 1.0
+    return LightField(views, metadata={} if encoding is None else {"encoding": encoding})
+
+
+@pytest.mark.parametrize(
+    ("encoding", "gain"), [(None, 0.9 / 0.297), ("linear", 0.9 / 0.297), ("srgb", 1.0), ("gamma:2.2", 1.0), ("none", 1)]
+)
+def test_only_dark_linear_samples_are_brightened(encoding, gain):
+    assert brightening(dark(encoding)) == pytest.approx(gain, rel=1e-3)
+
+
+def test_encoded_samples_keep_their_brightness():
+    assert brightening(dataclasses.replace(dark(), is_linear=False)) == 1.0
+
+
+@pytest.mark.parametrize("n_clipped", [0, 3])
+def test_pictures_clip_no_more_than_their_views(n_clipped):
+    field = dark(n_clipped=n_clipped)
+    # A light in a dark scene, too small for the percentile.
+    field.views[1, 1, :, 5, 5] = 0.6
+    gain = brightening(field)
+    assert gain == pytest.approx(1 / 0.6)
+    shown = [pictures.for_display(view, gain).max(2) for view in field.views.flatten(0, 1)]
+    assert int((np.stack(shown) > 1 - 1e-6).sum()) == n_clipped + 1  # the light itself is just white
+    # Pixels without weight are not shown.
+    weight = torch.ones(3, 3, 1, 40, 50)
+    weight[1, 1, :, 5, 5] = 0
+    assert brightening(dataclasses.replace(field, weight=weight)) == pytest.approx(0.9 / 0.297, rel=1e-3)
+
+
+def test_white_and_black_light_fields_keep_their_brightness():
+    assert brightening(LightField(torch.ones(2, 2, 3, 8, 8))) == 1.0
+    assert brightening(LightField(torch.zeros(2, 2, 3, 8, 8))) == 1.0
+
+
+@pytest.fixture
+def cornered():
+    """A scene that brightens to the right at disparity 1, with round corners of weight 0 in all views."""
+    y, x = torch.meshgrid(torch.arange(60.0), torch.arange(80.0), indexing="ij")
+    offset = torch.arange(3.0) - 1
+    views = (0.2 + (x - offset[:, None, None, None]) / 160).expand(3, 3, 1, 60, 80).clone()
+    corner = torch.hypot(y - 29.5, x - 39.5) > 44
+    views[..., corner] = 0
+    return LightField(views, "cornered", weight=(~corner).float().expand(3, 3, 1, 60, 80).clone())
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, -2.5])
+def test_pixels_that_no_view_shows_continue_those_around_them(cornered, slope):
+    slopes = torch.tensor([slope])
+    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(cornered, slopes)
+    shown = without_gaps(stack, cornered, slopes)
+    assert float((stack[0, 0, [0, 0, -1, -1], [0, -1, 0, -1]]).abs().max()) == 0
+    expected = (0.2 + torch.arange(80) / 160).expand(60, 80)
+    # No black, and no step at the edge: the gap differs from the scene by less than its range across the gap.
+    assert float((shown[0, 0] - expected).abs().max()) < 0.1
+    assert float(shown.diff(dim=-1).abs().max()) < 0.03
+    is_known = stack[0, 0] > 0
+    far = F.max_pool2d((~is_known).float()[None], 7, 1, 3)[0] == 0
+    assert torch.equal(shown[0, 0][far], stack[0, 0][far])
+
+
+def test_mean_and_sharp_picture_have_no_black_corners(cornered):
+    slopes = FocalPlanes([0.0, 1.0])
+    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(cornered, slopes.slopes)
+    light_field = Refocused(cornered, stack, slopes)
+    for image in (light_field.mean, light_field.sharp, *light_field.shown):
+        assert float(image.min()) > 0.15
+
+
+def test_a_stack_without_gaps_stays_as_it_is(cornered):
+    stack = torch.rand(1, 1, 60, 80)
+    whole = dataclasses.replace(cornered, weight=torch.ones_like(cornered.weight))
+    for field in (whole, dataclasses.replace(cornered, weight=None)):
+        assert without_gaps(stack, field, torch.zeros(1)) is stack
 
 
 def test_planes_rise_from_the_least_slope_whatever_their_order():
