@@ -19,20 +19,14 @@ from lfref.geometry import Slopes
 from lfref.refocus import batches, wiener_filters
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import disparity_layers
-from lfref.refocus.fourier.disparity_layers import refocus_by_energies
-from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.fourier.disparity_layers import bounded_by_views, refocus_by_energies
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.refocus.wiener import wiener
 
 EDGE = 0.12
 """Change of disparity within 3 pixels, in pixels per view step, that is a gap between surfaces and not a slant."""
 NEAR = 7
 """Pixels around an edge that views see past it: three view steps times a gap of 2.3 pixels per view step."""
-CONFUSABLE = 2.5
-"""Range of disparities in pixels per view step from which layers confuse light at two disparities, e apart: detail of
-1 / e cycles per pixel, in a row or a column, looks alike at both, and pictures end at about .4 cycles per pixel."""
-SHARE_OF_SPREAD = 0.15
-"""Largest difference of a picture from the sum of its views, in standard deviations of the views; by trial, on the
-scenes `sim30.WIDE`."""
 FOCUS = 1.0
 """|s - d| in pixels per view step from which blur hides the aliases."""
 
@@ -83,27 +77,8 @@ def occlusion_aware(
             estimate = wiener(field, planes[needed], wiener_filters.prior_of_map(disparity), aperture)
             at = needed.nonzero()[:, 0].to(stack.device)
             stack = stack.index_add(0, at, shares[at, None] * (estimate - stack[at]))
-        if last - first > CONFUSABLE:
-            stack = bounded_by_views(stack, field, planes, aperture)
-        stacks.append(stack)
+        stacks.append(bounded_by_views(stack, field, planes, energies, aperture))
     return batches.restored(torch.stack(stacks), views)
-
-
-def bounded_by_views(stack: Tensor, field: Tensor, planes: Tensor, aperture: Tensor) -> Tensor:
-    """The stack [N, C, H, W], no farther from the sum of the views than the views are from each other.
-
-    Where all views agree, every point of the aperture would show the same, and the sum is the picture. Pixels that some
-    view does not see stay as they are.
-    """
-    grid, size = batches.grid_and_size(field)
-    with torch.no_grad():
-        points = shift_and_sum(field, planes, "cubic", weights=aperture)
-        squares = shift_and_sum(field.square(), planes, "cubic", weights=aperture)
-        spread = (squares - points.square()).clamp(min=0).sqrt().amax(1, keepdim=True)
-        bound = SHARE_OF_SPREAD * box_max(spread, 3)
-        is_covered = coverage(planes, grid, size, weights=aperture)[:, None] > 0.999  # 1, but for rounding
-        bound = torch.where(is_covered.to(bound.device), bound, torch.inf)
-    return torch.maximum(torch.minimum(stack, points + bound), points - bound)
 
 
 def edge_shares(disparity: Tensor, planes: Tensor) -> Tensor:

@@ -5,19 +5,16 @@ import functools
 
 import pytest
 import torch
-from torch.nn import functional as F
 
 from lfref.errors import InputError
-from lfref.refocus import batches
 from lfref.refocus import occlusion_aware as module
 from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.occlusion_aware import bounded_by_views, edge_shares, occlusion_aware
+from lfref.refocus.occlusion_aware import edge_shares, occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
-from tests.refocus.conftest import texture
 
 SLOPES = [-3.0, -1.0, -0.6, 0.0, 0.4]
 """Of the truth: wide blur, and planes at and between the surfaces of the scenes."""
@@ -60,20 +57,6 @@ def test_wide_baselines_are_no_worse_than_a_sum_through_cells():
     gain = psnr(ours, made.truth, 24) - psnr(cells, made.truth, 24)
     assert float(gain.min()) > -0.3
     assert float(gain.mean()) > 1
-
-
-def test_where_all_views_agree_the_picture_is_their_sum():
-    views = texture(1, 64, 72).expand(5, 5, 1, 64, 72).clone()  # all at disparity 0
-    views[:, :, :, :24] += 0.1 * torch.randn(5, 5, 1, 24, 72)
-    stack, planes = torch.rand(1, 1, 64, 72, dtype=torch.float64), torch.zeros(1, dtype=torch.float64)
-    bounded = bounded_by_views(stack, views, planes, batches.checked_weights(None, (5, 5)))
-    mean, spread = views.mean((0, 1)), views.std((0, 1), correction=0)
-    torch.testing.assert_close(bounded[0, :, 26:], mean[:, 26:], atol=1e-6, rtol=0)
-    nearest = F.max_pool2d(spread[None], 3, 1, 1)[0]
-    off = ((bounded[0] - mean).abs() / nearest)[:, 1:22]
-    assert float(off.max()) == pytest.approx(0.15, rel=1e-3)
-    shifted = bounded_by_views(stack, views, planes + 3, batches.checked_weights(None, (5, 5)))
-    assert torch.equal(shifted[..., :5, :], stack[..., :5, :])  # views at the border see other pixels
 
 
 def test_the_estimate_helps_at_edges_near_focus():

@@ -53,7 +53,7 @@ BIN, FEWEST = 0.25, 6
 """Width of a bin of its disparities, in reduced pixels per view step; sure pixels that fill a bin."""
 NEAR = 3
 """Reduced pixels to each side over which pictures are averaged twice for their smooth parts."""
-SHADING = 0.35
+SHADING = 0.5
 """Share of the smooth parts that stays for the fit. Sheen on a wall moves as if it lay behind the wall, and vignetting
 as if it stood still; textures tell where a surface is, and where there are none, a share of the shading suffices."""
 MARGIN = 0.5
@@ -412,6 +412,8 @@ class DisparityRange(NamedTuple):
     """Mean."""
     high: float
     """Upper end."""
+    sure: tuple[float, float] | None = None
+    """Ends between which surfaces were found for sure; None: that was not examined."""
 
 
 @torch.no_grad()
@@ -448,10 +450,11 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
     filled = bins[counts >= max(FEWEST, swept.disparity.numel() // 1000)]
     if not len(filled):
         return None
-    low, high = float(filled[0]) * BIN, float(filled[-1]) * BIN
-    spare = MARGIN + SPARE * (high - low)
-    low, high = max(low - spare, -widest), min(high + spare, widest)
-    return DisparityRange(swept.factor * low, swept.factor * float(sure.mean()), swept.factor * high)
+    first, last = float(filled[0]) * BIN, float(filled[-1]) * BIN
+    spare = MARGIN + SPARE * (last - first)
+    low, middle, high = max(first - spare, -widest), float(sure.mean()), min(last + spare, widest)
+    low, middle, high, first, last = (swept.factor * value for value in (low, middle, high, first, last))
+    return DisparityRange(low, middle, high, (first, last))
 
 
 @torch.no_grad()

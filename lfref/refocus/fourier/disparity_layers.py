@@ -29,18 +29,20 @@ import logging
 import math
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional.neighbours import box_max
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.focus.slope_range import DisparityRange
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.exact import exact_fourier, frequencies, half_frequencies, shift_phases
 from lfref.refocus.fourier.layer_mixing import Frame
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells, wide_range
+from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum, shift_and_sum_through_cells, wide_range
 
 log = logging.getLogger(__name__)
 
@@ -51,6 +53,12 @@ REACH = 4.0
 SPACING = 1.25
 """Largest distance of neighbouring layers in the outermost view, in pixels: light between two layers is blurred by half
 of it."""
+CONFUSABLE = 2.5
+"""Range of disparities in pixels per view step from which layers confuse light at two disparities, e apart: detail of
+1 / e cycles per pixel, in a row or a column, looks alike at both, and pictures end at about .4 cycles per pixel."""
+RANGES, SHARES_OF_SPREAD = (5.0, 7.0), (0.15, 0.025)
+"""Largest difference of such a picture from the sum of its views, in standard deviations of the views, at two ranges of
+disparities; between them in proportion. By trial, on the scenes `deep` and `apple` of sim30, and `sim30.WIDE`."""
 FARTHEST = 0.25
 """Largest shift of the corner views that layers fit, as a share of the shorter side: beyond it, layers are fitted
 mostly to what lies outside of the views, and a sum of the views is better."""
@@ -156,8 +164,10 @@ def _held(sample: _Sample, views: Tensor, known: DisparityRange | None) -> tuple
     n_below, n_above = (max(math.ceil(min(side, limit - STEP) / STEP), 0) for side in (-low, high))
     wide = _maximised(sample, torch.arange(-n_below, n_above + 1, dtype=torch.float64) * STEP)
     least = max(LEAST_SHARE, OVER_NOISE * float(wide.shares.quantile(0.25)))
-    held = wide.disparities[wide.shares >= min(least, float(wide.shares.max()))]
-    return float(held.min()) - STEP / 2, float(held.max()) + STEP / 2
+    held = wide.disparities[wide.shares >= min(least, float(wide.shares.max()))].tolist()
+    # Spectra miss surfaces that fill little of the picture, which the sweep over small views has found.
+    found = () if known is None or known.sure is None else known.sure
+    return min([*held, *found]) - STEP / 2, max([*held, *found]) + STEP / 2
 
 
 def _maximised(sample: _Sample, disparities: Tensor) -> Energies:
@@ -323,8 +333,9 @@ def refocus_by_layers(
         is_free = disparities is None and fill == 1 and border == "edge"
         if is_free and exceeds_layers(energies, radiance, aperture):
             stacks.append(shift_and_sum_through_cells(radiance, planes, aperture))
-        else:
-            stacks.append(refocus_by_energies(radiance, planes, energies, aperture, ridge, width, border))
+            continue
+        stack = refocus_by_energies(radiance, planes, energies, aperture, ridge, width, border)
+        stacks.append(bounded_by_views(stack, radiance, planes, energies, aperture) if is_free else stack)
     return batches.restored(torch.stack(stacks), views)
 
 
@@ -347,6 +358,27 @@ def _warn_of_far_views() -> None:
         "layers do not fit views that move by over %.0f%% of their shorter side: shift-and-sum through cells is used",
         100 * FARTHEST,
     )
+
+
+def bounded_by_views(stack: Tensor, field: Tensor, planes: Tensor, energies: Energies, aperture: Tensor) -> Tensor:
+    """A stack [N, C, H, W] of layers; where they confuse light, no farther from the sum of the views than views differ.
+
+    Where all views agree, every point of the aperture would show the same, and the sum is the picture. Pixels that some
+    view does not see stay as they are.
+    """
+    reach = float(energies.disparities[-1] - energies.disparities[0])
+    if reach <= CONFUSABLE:
+        return stack
+    share = float(np.interp(reach, RANGES, SHARES_OF_SPREAD))
+    grid, size = batches.grid_and_size(field)
+    with torch.no_grad():
+        points = shift_and_sum(field, planes, "cubic", weights=aperture)
+        squares = shift_and_sum(field.square(), planes, "cubic", weights=aperture)
+        spread = (squares - points.square()).clamp(min=0).sqrt().amax(1, keepdim=True)
+        bound = share * box_max(spread, 3)
+        is_covered = coverage(planes, grid, size, weights=aperture)[:, None] > 0.999  # 1, but for rounding
+        bound = torch.where(is_covered.to(bound.device), bound, torch.inf)
+    return torch.maximum(torch.minimum(stack, points + bound), points - bound)
 
 
 def refocus_by_energies(

@@ -204,7 +204,8 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
     searched = scene_range(views, weights, positions) if _move_far(lines) else None
     if searched is not None and max(-searched.low, searched.high) > BEYOND * factor:
         return searched
-    return DisparityRange(*(factor * value for value in _range_of_lines(lines, 1, WINDOW)))
+    in_pixels = _range_of_lines(lines, 1, WINDOW)
+    return DisparityRange(factor * in_pixels.low, factor * in_pixels.middle, factor * in_pixels.high)
 
 
 @torch.no_grad()

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from torch.nn import functional as F
 
 from lfref.errors import InputError
 from lfref.refocus import apertures, batches
@@ -229,3 +230,25 @@ def test_small_fields_have_layers_that_they_can_be_shifted_by(shape):
     aperture = batches.checked_weights(None, shape[:2])
     disparities, _ = estimate_energies(torch.rand(shape), 3, aperture)
     assert bool(disparities.isfinite().all())
+
+
+def over(reach):
+    """Energies of layers over a range of disparities."""
+    return module.Energies(torch.tensor([0.0, reach], dtype=torch.float64), torch.full((2,), 0.5, dtype=torch.float64))
+
+
+def test_a_picture_of_confused_layers_stays_near_the_sum_where_views_agree():
+    views = texture(1, 64, 72).expand(5, 5, 1, 64, 72).clone()  # all at disparity 0
+    views[:, :, :, :24] += 0.1 * torch.randn(5, 5, 1, 24, 72)
+    stack, planes = torch.rand(1, 1, 64, 72, dtype=torch.float64), torch.zeros(1, dtype=torch.float64)
+    aperture = batches.checked_weights(None, (5, 5))
+    mean, spread = views.mean((0, 1)), views.std((0, 1), correction=0)
+    nearest = F.max_pool2d(spread[None], 3, 1, 1)[0]
+    assert torch.equal(module.bounded_by_views(stack, views, planes, over(2.4), aperture), stack)
+    for reach, share in ((3.0, 0.15), (6.0, 0.0875), (20.0, 0.025)):
+        bounded = module.bounded_by_views(stack, views, planes, over(reach), aperture)
+        torch.testing.assert_close(bounded[0, :, 26:], mean[:, 26:], atol=1e-6, rtol=0)
+        off = ((bounded[0] - mean).abs() / nearest)[:, 1:22]
+        assert float(off.max()) == pytest.approx(share, rel=1e-3)
+        shifted = module.bounded_by_views(stack, views, planes + 3, over(reach), aperture)
+        assert torch.equal(shifted[..., :5, :], stack[..., :5, :])  # views at the border see other pixels

@@ -291,14 +291,14 @@ def test_one_row_or_column_of_views_is_enough(grid):
 
 @pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50)])
 def test_nothing_seen_is_0(views):
-    assert disparity_range(views) == (0.0, 0.0, 0.0)
+    assert disparity_range(views)[:3] == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("rubbish", [torch.nan, torch.inf])
 def test_samples_that_are_not_finite_make_no_range(rubbish):
     views = smooth_views(1.0)
     views[3, 3, 0, 80, 80] = rubbish
-    assert disparity_range(views) == (0.0, 0.0, 0.0)
+    assert disparity_range(views)[:3] == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("size", [(1, 64), (64, 1)])
