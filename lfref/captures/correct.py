@@ -25,7 +25,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
-VERSION = 1
+VERSION = 2
 """Version of all corrections, a part of cache keys; raise it when corrected light fields change."""
 SMALLEST = 32
 """Least height and width of views: 8 of the 4-pixel blocks in which brightness is compared."""

@@ -140,7 +140,7 @@ def test_failures_that_can_be_known_before_any_work_come_first(words, message, l
         (("method=shift_and_sum", "planes=auto"), "planes of this command must be the same"),
         (("method=shift_and_sum", "slopes=[30]"), "must shift by less than half"),
         (("name=../else",), "name must be that of a file"),
-        (("checkpoint=none.ckpt",), "no checkpoint at"),
+        (("checkpoint=none.ckpt",), "none.ckpt cannot be read; got no such file"),
         (("method=shift_and_sum", "format=safetensors", "slopes=[0]"), "safetensors must be of a network"),
     ],
 )
