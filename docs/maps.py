@@ -4,6 +4,7 @@ Tables of `refocusing.md` and `captures.md`, on scenes of sim30. Letters: `v u` 
 """
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Iterator
 
 import torch
@@ -59,6 +60,24 @@ def _row(title: str, shares: list[list[float]]) -> str:
     return f"| {title} | {median:.4f} | {' | '.join(f'{share:.1f}' for share in within)} |"
 
 
+def wide_disparities() -> Iterator[str]:
+    """Range of slopes that `lfref info` finds on scenes of wide baselines, and errors of `disparity_map`."""
+    yield "| scene | disparities, px | range found | covers, % | times as wide | median error, px | BadPix(.07), % |"
+    yield "|---|---|---|---|---|---|---|"
+    for name, scene in sim30.WIDE.items():
+        simulated = lfref.simulate(scene, outputs=("views", "disparity"))
+        truth = simulated.disparity
+        low, high = lfref.inspect(LightField(simulated.views)).slopes or (math.nan, math.nan)
+        ends = float(truth.min()), float(truth.max())
+        covers = 100 * float(((truth >= low) & (truth <= high)).float().mean())
+        errors = (lfref.disparity_map(simulated.views).disparity - truth).abs()[WIDE:-WIDE, WIDE:-WIDE]
+        cells = [name, f"{ends[0]:g} to {ends[1]:g}", f"{low:.1f} to {high:.1f}", f"{covers:.1f}"]
+        cells += [f"{(high - low) / (ends[1] - ends[0]):.2f}", f"{float(errors.median()):.3f}"]
+        yield f"| {' | '.join([*cells, f'{100 * float((errors > 0.07).float().mean()):.1f}'])} |"
+    yield ""
+    yield f"BadPix(.07): share of pixels off by more than .07 px per view step, without {WIDE} px of the border."
+
+
 def missing_views() -> Iterator[str]:
     """PSNR of pictures from part of the views against those of the whole aperture's truth."""
     steps = torch.arange(7)
@@ -87,4 +106,8 @@ def _quality(operator: Callable[..., Tensor], weights: Tensor, scenes: Iterable[
     return float(torch.stack(psnr_db).mean())
 
 
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"disparities": disparities, "missing_views": missing_views}
+TABLES: dict[str, Callable[[], Iterator[str]]] = {
+    "disparities": disparities,
+    "wide_disparities": wide_disparities,
+    "missing_views": missing_views,
+}
