@@ -268,11 +268,14 @@ def correct_by_option(
         corrected, corrections = estimate_and_correct(field, white, in_place=in_place)
     else:
         corrected, corrections = correct(field, white, option)
-    if even_grid_for is None or corrected.positions is field.positions:
-        return corrected, corrections
     name = registration.SpacingDefect.name
-    corrections = corrections.skipping({name: f"{corrections[name].summary()}, but {even_grid_for}"})
-    return dataclasses.replace(corrected, positions=field.positions), corrections
+    if even_grid_for is None or name not in corrections.active or corrected.positions is None:
+        return corrected, corrections
+    spacing = corrections[name]
+    assert isinstance(spacing, registration.SpacingDefect)
+    positions = None if field.positions is None else corrected.positions / torch.tensor([spacing.ratio, 1.0])
+    corrections = corrections.skipping({name: f"{spacing.summary()}, but {even_grid_for}"})
+    return dataclasses.replace(corrected, positions=positions), corrections
 
 
 def estimate_and_correct(
@@ -295,7 +298,7 @@ def estimate_and_correct(
         if defect.reason_to_skip() is not None:
             return False
         corrected = defect.corrected(field)
-        if in_place and corrected.views is not field.views:
+        if in_place and corrected.views is not field.views and corrected.views.shape == field.views.shape:
             field.views.copy_(corrected.views)
             corrected = dataclasses.replace(corrected, views=field.views)
         field = corrected

@@ -75,10 +75,11 @@ class ViewOrderDefect:
 
 
 def transposed(field: LightField) -> LightField:
-    """Rows of views as columns."""
-    weight = None if field.weight is None else field.weight.transpose(0, 1)
+    """Rows of views as columns, in memory of their own."""
+    weight = None if field.weight is None else field.weight.transpose(0, 1).contiguous()
     positions = None if field.positions is None else field.positions.transpose(0, 1).flip(-1)
-    return dataclasses.replace(field, views=field.views.transpose(0, 1), weight=weight, positions=positions)
+    views = field.views.transpose(0, 1).contiguous()
+    return dataclasses.replace(field, views=views, weight=weight, positions=positions)
 
 
 def _rows_reversed(field: LightField) -> LightField:

@@ -45,7 +45,7 @@ BAND = 512
 NEIGHBOURS = [(y, x) for y in range(-2, 3) for x in range(-2, 3) if abs(y) + abs(x) <= 2]
 """Steps (y, x) to the pixels that enter an interpolated colour; the pixel itself is in the middle."""
 Mosaic = list[list[str]]
-"""Colours, keys of `COLOURS`, of the pixels (0, 0), (0, 1), (1, 0) and (1, 1), [2][2]."""
+"""Two rows of two colours, keys of `COLOURS`: of the pixels (0, 0) and (0, 1), then of (1, 0) and (1, 1)."""
 COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
 """Colour of a pixel of the mosaic (green in rows of red, green in rows of blue) -> channel."""
 

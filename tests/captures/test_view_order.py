@@ -7,6 +7,7 @@ import torch
 
 import lfref
 from lfref.captures import view_order
+from lfref.captures.correct import correct_by_option
 from lfref.captures.view_order import ViewOrderDefect
 from lfref.data.field_sources import SimulatedSource
 from lfref.io import cameras
@@ -140,3 +141,21 @@ def test_the_order_is_corrected_first_and_the_rest_as_in_our_order():
     assert torch.equal(corrected.views, views) or torch.equal(corrected.views, views.flip(0, 1))
     again = corrections.apply(LightField(turned(views, True, False, True)))
     assert torch.equal(again.views, corrected.views)
+
+
+@pytest.mark.parametrize("columns", [5, 4])
+def test_the_order_is_corrected_in_place_too(columns):
+    views = layered_views(1.2, -0.6, (96, 120))[0].float()[:, :columns]
+    stored = turned(views, True, False, True).clone()
+    corrected, corrections = correct_by_option(LightField(stored), "auto", in_place=True)
+    assert "view_order" in corrections.active
+    assert torch.equal(corrected.views, views) or torch.equal(corrected.views, views.flip(0, 1))
+
+
+def test_a_method_that_needs_an_even_grid_gets_the_cameras_in_the_corrected_order():
+    views = layered_views(1.2, -0.6, (96, 120))[0].float()
+    given = torch.from_numpy(cameras.even_positions(views.shape[:2])).clone()
+    given[0, 0] += 0.1
+    stored = LightField(turned(views, False, False, True), positions=given.transpose(0, 1).flip(-1))
+    corrected, _ = correct_by_option(stored, "auto", even_grid_for="it needs an even grid")
+    torch.testing.assert_close(corrected.positions, given)
