@@ -131,7 +131,7 @@ class Inspection:
         span = "unknown"
         if self.slopes is not None:
             low, high = self.slopes
-            span = f"{low:.3g} to {high:.3g} px per view step ({self.confident_share:.0%} of the picture is reliable)"
+            span = f"{low:.3g} to {high:.3g} px per view step ({self.confident_share:.0%} of the textures are reliable)"
         chosen_by = "planes=auto" if self.slopes else "planes=auto, the default where slopes are unknown"
         rows = [
             ("name", field.name),

@@ -1,9 +1,8 @@
 """Order of the views: files that count views down the columns, or along one axis in the other direction.
 
-Every order is tried on a few small views: the order is the one whose steps explain the motion between views. A plane
-sweep leaves some variance unexplained at each pixel; a pixel votes for the order that leaves a quarter of the variance
-of the other, or less. Reversing both axes only exchanges near and far: four of eight orders differ in a
-picture.
+The order is the one whose steps explain the motion between a few small views. A plane sweep leaves some variance
+unexplained at each pixel; a pixel votes for an order that leaves at most a quarter of the variance of the other order.
+Reversing both axes only exchanges near and far, so that four of the eight orders make different pictures.
 1. Transposition, for the column and for the row of views through the centre: they move the picture along y and x, or,
    transposed, along x and y. Both must vote for it: stripes seem to move across themselves, whatever moves them.
 2. Reversal: the views of both lines must agree about one disparity.
@@ -25,8 +24,8 @@ from lfref.refocus.focus.slope_range import FLOOR, SURE, UNSURE, ReducedViews, S
 CLEARLY = 4.0
 """Times the variance that another order must leave at a pixel before the pixel votes, by trial."""
 VOTES = 0.03
-"""Share of the picture that must vote for another order: of 40 scenes and captures in the right order, none has a
-pixel in a thousand for another one, and all but stripes have 5 % for their own."""
+"""Share of the picture that must vote for another order. Of 40 scenes and captures, read in another order, all but the
+two with stripes in one direction have at least 4 %; in the right order, at most a pixel in a thousand votes."""
 MAJORITY = 10.0
 """Votes for an order to each vote against it, by trial."""
 MOVING = 3 * UNSURE

@@ -7,7 +7,8 @@
    the view from the reference, e is the rounding error of the shift by whole pixels, and r is the disparity minus s.
    Each pixel takes the slope that leaves the least unexplained. The sweep covers disparities of many pixels and the
    fit fractions, so that a few slopes suffice; the variance of r is the uncertainty of a pixel. The sweep runs twice:
-   over a wide range on even smaller views, then over the range that this gives.
+   over all slopes on even smaller views, then over the range that this gives. Smooth shading weighs less than
+   textures.
 3. `slope_range`: quantiles of the disparities that are sure and lie on a surface.
 4. `scene_range`: one sweep over all slopes at which views overlap. It keeps small surfaces, and is wider than the
    scene: methods look for disparities within it.
@@ -54,8 +55,9 @@ BIN, FEWEST = 0.25, 6
 NEAR = 3
 """Reduced pixels to each side over which pictures are averaged twice for their smooth parts."""
 SHADING = 0.5
-"""Share of the smooth parts that stays for the fit. Sheen on a wall moves as if it lay behind the wall, and vignetting
-as if it stood still; textures tell where a surface is, and where there are none, a share of the shading suffices."""
+"""Share of the smooth parts that stays for the fit, by trial. Sheen on a wall moves as if it lay behind the wall, and
+vignetting as if it stood still; textures show where a surface is. Where there are none, this share of the shading is
+enough; with .35, vignetting of glossy scenes is corrected wrongly."""
 MARGIN = 0.5
 """Reduced pixels per view step that the second sweep goes beyond the result of the first."""
 UNSURE = 0.03

@@ -166,8 +166,8 @@ def _held(sample: _Sample, views: Tensor, known: DisparityRange | None) -> tuple
     least = max(LEAST_SHARE, OVER_NOISE * float(wide.shares.quantile(0.25)))
     held = wide.disparities[wide.shares >= min(least, float(wide.shares.max()))].tolist()
     # Spectra miss surfaces that fill little of the picture, which the sweep over small views has found.
-    found = () if known is None or known.sure is None else known.sure
-    return min([*held, *found]) - STEP / 2, max([*held, *found]) + STEP / 2
+    surfaces = () if known is None or known.sure is None else known.sure
+    return min([*held, *surfaces]) - STEP / 2, max([*held, *surfaces]) + STEP / 2
 
 
 def _maximised(sample: _Sample, disparities: Tensor) -> Energies:
