@@ -174,8 +174,12 @@ def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
 def summary(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
     """Means of `rows` over scenes, and over planes unless `keys` name their columns.
 
+    In means, `psnr_db` and `alone_db` count by at most `MEAN_CAP_DB`; the differences `cost_db` and `won_db` are whole.
+
     Returns:
         Columns `cause, method, is_base, *keys, psnr_db, cost_db, alone_db, won_db, scenes`.
     """
-    groups = rows.groupby(["cause", "method", "is_base", *keys], sort=False, dropna=False)
+    in_db = ["psnr_db", "alone_db"]
+    counted = rows.assign(**rows[in_db].clip(upper=evaluation.MEAN_CAP_DB))
+    groups = counted.groupby(["cause", "method", "is_base", *keys], sort=False, dropna=False)
     return groups[MEASURES].mean().assign(scenes=groups["scene"].nunique()).reset_index()

@@ -43,10 +43,12 @@ from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import developed, simulate, white_picture
 
-IDEAL, SENSOR, CORRECTED, WIDE = "ideal", "sensor", "corrected", "wide"
-"""Classes of scenes in the tables: without a sensor; with one; the latter corrected; with views far apart."""
+IDEAL, SENSOR, CORRECTED, WIDE, ALIASED = "ideal", "sensor", "corrected", "wide", "aliased"
+"""Classes of scenes in the tables: without a sensor; with one; the latter corrected; with views far apart; and with
+textures and edges that alias, as photographs have them, without a sensor."""
 CAPTURE, HOLD_OUT = "capture", "hold_out"
-"""Classes of captures in the tables: all views; some of them, the others held out."""
+"""Classes of captures in the tables: all views; some of them, the others held out. The held-out views are evidence of
+the second rank: they know edges no better than views do, and misrank methods there."""
 N_WIDE_PLANES = 8
 """Planes of a scene of the class `wide`, evenly spaced over its own disparities."""
 TRUTH, DENSE = "truth", "dense_integral"
@@ -126,6 +128,12 @@ def scene_cases(
         if correction != "none":
             white = white_picture(scene, light) if correction == "white" else None
             yield replace(case, kind=CORRECTED, light=correct_by_option(light, AUTO, white, EVEN_GRID)[0])
+
+
+def aliased_cases(scenes: Iterable[Scene], slopes: Tensor, device: torch.device) -> Iterator[EvaluationCase]:
+    """Scenes of aliased textures, without their sensors, with their truth at these slopes [N]."""
+    for scene in scenes:
+        yield replace(ideal_case(scene, slopes, device), kind=ALIASED)
 
 
 def wide_cases(scenes: Iterable[Scene], device: torch.device) -> Iterator[EvaluationCase]:
@@ -216,6 +224,9 @@ SERIES = ["class", "method", "reference"]
 """Columns that tell one line of a plot from another."""
 COLUMNS = [*MEASURES, *(WHOLE + name for name in MEASURES), "exact_psnr_db"]
 """Measures of a row; the last one is PSNR against exact Fourier refocusing of the same views."""
+MEAN_CAP_DB = 70.0
+"""A PSNR counts in a mean by at most this much: errors below 1/3000 of white are seen by nobody, and a few planes that
+are next to perfect would outweigh many that are not. Medians and worst cases are not capped."""
 
 
 @torch.no_grad()
@@ -269,22 +280,34 @@ def by_scene(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_class(rows: pd.DataFrame) -> pd.DataFrame:
-    """Means over all scenes and planes of a class: `SERIES, COLUMNS, worst_psnr_db, worst_scene, scenes`.
+    """Means over all scenes and planes of a class, beside the median and the worst plane.
 
-    `worst_psnr_db` is the mean PSNR of the worst scene; `brightness_error` the largest distance of a plane's brightness
-    from 1.
+    Columns `SERIES, COLUMNS, worst_psnr_db, worst_scene, median_psnr_db, worst_plane_db, worst_plane, scenes,
+    brightness_error`: `worst_psnr_db` is the mean PSNR of the worst scene; `worst_plane` names scene and slope of the
+    worst single plane; `brightness_error` is the largest distance of a plane's brightness from 1.
     """
-    scenes = _means_and_worst(by_scene(rows), SERIES, "worst_scene", "scene")
+    planes = _means_and_worst(
+        rows.assign(plane=rows["scene"] + rows["slope"].map(" at slope {:.3g}".format)), SERIES, "worst_plane", "plane"
+    )
+    scenes = _means_and_worst(by_scene(rows), SERIES, "worst_scene", "scene").set_index(SERIES)
     groups = rows.assign(brightness_error=(rows["brightness"] - 1).abs()).groupby(SERIES, sort=False)
     more = groups.agg(scenes=("scene", "nunique"), brightness_error=("brightness_error", "max"))
-    return scenes.join(more, on=SERIES)
+    own = planes.rename(columns={"worst_psnr_db": "worst_plane_db"}).set_index(SERIES)
+    scenes["median_psnr_db"] = own["median_psnr_db"]
+    return scenes.join(own[["worst_plane_db", "worst_plane"]]).join(more).reset_index()
 
 
 def _means_and_worst(table: pd.DataFrame, keys: list[str], name: str, source: str) -> pd.DataFrame:
-    """Means over groups of rows, the least PSNR of each group, and, as column `name`, the `source` of that row."""
+    """Means and the median over groups of rows, the least PSNR, and, as column `name`, the `source` of that row.
+
+    In means, every PSNR is capped at `MEAN_CAP_DB`.
+    """
     # A PSNR that is not a number is worse than any number.
     table = table.reset_index(drop=True).fillna({"psnr_db": -math.inf})
     groups = table.groupby(keys, sort=False, dropna=False)
     worst = table.loc[groups["psnr_db"].idxmin()]
     columns = {"worst_psnr_db": worst["psnr_db"].to_numpy(), name: worst[source].to_numpy()}
-    return groups[COLUMNS].mean().assign(**columns).reset_index()
+    in_db = [column for column in COLUMNS if column.endswith("psnr_db")]
+    counted = table.assign(**table[in_db].clip(upper=MEAN_CAP_DB)).groupby(keys, sort=False, dropna=False)
+    median = groups["psnr_db"].median()
+    return counted[COLUMNS].mean().assign(**columns, median_psnr_db=median).reset_index()

@@ -5,7 +5,6 @@ before and after the call, with the views in memory and the operator warmed up o
 libraries and compilation do not count. The process makes random views of its own, so that it needs only a description.
 """
 
-import ctypes
 import functools
 import math
 import multiprocessing
@@ -20,6 +19,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
+from lfref.functional import memory
 
 Result = TypeVar("Result")
 
@@ -90,10 +90,7 @@ def resident(device: torch.device) -> int | None:
         return torch.cuda.memory_allocated(device)
     if not _can_measure():
         return None
-    # The C library keeps freed memory; a call that reuses it would seem to need none.
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)
+    memory.trim()  # a call that reuses freed memory would seem to need none
     return _status_bytes("VmRSS")
 
 

@@ -136,11 +136,17 @@ def distances(
 
 
 def by_plane(rows: Iterable[Row]) -> pd.DataFrame:
-    """Mean and worst PSNR of `distances` over scenes: `method, alpha, slope, mean_db, worst_db, worst_scene`."""
+    """Mean, median and worst PSNR of `distances` over scenes; in the mean, each counts by at most `MEAN_CAP_DB`.
+
+    Returns:
+        Columns `method, alpha, slope, mean_db, median_db, worst_db, worst_scene`.
+    """
     table = pd.DataFrame(rows)
-    groups = table.groupby(["method", "alpha", "slope"], sort=False, dropna=False)["psnr_db"]
-    worst = table["scene"][groups.idxmin()].to_numpy()
-    return groups.agg(mean_db="mean", worst_db="min").assign(worst_scene=worst).reset_index()
+    table["mean_db"] = table["psnr_db"].clip(upper=evaluation.MEAN_CAP_DB)
+    groups = table.groupby(["method", "alpha", "slope"], sort=False, dropna=False)
+    worst = table["scene"][groups["psnr_db"].idxmin()].to_numpy()
+    values = {"mean_db": ("mean_db", "mean"), "median_db": ("psnr_db", "median"), "worst_db": ("psnr_db", "min")}
+    return groups.agg(**values).assign(worst_scene=worst).reset_index()
 
 
 @torch.no_grad()

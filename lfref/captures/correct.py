@@ -4,10 +4,11 @@
 in the light field that the corrections before it return.
 """
 
+import bz2
 import dataclasses
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
@@ -19,7 +20,7 @@ from torch.nn import functional as F
 from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, view_order, vignetting
 from lfref.captures.registration import Registration
 from lfref.errors import FileError, InputError
-from lfref.functional import noise_line
+from lfref.functional import memory, noise_line
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
@@ -32,9 +33,9 @@ SMALLEST = 32
 TEXTURE, LEAST_TEXTURED = 0.01, 0.1
 """Difference of the root of light of neighbours in a texture, and part of the picture with textures from which views
 that do not fit together cannot be compared in brightness."""
-FORMAT = "lfref corrections 2"
-FORMATS = "lfref corrections 1", FORMAT
-"""Formats that are read; the first one held tensors as they are, up to 60 MB of them."""
+FORMAT = "lfref corrections 3"
+FORMATS = "lfref corrections 1", "lfref corrections 2", FORMAT
+"""Formats that are read; the first one held tensors as they are, up to 60 MB of them, the second one gains to 1e-4."""
 FORMER_FIELDS = {
     "hot_pixels": {"places": "samples"},
     "spacing": {"found": "estimate"},
@@ -297,6 +298,7 @@ def estimate_and_correct(
         defects.append(defect)
         if defect.reason_to_skip() is not None:
             return False
+        memory.trim_for(field.views)
         corrected = defect.corrected(field)
         if in_place and corrected.views is not field.views and corrected.views.shape == field.views.shape:
             field.views.copy_(corrected.views)
@@ -409,56 +411,90 @@ def load(path: str | Path) -> Corrections:
             values = {current.get(field, field): unpacked(value) for field, value in fields.items()}
             defects.append(kinds[name](**values))
         return Corrections(tuple(content["grid"]), tuple(content["size"]), tuple(defects))
-    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, zlib.error) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, OSError, EOFError, zlib.error) as error:
         got = f"entries that cannot be read ({error})"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
 
 
-# Tensors in files. Which samples are hot or black has long runs of equal values. Gains are smooth: where a coarse map
-# says them, what it leaves out is 0.
+# Tensors in files. Which samples are hot or black has long runs of equal values. Gains of a white picture are stored as
+# 2 sqrt(gain), in which the noise of light is the same at all gains, level by level: each level holds rounded means,
+# over blocks of pixels or over all views, of what the levels before it leave over. The last level is 0 but for sharp
+# dust and rims, since noise is less than half its step.
 
 LARGE = 1 << 12  # values from which a tensor is packed: smaller ones take kilobytes
-GAIN_STEP = 2e-4  # of the logarithm of a gain: half of it is its largest error, so that no picture changes by 1e-4
-LEAST_PACKED = 1e-3  # least gain that is kept: samples below 0.02 have no weight
-COARSE = 16  # pixels, the distance of the samples of the coarse map
+LEVELS = (False, 16, 6e-3), (False, 4, 3e-3), (False, 2, 6e-3), (True, 1, 1.5e-3), (False, 1, 14e-3)
+"""Whether a level is the mean of all views (lenslets), the side of its blocks in pixels, and its step in 2 sqrt(gain).
+Half the last step is 3.5 standard deviations of the noise that `vignetting.NOISE` allows; means have less noise, and
+their errors remain in refocused pictures."""
+LEAST_PACKED, MOST_PACKED = 0.01, 1e3  # gains that are kept: samples below 0.02 have no weight
+ZERO = 128  # added to the values of levels: small negative values then have the same upper byte as small positive ones
 MOST_VALUES = 1 << 31  # of a packed tensor: a damaged file may ask for any number
+FORMER_STEP = 2e-4  # of log(gain) in files of format 2 by earlier versions, which add a coarse map
 
 
 def packed(value: Any) -> Any:
-    """A value of a file: large tensors as compressed bytes, gains [..., H, W] to `GAIN_STEP`, all others exactly."""
-    if not isinstance(value, Tensor) or value.numel() < LARGE:
+    """A value of a file: large tensors as compressed bytes, gains [V, U, C, H, W] as `LEVELS`, all others exactly."""
+    if not isinstance(value, Tensor) or value.numel() < LARGE or (value.is_floating_point() and value.ndim != 5):
         return value
     entry: dict[str, Any] = {"shape": tuple(value.shape), "type": str(value.dtype).removeprefix("torch.")}
     if value.is_floating_point():
-        logarithm = value.float().clamp(min=LEAST_PACKED).log().reshape(1, -1, *value.shape[-2:])
-        entry["coarse"] = F.interpolate(
-            logarithm, [-(-length // COARSE) for length in value.shape[-2:]], mode="area"
-        ).half()
-        value = ((logarithm - _smooth(entry)) / GAIN_STEP).round().int()
+        rest = value.flatten(0, 1).float().clamp_(LEAST_PACKED, MOST_PACKED).sqrt_().mul_(2)
+        levels = []
+        for shape, step in _levels(value.shape):
+            means = rest.mean(0, keepdim=True) if shape[0] == 1 else rest
+            level = (_resized(means, shape, "area") / step).round_()
+            rest -= _resized(level * step, value.shape, "bilinear")
+            levels.append(level.short().flatten())
+        value = torch.cat(levels) + ZERO
     else:
         value = value.to(torch.uint8 if value.dtype == torch.bool else torch.int32)
     # The bytes of one significance lie together: most of them are equal.
     planes = value.contiguous().reshape(-1, 1).view(torch.uint8).T.contiguous()
-    entry["bytes"] = torch.frombuffer(bytearray(zlib.compress(planes.numpy().tobytes())), dtype=torch.uint8)
+    entry["bytes"] = torch.frombuffer(bytearray(bz2.compress(planes.numpy())), dtype=torch.uint8)
     return entry
 
 
 def unpacked(entry: Any) -> Any:
-    """The value that `packed` turned into a value of a file."""
+    """The value that `packed`, of this version or an earlier one, turned into a value of a file."""
     if not isinstance(entry, dict):
         return entry
-    count = math.prod(entry["shape"])
+    shape, count = entry["shape"], math.prod(entry["shape"])
     if count > MOST_VALUES:
         raise ValueError(f"{count} values")
-    stored, n_bytes = (torch.uint8, 1) if entry["type"] == "bool" else (torch.int32, 4)
-    content = zlib.decompressobj().decompress(entry["bytes"].numpy().tobytes(), n_bytes * count)
-    planes = torch.frombuffer(bytearray(content), dtype=torch.uint8).reshape(n_bytes, count)
-    values = planes.T.contiguous().view(stored)
-    if "coarse" in entry:
-        return (values.reshape(1, -1, *entry["shape"][-2:]) * GAIN_STEP + _smooth(entry)).exp().reshape(entry["shape"])
-    return values.reshape(entry["shape"]).to(getattr(torch, entry["type"]))
+    content, dtype = entry["bytes"].numpy().tobytes(), getattr(torch, entry["type"])
+    is_former = not content.startswith(b"BZh")
+    if dtype.is_floating_point and not is_former:
+        levels = _levels(shape)
+        sizes = [math.prod(shape) for shape, _ in levels]
+        parts = _from_planes(content, sum(sizes), torch.int16).split(sizes)
+        root = torch.zeros(math.prod(shape[:2]), *shape[2:])
+        for part, (level, step) in zip(parts, levels, strict=True):
+            root += _resized((part.reshape(level) - ZERO) * step, shape, "bilinear")
+        return root.div_(2).square_().to(dtype).reshape(shape)
+    values = _from_planes(content, count, torch.uint8 if dtype == torch.bool else torch.int32)
+    if dtype.is_floating_point:
+        coarse = F.interpolate(entry["coarse"].float(), shape[-2:], mode="bicubic")
+        return (values.reshape(1, -1, *shape[-2:]) * FORMER_STEP + coarse).exp().reshape(shape)
+    return values.reshape(shape).to(dtype)
 
 
-def _smooth(entry: Mapping[str, Any]) -> Tensor:
-    """The coarse map of a packed tensor at all of its pixels."""
-    return F.interpolate(entry["coarse"].float(), entry["shape"][-2:], mode="bicubic")
+def _levels(shape: Sequence[int]) -> list[tuple[tuple[int, int, int, int], float]]:
+    """Shape [views, C, H, W] and step of each level of gains [V, U, C, H, W]."""
+    n_rows, n_columns, n_channels, height, width = shape
+    return [
+        ((1 if is_mean else n_rows * n_columns, n_channels, -(-height // side), -(-width // side)), step)
+        for is_mean, side, step in LEVELS
+    ]
+
+
+def _resized(level: Tensor, shape: Sequence[int], mode: str) -> Tensor:
+    """A level with other numbers of rows and columns, those at the end of a shape."""
+    return level if level.shape[-2:] == tuple(shape[-2:]) else F.interpolate(level, tuple(shape[-2:]), mode=mode)
+
+
+def _from_planes(content: bytes, count: int, dtype: torch.dtype) -> Tensor:
+    """Values whose bytes were compressed significance by significance, by bz2 or, in earlier versions, by zlib."""
+    decompressor = bz2.BZ2Decompressor() if content.startswith(b"BZh") else zlib.decompressobj()
+    # No more is unpacked than the shape asks for, whatever a damaged file holds.
+    planes = torch.frombuffer(bytearray(decompressor.decompress(content, dtype.itemsize * count)), dtype=torch.uint8)
+    return planes.reshape(dtype.itemsize, count).T.contiguous().view(dtype).flatten()

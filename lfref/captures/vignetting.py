@@ -15,6 +15,7 @@ Source: Goldman and Chen, "Vignette and Exposure Calibration and Compensation", 
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -82,19 +83,31 @@ class VignettingDefect:
 
     def gain(self, field: LightField) -> Tensor:
         """Light that reaches each sample, relative to the middle of the central view, float32, [V, U, C or 1, H, W]."""
-        if self.white is not None:
-            return self.white.float()
+        return torch.stack(list(self._gain_of_rows(field)))
+
+    def _gain_of_rows(self, field: LightField) -> Iterator[Tensor]:
+        """`gain` of one view row after the other."""
         y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(*field.size) for length in field.size)
-        q, p = registration.positions_of(field).float().unflatten(0, field.grid)[..., None, None].unbind(2)
-        return (rim_gain(self._rim, y[:, None], x, q, p) * falloff_gain(self._rim, y[:, None], x))[:, :, None]
+        falloff = falloff_gain(self._rim, y[:, None], x)
+        positions = registration.positions_of(field).float().unflatten(0, field.grid)[..., None, None]
+        for v, (q, p) in enumerate(zip(*positions.unbind(2), strict=True)):
+            if self.white is not None:
+                yield self.white[v].float()
+            else:
+                yield (rim_gain(self._rim, y[:, None], x, q, p) * falloff)[:, None]
 
     def corrected(self, field: LightField) -> LightField:
         """Samples divided by their gain; those with next to no light stay as they are and have no weight."""
-        gain = self.gain(field).to(field.views.device)
-        weight = ((gain.mean(2, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1).to(field.views.dtype)
-        divided = (field.views / gain.clamp(min=UNTRUSTED)).to(field.views.dtype)
-        views = torch.where(weight > 0, divided, field.views)
-        weight = weight if field.weight is None else weight * field.weight
+        views = torch.empty_like(field.views)
+        weight = views.new_empty(*field.grid, 1, *field.size)
+        # One view row at a time: gains and quotients of all views take as much memory as these.
+        for v, row_gain in enumerate(self._gain_of_rows(field)):
+            gain = row_gain.to(views.device)
+            weight[v] = ((gain.mean(1, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1)
+            divided = (field.views[v] / gain.clamp(min=UNTRUSTED)).to(views.dtype)
+            views[v] = torch.where(weight[v] > 0, divided, field.views[v])
+        if field.weight is not None:
+            weight *= field.weight
         return dataclasses.replace(field, views=views, weight=None if bool((weight == 1).all()) else weight)
 
     @property

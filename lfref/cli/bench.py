@@ -69,10 +69,11 @@ def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> li
     return [source.field(index) for index in range(len(source))]
 
 
-def test_scenes(names: DictConfig | None) -> dict[str, Scene]:
-    """Scenes of sim30 by name; None: all thirty."""
-    selected = list(sim30.SCENES) if names is None else list(configs.plain(names))
-    return {name: chosen("sim30 scene", name, sim30.SCENES) for name in selected}
+def test_scenes(names: DictConfig | None, version: str) -> dict[str, Scene]:
+    """Scenes of a version of sim30 by name; None: all thirty."""
+    scenes = sim30.VERSIONS[version]
+    selected = list(scenes) if names is None else list(configs.plain(names))
+    return {name: chosen("sim30 scene", name, scenes) for name in selected}
 
 
 def write_facts(
@@ -104,7 +105,7 @@ def causes(config: DictConfig, folder: Path) -> None:
     plan = CauseSettings(fixed_planes(config), margin, configs.build(config.sensor), grids, device)
     remedies = list(configs.build(config.remedies).values())
     name_apart(remedies)
-    scenes = test_scenes(config.test_scenes)
+    scenes = test_scenes(config.test_scenes, "1")
     measured = pd.DataFrame(
         error_causes.rows(progress(list(scenes.values()), "measuring error causes"), remedies, plan)
     )
@@ -211,7 +212,7 @@ def _measure(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: int
 
 HELD_OUT = 2_000_003
 """Seed of the scenes drawn at random."""
-TIMES = ["median_s", "p10_s", "p90_s", "ratio_to_numpy_fft"]
+TIMES = ["median_s", "p10_s", "p90_s", "numpy_ffts"]
 
 
 def front(config: DictConfig, folder: Path) -> None:
@@ -233,7 +234,9 @@ def front(config: DictConfig, folder: Path) -> None:
     drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
     if len(by_plane):
         drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
-    write_facts(folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, margin=margin)
+    write_facts(
+        folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, aliased=sim30.VERSION_2, margin=margin
+    )
     n_scenes = evaluated["scene"].nunique()
     log.info("%s on %s: %s", counted(len(methods), "method"), counted(n_scenes, "scene"), folder / "bench.csv")
 
@@ -253,7 +256,8 @@ def _evaluation_cases(
         # Sets of planes are drawn from other seeds, so that no network has been trained on these scenes.
         held_out: RandomScenes = configs.build(config.held_out)
         varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
-        scenes = [*test_scenes(config.test_scenes).values(), *varied]
+        scenes = [*test_scenes(config.test_scenes, "1").values(), *varied]
+        aliased = list(test_scenes(config.test_scenes, "2").values()) if config.aliased else []
         wide = list(sim30.WIDE.values()) if config.wide else []
         if not (scenes or wide):
             remedy = "set test_scenes, varied or wide"
@@ -261,9 +265,11 @@ def _evaluation_cases(
         fields = [field.to(device) for field in light_fields(config, methods)]
         chosen("correct", config.correct, dict.fromkeys(CORRECTIONS))
         shown = progress(scenes, "evaluating against the truth")
+        aliased_shown = progress(aliased, "evaluating aliased scenes")
         wide_shown = progress(wide, "evaluating wide baselines")
         common = evaluation.scene_cases(shown, planes.slopes, device, config.correct)
-        return itertools.chain(common, evaluation.wide_cases(wide_shown, device)), fields
+        more = evaluation.aliased_cases(aliased_shown, planes.slopes, device)
+        return itertools.chain(common, more, evaluation.wide_cases(wide_shown, device)), fields
     corrected = (
         correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
         for field in light_fields(config, methods if config.thin is None else ())
@@ -327,7 +333,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     """Write `simulate.csv`, `passes.csv`, `rates.csv`, `truth.csv`, `alphas.csv` and their picture."""
     device, rounds = device_of(config.device), configured_rounds(config)
     planes = fixed_planes(config)
-    classes, scenes = test_scenes(config.classes), test_scenes(config.test_scenes)
+    classes, scenes = test_scenes(config.classes, "1"), test_scenes(config.test_scenes, "1")
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))
     n_workers = torch.get_num_threads() if device.type == "cpu" else 0

@@ -40,6 +40,7 @@ TABLE: dict[str, tuple[str, ...]] = {
         "lfref.refocus.occlusion_aware.occlusion_aware",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum_through_cells",
+        "lfref.refocus.wiener.wiener",
         "lfref.refocuser.refocuser.coplanar_homography",
         "lfref.refocuser.refocuser.even_stack",
         "lfref.refocuser.refocuser.focus",

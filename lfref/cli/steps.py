@@ -26,6 +26,7 @@ from lfref.cli import config as configs
 from lfref.cli import run_folder
 from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
+from lfref.functional import memory
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic, images
 from lfref.io import read as reader
@@ -36,12 +37,14 @@ from lfref.report.refocused import brightening
 
 MUCH_MEMORY = 4e9
 """Bytes from which a command warns before it takes them: half of what a common laptop has."""
-PROGRAM = 0.45e9
-"""Bytes that libraries take before any light field is read."""
-CORRECTING, REFOCUSING, COMPARING = 3.0, 2.0, 4.7
+PROGRAM = 0.63e9
+"""Bytes that libraries, compiled loops and filters take beside the light field."""
+CORRECTING, REFOCUSING, COMPARING = 3.0, 2.0, 2.9
 """Largest number of copies of the views that a capture needs while it is corrected, refocused by a method that sums
-views, and by one that compares them; the first is measured on 14x14 views of 383x552 pixels with weights, the others
-are estimates."""
+views, and by one that compares them. `PROGRAM` and the last are the line through the peaks (ru_maxrss) of `lfref view`,
+less its stacks, of 7x7 and 14x14 views of 375x540 pixels with black corners, whose views are filled: 1.10 and 2.14 GB.
+Views without weights take less (14x14: 1.60 GB). The others are upper bounds: correcting the 14x14 views took 1.93 GB,
+and summing them without correction 1.26 GB."""
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
@@ -187,6 +190,7 @@ def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) ->
                 begin(stage)
                 with _memory_errors(name):
                     result = step(name, result)
+                memory.trim()
         return
     outcomes: Iterable[Outcome] = ((name, path, None) for name, path in fields.items())
     first, *between, last = steps.values() if len(steps) > 1 else (lambda _, path: path, *steps.values())
@@ -223,6 +227,7 @@ def _run_step(step: Step, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
             try:
                 with _memory_errors(name):
                     result = step(name, result)
+                memory.trim()
             except Exception as error:  # whatever it is, it is about this light field
                 result, failure = None, error
         yield name, result, failure

@@ -21,6 +21,7 @@ from lfref.cli.steps import fixed_planes
 from lfref.errors import InputError, LfrefError, counted
 from lfref.io import run as runs
 from lfref.io.run import Run
+from lfref.refocuser.networks import SHIPPED
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement
 from lfref.train.modules import Fitting, cut_log
 from lfref.train.stopping import Stopping, one_line_errors
@@ -116,6 +117,11 @@ def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
     if "planes" in config.task:
         options = {"planes": fixed_planes(config), "is_linear": getattr(data, "is_linear", True)}
     module: Fitting = configs.build(config.task, **options)
+    if config.start is not None:
+        path = Path(config.start)
+        start = SHIPPED if config.start == "learned" else Run.of(path).best if path.is_dir() else path
+        module.start_from(start)
+        log.info("training starts from the weights of %s", config.start)
     return module
 
 

@@ -36,7 +36,7 @@ from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation, developed, white_picture
 
-VERSION = 3
+VERSION = 7
 """Version of the items of a recipe, to be raised when they change. Sets of earlier versions are prepared anew."""
 NEAR = 0.15
 """Largest distance of planes near focus from a disparity of the scene, in pixels per view step."""
@@ -58,8 +58,8 @@ class Recipe:
     """View rows and columns."""
     samples: tuple[int, ...] = (1, 2)
     """Samples of a camera along each axis of a pixel; with more than one, views alias."""
-    depths: tuple[float, ...] = (0.5, 1.0, 2.0)
-    """Factors of the scenes' disparities."""
+    depths: tuple[float, ...] = (0.5, 1.0, 1.0, 2.0, 5.0)
+    """Factors of the scenes' disparities; one entry is drawn for each scene."""
     plain: float = 0.35
     """Share of scenes with matte surfaces that stand still, and without a sensor: methods refocus them best."""
     flat: float = 0.5

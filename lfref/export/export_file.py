@@ -16,7 +16,6 @@ from torch import Tensor, nn
 from lfref.engines.engine import BF16, FP16, FP32, NetworkFunction
 from lfref.engines.files import file_formats
 from lfref.engines.files.file_formats import FORMATS
-from lfref.engines.files.manifest import Manifest, digest
 from lfref.errors import InputError, LfrefError, chosen
 from lfref.export import parity
 from lfref.export.graphs import Exportable
@@ -49,6 +48,8 @@ class ExportFile:
     precision: str
     version: str
     """Version of lfref."""
+    license: str | None = None
+    """Licence of the file; None: not stated."""
 
     def __post_init__(self) -> None:
         check_available(self.format, self.precision)
@@ -64,22 +65,23 @@ class ExportFile:
         is_pytorch = self.format in (SAFETENSORS, "pt2") and self.precision == FP32
         return Tolerance(error=subject.rounding) if is_pytorch else TOLERANCES[self.precision]
 
+    def check_precision(self, subject: Exportable) -> None:
+        """Refuse a precision below fp32 of a graph without convolutions, by an InputError: it would change nothing."""
+        has_weights = any(isinstance(module, nn.Conv2d) for module in subject.graph.module.modules())
+        if self.precision != FP32 and not has_weights:
+            raise InputError(
+                f"{self.precision} is for the weights of convolutions, and {subject.manifest_entries['name']} has none",
+                remedy="take precision=fp32",
+            )
+
     def write_draft(self, folder: Path, refocuser: Refocuser, subject: Exportable) -> Path:
         """Write the file to a folder, unchecked; `subject` is the refocuser as a graph."""
         path = folder / self.file.name
         if self.format == SAFETENSORS:
             write_weights(path, refocuser, self.precision, self.version)
             return path
-        graph = subject.graph
-        manifest = Manifest(
-            inputs=graph.inputs,
-            output=graph.output,
-            precision=self.precision,
-            sha256=digest(graph.module),
-            version=self.version,
-            **subject.manifest_entries,
-        )
-        file_formats.write(path, self.format, graph, manifest)
+        manifest = subject.manifest(self.precision, self.version, self.license)
+        file_formats.write(path, self.format, subject.graph, manifest)
         return path
 
     def write_checked(

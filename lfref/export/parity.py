@@ -63,7 +63,8 @@ def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityC
     groups = [(field.name, [field]) for field in fields] + [("turned", turned)]
     groups += [(name, [replace(first, views=torch.full_like(first.views, light))]) for name, light in FLAT.items()]
     for name, group in groups:
-        yield ParityCase(name, len(group), group[0].size, subject.inputs(group))
+        for part in [group] if subject.reads_batches else [[field] for field in group]:
+            yield ParityCase(name, len(part), part[0].size, subject.inputs(part))
 
 
 @torch.no_grad()

@@ -33,12 +33,12 @@ def measure(field: LightField) -> tuple[float, float]:
     # Channels of some evenly spread views; if there are fully weighted views, only of these.
     n_rows, n_columns, n_channels, height, width = field.views.shape
     count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
-    views = field.views.flatten(0, 1)
+    candidates = torch.arange(n_rows * n_columns)
     if field.weight is not None:
-        full = field.weight.flatten(0, 1).flatten(1)[:, ::97].amin(1) > 0
-        views = views[full] if bool(full.any()) else views
-    places = torch.linspace(0, len(views) - 1, 2 * count + 1)[1::2].round().long()
-    pictures = views[places].flatten(0, 1).float()
+        full = torch.stack([row.flatten(1)[:, ::97].amin(1) > 0 for row in field.weight]).flatten().cpu()
+        candidates = candidates[full] if bool(full.any()) else candidates
+    places = candidates[torch.linspace(0, len(candidates) - 1, 2 * count + 1)[1::2].round().long()]
+    pictures = field.views.flatten(0, 1)[places].flatten(0, 1).float()
     if min(pictures.shape[-2:]) < BLOCK + 2:
         return 0.0, 0.0
     light, variance = blocks(pictures)

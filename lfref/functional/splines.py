@@ -17,9 +17,9 @@ POLE = 3**0.5 - 2
 """Pole of the recursive filter that turns samples into coefficients."""
 
 
-def coefficients(images: NDArray[np.float32]) -> NDArray[np.float32]:
+def coefficients(images: NDArray[np.float32], in_place: bool = False) -> NDArray[np.float32]:
     """Coefficients of the splines through images [K, H, W], which are mirrored at their outermost samples."""
-    result = images.copy()
+    result = images if in_place else images.copy()
     for image in result:
         _filter_columns(image)
         # Rows become columns of a copy: that takes a quarter of the time of a filter along rows.

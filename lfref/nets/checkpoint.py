@@ -131,7 +131,7 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
         CheckpointError: Weights are missing, have other shapes or types, or are not finite.
         InputError: No network can be built from these arguments.
     """
-    weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
+    weights = _network_weights(state)
     check_weights(path, weights)
     # Without a limit, a list or number in a small file builds more layers than fit into memory.
     for name, value in arguments.items():
@@ -148,6 +148,34 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
     compare(path, network, weights)
     network.load_state_dict({name: weights[name] for name in network.state_dict()})
     return network
+
+
+def start(network: nn.Module, path: str | Path, weights: Mapping[str, Any] | None = None) -> None:
+    """Give a network the weights of a file, of a network of the same shape, to begin training with.
+
+    Args:
+        network: The network.
+        path: The file.
+        weights: What to take in place of the file's weights, made of them.
+
+    Raises:
+        CheckpointError: The file holds no such weights.
+    """
+    weights = network_weights(path, read(path)) if weights is None else weights
+    compare(path, network, weights)
+    network.load_state_dict({name: weights[name] for name in network.state_dict()})
+
+
+def network_weights(path: str | Path, contents: Mapping[str, Any]) -> dict[str, Any]:
+    """The network's part of the contents of `read`, by the names that the network itself uses; CheckpointError."""
+    weights = _network_weights(contents["state_dict"])
+    check_weights(path, weights)
+    return weights
+
+
+def _network_weights(state: Mapping[str, Any]) -> dict[str, Any]:
+    """The network's part of a `state_dict`, by the names that the network itself uses."""
+    return {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
 
 
 def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:

@@ -7,7 +7,7 @@ that light of several disparities is mixed. The steps:
 
 1. Solve for filters of limited reach, as factors of the frequencies of one square of pixels.
 2. Cut the views into squares that overlap by twice that reach, one row of squares at a time.
-3. Transform the sums and differences of opposite views: for these the factors are real (`Pairs`).
+3. Transform the sums and differences of opposite views, some pairs at a time: for these the factors are real.
 4. Add up the spectra times their factors.
 5. Transform back; the inner part of each square is the picture there.
 Apart from `occlusion_aware`, which takes it at edges: it is an operator of its own.
@@ -25,26 +25,29 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.functional import loops
+from lfref.functional import loops, memory
 from lfref.functional.loops import LANES
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import exact
-from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites
+from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites, prior_of_map
 
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
 AT_ONCE = 2**24
-"""Samples of all views in the squares that are transformed at once, 64 MB: several copies of them are needed."""
+"""Samples of all views in the squares whose spectra are held at once, 64 MB."""
+MIXED_AT_ONCE = 2**20
+"""Samples of the pairs that are mixed and transformed at once, 4 MB, about what caches hold; some copies are needed."""
 
 
-def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None = None) -> Tensor:
+def wiener(views: Tensor, slopes: Slopes, prior: Prior | None = None, weights: Tensor | None = None) -> Tensor:
     """Refocus light fields by the linear estimate of least mean square error.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
-        prior: Which disparities the scene has.
+        prior: Which disparities the scene has; None takes those of each light field's own disparity map.
         weights: Synthetic aperture of the photograph, >= 0, symmetric about both axes, [V, U]; each view stands for its
             cell of it. Views of weight 0 are read too. None: the whole square.
 
@@ -55,9 +58,8 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
         InputError: Views, slopes or weights that cannot be used.
 
     Example:
-        >>> from lfref.refocus.wiener_filters import prior_between
         >>> views = torch.rand(5, 5, 3, 48, 64)
-        >>> lfref.wiener(views, [-0.5, 0.5], prior_between(-1, 0.5)).shape
+        >>> lfref.wiener(views, [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
     batch = batches.radiance(batches.flattened(views))
@@ -67,8 +69,17 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior, weights: Tensor | None =
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
     margin = exact.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
-    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
-    return batches.restored(_filtered(batch.flatten(1, 2), opposites(grid), factors.to(batch), margin), views)
+    by_loop = batches.compiler_for(batch) == "numba"
+    stacks = []
+    for field in [batch] if prior else batch.split(1):  # without a prior, each light field has its own
+        known = prior or prior_of_map(coarse_disparity(field[0]))
+        factors = filters(known, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
+        table = batch.new_empty(len(planes), *_table_shape(grid[0] * grid[1], side, by_loop))
+        for place, plane in zip(table, factors, strict=True):
+            place.copy_(_lanes(plane) if by_loop else plane)
+        memory.trim_for(batch)
+        stacks.append(_filtered(field.flatten(1, 2), opposites(grid), table, side, margin, by_loop))
+    return batches.restored(torch.cat(stacks), views)
 
 
 def _side(margin: int, size: tuple[int, int]) -> int:
@@ -82,50 +93,86 @@ def _side(margin: int, size: tuple[int, int]) -> int:
     return min((side for side in sides if side > 2 * margin + 8), key=work)
 
 
-def _filtered(views: Tensor, pairs: Pairs, factors: Tensor, margin: int) -> Tensor:
+def _filtered(views: Tensor, pairs: Pairs, table: Tensor, side: int, margin: int, by_loop: bool) -> Tensor:
     """Sums of filtered views.
 
     Args:
         views: Light fields, views row by row, [B, V U, C, H, W].
         pairs: Opposite views.
-        factors: Of `Pairs.mixed` views, [N, V U, side, side // 2 + 1].
+        table: `filters` of all planes, [N, V U, side, side // 2 + 1], or their `_lanes` if the loop serves.
+        side: Of the squares, in pixels.
         margin: Pixels around each square that are read but not written.
+        by_loop: Whether the compiled loop serves.
 
     Returns:
         Stacks, [B, N, C, H, W].
     """
-    side, size = factors.shape[-2], views.shape[-2:]
+    size = views.shape[-2:]
     step = side - 2 * margin
     counts = [-(-length // step) for length in size]
-    across = counts[1] * step + margin - size[1]
     n_squares = max(1, AT_ONCE // (math.prod(views.shape[:3]) * side**2))
-    stack = views.new_empty(len(views), len(factors), views.shape[2], counts[0] * step, counts[1] * step)
-    by_loop = batches.compiler_for(views, factors) == "numba"
-    table = _lanes(factors) if by_loop else factors
+    stack = views.new_empty(len(views), len(table), views.shape[2], *size)
     # Some squares of a row at a time: the spectra of all would take many times the memory of the views.
     for row in range(counts[0]):
-        top = row * step - margin
-        rows = views[..., max(top, 0) : top + side, :].flatten(0, 2)
-        beyond = (margin, across, max(-top, 0), max(top + side - size[0], 0))
-        padded = F.pad(rows, beyond, mode="replicate").unflatten(0, views.shape[:3])
         for first in range(0, counts[1], n_squares):
             last = min(first + n_squares, counts[1])
-            band = pairs.mixed(padded[..., first * step : (last - 1) * step + side])
-            squares = band.unfold(-1, side, step).movedim(-2, -3)
-            spectra = torch.fft.rfft2(squares).transpose(0, 1)  # V U, B, C, T, side, K
-            flat = spectra.flatten(1, 3)
-            total = (_by_loop if by_loop else _by_torch)(flat, table, len(pairs.first))
+            left = first * step - margin
+            spectra = _spectra(views, pairs, (row * step - margin, left), last - first, side, step)
+            total = (_by_loop if by_loop else _by_torch)(spectra.flatten(1, 3), table, len(pairs.first))
             total = total.unflatten(1, spectra.shape[1:4]).transpose(0, 1)
             inner = torch.fft.irfft2(total, s=(side, side))[..., margin : side - margin, margin : side - margin]
             place = stack[..., row * step : (row + 1) * step, first * step : last * step]
-            place.copy_(inner.movedim(-3, -2).flatten(-2))
-    return stack[..., : size[0], : size[1]].contiguous()
+            # The last squares reach beyond the picture.
+            place.copy_(inner.movedim(-3, -2).flatten(-2)[..., : place.shape[-2], : place.shape[-1]])
+    return stack
+
+
+def _spectra(views: Tensor, pairs: Pairs, corner: tuple[int, int], n_squares: int, side: int, step: int) -> Tensor:
+    """Spectra of sums of opposite views, of the central view, and of differences, in squares `step` pixels apart.
+
+    Args:
+        views: Light fields, views row by row, [B, V U, C, H, W].
+        pairs: Opposite views.
+        corner: Row and column of the first square's first pixel; beyond the views the outermost pixels are repeated.
+        n_squares: Number of squares T, side by side.
+        side: Of the squares, in pixels.
+        step: From square to square, in pixels.
+
+    Returns:
+        Complex, [V U, B, C, T, side, side // 2 + 1].
+    """
+    n_fields, n_views, n_channels = views.shape[:3]
+    shape = (n_views, n_fields, n_channels, n_squares, side, side // 2 + 1)
+    spectra = views.new_empty(shape, dtype=exact.complex_dtype(views.dtype))
+    (top, left), width = corner, (n_squares - 1) * step + side
+    beyond = (max(-left, 0), max(left + width - views.shape[-1], 0), max(-top, 0), max(top + side - views.shape[-2], 0))
+    within = views[..., max(top, 0) : top + side, max(left, 0) : left + width]
+
+    def transform(mixed: Tensor, first: int) -> None:
+        padded = F.pad(mixed.flatten(0, 2), beyond, mode="replicate").unflatten(0, mixed.shape[:3])
+        squares = padded.unfold(-1, side, step).movedim(-2, -3)
+        spectra[first : first + mixed.shape[1]] = torch.fft.rfft2(squares).transpose(0, 1)
+
+    n_sums = len(pairs.first)
+    n_at_once = max(1, MIXED_AT_ONCE // (n_fields * n_channels * side * width))
+    for first in range(0, pairs.n_pairs, n_at_once):
+        last = min(first + n_at_once, pairs.n_pairs)
+        one, other = within[:, first:last], within[:, n_views - last : n_views - first].flip(1)
+        transform(one + other, first)
+        transform(one - other, n_sums + first)
+    if pairs.n_pairs < n_sums:
+        transform(within[:, pairs.n_pairs : n_sums], pairs.n_pairs)
+    return spectra
+
+
+def _table_shape(n_views: int, side: int, by_loop: bool) -> tuple[int, ...]:
+    width = side // 2 + 1
+    return (side, -(-width // LANES), n_views, LANES) if by_loop else (n_views, side, width)
 
 
 def _lanes(factors: Tensor) -> Tensor:
-    """Factors [N, V U, side, K] with those of one lane together, [n, y, x lanes, p, LANES]."""
-    padded = F.pad(factors, (0, -factors.shape[-1] % LANES))
-    return padded.unflatten(-1, (-1, LANES)).permute(0, 2, 3, 1, 4).contiguous()
+    """Factors of a plane [V U, side, K] with those of one lane together, [y, x lanes, p, LANES]."""
+    return F.pad(factors, (0, -factors.shape[-1] % LANES)).unflatten(-1, (-1, LANES)).permute(1, 2, 0, 3)
 
 
 def _by_loop(spectra: Tensor, table: Tensor, n_sums: int) -> Tensor:

@@ -20,6 +20,7 @@ slopes); Field, 1987 (power spectra of natural pictures).
 
 import functools
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -54,13 +55,21 @@ class Prior(NamedTuple):
     aliased: float = 0.1
     """Power beyond half a cycle per pixel, as a share of what an ideal edge has there."""
     unexplained: float = 0.01
-    """Power that views do not share, as a share of all power at a frequency; noise too."""
+    """Power that views do not share, as a share of all power at a frequency."""
+    noise: float = 0.0
+    """Variance of the views' white noise, as a share of the picture's variance."""
 
     def power(self, rows: Tensor, columns: Tensor) -> Tensor:
         """Power spectrum S of what pixels record at vertical and horizontal frequencies, in cycles per pixel."""
         fading = (1 + (rows.square() + columns.square()) / OUTER**2) ** (-DECAY / 2)
         inside = (rows.abs() <= 0.5) & (columns.abs() <= 0.5)
         return fading * (torch.sinc(rows) * torch.sinc(columns)).square() * torch.where(inside, 1.0, self.aliased)
+
+    @property
+    def mean_power(self) -> float:
+        """Mean of S up to half a cycle per pixel: the power of white noise of the picture's variance."""
+        steps = (torch.arange(256, dtype=torch.float64) + 0.5) / 512  # S peaks within some hundredths of a cycle
+        return float(self.power(steps[:, None], steps).mean())
 
 
 def prior_of_map(disparity: Tensor, confidence: Tensor | None = None) -> Prior:
@@ -104,13 +113,6 @@ class Pairs(NamedTuple):
     n_pairs: int
     """P."""
 
-    def mixed(self, views: Tensor) -> Tensor:
-        """Sums of opposite views, the central view, and differences of opposite views, of views [..., V U, C, H, W]."""
-        opposite = views.flip(-4)
-        one, other = views.narrow(-4, 0, self.n_pairs), opposite.narrow(-4, 0, self.n_pairs)
-        centre = views.narrow(-4, self.n_pairs, len(self.first) - self.n_pairs)
-        return torch.cat([one + other, centre, one - other], -4)
-
 
 def opposites(grid: tuple[int, int]) -> Pairs:
     """The pairs of a grid (V, U)."""
@@ -118,7 +120,6 @@ def opposites(grid: tuple[int, int]) -> Pairs:
     return Pairs(torch.arange((n_views + 1) // 2), n_views // 2)
 
 
-@functools.lru_cache(maxsize=8)
 def filters(
     prior: Prior,
     slopes: tuple[float, ...],
@@ -126,8 +127,10 @@ def filters(
     aperture: tuple[tuple[float, ...], ...],
     reach: int,
     side: int,
-) -> Tensor:
-    """Factors of `Pairs.mixed` views; those of differences are times i.
+) -> Iterator[Tensor]:
+    """Factors of the sums of opposite views, of the central view, and of the differences, which are times i.
+
+    Plane by plane, since all of a large grid exceed the views of a small one.
 
     Args:
         prior: What the scene is like.
@@ -137,15 +140,32 @@ def filters(
         reach: Pixels that a filter spans on either side.
         side: Of the square that is transformed, in pixels, even, at best twice the reach.
 
-    Returns:
-        Real, float32, at the frequencies of `rfft2`, [N, V U, side, side // 2 + 1].
+    Yields:
+        For each plane, real, float32, at the frequencies of `rfft2`, [V U, side, side // 2 + 1].
     """
-    pairs = opposites(grid)
-    n_sums = len(pairs.first)
     # A filter that reaches no farther is known by the frequencies of a square of twice its reach: only these are
     # solved for; larger squares get them by padding in pixels.
     coarse = min(side, exact.next_fast_even(2 * reach))
-    half = exact.half_frequencies(coarse)
+    pairs = opposites(grid)
+    n_sums = len(pairs.first)
+    for factors in _coarse_filters(prior, slopes, grid, aperture, coarse):
+        sums, differences = factors.split([n_sums, pairs.n_pairs])
+        plane = _finer(torch.complex(sums, F.pad(differences, (0, 0, 0, 0, 0, n_sums - pairs.n_pairs))), side)
+        yield torch.cat([plane.real, plane.imag[: pairs.n_pairs]])
+
+
+@functools.lru_cache(maxsize=8)
+def _coarse_filters(
+    prior: Prior,
+    slopes: tuple[float, ...],
+    grid: tuple[int, int],
+    aperture: tuple[tuple[float, ...], ...],
+    side: int,
+) -> Tensor:
+    """`filters` of all planes for the smallest square, [N, V U, side, side // 2 + 1]."""
+    pairs = opposites(grid)
+    n_sums = len(pairs.first)
+    half = exact.half_frequencies(side)
     planes, weights = torch.tensor(slopes, dtype=torch.float64), torch.tensor(aperture, dtype=torch.float64)
     columns = axis(half, grid[1])
     factors = torch.stack([_factors_of_row(prior, planes, weights, axis(row[None], grid[0]), columns) for row in half])
@@ -153,10 +173,8 @@ def filters(
     factors[0, 0] /= (factors[0, 0, :, :n_sums] * _counts(pairs)).sum(-1, keepdim=True)
     # Half a cycle per pixel is both signs of its frequency; negative frequencies mirror the positive ones.
     last = (factors[-1:] + _mirrored(factors[-1:], grid)) / 2
-    factors = torch.cat([factors[:-1], last, _mirrored(factors[1:-1], grid).flip(0)]).movedim((0, 1), (2, 3)).float()
-    sums, differences = factors.split([n_sums, pairs.n_pairs], 1)
-    first = _finer(torch.complex(sums, F.pad(differences, (0, 0, 0, 0, 0, n_sums - pairs.n_pairs))), side)
-    return torch.cat([first.real, first.imag[:, : pairs.n_pairs]], 1)
+    factors = torch.cat([factors[:-1], last, _mirrored(factors[1:-1], grid).flip(0)])
+    return factors.movedim((0, 1), (2, 3)).float().contiguous()
 
 
 def _finer(spectra: Tensor, side: int) -> Tensor:
@@ -232,7 +250,7 @@ def _factors_of_row(prior: Prior, slopes: Tensor, aperture: Tensor, row: Axis, c
     down, across = row.waves(disparities, row.lags, -1)[:, 0], columns.waves(disparities, columns.lags, -1)
     folded = torch.einsum("d,kyx,dkxu->dyku", shares + 0j, power + 0j, across)
     covariance = torch.einsum("dyku,dyv->kvu", folded, down)
-    noise = prior.unexplained * power.sum((1, 2))
+    noise = prior.unexplained * power.sum((1, 2)) + prior.noise * prior.mean_power
     photographs = _photographs(power, disparities, shares, slopes, aperture, row, columns)
     return _solved(covariance, photographs, noise, (aperture.shape[0], aperture.shape[1]))
 

@@ -7,6 +7,9 @@ a plane at slope `s`, where `e` is the error scale of its picture `p`, `n` the n
     sum                   the plain sum of the views
     cells                 the sum of the views through cells
     central               the view at the angular centre
+    layers                the picture by layers
+    wiener                the Wiener estimate; of planes far from all surfaces, p
+    local                 the sum of views through cells as wide as the plane is from the disparity of each pixel
     picture               p - 1/2
     inner                 the plain sum through the middle half of the aperture less that through all of it
     spread                standard deviation over the views of which the plain sum is the mean
@@ -17,12 +20,13 @@ a plane at slope `s`, where `e` is the error scale of its picture `p`, `n` the n
     views                 log2(number of views) / 3 - 2
     error_scale noise     log10(e) / 2 + 3/2, log10(n) / 2 + 3/2
 
-The first six are candidates: the refiner mixes its correction of their differences from `p`, as kernel-predicting
+The first nine are candidates: the refiner mixes its correction of their differences from `p`, as kernel-predicting
 denoisers do (Bako et al., 2017). These, `inner` and `spread` are in units of the error scale, which is
 
     e = hypot(mean of |o - p| over a square, n), or 0 where not all views see the pixel,
 
-with `o` the nearer one of `sum` and `cells`, without the one that `p` itself may be.
+with `o` the nearer one of `sum` and `cells`, without the one that `p` itself may be. Layers are nearly exact far from
+focus, farther than e tells: there, corrections of their pictures fade out (`FADE`).
 Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
@@ -42,18 +46,23 @@ from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.disparity.disparity_map import coarse_disparity
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
+from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocus.surface import per_pixel
+from lfref.refocus.wiener import wiener
 from lfref.refocuser import filling
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser
 
-CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central")
+CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central", "layers", "wiener", "local")
 """Features that are other pictures of the plane."""
 FEATURES = (
     *CANDIDATES,
     *("picture", "inner", "spread", "defocus", "relief", "coverage", "fraction", "views", "error_scale", "noise"),
 )
 """Names of all features."""
+WIDE = {"defocus": 2, "relief": 2}
+"""Channels of features that have more than one, besides the candidates and `picture`."""
 FORMER_NAMES = {
     "guides": "features",
     "doubts": "error_scale",
@@ -77,6 +86,10 @@ ROUGHNESS = 1.57
 """Standard deviation of white noise divided by the mean absolute value of what `binomial` removes of it."""
 RELIEF_WINDOWS = (9, 33)
 """Pixels along the sides of the squares in which the range of disparities is measured."""
+FADE = (3.0, 4.5)
+"""Distances of a plane from the disparities around a pixel, in pixels per view step, from which corrections of layers
+fade, and at which they end. On sim30 layers have 70 to 85 dB there, and corrections cost up to 17 dB of it."""
+BY_LAYERS: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
 
 
 class RefinerInputs(NamedTuple):
@@ -96,6 +109,18 @@ def renamed(entry: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(entry.get("features"), list | tuple):
         entry["features"] = [FORMER_NAMES.get(name, name) for name in entry["features"]]
     return entry
+
+
+def channels(names: Sequence[str], n_channels: int) -> dict[tuple[str, int], int]:
+    """Place of each channel of features, by the feature's name and the channel's number within it.
+
+    Args:
+        names: Of the features, in the order in which a refiner reads them.
+        n_channels: Of the pictures.
+    """
+    counts = [n_channels if name in (*CANDIDATES, "picture") else WIDE.get(name, 1) for name in names]
+    of_all = [(name, number) for name, count in zip(names, counts, strict=True) for number in range(count)]
+    return {channel: place for place, channel in enumerate(of_all)}
 
 
 def check_names(names: Sequence[str], n_candidates: int = 0) -> None:
@@ -146,9 +171,10 @@ def refiner_inputs(
     whole = views if weight is None else filling.filled(views, weight.to(views))
 
     # Disparity of the central view, [H, W]: it is costly, and left out where nothing uses it.
-    takes_disparity = base.takes("disparities")
+    # (`disparities` of layers are not those of pixels.)
+    takes_disparity = base.takes("disparities") and base.function is not refocus_by_layers
     disparity = whole.new_zeros(light.size)
-    if max(light.grid) > 1 and (takes_disparity or {"central", "defocus", "relief"} & {*names}):
+    if max(light.grid) > 1 and (takes_disparity or {"central", "defocus", "relief", "local"} & {*names}):
         disparity = coarse_disparity(whole).to(whole)
     rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in light.grid)
     middle_views = whole[rows, columns].clone()
@@ -159,8 +185,21 @@ def refiner_inputs(
     def refocused(images: Tensor, operator: Operator, aperture: Aperture | None = base.aperture) -> Tensor:
         return OperatorRefocuser("a feature", operator, aperture).stack(images, weight, slopes, light.positions)
 
-    # Of all planes: the pictures, two other ways to make them, and the features that compare the views.
-    pictures = base.stack(views, weight, slopes, light.positions)
+    # Of all planes: the pictures, other ways to make them, and the features that compare the views.
+    others = {}
+    if base.function is occlusion_aware and {"layers", "wiener"} & {*names}:
+        # It makes its picture of these parts.
+        parts = refocused(views, functools.partial(occlusion_aware_parts, **base.options))
+        pictures, others["layers"], others["wiener"] = parts.tensor_split(3, 1)
+    else:
+        pictures = base.stack(views, weight, slopes, light.positions)
+        is_single = max(light.grid) == 1  # the picture itself
+        for name, operator in (("layers", refocus_by_layers), ("wiener", wiener)):
+            if name in names:
+                others[name] = pictures if is_single else refocused(views, operator)
+    if "local" in names:
+        by_disparity = functools.partial(shift_and_sum, interpolation="cubic", fill=1.0, disparity=disparity)
+        others["local"] = refocused(views, by_disparity)
     sums, cells = refocused(views, PLAIN_SUM), refocused(views, shift_and_sum_through_cells)
     grey, grey_sums = views.mean(2, keepdim=True), sums.mean(1, keepdim=True)
     spread = (refocused(grey.square(), PLAIN_SUM) - grey_sums.square()).clamp(min=0).sqrt()
@@ -173,13 +212,15 @@ def refiner_inputs(
     is_single = middle_views.shape[:2].numel() == 1
     central = middle_views[0, 0] if is_single else per_pixel(middle_views, disparity, "cubic", border="edge")[0]
     depth = disparity[None, None]
-    relief = torch.cat([box_max(depth, window) + box_max(-depth, window) for window in RELIEF_WINDOWS], 1).tanh()
+    ranges = [(-box_max(-depth, window), box_max(depth, window)) for window in RELIEF_WINDOWS]
+    relief = torch.cat([high - low for low, high in ranges], 1).tanh()
     shot, read = noise_line.measure(light)
     aperture = views.new_ones(light.grid) if base.aperture is None else base.aperture(light.grid)
     n_views = float(aperture.sum().square() / aperture.square().sum())  # equal views that average noise as much
 
-    # A method that is one of the two sums is measured by the other.
-    others = [stack for stack in (sums, cells) if not torch.equal(pictures, stack)] or [sums, cells]
+    # A method that is one of the two sums is measured by the other; layers that do not fit are sums through cells.
+    is_by_layers = base.function in BY_LAYERS and not torch.equal(pictures, cells)
+    measures = [stack for stack in (sums, cells) if not torch.equal(pictures, stack)] or [sums, cells]
 
     n_at_once = n_at_once or len(slopes)
     for first in range(0, len(slopes), n_at_once):
@@ -197,7 +238,7 @@ def refiner_inputs(
         deviation = math.sqrt(views.shape[2] / n_views) * box_mean(spread[part], WINDOW)
         noise = noise.minimum(roughness).minimum(deviation)
 
-        nearer = functools.reduce(torch.minimum, [(other[part] - picture).abs() for other in others])
+        nearer = functools.reduce(torch.minimum, [(other[part] - picture).abs() for other in measures])
         error_scale = box_mean(nearer.mean(1, keepdim=True), WINDOW).hypot(noise)
         # Nothing can be known where a view is missing: at 0 the picture stays as it is.
         error_scale = error_scale * (covered[part] > 0.999)  # 1, but for rounding
@@ -212,6 +253,7 @@ def refiner_inputs(
             "sum": candidate(sums[part], picture, unit),
             "cells": candidate(cells[part], picture, unit),
             "central": candidate(central, picture, unit),
+            **{name: candidate(stack[part], picture, unit) for name, stack in others.items()},
             "picture": picture - 0.5,
             "inner": compressed(inner[part], unit) / 3,
             "spread": compressed(spread[part], unit) / 3,
@@ -223,6 +265,11 @@ def refiner_inputs(
             "error_scale": unit.log10() / 2 + 1.5,
             "noise": (noise + BLACK).log10() / 2 + 1.5,
         }
+        if is_by_layers:
+            low, high = ranges[-1]
+            focus = slopes[part].to(disparity)[:, None, None, None]
+            distance = torch.maximum(low - focus, focus - high)
+            error_scale = error_scale * ((FADE[1] - distance) / (FADE[1] - FADE[0])).clamp(0, 1)
         yield RefinerInputs(torch.cat([features[name].to(dtype) for name in names], 1), picture, error_scale)
 
 

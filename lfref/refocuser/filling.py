@@ -7,6 +7,8 @@ truth with weighted views and 54.9 dB with filled ones. On `discs` without its f
 Letters: `V U` view rows and columns, `C H W` channel, pixel row and column.
 """
 
+import math
+
 import torch
 from torch import Tensor
 from torch.nn import functional as F
@@ -17,6 +19,9 @@ LEAST = 0.05
 """Share of a light field's largest weight below which samples are untrusted."""
 TRUSTED = 0.1
 """Share of the largest weight at a pixel below which samples are replaced, lighter ones more."""
+
+AT_ONCE = 2**21
+"""Samples of all views at the pixels that are filled at once, 8 MB."""
 
 
 def filled(views: Tensor, weight: Tensor) -> Tensor:
@@ -29,15 +34,20 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
         weight: Trust in each sample, >= 0, in the type of the views, [..., V, U, 1, H, W].
     """
     needed = TRUSTED * weight.amax((-5, -4), keepdim=True)
-    # Few pixels have such a sample: only these are computed.
-    y, x = ((weight < needed) | (needed == 0)).flatten(0, -3).any(0).nonzero(as_tuple=True)
+    # Only pixels that have such a sample are computed.
+    is_short = torch.stack([(row < needed[..., 0, :, :, :, :]).flatten(0, -3).any(0) for row in weight.unbind(-5)])
+    y, x = (is_short.any(0) | (needed == 0).flatten(0, -3).any(0)).nonzero(as_tuple=True)
     if len(y) == 0:
         return views
-    weight, needed, tiny = weight[..., y, x], needed[..., y, x], torch.finfo(weight.dtype).tiny
-    samples = torch.where(weight > 0, views[..., y, x], 0)  # what has no weight may even be NaN
-    mean = (samples * weight).sum((-4, -3), keepdim=True) / weight.sum((-4, -3), keepdim=True).clamp(min=tiny)
-    result = views.clone()
-    result[..., y, x] = torch.lerp(mean.expand_as(samples), samples, (weight / needed.clamp(min=tiny)).clamp(max=1))
+    result, tiny = views.clone(), torch.finfo(weight.dtype).tiny
+    # Some pixels at a time, since several copies of their samples are needed.
+    n_at_once = max(1, AT_ONCE // (views.numel() // math.prod(views.shape[-2:])))
+    for rows, columns in zip(y.split(n_at_once), x.split(n_at_once), strict=True):
+        trust, limit = weight[..., rows, columns], needed[..., rows, columns]
+        samples = torch.where(trust > 0, views[..., rows, columns], 0)  # what has no weight may even be NaN
+        mean = (samples * trust).sum((-4, -3), keepdim=True) / trust.sum((-4, -3), keepdim=True).clamp(min=tiny)
+        share = (trust / limit.clamp(min=tiny)).clamp(max=1)
+        result[..., rows, columns] = torch.lerp(mean.expand_as(samples), samples, share)
     return result
 
 
@@ -81,9 +91,9 @@ def continued(images: Tensor, known: Tensor) -> Tensor:
     return torch.where(known > 0, images, F.interpolate(coarse, images.shape[-2:], mode="bilinear"))
 
 
-def predicted(views: Tensor, weights: Tensor) -> Tensor:
+def predicted(views: Tensor, weights: Tensor, in_place: bool = False) -> Tensor:
     """Replace views of weight 0, [V, U], by those that disparity layers of the other views predict."""
-    layers, whole = disparity_layers(views, weights=weights), views.clone()
+    layers, whole = disparity_layers(views, weights=weights), views if in_place else views.clone()
     for v, u in (weights == 0).nonzero().tolist():
         whole[..., v, u, :, :, :] = layers.view(v, u)
     return whole

@@ -10,20 +10,23 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from lfref.encoding import parsed
 from lfref.engines.engine import NetworkFunction
 from lfref.engines.files import file_formats
-from lfref.engines.files.manifest import VIEWS, Manifest
-from lfref.errors import CheckpointError, InputError, first_line
+from lfref.engines.files.manifest import SAMPLE_TYPES, SLOPES, VIEWS, Manifest, to_samples
+from lfref.errors import CheckpointError, InputError, chosen, first_line
 from lfref.geometry import planes_from
 from lfref.io.run import Run, run_name
 from lfref.lightfield import check_views
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.nets.refiner import Corrector
-from lfref.refocuser import networks
+from lfref.refocus import batches
+from lfref.refocus.shift.shift_and_sum import disparity_range, shift_and_sum_through_cells
+from lfref.refocuser import filling, networks
 from lfref.refocuser.features import renamed
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, learned
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import Refocuser, check_for_network
 
 
 def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> Refocuser:
@@ -70,6 +73,8 @@ def load_exported(path: Path) -> Refocuser:
     """
     run, manifest = file_formats.read(path)
     try:
+        if SLOPES in manifest.inputs:
+            return ExportedOperator(run, manifest)
         if manifest.reads_views:
             network, planes = ExportedNetwork(run, manifest), planes_from(manifest.planes or {})
             return NetworkRefocuser(network, planes, manifest.name, manifest.is_linear)
@@ -78,6 +83,43 @@ def load_exported(path: Path) -> Refocuser:
         return RefinedRefocuser(refiner, base, names, manifest.name)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
+
+
+class ExportedOperator(Refocuser):
+    """Views and slopes -> stack by a runtime, on the CPU; it takes linear light, whatever encoding the file reads."""
+
+    def __init__(self, run: NetworkFunction, manifest: Manifest) -> None:
+        n_rows, n_columns, *_ = manifest.inputs[VIEWS]
+        self.run, self.name = run, manifest.name
+        self.grid: tuple[int, int] = (int(n_rows), int(n_columns))
+        chosen("samples", manifest.samples, SAMPLE_TYPES)
+        self.samples, self.encoding = manifest.samples, parsed(manifest.encoding)
+        self.chooses_cells = manifest.config["operator"] == shift_and_sum_through_cells.__name__
+
+    def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
+        """The file's stack.
+
+        Raises:
+            InputError: Views that are not finite or of another grid, slopes that shift them too far, cameras that do
+                not stand on an even grid.
+        """
+        light = batches.radiance(views)
+        check_for_network(self.name, light, positions, torch.device("cpu"))
+        _check_grid(views, self.grid)
+        planes = batches.checked_slopes(slopes, *batches.grid_and_size(views), None).float()
+        if weight is not None:
+            # The file has no input for weights.
+            light = filling.filled(light, weight.to(light))
+        fields = batches.flattened(light).float()
+        if self.chooses_cells and any(disparity_range(field).sure is not None for field in fields):
+            raise InputError(
+                f"{self.name} as a file needs views that move by less than about 3 pixels per view step, less if small",
+                got="views that move farther",
+                remedy="use method=shift_and_sum_through_cells instead of the file",
+            )
+        samples = to_samples(fields, self.samples, self.encoding)
+        stacks = torch.stack([_computed(self.run, field, planes) for field in samples])
+        return batches.restored(self.encoding.decode(stacks), views)
 
 
 class ExportedNetwork(Network):
@@ -105,15 +147,9 @@ class ExportedNetwork(Network):
             InputError: Views of another grid or of other channels.
         """
         check_views(views)
-        *batch, n_rows, n_columns, n_channels, _, _ = views.shape
-        if (n_rows, n_columns) != self.grid or self.config["channels"] not in (n_channels, "C"):
-            raise InputError(
-                f"this file reads views [..., {self.grid[0]}, {self.grid[1]}, {self.config['channels']}, H, W]",
-                got=f"shape {list(views.shape)}",
-                remedy=f"read them with reader.views=[{self.grid[0]},{self.grid[1]}]",
-            )
-        stack = _computed(self.run, views.reshape(-1, *views.shape[-5:]))
-        return stack.reshape(*batch, *stack.shape[1:])
+        _check_grid(views, self.grid, self.config["channels"])
+        stack = _computed(self.run, views.reshape(-1, *views.shape[-5:]).float())
+        return stack.reshape(*views.shape[:-5], *stack.shape[1:])
 
 
 class ExportedRefiner(Corrector):
@@ -132,15 +168,25 @@ class ExportedRefiner(Corrector):
 
     def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
         """As in `Refiner`."""
-        return _computed(self.run, features, pictures, error_scale).to(pictures)
+        return _computed(self.run, features.float(), pictures.float(), error_scale.float()).to(pictures)
 
 
+def _check_grid(views: Tensor, grid: tuple[int, int], n_channels: int | str = "C") -> None:
+    if tuple(views.shape[-5:-3]) != grid or n_channels not in (views.shape[-3], "C"):
+        raise InputError(
+            f"this file reads views [..., {grid[0]}, {grid[1]}, {n_channels}, H, W]",
+            got=f"shape {list(views.shape)}",
+            remedy=f"read them with reader.views=[{grid[0]},{grid[1]}]",
+        )
+
+
+@torch.no_grad()
 def _computed(run: NetworkFunction, *inputs: Tensor) -> Tensor:
-    """Output of a runtime for inputs as float32; errors of any kind become one line."""
+    """Output of a runtime; errors of any kind become one line."""
     try:
         # The precision of a file was settled when it was written.
         with torch.autocast("cpu", enabled=False):
-            return run(*(tensor.float().contiguous() for tensor in inputs))
+            return run(*(tensor.contiguous() for tensor in inputs))
     except Exception as error:
         shapes = ", ".join("x".join(map(str, tensor.shape)) for tensor in inputs)
         raise InputError(

@@ -27,9 +27,10 @@ from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.homography import homography, slope_homographies
-from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.shift.shift_and_sum import reach as sum_reach
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.wiener import wiener
 from lfref.refocuser import filling
 
 Aperture = Callable[[Sequence[int]], Tensor]
@@ -322,14 +323,15 @@ class OperatorRefocuser(Refocuser):
 
     def _of_filled(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """The stack of views whose untrusted samples are filled, black where no trusted sample is reached."""
-        is_trusted = filling.trusted(weight)
         whole = filling.filled(views, weight)
-        whole = filling.extended(whole, is_trusted, in_place=whole is not views)
+        whole = filling.extended(whole, filling.trusted(weight), in_place=whole is not views)
         is_there = (weight.reshape(-1, *weight.shape[-5:]) > 0).any(0).flatten(2).any(2)
         if bool(is_there.all()) or not (bool(is_there.any()) and self.takes("weights")):
             stack = self.operator(whole, slopes, **options)
         else:
-            stack = self._through_views(whole, slopes, is_there.to(views), options)
+            stack = self._through_views(whole, slopes, is_there.to(views), options, in_place=whole is not views)
+        del whole  # it is as large as the views
+        is_trusted = filling.trusted(weight)
         if bool(is_trusted.any(-5).any(-4).all()):
             return stack
         # The stack may be finer than the views, or a single picture.
@@ -339,12 +341,14 @@ class OperatorRefocuser(Refocuser):
         share = F.interpolate(share.flatten(0, -4), stack.shape[-2:], mode="bilinear").unflatten(0, share.shape[:-3])
         return torch.where(share > filling.LEAST * share.amax((-3, -2, -1), keepdim=True), stack, 0.0)
 
-    def _through_views(self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor]) -> Tensor:
-        """The stack through an aperture of these weights, [V, U], 0 for missing views."""
+    def _through_views(
+        self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor], in_place: bool = False
+    ) -> Tensor:
+        """The stack through an aperture of these weights, [V, U], 0 for missing views, which may be filled in place."""
         if bool((weights == weights[0, 0]).all()):
             return self.operator(views, slopes, **options)
         if self.function in PREDICTING and not bool((weights > 0).all()):
-            whole = filling.predicted(batches.radiance(views), weights)
+            whole = filling.predicted(batches.radiance(views), weights, in_place)
             return self.operator(whole, slopes, **options).to(batches.stack_dtype(views))
         if "weights" in options:
             weights = options["weights"] * weights.to(options["weights"])
@@ -368,7 +372,7 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
 
 AT_ONCE = 2**26
 """Samples that are weighted at once, 256 MB: 9x9 views of 380x550 pixels in three channels are fewer."""
-PREDICTING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
+PREDICTING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware, occlusion_aware_parts})
 """Operators that estimate the record of the whole aperture: missing views are predicted for them."""
-COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus}
+COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus, wiener}
 """Operators that compare the views before they sum them, which weighted views would mislead."""

@@ -52,7 +52,7 @@ def accuracy_time(rows: pd.DataFrame) -> Figure:
     for axes, ((name, reference), methods) in zip(panels, classes, strict=True):
         axes.set_xscale("log")
         _draw_points(axes, methods)
-        title = f"{name}, against {reference}: up and to the left is better"
+        title = f"{tables.class_title(name, reference)}: up and to the left is better"
         style_axes(axes, "Time, in NumPy's 4-D FFTs of the same views (log scale)", "PSNR (dB)", title, 20)
         axes.axvline(1, color=RED, linestyle="--", linewidth=1.2, zorder=0)
         name, where = f"NumPy 4-D FFT, {unit:.3g} s", axes.get_xaxis_transform()

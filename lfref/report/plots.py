@@ -147,7 +147,7 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
         fold_below_cap(axes)
         if place == "alpha":
             _label_slopes(axes, group)
-        style_axes(axes, tables.heading(place), tables.heading("psnr_db"), f"{name}, against {reference}")
+        style_axes(axes, tables.heading(place), tables.heading("psnr_db"), tables.class_title(name, reference))
     handles = {line.get_label(): line for axes in panels for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure

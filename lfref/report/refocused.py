@@ -154,10 +154,15 @@ class Refocused:
         if self.field.grid == (1, 1):
             return all_in_focus(self.shown[self.by_slope]).image
         views, weight = self.field.views, self.field.weight
-        if weight is not None:
+
+        def whole(channels: Tensor) -> Tensor:
             # Samples without weight differ from view to view, and would leave a dark rim.
-            views = filling.extended(filling.filled(views, weight.to(views)), filling.trusted(weight))
-        return extended_focus(views, self.disparity.disparity, self._view_weights, self.field.positions)
+            if weight is None:
+                return channels
+            full = filling.filled(channels, weight.to(channels))
+            return filling.extended(full, filling.trusted(weight), in_place=full is not channels)
+
+        return extended_focus(views, self.disparity.disparity, self._view_weights, self.field.positions, whole)
 
     @cached_property
     def slope_and_confidence(self) -> tuple[Tensor, Tensor]:

@@ -13,7 +13,7 @@ view step, `K` layers from far to near, `h w` rows and columns in samples, `T` s
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,16 +23,29 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.simulator import bitmaps
-from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap
+from lfref.simulator.bitmaps import FINE, OVERSAMPLING, Bitmap, CopyBlur
 from lfref.simulator.layers import Layer, crossing_pairs, disparity_span, only_shifts
 from lfref.simulator.scene import Camera
 
-CELLS_PER_ROOT = {"square": 1.2, "disc": 2.0}
-"""Factor k of the number of cells along a side, 1 + k sqrt(blur in pixels). With it, the worst plane of sim30 is 48 dB
-from 64 x 64 points (table in docs/simulator.md). A disc needs more cells, since they do not follow its edge."""
-CELLS_OF_ONE_LAYER = 24
-"""Number of cells along a side for a single layer that is only shifted. With it, waves of up to 0.3 cycles per pixel
-are at least 58 dB from closed forms. The cells cost nothing, since their sum is one filter."""
+BOUND = 1e-4
+"""Greatest root mean square error of a plane near focus, of light 1: 80 dB."""
+SMOOTH = 20.0
+"""Blur in pixels at which the bound is half of `BOUND`. A wide blur is smooth, so that methods refocus it with errors
+below 1e-4: on sim30 the best is 83 dB from brute force at a blur of 49 pixels, and 55 dB at 4 pixels."""
+CONTRAST = 0.03
+"""The product g of contrast and detail at edges in `cells_needed`. On sim30, with 18 to 36 cells and blurs of 17 to 49
+pixels, `twigs` has 0.022 to 0.028, `lattice` 0.021 to 0.024, `leaves` 0.010 to 0.013."""
+LEFT = 0.4
+"""Share of the error that is left after the extrapolation from half as many cells. With 40 cells at a blur of 49
+pixels, `twigs`, `leaves` and `wall` keep 0.52, 0.42 and 0.39 of it; with 24 cells at 21 pixels, 0.37, 0.76 and 0.41."""
+FEWEST_CELLS = 6
+"""Even number of cells below which nothing can be extrapolated: half as many are far too few."""
+CELLS_OF_ONE_LAYER = 48
+"""Number of cells along a side for a single layer that is only shifted. The cells cost nothing, since their sum is one
+filter."""
+CELLS_OF_ONE_TRACED_LAYER = (5.5, 0.25)
+"""Factor k and power a of the number of cells k B^a for a single layer whose rays are followed: it hides nothing, and
+only its blur varies within a cell. With it, `floor` and `dome` of sim30 are 85 to 92 dB from 64 x 64 points."""
 HIGHLIGHT_STEP = 1.5
 """Greatest movement of a highlight over its surface within a cell, in standard deviations of the highlight."""
 
@@ -62,29 +75,52 @@ def cut_aperture(camera: Camera, n_cells: int) -> Cells:
     return Cells(p, q, area / area.sum(), height, width)
 
 
-def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float) -> int:
-    """Number of cells along a side of the aperture that a plane needs.
+class CellCounts(NamedTuple):
+    """Numbers of cells along the longer side of the aperture, of two pictures of a plane."""
 
-    If one layer moves and all others are in focus, the blur of a cell is right however far that layer moves. If two
-    layers move, they must not move far within a cell: the second fastest layer decides. On a disc the fastest decides,
-    since cells do not follow its edge. A highlight may move over its surface by a part of its width within a cell.
+    fine: int
+    coarse: int | None  # of a second picture, from which both are extrapolated; None: there is none
+
+
+def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float, averaged: int = 1) -> CellCounts:
+    """Number of cells that a plane needs, for an error within a bound.
+
+    A cell blurs two layers apart from each other. Where an edge of the nearer one, of opacity a, moves by e1 h within a
+    cell of h view steps and the farther one, of radiance L, by e2 h, the mean of a L differs from the product of the
+    means by their covariance, (e1 h) (e2 h) / 12 grad a . grad L. It has any sign: over the B x B pixels of the blur
+    that a pixel adds up, it averages out to 1/B. With h = B / (e n) and n cells along a side,
+
+        error = (B / n)^2 / 12 x g / B = g B / (12 n^2),
+
+    g for the contrast and the detail at the edges (`CONTRAST`). Of two pictures with n and n/2 cells, Richardson's
+    extrapolation cancels terms in 1/n^2 and leaves a share of the error (`LEFT`).
+    If one layer moves and all others are in focus, the blur of a cell is right however far that layer moves: B is the
+    blur of the second fastest layer. On a disc the fastest decides, since cells do not follow its edge. A highlight may
+    move over its surface by a part of its width within a cell. B counts pixels of the final picture, means over squares
+    of `averaged` pixels of this one.
     """
-    if len(layers) == 1 and only_shifts(layers[0].surface):
-        return CELLS_OF_ONE_LAYER
-    speeds = []
+    speeds, of_highlights = [], 1
     for layer in layers:
-        ends = [*layer.surface.geometry.disparity_range(camera.size)]
+        speeds.append(max(abs(end - slope) for end in layer.surface.geometry.disparity_range(camera.size)))
+        # A mirrored picture moves apart from the outline of its mirror.
         if layer.reflection and layer.reflection.share > 0:
-            ends.append(layer.reflection.disparity)
-        speeds.append(max(abs(end - slope) for end in ends))
-    fastest = sorted(speeds)[-1 if camera.aperture == "disc" else -2 :]
-    blur = max(camera.grid) * (fastest[0] if fastest else 0.0)
-    counts = [1 + math.ceil(CELLS_PER_ROOT[camera.aperture] * math.sqrt(blur) - 1e-9)]
-    for layer in layers:
+            speeds.append(abs(layer.reflection.disparity - slope))
         if layer.highlight:
             steps = abs(layer.highlight.drift) / (HIGHLIGHT_STEP * layer.highlight.width)
-            counts.append(math.ceil(max(camera.grid) * steps - 1e-9))
-    return max(counts)
+            of_highlights = max(of_highlights, math.ceil(max(camera.grid) * steps - 1e-9))
+    fastest = sorted(speeds)[-1 if camera.aperture == "disc" else -2 :]
+    blur = max(camera.grid) * (fastest[0] if fastest else 0.0) / averaged
+    if len(speeds) == 1:
+        factor, power = CELLS_OF_ONE_TRACED_LAYER
+        is_filtered = only_shifts(layers[0].surface)
+        count = CELLS_OF_ONE_LAYER if is_filtered else max(of_highlights, math.ceil(factor * blur**power))
+        return CellCounts(count, None)
+    bound = BOUND / (1 + blur / SMOOTH)
+    half = math.ceil(math.sqrt(LEFT * CONTRAST * blur / (12 * bound)) / 2 - 1e-9)
+    if half == 0:
+        return CellCounts(of_highlights, None)
+    half = max(half, FEWEST_CELLS // 2, of_highlights)
+    return CellCounts(2 * half, half)
 
 
 class CellFilter(NamedTuple):
@@ -98,8 +134,8 @@ class CellFilter(NamedTuple):
 
 def cell_filter(e: float, cells: Cells, margin: int) -> CellFilter:
     """The filter of a bitmap of relative slope e, in a window with `margin` pixels around the central view."""
-    rows, columns = (OVERSAMPLING * (margin + e * centres.numpy()) for centres in (cells.q, cells.p))
-    speed = OVERSAMPLING * abs(e)
+    rows, columns = (FINE * (margin + e * centres.numpy()) for centres in (cells.q, cells.p))
+    speed = FINE * abs(e)
     return CellFilter(box_taps(speed * cells.height, rows), box_taps(speed * cells.width, columns), rows, columns)
 
 
@@ -141,9 +177,9 @@ class Windows:
     def cut(self, bitmap: Bitmap, margin: int) -> Tensor:
         """Samples under the central view and a margin around it, edge samples repeated beyond the bitmap, [4, h, w]."""
         if bitmap not in self._samples:
-            self._samples[bitmap] = bitmap.window(self.camera.size, self.margin)
+            self._samples[bitmap] = bitmaps.refined(bitmap.window(self.camera.size, self.margin))
         samples = self._samples[bitmap]
-        unused = (self.margin - margin) * OVERSAMPLING
+        unused = (self.margin - margin) * FINE
         return samples[:, unused : samples.shape[1] - unused, unused : samples.shape[2] - unused]
 
 
@@ -157,6 +193,7 @@ class FocalPlane:
     cells: Cells
     margin: int  # pixels around the central view that the plane sees of bitmaps that face the camera
     windows: Windows
+    coarser: "FocalPlane | None" = None  # the same plane with fewer cells, for an extrapolation
 
     @property
     def is_sorted(self) -> bool:
@@ -179,7 +216,7 @@ class FocalPlane:
 
     def window_corner(self) -> tuple[int, int]:
         """Y and X of the first sample of a window, in samples."""
-        top, left = (-(length - 1) - self.margin * OVERSAMPLING for length in self.camera.size)
+        top, left = (-(length - 1) * FINE // 2 - self.margin * FINE for length in self.camera.size)
         return top, left
 
     def filter(self, disparity: float) -> CellFilter:
@@ -193,37 +230,55 @@ class FocalPlane:
             marks[far, near] = marks[near, far] = True
         return marks
 
-    def blur_levels(self, layer: Layer) -> tuple[NDArray[np.float64], float]:
-        """Levels of the blurred copies of a traced layer's bitmap that suit each relative slope.
-
-        Returns the level, with its fraction, at 256 even steps of |e| from 0 on, and the number of steps per unit of
-        |e|. The window of a layer that faces the camera is already blurred: all levels are 0.
-        """
+    def copy_blur(self, layer: Layer) -> CopyBlur:
+        """The blur of a slanted or curved layer."""
         n_steps = 256
-        if layer.surface.geometry.is_parallel:
-            return np.zeros(n_steps), 0.0
-        ends = disparity_span(self.camera, layer.surface.geometry, abs(self.slope))
-        farthest = max(abs(self.slope - end) for end in ends)
+        ends = [self.slope - end for end in disparity_span(self.camera, layer.surface.geometry, abs(self.slope))]
         # The table of a layer that is in focus everywhere must span more than 0, too.
-        e = np.linspace(0, max(farthest, 1e-6), n_steps)
+        e = np.linspace(0, max(*map(abs, ends), 1e-6), n_steps)
         # A box of width w has the variance w^2 / 12. The linear look-ups through all cells add a part of it: t (1 - t)
         # at a fraction t of a sample. The copies add the rest.
-        box = (e * self.cell_width * OVERSAMPLING) ** 2 / 12
-        shares = [(OVERSAMPLING * e[:, None] * centres.numpy()) % 1 for centres in (self.cells.q, self.cells.p)]
+        box = (e * self.cell_width * FINE) ** 2 / 12
+        shares = [(FINE * e[:, None] * centres.numpy()) % 1 for centres in (self.cells.q, self.cells.p)]
         look_ups = sum((share * (1 - share)).mean(1) for share in shares) / 2
-        return bitmaps.levels(box - look_ups), (n_steps - 1) / float(e[-1])
+        nearest = 0.0 if min(ends) < 0 < max(ends) else min(map(abs, ends))
+        return CopyBlur(bitmaps.levels(box - look_ups), (n_steps - 1) / float(e[-1]), nearest, self.slope)
+
+    def read_box(self, layer: Layer, levels: range) -> tuple[int, int, int, int]:
+        """Top, left, bottom and right, in samples, of what rays read of some blurred copies of a layer.
+
+        Nothing lies beyond the copies but their edges, repeated. At least two samples are left along each axis.
+        """
+        near, far = disparity_span(self.camera, layer.surface.geometry, abs(self.slope))
+        farthest = max(abs(self.slope - near), abs(self.slope - far))
+        canvas, margin, ends = layer.bitmap.canvas, max(map(bitmaps.margin, levels)), []
+        for start, n, size, side in (
+            (canvas.top, canvas.height, self.camera.size[0], self.camera.grid[0]),
+            (canvas.left, canvas.width, self.camera.size[1], self.camera.grid[1]),
+        ):
+            # A ray of pixel x through aperture column p meets the surface at x + (s - D) p.
+            reach = math.ceil(FINE * ((size - 1) / 2 + farthest * side / 2)) + 1
+            first, last = start * FINE // OVERSAMPLING - margin, (start + n) * FINE // OVERSAMPLING + margin
+            ends.append((min(max(first, -reach), last - 2), max(min(last, reach + 1), first + 2)))
+        (top, bottom), (left, right) = ends
+        return top, left, bottom, right
 
 
 def focal_planes(
-    layers: Sequence[Layer], camera: Camera, slopes: Sequence[float], n_cells: int | None = None
+    layers: Sequence[Layer], camera: Camera, slopes: Sequence[float], n_cells: int | None = None, averaged: int = 1
 ) -> list[FocalPlane]:
     """The planes of a stack, each with its visible layers and the cells that it needs, or `n_cells` along a side."""
     windows = Windows(camera, max(_margin(layers, camera, slope) for slope in slopes))
     planes = []
     for slope in slopes:
         visible = visible_layers(layers, slope, windows)
-        cells = cut_aperture(camera, n_cells or cells_needed(visible, camera, slope))
-        planes.append(FocalPlane(slope, camera, visible, cells, _margin(visible, camera, slope), windows))
+        counts = CellCounts(n_cells, None) if n_cells else cells_needed(visible, camera, slope, averaged)
+        plane = FocalPlane(
+            slope, camera, visible, cut_aperture(camera, counts.fine), _margin(visible, camera, slope), windows
+        )
+        if counts.coarse:
+            plane = replace(plane, coarser=replace(plane, cells=cut_aperture(camera, counts.coarse)))
+        planes.append(plane)
     return planes
 
 

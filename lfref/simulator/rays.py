@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.functional.loops import compiled, inlined
-from lfref.simulator.bitmaps import OVERSAMPLING, Box, Floats
+from lfref.simulator.bitmaps import Box, Floats
 from lfref.simulator.layers import Highlight, Layer, is_backdrop
 
 Integers = NDArray[np.int64]
@@ -37,6 +37,7 @@ class Atlas(NamedTuple):
     """A texture atlas: bitmaps one after the other in one array."""
 
     samples: Floats  # premultiplied RGBA of all bitmaps, [all]
+    density: int  # samples per pixel along each axis
     frames: Integers  # of each: index of the first value, rows, columns, Y and X of the first sample in samples, [n, 5]
 
 
@@ -64,15 +65,15 @@ class RayRow(NamedTuple):
     cell: float  # width in view steps of the aperture cell for which the point stands; 0 for a view
 
 
-def atlas(entries: Sequence[AtlasEntry]) -> Atlas:
-    """Put bitmaps one after the other."""
+def atlas(entries: Sequence[AtlasEntry], density: int) -> Atlas:
+    """Put bitmaps of `density` samples per pixel one after the other."""
     arrays = [entry.samples.reshape(-1) for entry in entries]
     starts = np.cumsum([0, *(array.size for array in arrays)])[:-1]
     frames = [
         (start, *entry.opacity.shape, entry.top, entry.left) for start, entry in zip(starts, entries, strict=True)
     ]
     samples = np.concatenate(arrays) if arrays else np.zeros(0, np.float32)
-    return Atlas(samples, np.array(frames, np.int64).reshape(-1, 5))
+    return Atlas(samples, density, np.array(frames, np.int64).reshape(-1, 5))
 
 
 def ray_layers(
@@ -97,13 +98,13 @@ def ray_layers(
     )
 
 
-def visible_box(entry: AtlasEntry, reads: int) -> Box:
+def visible_box(entry: AtlasEntry, reads: int, density: int) -> Box:
     """The box, in pixels, of the points whose look-ups read samples that are not transparent.
 
-    A look-up reads `reads` samples on either side of its point. Edge samples repeat beyond a bitmap: towards an edge
-    with a visible sample, the box has no limit.
+    A look-up reads `reads` samples, `density` of them per pixel, on either side of its point. Edge samples repeat
+    beyond a bitmap: towards an edge with a visible sample, the box has no limit.
     """
-    margin = (reads + 1) / OVERSAMPLING  # one sample more for rounding
+    margin = (reads + 1) / density  # one sample more for rounding
     is_visible = entry.opacity != 0
     limits = []
     for axis, start in ((0, entry.left), (1, entry.top)):
@@ -111,8 +112,8 @@ def visible_box(entry: AtlasEntry, reads: int) -> Box:
         if not index.size:
             return math.inf, math.inf, -math.inf, -math.inf
         first, last = int(index[0]), int(index[-1])
-        low = -math.inf if first == 0 else (first + start) / OVERSAMPLING - margin
-        high = math.inf if last == is_visible.shape[1 - axis] - 1 else (last + start) / OVERSAMPLING + margin
+        low = -math.inf if first == 0 else (first + start) / density - margin
+        high = math.inf if last == is_visible.shape[1 - axis] - 1 else (last + start) / density + margin
         limits.append((low, high))
     (left, right), (top, bottom) = limits
     return left, top, right, bottom
@@ -285,6 +286,6 @@ def _occlude(
 
 
 @inlined
-def sample_position(frame: Integers, at_x: float, at_y: float) -> tuple[float, float]:
-    """Column and row of a point (X, Y) in a bitmap of the atlas, in samples."""
-    return at_x * OVERSAMPLING - frame[4], at_y * OVERSAMPLING - frame[3]
+def sample_position(atlas: Atlas, n: int, at_x: float, at_y: float) -> tuple[float, float]:
+    """Column and row of a point (X, Y) in bitmap n of the atlas, in samples."""
+    return at_x * atlas.density - atlas.frames[n, 4], at_y * atlas.density - atlas.frames[n, 3]

@@ -4,8 +4,9 @@ Their disparities lie among the slopes of the paper's planes in either conventio
 pixels per view step. Figures are comparable only between equal `VERSION`s.
 `WIDE` are ten more scenes, of wide baselines, and no part of the thirty.
 
-In version 1, painted surfaces have no frequencies above half a cycle per pixel. In version 2, cameras average over
-several samples per pixel, so that textures and edges have higher frequencies and views alias, as in photographs.
+Without their sensors, the scenes are still thirty different ones. In version 1, painted surfaces have no frequencies
+above half a cycle per pixel. In version 2, cameras average over several samples per pixel, so that textures and edges
+have higher frequencies and views alias, as in photographs.
 The module stands alone, since its scenes must stay as they are.
 """
 
@@ -57,7 +58,6 @@ CARDS = (
     Surface(Plane(-0.3), CLOTH, Polygon(((-75, -40), (-5, -50), (5, 35), (-70, 45)))),
     Surface(Plane(0.25), LINES, Disc(30, (45, 8))),
 )
-"""Surfaces of the scenes that show optics and sensor."""
 LAMPS = (
     Surface(Plane(-0.9), PAPER, Disc(4, (-60, -30)), Emissive(6)),
     Surface(Plane(-0.9), Flat((1.0, 0.6, 0.2)), Disc(3, (-10, -45)), Emissive(8)),
@@ -99,23 +99,43 @@ SCENES: dict[str, Scene] = {
         _scene("bokeh", WALL, *LAMPS, *TWIGS[1:], camera=ROUND, light=Light(0.4), sensor=Sensor(clipping=Clipping())),
         _scene("veil", WALL, LEAVES[0], Surface(Plane(0.3), CLOTH, Disc(50, (10, 0)), opacity=0.5)),
         _scene("running", WALL, Surface(Plane(0.1), CLOTH, Disc(30, (-15, 0)), motion=(14.0, 3.0)), *TWIGS[:1]),
-        # Optics and sensor.
+        # Optics and sensor; without them, these scenes differ as all others do.
         _scene("vignetting", *CARDS, sensor=Sensor(vignetting=Vignetting(field=0.6, cats_eye=0.5))),
         _scene(
             "colours",
-            *CARDS,
+            GARDEN,
+            Surface(Plane(-0.25), LINES, Polygon(((-80, -45), (-15, -52), (-25, 40), (-70, 48)))),
+            Surface(Plane(0.3), CLOTH, Disc(34, (40, -6))),
             sensor=Sensor(chromatic=Chromatic(magnification=(1.004, 1, 0.996), disparity=(0.05, 0, -0.05))),
         ),
-        _scene("misaligned", *CARDS, sensor=Sensor(misalignment=Misalignment(sigma=0.25))),
-        _scene("crosstalk", *CARDS, sensor=Sensor(crosstalk=Crosstalk(leak=0.08))),
+        _scene(
+            "misaligned",
+            WALL,
+            Surface(Plane(-0.45), BARK, Disc(40, (-35, 0))),
+            Surface(Plane(0.1), LINES, Leaf(120, 50, 20, (30, 10))),
+            sensor=Sensor(misalignment=Misalignment(sigma=0.25)),
+        ),
+        _scene(
+            "crosstalk",
+            Surface(Plane(-0.8), LINES),
+            Surface(Plane(-0.1), MOSS, Leaf(130, 60, -15, (-20, 0))),
+            Surface(Plane(0.35), PAPER, Disc(20, (55, -20))),
+            sensor=Sensor(crosstalk=Crosstalk(leak=0.08)),
+        ),
         _scene(
             "grainy",
-            *CARDS,
+            WALL,
+            Surface(Plane(-0.4), PAPER, Polygon(((-70, 50), (-35, -45), (20, -50), (10, 52)))),
+            Surface(Plane(0.2), CLOTH, Perforated(pitch=34, radius=12, angle=-10)),
             sensor=Sensor(mosaic=Mosaic(), noise=SensorNoise(shot=2e-3, read=1e-4), clipping=Clipping()),
         ),
         _scene(
             "graded",
-            *CARDS,
+            Surface(Plane(-0.7), SKY),
+            Surface(
+                Plane(-0.35), STONE, Polygon(((-200, 200), (-200, 10), (-60, -35), (20, 5), (90, -25), (200, 200)))
+            ),
+            Surface(Plane(0.2), MOSS, Polygon(((-200, 200), (-200, 35), (-20, 50), (60, 20), (200, 30), (200, 200)))),
             sensor=Sensor(
                 exposure=Exposure(gain=0.8),
                 quantisation=Quantisation(bits=8),
@@ -198,10 +218,10 @@ def _aliased(scene: Scene) -> Scene:
 
 VERSIONS: dict[str, dict[str, Scene]] = {"1": SCENES, "2": {name: _aliased(scene) for name, scene in SCENES.items()}}
 """All versions of the set, their scenes by name."""
-VERSION = "d8d1d6f245da"
-"""Identifier of the pictures of version 1, to be changed when they change; tests/simulator/test_sim30.py compares
-them."""
-VERSION_2 = "19e864d2ff0b"
+VERSION = "aa53f9c0373a"
+"""Identifier of the pictures of version 1, views and truth, to be changed when they change;
+tests/simulator/test_sim30.py compares them."""
+VERSION_2 = "5d1c7b64e9f2"
 """Identifier of the pictures of version 2."""
 
 

@@ -109,7 +109,7 @@ class Simulation:
         return [
             *passes,
             render("view", "radiance", views.views),
-            render("photograph", "truth", truth.stack, n_samples * planes),
+            render("photograph", "truth", truth.stack, n_samples * planes, n_samples),
             render("look through a pinhole", "all_in_focus", views.all_in_focus),
             render("find disparity", "disparity", views.disparity),
             render("find masks", "masks", views.masks, len(scene.surfaces)),

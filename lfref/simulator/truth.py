@@ -6,11 +6,12 @@ The integral needs sampling only because surfaces hide parts of each other. Step
 1. Choose the visible layers and the number of cells of the aperture (`focal_planes`).
 2. A single layer that is only shifted needs no sampling: the sum over all cells is a linear filter (`filter_layer`).
 3. Otherwise blur every layer by its motion within a cell, composite through the middle of every cell, and take the
-   weighted mean. `CellRenderer` prepares the arrays that the compiled loops of `truth_loops` read, on the CPU:
+   weighted mean; do so with two numbers of cells, and extrapolate. `render` prepares the arrays that the compiled
+   loops of `truth_loops` read, on the CPU:
    - a layer that is only shifted is blurred by its motion within a cell and read along whole rows (`BlurredLayers`);
-   - a traced layer that faces the camera gets such a blurred window too, in an atlas;
-   - a traced layer that is slanted or curved is blurred differently at each pixel: the atlas has blurred copies of its
-     bitmap, and tables say between which copies each pixel lies.
+   - a traced layer that faces the camera gets such a blurred window too;
+   - a traced layer that is slanted or curved is blurred differently at each point: its window is mixed of blurred
+     copies of its bitmap.
    `render_eagerly` takes the same sums by PyTorch's operations. It is the only form that runs on a GPU, and the
    reference of the loops in tests; on the CPU it takes several times as long.
 Letters: `N` planes, `s` slope, `e` relative slope, `K` layers, `J I` rows and columns of cells, `M` cells at once,
@@ -20,6 +21,7 @@ Letters: `N` planes, `s` slope, `e` relative slope, `K` layers, `J I` rows and c
 import functools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -30,37 +32,44 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import loops
 from lfref.simulator import bitmaps, focal_planes, rays, truth_loops, views
-from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Box
+from lfref.simulator.bitmaps import FINE, OVERSAMPLING, Bitmap
 from lfref.simulator.focal_planes import CellFilter, FocalPlane
 from lfref.simulator.layers import Layer, disparity_span
 from lfref.simulator.rays import AtlasEntry
 from lfref.simulator.scene import Camera
-from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, BlurTables, CellPositions, TracedLayers
+from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, CellPositions, TracedLayers
 
 
-def stack(layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, n_cells: int | None = None) -> Tensor:
+def stack(
+    layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, averaged: int = 1, n_cells: int | None = None
+) -> Tensor:
     """Photograph layers at each slope: a stack of the layers' type and device, [N, 3, H, W].
 
     Args:
         layers: Layers from far to near, painted for a reach of the greatest |slope|.
         camera: The lens and the size of the picture.
         slopes: Slopes of the planes in pixels per view step, [N].
+        averaged: Side, in pixels of this picture, of the squares whose means will be the final pixels.
         n_cells: Cells along the aperture's longer side; None takes as many as each plane needs.
     """
     values = geometry.checked_slopes(slopes, camera.grid, camera.size).tolist()
     if n_cells is not None and n_cells < 1:
         raise InputError("n_cells must be at least 1", got=n_cells)
-    planes = focal_planes.focal_planes(layers, camera, values, n_cells)
+    planes = focal_planes.focal_planes(layers, camera, values, n_cells, averaged)
     on_cpu = layers[0].device.type == "cpu"
-    render = CellRenderer(planes).render if on_cpu else render_eagerly
+    renderer = render if on_cpu else render_eagerly
     pictures = []
     for plane in planes:
         if not plane.layers:
             pictures.append(layers[0].bitmap.samples.new_zeros(3, *camera.size))
         elif len(plane.layers) == 1 and not plane.traced:
             pictures.append(filter_layer(plane))
+        elif plane.coarser:
+            # Richardson: with half as many cells, the leading error is four times as large.
+            picture = renderer(plane)
+            pictures.append(picture + (picture - renderer(plane.coarser)) / 3)
         else:
-            pictures.append(render(plane))
+            pictures.append(renderer(plane))
     return torch.stack(pictures)
 
 
@@ -82,7 +91,7 @@ def filter_layer(plane: FocalPlane) -> Tensor:
         top, down = focal_planes.combined_taps(cell.down, cell.rows, in_group)
         left, across = focal_planes.combined_taps(cell.across, cell.columns, share)
         if samples.device.type == "cpu":
-            truth_loops.filter_at_pixels(samples.numpy(), down, across, top, left, OVERSAMPLING, picture.numpy())
+            truth_loops.filter_at_pixels(samples.numpy(), down, across, top, left, FINE, picture.numpy())
         else:
             rows = _filter_matrix(top, down, picture.shape[1], samples.shape[1]).to(samples)
             columns = _filter_matrix(left, across, picture.shape[2], samples.shape[2]).to(samples)
@@ -94,128 +103,106 @@ def _filter_matrix(first: int, taps: NDArray, length: int, n_samples: int) -> Te
     """A filter at every pixel as a matrix, float64, [length, n_samples]."""
     matrix = torch.zeros(length, n_samples, dtype=torch.float64)
     pixels = torch.arange(length)[:, None]
-    matrix[pixels, first + OVERSAMPLING * pixels + torch.arange(len(taps))] = torch.from_numpy(taps)
+    matrix[pixels, first + FINE * pixels + torch.arange(len(taps))] = torch.from_numpy(taps)
     return matrix
 
 
-class CellRenderer:
-    """Composites the planes of a stack through every cell, on the CPU.
+def render(plane: FocalPlane) -> Tensor:
+    """The picture of a plane by compiled loops, on the CPU, [3, H, W]."""
+    cells, n_pixels = plane.cells, math.prod(plane.camera.size)
+    # About 4 million look-ups take as long as the start of one more thread.
+    n_threads = loops.worthwhile(len(plane.layers) * cells.weights.numel() * n_pixels, 1 << 22)
+    aperture = ApertureCells(cells.p.numpy(), cells.q.numpy(), cells.weights.numpy(), plane.cell_width, plane.slope)
+    picture = np.zeros((3, *plane.camera.size), plane.layers[0].bitmap.samples.numpy().dtype)
+    traced = _traced_layers(plane, n_threads)
+    if plane.is_sorted:
+        composite = functools.partial(truth_loops.composite_sorted, traced)
+    else:
+        layers = [layer for layer in plane.layers if not layer.is_traced]
+        shifted = _allocate(plane, len(layers), picture.dtype)
+        rows, columns = np.empty((len(layers), len(cells.q))), np.empty((len(layers), len(cells.p)))
+        for k, layer in enumerate(layers):
+            cell = _blur(plane, layer.bitmap, layer.surface.geometry.form.disparity, shifted, k)
+            rows[k], columns[k] = cell.rows, cell.columns
+        composite = functools.partial(truth_loops.composite_fixed, shifted, CellPositions(rows, columns), traced)
+    work = functools.partial(composite, aperture, picture)
+    loops.share(work, loops.bands(plane.camera.size[0], n_threads), n_threads)
+    return torch.from_numpy(picture)
 
-    Its atlas has the blurred copies of all bitmaps, which the planes share, and memory for windows, which each plane
-    fills anew.
-    """
 
-    def __init__(self, planes: Sequence[FocalPlane]) -> None:
-        n_copies: dict[Bitmap, int] = {}
-        for plane in planes:
-            for layer in plane.traced:
-                if not layer.surface.geometry.is_parallel:
-                    n_copies[layer.bitmap] = max(_n_levels(plane, layer), n_copies.get(layer.bitmap, 0))
-        entries: list[AtlasEntry] = []
-        self.copies: dict[Bitmap, int] = {}  # index of the first copy of each bitmap
-        for bitmap, n_levels in n_copies.items():
-            self.copies[bitmap] = len(entries)
-            entries += [_blurred_entry(bitmap, level) for level in range(n_levels)]
-        self.first_window = len(entries)
-        n_windows = max(
-            sum(layer.surface.geometry.is_parallel + (layer.reflection is not None) for layer in plane.traced)
-            for plane in planes
-        )
-        layers = [layer for plane in planes for layer in plane.layers]
-        self.dtype = layers[0].bitmap.samples.numpy().dtype if layers else np.dtype(np.float32)
-        largest = [(length + 2 * planes[0].windows.margin) * OVERSAMPLING for length in planes[0].camera.size]
-        empty = np.empty((*largest, 4), self.dtype)
-        self.atlas = rays.atlas([*entries, *[AtlasEntry(empty, empty[..., 3], 0, 0)] * n_windows])
+def _allocate(plane: FocalPlane, n_layers: int, dtype: np.dtype) -> BlurredLayers:
+    height, width = (length + 2 * plane.margin for length in plane.camera.size)
+    samples = np.empty((n_layers, 4, height * FINE, FINE, width), dtype)
+    return BlurredLayers(samples, *np.empty((2, n_layers, height * FINE), np.int64))
 
-    def render(self, plane: FocalPlane) -> Tensor:
-        """The picture of a plane, [3, H, W]."""
-        cells = plane.cells
-        aperture = ApertureCells(cells.p.numpy(), cells.q.numpy(), cells.weights.numpy(), plane.cell_width, plane.slope)
-        picture = np.zeros((3, *plane.camera.size), self.dtype)
-        traced = self._traced_layers(plane)
-        if plane.is_sorted:
-            composite = functools.partial(truth_loops.composite_sorted, traced)
+
+def _blur(plane: FocalPlane, bitmap: Bitmap, disparity: float, blurred: BlurredLayers, k: int) -> CellFilter:
+    """Fill layer k with the window of a bitmap that faces the camera, blurred by a cell."""
+    samples = plane.window(bitmap).numpy()
+    cell = plane.filter(disparity)
+    down, across = (taps.astype(samples.dtype) for taps in cell[:2])
+    truth_loops.blur_layer(samples, down, across, blurred.samples[k], blurred.first[k], blurred.last[k])
+    return cell
+
+
+def _traced_layers(plane: FocalPlane, n_threads: int) -> TracedLayers:
+    """Tables and blurred windows of the layers whose rays are followed."""
+    layers = plane.traced
+    windows: list[AtlasEntry] = []
+    boxes, indices = [], []
+    for layer in layers:
+        shape, reflection, own = layer.surface.geometry, layer.reflection, len(windows)
+        if shape.is_parallel:
+            windows.append(_blurred_entry(plane, layer.bitmap, shape.form.disparity))
         else:
-            layers = [layer for layer in plane.layers if not layer.is_traced]
-            shifted = self._allocate(plane, len(layers))
-            rows, columns = np.empty((len(layers), len(cells.q))), np.empty((len(layers), len(cells.p)))
-            for k, layer in enumerate(layers):
-                cell = self._blur(plane, layer.bitmap, layer.surface.geometry.form.disparity, shifted, k)
-                rows[k], columns[k] = cell.rows, cell.columns
-            positions = CellPositions(rows, columns)
-            composite = functools.partial(truth_loops.composite_fixed, shifted, positions, traced)
-        # About 4 million look-ups take as long as the start of one more thread.
-        n_threads = loops.worthwhile(len(plane.layers) * aperture.weights.size * picture[0].size, 1 << 22)
-        work = functools.partial(composite, aperture, picture)
-        loops.share(work, loops.bands(plane.camera.size[0], n_threads), n_threads)
-        return torch.from_numpy(picture)
-
-    def _allocate(self, plane: FocalPlane, n_layers: int) -> BlurredLayers:
-        height, width = (length + 2 * plane.margin for length in plane.camera.size)
-        samples = np.empty((n_layers, 4, height * OVERSAMPLING, OVERSAMPLING, width), self.dtype)
-        return BlurredLayers(samples, *np.empty((2, n_layers, height * OVERSAMPLING), np.int64))
-
-    def _blur(self, plane: FocalPlane, bitmap: Bitmap, disparity: float, blurred: BlurredLayers, k: int) -> CellFilter:
-        """Fill layer k with the window of a bitmap that faces the camera, blurred by a cell."""
-        samples = plane.window(bitmap).numpy()
-        cell = plane.filter(disparity)
-        down, across = (taps.astype(samples.dtype) for taps in cell[:2])
-        truth_loops.blur_layer(samples, down, across, blurred.samples[k], blurred.first[k], blurred.last[k])
-        return cell
-
-    def _traced_layers(self, plane: FocalPlane) -> TracedLayers:
-        """Tables of the layers whose rays are followed; their windows in the atlas are filled."""
-        layers, window = plane.traced, self.first_window
-        indices, boxes = [], []
-        for layer in layers:
-            shape, reflection = layer.surface.geometry, layer.reflection
-            if shape.is_parallel:
-                own, window = window, window + 1
-                boxes.append(self._fill_window(own, plane, layer.bitmap, shape.form.disparity))
-            else:
-                own = self.copies[layer.bitmap]
-                # The widest copy that this plane reads bounds all other copies.
-                boxes.append(rays.visible_box(_blurred_entry(layer.bitmap, _n_levels(plane, layer) - 1), reads=1))
-            mirrored = -1
-            if reflection:
-                mirrored, window = window, window + 1
-                self._fill_window(mirrored, plane, reflection.picture, reflection.disparity)
-            indices.append((own, mirrored))
-        spans = [disparity_span(plane.camera, layer.surface.geometry, abs(plane.slope)) for layer in layers]
-        blurs = [plane.blur_levels(layer) for layer in layers]
-        tables = BlurTables(np.array([levels for levels, _ in blurs], ndmin=2), np.array([steps for _, steps in blurs]))
-        described = rays.ray_layers(layers, spans, boxes, indices)
-        # All layers from far to near: index among shifted layers, or -1 - index among traced layers.
-        order: list[int] = []
-        n_traced = 0
-        for layer in plane.layers:
-            is_traced = layer in layers
-            n_traced += is_traced
-            order.append(-n_traced if is_traced else len(order) - n_traced)
-        return TracedLayers(described, tables, self.atlas, np.array(order, np.int64), plane.crosses())
-
-    def _fill_window(self, n: int, plane: FocalPlane, bitmap: Bitmap, disparity: float) -> Box:
-        """Put a window, blurred by a cell, into the atlas; returns the box in which it is visible."""
-        blurred = self._allocate(plane, 1)
-        self._blur(plane, bitmap, disparity, blurred, 0)
-        # [4, rows, phases, columns] -> rows, columns with their phases side by side, channels.
-        samples = blurred.samples[0].transpose(1, 3, 2, 0)
-        samples = samples.reshape(samples.shape[0], -1, 4)
-        frame, (top, left) = self.atlas.frames[n], plane.window_corner()
-        frame[1:] = *samples.shape[:2], top, left
-        self.atlas.samples[frame[0] : frame[0] + samples.size] = samples.reshape(-1)
-        return rays.visible_box(AtlasEntry(samples, samples[..., 3], top, left), reads=1)
+            windows.append(_mixed_entry(plane, layer, n_threads))
+        boxes.append(rays.visible_box(windows[own], 1, FINE))
+        if reflection:
+            windows.append(_blurred_entry(plane, reflection.picture, reflection.disparity))
+        indices.append((own, own + 1 if reflection else -1))
+    spans = [disparity_span(plane.camera, layer.surface.geometry, abs(plane.slope)) for layer in layers]
+    described = rays.ray_layers(layers, spans, boxes, indices)
+    # All layers from far to near: index among shifted layers, or -1 - index among traced layers.
+    order: list[int] = []
+    n_traced = 0
+    for layer in plane.layers:
+        is_traced = layer in layers
+        n_traced += is_traced
+        order.append(-n_traced if is_traced else len(order) - n_traced)
+    return TracedLayers(described, rays.atlas(windows, FINE), np.array(order, np.int64), plane.crosses())
 
 
-def _n_levels(plane: FocalPlane, layer: Layer) -> int:
-    """Number of blurred copies that a plane reads of a slanted or curved layer."""
-    return math.ceil(plane.blur_levels(layer)[0].max()) + 1
+def _entry(samples: NDArray[np.floating], top: int, left: int) -> AtlasEntry:
+    """The entry of a window whose samples lie phase by phase, [4, rows, o, columns]."""
+    opacity = samples[3].swapaxes(1, 2).reshape(samples.shape[1], -1)
+    return AtlasEntry(samples, opacity, top, left)
 
 
-def _blurred_entry(bitmap: Bitmap, level: int) -> AtlasEntry:
-    beyond = bitmaps.margin(level)
-    samples = bitmap.blurred(level).numpy()
-    return AtlasEntry(samples, samples[..., 3], bitmap.canvas.top - beyond, bitmap.canvas.left - beyond)
+def _blurred_entry(plane: FocalPlane, bitmap: Bitmap, disparity: float) -> AtlasEntry:
+    """The window of a bitmap that faces the camera, blurred by a cell."""
+    blurred = _allocate(plane, 1, bitmap.samples.numpy().dtype)
+    _blur(plane, bitmap, disparity, blurred, 0)
+    return _entry(blurred.samples[0], *plane.window_corner())
+
+
+def _mixed_entry(plane: FocalPlane, layer: Layer, n_threads: int) -> AtlasEntry:
+    """The window of a slanted or curved layer, mixed of blurred copies of its bitmap."""
+    blur = plane.copy_blur(layer)
+    top, left, bottom, right = plane.read_box(layer, blur.copies())
+    dtype = layer.bitmap.samples.numpy().dtype
+    window = np.zeros((4, bottom - top, FINE, math.ceil((right - left) / FINE)), dtype)
+    form = np.array(layer.surface.geometry.form, np.float64)
+    for level in blur.copies():
+        copy, frame = layer.bitmap.blurred(level).numpy(), _copy_corner(layer.bitmap, level)
+        work = functools.partial(truth_loops.add_copy, copy, frame, level, form, blur, (top, left), window)
+        loops.share(work, loops.bands(bottom - top, n_threads), n_threads)
+    return _entry(window, top, left)
+
+
+def _copy_corner(bitmap: Bitmap, level: int) -> tuple[int, int]:
+    """Y and X of the first sample of a blurred copy, in samples."""
+    canvas, margin = bitmap.canvas, bitmaps.margin(level)
+    return canvas.top * FINE // OVERSAMPLING - margin, canvas.left * FINE // OVERSAMPLING - margin
 
 
 def render_eagerly(plane: FocalPlane) -> Tensor:
@@ -223,14 +210,7 @@ def render_eagerly(plane: FocalPlane) -> Tensor:
     cells, layers = plane.cells, plane.layers
     device = layers[0].device
     picture = torch.zeros(3, *plane.camera.size, dtype=torch.float64, device=device)
-    windows = {
-        bitmap: _blurred_window(plane, bitmap, disparity)
-        for layer in layers
-        for bitmap, disparity in (
-            [(layer.bitmap, layer.surface.geometry.form.disparity)] * layer.surface.geometry.is_parallel
-            + ([(layer.reflection.picture, layer.reflection.disparity)] if layer.reflection else [])
-        )
-    }
+    windows = [_eager_windows(plane, layer) for layer in layers]
     x, y = (pixels.to(device) for pixels in plane.camera.pixels())
     q, p = (points.flatten() for points in torch.meshgrid(cells.q, cells.p, indexing="ij"))
     weights = cells.weights.flatten()
@@ -239,60 +219,79 @@ def render_eagerly(plane: FocalPlane) -> Tensor:
         p, q, shares = (values.to(device)[:, None, None] for values in part)
         ray = p, q, x + plane.slope * p, y + plane.slope * q
         disparities = views.ray_disparities(layers, *ray)
-        rgba = [_layer_rgba(plane, layer, windows, D, *ray) for layer, D in zip(layers, disparities, strict=True)]
+        rgba = [_layer_rgba(plane, *of_layer, *ray) for of_layer in zip(layers, windows, disparities, strict=True)]
         radiance = _composite_crossing(plane, rgba, disparities, *ray) if plane.is_sorted else views.composite(rgba)
         picture += torch.einsum("m,mchw->chw", shares[:, 0, 0], radiance.double())
     return picture.to(layers[0].bitmap.samples)
 
 
+class EagerWindow(NamedTuple):
+    """A blurred window of PyTorch."""
+
+    samples: Tensor  # premultiplied RGBA, [4, h, w]
+    top: int  # Y of the first row in samples
+    left: int  # X of the first column in samples
+
+    def at(self, x: Tensor, y: Tensor) -> Tensor:
+        """Linear look-ups at points (X, Y) [M, H, W] each, [M, 4, H, W]."""
+        places = torch.broadcast_tensors(x * FINE - self.left, y * FINE - self.top)
+        return bitmaps.linear_at(self.samples, *places)
+
+
+def _eager_windows(plane: FocalPlane, layer: Layer) -> list[EagerWindow]:
+    """The windows of a layer and of the picture that it mirrors, if any."""
+    shape, reflection = layer.surface.geometry, layer.reflection
+    is_parallel = shape.is_parallel
+    own = _blurred_window(plane, layer.bitmap, shape.form.disparity) if is_parallel else _mixed_window(plane, layer)
+    return [own, _blurred_window(plane, reflection.picture, reflection.disparity)] if reflection else [own]
+
+
 def _layer_rgba(
-    plane: FocalPlane, layer: Layer, windows: dict[Bitmap, Tensor], D: Tensor, p: Tensor, q: Tensor, x: Tensor,
-    y: Tensor,
-) -> Tensor:  # fmt: skip
+    plane: FocalPlane, layer: Layer, windows: list[EagerWindow], D: Tensor, p: Tensor, q: Tensor, x: Tensor, y: Tensor
+) -> Tensor:
     """A layer as seen through cells, RGBA [M, 4, H, W], by rays that meet it at the disparities D [M, H, W]."""
     positions, e = (x - D * p, y - D * q), plane.slope - D
-    if layer.surface.geometry.is_parallel:
-        rgba = _read_window(plane, windows[layer.bitmap], *positions)
-    else:
-        # Between the two blurred copies that suit each pixel.
-        table, steps = plane.blur_levels(layer)
-        levels = torch.from_numpy(table).to(e)
-        step = e.abs() * steps
-        below = step.long().clamp(max=len(levels) - 2)
-        level = (levels[below] + (step - below) * (levels[below + 1] - levels[below]))[:, None]
-        rgba, canvas = torch.zeros(()), layer.bitmap.canvas
-        for n in range(int(level.min()), int(level.max().ceil()) + 1):
-            i, j = (
-                at * OVERSAMPLING - start + bitmaps.margin(n)
-                for at, start in zip(positions, (canvas.left, canvas.top), strict=True)
-            )
-            share = (1 - (level - n).abs()).clamp(min=0)
-            copy = layer.bitmap.blurred(n).movedim(-1, 0)
-            rgba = rgba + share.to(layer.bitmap.samples) * bitmaps.linear_at(copy, i, j)
+    rgba = windows[0].at(*positions)
     if layer.highlight:
         spread = (e - layer.highlight.drift) * plane.cell_width
         rgba[:, :3] += rgba[:, 3:] * layer.highlight.light_at(positions, p, q, spread).to(rgba)
     if layer.reflection:
-        disparity, window = layer.reflection.disparity, windows[layer.reflection.picture]
-        mirrored = _read_window(plane, window, x - disparity * p, y - disparity * q)
+        disparity = layer.reflection.disparity
+        mirrored = windows[1].at(x - disparity * p, y - disparity * q)
         rgba[:, :3] += layer.reflection.share * rgba[:, 3:] * mirrored[:, :3]
     return rgba
 
 
-def _blurred_window(plane: FocalPlane, bitmap: Bitmap, disparity: float) -> Tensor:
-    """The window of a bitmap that faces the camera, blurred by a cell, [4, h, w]."""
+def _mixed_window(plane: FocalPlane, layer: Layer) -> EagerWindow:
+    """The window of a slanted or curved layer: between the two blurred copies that suit each point."""
+    blur = plane.copy_blur(layer)
+    top, left, bottom, right = plane.read_box(layer, blur.copies())
+    rows, columns = (torch.arange(*ends, device=layer.device) for ends in ((top, bottom), (left, right)))
+    disparity = layer.surface.geometry.disparity_at(columns.double() / FINE, rows.double()[:, None] / FINE)
+    levels = torch.from_numpy(blur.levels).to(disparity)
+    step = (plane.slope - disparity).abs().clamp(min=blur.nearest) * blur.steps
+    below = step.long().clamp(max=len(levels) - 2)
+    level = levels[below] + (step - below).clamp(max=1) * (levels[below + 1] - levels[below])
+    mixed = torch.zeros(())
+    for n in blur.copies():
+        share, copy = (1 - (level - n).abs()).clamp(min=0), layer.bitmap.blurred(n)
+        i, j = (
+            (at - start).clamp(0, length - 1)
+            for at, start, length in zip((rows, columns), _copy_corner(layer.bitmap, n), copy.shape, strict=False)
+        )
+        mixed = mixed + share.to(copy) * copy[i][:, j].movedim(-1, 0)
+    return EagerWindow(mixed, top, left)
+
+
+def _blurred_window(plane: FocalPlane, bitmap: Bitmap, disparity: float) -> EagerWindow:
+    """The window of a bitmap that faces the camera, blurred by a cell."""
     samples, cell = plane.window(bitmap), plane.filter(disparity)
     for axis, taps in ((-2, cell.down.tolist()), (-1, cell.across.tolist())):
         length, half = samples.shape[axis], len(taps) // 2
         index = torch.arange(-half, length + half, device=samples.device).clamp(0, length - 1)
         padded = samples.index_select(axis, index)
         samples = sum((tap * padded.narrow(axis, t, length) for t, tap in enumerate(taps)), torch.zeros_like(samples))
-    return samples
-
-
-def _read_window(plane: FocalPlane, window: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    top, left = plane.window_corner()
-    return bitmaps.linear_at(window, *torch.broadcast_tensors(x * OVERSAMPLING - left, y * OVERSAMPLING - top))
+    return EagerWindow(samples, *plane.window_corner())
 
 
 def _composite_crossing(

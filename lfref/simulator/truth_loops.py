@@ -3,10 +3,11 @@
 One row of the picture after the other: for each cell, the layers are laid over one another from far to near in a row of
 radiance, which is added to the total with the cell's weight. Layers that every cell only shifts are read along whole
 rows, interpolated between two rows of samples once for all cells of a row of cells. The rays to other layers are
-followed one by one, with linear look-ups of blurred copies. The module holds the compiled code of `truth`, which alone
-uses it: arrays and loops, nothing of PyTorch.
+followed one by one, with linear look-ups of a blurred window. The module holds the compiled code of `truth`, which
+alone uses it: arrays and loops, nothing of PyTorch.
 A blurred layer's samples lie phase by phase: of `o` samples per pixel, sample m = o x + f is column x of phase f. A row
-of pixels then reads contiguous memory wherever it starts.
+of pixels then reads contiguous memory wherever it starts. Neighbouring rays to a slanted surface mostly read
+neighbouring columns, too: the loops look for such runs of pixels.
 Letters: `k` layer from far to near, `c` channel of premultiplied RGBA, `j i` row and column of cells, `y x` pixel,
 `m` row of samples, `f` phase, `t` tap, `e` relative slope in pixels per view step.
 """
@@ -16,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lfref.functional.loops import compiled, inlined
-from lfref.simulator import bitmaps, rays
-from lfref.simulator.bitmaps import Floats, Quadruple
+from lfref.simulator import rays
+from lfref.simulator.bitmaps import CopyBlur, Floats
 from lfref.simulator.rays import Atlas, Bools, Float64s, Integers, RayLayers, RayRow
 
 
@@ -46,19 +47,19 @@ class CellPositions(NamedTuple):
     columns: Float64s  # column of samples through each column of cells, [K, I]
 
 
-class BlurTables(NamedTuple):
-    """Blur of each traced layer as a function of its relative slope."""
+class LookUps(NamedTuple):
+    """Where the pixels of a row read a window."""
 
-    levels: Float64s  # copy to read, counted from the layer's first one, with fractions, at even steps of |e|, [K, T]
-    steps: Float64s  # steps per unit of |e|, [K]
+    keys: Integers  # row of samples, and column less `o` times the pixel; the same in a run of pixels, [W]
+    across: Floats  # share of the next column, [W]
+    down: Floats  # share of the next row, [W]
 
 
 class TracedLayers(NamedTuple):
     """Layers whose rays are followed one by one."""
 
     layers: RayLayers
-    blurs: BlurTables
-    atlas: Atlas
+    windows: Atlas  # blurred windows, phase by phase: [4, rows, o, columns] each
     order: Integers  # layers from far to near: index among shifted layers, or -1 - index among traced layers
     crosses: Bools  # pairs of layers that cross, [K, K]
 
@@ -75,6 +76,7 @@ def composite_fixed(
     # The total is float64: thousands of cells are added up.
     radiance, total = np.zeros((3, picture.shape[2]), picture.dtype), np.zeros((3, picture.shape[2]))
     rgba, at = np.zeros((4, picture.shape[2]), picture.dtype), np.zeros((5, picture.shape[2]))
+    look_ups = _look_ups(picture)
     for y in range(top, end):
         total[:] = 0
         for j in range(cells.q.size):
@@ -91,7 +93,7 @@ def composite_fixed(
                             _composite_line(lines[k], positions.columns[k, i], spans[k], radiance)
                         else:
                             row = rays.rays_of_row(cells.p[i], cells.q[j], cells.slope, cells.width, y, picture)
-                            begin, stop = trace_row(traced.layers, traced.blurs, traced.atlas, -1 - k, row, at, rgba)
+                            begin, stop = trace_row(traced.layers, traced.windows, -1 - k, row, look_ups, at, rgba)
                             rays.composite_over(rgba, begin, stop, radiance)
                     _add_weighted(cells.weights[j, i], radiance, total)
         picture[:, y] = total
@@ -103,7 +105,7 @@ def composite_sorted(traced: TracedLayers, cells: ApertureCells, picture: Floats
     n_layers, width = len(traced.order), picture.shape[2]
     radiance, total = np.zeros((3, width), picture.dtype), np.zeros((3, width))
     rgba, at = np.zeros((n_layers, 4, width), picture.dtype), np.zeros((n_layers, 5, width))
-    passed = np.empty(width, picture.dtype)
+    passed, look_ups = np.empty(width, picture.dtype), _look_ups(picture)
     for y in range(top, end):
         total[:] = 0
         for j in range(cells.q.size):
@@ -111,7 +113,7 @@ def composite_sorted(traced: TracedLayers, cells: ApertureCells, picture: Floats
                 if cells.weights[j, i] > 0:
                     row = rays.rays_of_row(cells.p[i], cells.q[j], cells.slope, cells.width, y, picture)
                     for k in range(n_layers):
-                        begin, stop = trace_row(traced.layers, traced.blurs, traced.atlas, k, row, at[k], rgba[k])
+                        begin, stop = trace_row(traced.layers, traced.windows, k, row, look_ups, at[k], rgba[k])
                         # Outside these pixels the layer is transparent; with opacity 0, old values of `at` do no harm.
                         rgba[k, :, :begin] = 0
                         rgba[k, :, stop:] = 0
@@ -286,12 +288,62 @@ def _composite_line(line: Floats, position: float, span: Integers, radiance: Flo
         s2[x] = rest * a2[x] + share * b2[x] + passed * s2[x]
 
 
-# Traced layers: look-ups at the points where rays meet them.
+# Traced layers: a window is mixed of blurred copies for each plane, and read where rays meet the surface.
+
+
+@compiled
+def add_copy(
+    copy: Floats, frame: tuple[int, int], level: int, form: Float64s, blur: CopyBlur, corner: tuple[int, int],
+    window: Floats, top: int, end: int,
+) -> None:  # fmt: skip
+    """Add a copy's share to rows `top` to before `end` of a window, [4, rows, o, columns].
+
+    A surface's disparity, and with it the blur that a plane needs, depends on the point of the surface only: between
+    two levels, their copies are mixed. Beyond the copy [h, w, 4] its edge samples repeat. `frame` and `corner` are Y
+    and X of the first sample of the copy and of the window, in samples; `form` has the parameters of `surfaces.Form`.
+    """
+    n_phases, n_columns = window.shape[2:]
+    shares = np.empty((n_phases, n_columns), window.dtype)
+    columns = np.empty((n_phases, n_columns), np.int64)
+    for f in range(n_phases):
+        for x in range(n_columns):
+            columns[f, x] = min(max(x * n_phases + f + corner[1] - frame[1], 0), copy.shape[1] - 1)
+    for m in range(top, end):
+        at_y = (m + corner[0]) / n_phases
+        offset_y = (at_y - form[6]) / form[4] if form[3] != 0 else 0.0
+        is_read = False
+        for f in range(n_phases):
+            for x in range(n_columns):
+                at_x = x + (f + corner[1]) / n_phases
+                disparity = form[0] + form[1] * at_x + form[2] * at_y
+                if form[3] != 0:
+                    offset_x = (at_x - form[5]) / form[4]
+                    rise = max(1 - offset_x * offset_x - offset_y * offset_y, 0.0)
+                    disparity += form[3] * rise * rise
+                step = max(abs(blur.slope - disparity), blur.nearest) * blur.steps
+                below = min(int(step), blur.levels.size - 2)
+                share = min(step - below, 1.0)
+                wanted = blur.levels[below] + share * (blur.levels[below + 1] - blur.levels[below])
+                shares[f, x] = max(1 - abs(wanted - level), 0.0)
+                is_read |= shares[f, x] > 0
+        if is_read:
+            source = copy[min(max(m + corner[0] - frame[0], 0), copy.shape[0] - 1)]
+            for f in range(n_phases):
+                for x in range(n_columns):
+                    share = shares[f, x]
+                    for c in range(4):
+                        window[c, m, f, x] += share * source[columns[f, x], c]
+
+
+@inlined
+def _look_ups(picture: Floats) -> LookUps:
+    width = picture.shape[2]
+    return LookUps(np.zeros(width, np.int64), np.zeros(width, picture.dtype), np.zeros(width, picture.dtype))
 
 
 @compiled
 def trace_row(
-    layers: RayLayers, blurs: BlurTables, atlas: Atlas, k: int, row: RayRow, at: Float64s, rgba: Floats
+    layers: RayLayers, windows: Atlas, k: int, row: RayRow, look_ups: LookUps, at: Float64s, rgba: Floats
 ) -> tuple[int, int]:
     """Fill `at` [5, W] (as `rays.intersect`) and `rgba` [4, W] with traced layer k at a row of pixels through a cell.
 
@@ -301,48 +353,60 @@ def trace_row(
     if begin >= stop:
         return 0, 0
     rays.intersect(layers, k, row, begin, stop, at)
-    _read_copies(layers.bitmaps[k, 0], blurs.levels[k], blurs.steps[k], atlas, row.slope, begin, stop, at, rgba)
+    _find_samples(windows, layers.bitmaps[k, 0], at, begin, stop, look_ups)
+    _read_runs(windows, layers.bitmaps[k, 0], begin, stop, look_ups, rgba)
     if layers.highlights[k, 3] > 0:
         rays.add_highlight(layers, k, row, begin, stop, at, rgba)
     if layers.bitmaps[k, 1] >= 0:
         share, disparity = rgba.dtype.type(layers.mirrors[k, 0]), layers.mirrors[k, 1]
+        mirrored, points = np.empty_like(rgba), np.empty((2, rgba.shape[1]))
         for x in range(begin, stop):
-            at_x, at_y = row.x + x - disparity * row.p, row.y - disparity * row.q
-            red, green, blue, _ = _read_linear(atlas, layers.bitmaps[k, 1], at_x, at_y)
-            light = share * rgba[3, x]
-            rgba[0, x] += light * red
-            rgba[1, x] += light * green
-            rgba[2, x] += light * blue
+            points[0, x], points[1, x] = row.x + x - disparity * row.p, row.y - disparity * row.q
+        _find_samples(windows, layers.bitmaps[k, 1], points, begin, stop, look_ups)
+        _read_runs(windows, layers.bitmaps[k, 1], begin, stop, look_ups, mirrored)
+        for c in range(3):
+            for x in range(begin, stop):
+                rgba[c, x] += share * rgba[3, x] * mirrored[c, x]
     return begin, stop
 
 
 @compiled
-def _read_copies(
-    first: int, levels: Float64s, steps: float, atlas: Atlas, slope: float, begin: int, stop: int, at: Float64s,
-    rgba: Floats,
-) -> None:  # fmt: skip
-    """Read a layer between the two blurred copies that suit each pixel; copies start at bitmap `first`."""
+def _find_samples(windows: Atlas, n: int, at: Float64s, begin: int, stop: int, look_ups: LookUps) -> None:
+    """Fill the look-ups of window n at points, X and Y in `at` [2 or more, W]; beyond it, its edge repeats."""
+    _, rows, columns, top, left = windows.frames[n]
     for x in range(begin, stop):
-        # |e| of this pixel -> place in the table -> level: copy n, and the share of the next wider one.
-        step = abs(slope - at[2, x]) * steps
-        below = min(int(step), levels.size - 2)
-        level = levels[below] + (step - below) * (levels[below + 1] - levels[below])
-        n = int(level)
-        share = rgba.dtype.type(level - n)
-        red, green, blue, opacity = _read_linear(atlas, first + n, at[0, x], at[1, x])
-        # The table ends with the last copy: a next copy is read only where its share is above 0.
-        if share > 0:
-            wider = _read_linear(atlas, first + n + 1, at[0, x], at[1, x])
-            red += share * (wider[0] - red)
-            green += share * (wider[1] - green)
-            blue += share * (wider[2] - blue)
-            opacity += share * (wider[3] - opacity)
-        rgba[0, x], rgba[1, x], rgba[2, x], rgba[3, x] = red, green, blue, opacity
+        i = min(max(at[0, x] * windows.density - left, 0.0), columns - 1.0)
+        j = min(max(at[1, x] * windows.density - top, 0.0), rows - 1.0)
+        column, line = min(int(i), columns - 2), min(int(j), rows - 2)
+        look_ups.across[x], look_ups.down[x] = i - column, j - line
+        look_ups.keys[x] = (line << 32) + column - windows.density * x
 
 
-@inlined
-def _read_linear(atlas: Atlas, n: int, at_x: float, at_y: float) -> Quadruple:
-    """Bitmap n at the point (X, Y)."""
-    frame = atlas.frames[n]
-    i, j = rays.sample_position(frame, at_x, at_y)
-    return bitmaps.linear_sample(atlas.samples, frame[0], frame[1], frame[2], i, j)
+@compiled
+def _read_runs(windows: Atlas, n: int, begin: int, stop: int, look_ups: LookUps, rgba: Floats) -> None:
+    """Fill `rgba` [4, W] with linear look-ups of window n, run by run."""
+    start, rows, n_samples, _, _ = windows.frames[n]
+    n_phases = windows.density
+    n_columns = n_samples // n_phases
+    first = begin
+    while first < stop:
+        end = first + 1
+        while end < stop and look_ups.keys[end] == look_ups.keys[first]:
+            end += 1
+        length = end - first
+        flat = look_ups.keys[first] + n_phases * first
+        line = flat >> 32
+        m = flat - (line << 32)
+        p, q = (m % n_phases) * n_columns + m // n_phases, ((m + 1) % n_phases) * n_columns + (m + 1) // n_phases
+        across, down = look_ups.across[first:end], look_ups.down[first:end]
+        for c in range(4):
+            at = start + (c * rows + line) * n_samples
+            a, b = windows.samples[at + p : at + p + length], windows.samples[at + q : at + q + length]
+            at += n_samples
+            u, v = windows.samples[at + p : at + p + length], windows.samples[at + q : at + q + length]
+            target = rgba[c, first:end]
+            for x in range(length):
+                upper = a[x] + across[x] * (b[x] - a[x])
+                lower = u[x] + across[x] * (v[x] - u[x])
+                target[x] = upper + down[x] * (lower - upper)
+        first = end

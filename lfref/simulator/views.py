@@ -129,8 +129,8 @@ def _traced_drawer(
         own = add(layer.bitmap, shape.is_parallel, shape.form.disparity)
         indices.append((own, add(reflection.picture, True, reflection.disparity) if reflection else -1))
     spans = [disparity_span(camera, layer.surface.geometry, abs(slope)) for layer in layers]
-    boxes = [rays.visible_box(entries[own], reads=2) for own, _ in indices]
-    tables, atlas = rays.ray_layers(layers, spans, boxes, indices), rays.atlas(entries)
+    boxes = [rays.visible_box(entries[own], 2, OVERSAMPLING) for own, _ in indices]
+    tables, atlas = rays.ray_layers(layers, spans, boxes, indices), rays.atlas(entries, OVERSAMPLING)
     across, down = (ShiftTaps(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*taps, strict=True))
     points = Viewpoints(p.numpy(), q.numpy(), slope, across, down)
     draw = draw_traced if len(layers) == 1 else draw_sorted
@@ -212,7 +212,7 @@ def _layer_row(
     else:
         frame = atlas.frames[n]
         for x in range(begin, stop):
-            i, j = rays.sample_position(frame, at[0, x], at[1, x])
+            i, j = rays.sample_position(atlas, n, at[0, x], at[1, x])
             rgba[0, x], rgba[1, x], rgba[2, x], rgba[3, x] = bitmaps.cubic_sample(
                 atlas.samples, frame[0], frame[1], frame[2], i, j
             )

@@ -1,8 +1,9 @@
 """LightningModules: a network with its loss, metrics, optimiser and schedule, also across a resume."""
 
 import abc
+import contextlib
 import csv
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,7 +25,7 @@ from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
 from lfref.nets.refiner import Refiner
-from lfref.refocuser.features import check_names
+from lfref.refocuser.features import channels, check_names, renamed
 from lfref.refocuser.networks import refiner_entry
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], Optimizer]
@@ -71,6 +72,10 @@ class Fitting(LightningModule, abc.ABC):
     @abc.abstractmethod
     def payload(self) -> dict[str, Any]:
         """Entry of checkpoints from which `lfref.load` builds the network again."""
+
+    def start_from(self, path: Path) -> None:
+        """Take the weights of a file, of a network of the same shape, to begin with; CheckpointError for others."""
+        checkpoints.start(self.net, path)
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """The network's output."""
@@ -227,6 +232,30 @@ class Refining(Fitting):
         check_names(recipe.features, net.n_candidates)
         self.loss = loss
         self.recipe = recipe
+
+    def start_from(self, path: Path) -> None:
+        """Take the weights of a file: of a refiner of the same shape, or of one that reads only some of the features.
+
+        Raises:
+            CheckpointError: The file holds no such weights.
+        """
+        contents = checkpoints.read(path)
+        weights: Mapping[str, Any] = checkpoints.network_weights(path, contents)
+        # Where the file holds no refiner, or one of another shape, the comparison names what does not fit.
+        with contextlib.suppress(KeyError, TypeError, ValueError, IndexError, RuntimeError):
+            weights = self._widened(weights, renamed(contents["lfref"])["features"])
+        checkpoints.start(self.net, path, weights)
+
+    def _widened(self, weights: Mapping[str, Tensor], names: Sequence[str]) -> Mapping[str, Tensor]:
+        """Weights of a refiner that reads these features; with more features here, as many as this network has."""
+        features, n_channels = list(self.recipe.features), self.net.config["channels"]
+        if not {*names} < {*features}:
+            return weights
+        own, theirs = channels(features, n_channels), channels(names, n_channels)
+        n_candidates = weights["head.1.bias"].numel() // self.net.shuffle**2 - 1
+        # ValueError where a candidate of the file is none here.
+        places = [features[: self.net.n_candidates].index(name) for name in names[:n_candidates]]
+        return self.net.widened(weights, [own[channel] for channel in theirs], places)
 
     def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
         """The loss of one batch."""

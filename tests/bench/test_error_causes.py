@@ -120,6 +120,9 @@ def test_means_leave_planes_or_join_them(table):
     points = table.query("cause == 'points' and is_base")
     assert both["cost_db"][0] == pytest.approx(points["cost_db"].mean())
     assert math.isnan(both.query("cause == 'border'")["alone_db"].iloc[0])
+    bright = error_causes.summary(table.assign(psnr_db=[100.0] + [60.0] * (len(table) - 1)))
+    assert bright["psnr_db"].max() < 70  # the one PSNR of 100 dB counts as 70
+    assert (error_causes.summary(table.assign(psnr_db=100.0))["psnr_db"] == 70).all()
 
 
 def test_round_apertures_are_refused():

@@ -251,3 +251,14 @@ def test_classes_are_means_over_all_and_name_the_worst_scene_and_brightness():
         ("sensor", "sum", 1, 26.0, 26.0, "b"),
     ]  # fmt: skip
     assert summary["brightness_error"].tolist() == pytest.approx([0.005, 0, 0])
+    assert cells(summary, "median_psnr_db", "worst_plane_db", "worst_plane") == [
+        (45.0, 30.0, "b at slope -1"), (21.0, 20.0, "a at slope -1"), (26.0, 25.0, "b at slope -1"),
+    ]  # fmt: skip
+
+
+def test_in_means_a_psnr_counts_by_at_most_70_db_and_medians_and_worst_cases_are_not_capped():
+    rows = table()[:4].assign(psnr_db=[100.0, 90.0, 40.0, 80.0])
+    (summary,) = evaluation.by_class(rows).itertuples()
+    assert (summary.psnr_db, summary.median_psnr_db, summary.worst_plane_db) == (62.5, 85.0, 40.0)
+    assert (summary.worst_psnr_db, summary.worst_scene) == (55.0, "b")
+    assert evaluation.by_scene(rows)["worst_psnr_db"].tolist() == [90.0, 40.0]

@@ -88,14 +88,14 @@ def test_a_wall_in_focus_is_refocused_right_and_a_wrong_method_is_far_away():
 def test_planes_have_the_mean_and_the_worst_scene(alphas):
     rows = [
         {"scene": scene, "method": "sum", "alpha": alphas[plane], "slope": plane / 2, "psnr_db": value}
-        for scene, plane, value in (("a", 0, 30.0), ("b", 0, 40.0), ("a", 1, 50.0), ("b", 1, 20.0))
+        for scene, plane, value in (("a", 0, 30.0), ("b", 0, 90.0), ("a", 1, 50.0), ("b", 1, 20.0))
     ]
     summary = simulation_cost.by_plane(rows)
-    assert summary.columns.tolist() == ["method", "alpha", "slope", "mean_db", "worst_db", "worst_scene"]
+    assert summary.columns.tolist() == ["method", "alpha", "slope", "mean_db", "median_db", "worst_db", "worst_scene"]
     assert summary["alpha"].isna().all() or tuple(summary["alpha"]) == alphas
     assert summary.drop(columns="alpha").to_numpy().tolist() == [
-        ["sum", 0.0, 35.0, 30.0, "a"],
-        ["sum", 0.5, 35.0, 20.0, "b"],
+        ["sum", 0.0, 50.0, 60.0, 30.0, "a"],
+        ["sum", 0.5, 35.0, 35.0, 20.0, "b"],
     ]
 
 

@@ -1,5 +1,6 @@
 """Order of the views: eight orders of scenes and of the real capture, and evidence that does not suffice."""
 
+import dataclasses
 import itertools
 
 import pytest
@@ -21,7 +22,11 @@ from tests.refocus.conftest import layered_views, shifted_views, texture
 
 ORDERS = list(itertools.product((False, True), repeat=3))
 """Whether rows are reversed, columns are reversed, and then both are exchanged."""
-SCENES = {**sim30.SCENES, **sim30.WIDE}
+SCENES = {
+    **sim30.SCENES,
+    **sim30.WIDE,
+    "grainy_shards": dataclasses.replace(sim30.SCENES["shards"], sensor=sim30.SCENES["grainy"].sensor),
+}
 
 
 def turned(views, rows, columns, transposed):
@@ -44,9 +49,14 @@ def check_all_orders(views):
         assert torch.equal(corrected, views) or torch.equal(corrected, views.flip(0, 1))
 
 
-@pytest.mark.parametrize("name", ["leaves", "gloss", "grainy", "everything", "wide_gantry_5", "wide_both_7"])
+@pytest.mark.parametrize("name", ["leaves", "gloss", "grainy_shards", "everything", "wide_gantry_5", "wide_both_7"])
 def test_all_eight_orders_of_a_scene_are_recognised(name):
     check_all_orders(simulate(SCENES[name], outputs=["views"]).views)
+
+
+def test_blank_paper_and_a_pattern_in_noise_leave_views_as_they_are():
+    views = simulate(SCENES["grainy"], outputs=["views"]).views
+    assert {order_of(turned(views, *order)).remedy for order in ORDERS} == {""}
 
 
 def test_all_eight_orders_of_the_real_capture_are_recognised(lytro):

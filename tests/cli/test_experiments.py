@@ -10,6 +10,7 @@ import yaml
 
 from lfref.cli import config as configs
 from lfref.cli import train as command
+from lfref.errors import CheckpointError
 from lfref.train.modules import Refining, Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 from tests.conftest import ROOT
@@ -86,6 +87,8 @@ def test_the_refiner_passes_a_fast_dev_run(lfref, composed, tmp_path, monkeypatc
     monkeypatch.setattr(Refining, "training_step", watched)
     command.train(composed("train", "experiment=refiner", *small, *data, *FAST, "~callbacks.average"), tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
+    with pytest.raises(CheckpointError, match=r"learned.safetensors: .* must be"):  # the shipped network is wider
+        command.train(composed("train", "experiment=refiner", "start=learned", *small, *data, *FAST), tmp_path)
 
 
 @pytest.mark.parametrize("label", thinned(sorted(path.stem for path in (configs.directory() / "label").glob("*.yaml"))))

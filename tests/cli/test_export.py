@@ -16,6 +16,8 @@ from lfref.engines.files import file_formats
 from lfref.errors import LfrefError
 from lfref.export.export_file import ExportFile
 from lfref.nets import checkpoint
+from lfref.refocus import apertures
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.load import load
 from tests.conftest import ROOT
 from tests.export import cases
@@ -71,13 +73,21 @@ def test_a_network_without_training_becomes_a_file_with_a_warning(format, suffix
     assert (tmp_path / "run" / f"new{suffix}").is_file()
 
 
-def test_an_operator_is_fixed_to_its_planes_grid_and_aperture(lfref_alone, tmp_path):
+def test_an_operator_is_fixed_to_its_grid_and_aperture_and_takes_any_slopes(lfref_alone, tmp_path):
     words = ("method=shift_and_sum_cubic", "slopes=[-1,0.5]", "grid=[3,5]", "aperture=gaussian", "aperture.sigma=1")
+    words += ("samples=uint16", "encoding=srgb")
     status, errors = lfref_alone(*SMALL, *words, "format=pt2", f"output={tmp_path}/run")
     assert status == 0, errors
-    loaded = load(tmp_path / "run" / "shift_and_sum_cubic.pt2")
-    assert loaded.planes.values == (-1.0, 0.5)
-    assert loaded.grid == (3, 5)
+    path = tmp_path / "run" / "shift_and_sum_cubic.pt2"
+    loaded, views = load(path), torch.rand(3, 5, 3, 30, 41)
+    assert (loaded.planes, loaded.grid) == (None, (3, 5))
+    weights = apertures.gaussian((3, 5), 1.0)
+    expected = shift_and_sum(views, [0.3, 2.0, 0.0], "cubic", weights=weights)
+    # 16 bits in sRGB round light to 2e-5.
+    torch.testing.assert_close(loaded(views, [0.3, 2.0, 0.0]), expected, atol=1e-4, rtol=0)
+    manifest = file_formats.read(path)[1]
+    assert (manifest.samples, manifest.encoding, manifest.license) == ("uint16", "srgb", "MIT")
+    assert "pixels per view step" in manifest.notes["slopes"]
 
 
 @pytest.mark.parametrize(("precision", "n_patches"), [("int8", 2), ("fp32", 0)])
@@ -136,7 +146,17 @@ def test_failures_that_can_be_known_before_any_work_come_first(words, message, l
     [
         (("format=tensorrt",), "format must be one of"),
         (("precision=int8", "format=pt2"), "precision of pt2 must be one of"),
-        (("method=exact_fourier",), "what is exported must be a network, a refiner, or shift-and-sum"),
+        (("method=fourier_slice",), "what is exported must be a network, a refiner, shift-and-sum or exact Fourier"),
+        (
+            ("method=shift_and_sum", "precision=fp16"),
+            "fp16 is for the weights of convolutions, and shift_and_sum has none",
+        ),
+        (("method=shift_and_sum", "format=openvino", "precision=bf16"), "bf16 is for the weights of convolutions"),
+        (("method=shift_and_sum", "samples=int8"), "samples must be one of float32, uint8, uint16"),
+        (
+            ("method=learned", "encoding=srgb"),
+            "learned reads float32 as in its training; got samples=float32 encoding=srgb",
+        ),
         (("method=shift_and_sum", "planes=auto"), "planes of this command must be the same"),
         (("method=shift_and_sum", "slopes=[30]"), "must shift by less than half"),
         (("name=../else",), "name must be that of a file"),

@@ -1,6 +1,8 @@
 """The server and the client of the page answer with what lfref makes of a file, and refuse what it cannot read."""
 
+import contextlib
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -16,8 +18,8 @@ import torch
 
 import lfref
 from lfref.engines.files import file_formats
-from lfref.engines.files.manifest import Manifest
 from lfref.export import graphs
+from lfref.export.graphs import Samples
 from tests.export import cases
 
 pytest.importorskip("onnxruntime")
@@ -53,19 +55,27 @@ def answer(address, body=None):
         return None, ""
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory):
-    subject = graphs.exportable(cases.network(), cases.PLANES, cases.GRID)
-    axes = {"inputs": subject.graph.inputs, "output": subject.graph.output}
-    manifest = Manifest(**axes, precision="fp32", sha256="", version="1", **subject.manifest_entries)
-    file_formats.write(path := tmp_path_factory.mktemp("model") / "net.onnx", "onnx", subject.graph, manifest)
-    return path
+OPERATOR = cases.operator(interpolation="cubic")
 
 
 @pytest.fixture(scope="module")
-def port(model, tmp_path_factory):
-    """Where the server of the page listens, as long as the tests run."""
-    folder, port = tmp_path_factory.mktemp("server"), free_port()
+def models(tmp_path_factory):
+    """Files of a network and of an operator that reads 8-bit samples."""
+    folder, paths = tmp_path_factory.mktemp("model"), {}
+    for name, refocuser, samples in (
+        ("network", cases.network(), graphs.LINEAR),
+        ("operator", OPERATOR, Samples("uint8")),
+    ):
+        subject = graphs.exportable(refocuser, cases.PLANES, cases.GRID, samples)
+        paths[name] = folder / f"{name}.onnx"
+        file_formats.write(paths[name], "onnx", subject.graph, subject.manifest())
+    return paths
+
+
+@contextlib.contextmanager
+def serving(model, folder):
+    """Port and process of the server of the page, which has a session of its own."""
+    port = free_port()
     command = [sys.executable, str(script(folder, "serve.py")), str(model), str(port)]
     with (folder / "log").open("w") as log:
         server = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, start_new_session=True)
@@ -75,30 +85,61 @@ def port(model, tmp_path_factory):
             assert server.poll() is None, (folder / "log").read_text()
             assert time.monotonic() < end, (folder / "log").read_text()
             time.sleep(0.2)
-        yield port
+        yield port, server
     finally:
-        os.killpg(server.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(server.pid, signal.SIGKILL)
         server.wait()
 
 
-@pytest.mark.slow
-def test_a_client_gets_what_lfref_makes_of_the_file(model, port, tmp_path):
-    views = torch.stack([field.views for field in (cases.field((40, 52)), cases.field((40, 52), 1))])
-    np.save(tmp_path / "views.npy", views.numpy())
-    command = [sys.executable, script(tmp_path, "client.py"), port, tmp_path / "views.npy", tmp_path / "stack.npy"]
+def of_session(leader):
+    """Living processes of the session of a process."""
+    listed = subprocess.run(["ps", "-eo", "pid=,sess=,stat="], capture_output=True, text=True, check=True).stdout
+    rows = [line.split() for line in listed.splitlines()]
+    return [int(pid) for pid, session, state in rows if int(session) == leader and not state.startswith("Z")]
+
+
+def stack_of(port, folder, *inputs):
+    """What the client of the page gets for arrays."""
+    paths = [folder / f"input_{place}.npy" for place in range(len(inputs))]
+    for path, array in zip(paths, inputs, strict=True):
+        np.save(path, array.numpy())
+    command = [sys.executable, script(folder, "client.py"), port, *paths, folder / "stack.npy"]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    stack = torch.from_numpy(np.load(tmp_path / "stack.npy"))
-    torch.testing.assert_close(stack, lfref.load(model)(views), atol=1e-6, rtol=0)
+    return torch.from_numpy(np.load(folder / "stack.npy"))
 
 
 @pytest.mark.slow
-def test_what_the_model_does_not_read_is_the_clients_mistake(port, tmp_path):
-    address = f"http://127.0.0.1:{port}/predict"
-    for shape, message in (((1, 2, 3, 3, 20, 20), "Got: 2 Expected: 3"), ((3, 20, 20), "rank")):
-        np.save(tmp_path / "views.npy", np.zeros(shape, np.float32))
-        status, body = answer(address, (tmp_path / "views.npy").read_bytes())
-        assert status == 400
-        assert message in body
-    assert answer(address, b"no array")[0] == 400
-    assert answer(f"http://127.0.0.1:{port}/health")[0] == 200
+def test_a_network_is_served_and_what_it_does_not_read_is_the_clients_mistake(models, tmp_path):
+    with serving(models["network"], tmp_path) as (port, _):
+        views = torch.stack([field.views for field in (cases.field((40, 52)), cases.field((40, 52), 1))])
+        expected = lfref.load(models["network"])(views)
+        torch.testing.assert_close(stack_of(port, tmp_path, views), expected, atol=1e-6, rtol=0)
+        address = f"http://127.0.0.1:{port}/predict"
+        for shape, message in (((1, 2, 3, 3, 20, 20), "Got: 2 Expected: 3"), ((3, 20, 20), "rank")):
+            np.save(tmp_path / "views.npy", np.zeros(shape, np.float32))
+            status, body = answer(address, (tmp_path / "views.npy").read_bytes())
+            assert status == 400
+            assert message in body
+        assert answer(address, b"no array")[0] == 400
+        assert answer(f"http://127.0.0.1:{port}/health")[0] == 200
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ps") is None, reason="needs ps")
+def test_an_operator_is_served_one_by_one_and_in_batches_until_sigterm(models, tmp_path):
+    with serving(models["operator"], tmp_path) as (port, server):
+        views = torch.stack([(255 * cases.field((24, 32), seed).views).round().to(torch.uint8) for seed in range(3)])
+        slopes = torch.tensor([0.5, -1.25])
+        expected = OPERATOR(views, slopes)
+        torch.testing.assert_close(stack_of(port, tmp_path, views, slopes), expected, atol=1e-5, rtol=0)
+        torch.testing.assert_close(stack_of(port, tmp_path, views[1], slopes), expected[1], atol=1e-5, rtol=0)
+        processes = of_session(server.pid)
+        assert len(processes) > 2
+        server.send_signal(signal.SIGTERM)
+        server.wait(SECONDS)
+        end = time.monotonic() + 10
+        while of_session(server.pid) and time.monotonic() < end:
+            time.sleep(0.2)
+        assert of_session(server.pid) == []

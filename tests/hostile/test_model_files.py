@@ -179,6 +179,7 @@ SPECIFICATION = (
     [
         ("target", "torch.hub.load"),
         ("expr_str", "__import__('os').mkdir('made')"),
+        ("expr_str", "Pow(Integer(999999999999), Integer(999999999999))"),  # would take hours
         ("guards_code", ["__import__('os').mkdir('made')"]),
         ("in_spec", SPECIFICATION),
         ("out_spec", SPECIFICATION),
@@ -399,11 +400,11 @@ def test_a_file_without_a_digest_is_loaded_with_one_warning(folder, kind, caplog
     else:
         # As earlier versions wrote them: format 1; of OpenVINO with a digest of the weights.
         if kind == "pt2":
-            change_archive(path, lambda name, text: text.replace(b'"format": 2', b'"format": 1'))
+            change_archive(path, lambda name, text: text.replace(b'"format": 3', b'"format": 1'))
             content = path.read_bytes()
             content = content[: -2 - 77] + bytes(2)
-        content = content.replace(b'"format": 2', b'"format": 1').replace(
-            b"&quot;format&quot;: 2", b"&quot;format&quot;: 1"
+        content = content.replace(b'"format": 3', b'"format": 1').replace(
+            b"&quot;format&quot;: 3", b"&quot;format&quot;: 1"
         )
         content = content.replace(b"lfref-sha256:", b"lfref-nothing")
         if kind == "xml":

@@ -53,6 +53,20 @@ def test_a_restored_network_gives_the_same_stack_and_knows_its_planes(saved, net
     assert (planes, planes.convention) == (PLANES, "parallel")
 
 
+@pytest.mark.parametrize("name", ["net.ckpt", "net.safetensors"])
+def test_training_starts_from_the_weights_of_a_file(saved, network, name):
+    checkpoint.write_weights(saved.with_suffix(".safetensors"), checkpoint.read(saved), {})
+    other = RefNet(**TINY, normalization="batch")
+    checkpoint.start(other, saved.with_name(name))
+    for key, value in network.state_dict().items():
+        assert torch.equal(other.state_dict()[key], value)
+
+
+def test_training_starts_from_no_weights_of_another_shape(saved):
+    with pytest.raises(CheckpointError, match="must be"):
+        checkpoint.start(RefNet(**TINY | {"grid": (5, 5)}, normalization="batch"), saved)
+
+
 def test_a_checkpoint_of_format_1_is_read_by_its_alphas(tmp_path):
     old = {"format": 1, "planes": {"alphas": [0.5, 2.0], "convention": "parallel"}}
     torch.save(contents(**old), tmp_path / "old.ckpt")

@@ -77,17 +77,27 @@ def filtered(views):
     return [len(prior.shares), prior.shares[0], prior.shares[8], stack.std(), reach, *prior.power(k, k)]
 
 
-def edges(views):
+def near(views):
     gap = torch.full((60, 80), -0.6)
     gap[:, 40:] = -0.44
-    maps = [gap, 0.5 * gap, 2 * gap, torch.linspace(0, 3.5, 80).expand(60, 80)]
-    return [occlusion_aware.edge_shares(disparity, torch.tensor([-0.5, 0.3, 1.4])).mean() for disparity in maps]
+    maps = [gap, 2 * gap, torch.linspace(0, 3.5, 80).expand(60, 80)]
+    planes = torch.tensor([-1.5, -0.5, 0.3, 1.4])
+    shares = [occlusion_aware.near_shares(disparity, planes).mean() for disparity in maps]
+    slopes, clean = [-0.4, 0.06, 0.9], scene(noise=0.0)
+    apart = occlusion_aware.occlusion_aware(clean, slopes) - exact_fourier(clean, slopes)
+    return [*shares, *apart.std((1, 2, 3)), occlusion_aware.noise_share(views, FULL, -1, 1)]
 
 
 def volume(views):
     light, flat = (grey_views(field, torch.ones(7, 7)) for field in (views, torch.full_like(views, 0.5)))
     noise = cost_volume.noise(light, matching.slopes_between(-1, 1))
     return [noise, cost_volume.spread(light, 0.004).mean(), 1e3 * cost_volume.spread(flat, 0.0).mean()]
+
+
+def detail(views):
+    slopes = matching.slopes_between(-1, 1)
+    fields = [views, scene(noise=0.02), scene(noise=0.0, contrast=0.1)]
+    return [cost_volume.details(grey_views(field, FULL), slopes).samples.std() for field in fields]
 
 
 def matched(views):
@@ -178,22 +188,23 @@ def sharp(views):
     return [found.index.mean(), found.confidence.mean(), faint.confidence.mean(), found.index[:6].mean()]
 
 
-FIGURES = [depth_steps, energies, layers, filtered, edges, volume, matched, ranges, reduced, coarse, wide, sharp]
+FIGURES = [depth_steps, energies, layers, filtered, near, volume, detail, matched, ranges, reduced, coarse, wide, sharp]
 # fmt: off
 RECORDED = {
-    "depth_steps": [7, 45, 4, 10.149, 0, 2, 15, 0, 1],
+    "depth_steps": [7, 43, 4, 10.183, 0, 2, 15, 0, 1],
     "energies": [-0.875, 1.375, -2.875, 5.375, -0.625, 1.125, -0.875, 2.125, 0.014697, 0.48657],
     "layers": [0.015149, 7, 7],
     "filtered": [24, 0.0020833, 0.0020833, 0.00083774, 961, 1, 0.6023, 0.0012369],
-    "edges": [0.12222, 0, 0.066667, 0],
-    "volume": [0.0062529, 3.9432e-05, 0.001],
-    "matched": [21, 0.51989, 0.79368, 0.51442, 0.026946, 2.4456, 0.089988],
-    "ranges": [-0.19413, 0.19869, -0.55296, 1.0111, -0.53321, 0.1, -2, -0.9, -2, -0.9, -2, -0.9, -0.54008, -0.065969,
-        1.2133, -5.5, -0.39448, 7.5, 0, 1],
+    "near": [0.46062, 0.5, 0.31629, 0.0087947, 0.0026681, 0.0069362, 0.070291],
+    "volume": [0.0062529, 3.8792e-05, 0.00036],
+    "detail": [0.012986, 0.019147, 0.0040106],
+    "matched": [21, 0.51989, 0.79362, 0.51445, 0.026681, 2.4456, 0.089705],
+        "ranges": [-0.19731, 0.19889, -0.55303, 1.011, -0.53321, 0.1, -2, -0.9, -2, -0.9, -2, -0.9, -0.54008,
+        -0.065969, 1.2133, -5.5, -0.39448, 7.5, 0, 1],
     "reduced": [0.71212, 1, 0.71589, 1, 0.7401, 0.96597, 0.69872, 0.328, 2, 13],
     "coarse": [-0.080423, 0.91751, 0.0026193, 8.1923, -0.061696, 1.0786, 0.43028],
-    "wide": [-7.5, -2.193, 12.5, -0.9375, -0.032954, 1.1875, -1.375, -0.09862, 1.875, -7.5, -2.193, 12.5, 1, 0, 0, 1,
-        1, 0, 0, 1, 31, 8.625, 96, 2, 0.51502, 0.5078, 0.50058],
+        "wide": [-7.5, -2.193, 12.5, -0.9375, -0.032954, 1.1875, -1.375, -0.09862, 1.875, -7.5, -2.193, 12.5, 1, 0, 0,
+        1, 1, 0, 0, 1, 31, 8.625, 96, 2, 0.51502, 0.5078, 0.50058],
     "sharp": [1.5751, 0.9189, 0.33883, 0.73505],
 }
 # fmt: on

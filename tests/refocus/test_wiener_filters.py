@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from lfref.errors import InputError
 from lfref.refocus import apertures, batches, wiener_filters
+from lfref.refocus.fourier import exact
 from lfref.refocus.wiener_filters import Prior, filters, opposites
 
-KNOWN = Prior((-0.7, 0.1, 0.35), (0.3, 0.5, 0.2), aliased=0.15, unexplained=0.02)
+KNOWN = Prior((-0.7, 0.1, 0.35), (0.3, 0.5, 0.2), aliased=0.15, unexplained=0.02, noise=0.05)
 SLOPES = (-1.2, 0.0, 0.3)
 SIDE = 8
 GRIDS = [(3, 3), (2, 4), (5, 1), (3, 2), (1, 1)]
@@ -46,7 +47,7 @@ def by_least_squares(known, slopes, grid, aperture, k):
             covariance += share * power * np.outer(seen, seen.conj())
             for n, slope in enumerate(slopes):
                 wanted[n] += share * power * lens(weights, places, slope - disparity, q) * seen.conj()
-    covariance += known.unexplained * total * np.eye(len(places))
+    covariance += (known.unexplained * total + known.noise * known.mean_power) * np.eye(len(places))
     return np.linalg.solve(covariance.T, wanted.T).T
 
 
@@ -73,7 +74,7 @@ def assert_least_squares(found, known, slopes, grid, aperture):
 
 
 def made(known, slopes, grid, aperture, reach=SIDE // 2, side=SIDE):
-    return filters(known, slopes, grid, tuple(map(tuple, aperture.tolist())), reach, side)
+    return torch.stack(list(filters(known, slopes, grid, tuple(map(tuple, aperture.tolist())), reach, side)))
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -115,18 +116,6 @@ def impulses(factors, grid, side):
     """Filters of the views in pixels, their origin in the middle, [N, V U, side, side]."""
     spatial = np.fft.irfft2(of_views(factors, grid), s=(side, side))
     return np.roll(spatial, (side // 2, side // 2), (-2, -1))
-
-
-@pytest.mark.parametrize("grid", GRIDS)
-def test_pairs_mix_views_with_their_opposites(grid):
-    both, views = opposites(grid), torch.rand(2, grid[0] * grid[1], 1, 2, 3)
-    mixed, n_pairs = both.mixed(views), both.n_pairs
-    assert mixed.shape == views.shape
-    for p in range(n_pairs):
-        torch.testing.assert_close(mixed[:, p], views[:, p] + views[:, -1 - p])
-        torch.testing.assert_close(mixed[:, len(both.first) + p], views[:, p] - views[:, -1 - p])
-    if views.shape[1] % 2:
-        assert torch.equal(mixed[:, n_pairs], views[:, n_pairs])
 
 
 def share_near(known, disparity, radius=1.5 * wiener_filters.STEP):
@@ -190,3 +179,21 @@ def test_power_by_hand():
         pixel = (math.sin(math.pi * 0.3) / (math.pi * 0.3)) * (math.sin(math.pi * x) / (math.pi * x))
         fading = (1 + (0.3**2 + x**2) / wiener_filters.OUTER**2) ** (-wiener_filters.DECAY / 2)
         assert power == pytest.approx(aliased * fading * pixel**2, rel=1e-12)
+
+
+def test_noise_is_white_and_as_strong_as_said():
+    torch.manual_seed(4)
+    spectrum = Prior((0.0,), (1.0,))
+    rows, columns = exact.frequencies(256)[:, None], exact.half_frequencies(256)
+    light = torch.fft.irfft2(
+        torch.fft.rfft2(torch.randn(256, 256, dtype=torch.float64)) * spectrum.power(rows, columns).sqrt()
+    )
+    assert float(light.var()) == pytest.approx(spectrum.mean_power, rel=0.3)
+    # Of one plane at disparity 0, the estimate keeps what rises above the noise of 9 views.
+    share = 0.2
+    (factors,) = filters(spectrum._replace(noise=share, unexplained=0.0), (0.0,), (3, 3), ((1 / 9,) * 3,) * 3, 16, 32)
+    total = (factors[:5] * torch.tensor([2, 2, 2, 2, 1.0])[:, None, None]).sum(0).double()
+    ky, kx = exact.frequencies(32)[:, None], exact.half_frequencies(32)
+    power = sum(spectrum.power(ky + m, kx + n) for m in (-1, 0, 1) for n in (-1, 0, 1))
+    expected = spectrum.power(ky, kx) / (power + share * spectrum.mean_power / 9)
+    torch.testing.assert_close(total[1:10, 1:10], expected[1:10, 1:10], rtol=0.02, atol=1e-3)

@@ -8,8 +8,10 @@ import torch
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
+from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.wiener import wiener
 from lfref.refocuser.features import CANDIDATES, FEATURES, candidate, check_names, compressed, coverage, refiner_inputs
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
@@ -152,7 +154,7 @@ def test_the_error_scale_is_the_mean_distance_to_the_nearer_other_picture_and_no
 
 def test_noise_is_what_the_mean_of_the_views_keeps_of_it():
     views = noisy(torch.full((5, 5, 3, 160, 160), 0.4), 1e-3, 1e-4, torch.randn(5, 5, 3, 160, 160))
-    for base, tolerance in ((BASE, 0.1), (BASE.through(lambda grid: torch.eye(5)), 0.2)):
+    for base, tolerance in ((BASE, 0.1), (BASE.through(lambda grid: torch.eye(5).maximum(torch.eye(5).flip(0))), 0.2)):
         made = of(LightField(views), STILL, base)
         noise = 10 ** (2 * (made["noise"] - 1.5))
         assert float(noise.mean()) == pytest.approx(float(made["pictures"].std()), rel=tolerance)
@@ -233,6 +235,37 @@ def test_pictures_are_as_good_as_the_method_makes_them_alone():
     pictures, alone = of(LightField(made.views), slopes, base)["pictures"], base(made.views, slopes)
     before, after = (psnr(each[INNER], made.truth[INNER]) for each in (alone, pictures))
     assert float((after - before).min()) > -0.1
+
+
+def test_layers_and_wiener_estimate_are_the_operators_pictures():
+    slopes, light = torch.tensor([-0.33, 6.0], dtype=torch.float64), surface()
+    for base in (OperatorRefocuser("occlusion_aware", occlusion_aware), CELLS):
+        made = of(light, slopes, base)
+        for name, picture in (("layers", refocus_by_layers), ("wiener", wiener)):
+            expected = candidate(picture(light.views, slopes), made["pictures"], made["unit"])
+            if name == "layers" or base is CELLS:
+                torch.testing.assert_close(made[name], expected, atol=1e-3, rtol=0)
+
+
+def test_far_from_all_surfaces_the_picture_stands_for_its_wiener_estimate():
+    made = of(surface(), torch.tensor([6.0]).double(), OperatorRefocuser("occlusion_aware", occlusion_aware))
+    assert not made["wiener"].any()
+    assert made["sum"].any()
+
+
+def test_layers_far_from_focus_are_not_corrected():
+    slopes = torch.tensor([0.3, 4.1, 6.0], dtype=torch.float64)
+    light = surface()
+    for base in (OperatorRefocuser("occlusion_aware", occlusion_aware), OperatorRefocuser("layers", refocus_by_layers)):
+        made = of(light, slopes, base)
+        full = 10 ** (2 * (made["error_scale"] - 1.5))
+        inner = (..., slice(20, -20), slice(20, -20))
+        torch.testing.assert_close(made["scale"][0], full[0] - 1e-6, atol=1e-6, rtol=1e-3)
+        share = (made["scale"][1] / full[1])[inner]
+        torch.testing.assert_close(share, torch.full_like(share, (4.5 - 3.7) / 1.5), atol=0.05, rtol=0)
+        assert not made["scale"][2].any()
+    # Sums have copies there, which may be corrected.
+    assert of(light, slopes, CELLS)["scale"][2].any()
 
 
 def test_disparities_are_not_computed_where_nothing_uses_them(monkeypatch):

@@ -1,11 +1,14 @@
 """One name for all files: runs, checkpoints, exported ones, and the network that ships."""
 
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 import torch
 
 import lfref
 from lfref.engines.files import file_formats
-from lfref.engines.files.manifest import Manifest
 from lfref.errors import CheckpointError, InputError
 from lfref.export import graphs
 from lfref.nets import checkpoint
@@ -41,11 +44,8 @@ pytest.importorskip("onnxruntime")
 
 def written(folder, kind="network", **told):
     subject = graphs.exportable(cases.SUBJECTS[kind](), cases.PLANES, cases.GRID)
-    given = {"precision": "fp32", "sha256": "0", "version": "1.2.3"} | dict(subject.manifest_entries) | told
     path = folder / "net.onnx"
-    file_formats.write(
-        path, "onnx", subject.graph, Manifest(inputs=subject.graph.inputs, output=subject.graph.output, **given)
-    )
+    file_formats.write(path, "onnx", subject.graph, replace(subject.manifest(), **told))
     return path
 
 
@@ -96,11 +96,30 @@ def test_a_refiner_takes_any_planes_and_any_number_of_them(tmp_path):
         torch.testing.assert_close(made, wanted, atol=3e-3, rtol=0)
 
 
-def test_an_operator_takes_grey_views_too(tmp_path):
+def test_an_operator_takes_any_slopes_batches_and_channels(tmp_path):
     loaded = lfref.load(written(tmp_path, "operator"))
-    views = torch.rand(*cases.GRID, 1, 30, 30)
-    torch.testing.assert_close(loaded(views), cases.operator()(views, cases.PLANES.slopes), atol=1e-5, rtol=0)
-    assert loaded.is_linear is None
+    for views, slopes in (
+        (torch.rand(*cases.GRID, 1, 30, 30), [0.4]),
+        (torch.rand(2, *cases.GRID, 4, 21, 33), [-3, 1]),
+    ):
+        torch.testing.assert_close(loaded(views, slopes), cases.operator()(views, slopes), atol=1e-6, rtol=0)
+    assert (loaded.is_linear, loaded.planes, loaded.grid) == (None, None, cases.GRID)
+    with pytest.raises(InputError, match="refocuses to any planes; got none"):
+        loaded(views)
+    with pytest.raises(InputError, match="less than half the height"):
+        loaded(views, [11.0])
+
+
+@pytest.mark.parametrize("suffix", [".onnx", ".pt2", ".xml"])
+def test_operators_whose_slopes_are_baked_in_are_loaded_still(suffix, tmp_path):
+    pytest.importorskip("openvino")
+    # Written by version 0.3.0: linear shift-and-sum with fill 1 at two slopes, 2x2 views.
+    with zipfile.ZipFile(Path(__file__).parents[1] / "export" / "baked.zip") as archive:
+        archive.extractall(tmp_path)
+    loaded = lfref.load(tmp_path / f"baked{suffix}")
+    views = torch.rand(2, 2, 3, 40, 52)
+    torch.testing.assert_close(loaded(views), lfref.shift_and_sum(views, [-1.5, 0.5], fill=1.0), atol=1e-5, rtol=0)
+    assert loaded.planes.values == (-1.5, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ CANVAS = Canvas(-80, -80, 160, 160, (80, 80))
 
 
 def noise():
-    return Bitmap(CANVAS, Noise(exponent=1.0).paint(CANVAS, (0,)))
+    colours = Noise(exponent=1.0).paint(CANVAS, (0,))
+    return Bitmap(CANVAS, torch.cat([colours, torch.ones(1, 160, 160)]))
 
 
 def box_blurred(bitmap, width):
@@ -25,14 +26,16 @@ def box_blurred(bitmap, width):
 
 
 def read(bitmap, width, i, j):
-    """Linear look-ups between the two copies that stand for a blur."""
+    """Linear look-ups between the two copies that stand for a blur, at columns i and rows j of the bitmap."""
     # Over all fractions alike a linear look-up has a variance of 1/6.
-    (place,) = bitmaps.levels(np.array([(2 * width) ** 2 / 12 - 1 / 6]))
+    (place,) = bitmaps.levels(np.array([(bitmaps.FINE * width) ** 2 / 12 - 1 / 6]))
     level = int(place)
-    parts = []
-    for n in (level, level + 1):
-        parts.append(bitmaps.linear_at(bitmap.blurred(n).movedim(-1, 0), i + bitmaps.margin(n), j + bitmaps.margin(n)))
-    return torch.lerp(parts[0], parts[1], place - level)
+    return torch.lerp(read_copy(bitmap, level, i, j), read_copy(bitmap, level + 1, i, j), place - level)
+
+
+def read_copy(bitmap, level, i, j):
+    beyond = bitmaps.margin(level)
+    return bitmaps.linear_at(bitmap.blurred(level).movedim(-1, 0), 2 * i + beyond, 2 * j + beyond)
 
 
 def scattered(n=41):
@@ -54,13 +57,21 @@ def test_a_blur_is_a_box_of_that_width(width):
 def test_the_sharpened_copy_undoes_what_linear_look_ups_blur_midway():
     bitmap = noise()
     i, j = scattered()
-    i, j = i.floor() + 0.5, j.floor() + 0.5
+    i, j = i.floor() + 0.25, j.floor() + 0.25  # midway between refined samples
     exact = bitmaps.cubic_at(bitmap.samples, i, j)
-    errors = [
-        (bitmaps.linear_at(bitmap.blurred(level).movedim(-1, 0), i + beyond, j + beyond) - exact).square().mean()
-        for level, beyond in ((0, 1), (1, 0))
-    ]
+    errors = [(read_copy(bitmap, level, i, j) - exact).square().mean() for level in (0, 1)]
     assert float(errors[0]) < 0.1 * float(errors[1])
+
+
+def test_refined_samples_are_what_views_read_there():
+    random = torch.Generator().manual_seed(2)
+    samples = torch.rand(4, 7, 10, generator=random)
+    samples[:3] *= samples[3]
+    samples[3, 2:4, 3:6] = 1  # overshoots beside
+    rows, columns = (torch.arange(2 * length, dtype=torch.float64) / 2 for length in (7, 10))
+    inner = (slice(None), slice(2, -4), slice(2, -4))  # beyond its ends views read a bitmap as transparent
+    expected = bitmaps.clip_premultiplied(bitmaps.cubic_on_grid(samples, columns[None, None], rows[None, :, None])[0])
+    torch.testing.assert_close(bitmaps.refined(samples)[inner], expected[inner], atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("size", [1, 3, 9, 41])
@@ -76,13 +87,18 @@ def test_boxes_are_means_of_what_goes_on_beyond_the_ends(size, shape):
 
 
 def test_variances_are_those_of_the_copies():
-    point = torch.zeros(1, 61, 60)
-    point[:, 30, 30] = 1
-    bitmap = Bitmap(Canvas(-30, -30, 60, 61, (30, 30)), point)
+    i = torch.arange(61.0) - 30
+    spot = torch.exp(-(i**2) / 8)
+    bitmap = Bitmap(Canvas(-30, -30, 60, 61, (30, 30)), (spot[:, None] * spot[:60]).expand(4, -1, -1))
+
+    def moment(samples, beyond):
+        profile = samples[..., 0].sum(0).double()
+        return float((profile * (torch.arange(len(profile)) - 60 - beyond) ** 2).sum() / profile.sum())
+
+    sharp = moment(bitmaps.refined(bitmap.samples).movedim(0, -1), 0)
     for level in range(7):
-        spot = bitmap.blurred(level)[..., 0].sum(0).double()
-        places = torch.arange(len(spot)) - 30 - bitmaps.margin(level)
-        assert float((spot * places**2).sum()) == pytest.approx(bitmaps.variance(level), abs=1e-5)
+        widened = moment(bitmap.blurred(level), bitmaps.margin(level)) - sharp
+        assert widened == pytest.approx(bitmaps.variance(level), abs=1e-3)
 
 
 def test_levels_go_up_with_the_width_without_a_jump():
@@ -135,39 +151,3 @@ def test_legal_colours_are_positive_and_no_more_opaque_than_one():
     rgba = torch.tensor([[0.5, 0.3], [-0.1, 0.2], [1.2, 0.0], [1.25, -0.1]])[None, :, None]
     expected = torch.tensor([[0.4, 0.0], [0.0, 0.0], [0.96, 0.0], [1.0, 0.0]])[None, :, None]
     torch.testing.assert_close(bitmaps.clip_premultiplied(rgba), expected)
-
-
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_linear_look_ups_go_on_beyond_the_ends(kind):
-    random = np.random.default_rng(0)
-    samples = random.random((7, 9, 4)).astype(kind)
-    i, j = random.uniform(-4, 14, (2, 200))
-    i[:3], j[:3] = (0, 8, 5), (6, 0, 2.5)
-    row = np.concatenate([np.full(5, np.nan, kind), samples.reshape(-1)])
-    result = np.stack([bitmaps.linear_sample(row, 5, 7, 9, *point) for point in zip(i, j, strict=True)], 1)
-    places = torch.from_numpy(i)[None, None], torch.from_numpy(j)[None, None]
-    expected = bitmaps.linear_at(torch.from_numpy(samples).movedim(-1, 0), *places)[0, :, 0]
-    np.testing.assert_allclose(result, expected, atol=1e-6)
-    at_sample = samples[2, 5] / 2 + samples[3, 5] / 2
-    np.testing.assert_allclose(result[:, 2], at_sample, atol=1e-6)
-
-
-SIDE = st.floats(-500, 500)
-
-
-@given(SIDE, SIDE, st.floats(0, 300), st.floats(0, 300))
-def test_a_canvas_covers_its_box_in_half_pixels(left, top, width, height):
-    canvas = bitmaps.covering((left, top, left + width, top + height), (8, 8))
-    for axis, first, length in ((canvas.x, left, width), (canvas.y, top, height)):
-        assert float(axis[0]) <= first
-        assert float(axis[-1]) >= first + length
-        assert float(axis[-1] - axis[0]) <= length + 1.5
-        assert bool((axis * bitmaps.OVERSAMPLING == (axis * bitmaps.OVERSAMPLING).round()).all())
-    assert canvas.width % 2 == 0
-    assert (len(canvas.y), len(canvas.x)) == (canvas.height, canvas.width)
-
-
-@pytest.mark.parametrize(("length", "fast"), [(1, 2), (7, 8), (13, 16), (205, 216), (255.5, 256), (300, 300)])
-def test_lengths_are_rounded_up_to_quick_even_ones(length, fast):
-    assert bitmaps.fast_length(length) == fast
-    assert torch.fft.rfft(torch.zeros(fast)).numel() == fast // 2 + 1

@@ -8,6 +8,7 @@ import torch
 
 from lfref.simulator import bitmaps, focal_planes, painting
 from lfref.simulator.focal_planes import Windows, cells_needed, cut_aperture, visible_layers
+from lfref.simulator.layers import disparity_span
 from lfref.simulator.materials import Glossy, Mirror
 from lfref.simulator.mattes import Disc, Full
 from lfref.simulator.scene import Camera, Scene, Surface
@@ -45,25 +46,52 @@ def test_cells_of_a_square_are_equal_and_fill_it():
     torch.testing.assert_close(cells.weights, torch.full((2, 4), 1 / 8, dtype=torch.float64))
 
 
+def within_bound(blur):
+    """Even number n from which 2/5 of g B / (12 n^2) is at most 1e-4 / (1 + B / 20), g = 0.03, and its half."""
+    half = max(3, math.ceil(math.sqrt(0.4 * 0.03 * blur * (1 + blur / 20) / 12e-4) / 2))
+    return (2 * half, half)
+
+
 @pytest.mark.parametrize(
     ("surfaces", "slope", "square", "disc"),
     [
         # One layer that moves while the others are in focus; disparities are in pixels per view step, 7 views.
-        ((FAR, Surface(Plane(0.5), Flat(), ISLAND)), -1.0, 1, 1 + math.ceil(2 * math.sqrt(7 * 1.5))),
+        ((FAR, Surface(Plane(0.5), Flat(), ISLAND)), -1.0, (1, None), within_bound(7 * 1.5)),
         # The second fastest moves 1, the fastest 4.
-        ((FAR, Surface(Plane(4.0), Flat(), ISLAND)), 0.0, 5, 1 + math.ceil(2 * 28**0.5)),
-        # A single layer: a filter if it is only shifted, else as many cells as two layers.
-        ((FAR,), 0.5, 24, 24),
-        ((Surface(Plane(-1.0), Noise(), material=Mirror(0.5, Flat(), -1.0)),), 0.0, 5, 7),
-        # A highlight that drifts by 4 standard deviations per view step.
-        ((Surface(Plane(0.0), Noise(), material=Glossy(0.5, 2.0, 8.0)), FAR), 0.0, 19, 19),
+        ((FAR, Surface(Plane(4.0), Flat(), ISLAND)), 0.0, within_bound(7), within_bound(28)),
+        # Far from focus, and near it.
+        ((FAR, Surface(Plane(0.0), Flat(), ISLAND)), -7.0, (38, 19), (42, 21)),
+        ((FAR, Surface(Plane(0.1), Flat(), ISLAND)), 0.0, (6, 3), (10, 5)),
+        # A single layer: a filter if it is only shifted; if not, 5.5 times the fourth root of its blur.
+        ((FAR,), 0.5, (48, None), (48, None)),
+        ((Surface(Plane(-1.0, (1e-9, 0.0)), Noise()),), 0.0, (9, None), (9, None)),
+        ((Surface(Plane(0.0, (1e-9, 0.0)), Noise()),), -7.0, (15, None), (15, None)),
+        # A mirrored picture moves apart from its mirror.
+        ((Surface(Plane(-1.0), Noise(), material=Mirror(0.5, Flat(), -1.0)),), 0.0, within_bound(7), within_bound(7)),
+        ((Surface(Plane(0.0), Noise(), material=Mirror(0.5, Flat(), -1.0)),), 0.0, (1, None), within_bound(7)),
+        # A highlight that drifts by 4 standard deviations per view step: 19 cells at least, in both pictures.
+        ((FAR, Surface(Plane(0.1), Noise(), ISLAND, Glossy(0.5, 2.0, 8.0))), 0.0, (38, 19), (38, 19)),
     ],
 )
 def test_the_number_of_cells_follows_the_speeds_of_layers_and_highlights(surfaces, slope, square, disc):
     for shape, expected in (("square", square), ("disc", disc)):
         camera = Camera(size=(40, 50), aperture=shape)
-        layers = paint(*surfaces, camera=camera)
+        layers = paint(*surfaces, camera=camera, reach=7.0)
         assert cells_needed(layers, camera, slope) == expected
+
+
+def test_a_picture_whose_pixels_are_averaged_needs_the_cells_of_the_averages():
+    far, near = (Surface(Plane(disparity), Noise(), matte) for disparity, matte in ((-2.0, Full()), (1.0, ISLAND)))
+    fine, camera = paint(far, near, reach=8.0), Camera(size=(40, 50))
+    assert cells_needed(fine, camera, -8.0, 2) == within_bound(7 * 6 / 2)
+
+
+def test_planes_are_photographed_with_two_numbers_of_cells():
+    plain, moved = planes(FAR, Surface(Plane(0.5), Noise(), ISLAND), slopes=(-1.0, 0.0))
+    assert plain.coarser is None
+    assert (len(moved.cells.p), len(moved.coarser.cells.p)) == within_bound(3.5)
+    assert moved.coarser.layers == moved.layers
+    assert planes(FAR, Surface(Plane(0.5), Noise(), ISLAND), slopes=(0.0,), n_cells=4)[0].coarser is None
 
 
 @pytest.mark.parametrize("width", [0.0, 0.4, 1.0, 2.5, 40.3])
@@ -81,9 +109,9 @@ def test_a_surface_in_focus_is_not_filtered_and_others_are_read_at_the_relative_
     sharp, moved = focal_planes.cell_filter(0.0, cells, margin=4), focal_planes.cell_filter(-1.5, cells, margin=20)
     for taps in (sharp.down, sharp.across):
         np.testing.assert_array_equal(taps, [0, 1, 0])
-    np.testing.assert_array_equal(sharp.rows, [8, 8])
-    np.testing.assert_allclose(moved.columns, 40 - 3 * cells.p.numpy())
-    np.testing.assert_allclose(moved.rows, 40 - 3 * cells.q.numpy())
+    np.testing.assert_array_equal(sharp.rows, [16, 16])
+    np.testing.assert_allclose(moved.columns, 80 - 6 * cells.p.numpy())
+    np.testing.assert_allclose(moved.rows, 80 - 6 * cells.q.numpy())
 
 
 def test_a_filter_and_a_sum_of_look_ups_are_one_filter():
@@ -124,17 +152,17 @@ def test_a_window_holds_the_central_view_at_its_middle(size, slope):
     (layer,), centre = plane.layers, torch.zeros(1, dtype=torch.float64)
     expected = layer.rgba_at(centre, centre, *plane.camera.pixels())[0]
     window, margin = plane.window(layer.bitmap), plane.margin
-    assert window.shape[1:] == tuple(2 * (length + 2 * margin) for length in size)
-    pixels = window[:, 2 * margin :, 2 * margin :][:, : 2 * size[0] : 2, : 2 * size[1] : 2]
+    assert window.shape[1:] == tuple(4 * (length + 2 * margin) for length in size)
+    pixels = window[:, 4 * margin :, 4 * margin :][:, : 4 * size[0] : 4, : 4 * size[1] : 4]
     torch.testing.assert_close(pixels, expected)
     top, left = plane.window_corner()
-    assert (top + 2 * margin, left + 2 * margin) == (1 - size[0], 1 - size[1])
+    assert (top + 4 * margin, left + 4 * margin) == (2 - 2 * size[0], 2 - 2 * size[1])
 
 
 def test_surfaces_at_a_slant_are_blurred_by_how_far_each_point_is_out_of_focus():
     slanted = Surface(Plane(0.5, (0.01, 0.0)), Noise())
     (plane,) = planes(slanted, Surface(Plane(1.9), Noise(), ISLAND, Glossy()), n_cells=5)
-    levels, steps = plane.blur_levels(plane.layers[0])
+    levels, steps, *_ = plane.copy_blur(plane.layers[0])
     # Copies and linear look-ups together blur as much as the filter of a surface of the same relative slope.
     e = 100 / steps
     cell = focal_planes.cell_filter(e, plane.cells, margin=0)
@@ -143,7 +171,24 @@ def test_surfaces_at_a_slant_are_blurred_by_how_far_each_point_is_out_of_focus()
     assert np.interp(levels[100], range(9), [bitmaps.variance(level) for level in range(9)]) == pytest.approx(
         (cell.across * n**2).sum()
     )
-    assert not plane.blur_levels(plane.layers[1])[0].any()
+
+
+@pytest.mark.parametrize("slope", [0.5, -2.0])
+def test_a_slanted_layer_reads_the_copies_that_its_range_of_blur_asks_for_and_what_rays_see(slope):
+    (plane,) = planes(Surface(Plane(0.5, (0.01, 0.0)), Noise()), n_cells=5, slopes=(slope,))
+    (layer,) = plane.layers
+    blur, canvas = plane.copy_blur(layer), layer.bitmap.canvas
+    ends = [abs(slope - end) for end in disparity_span(plane.camera, layer.surface.geometry, abs(slope))]
+    assert blur.nearest == (0 if slope == 0.5 else min(ends))
+    wanted = np.interp(np.linspace(blur.nearest, max(ends), 50), np.arange(256) / blur.steps, blur.levels)
+    assert (blur.copies()[0], blur.copies()[-1]) == (int(wanted.min()), math.ceil(wanted.max()))
+    top, left, bottom, right = plane.read_box(layer, blur.copies())
+    margin = max(bitmaps.margin(level) for level in blur.copies())
+    assert top >= 2 * canvas.top - margin
+    assert left >= 2 * canvas.left - margin
+    reach = [(length - 1) / 2 + max(ends) * 3.5 for length in (50, 40)]  # x + (s - D) p at the corners
+    assert right >= min(4 * reach[0], 2 * (canvas.left + canvas.width))
+    assert bottom >= min(4 * reach[1], 2 * (canvas.top + canvas.height))
 
 
 def test_if_some_layers_are_sorted_all_rays_are_followed():

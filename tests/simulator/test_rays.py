@@ -121,10 +121,10 @@ def entry(shape=(6, 8), visible=(slice(None), slice(None)), top=-4, left=10):
 def test_pictures_follow_each_other():
     entries = [entry(), entry((3, 4))]
     entries[1].samples[1, 2, 3] = 7
-    atlas = rays.atlas(entries)
+    atlas = rays.atlas(entries, 2)
     assert atlas.frames.tolist() == [[0, 6, 8, -4, 10], [192, 3, 4, -4, 10]]
     assert atlas.samples[192 + 4 * (1 * 4 + 2) + 3] == 7
-    assert rays.atlas([]).frames.shape == (0, 5)
+    assert rays.atlas([], 2).frames.shape == (0, 5)
 
 
 @pytest.mark.parametrize(
@@ -136,4 +136,4 @@ def test_pictures_follow_each_other():
     ],
 )
 def test_a_box_holds_what_is_seen_and_has_no_end_where_that_touches_the_rim(visible, expected):
-    assert rays.visible_box(entry(visible=visible), reads=1) == expected
+    assert rays.visible_box(entry(visible=visible), 1, 2) == expected

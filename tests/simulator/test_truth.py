@@ -18,7 +18,6 @@ from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygo
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Noise
-from lfref.simulator.truth import CellRenderer
 from tests.simulator import drawing
 
 SLOPES = [-3.0, -1.0, 0.0, 0.5]
@@ -149,12 +148,12 @@ def agreement(name: str, shape: str, slope: float, size: tuple[int, int] = (32, 
 @pytest.mark.parametrize("shape", ["square", "disc"])
 @pytest.mark.parametrize("name", list(SCENES))
 def test_cells_agree_with_brute_force_in_and_out_of_focus(name, shape):
-    assert min(agreement(name, shape, slope) for slope in (-3.0, 0.4)) > 46
+    assert min(agreement(name, shape, slope) for slope in (-3.0, 0.4)) > (55 if name == "crossing" else 68)
 
 
 @pytest.mark.parametrize("name", ["islands", "perforated", "leaf"])
 def test_cells_agree_with_brute_force_at_the_strongest_blur(name):
-    assert agreement(name, "disc", -7.0, size=(44, 44)) > 50
+    assert agreement(name, "disc", -7.0, size=(44, 44)) > 70
 
 
 @pytest.mark.parametrize("name", list(SCENES))
@@ -204,9 +203,17 @@ def test_float32_is_enough():
         focal_planes.focal_planes([waves(camera, -0.4, dtype=dtype), waves(camera, 0.6, Disc(9.0), dtype)], camera, [s])
         for dtype, s in ((torch.float32, -1.0), (torch.float64, -1.0))
     )
-    picture, expected = CellRenderer(small).render(small[0]), truth.render_eagerly(large[0])
+    picture, expected = truth.render(small[0]), truth.render_eagerly(large[0])
     assert (picture.dtype, expected.dtype) == (torch.float32, torch.float64)
     torch.testing.assert_close(picture.double(), expected, atol=2e-6, rtol=0)
+
+
+def test_two_numbers_of_cells_are_extrapolated():
+    camera = Camera(size=(32, 34))
+    layers = painted("islands", camera)
+    (plane,) = focal_planes.focal_planes(layers, camera, [0.0])
+    fine, coarse = (truth.stack(layers, camera, [0.0], n_cells=len(n.cells.p)) for n in (plane, plane.coarser))
+    torch.testing.assert_close(truth.stack(layers, camera, [0.0]), fine + (fine - coarse) / 3)
 
 
 def one_layer(slope, aperture="square", grid=(7, 7), n_cells=9, matte=Full()):  # noqa: B008  frozen
@@ -220,7 +227,7 @@ def one_layer(slope, aperture="square", grid=(7, 7), n_cells=9, matte=Full()):  
 @pytest.mark.parametrize("matte", [Full(), Disc(9.0, (14.0, -3.0))])
 def test_the_filter_of_a_single_layer_is_the_sum_of_all_cells(aperture, grid, slope, matte):
     plane = one_layer(slope, aperture, grid, matte=matte)
-    expected = CellRenderer([plane]).render(plane)
+    expected = truth.render(plane)
     torch.testing.assert_close(truth.filter_layer(plane), expected, atol=1e-6, rtol=0)
     torch.testing.assert_close(truth.render_eagerly(plane), expected, atol=1e-6, rtol=0)
 
@@ -245,7 +252,7 @@ def planes(scene, slopes, n_cells=4):
 def test_any_valid_scene_is_rendered_alike(scene, slope):
     (plane,) = planes(scene, [slope], n_cells=3)
     assume(plane.layers)
-    picture = CellRenderer([plane]).render(plane)
+    picture = truth.render(plane)
     assert bool(picture.isfinite().all())
     torch.testing.assert_close(picture, truth.render_eagerly(plane), atol=2e-6, rtol=1e-5)
 
@@ -253,15 +260,14 @@ def test_any_valid_scene_is_rendered_alike(scene, slope):
 @pytest.mark.parametrize("name", list(SCENES))
 def test_loops_render_as_pytorch_does(name):
     both = planes(Scene(Camera((5, 7), (26, 30), "disc"), SCENES[name]), [-2.0, 0.1])
-    renderer = CellRenderer(both)
     for plane in both:
         expected = truth.render_eagerly(plane)
-        torch.testing.assert_close(renderer.render(plane), expected, atol=1e-6, rtol=0)
+        torch.testing.assert_close(truth.render(plane), expected, atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("name", ["islands", "crossing"])
 def test_threads_change_nothing(name, monkeypatch):
     (plane,) = planes(Scene(Camera(size=(40, 50)), SCENES[name]), [-1.0])
-    expected = CellRenderer([plane]).render(plane)
+    expected = truth.render(plane)
     monkeypatch.setattr(loops, "worthwhile", lambda size, worth_a_thread: 3)
-    assert torch.equal(CellRenderer([plane]).render(plane), expected)
+    assert torch.equal(truth.render(plane), expected)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 
-from lfref.simulator import rays, truth_loops
-from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, BlurTables, CellPositions, TracedLayers
+from lfref.simulator import bitmaps, rays, truth_loops
+from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, CellPositions, LookUps, TracedLayers
 
 ROWS, COLUMNS, PHASES = 14, 16, 2
 
@@ -58,8 +59,8 @@ def test_cells_are_looked_up_between_samples_and_composited():
     positions = CellPositions(random.uniform(0, 3, (2, 2)), random.uniform(0, 3, (2, 3)))
     weights = np.array([[0.1, 0.3, 0.0], [0.2, 0.1, 0.3]])
     picture, cells = np.empty((3, 5, 6)), ApertureCells(np.zeros(3), np.zeros(2), weights, 0.0, 0.0)
-    tables, blurs = rays.ray_layers([], [], [], []), BlurTables(np.zeros((0, 2)), np.zeros(0))
-    traced = TracedLayers(tables, blurs, rays.atlas([]), np.arange(2), np.zeros((2, 2), np.bool_))
+    tables = rays.ray_layers([], [], [], [])
+    traced = TracedLayers(tables, rays.atlas([], 4), np.arange(2), np.zeros((2, 2), np.bool_))
     for top, end in ((0, 2), (2, 5)):
         truth_loops.composite_fixed(layers, positions, traced, cells, picture, top, end)
     expected = np.zeros((3, 5, 6))
@@ -77,3 +78,25 @@ def linear(samples, row, column):
         upper, lower = (np.take(samples, np.arange(first, first + length), axis) for first in (whole, whole + 1))
         samples = (1 - share) * upper + share * lower
     return samples[:, :10:2, :12:2]
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("step", [1.0, 0.993, -1.3])
+def test_runs_of_rays_read_a_window_linearly_and_its_edge_beyond(kind, step):
+    random = np.random.default_rng(0)
+    rows, columns, top, left, width = 7, 12, -3, -5, 40
+    samples = random.random((4, rows, columns)).astype(kind)
+    by_phase = samples.reshape(4, rows, columns // 4, 4).swapaxes(2, 3)
+    other = rays.AtlasEntry(np.full((4, 2, 4, 1), np.nan, kind), np.zeros((2, 4)), 0, 0)
+    windows = rays.atlas([other, rays.AtlasEntry(by_phase, samples[3], top, left)], 4)
+    at = np.stack([-2 + step * np.arange(width) / 8, random.uniform(-1.5, 1.5, width).round(1)])
+    at[1, 10:25] = 0.125
+    look_ups = LookUps(np.zeros(width, np.int64), np.zeros(width, kind), np.zeros(width, kind))
+    rgba = np.full((4, width), -1.0, kind)
+    truth_loops._find_samples(windows, 1, at, 3, 38, look_ups)
+    truth_loops._read_runs(windows, 1, 3, 38, look_ups, rgba)
+    places = (torch.from_numpy(4 * line - start)[None, None] for line, start in zip(at, (left, top), strict=True))
+    expected = bitmaps.linear_at(torch.from_numpy(samples), *places)[0, :, 0]
+    np.testing.assert_allclose(rgba[:, 3:38], expected[:, 3:38], atol=1e-6)
+    assert (rgba[:, :3] == -1).all()
+    assert (rgba[:, 38:] == -1).all()

@@ -12,7 +12,7 @@ import numpy as np
 
 from lfref.engines import by_onnxruntime, by_openvino
 from lfref.engines.engine import FP16, FP32, INT8, NetworkFunction
-from lfref.engines.files.manifest import KEY, Axes, Graph, Manifest, parse
+from lfref.engines.files.manifest import KEY, STACK, Axes, Graph, Manifest, parse
 from lfref.engines.files.network_copies import centred_norms, half_convolutions
 from lfref.errors import CheckpointError, first_line
 from lfref.io import atomic, tensor_files
@@ -21,12 +21,14 @@ PRECISIONS = (FP32, FP16, INT8)
 """Precisions of ONNX files; ONNX Runtime has no convolutions in bfloat16 on CPUs."""
 PACKAGES = by_onnxruntime.PACKAGES
 OPERATORS = {
-    "Add", "And", "BatchNormalization", "Cast", "Concat", "Conv", "DepthToSpace", "DequantizeLinear", "Div", "Elu",
-    "Gather", "Gelu", "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less",
-    "MatMul", "Mul", "Pad", "QuantizeLinear", "Range", "Reciprocal", "ReduceMean", "Relu", "Reshape", "Shape",
-    "Sigmoid", "Slice", "Softplus", "SpaceToDepth", "Split", "Squeeze", "Sub", "Transpose", "Unsqueeze", "Where",
+    "Abs", "Add", "And", "AveragePool", "BatchNormalization", "Cast", "Ceil", "Clip", "Concat", "Conv", "Cos", "CumSum",
+    "DepthToSpace", "DequantizeLinear", "Div", "Elu", "Equal", "Expand", "Floor", "Gather", "GatherElements", "Gelu",
+    "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less", "LessOrEqual", "MatMul",
+    "Max", "Min", "Mod", "Mul", "Neg", "Or", "Pad", "Pow", "QuantizeLinear", "Range", "Reciprocal", "ReduceMax",
+    "ReduceMean", "ReduceMin", "ReduceSum", "Relu", "Reshape", "Round", "Shape", "Sigmoid", "Sign", "Sin", "Slice",
+    "Softplus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Sub", "TopK", "Transpose", "Unsqueeze", "Where",
 }  # fmt: skip
-"""Operators of ONNX that our networks and shift-and-sum need: none of them repeats, branches, or reads files."""
+"""Operators of ONNX that our networks and operators need: none of them repeats, branches, or reads files."""
 NUMBERS = {1, 3, 6, 7, 9, 10}
 """Types of weights and sizes, as ONNX numbers them: float32, int8, int32, int64, bool, float16."""
 LARGEST = 2**31
@@ -46,10 +48,16 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     model = to_model(graph)
     if manifest.precision == INT8:
         model = by_onnxruntime.quantise(model, graph.patches)
-    for values, all_axes in ((model.graph.input, graph.inputs.values()), (model.graph.output, [graph.output])):
-        for value, axes in zip(values, all_axes, strict=True):
-            _name_axes(value, axes)
-    helper.set_model_props(model, {KEY: manifest.text(), "lfref_sha256": tensor_files.BLANK})
+    for value, axes in zip(
+        (*model.graph.input, *model.graph.output), (*graph.inputs.values(), graph.output), strict=True
+    ):
+        _name_axes(value, axes)
+        value.doc_string = manifest.notes.get(value.name, "")
+    model.producer_name, model.producer_version = "lfref", manifest.version
+    # The manifest is one text; these entries are for people who look at the file.
+    entries = {name: getattr(manifest, name) for name in ("version", "license", "samples", "encoding")}
+    plain = {f"lfref_{name}": entry for name, entry in entries.items() if entry is not None}
+    helper.set_model_props(model, {KEY: manifest.text(), "lfref_sha256": tensor_files.BLANK, **plain})
     with atomic.replacing(path) as partial:
         partial.write_bytes(model.SerializeToString())
         tensor_files.fill_digest(partial)
@@ -58,7 +66,16 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
 def to_model(graph: Graph) -> Any:
     """A graph as a model that runtimes compute as precisely as PyTorch does."""
     workload = replace(graph.workload, network=centred_norms(graph.module).eval())
-    return by_onnxruntime.export(workload, graph.free)
+    model = by_onnxruntime.export(workload, graph.free)
+    # The exporter cannot name the output itself: a value inside the graph may have that name.
+    (output,) = model.graph.output
+    new = {STACK: f"{STACK}_inside"} | {output.name: STACK}
+    for node in model.graph.node:
+        for names in (node.input, node.output):
+            names[:] = [new.get(name, name) for name in names]
+    for value in (*model.graph.value_info, output):
+        value.name = new.get(value.name, value.name)
+    return model
 
 
 def _name_axes(value: Any, axes: Axes) -> None:

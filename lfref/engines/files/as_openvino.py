@@ -7,6 +7,7 @@ before OpenVINO sees them. Each format has its own module.
 import hashlib
 import re
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,23 +17,26 @@ import numpy as np
 from lfref.engines import by_openvino
 from lfref.engines.engine import BF16, FP16, FP32, INT8, NetworkFunction
 from lfref.engines.files import as_onnx
-from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
+from lfref.engines.files.manifest import KEY, STACK, Graph, Manifest, parse
+from lfref.engines.files.network_copies import half_convolutions
 from lfref.errors import CheckpointError
 from lfref.io import atomic, tensor_files
 
 PRECISIONS = (FP32, FP16, BF16, INT8)
-"""Precisions of OpenVINO files: fp16 stores weights in half precision; bf16 is a setting of the runtime."""
+"""Precisions of OpenVINO files: fp16 stores weights in half precision; in bf16 convolutions have that type too."""
 PACKAGES = (*by_openvino.PACKAGES, *as_onnx.PACKAGES)
 DIGEST_KEY, FORMER_KEY = "lfref_digest", "lfref_weights"
 """Key of the SHA-256 of both files, and the key of earlier versions, for the SHA-256 of the weights alone."""
 LAYERS = {
-    "Add", "Concat", "Const", "Convert", "Convolution", "DepthToSpace", "Divide", "Elu", "FakeQuantize", "Gather",
-    "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LogicalAnd", "MVN", "MatMul",
-    "Multiply", "PReLU", "Pad", "Parameter", "Range", "ReLU", "ReduceMean", "Reshape", "Result", "Select", "ShapeOf",
-    "Sigmoid", "Slice", "SoftPlus", "SpaceToDepth", "Split", "Squeeze", "Subtract", "Swish", "Transpose", "Unsqueeze",
-    "VariadicSplit",
+    "Abs", "Add", "AvgPool", "Broadcast", "Ceiling", "Clamp", "Concat", "Const", "Convert", "Convolution", "Cos",
+    "CumSum", "DepthToSpace", "Divide", "Elu", "Equal", "FakeQuantize", "Floor", "FloorMod", "Gather", "GatherElements",
+    "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LessEqual", "LogicalAnd",
+    "LogicalOr", "MVN", "MatMul", "Maximum", "Minimum", "Multiply", "Negative", "PReLU", "Pad", "Parameter", "Power",
+    "Range", "ReLU", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Result", "Round", "Select",
+    "ShapeOf", "Sigmoid", "Sign", "Sin", "Slice", "SoftPlus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Subtract",
+    "Swish", "TopK", "Transpose", "Unsqueeze", "VariadicSplit",
 }  # fmt: skip
-"""Layers that our networks and shift-and-sum need: none of them repeats, branches, or keeps a state."""
+"""Layers that our networks and operators need: none of them repeats, branches, or keeps a state."""
 LARGEST = 2**26
 """Largest size of NAME.xml in bytes."""
 
@@ -45,6 +49,8 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     """
     import openvino
 
+    if manifest.precision == BF16:
+        graph = replace(graph, module=half_convolutions(graph.module, BF16))
     with tempfile.TemporaryDirectory() as folder:
         # The model goes through ONNX, which knows free axes: a trace of OpenVINO knows only the sizes of its inputs.
         onnx_path = Path(folder, "model.onnx")
@@ -56,6 +62,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
         port.get_tensor().set_names({name})
         port.get_node().set_friendly_name(name)
         port.get_node().set_partial_shape(openvino.PartialShape([-1 if isinstance(n, str) else n for n in axes]))
+    model.output(0).get_tensor().set_names({STACK})
     model.validate_nodes_and_infer_types()
     model.set_rt_info(manifest.text(), KEY)
     model.set_rt_info(tensor_files.BLANK, DIGEST_KEY)

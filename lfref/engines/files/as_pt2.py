@@ -18,6 +18,8 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.utils._sympy.numbers import int_oo
+from torch.utils._sympy.value_ranges import ValueRanges
 
 from lfref.engines.engine import BF16, FP16, FP32, NetworkFunction
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
@@ -46,15 +48,33 @@ OPERATORS = {
     "_operator.mul": "sym_int int",
     "_operator.sub": "sym_int int",
     "torch.ops.aten.__and__.Tensor": "tensor",
+    "torch.ops.aten.__or__.Tensor": "tensor",
     "torch.ops.aten._assert_tensor_metadata.default": "tensor scalar_type device layout",
-    "torch.ops.aten.add.Tensor": "tensor",
+    "torch.ops.aten.abs.default": "tensor",
+    "torch.ops.aten.add.Tensor": "tensor float int sym_int",
     "torch.ops.aten.addcmul.default": "tensor",
-    "torch.ops.aten.arange.default": "sym_int device bool",
+    "torch.ops.aten.amax.default": "ints tensor",
+    "torch.ops.aten.arange.default": "sym_int device bool int",
+    "torch.ops.aten.avg_pool2d.default": "tensor ints int",
     "torch.ops.aten.batch_norm.default": "tensor bool float",
     "torch.ops.aten.cat.default": "tensors int",
+    "torch.ops.aten.ceil.default": "tensor",
+    "torch.ops.aten.clamp.default": "float int none sym_int tensor",
     "torch.ops.aten.conv2d.default": "tensor none ints int",
+    "torch.ops.aten.cos.default": "tensor",
+    "torch.ops.aten.cumsum.default": "int tensor",
+    "torch.ops.aten.div.Tensor": "float int sym_int tensor",
+    "torch.ops.aten.div.Tensor_mode": "string tensor int",
     "torch.ops.aten.elu.default": "tensor float",
+    "torch.ops.aten.eq.Scalar": "int sym_int tensor",
+    "torch.ops.aten.eq.Tensor": "tensor",
+    "torch.ops.aten.expand.default": "sym_ints tensor",
     "torch.ops.aten.flatten.using_ints": "tensor int",
+    "torch.ops.aten.flip.default": "ints tensor",
+    "torch.ops.aten.floor.default": "tensor",
+    "torch.ops.aten.full.default": "bool device float ints sym_int",
+    "torch.ops.aten.gather.default": "int tensor",
+    "torch.ops.aten.ge.Scalar": "tensor int float",
     "torch.ops.aten.ge.Tensor": "tensor",
     "torch.ops.aten.gelu.default": "tensor",
     "torch.ops.aten.group_norm.default": "tensor int float bool",
@@ -63,42 +83,67 @@ OPERATORS = {
     "torch.ops.aten.hardsigmoid.default": "tensor",
     "torch.ops.aten.index_select.default": "tensor int",
     "torch.ops.aten.instance_norm.default": "tensor none bool float",
+    "torch.ops.aten.le.Scalar": "float tensor",
+    "torch.ops.aten.le.Tensor": "tensor",
     "torch.ops.aten.leaky_relu.default": "tensor float",
+    "torch.ops.aten.lt.Scalar": "float int tensor",
     "torch.ops.aten.lt.Tensor": "tensor",
     "torch.ops.aten.matmul.default": "tensor",
-    "torch.ops.aten.mul.Tensor": "tensor float int",
+    "torch.ops.aten.maximum.default": "tensor",
+    "torch.ops.aten.mean.dim": "bool ints tensor",
+    "torch.ops.aten.minimum.default": "tensor",
+    "torch.ops.aten.mul.Tensor": "tensor float int sym_int",
     "torch.ops.aten.narrow.default": "tensor int sym_int",
+    "torch.ops.aten.neg.default": "tensor",
+    "torch.ops.aten.ones.default": "bool device ints",
     "torch.ops.aten.pad.default": "tensor ints string",
     "torch.ops.aten.permute.default": "tensor ints",
     "torch.ops.aten.pixel_shuffle.default": "tensor int",
     "torch.ops.aten.pixel_unshuffle.default": "tensor int",
+    "torch.ops.aten.pow.Tensor_Scalar": "float int tensor",
+    "torch.ops.aten.pow.Tensor_Tensor": "tensor",
     "torch.ops.aten.reciprocal.default": "tensor",
     "torch.ops.aten.relu.default": "tensor",
+    "torch.ops.aten.remainder.Scalar": "int tensor",
+    "torch.ops.aten.remainder.Tensor": "tensor",
     "torch.ops.aten.reshape.default": "tensor ints sym_ints",
-    "torch.ops.aten.rsub.Scalar": "tensor sym_int",
+    "torch.ops.aten.round.default": "tensor",
+    "torch.ops.aten.rsub.Scalar": "tensor sym_int int",
     "torch.ops.aten.select.int": "tensor int",
+    "torch.ops.aten.sign.default": "tensor",
     "torch.ops.aten.silu.default": "tensor",
+    "torch.ops.aten.sin.default": "tensor",
     "torch.ops.aten.slice.Tensor": "tensor int sym_int none",
     "torch.ops.aten.softplus.default": "tensor float",
+    "torch.ops.aten.sort.default": "tensor",
     "torch.ops.aten.split.Tensor": "tensor int",
+    "torch.ops.aten.square.default": "tensor",
+    "torch.ops.aten.stack.default": "int tensors",
+    "torch.ops.aten.sub.Tensor": "float int sym_int tensor",
+    "torch.ops.aten.sum.default": "tensor",
+    "torch.ops.aten.sum.dim_IntList": "tensor ints",
     "torch.ops.aten.sym_size.int": "tensor int",
     "torch.ops.aten.to.device": "tensor device scalar_type",
     "torch.ops.aten.to.dtype": "tensor scalar_type",
     "torch.ops.aten.transpose.int": "tensor int",
+    "torch.ops.aten.unbind.int": "tensor",
     "torch.ops.aten.unflatten.int": "tensor int ints",
     "torch.ops.aten.unsqueeze.default": "tensor int",
     "torch.ops.aten.where.ScalarOther": "tensor float",
+    "torch.ops.aten.where.self": "tensor",
+    "torch.ops.aten.zeros.default": "bool device ints",
 }
-"""Functions that a graph may call, and the kinds of their arguments: those that our networks and shift-and-sum need."""
+"""Functions that a graph may call, and the kinds of their arguments: those that our networks and operators need."""
 BYTES = {5: 8, 6: 2, 7: 4, 12: 1, 13: 2}
 """Bytes of each type of weights and constants, by its number in archives: int64, float16, float32, bool, bfloat16."""
 NOTES = ("stack_trace", "nn_module_stack", "torch_fn", "source_fn_stack", "from_node", "custom")
 """Notes of the exporter about nodes: lines and paths of source code."""
 EXPRESSION = re.compile(
-    r"('[su]\d+'|\b(Symbol|Integer|Add|Mul|FloorDiv|CeilDiv|Mod|PythonMod|Max|Min|positive|nonnegative|integer|True)\b"
+    r"('[su]\d+'|Pow\(Symbol\('s\d+', positive=True, integer=True\), Integer\(2\)\)"
+    r"|\b(Symbol|Integer|Add|Mul|FloorDiv|CeilDiv|Mod|PythonMod|Max|Min|positive|nonnegative|integer|True)\b"
     r"|\d{1,12}\b|[ (),=-])*"
 )
-"""An expression of sizes; any other text could be Python code."""
+"""An expression of sizes; any other text could be Python code, and powers of other numbers might take hours."""
 SPECIFICATION = re.compile(
     r'([\[\]{}:, 1]|"(type|context|children_spec|null|\[\]|builtins\.(tuple|list|dict))"|null)*', re.ASCII
 )
@@ -114,7 +159,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     is_full = manifest.precision == FP32
     module = copy.deepcopy(graph.module) if is_full else half_convolutions(graph.module, manifest.precision).eval()
     # Weights in another memory order would be stored as parts of other tensors.
-    for weight in module.parameters():
+    for weight in (*module.parameters(), *module.buffers()):
         weight.data = weight.data.clone(memory_format=torch.contiguous_format)
     axes = tuple(dict.fromkeys(free, torch.export.Dim.DYNAMIC) for free in graph.free)
     with torch.no_grad():
@@ -122,6 +167,9 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     # Example inputs would be pickled, guards are Python code, and notes hold paths of this machine.
     program.example_inputs = None
     program._guards_code.clear()
+    # The exporter distrusts lengths at which a size inside would be 1; our modules have no branches to fear.
+    for symbol in program.range_constraints:
+        program.range_constraints[symbol] = ValueRanges(1, int_oo)
     for node in program.graph.nodes:
         for note in NOTES:
             node.meta.pop(note, None)

@@ -6,11 +6,14 @@ same point if s is its disparity. Every view has one vote, a soft one: its diffe
 it is. So the views from which a nearer surface hides the point outvote nobody, wherever in the aperture they are, and a
 bright edge weighs no more than weak texture. The reference is first the mean of the central views, then the mean of all
 weighted by `sigma^2 / (e^2 + sigma^2)`: less noise, and no view is special.
+What is compared is the views' detail (`details`): shading that moves otherwise than the surface, as gloss does, would
+outvote the fine texture under it, which moves with it.
 `sigma^2` (the spread, one number a pixel) is the sum of noise, which is measured, and of the errors of interpolation
 and of the slopes' distance, which grow with the gradient.
 Letters: `s` slope in pixels per view step, `N` slopes, `K` views that are read, `k` view, `v u` its row and column from
 the angular centre, `y x` pixel row and column, `p q` position in a view along y and x, `t` fraction of a sample.
-Source: Black, Rangarajan, "On the Unification of Line Processes, Outlier Rejection, and Robust Statistics", 1996.
+Sources: Black, Rangarajan, "On the Unification of Line Processes, Outlier Rejection, and Robust Statistics", 1996; He,
+Sun, Tang, "Guided Image Filtering", 2013 (`details`).
 """
 
 import math
@@ -32,8 +35,13 @@ Integers = NDArray[np.int64]
 Number = float | np.floating
 Taps = tuple[Number, Number, Number, Number]
 
-LEAST_NOISE = 1e-3
-"""Standard deviation that even good views have: rounding to 8 bits has 1 / 255 / sqrt(12) = 1.1e-3."""
+LEAST_NOISE = 6e-4
+"""Standard deviation that even good views have: the mean of three colours that are rounded to 8 bits has
+1 / 255 / sqrt(36) = 6.5e-4."""
+SHADING = 0.88
+"""Share of what a guided filter keeps, shading and strong edges, that is taken away where there is no noise."""
+CONTRAST = 0.02
+"""Contrast in windows of 3 by 3, as a share of the mean light, from which the filter keeps an edge."""
 NOISY = 2.0
 """Variances of the noise that count as half a disagreement: the variance of a difference of two views."""
 STEEP = 0.05
@@ -76,13 +84,31 @@ def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None)
     samples = torch.empty(int(is_read.sum()), *views.shape[-2:])
     for sample, (v, u) in zip(samples, is_read.nonzero().tolist(), strict=True):
         sample.copy_(batches.radiance(views[v, u].detach()).mean(0))
-    if not bool(samples.isfinite().all()):
+    # The extremes are NaN if any sample is; `isfinite` of all samples takes two more copies of them.
+    if not all(bool(extreme.isfinite()) for extreme in samples.aminmax()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give views weight 0")
     grid = batches.grid_and_size(views)[0]
     where = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid))[is_read]
     distances = where.square().sum(1)
     nearest = (distances <= 1.01 * float(distances.min())).nonzero()[:, 0]  # equally near but for rounding
     return GreyViews(samples.numpy(), where.float().numpy(), nearest.numpy())
+
+
+def details(views: GreyViews, slopes: Tensor) -> GreyViews:
+    """Roots of the light less most of what a guided filter keeps of them; slopes [N] cover the scene.
+
+    Roots weigh texture in shadows like texture in the light. Edges shrink but stay sharp: a plain high-pass filter
+    would carry them into their neighbourhood. In noise beyond `CONTRAST` there is no finer texture to prefer.
+    """
+    roots = views._replace(samples=np.sqrt(views.samples.clip(min=0)))
+    least = (CONTRAST * float(roots.samples.mean())) ** 2
+    share = SHADING * least / max(least + noise(roots, slopes) ** 2, torch.finfo(torch.float32).tiny)
+    for root in torch.from_numpy(roots.samples):  # view by view: the filter takes some copies
+        mean = neighbours.box_mean(root, 3)
+        variance = (neighbours.box_mean(root.square(), 3) - mean.square()).clamp(min=0)
+        kept = variance / (variance + least).clamp(min=torch.finfo(torch.float32).tiny)
+        root -= share * (neighbours.box_mean(kept, 3) * root + neighbours.box_mean((1 - kept) * mean, 3))
+    return roots
 
 
 def noise(views: GreyViews, slopes: Tensor) -> float:

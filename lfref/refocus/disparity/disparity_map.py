@@ -93,7 +93,7 @@ def disparity_map(
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise InputError("disparities must lie between a first and a larger last one", got=f"{low} and {high}")
         slopes = batches.checked_slopes(matching.slopes_between(low, high), grid, size, positions)
-        light = cost_volume.grey_views(field, aperture, positions)
+        light = cost_volume.details(cost_volume.grey_views(field, aperture, positions), slopes)
         noise = cost_volume.noise(light, slopes)
         labels, confidence = matching.best_slopes(light, slopes, noise, radius)
         maps.append((matching.refine(light, labels, noise, low, high), confidence))

@@ -40,7 +40,7 @@ from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.focus.slope_range import DisparityRange
 from lfref.refocus.fourier import layer_mixing
-from lfref.refocus.fourier.exact import exact_fourier, frequencies, half_frequencies, shift_phases
+from lfref.refocus.fourier.exact import filter_and_sum, frequencies, half_frequencies, shift_phases
 from lfref.refocus.fourier.layer_mixing import Frame
 from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum, shift_and_sum_through_cells, wide_range
 
@@ -139,8 +139,9 @@ def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
     bins = torch.unique(y * width + x)
     y, x = bins // width, bins % width
     read = batches.without_unread(views.detach()[None], aperture)[0]
-    grey = torch.stack([batches.radiance(row).sum(-3) for row in read])
-    spectra = torch.fft.rfft2(grey)[..., y.to(views.device), x.to(views.device)].cpu().to(torch.complex128)
+    # One view row at a time: all spectra together take as much memory as a channel of the views.
+    rows = (torch.fft.rfft2(batches.radiance(row).sum(-3)) for row in read)
+    spectra = torch.stack([row[..., y.to(row.device), x.to(row.device)] for row in rows]).cpu().to(torch.complex128)
     roots = aperture.sqrt()
     weighted = (spectra * roots[..., None]).flatten(0, 1).T
     energy = weighted.abs().square().sum(1, keepdim=True)
@@ -279,8 +280,8 @@ def disparity_layers(
     aperture = batches.checked_weights(weights, grid)
     energies = _energies(batch[0], disparities, n_layers, aperture)
     frame = layer_mixing.make_frame(border, size, geometry.corner_shift(energies.disparities, grid))
-    exact = exact_fourier(frame.extend(batch), energies.disparities, aperture)
-    spectra = _fit(torch.fft.rfft2(exact), energies, aperture, frame.period, ridge)
+    exact = _exact(batch, frame, energies.disparities, aperture)
+    spectra = _fit(exact, energies, aperture, frame.period, ridge)
     return Layers(spectra.reshape(*views.shape[:-5], *spectra.shape[1:]), energies, grid, frame)
 
 
@@ -395,8 +396,8 @@ def refocus_by_energies(
     slopes = torch.cat([planes, energies.disparities])
     frame = layer_mixing.make_frame(border, size, geometry.corner_shift(slopes, grid))
     # 1. Exact refocusing E at the planes, and at the layers as the right side of the regression.
-    exact = exact_fourier(frame.extend(field), slopes, aperture)
-    at_planes, at_layers = torch.fft.rfft2(exact)[None].split([len(planes), len(energies.disparities)], dim=1)
+    exact = _exact(field[None], frame, slopes, aperture)
+    at_planes, at_layers = exact.split([len(planes), len(energies.disparities)], dim=1)
     # 2. The layers.
     layers = _fit(at_layers, energies, aperture, frame.period, ridge)
     # 3. Correction by each layer: (c(s - d) - c(s - m)) D(s - d).
@@ -406,9 +407,20 @@ def refocus_by_energies(
     layer_cells = layer_mixing.cell_response(distances, fill, frame.period)
     points = layer_mixing.aperture_response(distances, aperture, frame.period)
     correction = layer_mixing.multiply(layers, points.times(layer_cells.minus(mean_cell)))
-    # 4. c(s - m) E, written out: one factor a frequency and plane.
+    # 4. c(s - m) E, written out: one factor a frequency and plane. Plane by plane, in place of the correction.
     cell = mean_cell.rows[:, :1, 0, :, None] * mean_cell.columns[:, :1, 0, None]
-    return frame.pictures((cell.to(field) * at_planes + correction)[0])
+    for n, factor in enumerate(cell.to(field)):
+        correction[0, n] += factor * at_planes[0, n]
+    return frame.pictures(correction[0])
+
+
+def _exact(batch: Tensor, frame: Frame, slopes: Tensor, aperture: Tensor) -> Tensor:
+    """Spectra of exact refocusing of views [B, V, U, C, H, W] in a frame, [B, N, C, h, w // 2 + 1]."""
+    planes = geometry.checked_slopes(slopes, batches.grid_and_size(batch)[0], frame.period)
+    v, u = (geometry.angular_offsets(n_views) for n_views in aperture.shape)
+    rows = shift_phases(frequencies(frame.period[0]), planes[:, None] * v)
+    columns = shift_phases(half_frequencies(frame.period[1]), planes[:, None] * u)
+    return torch.fft.rfft2(filter_and_sum(batch, rows, columns, aperture, frame.extend))
 
 
 def _energies(field: Tensor, disparities: Slopes | None, n_layers: int, aperture: Tensor) -> Energies:

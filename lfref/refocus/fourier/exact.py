@@ -9,6 +9,7 @@ Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` s
 """
 
 import itertools
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -115,7 +116,9 @@ def exact_fourier(
     return batches.restored(footprint.periodic(stack, cell, planes), views)
 
 
-def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor) -> Tensor:
+def filter_and_sum(
+    views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor, extend: Callable[[Tensor], Tensor] | None = None
+) -> Tensor:
     """Sum of the filtered views, `I^(k) = sum_v R[v](ky) sum_u C[u](kx) w_uv L^[v, u](k)`, for every plane.
 
     What the factors R and C are is the operator's: exact phase ramps, or what a slice of the 4-D spectrum reads. Since
@@ -127,20 +130,23 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
         columns: Factors of the view columns at the frequencies of `rfft`, complex, [N, U, W // 2 + 1], or of the views
             of each row, [N, V or 1, U, W // 2 + 1].
         weights: Factor of each view, [V, U].
+        extend: Turns views [..., H, W] into periods of the size [h, w] that the factors have; None: they are periods.
 
     Returns:
         Stacks, float32 or float64, [B, N, C, H, W].
     """
-    size, working = (views.shape[-2], views.shape[-1]), batches.working_dtype(views.dtype)
+    working = batches.working_dtype(views.dtype)
     dtype = complex_dtype(working)
     rows, columns = rows.to(views.device, dtype), columns.to(views.device, dtype)
     columns = columns.unsqueeze(1) if columns.ndim == 3 else columns
     views, weights = batches.without_unread(views, weights), weights.to(views.device, working)
-    shape = (views.shape[0], *views.shape[3:5], size[1] // 2 + 1)
+    shape = (views.shape[0], views.shape[3], rows.shape[-1], columns.shape[-1])
     planes = [rows.new_zeros(shape) for _ in rows]
     for v, (view_row, row_weights) in enumerate(zip(views.unbind(1), weights, strict=True)):
         # One view row at a time: its spectra are all that is held beside the planes.
-        spectra = torch.fft.rfft2(batches.radiance(view_row)).unbind(1)
+        light = batches.radiance(view_row)
+        periods = light if extend is None else extend(light)
+        spectra = torch.fft.rfft2(periods).unbind(1)
         of_row = columns[:, v if columns.shape[1] > 1 else 0] * row_weights[:, None]
         for plane, row_factors, column_factors in zip(planes, rows[:, v], of_row, strict=True):
             total = spectra[0] * column_factors[0]
@@ -149,6 +155,7 @@ def filter_and_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
             plane.addcmul_(total, row_factors[:, None])
             del total  # so that the next sum gets the same memory, which is in the cache
     # Each spectrum is given up as its image is written: all of both together would be the peak of memory.
+    size = periods.shape[-2:]
     stack = views.new_empty((views.shape[0], len(planes), views.shape[3], *size), dtype=working)
     for n in reversed(range(len(planes))):
         stack[:, n] = torch.fft.irfft2(planes.pop(), s=size)

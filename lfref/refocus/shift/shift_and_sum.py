@@ -226,7 +226,7 @@ def _reduced_lines(
     cameras = batches.even(grid) if positions is None else batches.checked_positions(positions, grid)
     is_open = torch.ones(grid, dtype=torch.bool) if weights is None else batches.checked_weights(weights, grid) > 0
     # Of several such rows or columns, the middlemost.
-    row, column = (_middlemost(counts) for counts in (is_open.sum(1), is_open.sum(0)))
+    row, column = (middlemost(counts) for counts in (is_open.sum(1), is_open.sum(0)))
     # A slice copies nothing, a mask copies the views.
     columns, rows = (slice(None) if bool(line.all()) else line for line in (is_open[row], is_open[:, column]))
     lines = [
@@ -243,7 +243,8 @@ def _move_far(lines: Sequence[tuple[Tensor, Tensor]]) -> bool:
     return max(-coarse.low, coarse.high) > FAR
 
 
-def _middlemost(counts: Tensor) -> int:
+def middlemost(counts: Tensor) -> int:
+    """Index of the largest of these counts; of several, the middlemost."""
     best = (counts == counts.max()).nonzero()[:, 0]
     return int(best[(best - len(counts) // 2).abs().argmin()])
 

@@ -41,6 +41,14 @@ def test_a_file_computes_what_it_was_made_of_at_any_size(name, precision, kind, 
                 assert float(psnr(result, expected).min()) > LEAST_DB[precision], engine
 
 
+@pytest.mark.parametrize(("name", "precision"), [("onnx", "fp16"), ("openvino", "fp16"), ("openvino", "bf16")])
+def test_half_precision_makes_files_smaller(name, precision):
+    # What is no weight, the graph, does not shrink: in OpenVINO's files it is apart.
+    suffix = ".bin" if name == "openvino" else ".onnx"
+    full, half = (len(cases.contents(name, each)[1][suffix]) for each in ("fp32", precision))
+    assert half < (0.55 if name == "openvino" else 0.9) * full
+
+
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_file_says_what_it_holds(name, tmp_path):
     path, graph = written(tmp_path, name)

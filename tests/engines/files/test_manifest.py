@@ -40,7 +40,7 @@ def test_what_was_said_comes_back():
         ("[]", "must say what it holds"),
         ("{" * 1000, "must say what it holds"),
         ("{}", "must say what it holds"),
-        (json.dumps({"format": 99}), "must have format 2; update lfref"),
+        (json.dumps({"format": 99}), "must have format 3; update lfref"),
         (json.dumps({"format": 1, "inputs": 3}), "must say what it holds"),
         (json.dumps(json.loads(MADE.text()) | {"more": 1}), "must say what it holds"),
         (json.dumps(json.loads(MADE.text()) | {"inputs": {"image": [1, 2, 3]}}), "must read views or features"),
@@ -61,11 +61,12 @@ def test_free_axes_are_those_that_are_letters():
 
 def test_a_digest_is_of_names_shapes_and_values():
     module = nn.Sequential(nn.Conv2d(2, 3, 1), nn.ReLU())
-    known = manifest.digest(module)
-    assert manifest.digest(copy.deepcopy(module)) == known
+    known = manifest.digest(module, {})
+    assert manifest.digest(copy.deepcopy(module), {}) == known
     other = copy.deepcopy(module)
     with torch.no_grad():
         other[0].bias[0] += 1e-3
-    assert manifest.digest(other) != known
-    assert manifest.digest(nn.Sequential(nn.Identity(), module[0])) != known
-    assert manifest.digest(copy.deepcopy(module).to(memory_format=torch.channels_last)) == known
+    assert manifest.digest(module, {"operator": "sum"}) != known
+    assert manifest.digest(other, {}) != known
+    assert manifest.digest(nn.Sequential(nn.Identity(), module[0]), {}) != known
+    assert manifest.digest(copy.deepcopy(module).to(memory_format=torch.channels_last), {}) == known

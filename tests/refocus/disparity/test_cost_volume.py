@@ -62,6 +62,26 @@ def test_views_that_show_something_else_are_counted_not_weighed(contrast):
     assert float((shares - 10 / 25).abs().max()) < 1e-3
 
 
+def test_detail_keeps_fine_texture_and_little_of_shading_and_steps():
+    column = torch.arange(64)
+    fine = 0.51 + 0.002 * (-1.0) ** column
+    ramp, step = 0.3 + 0.004 * column, 0.3 + 0.4 * (column >= 32)
+    kept = []
+    for light in (fine, ramp, step):
+        views = light.float().square().expand(3, 3, 1, 32, 64)  # `details` takes roots of light
+        detail = cost_volume.details(of(views), torch.zeros(1)).samples[0, 16]
+        kept.append((detail[8:-8].max() - detail[8:-8].min()) / float(light[8:-8].max() - light[8:-8].min()))
+    assert kept[0] > 0.85
+    np.testing.assert_allclose(kept[1:], 1 - cost_volume.SHADING, rtol=0.05)
+
+
+def test_detail_of_noisy_views_is_the_picture_itself():
+    views = 0.5 + 0.2 * texture(1, 48, 48).float().expand(5, 5, 1, 48, 48) + 0.3 * torch.randn(5, 5, 1, 48, 48)
+    light, detail = of(views), cost_volume.details(of(views), torch.zeros(1))
+    root = np.sqrt(light.samples.clip(min=0))
+    assert np.abs(detail.samples - root).mean() < 0.03 * root.std()
+
+
 @pytest.mark.parametrize("deviation", [0.003, 0.02])
 def test_noise_is_measured_but_for_what_interpolation_averages_out(deviation):
     views = shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.5), 0.3, (5, 5)).float()
@@ -74,7 +94,7 @@ def test_the_spread_is_twice_the_noise_that_of_8_bits_and_the_error_of_slopes():
     ramp = 0.02 * torch.arange(20.0) + 0.01 * torch.arange(18.0)[:, None]
     torch.testing.assert_close(cost_volume.steepness(ramp), torch.full((18, 20), 5e-4), atol=1e-7, rtol=0)
     spread = cost_volume.spread(of(ramp.expand(3, 3, 1, 18, 20)), 0.003)
-    torch.testing.assert_close(spread, torch.full((18, 20), 2 * 0.003**2 + 1e-3**2 + 0.05**2 * 5e-4), rtol=1e-4, atol=0)
+    torch.testing.assert_close(spread, torch.full((18, 20), 2 * 0.003**2 + 6e-4**2 + 0.05**2 * 5e-4), rtol=1e-4, atol=0)
 
 
 @pytest.mark.parametrize(("grid", "n_middle"), [((3, 5), 1), ((2, 3), 2), ((4, 4), 4)])

@@ -43,6 +43,15 @@ def test_a_plane_comes_back_at_every_pixel(disparity, grid):
     assert float((error[is_border(error.shape)] > 0.1).float().mean()) < 0.1
 
 
+def test_shading_that_moves_otherwise_does_not_outvote_fine_texture():
+    surface, x = local_plane(0.6, (7, 7), (64, 96)), torch.arange(96.0)
+    # A highlight that stays in its place in all views; without `details` the median of the errors is 0.14.
+    gloss = 0.1 * torch.exp(-((x - 48) / 20).square())
+    disparity = disparity_map(0.2 + 0.3 * surface + gloss, -1.0, 1.0).disparity
+    assert float((border_off(disparity) - 0.6).abs().median()) < 0.03
+    assert float(((border_off(disparity) - 0.6).abs() > 0.1).float().mean()) < 0.1
+
+
 @pytest.mark.parametrize("grid", [(1, 5), (5, 1)])
 def test_views_in_one_row_or_column_are_enough(grid):
     error = (disparity_map(local_plane(0.45, grid), -1.0, 1.0).disparity - 0.45).abs()
