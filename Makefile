@@ -91,9 +91,7 @@ $(VENV)/checks: $(VENV)/installed
 	touch $@
 
 test: lint site $(VENV)/checks
-	$(BIN)/python -m pytest -n auto --ignore=tests/export/test_serving.py
-# Its tests end the process of pytest without a word after many others in parallel, never alone: the cause is not found.
-	$(BIN)/python -m pytest tests/export/test_serving.py
+	$(BIN)/python -m pytest -n auto
 
 quick: install
 	$(BIN)/python -m pytest -n auto -m "not slow"

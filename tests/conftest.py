@@ -1,6 +1,5 @@
 """Shared by all tests: a fixed seed, and where the real capture lies on machines that have it."""
 
-import faulthandler
 import importlib.util
 import os
 import sys
@@ -8,7 +7,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from _pytest.faulthandler import fault_handler_stderr_fd_key
 
 # One thread a process: the suite runs two processes on two cores, and threads that wait for each other on busy cores
 # made it thirty times slower. Children of the tests inherit it.
@@ -23,13 +21,6 @@ if importlib.util.find_spec("absl") is not None:
     absl_logging.get_absl_handler().python_handler.stream = sys.__stderr__
 
 ROOT = Path(__file__).resolve().parents[1]
-
-
-@pytest.fixture(autouse=True)
-def crash_reports(request):
-    """A test may run code that switches pytest's reports of crashes off; they name where a process died."""
-    if not faulthandler.is_enabled() and (stderr := request.config.stash.get(fault_handler_stderr_fd_key, None)):
-        faulthandler.enable(stderr)
 
 
 @pytest.fixture(autouse=True)

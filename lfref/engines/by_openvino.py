@@ -1,10 +1,17 @@
 """OpenVINO on the CPU, in float32, bfloat16 or int8, which NNCF calibrates on patches.
 
 On some processors OpenVINO computes in bfloat16 by default, so the precision is always set.
+
+Its CPU plugin gives the calling thread another stack for handlers of signals, and frees that stack when its last model
+is deleted, by whichever thread. Python's handlers (Ctrl+C, or a child process that ends while a data loader has
+workers) would then run in freed memory, and the process would die without a word: `own_signal_stack` keeps Python's.
 """
 
+import contextlib
+import ctypes
 import functools
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import torch
@@ -30,6 +37,27 @@ NOT_COMPUTING = {"Convolution", "Parameter", "Constant", "Result"}
 """Types of nodes that need not be kept out of int8: convolutions, and nodes that compute nothing."""
 
 
+class _Stack(ctypes.Structure):
+    """`stack_t` of the C library on Linux: a thread's stack for handlers of signals."""
+
+    _fields_ = (("start", ctypes.c_void_p), ("flags", ctypes.c_int), ("size", ctypes.c_size_t))
+
+
+@contextlib.contextmanager
+def own_signal_stack() -> Iterator[None]:
+    """Give this thread its stack for handlers of signals back at the end, on Linux."""
+    if not sys.platform.startswith("linux"):
+        yield
+        return
+    exchange, before = ctypes.CDLL(None).sigaltstack, _Stack()
+    exchange(None, ctypes.byref(before))
+    try:
+        yield
+    finally:
+        exchange(ctypes.byref(before), None)
+
+
+@own_signal_stack()
 def prepare(workload: EngineWorkload, precision: str) -> NetworkFunction:
     """The network in a precision; under int8, all but the inner convolutions have the precision of `beside_int8`."""
     import openvino
@@ -43,6 +71,7 @@ def prepare(workload: EngineWorkload, precision: str) -> NetworkFunction:
     return compile_model(model, precision)
 
 
+@own_signal_stack()
 def quantise(model: Model, patches: Sequence[Inputs]) -> Model:
     """A model with inner convolutions in int8, calibrated on patches."""
     import nncf
@@ -66,6 +95,7 @@ def quantise(model: Model, patches: Sequence[Inputs]) -> Model:
         )
 
 
+@own_signal_stack()
 def beside_int8() -> str:
     """Precision of the parts that are not in int8: bfloat16 if the processor has it."""
     import openvino
@@ -73,6 +103,7 @@ def beside_int8() -> str:
     return BF16 if "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else FP32
 
 
+@own_signal_stack()
 def compile_model(model: Model, precision: str) -> NetworkFunction:
     """A model, ready to run in a precision, a key of `HINTS`."""
     import openvino

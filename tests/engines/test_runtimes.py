@@ -1,6 +1,8 @@
 """Every engine computes what eager float32 computes, to what its precision allows; what is missing is told."""
 
 import copy
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -122,3 +124,29 @@ def test_two_networks_compiled_one_after_the_other_keep_their_own_weights():
 def test_whole_numbers_are_for_inner_convolutions_of_more_than_a_pixel():
     kernels = {"stem": (3, 3), "wide": (1, 1), "inner": (3, 3), "row": (1, 5), "head": (1, 1)}
     assert engines.float_convolutions(kernels) == ["stem", "wide", "head"]
+
+
+SIGNAL_AFTER_OPENVINO = """
+import faulthandler, gc, signal, threading
+import torch
+from lfref.engines import runtimes
+from lfref.engines.engine import EngineWorkload
+
+faulthandler.enable()
+signal.signal(signal.SIGUSR1, lambda *_: print("handled"))
+views = torch.rand(1, 3, 8, 8)
+runs = [runtimes.prepare("openvino", "fp32", EngineWorkload(torch.nn.Conv2d(3, 3, 3).eval(), (views,)))]
+runs[0](views)
+other = threading.Thread(target=lambda: (runs.clear(), gc.collect()))
+other.start()
+other.join()
+signal.raise_signal(signal.SIGUSR1)
+print("alive")
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="stacks of signals are those of Linux")
+def test_signals_are_handled_after_openvinos_model_was_deleted_by_another_thread():
+    pytest.importorskip("openvino")
+    run = subprocess.run([sys.executable, "-c", SIGNAL_AFTER_OPENVINO], capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (0, "handled\nalive\n"), run.stderr[-500:]
