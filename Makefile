@@ -24,7 +24,7 @@ help:
 	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make paper                      the paper's experiments, against the truth; goes on where it was stopped"
 	@echo "make ablations                  which of the paper's choices matter; goes on where it was stopped"
-	@echo "make weights                    train the network that ships again"
+	@echo "make weights                    train the networks that ship again"
 	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make clean                      remove runs and caches of this checkout"
 
@@ -68,12 +68,16 @@ paper: install
 ablations: install
 	$(BIN)/python docs/ablations.py
 
-# The network that ships, from nothing, in hours. The same words go on where they were interrupted.
+# The networks that ship, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
 	$(BIN)/lfref prepare output="$(WEIGHTS)/set_$(shell date +%s)"
 	if [ -e "$(WEIGHTS)/run/checkpoints" ]; then $(BIN)/lfref train resume="$(WEIGHTS)/run"; \
 	else $(BIN)/lfref train experiment=refiner output="$(WEIGHTS)/run"; fi
 	$(BIN)/python docs/weights.py "$(WEIGHTS)/run"
+	$(BIN)/lfref prepare recipe=mixer n_fields=300 output="$(WEIGHTS)/mixer_set_$(shell date +%s)"
+	if [ -e "$(WEIGHTS)/mixer/checkpoints" ]; then $(BIN)/lfref train resume="$(WEIGHTS)/mixer"; \
+	else $(BIN)/lfref train experiment=mixer output="$(WEIGHTS)/mixer"; fi
+	$(BIN)/python docs/weights.py "$(WEIGHTS)/mixer" --to lfref/weights/learned_fast.safetensors
 
 lint: install
 	$(BIN)/ruff check lfref tests docs/*.py

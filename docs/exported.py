@@ -32,7 +32,8 @@ from lfref.export.graphs import Samples
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
-from lfref.refocuser.refocuser import OperatorRefocuser
+from lfref.refocuser.networks import learned_fast
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 
 PAGE = Path(__file__).with_name("deployment.md")
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "exported"
@@ -46,12 +47,15 @@ METHODS = {
     "shift_and_sum_through_cells": shift_and_sum_through_cells,
     "shift_and_sum_exact": functools.partial(shift_and_sum, interpolation="exact"),
     "exact_fourier": exact_fourier,
+    "learned_fast": learned_fast().full_precision(),
 }
 
 
 def write(folder: Path, method: str, format: str, samples: Samples = graphs.LINEAR) -> Path:
     """An exported operator."""
-    subject = graphs.exportable(OperatorRefocuser(method, METHODS[method]), PLANES, GRID, samples)
+    operator = METHODS[method]
+    refocuser = operator if isinstance(operator, Refocuser) else OperatorRefocuser(method, operator)
+    subject = graphs.exportable(refocuser, PLANES, GRID, samples)
     path = folder / f"{method}{FORMATS[format].suffix}"
     file_formats.write(path, format, subject.graph, subject.manifest())
     return path

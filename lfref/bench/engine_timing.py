@@ -93,7 +93,7 @@ def network_case(
 @torch.no_grad()
 def refiner_case(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes, device: torch.device) -> NetworkCase:
     """The network of a refined method; a pass gets as many planes as in normal use."""
-    n_samples = int(refiner.refiner.config["n_features"]) * math.prod(fields.whole[0].size)
+    n_samples = int(refiner.corrector.config["n_features"]) * math.prod(fields.whole[0].size)
     most = max(1, networks.AT_ONCE // n_samples)
     # All parts have the same number of planes, since an engine is prepared for one shape.
     n_at_once = max(n for n in range(1, len(planes) + 1) if len(planes) % n == 0 and n <= most)
@@ -104,7 +104,7 @@ def refiner_case(refiner: RefinedRefocuser, fields: Fields, planes: FocalPlanes,
 
     whole = [FieldInputs(field.name, parts(field), field.photograph(planes.values)) for field in fields.whole]
     calibration = [part for field in fields.calibration for part in parts(field)]
-    return NetworkCase(refiner.name, refiner.refiner.to(device), True, whole, calibration)
+    return NetworkCase(refiner.name, refiner.corrector.to(device), True, whole, calibration)
 
 
 KEY = ["network", "engine", "precision"]

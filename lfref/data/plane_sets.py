@@ -29,7 +29,11 @@ from lfref.errors import FileError, InputError, counted
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
-from lfref.refocuser.features import FEATURES, FORMER_NAMES, check_names, refiner_inputs
+from lfref.nets.mixer import Mixer
+from lfref.nets.refiner import Corrector
+from lfref.refocuser.features import FEATURES, FORMER_NAMES, RefinerInputs, check_names, refiner_inputs
+from lfref.refocuser.mixing import N_CANDIDATES, N_GUIDES, mixer_inputs
+from lfref.refocuser.networks import MIXER_FORMAT, mixer_entry, refiner_entry
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
@@ -95,6 +99,18 @@ class Recipe:
         options = getattr(self.base.operator, "keywords", {})
         return values | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
 
+    def inputs(self, light: LightField, planes: Tensor) -> RefinerInputs:
+        """What the network reads of planes [N] of a light field."""
+        return next(refiner_inputs(light, planes, self.base, self.features))
+
+    def entry(self, net: Corrector) -> dict[str, Any]:
+        """The entry of checkpoints from which `lfref.load` builds a network of these planes again."""
+        return refiner_entry(net, self.base, self.features)
+
+    def check(self, net: Corrector) -> None:
+        """Raise an InputError if the network does not read what `inputs` makes."""
+        check_names(self.features, net.n_candidates)
+
     def key(self) -> str:
         """SHA-256 of the description and of `VERSION`.
 
@@ -103,6 +119,32 @@ class Recipe:
         """
         parts = [self.description() | {"scenes": _changed_fields(self.scenes)}, VERSION]
         return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class MixerRecipe(Recipe):
+    """Choices that determine the items of a mixer; it has guides and candidates of its own (`refocuser.mixing`)."""
+
+    features: tuple[str, ...] = ()
+
+    def inputs(self, light: LightField, planes: Tensor) -> RefinerInputs:
+        """As in `Recipe`."""
+        return next(mixer_inputs(light, planes))
+
+    def entry(self, net: Corrector) -> dict[str, Any]:
+        """As in `Recipe`."""
+        return mixer_entry(net)
+
+    def check(self, net: Corrector) -> None:
+        """As in `Recipe`."""
+        expected = 3 * N_CANDIDATES + N_GUIDES
+        if not (isinstance(net, Mixer) and net.n_features == expected):
+            got = f"{type(net).__name__} of {net.n_features}"
+            raise InputError(f"a mixer's network must be a Mixer of {expected} channels", got=got, remedy="net=mixer")
+
+    def description(self) -> dict[str, Any]:
+        """As in `Recipe`, with the version of guides and candidates."""
+        return super().description() | {"mixer": MIXER_FORMAT}
 
 
 def _changed_fields(value: Any) -> Any:
@@ -150,7 +192,7 @@ def make(recipe: Recipe, index: int) -> Item:
     light, _ = correct_by_option(recorded, recipe.correct, white, EVEN_GRID)
     target = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     planes = torch.tensor(slopes, dtype=torch.float64)
-    inputs = next(refiner_inputs(light, planes, recipe.base, recipe.features))
+    inputs = recipe.inputs(light, planes)
     return Item(*inputs, target - inputs.pictures, planes)
 
 

@@ -24,9 +24,8 @@ from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
-from lfref.refocuser import networks
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.networks import CorrectingRefocuser, NetworkRefocuser
 from lfref.refocuser.refocuser import Refocuser
 
 SAFETENSORS = "safetensors"
@@ -154,7 +153,7 @@ def check_available(format: str, precision: str) -> None:
 
 def check_weights(refocuser: Refocuser) -> None:
     """Refuse a refocuser without weights, which a safetensors file cannot hold, by an InputError."""
-    if not isinstance(refocuser, RefinedRefocuser | NetworkRefocuser) or (
+    if not isinstance(refocuser, CorrectingRefocuser | NetworkRefocuser) or (
         isinstance(refocuser, NetworkRefocuser) and refocuser.planes is None
     ):
         raise InputError("safetensors must be of a network", got=refocuser.name, remedy="take onnx, pt2 or openvino")
@@ -165,8 +164,8 @@ def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str
     dtype = chosen("precision of safetensors", precision, WEIGHT_TYPES)
     check_weights(refocuser)
     module: nn.Module
-    if isinstance(refocuser, RefinedRefocuser):
-        module, entry = refocuser.refiner, networks.refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
+    if isinstance(refocuser, CorrectingRefocuser):
+        module, entry = refocuser.corrector, refocuser.entry()
     else:
         assert isinstance(refocuser, NetworkRefocuser)
         assert refocuser.planes is not None
@@ -182,5 +181,5 @@ def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str
 def weights_run(path: Path) -> NetworkFunction:
     """The network of a file that `write_weights` wrote, ready to run."""
     refocuser = load(path)
-    assert isinstance(refocuser, NetworkRefocuser | RefinedRefocuser)
-    return refocuser.network if isinstance(refocuser, NetworkRefocuser) else refocuser.refiner
+    assert isinstance(refocuser, NetworkRefocuser | CorrectingRefocuser)
+    return refocuser.network if isinstance(refocuser, NetworkRefocuser) else refocuser.corrector

@@ -30,7 +30,7 @@ from lfref.engines.files.manifest import to_light
 from lfref.errors import InputError
 from lfref.refocus import batches, footprint
 from lfref.refocus.focus.slope_range import DisparityRange
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, Interpolation
 from lfref.refocus.shift import shift_and_sum as cells
 from lfref.refocus.shift.shift_torch import SEAM
 
@@ -78,12 +78,19 @@ class Aperture(nn.Module):
         rows, columns = (_snapped(slopes[:, None] * offsets) for offsets in (self.rows, self.columns))
         return rows, columns
 
-    def coverage(self, rows: Tensor, columns: Tensor, size: tuple[int, int]) -> Tensor:
-        """Share of the aperture that has a sample, for shifts [N, V] and [N, U]: [N, 1, H, W]."""
+    def coverage(
+        self, rows: Tensor, columns: Tensor, size: tuple[int, int], factors: tuple[Tensor, Tensor] | None = None
+    ) -> Tensor:
+        """Share of the aperture that has a sample, for shifts [N, V] and [N, U]: [N, 1, H, W].
+
+        `factors` are further weights of the rows [N, V] and columns [N, U] of views in each plane.
+        """
         down, across = (
             _sampled(shifts, torch.arange(length), length).float()
             for shifts, length in zip((rows, columns), size, strict=True)
         )
+        if factors is not None:
+            down, across = down * factors[0][..., None], across * factors[1][..., None]
         return (down.transpose(1, 2) @ self.weights @ across)[:, None]
 
 
@@ -92,28 +99,35 @@ class SumByTaps(nn.Module):
 
     Args:
         aperture: Of the views.
-        interpolation: `nearest`, `linear` or `cubic`.
+        interpolation: One that reads few samples.
         border: As in `lfref.shift_and_sum`.
     """
 
     places: Tensor
 
-    def __init__(self, aperture: Aperture, interpolation: str, border: str) -> None:
+    def __init__(self, aperture: Aperture, interpolation: Interpolation, border: str) -> None:
         super().__init__()
-        self.aperture, self.border = aperture, border
-        self.interpolation = INTERPOLATIONS[interpolation]
+        self.aperture, self.border, self.interpolation = aperture, border, interpolation
         n_taps = len(self.interpolation.taps(0.0))
         # Place of each tap in the matrix of a block: [T, BLOCK, BLOCK + T - 1].
         places = torch.stack([torch.eye(BLOCK, BLOCK + n_taps - 1).roll(tap, 1) for tap in range(n_taps)])
         self.register_buffer("places", places)
 
-    def forward(self, light: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor | None]:
-        """The sum of the views, and the share of the aperture that counts; None: all."""
+    def forward(
+        self, light: Tensor, slopes: Tensor, factors: tuple[Tensor, Tensor] | None = None
+    ) -> tuple[Tensor, Tensor | None]:
+        """The sum of the views, and the share of the aperture that counts; None: all.
+
+        `factors` are further weights of the rows [N, V] and columns [N, U] of views in each plane.
+        """
         n_rows, n_columns, n_channels, height, width = light.shape
         rows, columns = self.aperture.shifts(slopes)
         if self.interpolation.rounds:
             rows, columns = (rows + 0.5).floor(), (columns + 0.5).floor()
         across, down = self._tables(columns, width), self._tables(rows, height)
+        if factors is not None:
+            of_rows, of_columns = (each[..., None, None, None] for each in factors)
+            down, across = (down[0], down[1] * of_rows), (across[0], across[1] * of_columns)
         n_planes, padded = slopes.shape[0], across[0].shape[2] * BLOCK
         first = torch.arange(n_columns)[:, None, None] * width  # of the samples of a view, one view after the other
         own = torch.arange(n_planes)[:, None, None] * height  # of the samples of a plane
@@ -129,7 +143,7 @@ class SumByTaps(nn.Module):
         whole = total.reshape(n_planes, -1, padded, n_channels).narrow(1, 0, height).narrow(2, 0, width)
         stack = whole.permute(0, 3, 1, 2)
         counts_only_samples = BORDERS[self.border].counts_only_samples
-        return stack, self.aperture.coverage(rows, columns, (height, width)) if counts_only_samples else None
+        return stack, self.aperture.coverage(rows, columns, (height, width), factors) if counts_only_samples else None
 
     def _tables(self, shifts: Tensor, length: int) -> tuple[Tensor, Tensor]:
         """Samples that each of M blocks of an axis reads, [N, u, M, J = 8 + T - 1], and weights, [N, u, M, 8, J]."""
@@ -311,6 +325,28 @@ class ThroughCells(nn.Module):
     graph does not: there it takes other cells than the operator.
     """
 
+    def __init__(self, aperture: Aperture) -> None:
+        super().__init__()
+        self.method = SumByTaps(aperture, INTERPOLATIONS["cubic"], "renormalize")
+        self.disparities, self.box = Disparities(aperture), Box("renormalize")
+
+    def forward(self, light: Tensor, slopes: Tensor) -> Tensor:
+        """Refocus."""
+        stack, covered = self.method(light, slopes)
+        return finished(stack, covered, self.box, cell_widths(light, slopes, self.disparities(light)))
+
+
+def cell_widths(light: Tensor, slopes: Tensor, disparities: Tensor) -> Tensor:
+    """Width of the box that blurs each plane in pixels, [N], for a range of `Disparities`."""
+    widths = cells.cell_widths(slopes, DisparityRange(*disparities.unbind()))  # type: ignore[arg-type]
+    size = torch.minimum(_number(light.shape[3]), _number(light.shape[4]))
+    return torch.minimum(widths, size.float())
+
+
+class Disparities(nn.Module):
+    """Range of disparities by gradients: light [V, U, C, H, W] -> low end, mean and high end, [3], in pixels per view
+    step."""
+
     row_views: Tensor
     column_views: Tensor
     steps_along_row: Tensor
@@ -319,7 +355,6 @@ class ThroughCells(nn.Module):
 
     def __init__(self, aperture: Aperture) -> None:
         super().__init__()
-        self.method, self.box = SumByTaps(aperture, "cubic", "renormalize"), Box("renormalize")
         is_open = aperture.weights > 0
         # The row and the column with the most open views, as `lfref.refocus.shift.shift_and_sum.disparity_range`.
         self.row, self.column = cells.middlemost(is_open.sum(1)), cells.middlemost(is_open.sum(0))
@@ -329,15 +364,8 @@ class ThroughCells(nn.Module):
         self.register_buffer("steps_along_column", aperture.rows[self.column_views].diff())
         self.register_buffer("shares", torch.tensor([[cells.OUTLIERS], [1 - cells.OUTLIERS]]))
 
-    def forward(self, light: Tensor, slopes: Tensor) -> Tensor:
-        """Refocus."""
-        widths = cells.cell_widths(slopes, DisparityRange(*self.disparities(light).unbind()))  # type: ignore[arg-type]
-        size = torch.minimum(_number(light.shape[3]), _number(light.shape[4]))
-        stack, covered = self.method(light, slopes)
-        return finished(stack, covered, self.box, torch.minimum(widths, size.float()))
-
-    def disparities(self, light: Tensor) -> Tensor:
-        """Low end, mean and high end of the range in pixels per view step, [3]."""
+    def forward(self, light: Tensor) -> Tensor:
+        """Estimate the range."""
         sizes = [_number(length) for length in light.shape[3:]]
         factor = torch.div(torch.minimum(*sizes), cells.SMALLEST, rounding_mode="floor").clamp(min=1)
         factor = factor.clamp(max=cells.REDUCTION)

@@ -53,6 +53,11 @@ class Corrector(nn.Module, abc.ABC):
     """Number of candidates, C channels each, at the start of the features."""
 
     @property
+    def n_features(self) -> int:
+        """Channels of the features."""
+        return int(self.config["n_features"])
+
+    @property
     def like(self) -> Tensor:
         """A tensor of the network's type, on its device."""
         return next(self.parameters())

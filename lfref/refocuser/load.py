@@ -13,7 +13,7 @@ from torch import Tensor
 from lfref.encoding import parsed
 from lfref.engines.engine import NetworkFunction
 from lfref.engines.files import file_formats
-from lfref.engines.files.manifest import SAMPLE_TYPES, SLOPES, VIEWS, Manifest, to_samples
+from lfref.engines.files.manifest import MIXED, SAMPLE_TYPES, SLOPES, VIEWS, Manifest, to_samples
 from lfref.errors import CheckpointError, InputError, chosen, first_line
 from lfref.geometry import planes_from
 from lfref.io.run import Run, run_name
@@ -60,6 +60,8 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     contents = checkpoint.read(path)
     if networks.REFINER in contents["lfref"]:
         return networks.restored_refiner(path, contents, run_name(path), device)
+    if networks.MIXER in contents["lfref"]:
+        return networks.restored_mixer(path, contents, run_name(path), device)
     network, planes = checkpoint.restored(path, contents)
     return NetworkRefocuser(network.to(device), planes, run_name(path), contents["lfref"].get("is_linear"))
 
@@ -94,7 +96,8 @@ class ExportedOperator(Refocuser):
         self.grid: tuple[int, int] = (int(n_rows), int(n_columns))
         chosen("samples", manifest.samples, SAMPLE_TYPES)
         self.samples, self.encoding = manifest.samples, parsed(manifest.encoding)
-        self.chooses_cells = manifest.config["operator"] == shift_and_sum_through_cells.__name__
+        self.chooses_cells = manifest.config["operator"] in (shift_and_sum_through_cells.__name__, MIXED)
+        self.n_channels = manifest.inputs[VIEWS][2]
 
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The file's stack.
@@ -105,7 +108,7 @@ class ExportedOperator(Refocuser):
         """
         light = batches.radiance(views)
         check_for_network(self.name, light, positions, torch.device("cpu"))
-        _check_grid(views, self.grid)
+        _check_grid(views, self.grid, self.n_channels)
         planes = batches.checked_slopes(slopes, *batches.grid_and_size(views), None).float()
         if weight is not None:
             # The file has no input for weights.

@@ -24,9 +24,8 @@ from lfref.losses.composite import TERMS, CompositeLoss, RelativeError
 from lfref.metrics.stack import MPSNR, MSSIM
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
-from lfref.nets.refiner import Refiner
-from lfref.refocuser.features import channels, check_names, renamed
-from lfref.refocuser.networks import refiner_entry
+from lfref.nets.refiner import Corrector
+from lfref.refocuser.features import channels, renamed
 
 OptimizerFactory = Callable[[Iterator[nn.Parameter]], Optimizer]
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
@@ -221,7 +220,7 @@ class Refining(Fitting):
 
     def __init__(
         self,
-        net: Refiner,
+        net: Corrector,
         loss: RelativeError,
         recipe: Recipe,
         optimizer: OptimizerFactory,
@@ -229,7 +228,7 @@ class Refining(Fitting):
         metrics: Mapping[str, Metric] | None = None,
     ) -> None:
         super().__init__(net, optimizer, scheduler, metrics)
-        check_names(recipe.features, net.n_candidates)
+        recipe.check(net)
         self.loss = loss
         self.recipe = recipe
 
@@ -275,7 +274,7 @@ class Refining(Fitting):
 
     def payload(self) -> dict[str, Any]:
         """The entry of `Fitting.payload`: the refiner's arguments, its method and its features."""
-        return refiner_entry(self.net, self.recipe.base, self.recipe.features)
+        return self.recipe.entry(self.net)
 
     def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
         truth = batch["pictures"] + batch["missing"]

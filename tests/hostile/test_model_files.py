@@ -540,10 +540,10 @@ print(len(paths), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 def save_refiner(path, options=(), **arguments):
     """A checkpoint of a refiner with other arguments, or with options of its method."""
     refocuser = cases.refiner()
-    entry = networks.refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
+    entry = networks.refiner_entry(refocuser.corrector, refocuser.base, refocuser.names)
     entry["base"] |= {"operator": "refocus_by_layers", "options": dict(options)}
     entry[networks.REFINER] = entry[networks.REFINER] | arguments
-    state = {checkpoint.PREFIX + name: value for name, value in refocuser.refiner.state_dict().items()}
+    state = {checkpoint.PREFIX + name: value for name, value in refocuser.corrector.state_dict().items()}
     tensor_files.write_checkpoint(path, {"lfref": entry, "state_dict": state})
 
 

@@ -99,7 +99,9 @@ def assert_planned_equals_forced(scene):
     for output in OUTPUTS:
         result, expected = getattr(planned, output), getattr(forced, output)
         scale = max(1.0, float(expected.abs().max()))
-        torch.testing.assert_close(result, expected, atol=1e-6 * scale, rtol=0)
+        # Blurs add up to some hundred taps in float32, each of which may round by half a unit of the last place. A plan
+        # leaves them out where a surface has one colour.
+        torch.testing.assert_close(result, expected, atol=2e-6 * scale, rtol=0)
     # Draw for draw, and not to the nearest step of a quantisation either: the last bit agrees.
     assert torch.equal(planned.views, forced.views)
     n_planned, n_forced = (sum(row.state == "run" for row in result.rows) for result in (planned, forced))

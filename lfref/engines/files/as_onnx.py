@@ -23,10 +23,11 @@ PACKAGES = by_onnxruntime.PACKAGES
 OPERATORS = {
     "Abs", "Add", "And", "AveragePool", "BatchNormalization", "Cast", "Ceil", "Clip", "Concat", "Conv", "Cos", "CumSum",
     "DepthToSpace", "DequantizeLinear", "Div", "Elu", "Equal", "Expand", "Floor", "Gather", "GatherElements", "Gelu",
-    "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less", "LessOrEqual", "MatMul",
-    "Max", "Min", "Mod", "Mul", "Neg", "Or", "Pad", "Pow", "QuantizeLinear", "Range", "Reciprocal", "ReduceMax",
-    "ReduceMean", "ReduceMin", "ReduceSum", "Relu", "Reshape", "Round", "Shape", "Sigmoid", "Sign", "Sin", "Slice",
-    "Softplus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Sub", "TopK", "Transpose", "Unsqueeze", "Where",
+    "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less", "LessOrEqual", "Log",
+    "MatMul", "Max", "Min", "Mod", "Mul", "Neg", "Or", "Pad", "Pow", "QuantizeLinear", "Range", "Reciprocal",
+    "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Relu", "Reshape", "Round", "Shape", "Sigmoid", "Sign", "Sin",
+    "Slice", "Softmax", "Softplus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Sub", "Tanh", "TopK", "Transpose",
+    "Unsqueeze", "Where",
 }  # fmt: skip
 """Operators of ONNX that our networks and operators need: none of them repeats, branches, or reads files."""
 NUMBERS = {1, 3, 6, 7, 9, 10}

@@ -30,11 +30,11 @@ DIGEST_KEY, FORMER_KEY = "lfref_digest", "lfref_weights"
 LAYERS = {
     "Abs", "Add", "AvgPool", "Broadcast", "Ceiling", "Clamp", "Concat", "Const", "Convert", "Convolution", "Cos",
     "CumSum", "DepthToSpace", "Divide", "Elu", "Equal", "FakeQuantize", "Floor", "FloorMod", "Gather", "GatherElements",
-    "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LessEqual", "LogicalAnd",
+    "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LessEqual", "Log", "LogicalAnd",
     "LogicalOr", "MVN", "MatMul", "Maximum", "Minimum", "Multiply", "Negative", "PReLU", "Pad", "Parameter", "Power",
     "Range", "ReLU", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Result", "Round", "Select",
-    "ShapeOf", "Sigmoid", "Sign", "Sin", "Slice", "SoftPlus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Subtract",
-    "Swish", "TopK", "Transpose", "Unsqueeze", "VariadicSplit",
+    "ShapeOf", "Sigmoid", "Sign", "Sin", "Slice", "SoftMax", "SoftPlus", "SpaceToDepth", "Split", "Sqrt", "Squeeze",
+    "Subtract", "Swish", "Tanh", "TopK", "Transpose", "Unsqueeze", "VariadicSplit",
 }  # fmt: skip
 """Layers that our networks and operators need: none of them repeats, branches, or keeps a state."""
 LARGEST = 2**26
