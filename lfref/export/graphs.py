@@ -53,6 +53,10 @@ class Samples(NamedTuple):
 LINEAR = Samples()
 
 
+def _as_it_is(pictures: Tensor) -> Tensor:
+    return pictures
+
+
 @dataclass(frozen=True, eq=False)
 class Exportable:
     """A refocuser as a graph."""
@@ -72,6 +76,8 @@ class Exportable:
     """(inputs) -> the pictures that a refiner corrects."""
     reads_batches: bool = True
     """Whether the graph reads several light fields at once."""
+    in_light: Callable[[Tensor], Tensor] = _as_it_is
+    """(pictures) -> their light: sRGB spreads the light of dark pixels by a factor of 13."""
 
     def manifest(self, precision: str = FP32, version: str = "", license: str | None = None) -> Manifest:
         """What a file of this graph says about itself."""
@@ -235,7 +241,8 @@ def _of_views_and_slopes(
         "encoding": str(samples.encoding),
     }
     exact = functools.partial(reference, dtype=torch.float64)
-    return Exportable(graph, entries, inputs, reference, exact, rounding=rounding, reads_batches=False)
+    in_light = samples.encoding.decode
+    return Exportable(graph, entries, inputs, reference, exact, rounding, reads_batches=False, in_light=in_light)
 
 
 def _in_float64(module: nn.Module, *inputs: Tensor) -> Tensor:

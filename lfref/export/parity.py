@@ -71,7 +71,7 @@ def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityC
 def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterable[ParityCase]) -> Iterator[Row]:
     """Compare the pictures of every engine, by name, with the pictures of lfref, case by case.
 
-    A stack that is not finite has an infinite error. `own_error` is the distance of lfref's float32 from its float64 on
+    Errors are in light. A stack that is not finite has an infinite error. `own_error` is the distance of lfref's float32 from its float64 on
     flat frames, else 0. `before_db` is the PSNR between the pictures before and after a refiner's correction, else 0.
     """
     for case in cases:
@@ -84,7 +84,8 @@ def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterab
             result = run(*case.inputs)
             error, psnr_db = math.inf, -math.inf
             if result.shape == stack.shape and bool(result.isfinite().all()):
-                error, psnr_db = float((result - stack).abs().max()), float(psnr(result, stack).min())
+                error = float((subject.in_light(result) - subject.in_light(stack)).abs().max())
+                psnr_db = float(psnr(result, stack).min())
             yield {
                 "engine": engine,
                 "case": case.name,

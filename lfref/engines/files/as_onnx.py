@@ -22,9 +22,9 @@ PRECISIONS = (FP32, FP16, INT8)
 PACKAGES = by_onnxruntime.PACKAGES
 OPERATORS = {
     "Abs", "Add", "And", "AveragePool", "BatchNormalization", "Cast", "Ceil", "Clip", "Concat", "Conv", "Cos", "CumSum",
-    "DepthToSpace", "DequantizeLinear", "Div", "Elu", "Equal", "Expand", "Floor", "Gather", "GatherElements", "Gelu",
-    "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less", "LessOrEqual", "Log",
-    "MatMul", "Max", "Min", "Mod", "Mul", "Neg", "Or", "Pad", "Pow", "QuantizeLinear", "Range", "Reciprocal",
+    "DepthToSpace", "DequantizeLinear", "Div", "Elu", "Equal", "Exp", "Expand", "Floor", "Gather", "GatherElements",
+    "Gelu", "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less", "LessOrEqual",
+    "Log", "MatMul", "Max", "Min", "Mod", "Mul", "Neg", "Or", "Pad", "Pow", "QuantizeLinear", "Range", "Reciprocal",
     "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Relu", "Reshape", "Round", "Shape", "Sigmoid", "Sign", "Sin",
     "Slice", "Softmax", "Softplus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Sub", "Tanh", "TopK", "Transpose",
     "Unsqueeze", "Where",

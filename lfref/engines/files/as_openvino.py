@@ -29,12 +29,12 @@ DIGEST_KEY, FORMER_KEY = "lfref_digest", "lfref_weights"
 """Key of the SHA-256 of both files, and the key of earlier versions, for the SHA-256 of the weights alone."""
 LAYERS = {
     "Abs", "Add", "AvgPool", "Broadcast", "Ceiling", "Clamp", "Concat", "Const", "Convert", "Convolution", "Cos",
-    "CumSum", "DepthToSpace", "Divide", "Elu", "Equal", "FakeQuantize", "Floor", "FloorMod", "Gather", "GatherElements",
-    "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LessEqual", "Log", "LogicalAnd",
-    "LogicalOr", "MVN", "MatMul", "Maximum", "Minimum", "Multiply", "Negative", "PReLU", "Pad", "Parameter", "Power",
-    "Range", "ReLU", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Result", "Round", "Select",
-    "ShapeOf", "Sigmoid", "Sign", "Sin", "Slice", "SoftMax", "SoftPlus", "SpaceToDepth", "Split", "Sqrt", "Squeeze",
-    "Subtract", "Swish", "Tanh", "TopK", "Transpose", "Unsqueeze", "VariadicSplit",
+    "CumSum", "DepthToSpace", "Divide", "Elu", "Equal", "Exp", "FakeQuantize", "Floor", "FloorMod", "Gather",
+    "GatherElements", "Gelu", "Greater", "GreaterEqual", "GroupConvolution", "HardSigmoid", "Less", "LessEqual", "Log",
+    "LogicalAnd", "LogicalOr", "MVN", "MatMul", "Maximum", "Minimum", "Multiply", "Negative", "PReLU", "Pad",
+    "Parameter", "Power", "Range", "ReLU", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Result",
+    "Round", "Select", "ShapeOf", "Sigmoid", "Sign", "Sin", "Slice", "SoftMax", "SoftPlus", "SpaceToDepth", "Split",
+    "Sqrt", "Squeeze", "Subtract", "Swish", "Tanh", "TopK", "Transpose", "Unsqueeze", "VariadicSplit",
 }  # fmt: skip
 """Layers that our networks and operators need: none of them repeats, branches, or keeps a state."""
 LARGEST = 2**26
