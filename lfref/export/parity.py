@@ -71,9 +71,9 @@ def cases(subject: Exportable, fields: Sequence[LightField]) -> Iterator[ParityC
 def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterable[ParityCase]) -> Iterator[Row]:
     """Compare the pictures of every engine, by name, with the pictures of lfref, case by case.
 
-    Errors are in light. A stack that is not finite has an infinite error. `own_error` is the distance of lfref's float32
-    from its float64 on flat frames, else 0. `before_db` is the PSNR between the pictures before and after a refiner's
-    correction, else 0.
+    Errors are in light. A stack that is not finite has an infinite error. `own_error` is the distance of lfref's
+    float32 from its float64 on flat frames, else 0. `before_db` is the PSNR between the pictures before and after a
+    refiner's correction, else 0.
     """
     for case in cases:
         stack = subject.reference(*case.inputs)
