@@ -3,8 +3,8 @@
 It reads guides, which say how sharp, how reliable and how far from focus the pictures are, and predicts the share of
 each candidate at each pixel: `better = picture + sum_k share_k (candidate_k - picture)`. Shares are the same for all
 colours, so nothing can be invented. The last convolution starts at zero: an untrained mixer changes nothing. Unlike the
-refiner it reads one grey guide for each candidate, and its first convolution is no larger than two coarse pixels, which
-takes a fraction of the time.
+refiner it reads one grey guide for each candidate, and its first convolution is no larger than two coarse pixels: fewer
+products for each pixel.
 Letters: `N` planes, `K` channels of guides, `k` candidates, `C H W` channel, pixel row and column, `r` pixels along the
 side of a coarse pixel.
 Source: Bako et al., "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017.

@@ -1,7 +1,7 @@
 """What a mixer reads of refocused planes: guides, and the candidates that it mixes. `learned_fast` is made of them.
 
 All of it follows from sums of shifted views, box means and a few elementwise steps, so that a graph of another runtime
-computes the same (`lfref.export.mixed_graph`), in a small part of the time that layers and matching take.
+computes the same (`lfref.export.mixed_graph`). Layers and matching, which `learned` needs, exist only in lfref.
 
 The picture `p` is shift-and-sum through cells. The candidates are the plain sum and the sum through binomial filters,
 each twice as wide as the one before (`levels`), the central view, and the sum of views that weigh by how whole their
