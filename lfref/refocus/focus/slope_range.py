@@ -60,6 +60,11 @@ vignetting as if it stood still; textures show where a surface is. Where there a
 enough; with .35, vignetting of glossy scenes is corrected wrongly."""
 MARGIN = 0.5
 """Reduced pixels per view step that the second sweep goes beyond the result of the first."""
+FAR = 2.0
+"""Disparity in reduced pixels per view step from which all slopes are swept again on larger views: near surfaces are
+often small, and hide in those of the first sweep."""
+SEPARATE = 1.0
+"""Reduced pixels per view step from which a surface beyond the range of most others is one of its own, and no stray."""
 UNSURE = 0.03
 """Standard error in reduced pixels per view step at which the confidence is 1/2."""
 FLOOR = 1e-7
@@ -238,8 +243,28 @@ def disparity_of_reduced(reduced: ReducedViews) -> CoarseDisparity:
     if not bool(first.confidence.any()):
         return _nothing(reduced)
     sure = first.confidence >= min(SURE, float(first.confidence.quantile(0.8)))
-    ends = first.disparity[sure].quantile(torch.tensor([0.005, 0.995])) / reduced.factor
-    return _swept(reduced, float(ends[0]) - MARGIN, float(ends[1]) + MARGIN)
+    low, high = (first.disparity[sure].quantile(torch.tensor([0.005, 0.995])) / reduced.factor).tolist()
+    low, high = _with_far_surfaces(reduced, low, high)
+    return _swept(reduced, low - MARGIN, high + MARGIN)
+
+
+def _with_far_surfaces(reduced: ReducedViews, low: float, high: float) -> tuple[float, float]:
+    """A range in reduced pixels per view step; if it goes far, widened to the surfaces that a sweep of all slopes
+    finds."""
+    if max(-low, high) <= FAR:
+        return low, high
+    widest = _widest(reduced)
+    swept = _swept(reduced, -widest, widest)
+    first, last = _ends(swept, on_surfaces(swept)) or (low, high)
+    return min(low, first), max(high, last)
+
+
+def _ends(coarse: CoarseDisparity, sure: Tensor) -> tuple[float, float] | None:
+    """First and last disparity, in reduced pixels per view step, that enough of the sure pixels have; None: none."""
+    bins, counts = (coarse.disparity[sure] / coarse.factor / BIN).round().long().unique(return_counts=True)
+    # A bin of few pixels is noise: of 12,000 pixels, 12 are needed.
+    filled = bins[counts >= max(FEWEST, sure.numel() // 1000)]
+    return (float(filled[0]) * BIN, float(filled[-1]) * BIN) if len(filled) else None
 
 
 @torch.no_grad()
@@ -446,15 +471,14 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
     smaller = reduced.smaller(max(1, min(2, min(reduced.pictures.shape[1:]) // DETAIL)))
     widest = _widest(smaller)
     swept = _swept(smaller, -widest, widest)
-    sure = swept.disparity[swept.confidence >= SURE] / swept.factor
-    bins, counts = (sure / BIN).round().long().unique(return_counts=True)
-    # A bin of few pixels is noise: of 12,000 pixels, 12 are needed.
-    filled = bins[counts >= max(FEWEST, swept.disparity.numel() // 1000)]
-    if not len(filled):
+    sure = swept.confidence >= SURE
+    ends = _ends(swept, sure)
+    if ends is None:
         return None
-    first, last = float(filled[0]) * BIN, float(filled[-1]) * BIN
+    enlarged = swept.factor / reduced.factor
+    first, last = (end / enlarged for end in _with_far_surfaces(reduced, *(enlarged * end for end in ends)))
     spare = MARGIN + SPARE * (last - first)
-    low, middle, high = max(first - spare, -widest), float(sure.mean()), min(last + spare, widest)
+    low, middle, high = max(first - spare, -widest), float(swept.disparity[sure].mean()) / swept.factor, min(last + spare, widest)
     low, middle, high, first, last = (swept.factor * value for value in (low, middle, high, first, last))
     return DisparityRange(low, middle, high, (first, last))
 
@@ -475,6 +499,12 @@ def slope_range(coarse: CoarseDisparity) -> tuple[float, float] | None:
     # Blurred copies of one picture, as of a focal stack, seem to stand still where they happen to be alike.
     if max(abs(low), abs(high)) < UNSURE * coarse.factor and share < LEAST_STILL:
         return None
+    # Small surfaces that stand alone are no strays.
+    ends = _ends(coarse, sure)
+    if ends is not None:
+        first, last = (coarse.factor * end for end in ends)
+        low = first if first < low - SEPARATE * coarse.factor else low
+        high = last if last > high + SEPARATE * coarse.factor else high
     margin = 0.03 * (high - low)  # windows see less of what is small, and of the very ends
     return low - margin, high + margin
 
