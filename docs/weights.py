@@ -5,8 +5,11 @@ Run by `make weights`.
 
 import argparse
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import torch
 import yaml
 
 import lfref
@@ -42,15 +45,27 @@ def _folder(run: Run) -> Path:
     return plane_sets.folder_of(recipe, Path(run.config["data"]["cache_folder"]).expanduser())
 
 
+def scaled(contents: Mapping[str, Any], scale: float) -> dict[str, Any]:
+    """A checkpoint of a refiner whose corrections are multiplied by a factor: all of its shares, not its gate."""
+    weights, sizes = dict(contents["state_dict"]), contents["lfref"]["refiner"]
+    n_shares = sizes["n_candidates"] * sizes["shuffle"] ** 2
+    for name in ("net.head.1.weight", "net.head.1.bias"):
+        weights[name] = torch.cat([scale * weights[name][:n_shares], weights[name][n_shares:]])
+    return {**contents, "state_dict": weights}
+
+
 def main() -> None:
     """Write `lfref/weights/learned.safetensors`."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path)
     parser.add_argument("--to", type=Path, default=networks.SHIPPED)
+    parser.add_argument("--scale", type=float, default=1.0, help="factor of all corrections of a refiner")
     options = parser.parse_args()
     run = Run.of(options.run)
-    facts = notes(run)
-    checkpoint.write_weights(options.to, checkpoint.read(run.best), facts)
+    facts, contents = notes(run), checkpoint.read(run.best)
+    if options.scale != 1:
+        facts["scale"], contents = options.scale, scaled(contents, options.scale)
+    checkpoint.write_weights(options.to, contents, facts)
     print(yaml.safe_dump({**facts, "file": str(options.to), "bytes": options.to.stat().st_size}, sort_keys=False))
 
 

@@ -25,6 +25,7 @@ _HOMES = {
     "disparity_layers": "lfref.refocus.fourier.disparity_layers",
     "refocus_by_layers": "lfref.refocus.fourier.disparity_layers",
     "wiener": "lfref.refocus.wiener",
+    "separable_wiener": "lfref.refocus.separable_wiener",
     "occlusion_aware": "lfref.refocus.occlusion_aware",
     "tilt_shift": "lfref.refocus.surface",
     "per_pixel": "lfref.refocus.surface",

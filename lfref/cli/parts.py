@@ -38,6 +38,7 @@ TABLE: dict[str, tuple[str, ...]] = {
         "lfref.refocus.fourier.slice.fourier_slice",
         "lfref.refocus.fourier.super_resolution.super_resolve",
         "lfref.refocus.occlusion_aware.occlusion_aware",
+        "lfref.refocus.separable_wiener.separable_wiener",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum_through_cells",
         "lfref.refocus.wiener.wiener",

@@ -1,13 +1,12 @@
-"""Refocusing that knows where surfaces hide each other: layers far from focus, the Wiener estimate near focus.
+"""Refocusing by Wiener filters that follow the scene: of all disparities far from focus, of those of a block near it.
 
-Layers (`refocus_by_layers`) blur each surface by its own distance from the focus, and are exact where one surface
-fills the neighbourhood. Near focus, views are aliased and hide different things at edges; there the Wiener estimate,
-which models the folds of frequencies, is better by some decibels: `I_s = (1 - a_s) layers_s + a_s wiener_s`, the share
-a_s of each pixel from the disparity map (`near_shares`). In planes at whole slopes, where shifts read no view between
-its pixels, the median of layers, estimate and shift-and-sum through cells takes the place of the estimate: each of them
-is wrong somewhere there, and seldom two of them together.
+Far from focus, each surface is blurred by its own distance, wherever its light goes: filters for all disparities do
+that (`separable_wiener`). Near focus, views are aliased and hide different things at edges: filters for the few
+disparities of a block tell these apart (`block_filters`). In planes at whole slopes, where shifts read no view between
+its pixels, the median of both and of shift-and-sum through cells is the picture: each is wrong somewhere there, seldom
+two together.
 Where views lie far apart, both confuse light at different disparities, and the picture is bounded by what the views
-show (`bounded_by_views`); where layers do not fit at all (`exceeds_layers`), shift-and-sum through cells makes it.
+show (`bounded_by_views`); where they move too far (`exceeds_layers`), shift-and-sum through cells makes it.
 Letters: `s` slope, `d` disparity in pixels per view step, `N` planes.
 """
 
@@ -17,24 +16,16 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import memory
-from lfref.functional.neighbours import box_max, box_mean
 from lfref.geometry import Slopes
-from lfref.refocus import batches, wiener_filters
+from lfref.refocus import batches, block_filters, separable_wiener
 from lfref.refocus.disparity import cost_volume, matching
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import disparity_layers
-from lfref.refocus.fourier.disparity_layers import bounded_by_views, refocus_by_energies
+from lfref.refocus.fourier.disparity_layers import bounded_by_views
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
-from lfref.refocus.wiener import wiener
 
-NEAR = 7
-"""Pixels around a surface that views see past its edge: three view steps times a gap of 2.3 pixels per view step."""
-FOCUS = 1.0
-"""|s - d| in pixels per view step from which blur hides the aliases."""
 WHOLE = 0.1
 """Distance of a slope from a whole number within which the median fades in."""
-UNEXPLAINED = 0.02
-"""`Prior.unexplained`: between .01 and .03, by trial on both versions of sim30."""
 NOISE = 3.0
 """Variance of the noise over what is measured, between samples, where interpolation averages half of it out. By trial:
 1.5 leaves .15 dB on sim30 with noise of .02."""
@@ -70,13 +61,12 @@ def occlusion_aware(
 def occlusion_aware_parts(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
 ) -> Tensor:
-    """The stack of `occlusion_aware`, and the pictures of layers and of the Wiener estimate that it is made of.
+    """The stack of `occlusion_aware`, and the pictures by filters for all disparities.
 
-    Arguments and errors are those of `occlusion_aware`. A plane without a Wiener estimate has the stack in its place;
-    where shift-and-sum through cells made the stack, it is all three pictures.
+    Arguments and errors are those of `occlusion_aware`. Where shift-and-sum through cells made the stack, it is both.
 
     Returns:
-        Stack, layers and estimate side by side as channels, [..., N, 3 C, H, W].
+        Stack, and pictures for all disparities, side by side as channels, [..., N, 2 C, H, W].
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
@@ -89,45 +79,22 @@ def occlusion_aware_parts(
     for typed, known_disparity in zip(batch, known, strict=True):
         field = batches.radiance(typed)
         memory.trim_for(field)
-        energies = disparity_layers.estimate_energies(field, 12, aperture)
+        energies = disparity_layers.estimate_energies(field, separable_wiener.N_LAYERS, aperture)
         if disparity_layers.exceeds_layers(energies, field, aperture):
             cells = shift_and_sum_through_cells(field, planes, aperture)
-            stacks.append(torch.cat([cells] * 3, 1))
+            stacks.append(torch.cat([cells] * 2, 1))
             continue
         first, *_, last = energies.disparities.tolist()
-        known_disparity = None if known_disparity is None else known_disparity.to(field)
-        disparity = coarse_disparity(field, first, last) if known_disparity is None else known_disparity
+        disparity = coarse_disparity(field) if known_disparity is None else known_disparity.to(field)
         memory.trim_for(field)
-        layers, shares = refocus_by_energies(field, planes, energies, aperture), near_shares(disparity, planes)
-        stack, estimates = layers, {}
-        # The estimate is the costly part: only planes in which some pixel takes it are estimated.
-        needed = (shares.amax((1, 2)).cpu() > 0).nonzero()[:, 0]
-        if len(needed):
-            memory.trim_for(field)
-            noise = noise_share(field, aperture, first, last)
-            prior = wiener_filters.prior_of_map(disparity)._replace(unexplained=UNEXPLAINED, noise=noise)
-            estimate, at = wiener(field, planes[needed], prior, aperture), needed.to(layers.device)
-            estimates = dict(zip(needed.tolist(), estimate, strict=True))
-            middle = _median_at_whole_slopes(field, planes[needed], layers[at], estimate, aperture)
-            stack = layers.index_add(0, at, shares[at, None] * (middle - layers[at]))
-        stack = bounded_by_views(stack, field, planes, energies, aperture)
-        estimate = torch.stack([estimates.get(plane, picture) for plane, picture in enumerate(stack)])
-        stacks.append(torch.cat([stack, layers, estimate], 1))
+        noise = noise_share(field, aperture, first, last)
+        prior = separable_wiener.finer(energies)
+        everywhere = separable_wiener.refocus_by_rows_and_columns(field, planes, prior, aperture, noise)
+        blocks = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)
+        stack = everywhere + blocks.nearness * (blocks.stack - everywhere)
+        stack = _median_at_whole_slopes(stack, everywhere, field, planes, aperture)
+        stacks.append(torch.cat([bounded_by_views(stack, field, planes, energies, aperture), everywhere], 1))
     return batches.restored(torch.stack(stacks), views)
-
-
-def near_shares(disparity: Tensor, planes: Tensor) -> Tensor:
-    """How near to focus the surfaces around each pixel are in each plane, in [0, 1], [N, H, W].
-
-    Args:
-        disparity: In pixels per view step, [H, W].
-        planes: Slopes, [N].
-    """
-    window = 2 * NEAR + 1
-    # Distance of the focus from the range of disparities around the pixel: negative within it.
-    low, high, slopes = -box_max(-disparity, window), box_max(disparity, window), planes.to(disparity)[:, None, None]
-    distance = torch.maximum(low - slopes, slopes - high)
-    return box_mean(((FOCUS - distance) / (0.3 * FOCUS)).clamp(0, 1), 5)  # without seams between both pictures
 
 
 def noise_share(field: Tensor, aperture: Tensor, first: float, last: float) -> float:
@@ -140,14 +107,14 @@ def noise_share(field: Tensor, aperture: Tensor, first: float, last: float) -> f
 
 
 def _median_at_whole_slopes(
-    field: Tensor, planes: Tensor, layers: Tensor, estimate: Tensor, aperture: Tensor
+    stack: Tensor, everywhere: Tensor, field: Tensor, planes: Tensor, aperture: Tensor
 ) -> Tensor:
-    """The estimate [N, C, H, W]; the median of the three pictures in planes at whole slopes, fading into it."""
+    """The stack [N, C, H, W]; in planes at whole slopes the median of it and the other two pictures, fading into it."""
     fractional = ((planes - planes.round()).abs() / WHOLE).clamp(max=1)
     whole = (fractional < 1).nonzero()[:, 0]
     if not len(whole):
-        return estimate
-    cells, at = shift_and_sum_through_cells(field, planes[whole], aperture), whole.to(estimate.device)
-    middle = torch.stack([cells, layers[at], estimate[at]]).median(0).values
-    share = (1 - fractional[whole]).to(estimate)[:, None, None, None]
-    return estimate.index_add(0, at, share * (middle - estimate[at]))
+        return stack
+    cells, at = shift_and_sum_through_cells(field, planes[whole], aperture), whole.to(stack.device)
+    middle = torch.stack([cells, stack[at], everywhere[at]]).median(0).values
+    share = (1 - fractional[whole]).to(stack)[:, None, None, None]
+    return stack.index_add(0, at, share * (middle - stack[at]))

@@ -7,8 +7,7 @@ a plane at slope `s`, where `e` is the error scale of its picture `p`, `n` the n
     sum                   the plain sum of the views
     cells                 the sum of the views through cells
     central               the view at the angular centre
-    layers                the picture by layers
-    wiener                the Wiener estimate; of planes far from all surfaces, p
+    everywhere            the picture by Wiener filters for all disparities of the scene
     local                 the sum of views through cells as wide as the plane is from the disparity of each pixel
     picture               p - 1/2
     inner                 the plain sum through the middle half of the aperture less that through all of it
@@ -20,13 +19,14 @@ a plane at slope `s`, where `e` is the error scale of its picture `p`, `n` the n
     views                 log2(number of views) / 3 - 2
     error_scale noise     log10(e) / 2 + 3/2, log10(n) / 2 + 3/2
 
-The first nine are candidates: the refiner mixes its correction of their differences from `p`, as kernel-predicting
+The first eight are candidates: the refiner mixes its correction of their differences from `p`, as kernel-predicting
 denoisers do (Bako et al., 2017). These, `inner` and `spread` are in units of the error scale, which is
 
     e = hypot(mean of |o - p| over a square, n), or 0 where not all views see the pixel,
 
-with `o` the nearer one of `sum` and `cells`, without the one that `p` itself may be. Layers are nearly exact far from
-focus, farther than e tells: there, corrections of their pictures fade out (`FADE`).
+with `o` the nearer one of `sum` and `cells`, without the one that `p` itself may be. Methods that blur
+each surface by its own distance are nearly exact far from focus, more so than e tells: there, corrections of their
+pictures fade out (`FADE`).
 Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
@@ -48,13 +48,13 @@ from lfref.refocus import apertures
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocus.surface import per_pixel
-from lfref.refocus.wiener import wiener
 from lfref.refocuser import filling
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser
 
-CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central", "layers", "wiener", "local")
+CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central", "everywhere", "local")
 """Features that are other pictures of the plane."""
 FEATURES = (
     *CANDIDATES,
@@ -87,9 +87,11 @@ ROUGHNESS = 1.57
 RELIEF_WINDOWS = (9, 33)
 """Pixels along the sides of the squares in which the range of disparities is measured."""
 FADE = (3.0, 4.5)
-"""Distances of a plane from the disparities around a pixel, in pixels per view step, from which corrections of layers
-fade, and at which they end. On sim30 layers have 70 to 85 dB there, and corrections cost up to 17 dB of it."""
-BY_LAYERS: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
+"""Distances of a plane from the disparities around a pixel, in pixels per view step, from which corrections of methods
+that blur each surface by its own distance fade, and at which they end. On sim30 these have 70 to 90 dB there, and
+corrections cost up to 17 dB of it."""
+BY_SURFACE: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
+"""Methods that blur each surface by its own distance from the focus."""
 
 
 class RefinerInputs(NamedTuple):
@@ -186,17 +188,15 @@ def refiner_inputs(
         return OperatorRefocuser("a feature", operator, aperture).stack(images, weight, slopes, light.positions)
 
     # Of all planes: the pictures, other ways to make them, and the features that compare the views.
-    others = {}
-    if base.function is occlusion_aware and {"layers", "wiener"} & {*names}:
-        # It makes its picture of these parts.
+    others, is_single = {}, max(light.grid) == 1  # of which all pictures are that view
+    if "everywhere" in names and base.function is occlusion_aware and not is_single:
+        # It makes its picture of this one.
         parts = refocused(views, functools.partial(occlusion_aware_parts, **base.options))
-        pictures, others["layers"], others["wiener"] = parts.tensor_split(3, 1)
+        pictures, others["everywhere"] = parts.tensor_split(2, 1)
     else:
         pictures = base.stack(views, weight, slopes, light.positions)
-        is_single = max(light.grid) == 1  # the picture itself
-        for name, operator in (("layers", refocus_by_layers), ("wiener", wiener)):
-            if name in names:
-                others[name] = pictures if is_single else refocused(views, operator)
+        if "everywhere" in names:
+            others["everywhere"] = pictures if is_single else refocused(views, separable_wiener)
     if "local" in names:
         by_disparity = functools.partial(shift_and_sum, interpolation="cubic", fill=1.0, disparity=disparity)
         others["local"] = refocused(views, by_disparity)
@@ -218,8 +218,8 @@ def refiner_inputs(
     aperture = views.new_ones(light.grid) if base.aperture is None else base.aperture(light.grid)
     n_views = float(aperture.sum().square() / aperture.square().sum())  # equal views that average noise as much
 
-    # A method that is one of the two sums is measured by the other; layers that do not fit are sums through cells.
-    is_by_layers = base.function in BY_LAYERS and not torch.equal(pictures, cells)
+    # A method that is one of the two sums is measured by the other; where views move too far, that of cells.
+    is_by_surface = base.function in BY_SURFACE and not torch.equal(pictures, cells)
     measures = [stack for stack in (sums, cells) if not torch.equal(pictures, stack)] or [sums, cells]
 
     n_at_once = n_at_once or len(slopes)
@@ -265,7 +265,7 @@ def refiner_inputs(
             "error_scale": unit.log10() / 2 + 1.5,
             "noise": (noise + BLACK).log10() / 2 + 1.5,
         }
-        if is_by_layers:
+        if is_by_surface:
             low, high = ranges[-1]
             focus = slopes[part].to(disparity)[:, None, None, None]
             distance = torch.maximum(low - focus, focus - high)

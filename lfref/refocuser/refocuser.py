@@ -28,6 +28,7 @@ from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import reach as sum_reach
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocus.wiener import wiener
@@ -372,7 +373,9 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
 
 AT_ONCE = 2**26
 """Samples that are weighted at once, 256 MB: 9x9 views of 380x550 pixels in three channels are fewer."""
-PREDICTING: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware, occlusion_aware_parts})
+PREDICTING: frozenset[Operator] = frozenset(
+    {refocus_by_layers, separable_wiener, occlusion_aware, occlusion_aware_parts}
+)
 """Operators that estimate the record of the whole aperture: missing views are predicted for them."""
 COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus, wiener}
 """Operators that compare the views before they sum them, which weighted views would mislead."""

@@ -9,7 +9,15 @@ from unittest import mock
 import pytest
 import torch
 
-from lfref.refocus import batches, occlusion_aware, wiener, wiener_filters
+from lfref.refocus import (
+    apertures,
+    batches,
+    block_filters,
+    occlusion_aware,
+    separable_wiener,
+    wiener,
+    wiener_filters,
+)
 from lfref.refocus.disparity import cost_volume, disparity_map, matching
 from lfref.refocus.disparity.cost_volume import grey_views
 from lfref.refocus.focus import slope_range
@@ -78,14 +86,42 @@ def filtered(views):
 
 
 def near(views):
-    gap = torch.full((60, 80), -0.6)
-    gap[:, 40:] = -0.44
-    maps = [gap, 2 * gap, torch.linspace(0, 3.5, 80).expand(60, 80)]
-    planes = torch.tensor([-1.5, -0.5, 0.3, 1.4])
-    shares = [occlusion_aware.near_shares(disparity, planes).mean() for disparity in maps]
-    slopes, clean = [-0.4, 0.06, 0.9], scene(noise=0.0)
+    slopes, clean = [-0.4, 0.06, 0.9, 1.75], scene(noise=0.0)
     apart = occlusion_aware.occlusion_aware(clean, slopes) - exact_fourier(clean, slopes)
-    return [*shares, *apart.std((1, 2, 3)), occlusion_aware.noise_share(views, FULL, -1, 1)]
+    return [*apart.std((1, 2, 3)), occlusion_aware.noise_share(views, FULL, -1, 1)]
+
+
+def rows_and_columns(views):
+    slopes = [-4.0, 0.3, 2.0]
+    everywhere = separable_wiener.separable_wiener(scene(noise=0.0), slopes, [-0.4, 0.9])
+    odd = torch.tensor([1.0, 0, 0, -2, 0, 0, 1], dtype=torch.float64) / 6**0.5
+    apart = [torch.ones(7, 7) + 7 * share * torch.outer(odd, odd) for share in (0.7e-4, 1.4e-4)]
+    terms = [len(separable_wiener.products(weights)) for weights in (*apart, apertures.disc((7, 7)))]
+    prior = separable_wiener.finer(_at(0.5))
+    return [*(everywhere - exact_fourier(scene(noise=0.0), slopes)).std((1, 2, 3)), *terms, len(prior.shares)]
+
+
+def blocks(views):
+    disparity = torch.full((60, 80), -0.4)
+    disparity[:, 36:] = 0.9
+    clean, slopes = scene((60, 80), noise=0.0), torch.tensor([0.75, 1.7, 1.75], dtype=torch.float64)
+    power = block_filters._steepness(clean)
+    priors = block_filters.block_priors(disparity, power, _at(1.7))
+    pictures = block_filters.refocus_by_blocks(clean, slopes, disparity, _at(1.7), FULL)
+    spread = torch.full((60, 80), -0.4)
+    spread[:, 36:] = 1.55  # with the plane, 6 pixels in the outermost view
+    far = block_filters.refocus_by_blocks(clean, slopes[:1], spread, _at(1.7), FULL).nearness
+    return [
+        len(priors.disparities),
+        priors.shares[1].std(),
+        priors.shares[1].max(),
+        priors.shares[0].max(),
+        *pictures.stack.std((1, 2, 3)),
+        *pictures.nearness.mean((1, 2, 3)),
+        far.mean(),
+        power.min() / power.mean(),
+        len(block_filters.block_priors(100 * disparity, power, _at(1.7)).disparities),
+    ]
 
 
 def volume(views):
@@ -188,14 +224,32 @@ def sharp(views):
     return [found.index.mean(), found.confidence.mean(), faint.confidence.mean(), found.index[:6].mean()]
 
 
-FIGURES = [depth_steps, energies, layers, filtered, near, volume, detail, matched, ranges, reduced, coarse, wide, sharp]
+FIGURES = [
+    depth_steps,
+    energies,
+    layers,
+    filtered,
+    near,
+    rows_and_columns,
+    blocks,
+    volume,
+    detail,
+    matched,
+    ranges,
+    reduced,
+    coarse,
+    wide,
+    sharp,
+]
 # fmt: off
 RECORDED = {
     "depth_steps": [7, 43, 4, 10.183, 0, 2, 15, 0, 1],
     "energies": [-0.875, 1.375, -2.875, 5.375, -0.625, 1.125, -0.875, 2.125, 0.014697, 0.48657],
     "layers": [0.015149, 7, 7],
     "filtered": [24, 0.0020833, 0.0020833, 0.00083774, 961, 1, 0.6023, 0.0012369],
-    "near": [0.46062, 0.5, 0.31629, 0.0087947, 0.0026681, 0.0069362, 0.070291],
+    "near": [0.0074777, 0.0028099, 0.0068783, 0.010582, 0.070291],
+    "rows_and_columns": [0.018874, 0.0036835, 0.011889, 1, 2, 3, 11],
+    "blocks": [40, 0.074677, 0.39707, 0.46167, 0.22665, 0.21957, 0.2192, 0.8, 0.40667, 0.31, 0.49667, 0.32933, 1028],
     "volume": [0.0062529, 3.8792e-05, 0.00036],
     "detail": [0.012986, 0.019147, 0.0040106],
     "matched": [21, 0.51989, 0.79362, 0.51445, 0.026681, 2.4456, 0.089705],

@@ -16,6 +16,7 @@ from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.fourier.super_resolution import in_focus
 from lfref.refocus.homography import homography, slope_homographies
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.surface import per_pixel, tilt_shift
 from lfref.refocus.wiener import wiener
@@ -119,6 +120,10 @@ OPERATORS = {
 # They read every view, whatever it weighs in the photograph, and take apertures that are alike on both sides only.
 ESTIMATES = {
     "wiener": functools.partial(wiener, slopes=SLOPES, prior=prior_between(-0.9, 0.4)),
+    "separable_wiener": functools.partial(separable_wiener, slopes=SLOPES, disparities=[-0.9, 0.1, 0.4]),
+    "separable_wiener through a disc": lambda views: separable_wiener(
+        views, SLOPES, [-0.2, 0.2], weights=apertures.disc(views.shape[-5:-3])
+    ),
     "wiener through a disc": lambda views: wiener(
         views, SLOPES, prior_between(-0.2, 0.2), weights=apertures.disc(views.shape[-5:-3])
     ),

@@ -1,4 +1,4 @@
-"""Layers and the linear estimate together: far from focus the one, near it the other, and nearer the truth."""
+"""Filters for all disparities and for those of blocks together: far from focus the ones, near it the others."""
 
 import dataclasses
 import functools
@@ -10,9 +10,9 @@ import torch
 from lfref.errors import InputError
 from lfref.refocus import occlusion_aware as module
 from lfref.refocus.disparity.disparity_map import disparity_map
-from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.occlusion_aware import near_shares, noise_share, occlusion_aware, occlusion_aware_parts
+from lfref.refocus.occlusion_aware import noise_share, occlusion_aware, occlusion_aware_parts
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
@@ -36,13 +36,6 @@ def psnr(stack, truth, margin=12):
     return -10 * (stack - truth)[inner].square().mean((1, 2, 3)).log10()
 
 
-def step(near=0.4, far=-0.6, size=(40, 60)):
-    """A map whose left half is nearer."""
-    disparity = torch.full(size, far)
-    disparity[:, : size[1] // 2] = near
-    return disparity
-
-
 @pytest.mark.parametrize("name", ["edge", "discs"])
 def test_is_nearer_the_truth_than_exact_refocusing(name):
     views, truth = scene(name)
@@ -60,11 +53,12 @@ def test_wide_baselines_are_no_worse_than_a_sum_through_cells():
     assert float(gain.mean()) > 1
 
 
-def test_the_estimate_helps_at_edges_near_focus():
-    views, truth = scene("discs")
-    ours, layers = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, refocus_by_layers))
-    assert bool((ours >= layers - 0.25).all())
-    assert float((ours - layers)[SLOPES.index(0.4)]) > 3
+@pytest.mark.parametrize(("name", "gain"), [("discs", 2), ("leaves", 1.5)])
+def test_blocks_help_near_focus(name, gain):
+    views, truth = scene(name)
+    ours, everywhere = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, separable_wiener))
+    assert bool((ours >= everywhere - 2).all())  # beyond 65 dB
+    assert float((ours - everywhere)[SLOPES.index(0.4)]) > gain
 
 
 @pytest.mark.parametrize("name", ["edge", "discs"])
@@ -75,9 +69,9 @@ def test_brightness_is_that_of_the_truth(name):
     torch.testing.assert_close(ratio, torch.ones(len(SLOPES)), atol=0.002, rtol=0)
 
 
-def test_planes_far_from_all_edges_are_those_of_layers():
-    views, _ = scene("edge")
-    torch.testing.assert_close(occlusion_aware(views, [-3.0]), refocus_by_layers(views, [-3.0]), atol=1e-6, rtol=0)
+def test_planes_far_from_all_surfaces_have_no_blocks():
+    stack, everywhere = occlusion_aware_parts(scene("edge")[0], [-3.4]).split(3, 1)
+    assert torch.equal(stack, everywhere)
 
 
 @pytest.mark.parametrize("grid", [(3, 3), (4, 3), (1, 5)])
@@ -105,13 +99,10 @@ def test_types_follow_the_input(dtype):
 
 def test_parts_are_the_stack_and_what_it_is_made_of():
     views = scene("discs")[0]
-    stack, layers, estimate = occlusion_aware_parts(views, SLOPES).split(3, 1)
+    stack, everywhere = occlusion_aware_parts(views, SLOPES).split(3, 1)
     assert torch.equal(stack, occlusion_aware(views, SLOPES))
-    torch.testing.assert_close(layers, refocus_by_layers(views, SLOPES), atol=1e-4, rtol=0)
-    # Far from focus there is no estimate; at fractions of a slope near focus, it is a part of the stack.
-    assert torch.equal(estimate[0], stack[0])
-    between = (stack - layers)[2] * (estimate - layers)[2]
-    assert float((between >= -1e-6).float().mean()) > 0.99
+    # It measures the noise, and `separable_wiener` does not.
+    torch.testing.assert_close(everywhere, separable_wiener(views, SLOPES), atol=3e-3, rtol=0)
     torch.testing.assert_close(
         occlusion_aware_parts(torch.stack([views, views.flip(-1)]), SLOPES[:2])[0, :, :3], stack[:2]
     )
@@ -124,39 +115,13 @@ def test_gradients_reach_all_views():
     assert bool(views.grad.abs().amax((2, 3, 4)).gt(0).all())
 
 
-def test_surfaces_near_focus_and_what_lies_beside_them():
-    near, far, away = near_shares(step(), torch.tensor([1.3, -1.5, 5.0]))
-    assert near.shape == (40, 60)
-    for shares in (near, far.flip(-1)):
-        assert float(shares[:, :28].min()) == pytest.approx(1 / 3, abs=1e-5)
-        assert not shares[:, 40:].any()
-        assert float(shares.diff(dim=-1).abs().max()) <= 0.25  # they fade
-    assert not away.any()
-
-
-def test_planes_within_the_disparities_around_are_near_focus():
-    assert bool((near_shares(step(), torch.tensor([0.4, 0.0, -0.6]))[:, :, 26:34] > 1 - 1e-6).all())
-
-
 def test_whole_slopes_take_the_median_of_three_pictures():
-    views, _ = scene("discs")
-    disparity = disparity_map(views).disparity
-    full = torch.full((7, 7), 1 / 49, dtype=torch.float64)
+    field, full = torch.rand(7, 7, 1, 20, 24), torch.full((7, 7), 1 / 49, dtype=torch.float64)
     planes = torch.tensor([0.0, 0.05, 0.1], dtype=torch.float64)
-    layers, estimate, cells = refocus_by_layers(views, planes), torch.zeros(3, *views.shape[2:]), 2.0
-    with mock.patch.object(module, "shift_and_sum_through_cells", return_value=torch.full_like(layers[:2], cells)):
-        picture = module._median_at_whole_slopes(views, planes, layers, estimate, full)
-    # The picture of the layers lies between both others.
-    torch.testing.assert_close(picture, torch.tensor([1, 0.5, 0])[:, None, None, None] * layers)
-    assert bool((near_shares(disparity, planes) <= 1).all())
-
-
-@pytest.mark.parametrize("slope", [-1.45, -0.3, 1.25, 1.6])
-def test_focus_counts_by_its_distance_from_the_surfaces_at_the_edge(slope):
-    distance = max(slope - 0.4, -0.6 - slope)
-    expected = min(max((module.FOCUS - distance) / (0.3 * module.FOCUS), 0), 1)
-    shares = near_shares(step(), torch.tensor([slope], dtype=torch.float64))
-    assert float(shares[0, 20, 30]) == pytest.approx(expected, abs=1e-5)
+    stack, everywhere = torch.full((3, 1, 20, 24), 0.2), torch.full((3, 1, 20, 24), 0.9)
+    with mock.patch.object(module, "shift_and_sum_through_cells", return_value=torch.full((2, 1, 20, 24), 0.6)):
+        picture = module._median_at_whole_slopes(stack, everywhere, field, planes, full)
+    assert picture[:, 0, 5, 5].tolist() == pytest.approx([0.6, 0.4, 0.2])
 
 
 @pytest.mark.parametrize(
@@ -185,9 +150,9 @@ def test_known_disparities_take_the_place_of_estimated_ones():
     known = disparity_map(views).disparity
     stack = occlusion_aware(views, SLOPES, disparities=known)
     torch.testing.assert_close(stack, occlusion_aware(views, SLOPES), atol=2e-2, rtol=0)
-    # Where everything is far from focus, nothing is estimated: layers alone.
-    far = occlusion_aware(views, SLOPES[:1], disparities=torch.zeros_like(known))
-    torch.testing.assert_close(far, refocus_by_layers(views, SLOPES[:1]), atol=1e-5, rtol=0)
+    # Where everything is far from focus, no block counts.
+    far, everywhere = occlusion_aware_parts(views, [-3.4], disparities=torch.zeros_like(known)).split(3, 1)
+    assert torch.equal(far, everywhere)
 
 
 def test_known_disparities_may_have_another_type():

@@ -9,9 +9,9 @@ from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
-from lfref.refocus.wiener import wiener
 from lfref.refocuser.features import CANDIDATES, FEATURES, candidate, check_names, compressed, coverage, refiner_inputs
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
@@ -237,23 +237,24 @@ def test_pictures_are_as_good_as_the_method_makes_them_alone():
     assert float((after - before).min()) > -0.1
 
 
-def test_layers_and_wiener_estimate_are_the_operators_pictures():
+def test_everywhere_is_the_picture_of_the_separable_wiener_estimate():
     slopes, light = torch.tensor([-0.33, 6.0], dtype=torch.float64), surface()
-    for base in (OperatorRefocuser("occlusion_aware", occlusion_aware), CELLS):
-        made = of(light, slopes, base)
-        for name, picture in (("layers", refocus_by_layers), ("wiener", wiener)):
-            expected = candidate(picture(light.views, slopes), made["pictures"], made["unit"])
-            if name == "layers" or base is CELLS:
-                torch.testing.assert_close(made[name], expected, atol=1e-3, rtol=0)
+    made = of(light, slopes, CELLS)
+    expected = candidate(separable_wiener(light.views, slopes), made["pictures"], made["unit"])
+    torch.testing.assert_close(made["everywhere"], expected, atol=1e-3, rtol=0)
+    # Of its own picture, `occlusion_aware` has the part at hand.
+    made = of(light, slopes, OperatorRefocuser("occlusion_aware", occlusion_aware))
+    expected = candidate(occlusion_aware_parts(light.views, slopes)[:, 3:], made["pictures"], made["unit"])
+    torch.testing.assert_close(made["everywhere"], expected, atol=1e-3, rtol=0)
 
 
-def test_far_from_all_surfaces_the_picture_stands_for_its_wiener_estimate():
-    made = of(surface(), torch.tensor([6.0]).double(), OperatorRefocuser("occlusion_aware", occlusion_aware))
-    assert not made["wiener"].any()
+def test_far_from_all_surfaces_everywhere_is_the_picture():
+    made = of(surface(), torch.tensor([6.3]).double(), OperatorRefocuser("occlusion_aware", occlusion_aware))
+    assert not made["everywhere"].any()
     assert made["sum"].any()
 
 
-def test_layers_far_from_focus_are_not_corrected():
+def test_far_from_focus_blur_by_surfaces_is_not_corrected():
     slopes = torch.tensor([0.3, 4.1, 6.0], dtype=torch.float64)
     light = surface()
     for base in (OperatorRefocuser("occlusion_aware", occlusion_aware), OperatorRefocuser("layers", refocus_by_layers)):

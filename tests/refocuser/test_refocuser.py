@@ -18,6 +18,7 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocuser.refocuser import (
     OperatorRefocuser,
@@ -332,6 +333,7 @@ EVERY = {
     "cells": shift_and_sum_through_cells,
     "layers": refocus_by_layers,
     "aware": occlusion_aware,
+    "separable": separable_wiener,
     "finer": super_resolve,
     "slice": fourier_slice,
 }

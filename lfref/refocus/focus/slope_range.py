@@ -478,7 +478,11 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
     enlarged = swept.factor / reduced.factor
     first, last = (end / enlarged for end in _with_far_surfaces(reduced, *(enlarged * end for end in ends)))
     spare = MARGIN + SPARE * (last - first)
-    low, middle, high = max(first - spare, -widest), float(swept.disparity[sure].mean()) / swept.factor, min(last + spare, widest)
+    low, middle, high = (
+        max(first - spare, -widest),
+        float(swept.disparity[sure].mean()) / swept.factor,
+        min(last + spare, widest),
+    )
     low, middle, high, first, last = (swept.factor * value for value in (low, middle, high, first, last))
     return DisparityRange(low, middle, high, (first, last))
 

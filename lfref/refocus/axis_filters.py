@@ -1,0 +1,167 @@
+"""Wiener filters along one axis of the picture: the factors of separable refocusing.
+
+A filter for each view row and one for each view column make the picture, `I_s = sum_vu (g_v x h_u) * L_vu`, where g_v
+acts along y and h_u along x. Along one axis, the views L_i and the photograph T are sums over disparities d and over
+the frequencies q = k + m that pixels cannot tell from k. The g_i of least mean square error solve
+
+    sum_j C_ij g_j = b_i,   C_ij = sum_dm p_d S(q) cos(2 pi d (i - j) q) + (unexplained + noise) [i = j],
+    b_i = sum_dm p_d S(q) A((s - d) q) exp(-2 pi i d i q) + unexplained a_i c((s - mean) k) exp(-2 pi i s i k),
+
+with A the transform of the aperture, the product of its weights a_i and of the cell c of a view. What no disparity
+explains, such as gloss, counts as light of the photograph too, as in a sum of the views through cells: where little is
+explained, the picture is that sum, and nothing is lost. Views lie symmetrically about the centre, and g of a view is
+the conjugate of g of the opposite one. With g = alpha + i beta for the views on one side, all numbers are real: a view
+pair p reads `2 cos(2 pi d p q)` and `2 sin(2 pi d p q)` of light at disparity d.
+Letters: `n` plane, `d` disparity in pixels per view step, `i j` view, `p` view pair, by its offset from the centre, `k`
+frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope, `t` tap; `N D K I T B` their numbers, and of priors.
+Apart from `wiener_filters`, which solves for the views of both axes together: a hundred times the work.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from lfref import geometry
+from lfref.refocus.wiener_filters import DECAY, FOLDS, OUTER
+
+
+class AxisSpectrum(NamedTuple):
+    """What is known of light along an axis, whatever its disparity."""
+
+    aliased: float
+    """Power beyond half a cycle per pixel, as a share of what an ideal edge has there."""
+    unexplained: float
+    """Power that no disparity explains, as a share of all power at a frequency."""
+    noise: float = 0.0
+    """Variance of the views' white noise, as a share of the picture's variance."""
+
+    def power(self, frequencies: Tensor) -> Tensor:
+        """Power spectrum S of what pixels record, at frequencies in cycles per pixel."""
+        # The spectrum of pictures, averaged over the frequencies of the other axis.
+        fading = (1 + (frequencies / OUTER).square()) ** (-(DECAY - 1) / 2)
+        return fading * torch.sinc(frequencies).square() * torch.where(frequencies.abs() <= 0.5, 1.0, self.aliased)
+
+    @property
+    def mean_power(self) -> float:
+        """Mean of S up to half a cycle per pixel: the power of white noise of the picture's variance."""
+        return float(self.power((torch.arange(1024, dtype=torch.float64) + 0.5) / 2048).mean())
+
+
+class Tables(NamedTuple):
+    """What every disparity adds to both sides of the equations."""
+
+    gram: Tensor
+    """C of light at each disparity, [D, K, I, I]."""
+    photographs: Tensor
+    """b of light at each disparity, [D, N, K, I]."""
+    sums: Tensor
+    """b of light that no disparity explains, before the cell, [N, K, I]."""
+    power: Tensor
+    """S, summed over the folds, [K]."""
+
+
+def pair_offsets(n_views: int) -> Tensor:
+    """Offsets of the views on one side of the centre, from the inner one, in view steps, float64, [I // 2]."""
+    return geometry.angular_offsets(n_views)[(n_views + 1) // 2 :]
+
+
+def readings(turns: Tensor, n_views: int) -> Tensor:
+    """What the views read of light at `d q` = turns [...]: cosines and sines of pairs, the central view; [..., I]."""
+    angles = 2 * torch.pi * turns[..., None] * pair_offsets(n_views)
+    central = [torch.ones_like(turns)[..., None]] if n_views % 2 else []
+    return torch.cat([2 * angles.cos(), 2 * angles.sin(), *central], -1)
+
+
+def counts(n_views: int) -> Tensor:
+    """Squared length of each reading: 2 for pairs, 1 for the central view, [I]."""
+    return torch.where(torch.arange(n_views) < n_views - n_views % 2, 2.0, 1.0).double()
+
+
+def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights: Tensor, period: int) -> Tables:
+    """The equations of every disparity.
+
+    Args:
+        spectrum: Of light.
+        disparities: In pixels per view step, float64, [D].
+        slopes: Likewise, float64, [N].
+        weights: Of the views along the axis, symmetric, float64, [I].
+        period: Twice the number of pixels that filters reach, even.
+    """
+    n_views, k = len(weights), torch.fft.rfftfreq(period, dtype=torch.float64)
+    q = k[:, None] + FOLDS
+    power = spectrum.power(q)
+    read = readings(disparities[:, None, None] * q, n_views)
+    gram = torch.einsum("km,dkmi,dkmj->dkij", power, read, read)
+    of_pairs, of_central = weights[(n_views + 1) // 2 :], weights[n_views // 2 :][: n_views % 2]
+    photographs = []
+    for slope in slopes:
+        blurs = (slope - disparities)[:, None, None] * q
+        # A: the transform of the weights, and that of a cell.
+        lens = readings(blurs, n_views) @ torch.cat([of_pairs, torch.zeros_like(of_pairs), of_central])
+        photographs.append(torch.einsum("km,dkm,dkmi->dki", power, lens * torch.sinc(blurs), read))
+    # The plain sum reads each view at its shift, weighted.
+    sums = readings(slopes[:, None] * k, n_views) * torch.cat([of_pairs, of_pairs, of_central])
+    return Tables(gram, torch.stack(photographs, 1), sums, power.sum(1))
+
+
+def filters(spectrum: AxisSpectrum, table: Tables, slopes: Tensor, shares: Tensor, means: Tensor) -> Tensor:
+    """The filters of priors: alphas, betas, and the central view's factor, float64, [B, N, K, I].
+
+    Args:
+        spectrum: Of light.
+        table: Of it.
+        slopes: In pixels per view step, float64, [N].
+        shares: Probability of each disparity, together 1, [B, D].
+        means: Disparity of what is unexplained, [B].
+    """
+    n_frequencies = len(table.power)
+    k = torch.arange(n_frequencies, dtype=torch.float64) / (2 * (n_frequencies - 1))
+    gram, right = _mixed(shares, table.gram), _mixed(shares, table.photographs)
+    cells = torch.sinc((slopes - means[:, None])[..., None] * k)
+    right = right + (spectrum.unexplained * table.power * cells)[..., None] * table.sums
+    # Noise of the other axis' views is averaged before or after: what one axis sees of it is that much less.
+    n_views = gram.shape[-1]
+    noise = spectrum.unexplained * table.power + spectrum.noise * spectrum.mean_power / n_views
+    factor = torch.linalg.cholesky(gram + torch.diag_embed(noise[:, None] * counts(n_views)))
+    solved = torch.cholesky_solve(right.movedim(1, 3), factor).movedim(3, 1)
+    return _with_level(solved, table.sums[:, 0].sum(-1))
+
+
+def _mixed(shares: Tensor, table: Tensor) -> Tensor:
+    """Sums over disparities, [B, ...], of a table [D, ...]."""
+    return (shares @ table.flatten(1)).unflatten(1, table.shape[1:])
+
+
+def _with_level(solved: Tensor, levels: Tensor) -> Tensor:
+    """Filters [B, N, K, I] whose sum over the views at k = 0 is the level [N], unless that is about 0."""
+    # The least squares shrink the mean brightness by the noise.
+    sums = (solved[:, :, 0] * counts(solved.shape[-1])).sum(-1)
+    # Sines are 0 there.
+    scale = torch.where(levels.abs() > 1e-6, levels / torch.where(sums.abs() > 1e-9, sums, 1.0), 1.0)
+    return torch.cat([solved[:, :, :1] * scale[..., None, None], solved[:, :, 1:]], 2)
+
+
+def kernels(filters: Tensor, centres: Tensor, n_taps: int) -> Tensor:
+    """Taps of filters [..., K, I]: what view i gives to pixel x of its pixels x + centre - T / 2, ..., [..., I, T].
+
+    Args:
+        filters: Alphas, betas, and the central view's factor.
+        centres: Of the taps of each view, whole pixels, [..., I].
+        n_taps: Number of taps T, even, at most the period of the filters.
+    """
+    n_frequencies, n_views = filters.shape[-2:]
+    period, n_pairs = 2 * (n_frequencies - 1), n_views // 2
+    alpha, beta, central = filters.split([n_pairs, n_pairs, n_views % 2], -1)
+    alphas = torch.cat([alpha.flip(-1), central, alpha], -1).mT
+    betas = torch.cat([-beta.flip(-1), torch.zeros_like(central), beta], -1).mT
+    # Turned by the centres, so that all views have the same table of taps.
+    waves = torch.arange(period, dtype=torch.float64) * (2 * torch.pi / period)
+    k, places = torch.arange(n_frequencies), torch.arange(period)
+    angles = waves[places[:, None] * k % period]
+    cos, sin = angles.cos()[centres.long() % period], angles.sin()[centres.long() % period]
+    turned = torch.cat([alphas * cos + betas * sin, betas * cos - alphas * sin], -1)
+    taps = (k[:, None] * (torch.arange(n_taps) - n_taps // 2)) % period
+    # Each frequency between 0 and 1/2 stands for its negative too.
+    share = torch.where((k == 0) | (k == n_frequencies - 1), 1.0, 2.0)[:, None] / period
+    return turned @ torch.cat([share * waves.cos()[taps], share * waves.sin()[taps]])

@@ -1,0 +1,134 @@
+"""Filters of blocks: the loop against sums written out, priors of the map, and the share of planes near focus."""
+
+import pytest
+import torch
+
+from lfref.refocus import block_filters as module
+from lfref.refocus.block_filters import BLOCK, SPAN, Items, block_priors, filtered, refocus_by_blocks
+from lfref.refocus.fourier.disparity_layers import Energies
+from lfref.refocus.separable_wiener import refocus_by_rows_and_columns
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
+from tests.refocus.conftest import layered_views
+
+SINGLE = Energies(torch.tensor([0.2]).double(), torch.ones(1).double())
+
+
+def some_items(dtype, n_terms=2):
+    """Items in the middle and at borders of views [2, 3, 2, 40, 50], their taps at random."""
+    torch.manual_seed(2)
+    corners = torch.tensor([[16, 16], [0, 32], [32, 48]])
+    row_centres, column_centres = torch.randint(-9, 9, (3, 2)), torch.randint(-9, 9, (3, 3))
+    rows, columns = torch.rand(n_terms, 3, 2, SPAN, dtype=dtype), torch.rand(n_terms, 3, 3, SPAN, dtype=dtype)
+    return torch.rand(2, 3, 2, 40, 50, dtype=dtype), Items(corners, row_centres, column_centres, rows, columns)
+
+
+def written_out(views, items):
+    """Every pixel of every item, tap by tap."""
+    result = torch.zeros(len(items.corners), views.shape[2], BLOCK, BLOCK, dtype=views.dtype)
+    for m in range(len(result)):
+        for v in range(views.shape[0]):
+            for u in range(views.shape[1]):
+                taps = torch.einsum("kt,kr->tr", items.rows[:, m, v], items.columns[:, m, u])
+                for y in range(BLOCK):
+                    for x in range(BLOCK):
+                        at = items.corners[m] + torch.tensor([y, x])
+                        first = at + torch.stack([items.row_centres[m, v], items.column_centres[m, u]]) - SPAN // 2
+                        rows, columns = (
+                            (start + torch.arange(SPAN)).clamp(0, length - 1)
+                            for start, length in zip(first.tolist(), views.shape[-2:], strict=True)
+                        )
+                        window = views[v, u][:, rows[:, None], columns]
+                        result[m, :, y, x] += (window * taps).sum((1, 2))
+    return result
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_loop_and_pytorch_are_the_sum_written_out(dtype):
+    views, items = some_items(dtype)
+    expected = written_out(views, items)
+    tolerance = 1e-4 if dtype == torch.float32 else 1e-10
+    torch.testing.assert_close(filtered(views, items), expected, atol=tolerance, rtol=1e-5)
+    torch.testing.assert_close(module._by_torch(views, items), expected, atol=tolerance, rtol=1e-5)
+
+
+def test_no_items_are_no_pictures():
+    views, items = some_items(torch.float32)
+    none = Items(*(part[:, :0] if part.ndim == 4 else part[:0] for part in items))
+    for empty in (filtered(views, none), module._by_torch(views, none)):
+        assert empty.shape == (0, 2, BLOCK, BLOCK)
+
+
+def test_priors_are_the_disparities_in_and_around_a_block():
+    disparity = torch.full((40, 72), -0.6)
+    disparity[:, 36:] = 0.4
+    priors = block_priors(disparity, torch.ones_like(disparity), SINGLE)
+    assert priors.shares.shape[0] == 3 * 5
+    torch.testing.assert_close(priors.shares.sum(1), torch.ones(15).double())
+    low, high = priors.ends
+    # The edge lies in the third column of blocks, 4 pixels from the second.
+    assert low.reshape(3, 5)[0].tolist() == pytest.approx([-0.6, -0.6, -0.6, 0.4, 0.4])
+    assert high.reshape(3, 5)[0].tolist() == pytest.approx([-0.6, 0.4, 0.4, 0.4, 0.4])
+    near = (priors.disparities[None] - torch.tensor([[-0.6], [0.4], [0.2]])).abs() < 0.1
+    shares = priors.shares @ near.double().T  # of both surfaces, and of the field's prior
+    assert shares[0].tolist() == pytest.approx([1 - module.ELSEWHERE, 0, module.ELSEWHERE], abs=0.01)
+    assert float(shares[1, 0]) > float(shares[1, 1]) > 0.1
+
+
+def test_what_is_smooth_has_hardly_any_share():
+    disparity, power = torch.full((32, 32), -0.6), torch.full((32, 32), 1e-3)
+    disparity[:, 16:], power[:, 16:] = 0.4, 1.0
+    priors = block_priors(disparity, power, SINGLE)
+    shares = priors.shares @ ((priors.disparities - 0.4).abs() < 0.1).double()
+    assert float(shares[0]) > 0.8  # half of what is in and around the block
+
+
+def test_a_wide_range_has_a_bounded_number_of_disparities():
+    disparity = torch.linspace(-300, 300, 64).expand(32, 64)
+    priors = block_priors(disparity, torch.ones(32, 64), SINGLE)
+    assert len(priors.disparities) <= module.MOST_DISPARITIES + 4
+
+
+def test_planes_near_a_block_are_filtered_and_others_are_not():
+    views = layered_views(0.4, 0.4, (48, 48))[0].float()
+    aperture = torch.full(views.shape[:2], 1 / 49).double()
+    slopes = torch.tensor([0.4, 0.4 + module.NEAR - module.FADE / 2, 0.4 + module.NEAR + 0.01, -3.0]).double()
+    prior = Energies(torch.tensor([0.4]).double(), torch.ones(1).double())
+    pictures = refocus_by_blocks(views, slopes, torch.full((48, 48), 0.4), prior, aperture)
+    assert pictures.stack.shape == (4, 3, 48, 48)
+    assert pictures.nearness[:, 0, 20, 20].tolist() == pytest.approx([1, 0.5, 0, 0], abs=1e-5)
+    assert not pictures.stack[2:].any()
+
+
+def test_blocks_that_span_too_much_are_left_out():
+    views = layered_views(2.0, -2.0, (48, 48))[0].float()
+    disparity = torch.full((48, 48), -2.0)
+    disparity[:, 24:] = 2.0
+    aperture = torch.full(views.shape[:2], 1 / 49).double()
+    nearness = refocus_by_blocks(views, torch.tensor([0.0]).double(), disparity, SINGLE, aperture).nearness
+    assert not nearness.any()
+
+
+def test_of_one_surface_blocks_and_the_whole_field_give_the_same():
+    views = layered_views(0.4, 0.4, (64, 64))[0].float()
+    aperture = torch.full(views.shape[:2], 1 / 49).double()
+    prior = Energies(torch.tensor([0.4]).double(), torch.ones(1).double())
+    slopes = torch.tensor([0.4, 0.1]).double()
+    blocks = refocus_by_blocks(views, slopes, torch.full((64, 64), 0.4), prior, aperture).stack
+    whole = refocus_by_rows_and_columns(views, slopes, prior, aperture)
+    inner = (..., slice(12, -12), slice(12, -12))
+    torch.testing.assert_close(blocks[inner], whole[inner], atol=1e-2, rtol=0)
+
+
+def test_aliases_of_a_leaf_are_told_apart_where_filters_for_all_disparities_fail():
+    scene = sim30.VERSIONS["2"]["leaves"]
+    slopes = torch.tensor([0.15, -1.2]).double()
+    made = simulate(scene, outputs=["views", "truth", "disparity"], slopes=slopes)
+    aperture = torch.full((7, 7), 1 / 49).double()
+    prior = Energies(torch.tensor([-1.0, -0.2, 0.15, 0.4]).double(), torch.full((4,), 0.25).double())
+    blocks = refocus_by_blocks(made.views, slopes, made.disparity, prior, aperture)
+    whole = refocus_by_rows_and_columns(made.views, slopes, prior, aperture)
+    ours = whole + blocks.nearness * (blocks.stack - whole)
+    inner = (0, ..., slice(24, -24), slice(24, -24))
+    errors = [(stack - made.truth)[inner].square().mean() for stack in (ours, whole)]
+    assert float(errors[0]) < float(errors[1]) / 5

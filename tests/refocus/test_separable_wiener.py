@@ -1,0 +1,128 @@
+"""Separable Wiener refocusing: its sums written out, apertures as products, and nearer the truth than other sums."""
+
+import dataclasses
+import functools
+
+import pytest
+import torch
+from torch.nn import functional as F
+
+from lfref.errors import InputError
+from lfref.refocus import apertures, axis_filters
+from lfref.refocus import separable_wiener as module
+from lfref.refocus.fourier.disparity_layers import Energies, refocus_by_layers
+from lfref.refocus.separable_wiener import finer, products, separable_wiener
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
+
+SLOPES = [-3.0, -1.0, -0.6, 0.0, 0.4]
+
+
+@functools.cache
+def scene(name):
+    """Views and truth [N, C, H, W] of the middle of a scene of sim30."""
+    whole = sim30.SCENES[name]
+    cropped = dataclasses.replace(whole, camera=dataclasses.replace(whole.camera, size=(80, 96)))
+    made = simulate(cropped, outputs=["views", "truth"], slopes=SLOPES)
+    return made.views, made.truth
+
+
+def psnr(stack, truth, margin=12):
+    """Of each plane, [N]."""
+    inner = (..., slice(margin, -margin), slice(margin, -margin))
+    return -10 * (stack - truth)[inner].square().mean((1, 2, 3)).log10()
+
+
+def test_is_the_sum_of_filtered_views_written_out():
+    torch.manual_seed(1)
+    views = torch.rand(3, 2, 1, 20, 22, dtype=torch.float64)
+    disparities, planes = torch.tensor([[-0.4, 0.3], [0.7, -0.2]], dtype=torch.float64)
+    expected = torch.zeros(2, 1, 20, 22, dtype=torch.float64)
+    taps = []
+    for n_views in (3, 2):
+        reach = -int(-0.7 * (n_views - 1) / 2 // 1) + module.TAIL
+        table = axis_filters.tables(
+            module.SPECTRUM, disparities, planes, torch.full((n_views,), 1 / n_views, dtype=torch.float64), 2 * reach
+        )
+        filters = axis_filters.filters(
+            module.SPECTRUM,
+            table,
+            planes,
+            torch.tensor([[0.5, 0.5]]).double(),
+            torch.tensor([-0.05], dtype=torch.float64),
+        )
+        taps.append(axis_filters.kernels(filters[0], torch.zeros(n_views), 2 * reach))
+    padded = F.pad(views.flatten(0, 2)[None], (60,) * 4, mode="replicate")[0].reshape(3, 2, 1, 140, 142)
+    for v in range(3):
+        for u in range(2):
+            for n in range(2):
+                kernel = taps[0][n, v][:, None] * taps[1][n, u]
+                span = [60 - length // 2 for length in kernel.shape]
+                window = padded[v, u, 0][span[0] :, span[1] :][: 20 + len(kernel) - 1, : 22 + kernel.shape[1] - 1]
+                expected[n, 0] += F.conv2d(window[None, None], kernel[None, None])[0, 0]
+    found = separable_wiener(views, planes, disparities)
+    torch.testing.assert_close(found, expected, atol=1e-10, rtol=0)
+
+
+@pytest.mark.parametrize(("name", "gain"), [("discs", 4), ("lattice", 2), ("apple", 2)])
+def test_is_nearer_the_truth_than_a_sum_through_cells(name, gain):
+    views, truth = scene(name)
+    ours, cells = (psnr(operator(views, SLOPES), truth) for operator in (separable_wiener, shift_and_sum_through_cells))
+    assert float((ours - cells).mean()) > gain
+
+
+@pytest.mark.parametrize("name", ["discs", "gloss"])
+def test_far_from_focus_it_is_no_worse_than_layers(name):
+    views, truth = scene(name)
+    ours, layers = (psnr(operator(views, SLOPES[:1]), truth[:1]) for operator in (separable_wiener, refocus_by_layers))
+    assert float(ours - layers) > 0
+
+
+def test_a_disc_is_the_sum_of_few_products():
+    disc = apertures.disc((7, 7))
+    disc = disc / disc.sum()
+    terms = products(disc)
+    assert len(terms) <= 4
+    torch.testing.assert_close(sum(torch.outer(*term) for term in terms), disc, atol=1e-4, rtol=0)
+    even = products(torch.full((5, 4), 0.05).double())
+    assert len(even) == 1
+    torch.testing.assert_close(even[0].columns, torch.full((4,), 0.25).double())
+
+
+def test_a_disc_is_nearer_to_its_truth_than_a_square_is():
+    round_scene = dataclasses.replace(
+        sim30.SCENES["discs"], camera=dataclasses.replace(sim30.CAMERA, size=(80, 96), aperture="disc")
+    )
+    made = simulate(round_scene, outputs=["views", "truth"], slopes=SLOPES)
+    disc, square = (
+        psnr(separable_wiener(made.views, SLOPES, weights=weights), made.truth)
+        for weights in (apertures.disc((7, 7)), None)
+    )
+    assert float((disc - square).min()) > 3
+
+
+def test_energies_are_spread_between_layers():
+    prior = finer(Energies(torch.tensor([-0.5, 0.0, 0.5]).double(), torch.tensor([0.25, 0.5, 0.25]).double()))
+    assert float(prior.shares.sum()) == pytest.approx(1)
+    assert float(prior.shares @ prior.disparities) == pytest.approx(0)
+    torch.testing.assert_close(prior.disparities.diff(), torch.full((len(prior.shares) - 1,), 0.125).double())
+    assert float(prior.shares.max()) == pytest.approx(0.5 / module.FINER, rel=0.01)
+    single = Energies(torch.tensor([0.3]).double(), torch.ones(1).double())
+    assert finer(single) is single
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (4, 3), (1, 5), (2, 2)])
+def test_a_constant_field_stays_constant(grid):
+    stack = separable_wiener(torch.full((*grid, 3, 30, 31), 0.7), [-2.0, 0.0, 0.5])
+    torch.testing.assert_close(stack, torch.full_like(stack, 0.7), atol=1e-6, rtol=0)
+
+
+def test_bad_arguments_are_refused():
+    views = torch.rand(3, 3, 1, 20, 20)
+    with pytest.raises(InputError, match="less than half"):
+        separable_wiener(views, [15.0])
+    with pytest.raises(InputError, match="symmetric about both axes"):
+        separable_wiener(views, [0.3], weights=torch.arange(9.0).reshape(3, 3))
+    with pytest.raises(InputError, match="less than half"):
+        separable_wiener(views, [0.3], disparities=[15.0])
