@@ -54,8 +54,8 @@ FLOOR = 0.05
 """Least power of a pixel, of the mean: what is smooth has hardly any disparity."""
 MOST_DISPARITIES = 1024
 """Largest number of disparities that the priors of a field have: beyond it their distance grows."""
-BLOCKS_AT_ONCE = 1024
-"""Blocks whose filters are solved for together."""
+BLOCKS_AT_ONCE, ITEMS_AT_ONCE = 1024, 32
+"""Blocks whose filters are solved for together, and items that PyTorch filters together."""
 
 
 class Priors(NamedTuple):
@@ -127,7 +127,7 @@ def refocus_by_blocks(
         [axis_filters.tables(spectrum, priors.disparities, planes, weights, PERIOD) for weights in of_axis]
         for _, of_axis in axes
     ]
-    for blocks in torch.arange(len(low)).split(BLOCKS_AT_ONCE):
+    for blocks in (nearness > 0).any(0).nonzero()[:, 0].split(BLOCKS_AT_ONCE):
         # Block by block: its views stay in the processor's caches.
         b, n = (nearness[:, blocks] > 0).T.nonzero(as_tuple=True)
         # Taps lie around the middle of all that is read: pixels in focus, and those at the disparities of the block.
@@ -236,21 +236,21 @@ def _by_loop(field: Tensor, items: Items) -> Tensor:
 
 def _by_torch(field: Tensor, items: Items) -> Tensor:
     """`_by_loop` in PyTorch: it has derivatives, and runs on a GPU."""
-    height, width = field.shape[-2:]
-    length = BLOCK + SPAN - 1
-    span = torch.arange(length) - SPAN // 2
-    parts = []
-    for item in range(len(items.corners)):
-        y = (items.corners[item, 0] + items.row_centres[item][:, None] + span).clamp(0, height - 1)
-        x = (items.corners[item, 1] + items.column_centres[item][:, None] + span).clamp(0, width - 1)
-        v, u = torch.arange(len(y)), torch.arange(len(x))
-        places = (v[:, None, None, None], u[None, :, None, None], slice(None), y[:, None, :, None], x[None, :, None, :])
-        # Advanced indices come first: [V, U, rows, columns, C].
-        windows = field[places].unfold(3, SPAN, 1).unfold(2, SPAN, 1)
-        rows, columns = items.rows[:, item].to(field), items.columns[:, item].to(field)
-        parts.append(torch.einsum("kvt,kur,vuyxcrt->cyx", rows, columns, windows))
-    shape = (0, field.shape[2], BLOCK, BLOCK)
-    return torch.stack(parts) if parts else field.new_zeros(shape)
+    device, (height, width) = field.device, field.shape[-2:]
+    span = torch.arange(BLOCK + SPAN - 1, device=device) - SPAN // 2
+    v, u = (torch.arange(n_views, device=device) for n_views in field.shape[:2])
+    parts = [field.new_zeros(0, field.shape[2], BLOCK, BLOCK)]
+    for some in torch.arange(len(items.corners)).split(ITEMS_AT_ONCE):
+        corners, row_centres, column_centres = (part[some].to(device) for part in items[:3])
+        rows, columns = (part[:, some].to(field) for part in items[3:])
+        y = (corners[:, :1] + row_centres)[..., None] + span
+        x = (corners[:, 1:] + column_centres)[..., None] + span
+        y, x = y.clamp(0, height - 1), x.clamp(0, width - 1)
+        places = y[:, :, None, :, None], x[:, None, :, None, :]
+        windows = field[v[:, None, None, None], u[:, None, None], :, *places]  # [M, V, U, rows, columns, C]
+        along_x = torch.einsum("kmut,mvuyxct->kmvyxc", columns, windows.unfold(4, SPAN, 1))
+        parts.append(torch.einsum("kmvt,kmvyxct->mcyx", rows, along_x.unfold(3, SPAN, 1)))
+    return torch.cat(parts)
 
 
 @loops.compiled

@@ -44,7 +44,7 @@ def test_items_are_fixed_by_recipe_and_number():
 def test_an_item_has_planes_near_focus_and_others_each_with_its_features():
     item = plane_sets.make(RECIPE, 0)
     assert item.pictures.shape == item.missing.shape == (4, 3, 40, 44)
-    assert item.features.shape == (4, 41, 40, 44)
+    assert item.features.shape == (4, 38, 40, 44)
     assert item.error_scale.shape == (4, 1, 40, 44)
     assert -3 <= float(item.slopes[3]) <= -2
     assert float(item.slopes[:3].abs().max()) < 2 + plane_sets.NEAR
