@@ -24,7 +24,7 @@ from lfref.refocus.fourier.exact import filter_and_sum
 from lfref.refocus.fourier.layer_mixing import Frame
 
 SPECTRUM = AxisSpectrum(aliased=0.3, unexplained=0.002)
-"""By trial on both versions of sim30: a third or three times of either costs .1 to .4 dB in the mean."""
+"""By trial on both versions of sim30. From .0003 to .01 of unexplained power the mean changes by .1 dB only."""
 FINER = 4
 """Disparities of the prior for each layer of energy: light between two layers is at any disparity there."""
 TAIL = 24
