@@ -48,7 +48,7 @@ class AxisSpectrum(NamedTuple):
         return float(self.power((torch.arange(1024, dtype=torch.float64) + 0.5) / 2048).mean())
 
 
-class Tables(NamedTuple):
+class AxisEquations(NamedTuple):
     """What every disparity adds to both sides of the equations."""
 
     gram: Tensor
@@ -78,7 +78,7 @@ def counts(n_views: int) -> Tensor:
     return torch.where(torch.arange(n_views) < n_views - n_views % 2, 2.0, 1.0).double()
 
 
-def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights: Tensor, period: int) -> Tables:
+def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights: Tensor, period: int) -> AxisEquations:
     """The equations of every disparity.
 
     Args:
@@ -102,10 +102,10 @@ def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights:
         photographs.append(torch.einsum("km,dkm,dkmi->dki", power, lens * torch.sinc(blurs), read))
     # The plain sum reads each view at its shift, weighted.
     sums = readings(slopes[:, None] * k, n_views) * torch.cat([of_pairs, of_pairs, of_central])
-    return Tables(gram, torch.stack(photographs, 1), sums, power.sum(1))
+    return AxisEquations(gram, torch.stack(photographs, 1), sums, power.sum(1))
 
 
-def filters(spectrum: AxisSpectrum, table: Tables, slopes: Tensor, shares: Tensor, means: Tensor) -> Tensor:
+def filters(spectrum: AxisSpectrum, table: AxisEquations, slopes: Tensor, shares: Tensor, means: Tensor) -> Tensor:
     """The filters of priors: alphas, betas, and the central view's factor, float64, [B, N, K, I].
 
     Args:
