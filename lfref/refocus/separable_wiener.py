@@ -19,9 +19,10 @@ from lfref.geometry import Slopes
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
 from lfref.refocus.fourier import disparity_layers, layer_mixing
-from lfref.refocus.fourier.disparity_layers import Energies
+from lfref.refocus.fourier.disparity_layers import Energies, bounded_by_views
 from lfref.refocus.fourier.exact import filter_and_sum
 from lfref.refocus.fourier.layer_mixing import Frame
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 
 SPECTRUM = AxisSpectrum(aliased=0.3, unexplained=0.002)
 """By trial on both versions of sim30. From .0003 to .01 of unexplained power the mean changes by .1 dB only."""
@@ -49,7 +50,8 @@ def separable_wiener(
 ) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, by filters of rows and columns.
 
-    Linear in the views where disparities are given; where they are estimated, derivatives leave that out.
+    Linear in the views where disparities are given; where they are estimated, derivatives leave that out. Estimated
+    wide ranges bound the picture by what the views show, or `shift_and_sum_through_cells` makes it, as for layers.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
@@ -76,12 +78,17 @@ def separable_wiener(
     for typed in batch:
         field = batches.radiance(typed)
         memory.trim_for(field)
-        if disparities is None:
-            prior = finer(disparity_layers.estimate_energies(field, N_LAYERS, aperture))
-        else:
+        if disparities is not None:
             known = geometry.checked_slopes(disparities, grid, size)
             prior = Energies(known, torch.full_like(known, 1 / len(known)))
-        stacks.append(refocus_by_rows_and_columns(field, planes, prior, aperture))
+            stacks.append(refocus_by_rows_and_columns(field, planes, prior, aperture))
+            continue
+        energies = disparity_layers.estimate_energies(field, N_LAYERS, aperture)
+        if disparity_layers.exceeds_layers(energies, field, aperture):
+            stacks.append(shift_and_sum_through_cells(field, planes, aperture))
+            continue
+        stack = refocus_by_rows_and_columns(field, planes, finer(energies), aperture)
+        stacks.append(bounded_by_views(stack, field, planes, energies, aperture))
     return batches.restored(torch.stack(stacks), views)
 
 

@@ -118,6 +118,14 @@ def test_a_constant_field_stays_constant(grid):
     torch.testing.assert_close(stack, torch.full_like(stack, 0.7), atol=1e-6, rtol=0)
 
 
+def test_wide_baselines_are_no_worse_than_a_sum_through_cells():
+    slopes = [-8.0, -3.5, 8.0]
+    made = simulate(sim30.WIDE["wide_both_5"], outputs=["views", "truth"], slopes=slopes)
+    ours, cells = (operator(made.views, slopes) for operator in (separable_wiener, shift_and_sum_through_cells))
+    gain = psnr(ours, made.truth, 24) - psnr(cells, made.truth, 24)
+    assert float(gain.min()) > -0.3
+
+
 def test_bad_arguments_are_refused():
     views = torch.rand(3, 3, 1, 20, 20)
     with pytest.raises(InputError, match="less than half"):
