@@ -14,7 +14,7 @@ the conjugate of g of the opposite one. With g = alpha + i beta for the views on
 pair p reads `2 cos(2 pi d p q)` and `2 sin(2 pi d p q)` of light at disparity d.
 Letters: `n` plane, `d` disparity in pixels per view step, `i j` view, `p` view pair, by its offset from the centre, `k`
 frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope, `t` tap; `N D K I T B` their numbers, and of priors.
-Apart from `wiener_filters`, which solves for the views of both axes together: a hundred times the work.
+Apart from `wiener_filters`, which solves for the views of both axes together: more unknowns, at more frequencies.
 """
 
 from typing import NamedTuple

@@ -98,7 +98,7 @@ def occlusion_aware_parts(
 
 
 def noise_share(field: Tensor, aperture: Tensor, first: float, last: float) -> float:
-    """`Prior.noise` of a light field [V, U, C, H, W] whose disparities lie between first and last."""
+    """`AxisSpectrum.noise` of a light field [V, U, C, H, W] whose disparities lie between first and last."""
     light = cost_volume.grey_views(field, aperture)
     noise = cost_volume.noise(light, matching.slopes_between(first, last))
     # Noise of the channels is independent, and their mean has less of it.
