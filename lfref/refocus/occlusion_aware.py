@@ -5,8 +5,8 @@ that (`separable_wiener`). Near focus, views are aliased and hide different thin
 disparities of a block tell these apart (`block_filters`). In planes at whole slopes, where shifts read no view between
 its pixels, the median of both and of shift-and-sum through cells is the picture: each is wrong somewhere there, seldom
 two together.
-Where views lie far apart, both confuse light at different disparities, and the picture is bounded by what the views
-show (`bounded_by_views`); where they move too far (`exceeds_layers`), shift-and-sum through cells makes it.
+Where views lie far apart, filters of rows and columns confuse light at different disparities. Near focus, those of all
+views together (`wiener`) take their place, and the picture is bounded by what the views show (`bounded_by_views`).
 Letters: `s` slope, `d` disparity in pixels per view step, `N` planes.
 """
 
@@ -15,20 +15,26 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import memory
+from lfref.functional import memory, neighbours
 from lfref.geometry import Slopes
 from lfref.refocus import batches, block_filters, separable_wiener
-from lfref.refocus.disparity import cost_volume, matching
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import disparity_layers
-from lfref.refocus.fourier.disparity_layers import bounded_by_views
+from lfref.refocus.fourier.disparity_layers import CONFUSABLE, Energies, bounded_by_views
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.wiener import wiener
+from lfref.refocus.wiener_filters import prior_of_map
 
 WHOLE = 0.1
 """Distance of a slope from a whole number within which the median fades in."""
-NOISE = 3.0
-"""Variance of the noise over what is measured, between samples, where interpolation averages half of it out. By trial:
-1.5 leaves .15 dB on sim30 with noise of .02."""
+AWAY, FADE = 1.7, 0.6
+"""Distance of a plane from all disparities around, in pixels per view step, from which filters of rows and columns are
+better in wide ranges too, and the range before it over which they fade in. By trial on the scene `deep` of sim30 and on
+`sim30.WIDE`: with 1.3 one plane is 4 dB below shift-and-sum through cells, with 2 the mean falls by .1 dB."""
+RARE = 0.02
+"""Share of the light at either end of a range that does not make it wide: gloss, highlights, and errors."""
+AROUND = 17
+"""Side of the square around a pixel whose disparities count, in pixels."""
 
 
 def occlusion_aware(
@@ -63,7 +69,7 @@ def occlusion_aware_parts(
 ) -> Tensor:
     """The stack of `occlusion_aware`, and the pictures by filters for all disparities.
 
-    Arguments and errors are those of `occlusion_aware`. Where shift-and-sum through cells made the stack, it is both.
+    Arguments and errors are those of `occlusion_aware`.
 
     Returns:
         Stack, and pictures for all disparities, side by side as channels, [..., N, 2 C, H, W].
@@ -80,30 +86,36 @@ def occlusion_aware_parts(
         field = batches.radiance(typed)
         memory.trim_for(field)
         energies = disparity_layers.estimate_energies(field, separable_wiener.N_LAYERS, aperture)
-        if disparity_layers.exceeds_layers(energies, field, aperture):
-            cells = shift_and_sum_through_cells(field, planes, aperture)
-            stacks.append(torch.cat([cells] * 2, 1))
-            continue
-        first, *_, last = energies.disparities.tolist()
         disparity = coarse_disparity(field) if known_disparity is None else known_disparity.to(field)
         memory.trim_for(field)
-        noise = noise_share(field, aperture, first, last)
+        noise = separable_wiener.noise_share(field, aperture, energies)
         prior = separable_wiener.finer(energies)
         everywhere = separable_wiener.refocus_by_rows_and_columns(field, planes, prior, aperture, noise)
+        is_wide = _is_wide(energies)
+        if is_wide:
+            near = _nearness(disparity, planes)
+            joint = wiener(field, planes, prior_of_map(disparity)._replace(noise=noise), aperture)
+            everywhere = everywhere + near * (joint - everywhere)
         blocks = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)
         stack = everywhere + blocks.nearness * (blocks.stack - everywhere)
         stack = _median_at_whole_slopes(stack, everywhere, field, planes, aperture)
-        stacks.append(torch.cat([bounded_by_views(stack, field, planes, energies, aperture), everywhere], 1))
+        if is_wide:
+            stack = stack + near * (bounded_by_views(stack, field, planes, energies, aperture) - stack)
+        stacks.append(torch.cat([stack, everywhere], 1))
     return batches.restored(torch.stack(stacks), views)
 
 
-def noise_share(field: Tensor, aperture: Tensor, first: float, last: float) -> float:
-    """`AxisSpectrum.noise` of a light field [V, U, C, H, W] whose disparities lie between first and last."""
-    light = cost_volume.grey_views(field, aperture)
-    noise = cost_volume.noise(light, matching.slopes_between(first, last))
-    # Noise of the channels is independent, and their mean has less of it.
-    noisy, variance = NOISE * field.shape[2] * noise**2, float(light.central.var())
-    return noisy / max(variance - noise**2, noisy, torch.finfo(torch.float32).tiny)
+def _is_wide(energies: Energies) -> bool:
+    """Whether the range of all but rare disparities makes layers confuse light."""
+    below = energies.shares.cumsum(0)
+    common = energies.disparities[(below >= RARE) & (below - energies.shares <= 1 - RARE)]
+    return float(common[-1] - common[0]) > CONFUSABLE
+
+
+def _nearness(disparity: Tensor, planes: Tensor) -> Tensor:
+    """1 where a disparity [H, W] around a pixel is near that of a plane, 0 where all are `AWAY`, [N, 1, H, W]."""
+    distance = (disparity.detach() - planes.to(disparity)[:, None, None, None]).abs()
+    return neighbours.box_max(((AWAY - distance) / FADE).clamp(0, 1), AROUND)
 
 
 def _median_at_whole_slopes(

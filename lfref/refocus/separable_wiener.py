@@ -1,8 +1,8 @@
 """Separable Wiener refocusing: the photograph of a whole aperture, by one filter for each view row and view column.
 
 `wiener` solves for filters of all views together. Here each axis has its own (`axis_filters`), and their products serve
-the views: the sum is that of exact refocusing, `filter_and_sum`, with other factors. Energies of
-disparities, as the spectra of the views show them (`estimate_energies`), are the prior.
+the views: the sum is that of exact refocusing, `filter_and_sum`, with other factors. What the filters are solved for,
+the energies of the disparities (`estimate_energies`) and the noise (`noise_share`), the views show themselves.
 An aperture that is no product of a row and a column, such as a disc, is a sum of few such products.
 Letters: `N` planes, `V U` view rows and columns, `D` disparities, `s` slope, `d` disparity in pixels per view step.
 """
@@ -14,15 +14,15 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import memory
+from lfref.functional import memory, neighbours
 from lfref.geometry import Slopes
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
+from lfref.refocus.disparity import cost_volume, matching
 from lfref.refocus.fourier import disparity_layers, layer_mixing
 from lfref.refocus.fourier.disparity_layers import Energies, bounded_by_views
 from lfref.refocus.fourier.exact import filter_and_sum
 from lfref.refocus.fourier.layer_mixing import Frame
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 
 SPECTRUM = AxisSpectrum(aliased=0.3, unexplained=0.002)
 """By trial on both versions of sim30. From .0003 to .01 of unexplained power, the mean of a scene
@@ -35,6 +35,8 @@ FAINT = 1e-4
 """Share of an aperture that is left out, of the largest of the products that it is the sum of."""
 N_LAYERS = 12
 """Number of disparities whose energies are estimated, at least."""
+NOISE = 4.0
+"""Variance of the noise over what detail shows of it, between samples, where interpolation averages some of it out."""
 
 
 class Term(NamedTuple):
@@ -52,7 +54,7 @@ def separable_wiener(
     """Refocus light fields as a lens with the whole aperture would, by filters of rows and columns.
 
     Linear in the views where disparities are given; where they are estimated, derivatives leave that out. Estimated
-    wide ranges bound the picture by what the views show, or `shift_and_sum_through_cells` makes it, as for layers.
+    wide ranges bound the picture by what the views show, as for layers.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
@@ -85,10 +87,8 @@ def separable_wiener(
             stacks.append(refocus_by_rows_and_columns(field, planes, prior, aperture))
             continue
         energies = disparity_layers.estimate_energies(field, N_LAYERS, aperture)
-        if disparity_layers.exceeds_layers(energies, field, aperture):
-            stacks.append(shift_and_sum_through_cells(field, planes, aperture))
-            continue
-        stack = refocus_by_rows_and_columns(field, planes, finer(energies), aperture)
+        noise = noise_share(field, aperture, energies)
+        stack = refocus_by_rows_and_columns(field, planes, finer(energies), aperture, noise)
         stacks.append(bounded_by_views(stack, field, planes, energies, aperture))
     return batches.restored(torch.stack(stacks), views)
 
@@ -128,6 +128,21 @@ def refocus_by_rows_and_columns(
         periods = filter_and_sum(field[None], torch.fft.fft(rows), torch.fft.rfft(columns), even, frame.extend)[0]
         stack = stack + _inside(periods, frame)
     return stack
+
+
+def noise_share(field: Tensor, aperture: Tensor, energies: Energies) -> float:
+    """`AxisSpectrum.noise` of a light field [V, U, C, H, W], by what distinguishes views that show the same."""
+    if int((aperture > 0).sum()) < 2:
+        return 0.0
+    light = cost_volume.grey_views(field, aperture)
+    variance, samples = float(light.central.var()), torch.from_numpy(light.samples)
+    # Gloss differs from view to view as noise does, but hardly from pixel to pixel: detail has little of it.
+    samples -= neighbours.binomial(samples)
+    slopes = matching.slopes_between(float(energies.disparities[0]), float(energies.disparities[-1]))
+    noise = cost_volume.noise(light, slopes)
+    # Noise of the channels is independent, and their mean has less of it.
+    noisy = NOISE * field.shape[2] * noise**2
+    return noisy / max(variance - noise**2, noisy, torch.finfo(torch.float32).tiny)
 
 
 def finer(energies: Energies) -> Energies:

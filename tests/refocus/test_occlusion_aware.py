@@ -1,7 +1,5 @@
 """Filters for all disparities and for those of blocks together: far from focus the ones, near it the others."""
 
-import dataclasses
-import functools
 from unittest import mock
 
 import pytest
@@ -10,30 +8,14 @@ import torch
 from lfref.errors import InputError
 from lfref.refocus import occlusion_aware as module
 from lfref.refocus.disparity.disparity_map import disparity_map
+from lfref.refocus.fourier.disparity_layers import Energies
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.occlusion_aware import noise_share, occlusion_aware, occlusion_aware_parts
+from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
-
-SLOPES = [-3.0, -1.0, -0.6, 0.0, 0.4]
-"""Of the truth: wide blur, and planes at and between the surfaces of the scenes."""
-
-
-@functools.cache
-def scene(name):
-    """Views and truth [N, C, H, W] of the middle of a scene of sim30."""
-    whole = sim30.SCENES[name]
-    cropped = dataclasses.replace(whole, camera=dataclasses.replace(whole.camera, size=(80, 96)))
-    made = simulate(cropped, outputs=["views", "truth"], slopes=SLOPES)
-    return made.views, made.truth
-
-
-def psnr(stack, truth, margin=12):
-    """Of each plane, [N]."""
-    inner = (..., slice(margin, -margin), slice(margin, -margin))
-    return -10 * (stack - truth)[inner].square().mean((1, 2, 3)).log10()
+from tests.refocus.lens_scenes import SLOPES, psnr, scene
 
 
 @pytest.mark.parametrize("name", ["edge", "discs"])
@@ -53,7 +35,22 @@ def test_wide_baselines_are_no_worse_than_a_sum_through_cells():
     assert float(gain.mean()) > 1
 
 
-@pytest.mark.parametrize(("name", "gain"), [("discs", 2), ("leaves", 1.5)])
+def test_near_focus_in_a_wide_range_filters_of_all_views_together_help():
+    views, truth = scene("deep")
+    ours, cells = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, shift_and_sum_through_cells))
+    with mock.patch.object(module, "_is_wide", return_value=False):
+        blind = psnr(occlusion_aware(views, SLOPES), truth)
+    for other in (cells, blind):
+        assert float((ours - other)[SLOPES.index(0.4)]) > 2
+
+
+def test_rare_disparities_make_no_wide_range():
+    disparities = torch.tensor([-4.0, -1.0, 0.0, 1.0, 4.0]).double()
+    for shares, is_wide in (([0.01, 0.3, 0.38, 0.3, 0.01], False), ([0.3, 0.1, 0.2, 0.39, 0.01], True)):
+        assert module._is_wide(Energies(disparities, torch.tensor(shares).double())) == is_wide
+
+
+@pytest.mark.parametrize(("name", "gain"), [("discs", 2), ("leaves", 1.3)])
 def test_blocks_help_near_focus(name, gain):
     views, truth = scene(name)
     ours, everywhere = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, separable_wiener))
@@ -101,8 +98,7 @@ def test_parts_are_the_stack_and_what_it_is_made_of():
     views = scene("discs")[0]
     stack, everywhere = occlusion_aware_parts(views, SLOPES).split(3, 1)
     assert torch.equal(stack, occlusion_aware(views, SLOPES))
-    # It measures the noise, and `separable_wiener` does not.
-    torch.testing.assert_close(everywhere, separable_wiener(views, SLOPES), atol=3e-3, rtol=0)
+    torch.testing.assert_close(everywhere, separable_wiener(views, SLOPES))
     torch.testing.assert_close(
         occlusion_aware_parts(torch.stack([views, views.flip(-1)]), SLOPES[:2])[0, :, :3], stack[:2]
     )
@@ -160,19 +156,6 @@ def test_known_disparities_may_have_another_type():
     known = disparity_map(views).disparity
     stack = occlusion_aware(views, [0.2], disparities=known.double())
     torch.testing.assert_close(stack, occlusion_aware(views, [0.2], disparities=known))
-
-
-def test_noise_is_measured_and_helps():
-    views, truth = scene("discs")
-    noisy = views + 0.03 * torch.randn(views.shape, generator=torch.Generator().manual_seed(3))
-    full = torch.full((7, 7), 1 / 49)
-    assert noise_share(views, full, -0.6, 0.5) < 1e-3
-    share = noise_share(noisy, full, -0.6, 0.5)
-    assert share == pytest.approx(0.03**2 / float(views.mean(2)[3, 3].var()), rel=1)
-    ours = psnr(occlusion_aware(noisy, SLOPES), truth)
-    with mock.patch.object(module, "noise_share", return_value=0.0):
-        blind = psnr(occlusion_aware(noisy, SLOPES), truth)
-    assert float((ours - blind)[1:].mean()) > 1
 
 
 @pytest.mark.parametrize("wrong", [torch.zeros(3, 4), torch.full((80, 96), torch.nan)])

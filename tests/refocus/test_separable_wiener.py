@@ -1,7 +1,7 @@
 """Separable Wiener refocusing: its sums written out, apertures as products, and nearer the truth than other sums."""
 
 import dataclasses
-import functools
+from unittest import mock
 
 import pytest
 import torch
@@ -11,27 +11,12 @@ from lfref.errors import InputError
 from lfref.refocus import apertures, axis_filters
 from lfref.refocus import separable_wiener as module
 from lfref.refocus.fourier.disparity_layers import Energies, refocus_by_layers
-from lfref.refocus.separable_wiener import finer, products, separable_wiener
+from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.separable_wiener import finer, noise_share, products, separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
-
-SLOPES = [-3.0, -1.0, -0.6, 0.0, 0.4]
-
-
-@functools.cache
-def scene(name):
-    """Views and truth [N, C, H, W] of the middle of a scene of sim30."""
-    whole = sim30.SCENES[name]
-    cropped = dataclasses.replace(whole, camera=dataclasses.replace(whole.camera, size=(80, 96)))
-    made = simulate(cropped, outputs=["views", "truth"], slopes=SLOPES)
-    return made.views, made.truth
-
-
-def psnr(stack, truth, margin=12):
-    """Of each plane, [N]."""
-    inner = (..., slice(margin, -margin), slice(margin, -margin))
-    return -10 * (stack - truth)[inner].square().mean((1, 2, 3)).log10()
+from tests.refocus.lens_scenes import SLOPES, psnr, scene
 
 
 def test_is_the_sum_of_filtered_views_written_out():
@@ -116,6 +101,27 @@ def test_energies_are_spread_between_layers():
 def test_a_constant_field_stays_constant(grid):
     stack = separable_wiener(torch.full((*grid, 3, 30, 31), 0.7), [-2.0, 0.0, 0.5])
     torch.testing.assert_close(stack, torch.full_like(stack, 0.7), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("operator", [separable_wiener, occlusion_aware])
+def test_noise_is_measured_and_helps(operator):
+    views, truth = scene("discs")
+    noisy = views + 0.03 * torch.randn(views.shape, generator=torch.Generator().manual_seed(3))
+    full, energies = torch.full((7, 7), 1 / 49), Energies(torch.tensor([-0.6, 0.5]).double(), torch.full((2,), 0.5))
+    assert noise_share(views, full, energies) < 1e-3
+    share = noise_share(noisy, full, energies)
+    assert share == pytest.approx(0.03**2 / float(views.mean(2)[3, 3].var()), rel=1)
+    ours = psnr(operator(noisy, SLOPES), truth)
+    with mock.patch.object(module, "noise_share", return_value=0.0):
+        blind = psnr(operator(noisy, SLOPES), truth)
+    assert float((ours - blind).mean()) > 1
+
+
+def test_a_single_view_shows_no_noise():
+    pinhole = torch.zeros(3, 3)
+    pinhole[1, 1] = 1.0
+    energies = Energies(torch.tensor([-0.6, 0.5]).double(), torch.full((2,), 0.5))
+    assert noise_share(torch.rand(3, 3, 1, 20, 20), pinhole, energies) == 0
 
 
 def test_wide_baselines_are_no_worse_than_a_sum_through_cells():

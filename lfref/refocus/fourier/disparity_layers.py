@@ -24,8 +24,6 @@ Sources: Le Pendu, Guillemot, Smolic, "A Fourier Disparity Layer Representation 
 """
 
 import dataclasses
-import functools
-import logging
 import math
 from typing import NamedTuple
 
@@ -42,9 +40,7 @@ from lfref.refocus.focus.slope_range import DisparityRange
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.exact import filter_and_sum, frequencies, half_frequencies, shift_phases
 from lfref.refocus.fourier.layer_mixing import Frame
-from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum, shift_and_sum_through_cells, wide_range
-
-log = logging.getLogger(__name__)
+from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum, wide_range
 
 RIDGE = 1e-3
 """Power of noise, and of all that is no layer, in the mean view, as a share of its power."""
@@ -59,9 +55,6 @@ CONFUSABLE = 2.5
 RANGES, SHARES_OF_SPREAD = (5.0, 7.0), (0.15, 0.025)
 """Largest difference of such a picture from the sum of its views, in standard deviations of the views, at two ranges of
 disparities; between them in proportion. By trial, on the scenes `deep` and `apple` of sim30, and `sim30.WIDE`."""
-FARTHEST = 0.25
-"""Largest shift of the corner views that layers fit, as a share of the shorter side: beyond it, layers are fitted
-mostly to what lies outside of the views, and a sum of the views is better."""
 MOST_LAYERS = 96
 """Largest number of layers that a wide range gets: each layer needs the memory of a picture."""
 STEP = 0.25
@@ -297,9 +290,8 @@ def refocus_by_layers(
 ) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, by Fourier disparity layers.
 
-    Linear in the views where disparities are given; where they are estimated, derivatives leave that out. Where
-    estimated disparities move the corner views by over a quarter of the shorter side, `shift_and_sum_through_cells`
-    makes the picture instead.
+    Linear in the views where disparities are given; where they are estimated, derivatives leave that out. Estimated
+    wide ranges bound the picture by what the views show (`bounded_by_views`).
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
@@ -330,35 +322,11 @@ def refocus_by_layers(
     for field in batch:  # each has its own layers
         radiance = batches.radiance(field)
         energies = _energies(radiance, disparities, n_layers, aperture)
-        # Sums through cells have this fill and no period, and ignore given disparities.
+        # The bound is no linear function of the views, and its sums have no period.
         is_free = disparities is None and fill == 1 and border == "edge"
-        if is_free and exceeds_layers(energies, radiance, aperture):
-            stacks.append(shift_and_sum_through_cells(radiance, planes, aperture))
-            continue
         stack = refocus_by_energies(radiance, planes, energies, aperture, ridge, width, border)
         stacks.append(bounded_by_views(stack, radiance, planes, energies, aperture) if is_free else stack)
     return batches.restored(torch.stack(stacks), views)
-
-
-def exceeds_layers(energies: Energies, field: Tensor, aperture: Tensor) -> bool:
-    """Whether the scene's disparities move the corner views too far for layers; the log says so once."""
-    grid, size = batches.grid_and_size(field)
-    if geometry.corner_shift(energies.disparities, grid) <= FARTHEST * min(size):
-        return False
-    # Spectra of noise hold light at all disparities: the views themselves must move that far.
-    known = wide_range(field, aperture)
-    if known is None or geometry.corner_shift(torch.tensor([known.low, known.high]), grid) <= FARTHEST * min(size):
-        return False
-    _warn_of_far_views()
-    return True
-
-
-@functools.cache
-def _warn_of_far_views() -> None:
-    log.warning(
-        "layers do not fit views that move by over %.0f%% of their shorter side: shift-and-sum through cells is used",
-        100 * FARTHEST,
-    )
 
 
 def bounded_by_views(stack: Tensor, field: Tensor, planes: Tensor, energies: Energies, aperture: Tensor) -> Tensor:

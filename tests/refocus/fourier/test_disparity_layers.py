@@ -11,7 +11,6 @@ from lfref.refocus import apertures, batches
 from lfref.refocus.fourier import disparity_layers as module
 from lfref.refocus.fourier.disparity_layers import disparity_layers, estimate_energies, refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from tests.refocus.conftest import dirichlet, shifted_views, texture
 
 DISPARITIES = [-1.0, 0.25, 1.0]
@@ -182,18 +181,6 @@ def test_wide_ranges_are_found_and_their_layers_lie_close():
     assert -2.1 - 0.65 <= made.disparities[0] <= -2.1
     assert 7.3 <= made.disparities[-1] <= 7.3 + 0.65
     assert float(made.disparities.diff().max()) * 2 <= module.SPACING  # the outermost views are two steps away
-
-
-def test_layers_that_do_not_fit_give_way_to_sums_through_cells(caplog):
-    module._warn_of_far_views.cache_clear()
-    views = shifted_views(texture(1, 64, 72), 9.0, (5, 5))  # corners move by 18 of 64 pixels
-    for _ in range(2):
-        made = refocus_by_layers(views, [8.0, 9.0])
-        assert torch.equal(made, shift_and_sum_through_cells(views, [8.0, 9.0]))
-    assert [record.getMessage() for record in caplog.records] == [
-        "layers do not fit views that move by over 25% of their shorter side: shift-and-sum through cells is used"
-    ]
-    assert not torch.equal(refocus_by_layers(views, [8.0], disparities=[9.0]), made[:1])
 
 
 def test_most_of_the_light_is_at_the_layers_next_to_the_disparities():
