@@ -135,9 +135,10 @@ def noise_share(field: Tensor, aperture: Tensor, energies: Energies) -> float:
     if int((aperture > 0).sum()) < 2:
         return 0.0
     light = cost_volume.grey_views(field, aperture)
-    variance, samples = float(light.central.var()), torch.from_numpy(light.samples)
+    variance = float(light.central.var())
     # Gloss differs from view to view as noise does, but hardly from pixel to pixel: detail has little of it.
-    samples -= neighbours.binomial(samples)
+    for view in torch.from_numpy(light.samples):  # one by one: the mean takes copies
+        view -= neighbours.binomial(view)
     slopes = matching.slopes_between(float(energies.disparities[0]), float(energies.disparities[-1]))
     noise = cost_volume.noise(light, slopes)
     # Noise of the channels is independent, and their mean has less of it.

@@ -218,8 +218,7 @@ def refiner_inputs(
     aperture = views.new_ones(light.grid) if base.aperture is None else base.aperture(light.grid)
     n_views = float(aperture.sum().square() / aperture.square().sum())  # equal views that average noise as much
 
-    # A method that is one of the two sums is measured by the other; where views move too far, that of cells.
-    is_by_surface = base.function in BY_SURFACE and not torch.equal(pictures, cells)
+    # A method that is one of the two sums is measured by the other.
     measures = [stack for stack in (sums, cells) if not torch.equal(pictures, stack)] or [sums, cells]
 
     n_at_once = n_at_once or len(slopes)
@@ -265,7 +264,7 @@ def refiner_inputs(
             "error_scale": unit.log10() / 2 + 1.5,
             "noise": (noise + BLACK).log10() / 2 + 1.5,
         }
-        if is_by_surface:
+        if base.function in BY_SURFACE:
             low, high = ranges[-1]
             focus = slopes[part].to(disparity)[:, None, None, None]
             distance = torch.maximum(low - focus, focus - high)
