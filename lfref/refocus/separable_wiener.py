@@ -1,8 +1,8 @@
 """Separable Wiener refocusing: the photograph of a whole aperture, by one filter for each view row and view column.
 
 `wiener` solves for filters of all views together. Here each axis has its own (`axis_filters`), and their products serve
-the views: the sum is that of exact refocusing, `filter_and_sum`, with other factors. What the filters are solved for,
-the energies of the disparities (`estimate_energies`) and the noise (`noise_share`), the views show themselves.
+the views: the sum is that of exact refocusing, `filter_and_sum`, with other factors. The filters are solved for the
+energies of the disparities (`estimate_energies`) and the noise (`noise_share`) that are found in the views.
 An aperture that is no product of a row and a column, such as a disc, is a sum of few such products.
 Letters: `N` planes, `V U` view rows and columns, `D` disparities, `s` slope, `d` disparity in pixels per view step.
 """
