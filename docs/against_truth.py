@@ -18,7 +18,7 @@ import lfref
 from lfref.bench.evaluation import IDEAL
 from lfref.bench.timing import FFT
 from lfref.report import accuracy_time as accuracy_time_plot
-from lfref.report import bench_plots, drawing, tables
+from lfref.report import bench_plots, disparity_colours, tables
 from lfref.simulator import sim30
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "figures"
@@ -73,7 +73,8 @@ def disparity() -> Figure:
         ("disparity_map", estimate.disparity),
         ("truth", truth),
     ]
-    return sheets.sheet(cells, bar="disparity, px per view step", vmin=scenes.FAR, vmax=scenes.NEAR, cmap=drawing.MAP)
+    style = {"vmin": scenes.FAR, "vmax": scenes.NEAR, "cmap": disparity_colours.MAP}
+    return sheets.sheet(cells, bar="disparity, px per view step", **style)
 
 
 PLOTS: dict[str, tuple[Path, Callable[[], Figure]]] = {

@@ -88,8 +88,14 @@ def photograph(page: Path) -> None:
 
 
 def picture() -> Figure:
-    """The picture of the page."""
-    return drawing.new_sheet(images.read_image(RUN / "page.png")[..., :3])
+    """The picture of the page, in its own pixels."""
+    pixels = images.read_image(RUN / "page.png")[..., :3]
+    height, width = (side / drawing.PNG["dpi"] for side in pixels.shape[:2])
+    figure = drawing.new_figure(width, height)
+    figure.set_dpi(drawing.PNG["dpi"])
+    figure.set_layout_engine("none")
+    figure.figimage(pixels)
+    return figure
 
 
 def browsing() -> Iterator[str]:

@@ -238,10 +238,10 @@ def capture(path: Path, folder: Path) -> None:
     gain = pictures.common_exposure(field.views.mean((0, 1)))
     sweep = pictures.contact_sheet(stack[::2], [sheets.at(slope) for slope in slopes[::2].tolist()], gain)
     image, index, confidence = lfref.all_in_focus(stack)
-    drawing.save_figure(sweep, folder / "focal_sweep.png")
+    images.write_image(folder / "focal_sweep.png", sweep)
     images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
-    figure = results.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
-    drawing.save_figure(figure, folder / "focus_index.png")
+    focus = results.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
+    images.write_image(folder / "focus_index.png", focus)
 
 
 def _along_the_page(views: Tensor) -> Tensor:

@@ -86,8 +86,9 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure, all or nothing, as its suffix says: `.jpg` or `.png`."""
     with atomic.replacing(path) as temporary:
-        options = drawing.save_options(figure)
-        figure.savefig(temporary, **(options | JPEG if path.suffix == ".jpg" else options))
+        options = drawing.PNG | (JPEG if path.suffix == ".jpg" else {})
+        # A picture in its own pixels has no axes, and is not cut.
+        figure.savefig(temporary, **(options if figure.axes else options | {"bbox_inches": None}))
         if path.suffix == ".png" and not any(axes.images for axes in figure.axes):
             # Lines and letters have few colours: a palette takes a third of the bytes.
             with Image.open(temporary) as drawn:

@@ -1,5 +1,6 @@
 """What is installed from a wheel or a source distribution works from anywhere, without the checkout."""
 
+import email
 import os
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from markdown_it import MarkdownIt
 
 import lfref
 from tests.conftest import ROOT
@@ -77,6 +79,34 @@ def test_the_wheel_of_the_source_distribution_is_that_of_the_checkout(built):
         for name in ("wheel", "wheel of the source")
     )
     assert theirs == ours
+
+
+def page_links(text: str) -> list[str]:
+    """Targets of the links and pictures of a page of Markdown, as an index renders it."""
+    tokens = [child for token in MarkdownIt().parse(text) for child in token.children or []]
+    names = {"link_open": "href", "image": "src"}
+    return [str(token.attrs[names[token.type]]) for token in tokens if token.type in names]
+
+
+def test_links_of_the_page_on_the_index_lead_to_files_of_this_version(tmp_path):
+    address = "https://code.example/owner/lfref"
+    env = PLAIN | {"LFREF_REPOSITORY": address}
+    words = [sys.executable, "-m", "build", "--no-isolation", "--wheel", ROOT, "--outdir", tmp_path]
+    subprocess.run(words, env=env, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        metadata = email.message_from_string(archive.read(name).decode())
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    assert f"Source, {address}" in metadata.get_all("Project-URL")
+    links = page_links(metadata.get_payload())
+    originals = page_links((ROOT / "README.md").read_text("utf-8"))
+    assert len(links) == len(originals) > 16
+    for link, original in zip(links, originals, strict=True):
+        target, _, anchor = original.partition("#")
+        assert (ROOT / target).is_file()
+        view = "raw" if target.startswith("docs/pictures/") else "blob"
+        assert link == f"{address}/{view}/v{lfref.__version__}/{target}" + (f"#{anchor}" if anchor else "")
 
 
 def test_what_is_installed_finds_its_version_and_sweeps(command, tmp_path):

@@ -129,8 +129,10 @@ def _reduce(planes: NDArray, factor: int, limits: NDArray, means: NDArray) -> No
     for n in range(len(planes)):
         for row in range(means.shape[1]):
             # First along columns, a whole row at a time: these loops run on vectors.
-            total[:] = planes[n, row * factor, :used]
-            largest[:] = total
+            # (An assignment of whole arrays would take one and a half seconds to compile.)
+            line = planes[n, row * factor, :used]
+            for x in range(used):
+                total[x] = largest[x] = line[x]
             for f in range(1, factor):
                 line = planes[n, row * factor + f, :used]
                 for x in range(used):

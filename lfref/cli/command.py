@@ -1,20 +1,19 @@
 """Parts of all commands: Hydra around a function, one line for a user's mistake, a run folder with its config."""
 
 import functools
+import itertools
 import logging
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from lfref.cli import composition, parts, resume
 from lfref.cli import config as configs
@@ -23,11 +22,13 @@ from lfref.cli.run_folder import is_first_process, marked
 from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
 Task = Callable[[DictConfig, Path], None]
 Prepare = Callable[[DictConfig, Path], bool]
 Item = TypeVar("Item")
 
-console = Console(stderr=True)
 log = logging.getLogger("lfref")
 
 
@@ -81,40 +82,44 @@ def command(
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
-    """Return items one by one under a progress bar; `total` is needed for items without a length."""
-    with _bar(TimeRemainingColumn()) as bar:
-        yield from bar.track(items, total=total, description=what)
+    """Return items one by one, under a progress bar on a terminal; `total` is needed for items without a length."""
+    with _bar() as bar:
+        yield from items if bar is None else bar.track(items, total=total, description=what)
 
 
 @contextmanager
 def stages(name: str, number: int) -> Iterator[Callable[[str], None]]:
     """A progress bar of the stages of one light field, on a terminal; yields the function that begins a stage."""
-    with _bar(TimeElapsedColumn(), is_shown=console.is_terminal, transient=True) as bar:
-        task = bar.add_task(name, total=number)
-        n_begun = 0
+    with _bar(counts_down=False, transient=True) as bar:
+        n_begun = itertools.count()
+        task = None if bar is None else bar.add_task(name, total=number)
 
         def begin(stage: str) -> None:
-            nonlocal n_begun
-            bar.update(task, description=f"{name}: {stage}", completed=n_begun, refresh=True)
-            n_begun += 1
+            if bar is not None and task is not None:
+                bar.update(task, description=f"{name}: {stage}", completed=next(n_begun), refresh=True)
 
         yield begin
 
 
 @contextmanager
-def _bar(
-    clock: TimeElapsedColumn | TimeRemainingColumn, is_shown: bool = True, transient: bool = False
-) -> Iterator[Progress]:
-    """A progress bar; on a terminal, the lines of the log stand above it."""
+def _bar(counts_down: bool = True, transient: bool = False) -> Iterator["Progress | None"]:
+    """A progress bar below the lines of the log; None if there is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console  # a bar is all that it is for: files and pipes do not wait for it
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console, clock = Console(stderr=True), TimeRemainingColumn() if counts_down else TimeElapsedColumn()
 
     def make_room(_: logging.LogRecord) -> bool:
         console.file.write("\r\x1b[2K")  # erases the bar, which is drawn again below the line
         console.file.flush()
         return True
 
-    handlers = logging.getLogger().handlers if is_shown and console.is_terminal else []
+    handlers = logging.getLogger().handlers
     columns = TextColumn("{task.description}"), BarColumn(), clock
-    with Progress(*columns, console=console, disable=not is_shown, transient=transient) as bar:
+    with Progress(*columns, console=console, transient=transient) as bar:
         for handler in handlers:
             handler.addFilter(make_room)
         try:

@@ -15,7 +15,7 @@ from lfref.data.label_sources import Labels
 from lfref.errors import InputError, counted
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import drawing, pictures, plots, tables
+from lfref.report import comparison, drawing, plots, tables
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
@@ -35,7 +35,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         labels = {name: source(field) for name, source in references.items()}
         rows += accuracy.plane_rows(field.name, stacks, labels, planes)
         shown = stacks | {f"label: {name}": label for name, label in labels.items()}
-        figure = pictures.comparison(shown, planes, field.views.mean(dim=(0, 1)))
+        figure = comparison.comparison(shown, planes, field.views.mean(dim=(0, 1)))
         drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
     table = pd.DataFrame(rows)
     summary = accuracy.summaries(table)

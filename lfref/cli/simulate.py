@@ -14,7 +14,7 @@ from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.lightfield import LightField
-from lfref.report import drawing, pictures
+from lfref.report import pictures
 from lfref.simulator import planner
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Scenes
@@ -75,7 +75,7 @@ def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes
     if simulated.truth is not None:
         write.write_stack(folder / "truth" / f"{scene.name}.exr", simulated.truth, planes)
         cells |= pictures.plane_cells(developed(simulated.truth, scene.sensor), planes)
-    drawing.save_figure(pictures.views_sheet(cells), folder / "contact_sheets" / f"{scene.name}.png")
+    images.write_image(folder / "contact_sheets" / f"{scene.name}.png", pictures.views_sheet(cells))
 
 
 main = command(simulate)

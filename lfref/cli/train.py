@@ -1,6 +1,7 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
 import functools
+import importlib
 import signal
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import LightningDataModule, Trainer, seed_everything
 from omegaconf import DictConfig
 
+from lfref import extras
 from lfref.cli import config as configs
 from lfref.cli import resume
 from lfref.cli.command import command, log, quiet_libraries
@@ -134,6 +136,9 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
 
 def _loggers(config: DictConfig) -> list[Any]:
     """The loggers; each has logged the whole configuration."""
+    if "tensorboard" in config.logger:  # Lightning would fail later, and say less
+        with extras.needed("logger=tensorboard"):
+            importlib.import_module("tensorboard")
     loggers = [configs.build(logger) for logger in config.logger.values()]
     try:
         for logger in loggers:

@@ -108,6 +108,7 @@ def keep_safely(kept: Any, stamp: str) -> None:
                 return pickle.loads(contents[3])
         except Exception as error:
             warn_once(f"machine code in {kept._cache_path} is damaged and is compiled anew ({error!r})")
+        announce()
         return None
 
     def save_own(key: Any, data: Any) -> None:
@@ -118,6 +119,12 @@ def keep_safely(kept: Any, stamp: str) -> None:
             warn_once(f"machine code cannot be kept in {kept._cache_path} ({error.strerror}): each start compiles anew")
 
     kept._load_index, kept.load, kept.save = load_whole_index, load_own, save_own
+
+
+@functools.cache
+def announce() -> None:
+    """Log, once, why the first run takes long."""
+    log.info("compiling loops for this processor: once, for some seconds")
 
 
 def warn_once(message: str) -> None:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfref import extras
 from lfref.errors import FileError, InputError, LfrefError, first_line
 from lfref.io import atomic, lengths, scratch
 from lfref.io.options import ReadOptions
@@ -94,7 +95,8 @@ def _open_mat_73(path: Path) -> Iterator[list[StoredArray]]:
 
 @contextmanager
 def _open_hdf5(path: Path) -> Iterator[list[StoredArray]]:
-    import h5py
+    with extras.needed("a file of HDF5"):
+        import h5py
 
     arrays: list[StoredArray] = []
 

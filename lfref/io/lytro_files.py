@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfref import extras
 from lfref.errors import FileError, first_line
 from lfref.io import atomic, images
 
@@ -371,7 +372,8 @@ def _decoded_jpeg(data: bytes, path: Path) -> NDArray[np.uint8]:
 
 def _decoded_video(data: bytes, path: Path) -> list[NDArray[np.uint8]]:
     """The pictures of an H.264 stream without a container, as version 2 of Lytro Desktop stores them."""
-    import av  # takes a third of a second to import
+    with extras.needed(path.name):
+        import av  # takes a third of a second to import
 
     try:
         with av.open(io.BytesIO(data), "r", format="h264") as stream:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lfref import extras
 from lfref.errors import FileError, first_line
 from lfref.io import atomic, images, lytro_files, view_folders
 
@@ -125,7 +126,8 @@ def read_struct(path: Path, name: str) -> Mapping[str, Any]:
 
         plain = io.loadmat(path, variable_names=[name], simplify_cells=True).get(name)
         return plain if isinstance(plain, dict) else {}
-    import h5py
+    with extras.needed(path.name):
+        import h5py
 
     def fields(group: Any, depth: int) -> dict[str, Any]:
         # Links that are not hard links may lead to other files.

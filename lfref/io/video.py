@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfref import extras
 from lfref.errors import FileError, InputError, counted, first_line
 from lfref.io import atomic, grid, images, lengths, ownership
 from lfref.io.options import ReadOptions
@@ -134,7 +135,8 @@ def read_frames(path: Path) -> Iterator[Frame]:
                     raise _damaged(path, reason)
                 yield picture
         return
-    import av  # takes a third of a second to import
+    with extras.needed("a film"):
+        import av  # takes a third of a second to import
 
     try:
         with av.open(str(path)) as container:
@@ -195,7 +197,8 @@ def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -> None:
-    import av  # takes a third of a second to import
+    with extras.needed(path.name):
+        import av  # takes a third of a second to import
 
     try:
         write, options = WRITERS[path.suffix.lower()]

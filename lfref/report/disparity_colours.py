@@ -6,11 +6,14 @@ This module stands apart from both: neither may show another map than the other.
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import colormaps
+import OpenImageIO
 from numpy.typing import NDArray
 
-from lfref.report import drawing
+from lfref.encoding import SRGB
+from lfref.io import images
 
+MAP = "viridis"
+"""Colour map of slopes and disparities."""
 LEAST_CONFIDENCE, GREY = 0.1, 0.5
 """Least confidence of a known disparity; below, the colours of the map fade to this grey."""
 
@@ -24,9 +27,10 @@ def ends(slopes: NDArray[np.floating], planes: Sequence[float]) -> tuple[float, 
 
 def coloured(slopes: NDArray[np.floating], low: float, high: float) -> NDArray[np.float64]:
     """Slopes in the colours of the map."""
-    positions = (slopes - low) / max(high - low, 1e-9)
-    colours: NDArray[np.float64] = colormaps[drawing.MAP](positions.clip(0, 1))[..., :3]
-    return colours
+    positions = ((slopes - low) / max(high - low, 1e-9)).clip(0, 1).astype(np.float32)
+    mapped = OpenImageIO.ImageBufAlgo.color_map(OpenImageIO.ImageBuf(positions[..., None]), 0, MAP)
+    # OpenImageIO's colours are linear light.
+    return images.encoded(np.asarray(mapped.get_pixels("float")), SRGB).astype(np.float64)
 
 
 def greyed(colours: NDArray[np.float64], confidence: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -21,8 +21,6 @@ BLUE, RED, TEAL, ORANGE, MAGENTA, CYAN = "#0077BB", "#CC3311", "#009988", "#EE77
 BLACK, GREY, PALE = "#222222", "#767676", "#DDDDDD"
 COLOURS = (BLUE, RED, TEAL, ORANGE, BLACK, CYAN, MAGENTA, GREY)
 MARKERS = ("o", "^", "s", "D", "v", "P", "X", "<", ">", "p", "h", "*")
-MAP = "viridis"
-"""Colour map of slopes and disparities."""
 PNG: dict[str, Any] = {
     "format": "png",
     "dpi": 150,
@@ -39,24 +37,10 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def new_sheet(pixels: np.ndarray) -> Figure:
-    """A figure whose file has exactly these pixels, [H, W, 3] of uint8, and the texts added to it."""
-    height, width = pixels.shape[:2]
-    figure = Figure(figsize=(width / PNG["dpi"], height / PNG["dpi"]), dpi=PNG["dpi"], facecolor="white")
-    FigureCanvasAgg(figure)
-    figure.figimage(pixels)
-    return figure
-
-
-def save_options(figure: Figure) -> dict[str, Any]:
-    """Options of `savefig`: a figure is cut to its content, a sheet is not."""
-    return PNG if figure.get_layout_engine() else {**PNG, "bbox_inches": None}
-
-
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write the figure as a PNG file, all or nothing."""
     with atomic.replacing(path) as temporary:
-        figure.savefig(temporary, **save_options(figure))
+        figure.savefig(temporary, **PNG)
 
 
 def series_style(index: int, colours: Sequence[str] = COLOURS) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from lfref.captures.inspect import Inspection
 from lfref.lightfield import LightField
-from lfref.report import drawing, pictures, tables
+from lfref.report import disparity_colours, drawing, pictures, tables
 from lfref.report.refocused import brightening
 
 
@@ -51,7 +51,7 @@ def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int], gain: 
 def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
     values, opacity = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
     low, high = inspection.slopes or (float(values.min()), float(values.max()))
-    look: dict[str, Any] = {"cmap": drawing.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
+    look: dict[str, Any] = {"cmap": disparity_colours.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
     # The map is drawn twice, first invisibly: the colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, alpha=0 * opacity, **look)
     bar = axes.figure.colorbar(shown, ax=axes, pad=0.02)

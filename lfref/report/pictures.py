@@ -1,15 +1,18 @@
-"""Pictures of light fields: methods beside each other, all planes of a stack, and the sheet of a simulated scene.
+"""Pictures of light fields: all planes of a stack, the sheet of a simulated scene, a map of slopes with its colours.
 
-Captures may be dark, so pictures have a gain. All pictures of a figure have the same gain, from the mean of all views
+Captures may be dark, so pictures have a gain. All pictures of a sheet have the same gain, from the mean of all views
 (or of all planes), so that a difference in brightness between two methods stays visible.
+Sheets are put together as pixels, and OpenImageIO draws their text: who refocuses needs no plotting library.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+import OpenImageIO
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
@@ -17,14 +20,24 @@ from lfref.encoding import SRGB, Encoding
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images
-from lfref.report import drawing, tables
+from lfref.report import disparity_colours
 
 BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
 """Value that the gain gives to this percentile of the mean picture."""
-SHEET_WIDTH, SHEET_COLUMNS = 9 * drawing.PNG["dpi"], 4
+SHEET_WIDTH, SHEET_COLUMNS = 1350, 4
 """Approximate width of a contact sheet in pixels, and its number of columns."""
-SHEET_GAP, SHEET_LINE = 14, 30
-"""Gap between two pictures of a contact sheet, and height of a line of text, in pixels."""
+SCENE_COLUMNS = 6
+"""Number of columns of the sheet of a simulated scene, which has the width of a contact sheet."""
+SHEET_GAP, SHEET_LINE = 14, 24
+"""Gap between two pictures of a sheet, and height of a line of text, in pixels."""
+LABEL_LETTERS = 28
+"""Number of letters of a label after which a line breaks in a contact sheet, and in proportion in narrower cells."""
+LABEL_SIZE, NOTE_SIZE = 18, 16
+"""Height of the letters of labels and notes, in pixels."""
+BLACK, GREY = 34, 118
+"""Brightness of labels and notes, of 255."""
+MAP_WIDTH, BAR_WIDTH, BAR_TICKS = 900, 28, 5
+"""Width of a map of slopes and of its colour bar in pixels, and number of slopes beside the bar."""
 
 
 def common_exposure(mean_image: Tensor) -> float:
@@ -62,45 +75,9 @@ def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB)
     return np.broadcast_to(shown.transpose(1, 2, 0), (*array.shape[1:], 3))
 
 
-def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Tensor) -> Figure:
-    """The paper's comparison: a row per method, a column per plane, and a middle row with the mean of all views.
-
-    Its planes are those of the least and of the greatest slope, and the one nearest to slope 0.
-
-    Args:
-        stacks: Refocused stack of each method, [N, C, H, W] in [0, 1].
-        planes: The N planes.
-        mean_image: Mean of all views, [C, H, W]; it sets the exposure of all pictures.
-
-    Raises:
-        InputError: There is no method, or a stack does not fit the planes.
-    """
-    if not stacks:
-        raise InputError("a comparison must have at least one method", got="none")
-    shown = ends_and_middle(planes)
-    middle, exposure = (len(stacks) + 1) // 2, common_exposure(mean_image)
-    cell_height = 9 / len(shown) * mean_image.shape[-2] / mean_image.shape[-1] + 0.25  # inches
-    figure = drawing.new_figure(9, max(cell_height, 0.6) * (len(stacks) + 1) + 0.3)
-    note = f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}"
-    figure.supxlabel(note, fontsize=8, color=drawing.GREY)
-    grid = figure.subplots(len(stacks) + 1, len(shown), squeeze=False)
-    for axes in grid.flat:
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(False)
-    _show(grid[middle, len(shown) // 2], "mean of all views, not refocused", for_display(mean_image, exposure))
-    for line, (name, stack) in zip(np.delete(grid, middle, axis=0), stacks.items(), strict=True):
-        if stack.ndim != 4 or len(stack) != len(planes):
-            expected = f"the stack of {name!r} must be [N, C, H, W] with N = {len(planes)}"
-            raise InputError(expected, got=tuple(stack.shape))
-        line[0].set_ylabel(tables.plot_text(name, width=22), fontsize=10)
-        for axes, plane in zip(line, shown, strict=True):
-            _show(axes, planes.labels[plane], for_display(stack[plane], exposure))
-    return figure
-
-
 def contact_sheet(
     stack: Tensor, labels: Sequence[str], exposure: float | None = None, encoding: Encoding = SRGB
-) -> Figure:
+) -> NDArray[np.uint8]:
     """All planes of a stack in reading order, each with its label.
 
     Args:
@@ -109,20 +86,76 @@ def contact_sheet(
         exposure: Gain of all planes; None: from the mean of the planes.
         encoding: See `for_display`.
 
+    Returns:
+        Pixels of the sheet, [H, W, 3].
+
     Raises:
         InputError: The number of labels differs from that of the planes.
     """
     if len(labels) != len(stack):
         raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(stack)} planes")
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
-    shown = [for_display(_sized(image, len(stack)), exposure, encoding) for image in stack]
-    labels = [tables.plot_text(label) for label in labels]
-    return _sheet(shown, labels, f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}")
+    n_columns = min(SHEET_COLUMNS, len(stack))
+    shown = [for_display(_resized(image, _cell_width(n_columns)), exposure, encoding) for image in stack]
+    note = f"every picture: exposure \N{MULTIPLICATION SIGN} {exposure:.3g}, {encoding}"
+    return _sheet(shown, labels, n_columns, note)
 
 
-def _sized(image: Tensor, n_pictures: int) -> Tensor:
-    """An image resized to its cell in a sheet of `n_pictures`."""
-    width = SHEET_WIDTH // min(SHEET_COLUMNS, n_pictures) - SHEET_GAP
+def views_sheet(cells: Mapping[str, Tensor]) -> NDArray[np.uint8]:
+    """Pictures and maps in reading order.
+
+    Args:
+        cells: Title -> picture, [C, H, W], clipped to [0, 1]; or a map, [H, W], shown in colours, whose title gets the
+            values of the first and the last colour. All of one size.
+
+    Returns:
+        Pixels of the sheet, [H, W, 3].
+
+    Raises:
+        InputError: There are no cells.
+    """
+    if not cells:
+        raise InputError("a contact sheet needs at least one picture", got="none")
+    n_columns, shown = min(SCENE_COLUMNS, len(cells)), {}
+    for title, image in cells.items():
+        if image.ndim == 3:
+            shown[title] = for_display(_resized(image, _cell_width(n_columns)))
+        else:
+            ends = float(image.min()), float(image.max())
+            colours = disparity_colours.coloured(_array(_resized(image[None], _cell_width(n_columns)))[0], *ends)
+            shown[f"{title}: dark {ends[0]:.3g}, bright {ends[1]:.3g}"] = colours
+    return _sheet(list(shown.values()), list(shown), n_columns)
+
+
+def colour_bar_map(colours: NDArray[np.floating], low: float, high: float, label: str) -> NDArray[np.uint8]:
+    """A coloured map [H, W, 3] in [0, 1] beside the bar of its colours, from `low` to `high`: pixels [H, W, 3]."""
+    scale = MAP_WIDTH / colours.shape[1]
+    rows = np.arange(max(BAR_TICKS * SHEET_LINE, round(scale * colours.shape[0]))) / scale
+    columns = np.arange(MAP_WIDTH) / scale
+    nearest = [axis.astype(int).clip(0, n - 1) for axis, n in zip((rows, columns), colours.shape, strict=False)]
+    enlarged = colours[np.ix_(*nearest)]
+    bar = disparity_colours.coloured(np.linspace(high, low, len(rows))[:, None].repeat(BAR_WIDTH, 1), low, high)
+    ticks = [f"{value:.2f}" for value in np.linspace(high, low, BAR_TICKS)]
+    left = SHEET_GAP + MAP_WIDTH + SHEET_GAP
+    beside = left + BAR_WIDTH + SHEET_GAP
+    sheet = np.full((len(rows) + 2 * SHEET_LINE, beside + 4 * SHEET_LINE, 3), 255, np.uint8)
+    for x, part in ((SHEET_GAP, enlarged), (left, bar)):
+        sheet[SHEET_LINE : SHEET_LINE + len(rows), x : x + part.shape[1]] = np.rint(255 * part)
+    places = np.linspace(SHEET_LINE, SHEET_LINE + len(rows) - 1, BAR_TICKS)
+    sheet = _with_texts(
+        sheet, [Text(tick, beside, round(y), "left", "center") for y, tick in zip(places, ticks, strict=True)]
+    )
+    # OpenImageIO draws horizontally: the label of the bar is drawn on the sheet lying on its side.
+    name = Text(label, sheet.shape[0] // 2, sheet.shape[1] - SHEET_GAP, size=NOTE_SIZE, brightness=GREY)
+    return np.ascontiguousarray(np.rot90(_with_texts(np.rot90(sheet, -1), [name])))
+
+
+def _cell_width(n_columns: int) -> int:
+    return SHEET_WIDTH // n_columns - SHEET_GAP
+
+
+def _resized(image: Tensor, width: int) -> Tensor:
+    """An image [C, H, W] resized to a width."""
     size = max(1, round(width * image.shape[-2] / image.shape[-1])), width
     light = image[None].detach().float()
     if width < image.shape[-1]:
@@ -130,13 +163,11 @@ def _sized(image: Tensor, n_pictures: int) -> Tensor:
     return F.interpolate(light, size, mode="nearest-exact")[0]
 
 
-def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Figure:
-    """A sheet of pictures [H, W, 3] in reading order, with labels above them and a note below.
-
-    The pixels are put together before drawing: an axes object per picture takes three times as long.
-    """
-    n_columns, (height, width) = min(SHEET_COLUMNS, len(shown)), shown[0].shape[:2]
-    above = SHEET_LINE * (max(label.count("\n") for label in labels) + 1) + SHEET_GAP
+def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], n_columns: int, note: str = "") -> NDArray[np.uint8]:
+    """A sheet of pictures [H, W, 3] in reading order, with labels above them and a note below."""
+    height, width = shown[0].shape[:2]
+    lines = [_lines(label, LABEL_LETTERS * width // _cell_width(SHEET_COLUMNS)) for label in labels]
+    above = SHEET_LINE * max(map(len, lines)) + SHEET_GAP
     n_rows = math.ceil(len(shown) / n_columns)
     size = n_rows * (above + height) + 2 * SHEET_LINE, n_columns * (width + SHEET_GAP) + SHEET_GAP
     sheet = np.full((*size, 3), 255, np.uint8)
@@ -146,30 +177,42 @@ def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], note: str) -> Fig
     ]
     for (y, x), picture in zip(corners, shown, strict=True):
         sheet[y : y + height, x : x + width] = np.rint(255 * picture)
-    figure = drawing.new_sheet(sheet)
-    for (y, x), label in zip(corners, labels, strict=True):
-        place = (x + width / 2) / size[1], 1 - (y - SHEET_GAP / 2) / size[0]
-        figure.text(*place, label, ha="center", va="bottom", fontsize=9)
-    figure.text(0.5, SHEET_GAP / 2 / size[0], note, ha="center", va="bottom", fontsize=8, color=drawing.GREY)
-    return figure
+    texts = [
+        Text(line, x + width // 2, y - SHEET_GAP // 2 - n * SHEET_LINE)
+        for (y, x), label in zip(corners, lines, strict=True)
+        for n, line in enumerate(reversed(label))
+    ]
+    return _with_texts(sheet, [*texts, Text(note, size[1] // 2, size[0] - SHEET_GAP, size=NOTE_SIZE, brightness=GREY)])
 
 
-def ends_and_middle(planes: FocalPlanes) -> list[int]:
-    """Indices of the planes of least slope, of slope nearest to 0, and of greatest slope, each once."""
-    slopes = planes.slopes
-    return [*dict.fromkeys(int(place) for place in (slopes.argmin(), slopes.abs().argmin(), slopes.argmax()))]
+def _lines(label: str, n_letters: int) -> list[str]:
+    """A label in lines of about so many letters, broken after words and underscores."""
+    lines = textwrap.wrap(label.replace("_", "_ "), max(8, n_letters), break_on_hyphens=False)
+    return [line.replace("_ ", "_") for line in lines] or [""]
 
 
-def _show(axes: Axes, title: str, image: np.ndarray) -> None:
-    axes.set_title(title, fontsize=9)
-    axes.imshow(image)
+class Text(NamedTuple):
+    """A line of text on a sheet."""
+
+    text: str
+    x: int
+    y: int
+    across: str = "center"
+    """Where x lies: `left` or `center`."""
+    along: str = "baseline"
+    """Where y lies: `baseline` or `center`."""
+    size: int = LABEL_SIZE
+    """Height of the letters in pixels."""
+    brightness: int = BLACK
 
 
-def _array(image: Tensor) -> np.ndarray:
-    """An image [C, H, W] as a float32 array."""
-    if image.ndim != 3 or not image.numel():
-        raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(image.shape))
-    return image.detach().float().cpu().numpy()
+def _with_texts(pixels: np.ndarray, texts: Iterable[Text]) -> NDArray[np.uint8]:
+    """Pixels [H, W, 3] with texts; a build of OpenImageIO that has no letters leaves them out."""
+    canvas = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
+    for text, x, y, across, along, size, brightness in texts:
+        colour = (brightness / 255,) * 3
+        OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, text, size, "", colour, across, along)
+    return np.asarray(canvas.get_pixels("uint8"), np.uint8)
 
 
 def view_cells(views: Tensor) -> dict[str, Tensor]:
@@ -185,28 +228,8 @@ def plane_cells(stack: Tensor, planes: FocalPlanes) -> dict[str, Tensor]:
     return {planes.labels[n]: stack[n] for n in indices}
 
 
-def views_sheet(cells: Mapping[str, Tensor]) -> Figure:
-    """Pictures and maps in reading order.
-
-    Args:
-        cells: Title -> picture, [C, H, W], clipped to [0, 1]; or a map, [H, W], drawn in colours. All of one size.
-
-    Raises:
-        InputError: There are no cells.
-    """
-    if not cells:
-        raise InputError("a contact sheet needs at least one picture", got="none")
-    height, width = next(iter(cells.values())).shape[-2:]
-    n_columns, n_rows = min(6, len(cells)), math.ceil(len(cells) / 6)
-    figure = drawing.new_figure(2.4 * n_columns, (2.4 * height / width + 0.3) * n_rows)  # inches
-    grid = figure.subplots(n_rows, n_columns, squeeze=False)
-    for axes in grid.flat:
-        axes.set_axis_off()
-    for axes, (title, image) in zip(grid.flat, cells.items(), strict=False):
-        axes.set_title(title, fontsize=9)
-        if image.ndim == 3:
-            axes.imshow(for_display(image))
-        else:
-            shown = axes.imshow(image.cpu(), cmap=drawing.MAP)
-            figure.colorbar(shown, ax=axes, pad=0.02).ax.tick_params(labelsize=8)
-    return figure
+def _array(image: Tensor) -> np.ndarray:
+    """An image [C, H, W] as a float32 array."""
+    if image.ndim != 3 or not image.numel():
+        raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(image.shape))
+    return image.detach().float().cpu().numpy()

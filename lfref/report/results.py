@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -16,7 +15,7 @@ from lfref.errors import InputError
 from lfref.io import disparity_files, images, video, write
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser.refocuser import OperatorRefocuser
-from lfref.report import drawing, pictures
+from lfref.report import disparity_colours, pictures
 from lfref.report.refocused import Refocused
 
 SHEET = "contact_sheet.png"
@@ -26,12 +25,15 @@ OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # quantile of confidence from which pixels are
 OUTLIERS = 0.02  # share of the confidence that lies beyond either end of the scale
 
 
-def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
+def focus_map(slopes: Tensor, confidence: Tensor) -> NDArray[np.uint8]:
     """A map of slopes with its colour bar, which spans the confident pixels; the others fade to white.
 
     Args:
         slopes: Slope at which each pixel is sharpest, in pixels per view step, [H, W].
         confidence: Confidence in [0, 1], [H, W].
+
+    Returns:
+        Pixels of the picture, [H, W, 3].
 
     Raises:
         InputError: The arguments are not two maps of one size.
@@ -40,25 +42,17 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> Figure:
         raise InputError(
             "slopes and confidence must be [H, W]", got=f"{list(slopes.shape)} and {list(confidence.shape)}"
         )
-    height, width = slopes.shape
-    figure = drawing.new_figure(7, 0.4 + 6 * height / width)  # inches
-    axes = figure.subplots()
     values, sure = slopes.double().cpu().numpy(), confidence.double().cpu().numpy()
     # Opacity is relative to most pixels: among planes close together, none is much sharper than the next.
     opacity = (sure / max(LEAST_OPAQUE, np.quantile(sure, OPAQUE))).clip(0, 1)
-    low, high = _scale(values, opacity)
-    # The map is drawn twice, first invisibly: the colour bar of a half transparent picture would be pale too.
-    shown = axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=0 * opacity)
-    bar = figure.colorbar(shown, ax=axes, label="slope, px per view step", pad=0.02)
-    if bar.solids is not None:
-        bar.solids.set_alpha(1)
-    axes.imshow(values, cmap=drawing.MAP, vmin=low, vmax=high, alpha=opacity)
-    axes.set_axis_off()
-    return figure
+    low, high = colour_range(values, opacity)
+    colours = disparity_colours.coloured(values, low, high)
+    faded = opacity[..., None] * colours + (1 - opacity[..., None])
+    return pictures.colour_bar_map(faded, low, high, "slope, px per view step")
 
 
-def _scale(values: NDArray, confidence: NDArray) -> tuple[float, float]:
-    """Least and largest value without outliers: quantiles weighted by confidence."""
+def colour_range(values: NDArray, confidence: NDArray) -> tuple[float, float]:
+    """Least and largest slope with a colour of its own: quantiles without outliers, weighted by confidence."""
     counts = (confidence > SCALE_CONFIDENCE) | (confidence == confidence.max())
     order = values[counts].argsort()
     ordered, weight = values[counts][order], confidence[counts][order].cumsum()
@@ -107,7 +101,7 @@ def _sheet(folder: Path, refocused: Refocused) -> None:
     sheet = pictures.contact_sheet(
         refocused.shown, refocused.planes.titles, refocused.gain, encoding=refocused.field.picture_encoding
     )
-    drawing.save_figure(sheet, folder / SHEET)
+    images.write_image(folder / SHEET, sheet)
 
 
 def _mean(folder: Path, refocused: Refocused) -> None:
@@ -116,7 +110,7 @@ def _mean(folder: Path, refocused: Refocused) -> None:
 
 def _all_in_focus(folder: Path, refocused: Refocused) -> None:
     refocused.save(folder / "all_in_focus", refocused.sharp)
-    drawing.save_figure(focus_map(*refocused.slope_and_confidence), folder / "focus_map.png")
+    images.write_image(folder / "focus_map.png", focus_map(*refocused.slope_and_confidence))
 
 
 def _disparity(folder: Path, refocused: Refocused) -> None:

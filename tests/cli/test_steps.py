@@ -4,6 +4,7 @@ import dataclasses
 import gc
 import io
 import logging
+import sys
 import threading
 import time
 
@@ -11,7 +12,6 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
-from rich.console import Console
 
 from lfref import encoding
 from lfref.captures.brightness import ExposureDefect
@@ -225,18 +225,27 @@ def test_steps_work_at_once_on_light_fields_that_follow_each_other(tmp_path):
         assert [name for each, name in seen if each == number] == list("01234")
 
 
+def replaced_terminal(monkeypatch, is_terminal=True):
+    """Text written to the error stream, which is a terminal of 80 columns, or a file."""
+    screen = io.StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: is_terminal)
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    return screen
+
+
 @pytest.mark.parametrize("is_terminal", [True, False])
 def test_stages_of_one_light_field_are_shown_on_a_terminal(tmp_path, monkeypatch, is_terminal):
-    screen, stages = io.StringIO(), {"reading": lambda name, path: path, "writing": lambda name, path: None}
-    monkeypatch.setattr(command, "console", Console(file=screen, force_terminal=is_terminal, width=80))
+    screen = replaced_terminal(monkeypatch, is_terminal)
+    stages = {"reading": lambda name, path: path, "writing": lambda name, path: None}
     steps.process({"leaves": tmp_path}, stages, "trying")
     assert ("leaves: reading" in screen.getvalue()) is is_terminal
     assert ("leaves: writing" in screen.getvalue()) is is_terminal
 
 
 def test_lines_of_the_log_stand_above_the_bar(monkeypatch):
-    screen = io.StringIO()
-    monkeypatch.setattr(command, "console", Console(file=screen, force_terminal=True, width=80))
+    screen = replaced_terminal(monkeypatch)
     handler = logging.StreamHandler(screen)
     logging.getLogger().addHandler(handler)
     try:

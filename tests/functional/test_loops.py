@@ -95,6 +95,15 @@ def test_machine_code_serves_on_when_files_are_only_newer_or_others_have_changed
     assert result(programs) == (11, 1)
 
 
+def test_the_first_compilation_says_once_that_it_takes_long(programs):
+    told = "import logging\nlogging.basicConfig(level=logging.INFO)\n"
+    assert started(programs, told + PROGRAM).stderr == ""
+    change(programs, "constants", "1", "2")
+    run = started(programs, told + PROGRAM)
+    assert run.stdout == "12 0\n"
+    assert run.stderr == "INFO:lfref.functional.loops:compiling loops for this processor: once, for some seconds\n"
+
+
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 @pytest.mark.parametrize(
     "damage", [lambda whole: whole[: len(whole) // 2], lambda whole: b"", lambda whole: b"\0" * 99]

@@ -1,15 +1,14 @@
-"""Pictures of a figure have one gain; comparisons, contact sheets and scene sheets show the right planes and views."""
+"""Pictures of a sheet have one gain; contact sheets and scene sheets show the right planes and views."""
 
 import numpy as np
 import pytest
 import torch
+from matplotlib import colormaps
 
 from lfref import encoding, geometry
 from lfref.encoding import SRGB
 from lfref.errors import InputError
-from lfref.geometry import FocalPlanes
-from lfref.io import images as lfref_images
-from lfref.report import drawing, pictures
+from lfref.report import disparity_colours, pictures
 
 PAPER = geometry.planes_at_alphas(index / 8 for index in range(1, 17))
 H, W = 6, 8
@@ -18,10 +17,6 @@ H, W = 6, 8
 def stack(n=16, channels=3, gain=1.0):
     """Plane i has the value i / 100 everywhere."""
     return torch.arange(n).float().view(n, 1, 1, 1).expand(n, channels, H, W) / 100 * gain
-
-
-def images(figure):
-    return [(axes.get_title(), axes.images[0].get_array()) for axes in figure.axes if axes.images]
 
 
 def screen(light):
@@ -56,111 +51,80 @@ def test_other_shapes_are_refused(shape):
         pictures.for_display(torch.zeros(shape))
 
 
-@pytest.mark.parametrize(
-    ("planes", "shown"),
-    [
-        (PAPER, [0, 7, 15]),
-        (geometry.planes_at_alphas([0.5, 0.9, 1.4]), [0, 1, 2]),
-        (geometry.planes_at_alphas([2.0, 0.4]), [1, 0]),
-        (FocalPlanes([3.0, 0.2, -2.0, 1.0]), [2, 1, 0]),
-        (FocalPlanes([1.0]), [0]),
-    ],
-)
-def test_the_ends_and_the_plane_nearest_to_slope_0_are_shown_and_each_only_once(planes, shown):
-    assert pictures.ends_and_middle(planes) == shown
+LABELS = ["near $x$", *PAPER.labels[1:6]]
 
 
-@pytest.mark.parametrize(
-    ("planes", "titles"),
-    [
-        (geometry.planes_at_alphas([0.2, 0.9, 1.9]), ["alpha 0.2", "alpha 0.9", "alpha 1.9"]),
-        (FocalPlanes([-4, 0.1, 0.5]), ["slope -4", "slope 0.1", "slope 0.5"]),
-    ],
-)
-def test_comparison_shows_three_planes_with_the_mean_in_the_middle(planes, titles):
-    stacks = {name: stack(3) * 10 for name in ("first", "second", "third", "fourth")}
-    figure = pictures.comparison(stacks, planes, torch.full((3, H, W), 0.09))
-    shown = images(figure)
-    row = list(zip(titles, (0.0, 1.0, 1.0), strict=True))
-    expected = [*row, *row, ("mean of all views, not refocused", 0.9), *row, *row]
-    assert [title for title, _ in shown] == [title for title, _ in expected]
-    assert [float(array.max()) for _, array in shown] == pytest.approx([screen(value) for _, value in expected])
-    assert [axes.get_ylabel() for axes in figure.axes[::3]] == ["first", "second", "", "third", "fourth"]
+def cells(sheet, n, n_lines=1, n_columns=pictures.SHEET_COLUMNS):
+    """The pictures of a contact sheet of n pictures whose labels have so many lines."""
+    n_columns = min(n_columns, n)
+    n_rows, width = -(-n // n_columns), pictures.SHEET_WIDTH // n_columns - pictures.SHEET_GAP
+    above = n_lines * pictures.SHEET_LINE + pictures.SHEET_GAP
+    height = (len(sheet) - 2 * pictures.SHEET_LINE) // n_rows - above
+    corners = [
+        (above + k // n_columns * (above + height), pictures.SHEET_GAP + k % n_columns * (width + pictures.SHEET_GAP))
+        for k in range(n)
+    ]
+    return [sheet[y : y + height, x : x + width] for y, x in corners]
 
 
-def test_a_brighter_method_stays_brighter():
-    mean, planes = torch.full((1, H, W), 0.09), FocalPlanes([0.0])
-    shown = images(pictures.comparison({"a": stack(8)[7:], "b": stack(8, gain=0.5)[7:]}, planes, mean))
-    (_, a), (_, middle), (_, b) = shown
-    assert [float(a.mean()), float(middle.mean()), float(b.mean())] == pytest.approx(
-        [screen(light) for light in (0.7, 0.9, 0.35)], rel=1e-5
-    )
+def test_the_contact_sheet_shows_every_plane_in_its_place():
+    sheet = pictures.contact_sheet(stack(6, channels=1), LABELS, exposure=2.0)
+    for index, cell in enumerate(cells(sheet, 6)):
+        assert (cell == round(255 * screen(index / 50))).all()
 
 
-def test_a_stack_that_does_not_fit_the_planes_is_named():
-    with pytest.raises(InputError, match=r"'net'.*N = 16"):
-        pictures.comparison({"net": stack(4)}, PAPER, torch.zeros(3, H, W))
-    with pytest.raises(InputError, match="at least one method"):
-        pictures.comparison({}, PAPER, torch.zeros(3, H, W))
+def test_labels_stand_above_their_pictures_and_the_note_below_all():
+    light = torch.ones(6, 1, H, W)
+    sheet = pictures.contact_sheet(light, LABELS, exposure=2.0)
+    without = pictures.contact_sheet(light, [*LABELS[:4], "", LABELS[5]], exposure=2.0)
+    rows, columns = np.nonzero((sheet != without).any(-1))
+    height = cells(sheet, 6)[0].shape[0]
+    assert pictures.SHEET_LINE + pictures.SHEET_GAP + height <= rows.min()
+    assert rows.max() < 2 * (pictures.SHEET_LINE + pictures.SHEET_GAP) + height
+    middle = pictures.SHEET_GAP + cells(sheet, 6)[0].shape[1] / 2
+    assert (columns.min() + columns.max()) / 2 == pytest.approx(middle, abs=3)
+    darker = pictures.contact_sheet(light, LABELS, exposure=3.0)  # another note, and no other difference
+    rows, _ = np.nonzero((sheet != darker).any(-1))
+    assert len(sheet) - 2 * pictures.SHEET_LINE <= rows.min()
 
 
-def on_sheet(figure):
-    """Text and grey value of each cell of a contact sheet, whose pictures are even, and its note."""
-    (sheet,) = (image.get_array() for image in figure.images)
-    *labels, note = figure.texts
-    below = sheet.shape[0] - np.rint([label.get_position()[1] * sheet.shape[0] for label in labels]).astype(int)
-    across = np.rint([label.get_position()[0] * sheet.shape[1] for label in labels]).astype(int)
-    values = [int(sheet[y + pictures.SHEET_GAP, x, 0]) for y, x in zip(below, across, strict=True)]
-    return [label.get_text() for label in labels], values, note.get_text()
+def test_a_build_without_letters_leaves_labels_out(monkeypatch):
+    monkeypatch.setattr(pictures.OpenImageIO.ImageBufAlgo, "render_text", lambda *_: False)
+    sheet = pictures.contact_sheet(torch.ones(2, 1, H, W), LABELS[:2], exposure=1.0)
+    assert (sheet == 255).all()
 
 
-def test_the_contact_sheet_shows_every_plane_below_its_label(tmp_path):
-    figure = pictures.contact_sheet(stack(6, channels=1), ["near $x$", *PAPER.labels[1:6]], exposure=2.0)
-    labels, values, note = on_sheet(figure)
-    assert labels == [r"near \$x\$", "alpha 0.25", "alpha 0.375", "alpha 0.5", "alpha 0.625", "alpha 0.75"]
-    assert values == [round(255 * screen(index / 50)) for index in range(6)]
-    assert note == "every picture: exposure \N{MULTIPLICATION SIGN} 2, srgb"
-    drawing.save_figure(figure, tmp_path / "sheet.png")
-    written = lfref_images.read_image(tmp_path / "sheet.png")[..., :3]
-    assert written.shape == figure.images[0].get_array().shape
-    is_picture = figure.images[0].get_array() < 255
-    assert np.array_equal(written[is_picture], figure.images[0].get_array()[is_picture])
+def test_a_contact_sheet_of_other_labels_is_refused():
+    with pytest.raises(InputError, match="one label a plane; got 2 for 3 planes"):
+        pictures.contact_sheet(stack(3), ["a", "b"])
 
 
 @pytest.mark.parametrize("size", [(375, 540), (3, 2), (37, 400), (900, 400)])
 @pytest.mark.parametrize("n", [1, 3, 5])
 def test_pictures_of_any_size_fill_their_cells_and_leave_the_labels_free(n, size):
-    figure = pictures.contact_sheet(torch.zeros(n, 3, *size), ["a label that is so long that it takes two lines"] * n)
-    (sheet,) = (image.get_array() for image in figure.images)
+    label = "a label that is so long that it takes two lines and is as wide as a picture of a sheet of three columns"
+    sheet = pictures.contact_sheet(torch.zeros(n, 3, *size), [label] * n)
     n_black = (sheet == 0).all(-1).sum() / n
     width = pictures.SHEET_WIDTH // min(pictures.SHEET_COLUMNS, n) - pictures.SHEET_GAP
     assert n_black == width * round(width * size[0] / size[1])
-    assert (sheet[: 2 * pictures.SHEET_LINE] == 255).all()
-    assert (sheet[-pictures.SHEET_LINE :] == 255).all()
+    assert (sheet[-pictures.SHEET_GAP // 2 :] == 255).all()
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
 @pytest.mark.parametrize("width", [8, 2 * pictures.SHEET_WIDTH])
 def test_sheets_take_any_floating_point(dtype, width):
-    figure = pictures.contact_sheet(torch.full((1, 3, 8, width), 0.5, dtype=dtype).requires_grad_(), ["a"], 1.0)
-    assert figure.images[0].get_array()[-2 * pictures.SHEET_LINE - 2, 100, 0] == round(255 * screen(0.5))
+    sheet = pictures.contact_sheet(torch.full((1, 3, 8, width), 0.5, dtype=dtype).requires_grad_(), ["a"], 1.0)
+    assert (cells(sheet, 1)[0] == round(255 * screen(0.5))).all()
 
 
 def test_a_large_picture_is_averaged_in_light_and_not_thinned():
     stripes = torch.zeros(1, 1, 64, 4 * pictures.SHEET_WIDTH)
     stripes[..., ::2] = 1
-    figure = pictures.contact_sheet(stripes, ["stripes"], exposure=1.0)
-    sheet = figure.images[0].get_array()
-    row = sheet[pictures.SHEET_LINE + pictures.SHEET_GAP + 5, 100:-100, 0]
-    assert np.abs(row - 255 * screen(0.5)).max() <= 3
+    (cell,) = cells(pictures.contact_sheet(stripes, ["stripes"], exposure=1.0), 1)
+    assert np.abs(cell[5, 100:-100, 0] - 255 * screen(0.5)).max() <= 3
 
 
 PICTURE = torch.rand(3, 4, 6)
-
-
-def drawn_cells(figure):
-    """Title -> drawn image."""
-    return {axes.get_title(): axes.images[0] for axes in figure.axes if axes.get_title()}
 
 
 def test_the_central_view_and_those_in_the_corners_are_shown():
@@ -182,19 +146,30 @@ def test_planes_from_the_first_to_the_last_are_shown_as_they_were_written(n_plan
     assert list(pictures.plane_cells(stack[:1], geometry.FocalPlanes([-7]))) == ["slope -7"]
 
 
-def test_pictures_are_clipped_and_maps_come_with_a_bar_of_their_colours():
+def test_pictures_are_clipped_and_maps_are_coloured_from_their_least_to_their_largest_value():
     disparity = torch.linspace(-1, 0.5, 24).reshape(4, 6)
-    figure = pictures.views_sheet({"a": PICTURE * 2, "b": disparity})
-    shown = drawn_cells(figure)
-    np.testing.assert_allclose(
-        shown["a"].get_array(), SRGB.encode((PICTURE * 2).clamp(0, 1)).permute(1, 2, 0), rtol=1e-6
-    )
-    np.testing.assert_allclose(shown["b"].get_array(), disparity)
-    assert shown["b"].get_clim() == (-1.0, 0.5)
-    assert len(figure.axes) == 3
+    sheet = pictures.views_sheet({"a": PICTURE * 2, "b": disparity})
+    width = pictures.SHEET_WIDTH // 2 - pictures.SHEET_GAP
+    height = round(width * 4 / 6)
+    top = len(sheet) - 2 * pictures.SHEET_LINE - height
+    middles = np.ix_(((np.arange(4) + 0.5) * height / 4).astype(int), ((np.arange(6) + 0.5) * width / 6).astype(int))
+    first, second = (sheet[top:, pictures.SHEET_GAP + n * (width + pictures.SHEET_GAP) :][middles] for n in range(2))
+    np.testing.assert_allclose(first, 255 * SRGB.encode((PICTURE * 2).clamp(0, 1)).permute(1, 2, 0), atol=0.51)
+    np.testing.assert_allclose(second, 255 * disparity_colours.coloured(disparity.numpy(), -1, 0.5), atol=0.51)
 
 
 def test_more_than_a_row_of_cells_goes_on_in_the_next():
-    figure = pictures.views_sheet({str(n): PICTURE for n in range(8)})
-    rows = [axes.get_subplotspec().rowspan.start for axes in figure.axes if axes.get_title()]
-    assert rows == [0] * 6 + [1] * 2
+    pixels = [pictures.views_sheet({str(n): PICTURE for n in range(count)}) for count in (6, 7, 12, 13)]
+    row = len(pixels[0]) - 2 * pictures.SHEET_LINE
+    assert [round((len(sheet) - 2 * pictures.SHEET_LINE) / row) for sheet in pixels] == [1, 2, 2, 3]
+
+
+def test_a_sheet_of_nothing_is_refused():
+    with pytest.raises(InputError, match="at least one picture"):
+        pictures.views_sheet({})
+
+
+def test_colours_are_those_of_matplotlib():
+    places = np.linspace(0, 1, 256)[None]
+    expected = colormaps[disparity_colours.MAP](places)[..., :3]
+    assert np.abs(disparity_colours.coloured(places, 0, 1) - expected).max() < 0.03

@@ -18,8 +18,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.utils._sympy.numbers import int_oo
-from torch.utils._sympy.value_ranges import ValueRanges
 
 from lfref.engines.engine import BF16, FP16, FP32, NetworkFunction
 from lfref.engines.files.manifest import KEY, Graph, Manifest, parse
@@ -167,6 +165,9 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     Raises:
         FileError: The disk refuses.
     """
+    from torch.utils._sympy.numbers import int_oo  # a quarter of a second, which those who only read need not wait
+    from torch.utils._sympy.value_ranges import ValueRanges
+
     is_full = manifest.precision == FP32
     module = copy.deepcopy(graph.module) if is_full else half_convolutions(graph.module, manifest.precision).eval()
     # Weights in another memory order would be stored as parts of other tensors.

@@ -269,8 +269,11 @@ def add_band(
 ) -> None:
     """Refocus the rows from `top` to before `end` of a stack [N, C, H, W]; the buffers are black before and after."""
     reach = (source.rows.size - stack.shape[2]) // 2
+    lowest, highest = down.lowest[0], down.highest[0]  # NumPy's `min` would take half a second to compile
+    for n in range(1, stack.shape[0]):
+        lowest, highest = min(lowest, down.lowest[n]), max(highest, down.highest[n])
     for c in range(stack.shape[1]):
-        for y in range(top + down.lowest.min(), end + down.highest.max()):
+        for y in range(top + lowest, end + highest):
             y_source = source.rows[y + reach]
             for v in range(across.weights.shape[1] if y_source >= 0 else 0):
                 first = v * source.strides[0] + c * source.strides[2] + y_source * source.strides[3] - reach

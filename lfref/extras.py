@@ -1,0 +1,38 @@
+"""Packages that only some commands need: each comes with an extra, as in `pip install 'lfref[report]'`."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from lfref.errors import InputError
+
+EXTRAS = {
+    "report": ("matplotlib", "pandas"),
+    "video": ("av",),
+    "captures": ("h5py",),
+    "tensorboard": ("tensorboard",),
+}
+"""Extra -> packages that are imported where they are used, under `needed`."""
+
+
+@contextmanager
+def needed(what: str) -> Iterator[None]:
+    """Turn the error about a package that is not installed into one that names the extra to install.
+
+    Args:
+        what: What needs the package, as the start of a sentence.
+
+    Raises:
+        InputError: A package of `EXTRAS` is not installed.
+
+    Example:
+        >>> with needed("a film"):
+        ...     import av
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+        if extra is None:
+            raise
+        raise InputError(f"{what} needs {package}", got="none", remedy=f"pip install 'lfref[{extra}]'") from error
