@@ -1,7 +1,15 @@
-# CPU image by default. With CUDA: --build-arg TORCH_INDEX=https://download.pytorch.org/whl/cu130
-# Use: docker run --rm -v "$PWD/runs:/work/runs" lfref train experiment=demo
+# Two images of one build. The command line, for the CPU:
+#   docker build -t lfref .
+#   docker run --rm -v "$PWD:/work" lfref refocus LIGHT_FIELD output=out
+# With CUDA: --build-arg TORCH_INDEX=https://download.pytorch.org/whl/cu130
+# A server of an exported file:
+#   docker build -t lfref-serve --target serve .
+#   docker run --rm -p 8000:8000 -v "$PWD:/work" lfref-serve MODEL.onnx
 
-FROM python:3.11-slim AS build
+# The tag is for people; the digest decides.
+ARG PYTHON=python:3.11-slim@sha256:9c900dea9e8fb7e16277c179b555cc72d29a352dbc33cff48ad5a0412fd5bfc7
+
+FROM ${PYTHON} AS build
 ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
 RUN python -m venv /opt/lfref
 ENV PATH=/opt/lfref/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
@@ -10,20 +18,43 @@ COPY constraints.txt ./
 # The largest layer first: it changes only with the pins. A local version (2.13.0+cpu) wins over the plain one.
 RUN pip install --extra-index-url "$TORCH_INDEX" --constraint constraints.txt torch
 COPY pyproject.toml README.md LICENSE ./
+COPY docs/index_page.py docs/
 COPY lfref lfref
 COPY conf conf
 COPY sweeps sweeps
-RUN pip install --extra-index-url "$TORCH_INDEX" --constraint constraints.txt '.[export]'
+RUN pip install --extra-index-url "$TORCH_INDEX" --constraint constraints.txt '.[all,export]'
 
-FROM python:3.11-slim
+FROM ${PYTHON} AS serve
+RUN python -m venv /opt/serve
+ENV PATH=/opt/serve/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+COPY constraints.txt docs/serve.py /opt/serve/
+RUN pip install --constraint /opt/serve/constraints.txt litserve onnxruntime numpy
 RUN useradd --create-home --uid 1000 lfref && mkdir /work && chown lfref /work
-COPY --from=build /opt/lfref /opt/lfref
-ENV PATH=/opt/lfref/bin:$PATH
 USER lfref
 WORKDIR /work
-# Whether it can do what it is for: a light field is simulated and refocused.
-HEALTHCHECK --interval=10m --timeout=2m --start-period=2m CMD \
-    lfref simulate n_fields=1 scene.camera.size=[48,64] outputs=[views] output=/tmp/health/scene overwrite=true && \
-    lfref refocus /tmp/health/scene/simulated_s0_e0_000 slopes=[0] output=/tmp/health/stack overwrite=true
+LABEL org.opencontainers.image.title="lfref-serve" \
+      org.opencontainers.image.description="A server of refocusers that lfref has exported" \
+      org.opencontainers.image.licenses="MIT"
+EXPOSE 8000
+HEALTHCHECK --interval=30s --start-period=30s \
+    CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/health', timeout=5)"]
+ENTRYPOINT ["python", "/opt/serve/serve.py", "--host", "0.0.0.0"]
+
+FROM ${PYTHON} AS cpu
+ARG REVISION=""
+RUN useradd --create-home --uid 1000 lfref && mkdir /work && chown lfref /work
+COPY --from=build /opt/lfref /opt/lfref
+# Machine code of the loops, for the processors of this machine and their kind, which any user may read and add to.
+ENV PATH=/opt/lfref/bin:$PATH NUMBA_CACHE_DIR=/opt/lfref/loops
+RUN lfref simulate n_fields=1 scene.camera.size=[48,64] outputs=[views] output=/tmp/warm/scene && \
+    for method in shift_and_sum_through_cells separable_wiener learned; do \
+    lfref refocus /tmp/warm/scene/simulated_s0_e0_000 method=$method disparity=true output=/tmp/warm/$method || exit 1; \
+    done && rm -r /tmp/warm && chmod -R a+rwX /opt/lfref/loops
+USER lfref
+WORKDIR /work
+LABEL org.opencontainers.image.title="lfref" \
+      org.opencontainers.image.description="Light-field refocusing, classical and learned" \
+      org.opencontainers.image.licenses="MIT" \
+      org.opencontainers.image.revision="$REVISION"
 ENTRYPOINT ["lfref"]
 CMD ["--help"]

@@ -57,6 +57,7 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=engines overwrite=true output=runs/figures/engines
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/scale.py
+	$(BIN)/python docs/busy.py
 	$(BIN)/python docs/exported.py
 	$(BIN)/python docs/browsing.py
 	$(BIN)/python docs/measure.py

@@ -35,7 +35,6 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_throu
 from lfref.refocuser.networks import learned_fast
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 
-PAGE = Path(__file__).with_name("deployment.md")
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "exported"
 GRID, PLANES = (7, 7), planes_at_alphas(step / 8 for step in range(1, 17))
 SIZES, ROUNDS = ((188, 270), (375, 540)), 2
@@ -88,17 +87,15 @@ def _by_lfref(operator: Callable[..., torch.Tensor], views: torch.Tensor, slopes
 
 
 def measure_serving(folder: Path) -> list[dict[str, Any]]:
-    """Requests a second of the page's server, by size of the views and number of clients that ask at once."""
-    blocks = PAGE.read_text("utf-8").split("```python\n")[1:]
-    (text,) = (block.partition("```")[0] for block in blocks if block.startswith("# serve.py "))
-    (script := folder / "serve.py").write_text(text)
+    """Requests a second of `serve.py`, by size of the views and number of clients that ask at once."""
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         port = listener.getsockname()[1]
     model = write(folder, "shift_and_sum_cubic", "onnx", Samples("uint8"))
     rows = []
     with (folder / "log").open("w") as log:
-        command = [sys.executable, str(script), str(model), str(port)]
+        script = Path(__file__).with_name("serve.py")
+        command = [sys.executable, str(script), str(model), "--port", str(port)]
         server = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
     try:
         _wait_for(f"http://127.0.0.1:{port}/health")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import against_mitsuba
 import browsing
+import busy
 import exported
 import hard_cases
 import learned
@@ -176,6 +177,7 @@ FIGURES = {
     "explanation": simulator_pictures.explanation,
     **against_mitsuba.TABLES,
     **browsing.TABLES,
+    **busy.TABLES,
     **hard_cases.TABLES,
     **learned.TABLES,
     **maps.TABLES,

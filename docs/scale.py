@@ -6,6 +6,7 @@
 
 import argparse
 import json
+import math
 import os
 import resource
 import shutil
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,8 @@ from lfref.cli import main as commands
 from lfref.cli import steps
 from lfref.geometry import planes_at_alphas
 from lfref.io import images
+from lfref.io.read import read, read_stack
+from lfref.io.write import write_stack
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "scale"
@@ -34,9 +38,13 @@ SCENES, FEW, MANY, TIMED = 5, 5, 50, 30
 SIZE, LARGE, LARGE_GRID = (375, 540), (2160, 3840), 9
 PLANES = planes_at_alphas(step / 8 for step in range(1, 17))
 FIELDS, ROUNDS = 40, 5
+COMPRESSIONS = ("none", "rle", "zip:1", "zip", "zips:1", "zips", "piz", "pxr24", "dwaa", "dwab")
+"""Compressions of EXR that OpenImageIO writes; the last three lose something."""
 BAND = 128
 WORDS = ["correct=auto", "planes=auto"]
 STEP_BY_STEP = "step-by-step"
+STAGES = ("reading", "correcting", "refocusing", "writing")
+"""Steps of `lfref refocus`."""
 
 
 def simulate_captures(folder: Path) -> dict[int, Path]:
@@ -72,20 +80,20 @@ def measure_streams(captures: dict[int, Path], folder: Path) -> dict[str, float]
 
 def time_steps(captures: Path, output: Path) -> None:
     """Print the median time of each step of `lfref refocus`, one capture and one step after the other."""
-    times: dict[str, list[float]] = {"read": [], "compute": [], "write": []}
+    times: dict[str, list[float]] = defaultdict(list)
 
-    def each(paths: dict[str, Path], parts: list[Callable[[str, Any], Any]], what: str) -> None:
+    def each(paths: dict[str, Path], parts: dict[str, Callable[[str, Any], Any]], what: str) -> None:
         for name, result in paths.items():
-            for step, seconds in zip(parts, times.values(), strict=True):
+            for stage, step in parts.items():
                 start = time.perf_counter()
                 result = step(name, result)
-                seconds.append(time.perf_counter() - start)
+                times[stage].append(time.perf_counter() - start)
 
     steps.process = each
     sys.argv = ["lfref", "refocus", str(captures), f"output={output}", *WORDS]
     commands.main()
     # The first one compiles.
-    print(json.dumps({name: statistics.median(seconds[1:]) for name, seconds in times.items()}))
+    print(json.dumps({stage: statistics.median(seconds[1:]) for stage, seconds in times.items()}))
 
 
 def in_memory() -> float:
@@ -99,6 +107,22 @@ def in_memory() -> float:
             shift_and_sum(views[n % SCENES], PLANES.slopes, out=stack)
         best = max(best, FIELDS / (time.perf_counter() - start))
     return best
+
+
+def compressions(field: Path, folder: Path) -> dict[str, tuple[float, float, float]]:
+    """Compression of EXR -> seconds to write a stack, its size in MB, and the largest error of what is read."""
+    views, own, measured = read(field).views, images.COMPRESSIONS[".exr"], {}
+    stack, path = shift_and_sum(views, PLANES.slopes), folder / "stack.exr"
+    for compression in COMPRESSIONS:
+        images.COMPRESSIONS[".exr"], best = compression, math.inf
+        for _ in range(ROUNDS):
+            start = time.perf_counter()
+            write_stack(path, stack, PLANES)
+            best = min(best, time.perf_counter() - start)
+        error = float((read_stack(path)[0] - stack).abs().max())
+        measured[compression] = best, path.stat().st_size / 1e6, error
+    images.COMPRESSIONS[".exr"] = own
+    return measured
 
 
 def large(folder: Path) -> dict[str, float]:
@@ -152,15 +176,15 @@ def _anonymous_mb(pid: int) -> float:
 def streams() -> Iterator[str]:
     """Memory and throughput of many captures."""
     figures = json.loads((RUN / "scale.json").read_text())
-    slowest = max(("read", "compute", "write"), key=lambda name: figures[f"{name}_s"])
+    slowest = max(STAGES, key=lambda stage: figures[f"{stage}_s"])
     yield "| what | measured |"
     yield "|---|---|"
     yield f"| memory, {FEW} captures | {figures['few_mb']:.0f} MB |"
     growth = figures["many_mb"] / figures["few_mb"]
     yield f"| memory, {MANY} captures | {figures['many_mb']:.0f} MB, {growth:.2f} times |"
-    seconds = ", ".join(f"{figures[f'{name}_s']:.2f}" for name in ("read", "compute", "write"))
-    yield f"| reading, computing, writing alone | {seconds} s |"
-    yield f"| all three at once | {figures['seconds_each']:.2f} s a capture |"
+    seconds = ", ".join(f"{figures[f'{stage}_s']:.2f}" for stage in STAGES)
+    yield f"| {', '.join(STAGES)} alone | {seconds} s |"
+    yield f"| all at once | {figures['seconds_each']:.2f} s a capture |"
     share, spent = 100 * figures[f"{slowest}_s"] / figures["seconds_each"], figures["processor_seconds_each"]
     busy = 100 * spent / figures["cores"] / figures["seconds_each"]
     yield f"| work of all {figures['cores']} cores for it | {spent:.2f} s, which keeps them busy for {busy:.0f} % |"
@@ -170,6 +194,19 @@ def streams() -> Iterator[str]:
     yield f"Simulated captures of 7x7 views of {SIZE[0]}x{SIZE[1]} pixels ({SCENES} scenes, copied), as PNG;"
     yield f"`lfref refocus FOLDER {' '.join(WORDS)}`. In memory: `shift_and_sum` with `out=`, the paper's planes,"
     yield f"float32. {figures['processor']}, {figures['threads']} threads."
+
+
+def exr() -> Iterator[str]:
+    """Time and size of a stack by compression of EXR."""
+    figures = json.loads((RUN / "scale.json").read_text())
+    yield "| compression | to write, s | MB | largest error |"
+    yield "|---|---|---|---|"
+    for name, (seconds, megabytes, error) in figures["compressions"].items():
+        title = f"**`{name}`**" if name == images.COMPRESSIONS[".exr"] else f"`{name}`"
+        yield f"| {title} | {seconds:.2f} | {megabytes:.1f} | {f'{error:.0e}' if error else '0'} |"
+    yield ""
+    yield f"Stacks of {len(PLANES)} planes of {SIZE[0]}x{SIZE[1]} pixels, float32; the shortest of {ROUNDS} rounds."
+    yield f"{figures['processor']}, {figures['threads']} threads."
 
 
 def large_field() -> Iterator[str]:
@@ -182,7 +219,9 @@ def large_field() -> Iterator[str]:
 
 
 IS_MEASURED = (RUN / "scale.json").is_file()
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"streams": streams, "large": large_field} if IS_MEASURED else {}
+TABLES: dict[str, Callable[[], Iterator[str]]] = (
+    {"streams": streams, "large": large_field, "exr": exr} if IS_MEASURED else {}
+)
 
 
 def main() -> None:
@@ -195,7 +234,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=parser.parse_args().on) as name:
         folder = Path(name)
         figures: dict[str, Any] = {"fields_per_second": in_memory()}
-        figures |= measure_streams(simulate_captures(folder), folder) | large(folder)
+        captures = simulate_captures(folder)
+        figures["compressions"] = compressions(captures[FEW] / "capture_0", folder)
+        figures |= measure_streams(captures, folder) | large(folder)
     facts = timing.facts(torch.device("cpu"))
     RUN.mkdir(parents=True, exist_ok=True)
     figures |= {"processor": facts["processor"], "threads": facts["threads"], "cores": os.cpu_count()}

