@@ -17,7 +17,9 @@ from lfref.bench.evaluation import MEAN_CAP_DB
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
+from lfref.nets import checkpoint
 from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocuser import networks
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 from lfref.report import tables
 from lfref.simulator import sim30
@@ -145,6 +147,29 @@ def paths() -> Iterator[str]:
         yield f"| {scene.__name__} | {' | '.join(cells)} |"
 
 
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"learned": gains, "learned_grids": grids} | (
+def cards() -> Iterator[str]:
+    """The model cards, as the files of the weights hold them."""
+    files = {path.stem: path for path in (networks.SHIPPED, networks.SHIPPED.with_name("learned_fast.safetensors"))}
+    contents = {name: checkpoint.read(path) for name, path in files.items()}
+    notes = {name: each["notes"] for name, each in contents.items()}
+    n_weights = {name: sum(value.numel() for value in each["state_dict"].values()) for name, each in contents.items()}
+    rows = {
+        "what it does": {name: each["card"]["use"] for name, each in notes.items()},
+        "weights": {name: f"{n_weights[name]:,}, {path.stat().st_size / 1e6:.1f} MB" for name, path in files.items()},
+        "data": {name: each["card"]["data"] for name, each in notes.items()},
+        "trained on": {name: each["card"]["trained_on"] for name, each in notes.items()},
+        "light fields, steps": {name: f"{each['fields']}, {each['steps']:,}" for name, each in notes.items()},
+        "command": {name: f"`{each['command']}`" for name, each in notes.items()},
+        "gain on light fields held out": {name: f"{each['gain_db']:.2f} dB" for name, each in notes.items()},
+        "limits": {name: each["card"]["limits"] for name, each in notes.items()},
+        "licence of the weights": {name: each["card"]["licence"] for name, each in notes.items()},
+    }
+    yield f"| | {' | '.join(f'`{name}`' for name in files)} |"
+    yield f"|---|{'---|' * len(files)}"
+    for title, cells in rows.items():
+        yield f"| {title} | {' | '.join(cells[name] for name in files)} |"
+
+
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"learned": gains, "learned_grids": grids, "cards": cards} | (
     {"learned_paths": paths} if IS_MITSUBA_INSTALLED else {}
 )

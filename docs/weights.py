@@ -20,6 +20,8 @@ from lfref.nets import checkpoint
 from lfref.refocuser import networks
 
 PLACES = ("output=", "data.folder=", "data.cache_folder=")
+LIMITS = """three channels of linear light, even grids; may be worse than the method that it corrects where that is \
+nearly exact (beyond 70 dB), on stripes that alias, and beyond the grids and disparities of its training"""
 
 
 def notes(run: Run) -> dict[str, object]:
@@ -45,6 +47,21 @@ def _folder(run: Run) -> Path:
     return plane_sets.folder_of(recipe, Path(run.config["data"]["cache_folder"]).expanduser())
 
 
+def card(contents: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The model card in a file of weights: for whom, of what data, with which limits, under which licence."""
+    recipe = facts["set"]
+    grids = ", ".join(f"{rows}x{columns}" for rows, columns in sorted(set(map(tuple, recipe["grids"]))))
+    reach = max(recipe["depths"]) * max(map(abs, recipe["scenes"]["disparities"]))
+    kind = "the pictures of occlusion_aware" if networks.REFINER in contents["lfref"] else "sums of views through cells"
+    return {
+        "use": f"corrects {kind}: refocused pictures of light fields at any slopes",
+        "data": "scenes of lfref's simulator, drawn at random, with their truth as labels; no photographs",
+        "trained_on": f"grids of {grids} views, disparities of up to {reach:g} px per view step",
+        "limits": LIMITS,
+        "licence": "MIT",
+    }
+
+
 def scaled(contents: Mapping[str, Any], scale: float) -> dict[str, Any]:
     """A checkpoint of a refiner whose corrections are multiplied by a factor: all of its shares, not its gate."""
     weights, sizes = dict(contents["state_dict"]), contents["lfref"]["refiner"]
@@ -57,14 +74,19 @@ def scaled(contents: Mapping[str, Any], scale: float) -> dict[str, Any]:
 def main() -> None:
     """Write `lfref/weights/learned.safetensors`."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("run", type=Path)
+    parser.add_argument("run", type=Path, nargs="?", help="none: only the card of the file is written again")
     parser.add_argument("--to", type=Path, default=networks.SHIPPED)
     parser.add_argument("--scale", type=float, default=1.0, help="factor of all corrections of a refiner")
     options = parser.parse_args()
-    run = Run.of(options.run)
-    facts, contents = notes(run), checkpoint.read(run.best)
+    if options.run is None:
+        contents = checkpoint.read(options.to)
+        facts = contents["notes"]
+    else:
+        run = Run.of(options.run)
+        facts, contents = notes(run), checkpoint.read(run.best)
     if options.scale != 1:
         facts["scale"], contents = options.scale, scaled(contents, options.scale)
+    facts["card"] = card(contents, facts)
     checkpoint.write_weights(options.to, contents, facts)
     print(yaml.safe_dump({**facts, "file": str(options.to), "bytes": options.to.stat().st_size}, sort_keys=False))
 

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 import lfref as package
+from lfref.nets import checkpoint
 from tests.conftest import ROOT
 
 
@@ -100,6 +101,16 @@ def test_a_release_is_published_without_secrets_from_the_version_that_its_tag_na
     for tag, status in ((f"v{package.__version__}", 0), ("v9.9.9", 1)):
         environment = os.environ | {"GITHUB_REF_NAME": tag}
         assert subprocess.run(["sh", "-c", line], cwd=ROOT, env=environment).returncode == status
+
+
+@pytest.mark.parametrize("name", ["learned", "learned_fast"])
+def test_weights_hold_their_model_card_and_the_page_shows_it(name):
+    notes = checkpoint.read(ROOT / "lfref" / "weights" / f"{name}.safetensors")["notes"]
+    assert notes["card"]["licence"] == tomllib.loads(text("pyproject.toml"))["project"]["license"]
+    page = text("docs/learned.md")
+    assert all(entry in page for entry in notes["card"].values())
+    assert f"{notes['fields']}, {notes['steps']:,}" in page
+    assert notes["command"] in page
 
 
 def test_the_citation_has_dates():

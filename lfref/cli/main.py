@@ -63,7 +63,7 @@ def main() -> None:
         fail(name, error, status=1 if isinstance(error, FileError) else 2)
     with exit_line_on_signals(name):
         try:
-            with starting(name), without_collection(), extras.needed(f"lfref {name}"):
+            with starting(name), without_collection(), extras.needed("this command"):
                 module = importlib.import_module(f"lfref.cli.{name}")
         except InputError as error:
             fail(name, error)

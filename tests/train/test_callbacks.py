@@ -3,10 +3,11 @@
 import copy
 import logging
 
+import numpy as np
 import OpenImageIO
 import pytest
 import torch
-from lightning.pytorch import Callback
+from lightning.pytorch import Callback, loggers
 from lightning.pytorch.plugins import MixedPrecision
 
 from lfref.errors import FileError, InputError, LfrefError
@@ -20,6 +21,7 @@ from lfref.train.callbacks import (
     StackPictures,
     StepGuard,
     gradient_norm,
+    log_picture,
     nearest,
     side_by_side,
 )
@@ -251,6 +253,18 @@ def test_pictures_show_labels_above_predictions(module, data, trainer, tmp_path)
     expected = side_by_side(batch["labels"][0, [0, 2]], stack[0, [0, 2]]).permute(1, 2, 0).numpy()
     pixels = OpenImageIO.ImageBuf(str(files[-1])).get_pixels("float")
     assert abs(pixels - expected).max() <= 0.5 / 255 + 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n_channels", [1, 3])
+def test_pictures_in_wandb_are_the_pictures(tmp_path, n_channels):
+    picture = torch.rand(n_channels, 6, 8)
+    logger = loggers.WandbLogger(save_dir=tmp_path, offline=True, project="test")
+    log_picture(logger, picture, 3)
+    logger.experiment.finish()
+    (stored,) = tmp_path.glob("wandb/offline-run-*/files/media/images/**/*.png")
+    pixels = OpenImageIO.ImageBuf(str(stored)).get_pixels("float")
+    np.testing.assert_allclose(pixels[..., :n_channels], picture.permute(1, 2, 0), atol=0.51 / 255)
 
 
 def test_side_by_side_places_planes_and_rows():
