@@ -48,6 +48,8 @@ def command(
         with open_dict(config):
             config.folder = str(folder)
         try:
+            if resume.is_sweep_job():
+                resume.forget_failure(folder)
             parts.check(configs.plain(config), folder)
             if "seed" in config:
                 configs.number(config, "seed", 0, 2**32 - 1)
@@ -57,7 +59,7 @@ def command(
                     runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
                     task(config, folder)
         except Exception as error:
-            if resume.is_followed_by_jobs():
+            if resume.is_sweep_job():
                 resume.record_failure(error)
             elif isinstance(error, LfrefError):
                 fail(name, error)
@@ -74,7 +76,6 @@ def command(
             with patient_pipes(), exit_line_on_signals(name):
                 sys.argv[1:] = composition.check_line(name, expand(sys.argv[1:]))
                 run_hydra()  # composes the configuration and calls `run_task`, for each job of a sweep
-                resume.exit_if_jobs_failed(name)
         except LfrefError as error:
             fail(name, error, status=2)
 

@@ -46,6 +46,7 @@ RENAMED = {
 CALLBACKS = {
     "output_folder": {"_target_": "lfref.cli.run_folder.OutputFolder"},
     "checked_jobs": {"_target_": "lfref.cli.composition.CheckedJobs"},
+    "failed_jobs": {"_target_": "lfref.cli.resume.FailedJobs"},
 }
 """All of these, and no others, must stand in a configuration."""
 COMPONENTS = {

@@ -2,10 +2,10 @@
 
 Before Hydra reads the command line, `resume=RUN` becomes the overrides of that run and its folder; overrides that
 follow replace those with the same key. The result is then compared with what the run was trained on. Sweeps skip
-finished jobs when rerun, and continue after a failed one (with Hydra's basic launcher, which runs the jobs one after
-the other in this process; other launchers handle failed jobs in their own way).
+finished jobs when rerun, and continue after a failed one, with any launcher.
 """
 
+import json
 import logging
 import re
 import shutil
@@ -17,10 +17,13 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
+from hydra.experimental.callback import Callback
 from hydra.types import RunMode
+from omegaconf import DictConfig
 
 from lfref.cli import parts
 from lfref.errors import InputError, LfrefError
+from lfref.io import atomic
 from lfref.io import run as runs
 from lfref.io.run import Run
 
@@ -215,9 +218,8 @@ def _short(value: Any) -> str:
 
 log = logging.getLogger("lfref")
 
-BASIC = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
-
-_failed: list[str] = []
+FAILURE = "failure.json"
+"""File in the folder of a failed job: jobs may run in other processes, which share nothing but files with this one."""
 
 
 def is_sweep_job() -> bool:
@@ -225,27 +227,34 @@ def is_sweep_job() -> bool:
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
-def is_followed_by_jobs() -> bool:
-    """Whether further jobs of the sweep run in this process."""
-    return is_sweep_job() and HydraConfig.get().launcher.get("_target_") == BASIC
-
-
 def record_failure(error: Exception) -> None:
-    """Log and remember a failed job, so that the next one can run."""
+    """Note in its folder that a job failed; it ends like any other, so that no launcher stops the rest."""
     hydra = HydraConfig.get()
-    own = " ".join(override for override in hydra.overrides.task if override not in sys.argv)
-    line = f"{hydra.runtime.output_dir} ({own}): {' '.join(str(error).split())}"
-    log.error("failed: %s", line, exc_info=None if isinstance(error, LfrefError) else error)
-    _failed.append(line)
+    folder, reason = Path(hydra.runtime.output_dir), " ".join(str(error).split()) or type(error).__name__
+    log.error("failed: %s: %s", folder, reason, exc_info=None if isinstance(error, LfrefError) else error)
+    note = {"overrides": list(hydra.overrides.task), "reason": reason}
+    atomic.write_text(folder / FAILURE, json.dumps(note, indent=1))
 
 
-def exit_if_jobs_failed(name: str) -> None:
-    """After the last job: exit with status 1 if jobs failed, and name them."""
-    if _failed:
-        count = f"{len(_failed)} of the runs failed" if len(_failed) > 1 else "one of the runs failed"
-        print(f"lfref {name}: {count}:", *_failed, sep="\n  ", file=sys.stderr)
-        _failed.clear()
-        sys.exit(1)
+def forget_failure(folder: Path) -> None:
+    """Remove the note of an earlier failure of a job."""
+    (folder / FAILURE).unlink(missing_ok=True)
+
+
+class FailedJobs(Callback):
+    """At the end of a sweep, names the jobs that failed."""
+
+    def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
+        """Exit with status 1 if jobs failed, in whatever process they ran."""
+        lines = []
+        for file in sorted(Path(config.hydra.sweep.dir).glob(f"*/{FAILURE}")):
+            note = json.loads(file.read_text("utf-8"))
+            own = " ".join(override for override in note["overrides"] if override not in sys.argv)
+            lines.append(f"{file.parent} ({own}): {note['reason']}")
+        if lines:
+            count = f"{len(lines)} of the runs failed" if len(lines) > 1 else "one of the runs failed"
+            print(f"lfref {config.hydra.job.name}: {count}:", *lines, sep="\n  ", file=sys.stderr)
+            sys.exit(1)
 
 
 def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:

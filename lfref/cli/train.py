@@ -77,7 +77,8 @@ def train(config: DictConfig, folder: Path) -> None:
     torch.set_float32_matmul_precision(config.matmul_precision)
     data = configs.build(config.data)
     module = _module(config, data)
-    stopping = Stopping(folder / runs.CHECKPOINTS / "last.ckpt", functools.partial(_give_up, folder))
+    minutes = None if config.checkpoint_minutes is None else configs.number(config, "checkpoint_minutes", 0)
+    stopping = Stopping(folder / runs.CHECKPOINTS / "last.ckpt", functools.partial(_give_up, folder), minutes)
     try:
         with one_line_errors(folder):
             trainer = _trainer(config, stopping)

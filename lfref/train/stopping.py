@@ -1,5 +1,5 @@
 """The end of a training: all processes stop together when one process gets a signal or dies, and failures from outside
-(a full disk, a dead or hanging data process) become errors of one line.
+(a full disk, a dead or hanging data process) become errors of one line. Checkpoints in good time bound what is lost.
 
 A handler must not start a collective: other processes may be in another one, and all would wait for ever. Lightning's
 own notifier does so, and is switched off. Here a handler only sets a flag. The processes compare their flags after
@@ -9,6 +9,7 @@ only when they are whole.
 The module stands apart from the command, since signals and processes are a separate subject.
 """
 
+import math
 import multiprocessing
 import os
 import signal
@@ -31,6 +32,8 @@ from lfref.io import atomic
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 15
 """Seconds from a signal to an end by force."""
+SAVE = 1
+"""Value that the processes agree on, in place of a signal, to write a checkpoint and go on."""
 PARENT = "LFREF_FIRST_PROCESS"
 """Environment variable with the id of the process that started the other processes."""
 
@@ -41,11 +44,14 @@ class Stopping(Callback):
     Args:
         path: The checkpoint to write.
         give_up: Function that prints why a process ends by force; its argument is the signal.
+        minutes: Minutes between checkpoints within an epoch; None writes none.
     """
 
-    def __init__(self, path: Path, give_up: Callable[[int], None]) -> None:
+    def __init__(self, path: Path, give_up: Callable[[int], None], minutes: float | None = None) -> None:
         self.path = path
         self.give_up = give_up
+        self.minutes = math.inf if minutes is None else minutes
+        self._saved = time.monotonic()
         self.number = 0
         """The signal that this process got, or 0."""
         self.agreed = False
@@ -92,17 +98,24 @@ class Stopping(Callback):
         self._is_training = True
 
     def on_train_batch_end(self, trainer: Trainer, module: Any, outputs: Any, batch: Any, batch_index: int) -> None:
-        """If any process got a signal, write a checkpoint and stop all processes."""
+        """Write a checkpoint when one is due; if any process got a signal, also stop all processes."""
         # A checkpoint holds no gradients: gradients that are accumulated for a step would be lost.
-        if trainer.world_size == 1 or (batch_index + 1) % trainer.accumulate_grad_batches:
+        if (batch_index + 1) % trainer.accumulate_grad_batches:
             return
-        number = torch.tensor(float(self.number), device=trainer.strategy.root_device)
-        if latest := int(trainer.strategy.reduce(number, reduce_op="max")):
+        latest = self.number or SAVE * (time.monotonic() - self._saved > 60 * self.minutes)
+        if trainer.world_size > 1:
+            number = torch.tensor(float(latest), device=trainer.strategy.root_device)
+            latest = int(trainer.strategy.reduce(number, reduce_op="max"))
+        if not latest:
+            return
+        if latest != SAVE:
             self.agreed = True
             self._take_over_processes()
-            # After the last batch, validation is due. A resumed training would leave it out, so it repeats the epoch.
-            if not trainer.fit_loop.epoch_loop.batch_progress.is_last_batch:
-                trainer.save_checkpoint(self.path)
+        # After the last batch, validation is due. A resumed training would leave it out, so it repeats the epoch.
+        if not trainer.fit_loop.epoch_loop.batch_progress.is_last_batch:
+            trainer.save_checkpoint(self.path)
+            self._saved = time.monotonic()
+        if latest != SAVE:
             self._stop(latest)
 
     def on_train_end(self, trainer: Trainer, module: Any) -> None:

@@ -2,6 +2,8 @@
 
 import csv
 import shutil
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -56,6 +58,33 @@ def test_a_member_that_fails_is_named_at_the_end_and_the_rest_runs(lfref, tmp_pa
     assert "Invalid learning rate" in why
     assert fits == [(0.02, 0)]
     assert Run(tmp_path / "sweep" / "1").is_finished
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plugin", "launcher"),
+    [
+        ("hydra_plugins.hydra_joblib_launcher", ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")),
+        ("hydra_plugins.hydra_submitit_launcher", ("hydra/launcher=submitit_local", "hydra.launcher.timeout_min=5")),
+    ],
+)
+def test_a_failed_job_stops_no_launcher_and_a_rerun_does_what_is_left(tmp_path, plugin, launcher):
+    pytest.importorskip(plugin)
+    words = (*SWEEP, *launcher, f"output={tmp_path}/sweep", "optimizer.lr=0.01,-1,0.02")
+    finished = []
+    for _ in range(2):
+        ended = subprocess.run(
+            [sys.executable, "-m", "lfref.cli.main", *words], cwd=tmp_path, capture_output=True, text=True
+        )
+        assert ended.returncode == 1, ended.stderr
+        *_, told, why = ended.stderr.strip().splitlines()
+        assert told == "lfref train: one of the runs failed:"
+        assert "sweep/1 (optimizer.lr=-1): " in why
+        assert "Invalid learning rate" in why
+        checkpoints = [tmp_path / "sweep" / name / "checkpoints" / "last.ckpt" for name in "02"]
+        finished.append([checkpoint.stat().st_mtime_ns for checkpoint in checkpoints])
+    assert finished[0] == finished[1]
+    assert all(Run(tmp_path / "sweep" / name).is_finished for name in "02")
 
 
 def test_a_member_that_raises_what_nobody_foresaw_is_named_too(lfref, tmp_path, monkeypatch):

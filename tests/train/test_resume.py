@@ -9,6 +9,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 
 from lfref.train.callbacks import BestCheckpoint, CSVLogger, HeadInitialization
 from lfref.train.modules import cut_log, refit
+from lfref.train.stopping import Stopping
 
 quiet = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*", "ignore:.*number of training batches.*", "ignore:.*Checkpoint directory.*"
@@ -56,6 +57,46 @@ def test_a_run_that_is_stopped_within_an_epoch_is_resumed_to_the_bit(module, dat
     assert resumed.seen == unbroken.seen[2:]
     for name, value in module.state_dict().items():
         assert torch.equal(value, again.state_dict()[name]), name
+
+
+class Killed(Callback):
+    """Ends the training after a step, like a signal that cannot be handled."""
+
+    def __init__(self, step):
+        self.step = step
+
+    def on_train_batch_end(self, trainer, module, outputs, batch, batch_index):
+        if trainer.global_step == self.step:
+            raise SystemExit(137)
+
+
+@pytest.fixture(scope="module")
+def unbroken():
+    return {}
+
+
+@quiet
+@pytest.mark.parametrize("step", range(1, 11))
+def test_a_run_that_is_killed_at_any_step_is_resumed_from_its_last_checkpoint_to_the_bit(
+    module, data, trainer, tmp_path, unbroken, step
+):
+    """Checkpoints are due after every step here; the last one of an epoch comes after its validation."""
+    torch.manual_seed(0)
+    for value in module.parameters():
+        torch.nn.init.normal_(value, std=0.1)
+    broken, again = copy.deepcopy(cosine(module, 4)), copy.deepcopy(module)
+    if not unbroken:
+        trainer(max_epochs=4).fit(module, datamodule=data)
+        unbroken |= module.state_dict()
+    path = tmp_path / "last.ckpt"
+    callbacks = [Stopping(path, lambda _: None, minutes=0), Killed(step)]
+    with pytest.raises(SystemExit):
+        trainer(max_epochs=4, callbacks=callbacks).fit(broken, datamodule=data)
+    saved = step - (step % 3 == 0)  # the last step of an epoch is followed by validation before the next checkpoint
+    assert torch.load(path, weights_only=True)["global_step"] == saved
+    trainer(max_epochs=4).fit(again, datamodule=data, ckpt_path=path, weights_only=True)
+    for name, value in again.state_dict().items():
+        assert torch.equal(value, unbroken[name]), name
 
 
 def every_epoch(folder):
