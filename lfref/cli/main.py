@@ -92,8 +92,10 @@ def without_collection() -> Iterator[None]:
     gc.disable()
     importlib.import_module("torch")
     gc.freeze()  # before OpenImageIO is imported, which reports objects that are left at the end
-    yield
-    gc.enable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def allowed_packages(words: list[str]) -> tuple[list[str], list[str]]:
