@@ -16,15 +16,7 @@ from mkdocs.structure.pages import Page
 import lfref
 
 ROOT = Path(__file__).resolve().parents[1]
-PUBLISHED = (
-    "README.md",
-    "CONTRIBUTING.md",
-    "CHANGELOG.md",
-    "docs/*.md",
-    "docs/*.css",
-    "docs/serve.py",
-    "docs/pictures/*",
-)
+PUBLISHED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/*.css", "docs/pictures/*")
 # The face of this package are the commands, which tell about themselves by `--help`.
 WITHOUT_PAGE = "cli"
 PUBLIC_NAMES = "reference/names.md"

@@ -96,10 +96,10 @@ def test_machine_code_serves_on_when_files_are_only_newer_or_others_have_changed
 
 
 def test_the_first_compilation_says_once_that_it_takes_long(programs):
-    told = "import logging\nlogging.basicConfig(level=logging.INFO)\n"
-    assert started(programs, told + PROGRAM).stderr == ""
+    logged = "import logging\nlogging.basicConfig(level=logging.INFO)\n"
+    assert started(programs, logged + PROGRAM).stderr == ""
     change(programs, "constants", "1", "2")
-    run = started(programs, told + PROGRAM)
+    run = started(programs, logged + PROGRAM)
     assert run.stdout == "12 0\n"
     assert run.stderr == "INFO:lfref.functional.loops:compiling loops for this processor: once, for some seconds\n"
 
