@@ -1,5 +1,6 @@
 """Packages that only some commands need: each comes with an extra, as in `pip install 'lfref[report]'`."""
 
+import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -36,3 +37,9 @@ def needed(what: str) -> Iterator[None]:
         if extra is None:
             raise
         raise InputError(f"{what} needs {package}", got="none", remedy=f"pip install 'lfref[{extra}]'") from error
+
+
+def check(package: str, what: str) -> None:
+    """Raise an InputError if a package is missing, before work is done that needs it later; `what` as in `needed`."""
+    with needed(what):
+        importlib.import_module(package)

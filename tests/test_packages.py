@@ -133,6 +133,7 @@ def test_what_needs_another_package_names_its_extra_in_one_line(field, tmp_path,
     last = ended.stderr.strip().splitlines()[-1]
     assert last.startswith(f"lfref {words[0]}: "), ended.stderr
     assert f"needs {package}; got none; pip install 'lfref[{extra}]'" in last
+    assert not (tmp_path / "out" / "stack.exr").exists()  # it is said before the work, not after it
 
 
 def test_errors_about_other_packages_stay_as_they_are():

@@ -48,8 +48,6 @@ def command(
         with open_dict(config):
             config.folder = str(folder)
         try:
-            if resume.is_sweep_job():
-                resume.forget_failure(folder)
             parts.check(configs.plain(config), folder)
             if "seed" in config:
                 configs.number(config, "seed", 0, 2**32 - 1)
@@ -92,14 +90,11 @@ def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iter
 def stages(name: str, number: int) -> Iterator[Callable[[str], None]]:
     """A progress bar of the stages of one light field, on a terminal; yields the function that begins a stage."""
     with _bar(counts_down=False, transient=True) as bar:
-        n_begun = itertools.count()
-        task = None if bar is None else bar.add_task(name, total=number)
-
-        def begin(stage: str) -> None:
-            if bar is not None and task is not None:
-                bar.update(task, description=f"{name}: {stage}", completed=next(n_begun), refresh=True)
-
-        yield begin
+        if bar is None:
+            yield lambda stage: None
+            return
+        task, n_begun = bar.add_task(name, total=number), itertools.count()
+        yield lambda stage: bar.update(task, description=f"{name}: {stage}", completed=next(n_begun), refresh=True)
 
 
 @contextmanager
@@ -108,7 +103,7 @@ def _bar(counts_down: bool = True, transient: bool = False) -> Iterator["Progres
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console  # a bar is all that it is for: files and pipes do not wait for it
+    from rich.console import Console  # imported here: commands without a terminal do not wait for it
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console, clock = Console(stderr=True), TimeRemainingColumn() if counts_down else TimeElapsedColumn()

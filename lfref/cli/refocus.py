@@ -7,6 +7,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from lfref import extras
 from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
 from lfref.cli import resume, steps
@@ -30,6 +31,8 @@ def refocus(config: DictConfig, folder: Path) -> None:
     files = PictureFiles(str(config.format), bits, quality)
     refocuser, configured_planes = _refocuser(config, device)
     optional = [name for name in results.OPTIONAL if config[name]]
+    if config.video:
+        extras.check("av", "video=true")
     n_rows, scratch = _rows(config, optional), None if config.rows is None else folder
     white = steps.white_field(config, refocuser)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))

@@ -218,7 +218,7 @@ def _short(value: Any) -> str:
 
 log = logging.getLogger("lfref")
 
-FAILURE = "failure.json"
+FAILURE = ".lfref_failure.json"
 """File in the folder of a failed job: jobs may run in other processes, which share nothing but files with this one."""
 
 
@@ -236,18 +236,18 @@ def record_failure(error: Exception) -> None:
     atomic.write_text(folder / FAILURE, json.dumps(note, indent=1))
 
 
-def forget_failure(folder: Path) -> None:
-    """Remove the note of an earlier failure of a job."""
-    (folder / FAILURE).unlink(missing_ok=True)
-
-
 class FailedJobs(Callback):
     """At the end of a sweep, names the jobs that failed."""
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """Remove the notes of an earlier run of the sweep."""
+        for file in self._notes(config):
+            file.unlink(missing_ok=True)
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         """Exit with status 1 if jobs failed, in whatever process they ran."""
         lines = []
-        for file in sorted(Path(config.hydra.sweep.dir).glob(f"*/{FAILURE}")):
+        for file in self._notes(config):
             note = json.loads(file.read_text("utf-8"))
             own = " ".join(override for override in note["overrides"] if override not in sys.argv)
             lines.append(f"{file.parent} ({own}): {note['reason']}")
@@ -255,6 +255,9 @@ class FailedJobs(Callback):
             count = f"{len(lines)} of the runs failed" if len(lines) > 1 else "one of the runs failed"
             print(f"lfref {config.hydra.job.name}: {count}:", *lines, sep="\n  ", file=sys.stderr)
             sys.exit(1)
+
+    def _notes(self, config: DictConfig) -> list[Path]:
+        return sorted(Path(config.hydra.sweep.dir).glob(f"*/{FAILURE}"))
 
 
 def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:

@@ -1,7 +1,6 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
 import functools
-import importlib
 import signal
 import sys
 from pathlib import Path
@@ -138,8 +137,7 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
 def _loggers(config: DictConfig) -> list[Any]:
     """The loggers; each has logged the whole configuration."""
     if "tensorboard" in config.logger:  # Lightning would fail later, and say less
-        with extras.needed("logger=tensorboard"):
-            importlib.import_module("tensorboard")
+        extras.check("tensorboard", "logger=tensorboard")
     loggers = [configs.build(logger) for logger in config.logger.values()]
     try:
         for logger in loggers:

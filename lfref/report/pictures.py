@@ -2,7 +2,7 @@
 
 Captures may be dark, so pictures have a gain. All pictures of a sheet have the same gain, from the mean of all views
 (or of all planes), so that a difference in brightness between two methods stays visible.
-Sheets are put together as pixels, and OpenImageIO draws their text: who refocuses needs no plotting library.
+Sheets are put together as pixels, and OpenImageIO draws their text: refocusing needs no plotting library.
 """
 
 import math
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import OpenImageIO
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
@@ -127,25 +128,21 @@ def views_sheet(cells: Mapping[str, Tensor]) -> NDArray[np.uint8]:
     return _sheet(list(shown.values()), list(shown), n_columns)
 
 
-def colour_bar_map(colours: NDArray[np.floating], low: float, high: float, label: str) -> NDArray[np.uint8]:
+def map_with_bar(colours: NDArray[np.floating], low: float, high: float, label: str) -> NDArray[np.uint8]:
     """A coloured map [H, W, 3] in [0, 1] beside the bar of its colours, from `low` to `high`: pixels [H, W, 3]."""
-    scale = MAP_WIDTH / colours.shape[1]
-    rows = np.arange(max(BAR_TICKS * SHEET_LINE, round(scale * colours.shape[0]))) / scale
-    columns = np.arange(MAP_WIDTH) / scale
-    nearest = [axis.astype(int).clip(0, n - 1) for axis, n in zip((rows, columns), colours.shape, strict=False)]
-    enlarged = colours[np.ix_(*nearest)]
-    bar = disparity_colours.coloured(np.linspace(high, low, len(rows))[:, None].repeat(BAR_WIDTH, 1), low, high)
-    ticks = [f"{value:.2f}" for value in np.linspace(high, low, BAR_TICKS)]
+    drawn = _resized(torch.from_numpy(colours).movedim(2, 0), MAP_WIDTH).movedim(0, 2).numpy()
+    height = max(BAR_TICKS * SHEET_LINE, len(drawn))  # a low map leaves room for the slopes beside the bar
+    bar = disparity_colours.coloured(np.linspace(high, low, height)[:, None].repeat(BAR_WIDTH, 1), low, high)
     left = SHEET_GAP + MAP_WIDTH + SHEET_GAP
     beside = left + BAR_WIDTH + SHEET_GAP
-    sheet = np.full((len(rows) + 2 * SHEET_LINE, beside + 4 * SHEET_LINE, 3), 255, np.uint8)
-    for x, part in ((SHEET_GAP, enlarged), (left, bar)):
-        sheet[SHEET_LINE : SHEET_LINE + len(rows), x : x + part.shape[1]] = np.rint(255 * part)
-    places = np.linspace(SHEET_LINE, SHEET_LINE + len(rows) - 1, BAR_TICKS)
-    sheet = _with_texts(
-        sheet, [Text(tick, beside, round(y), "left", "center") for y, tick in zip(places, ticks, strict=True)]
-    )
-    # OpenImageIO draws horizontally: the label of the bar is drawn on the sheet lying on its side.
+    sheet = np.full((height + 2 * SHEET_LINE, beside + 4 * SHEET_LINE, 3), 255, np.uint8)
+    for x, part in ((SHEET_GAP, drawn), (left, bar)):
+        sheet[SHEET_LINE : SHEET_LINE + len(part), x : x + part.shape[1]] = np.rint(255 * part)
+    values = np.linspace(high, low, BAR_TICKS)
+    places = np.linspace(SHEET_LINE, SHEET_LINE + height - 1, BAR_TICKS)
+    ticks = [Text(f"{value:.2f}", beside, round(y), "left", "center") for value, y in zip(values, places, strict=True)]
+    sheet = _with_texts(sheet, ticks)
+    # OpenImageIO draws horizontally, so the label is drawn on the sheet turned by a quarter.
     name = Text(label, sheet.shape[0] // 2, sheet.shape[1] - SHEET_GAP, size=NOTE_SIZE, brightness=GREY)
     return np.ascontiguousarray(np.rot90(_with_texts(np.rot90(sheet, -1), [name])))
 
@@ -197,10 +194,10 @@ class Text(NamedTuple):
     text: str
     x: int
     y: int
-    across: str = "center"
-    """Where x lies: `left` or `center`."""
-    along: str = "baseline"
-    """Where y lies: `baseline` or `center`."""
+    align_x: str = "center"
+    """What x is of the text: `left` or `center`."""
+    align_y: str = "baseline"
+    """What y is of the text: `baseline` or `center`."""
     size: int = LABEL_SIZE
     """Height of the letters in pixels."""
     brightness: int = BLACK
@@ -209,9 +206,9 @@ class Text(NamedTuple):
 def _with_texts(pixels: np.ndarray, texts: Iterable[Text]) -> NDArray[np.uint8]:
     """Pixels [H, W, 3] with texts; a build of OpenImageIO that has no letters leaves them out."""
     canvas = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
-    for text, x, y, across, along, size, brightness in texts:
+    for text, x, y, align_x, align_y, size, brightness in texts:
         colour = (brightness / 255,) * 3
-        OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, text, size, "", colour, across, along)
+        OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, text, size, "", colour, align_x, align_y)
     return np.asarray(canvas.get_pixels("uint8"), np.uint8)
 
 

@@ -48,7 +48,7 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> NDArray[np.uint8]:
     low, high = colour_range(values, opacity)
     colours = disparity_colours.coloured(values, low, high)
     faded = opacity[..., None] * colours + (1 - opacity[..., None])
-    return pictures.colour_bar_map(faded, low, high, "slope, px per view step")
+    return pictures.map_with_bar(faded, low, high, "slope, px per view step")
 
 
 def colour_range(values: NDArray, confidence: NDArray) -> tuple[float, float]:

@@ -292,7 +292,7 @@ def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:
 def log_picture(logger: Any, picture: Tensor, step: int) -> None:
     """Give a picture [C, H, W] to a logger that takes pictures (wandb, tensorboard)."""
     if hasattr(logger, "log_image"):
-        # Loggers of this kind disagree about floating point (wandb reads 0 to 255 there), and agree about bytes.
+        # wandb expects values up to 255, also in floating point.
         pixels = (255 * picture.permute(1, 2, 0)).round().byte().numpy()
         logger.log_image("val/stack", [pixels if pixels.shape[2] > 1 else pixels[..., 0]], step=step)
     elif hasattr(logger.experiment, "add_image"):

