@@ -46,8 +46,9 @@ class StepGuard(Callback):
     """Skips steps whose loss or gradient is not finite, and stops after too many in a row.
 
     A skipped step leaves weights, moments of the optimiser and running statistics unchanged. It is counted, and logged
-    with the patches that caused it. All processes of a distributed run decide alike. A gradient counts as finite if
-    float32 holds its norm, since Adam squares its entries. Under float16, the loss scaler handles an overflow by a
+    with the patches that caused it. All processes of a distributed run decide alike without asking each other: a loss
+    that is not finite makes its gradients NaN, and DDP's mean of gradients carries these to all processes. A gradient
+    counts as finite if float32 holds its norm, since Adam squares its entries. Under float16, the loss scaler handles an overflow by a
     smaller scale; such steps are counted separately.
 
     Args:
@@ -81,8 +82,10 @@ class StepGuard(Callback):
         self.resampled += batch["resampled"]
 
     def on_before_backward(self, trainer: Trainer, module: Any, loss: Tensor) -> None:
-        """Record the loss."""
+        """Record the loss; one that is not finite makes all gradients NaN."""
         self._losses.append(loss.detach())
+        factor = torch.where(loss.detach().isfinite(), 1.0, torch.nan)
+        loss.register_hook(lambda gradient: gradient * factor)
 
     def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: torch.optim.Optimizer) -> None:
         """Remove the gradients if one of them or the loss is not finite: optimisers skip weights without a gradient.
@@ -92,7 +95,7 @@ class StepGuard(Callback):
         """
         is_loss_finite, norm = torch.stack(self._losses).isfinite().all(), gradient_norm(module)
         window, self._window, self._losses = self._window, [], []
-        if trainer.strategy.reduce_boolean_decision(bool(is_loss_finite & norm.isfinite())):
+        if norm.isfinite():
             self.in_a_row = 0
             return
         what = "gradient" if is_loss_finite else "loss"

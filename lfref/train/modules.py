@@ -94,9 +94,19 @@ class Fitting(LightningModule, abc.ABC):
             self.log(f"val/{name}", metric)
 
     def log_stage(self, stage: str, values: Mapping[str, Tensor], batch_size: int) -> None:
-        """Log values as `STAGE/NAME`, for `train` at each step, for `val` as the mean over the epoch."""
+        """Log means over all processes as `STAGE/NAME`: for `train` of a step, for `val` of the epoch.
+
+        Processes meet for `train` once in `trainer.log_every_n_steps` steps, whose values a logger takes.
+        """
+        is_step = stage == "train"
+        if is_step and self.trainer.world_size > 1:
+            every = self.trainer.log_every_n_steps
+            if not every or (self.global_step + 1) % every:
+                return
+            packed = torch.stack([value.detach().float() for value in values.values()])
+            values = dict(zip(values, self.trainer.strategy.reduce(packed, reduce_op="mean"), strict=True))
         named = {f"{stage}/{name}": value for name, value in values.items()}
-        self.log_dict(named, on_step=stage == "train", on_epoch=stage == "val", batch_size=batch_size, sync_dist=True)
+        self.log_dict(named, on_step=is_step, on_epoch=not is_step, batch_size=batch_size, sync_dist=not is_step)
 
     def configure_optimizers(self) -> dict[str, Any]:  # type: ignore[override]
         """The optimiser over all parameters of the network, and its schedule.

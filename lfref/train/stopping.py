@@ -3,10 +3,10 @@
 after some minutes, so that little is lost.
 
 A handler must not start a collective: other processes may be in another one, and all would wait for ever. Lightning's
-own notifier does so, and is switched off. Here a handler only sets a flag. The processes compare their flags after
-every step; if one is set, they write a checkpoint, from which the epoch continues. A process that stands still in a
-library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives that, since files are renamed
-only when they are whole.
+own notifier does so, and is switched off. Here a handler only sets a flag. The exchange of gradients carries the flags
+of all processes along; if one is set, they write a checkpoint after that step, from which the epoch continues. A process
+that stands still in a library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives that,
+since files are renamed only when they are whole.
 The module stands apart from the command, since signals and processes are a separate subject.
 """
 
@@ -26,6 +26,10 @@ from typing import Any
 
 import torch
 from lightning.pytorch import Callback, Trainer
+from torch import Tensor, distributed
+from torch.distributed.algorithms.ddp_comm_hooks import default_hooks
+from torch.futures import Future
+from torch.nn.parallel import DistributedDataParallel
 
 from lfref.errors import CheckpointError, LfrefError, first_line
 from lfref.io import atomic
@@ -35,6 +39,8 @@ PATIENCE_S = 15
 """Seconds from a signal to an end by force."""
 SAVE = 1
 """Value that the processes agree on, in place of a signal, to write a checkpoint and go on."""
+REQUESTS = (*SIGNALS, SAVE)
+"""What a process can ask of all processes, most urgent first."""
 PARENT = "LFREF_FIRST_PROCESS"
 """Environment variable with the id of the process that started the other processes."""
 
@@ -58,6 +64,7 @@ class Stopping(Callback):
         self.agreed = False
         """Whether all processes stop after the same step."""
         self._is_training = False
+        self._requests: Tensor | None = None
         self._started: list[subprocess.Popen[bytes]] = []
 
     @contextmanager
@@ -95,19 +102,17 @@ class Stopping(Callback):
                 signal.signal(number, handler)
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
-        """Note that all processes meet after every step from now on."""
+        """Note that all processes meet in every step from now on, and let them exchange requests there."""
         self._is_training = True
+        if isinstance(model := trainer.strategy.model, DistributedDataParallel):
+            model.register_comm_hook(None, self._exchange)
 
     def on_train_batch_end(self, trainer: Trainer, module: Any, outputs: Any, batch: Any, batch_index: int) -> None:
         """Write a checkpoint when one is due; if any process got a signal, also stop all processes."""
         # A checkpoint holds no gradients: gradients that are accumulated for a step would be lost.
         if (batch_index + 1) % trainer.accumulate_grad_batches:
             return
-        is_due = time.monotonic() - self._saved > 60 * self.minutes
-        latest = self.number or (SAVE if is_due else 0)
-        if trainer.world_size > 1:
-            number = torch.tensor(float(latest), device=trainer.strategy.root_device)
-            latest = int(trainer.strategy.reduce(number, reduce_op="max"))
+        latest = self._request() if self._requests is None else _most_urgent(self._requests)
         if not latest:
             return
         if latest != SAVE:
@@ -123,6 +128,24 @@ class Stopping(Callback):
     def on_train_end(self, trainer: Trainer, module: Any) -> None:
         """Note that the processes no longer meet: other processes may have ended."""
         self._is_training = False
+
+    def _request(self) -> int:
+        """What this process asks for: its signal, a checkpoint that is due, or 0."""
+        is_due = time.monotonic() - self._saved > 60 * self.minutes
+        return self.number or (SAVE if is_due else 0)
+
+    def _exchange(self, state: None, bucket: distributed.GradBucket) -> Future[Tensor]:
+        """Average gradients over the processes, as DDP does; the last ones of a step carry the requests along."""
+        if not bucket.is_last():
+            return default_hooks.allreduce_hook(distributed.group.WORLD, bucket)
+        own = torch.tensor([float(request == self._request()) for request in REQUESTS])
+        both = torch.cat([bucket.buffer(), own.to(bucket.buffer())]).div_(distributed.get_world_size())
+
+        def separate(future: Future[list[Tensor]]) -> Tensor:
+            gradients, self._requests = future.value()[0].tensor_split([-len(REQUESTS)])
+            return gradients
+
+        return distributed.all_reduce(both, async_op=True).get_future().then(separate)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         """Handler of signals: remember the signal, or stop at once if no step follows."""
@@ -167,6 +190,11 @@ class Stopping(Callback):
             if process.poll() is None:
                 process.kill()
                 process.wait()
+
+
+def _most_urgent(requests: Tensor) -> int:
+    """The first of `REQUESTS` that a process asks for, or 0."""
+    return next((request for request, share in zip(REQUESTS, requests.tolist(), strict=True) if share), 0)
 
 
 def _end_with_parent(parent: int) -> None:

@@ -1,7 +1,9 @@
 """A training run small enough for a test: a tiny RefNet on tiny simulated scenes."""
 
+import os
 from functools import partial
 from pathlib import Path
+from unittest import mock
 
 import pytest
 import torch
@@ -51,4 +53,6 @@ def trainer(tmp_path: Path):
         }
         return Trainer(**(settings | options))
 
-    return make
+    # Lightning leaves the port of several processes in the environment, where later trainings would take it over.
+    with mock.patch.dict(os.environ):
+        yield make

@@ -1,15 +1,21 @@
 """Two processes on the CPU, started as a user would: by the console script."""
 
 import csv
+import json
 import re
 import subprocess
 import sys
+from collections import Counter
+from functools import partial
+from pathlib import Path
 
 import pytest
 import torch
 from lightning.pytorch import Callback
+from torch import distributed
 
-from lfref.train.callbacks import RankAgreement, StepGuard
+from lfref.train.callbacks import HeadInitialization, RankAgreement, StepGuard
+from lfref.train.stopping import Stopping
 from tests.cli.conftest import TINY, lfref  # noqa: F401  a fixture
 
 pytestmark = pytest.mark.slow
@@ -62,11 +68,37 @@ def test_two_processes_resume_together(two, tmp_path):
 
 
 class PoisonOfOneProcess(Callback):
-    """Puts an infinity into one gradient of the second process, once the processes have exchanged theirs."""
+    """Makes the first loss of the second process infinite, whose gradients stay finite."""
 
-    def on_after_backward(self, trainer, module):
+    def on_before_backward(self, trainer, module, loss):
         if trainer.global_rank == 1 and trainer.global_step == 0:
-            module.net.head.weight.grad[0, 0] = torch.inf
+            loss.data.fill_(torch.inf)
+
+
+class Meetings(Callback):
+    """Counts the collectives that Python starts in each step of the first process."""
+
+    NAMES = "all_reduce", "broadcast", "barrier", "broadcast_object_list", "all_gather", "all_gather_object"
+
+    def setup(self, trainer, pl_module, stage):
+        self.counted, self.of_steps = Counter(), []
+        for name in self.NAMES:
+            counting = partial(self._call, name, getattr(distributed, name))
+            setattr(distributed, name, counting)
+
+    def _call(self, name, function, *args, **options):
+        self.counted[name] += 1
+        return function(*args, **options)
+
+    def on_train_batch_start(self, trainer, module, batch, batch_index):
+        self.counted.clear()
+
+    def on_train_batch_end(self, trainer, module, outputs, batch, batch_index):
+        self.of_steps.append(dict(self.counted))
+
+    def on_train_end(self, trainer, module):
+        if trainer.global_rank == 0:
+            (Path(trainer.default_root_dir) / "meetings.json").write_text(json.dumps(self.of_steps))
 
 
 class AgreementOfForks(RankAgreement):
@@ -99,3 +131,15 @@ def test_all_processes_skip_the_step_that_one_cannot_take(module, data, trainer)
     # As the first process counts it, whose own gradient was finite.
     assert fit.callback_metrics["train/skipped"] == 1
     assert all(value.isfinite().all() for value in module.state_dict().values())
+
+
+@quiet
+def test_processes_meet_for_the_gradients_only_and_for_the_log_when_it_is_due(module, data, trainer, tmp_path):
+    stopping = Stopping(tmp_path / "last.ckpt", lambda number: None, minutes=15)
+    callbacks = [HeadInitialization(), StepGuard(), stopping, Meetings()]
+    options = {"devices": 2, "strategy": "ddp_fork", "plugins": [], "log_every_n_steps": 4}
+    trainer(max_epochs=3, callbacks=callbacks, **options).fit(module, datamodule=data)
+    gradients = {"all_reduce": 1}
+    logged = {"all_reduce": 2, "barrier": 1}
+    steps = json.loads((tmp_path / "meetings.json").read_text())
+    assert steps == [gradients, gradients, gradients, logged, gradients, gradients]
