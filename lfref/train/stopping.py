@@ -35,7 +35,7 @@ from lfref.errors import CheckpointError, LfrefError, first_line
 from lfref.io import atomic
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-PATIENCE_S = 15
+PATIENCE_S = 10
 """Seconds from a signal to an end by force."""
 SAVE = 1
 """Value that the processes agree on, in place of a signal, to write a checkpoint and go on."""
