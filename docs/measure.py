@@ -218,7 +218,7 @@ def _with_note(value: float, note: object) -> str:
 
 def _label_psnr(source: OperatorLabels, index: int, corner: int) -> torch.Tensor:
     field = SimulatedSource(4, 0, RandomScenes(Camera(size=(FIELD, FIELD)))).field(index)
-    _, label = cut(field, source, corner, corner, PATCH)
+    _, label = cut(field, source.margin(field.grid), corner, corner, PATCH).pair(source)
     window = (..., slice(corner, corner + PATCH), slice(corner, corner + PATCH))
     return psnr(label, source(field)[window])
 

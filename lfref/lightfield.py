@@ -80,10 +80,10 @@ class LightField:
         """Encoding for pictures of the views: sRGB, or none where the views are encoded already."""
         return encoding.SRGB if self.is_linear else encoding.NONE
 
-    def to(self, device: torch.device) -> "LightField":
-        """The same light field with views and weight on a device."""
-        weight = None if self.weight is None else self.weight.to(device)
-        return replace(self, views=self.views.to(device), weight=weight)
+    def to(self, device: torch.device, non_blocking: bool = False) -> "LightField":
+        """The same light field with views and weight on a device; `non_blocking` as for tensors."""
+        weight = None if self.weight is None else self.weight.to(device, non_blocking=non_blocking)
+        return replace(self, views=self.views.to(device, non_blocking=non_blocking), weight=weight)
 
     def crop(self, top: int, left: int, height: int, width: int) -> "LightField":
         """The same rectangle of every view.

@@ -31,7 +31,7 @@ KEY = "resume="
 FOLDERS = "output", "folder", "resume"
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
 """Parts of a configuration that must stay as they are when a run is resumed."""
-FREE = "_target_", "allow_changes", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
+FREE = "_target_", "allow_changes", "cache_folder", "workers", "labels_on", "timeout", "optimizer", "scheduler"
 """Entries in these parts that may change: they do not change what is learned, or are compared in another way."""
 SHOWN = 4
 """Largest number of differences that an error names."""

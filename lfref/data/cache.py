@@ -1,43 +1,36 @@
-"""Decoded light fields on disk: read once, then a crop of all views costs milliseconds.
+"""A cache of light fields: each file is decoded once, and then lies in the cache as a stored field.
 
-A PNG of a whole lenslet image decodes in seconds, and only from front to back. The cache keeps memory-mapped arrays
-[V, U, C, H, W] in the file's own depth; corrected light fields are linear float32. The key of an entry is the SHA-256
-of the content, the reader's options, `read.VERSION`, and, for corrected light fields, the correction and
-`correct.VERSION`. These versions are raised when results change (tests/data/test_versions.py notices). Entries of
-earlier versions are never read again: delete the folder to free their space. An entry ends in its own CRC-32.
+The key of an entry is the SHA-256 of the content, the reader's options, `read.VERSION`, and, for corrected light
+fields, the correction and `correct.VERSION`. These versions are raised when results change (tests/data/test_versions.py
+notices). Entries of earlier versions are never read again. A limit of the cache's size deletes the entries that were
+not used for the longest time.
 """
 
 import functools
 import hashlib
 import json
 import logging
-import mmap
-import zlib
-from collections.abc import Mapping
+import os
+import time
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
-
 from lfref.captures import correct as corrections
 from lfref.captures.correct import AUTO, NONE, correct_by_option
-from lfref.encoding import LINEAR, Encoding, parsed
+from lfref.data import stored_fields
+from lfref.data.stored_fields import SUFFIX, Samples, StoredField
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, images, ownership, view_folders
+from lfref.io import atomic, ownership, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 
 HASHES = "hashes.json"
 """File of the cache folder that keeps content hashes: a data set is hashed once, however often training starts."""
-WEIGHTED = ".weighted"
-"""End of the name of an entry whose last channel is the weight."""
-STORED: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16), "float": np.dtype(np.float32)}
 EVEN_GRID = "networks learn on an even grid"
 """Reason for which the spacing of cameras is not corrected."""
-CRC_BYTES = 4
 
 log = logging.getLogger(__name__)
 
@@ -80,103 +73,113 @@ def _stored_hashes(folder: Path) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class CachedField:
-    """A light field on disk; only crops of it are read into memory."""
+class Reading:
+    """How the files of light fields become stored fields."""
 
-    name: str
-    samples: np.ndarray
-    """Memory map with the colour channels, then the weight if there is one, [V, U, C or C + 1, H, W]."""
-    has_weight: bool
-    encoding: Encoding = LINEAR
-    """Encoding of light as samples."""
+    options: Mapping[str, Any]
+    """Arguments of `lfref.read`."""
+    correct: str = NONE
+    """`none`, `auto`, or a file of corrections."""
 
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Number of view rows and columns (V, U)."""
-        return self.samples.shape[0], self.samples.shape[1]
+    def __post_init__(self) -> None:
+        if self.options.get("positions") is not None or self.options.get("spacing") is not None:
+            remedy = "leave out reader.positions and reader.spacing"
+            raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Height and width (H, W) of a view in pixels."""
-        return self.samples.shape[3], self.samples.shape[4]
+    def description(self) -> dict[str, Any]:
+        """All that decides what is stored of a file, as plain values."""
+        parts: dict[str, Any] = {"reader": dict(self.options), "reader_version": reader.VERSION}
+        if self.correct != NONE:
+            by = self.correct if self.correct == AUTO else content_hash(Path(self.correct))
+            parts |= {"correct": by, "correct_version": corrections.VERSION}
+        plain: dict[str, Any] = json.loads(json.dumps(parts, sort_keys=True, default=str))
+        return plain
 
-    def crop(self, top: int, left: int, height: int, width: int) -> LightField:
-        """A rectangle of all views, in memory, as `LightField.crop`."""
-        if min(top, left) < 0 or top + height > self.size[0] or left + width > self.size[1]:
-            raise InputError(f"a crop must lie inside the {self.size} views", got=(top, left, height, width))
-        # A copy, since nobody may write into the memory map.
-        samples = np.array(self.samples[..., top : top + height, left : left + width])
-        n_colours = samples.shape[2] - self.has_weight
-        views = torch.from_numpy(images.decoded(samples[:, :, :n_colours], self.encoding))
-        weight = torch.from_numpy(images.to_float(samples[:, :, n_colours:])) if self.has_weight else None
-        return LightField(views, self.name, weight, is_linear=self.encoding.is_known)
+    def field(self, path: Path) -> LightField:
+        """Decode a light field."""
+        field = reader.read(path, **self.options)
+        corrected, _ = correct_by_option(field, self.correct, even_grid_for=EVEN_GRID)
+        if corrected is field:
+            return field
+        # Corrected samples are no longer the whole numbers of the file.
+        return replace(corrected, metadata={**field.metadata, "bits": "float"})
 
 
-def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE) -> CachedField:
-    """Open a light field through the cache in a folder, decoding it on first use; `options` are those of `lfref.read`.
+def name_of(path: Path) -> str:
+    """Name of the light field in a file or folder."""
+    return path.absolute().name if path.is_dir() else path.stem
 
-    `correct` is `none`, `auto`, or a file of corrections.
+
+class CachedField(StoredField):
+    """A light field in the cache; a damaged one is decoded again.
+
+    Args:
+        path: Its file in the cache.
+        source: The file or folder that it is decoded from.
+        decode: Function that decodes it into its file.
     """
-    if options.get("positions") is not None or options.get("spacing") is not None:
-        remedy = "leave out reader.positions and reader.spacing"
-        raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
-    parts = [content_hash(path, folder), dict(options), reader.VERSION]
-    if correct != NONE:
-        parts += [corrections.VERSION, correct if correct == AUTO else content_hash(Path(correct))]
-    key = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
-    entry = next(iter(sorted(folder.glob(f"{key}.*npy"))), None)
-    if entry is None or not _is_intact(entry, path):
-        field = reader.read(path, **options)
-        corrected, _ = correct_by_option(field, correct, even_grid_for=EVEN_GRID)
-        if corrected is not field:
-            # Corrected samples are no longer the whole numbers of the file.
-            corrected = replace(corrected, metadata={**field.metadata, "bits": "float"})
-        entry = _store(corrected, folder / key)
-    name = path.absolute().name if path.is_dir() else path.stem
-    ending = entry.name.removeprefix(f"{key}.").removesuffix(".npy")
-    encoding = parsed(ending.removesuffix(WEIGHTED).replace("_", ":"))
-    return CachedField(name, np.load(entry, mmap_mode="r"), ending.endswith(WEIGHTED), encoding)
+
+    def __init__(self, path: Path, source: Path, decode: Callable[[], None]) -> None:
+        self._source, self._decode = source, decode
+        if not path.is_file():
+            decode()
+        try:
+            super().__init__(path, name_of(source))
+        except FileError:
+            self._renew(path)
+
+    def crop(self, top: int, left: int, height: int, width: int) -> Samples:
+        """As in `StoredField`."""
+        try:
+            return super().crop(top, left, height, width)
+        except FileError:
+            self._renew(self.path)
+            return super().crop(top, left, height, width)
+
+    def _renew(self, path: Path) -> None:
+        log.warning("the cache entry %s is damaged: %s is decoded again", path, self._source)
+        self._decode()
+        super().__init__(path, name_of(self._source))
 
 
-def _is_intact(entry: Path, path: Path) -> bool:
-    if not entry.is_file():
-        return False
-    with atomic.file_errors(entry, "read"):
-        state = entry.stat()
-        is_intact = _has_checksum(entry, state.st_size, state.st_mtime_ns)
-    if not is_intact:
-        log.warning("the cache entry %s is damaged: %s is decoded again", entry, path)
-    return is_intact
+def cached(
+    path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE, most_bytes: float | None = None
+) -> CachedField:
+    """Open a light field through the cache in a folder, decoding it on first use.
+
+    Args:
+        path: File or folder of the light field.
+        options: Arguments of `lfref.read`.
+        folder: Folder of the cache.
+        correct: `none`, `auto`, or a file of corrections.
+        most_bytes: Size of the cache from which a new entry replaces those not used for the longest time.
+    """
+    reading = Reading(options, correct)
+    parts = [content_hash(path, folder), reading.description()]
+    key = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+    entry = folder / f"{key}{SUFFIX}"
+
+    def decode() -> None:
+        stored_fields.write(entry, reading.field(path))
+        if most_bytes is not None:
+            _make_room(folder, most_bytes, entry)
+
+    field = CachedField(entry, path, decode)
+    with suppress(OSError):  # a cache that cannot be written is used all the same
+        os.utime(entry, (time.time(), entry.stat().st_mtime))  # the time of the last use, also on a disk without it
+    return field
 
 
-@functools.cache
-def _has_checksum(entry: Path, size: int, changed_ns: int) -> bool:
-    """Whether an entry ends in its checksum, computed once per process."""
-    if size <= CRC_BYTES:
-        return False
-    with entry.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        return _checksum(memoryview(content)[:-CRC_BYTES]) == content[-CRC_BYTES:]
-
-
-def _checksum(content: bytes | memoryview) -> bytes:
-    return zlib.crc32(content).to_bytes(CRC_BYTES, "little")
-
-
-def _store(field: LightField, stem: Path) -> Path:
-    """Write an entry KEY.ENCODING.npy; whole numbers keep the type that they have in the file."""
-    dtype = STORED[field.metadata["bits"]]
-    encoding = parsed(field.metadata["encoding"])
-    if dtype.kind == "f" and encoding.is_known:
-        encoding = LINEAR
-    samples = images.encoded(field.views.numpy(), encoding)
-    if field.weight is not None:
-        samples = np.concatenate([samples, field.weight.numpy()], axis=2)
-    if dtype.kind == "u":
-        samples = np.rint(samples * np.iinfo(dtype).max).astype(dtype)
-    ending = WEIGHTED if field.weight is not None else ""
-    entry = stem.with_name(f"{stem.name}.{str(encoding).replace(':', '_')}{ending}.npy")
-    with atomic.replacing(entry) as temporary:
-        np.save(temporary, samples)
-        with temporary.open("r+b") as file:
-            file.write(_checksum(file.read()))
-    return entry
+def _make_room(folder: Path, most_bytes: float, newest: Path) -> None:
+    """Delete entries, those first that were not used for the longest time, until the cache is small enough."""
+    states = {}
+    for entry in folder.glob(f"*{SUFFIX}"):
+        with suppress(OSError):  # another process may delete it at the same time
+            states[entry] = entry.stat()
+    size = sum(state.st_size for state in states.values())
+    for entry in sorted(states, key=lambda entry: states[entry].st_atime):
+        if size <= most_bytes or entry == newest:
+            return
+        with suppress(OSError):
+            entry.unlink()
+            size -= states[entry].st_size

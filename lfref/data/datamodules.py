@@ -1,11 +1,12 @@
 """Lightning data modules: patches with labels from a folder of captures or from simulated scenes."""
 
 import abc
+import functools
 import logging
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from lightning.pytorch import LightningDataModule
@@ -15,7 +16,8 @@ from lfref.captures.correct import NONE
 from lfref.data import cache
 from lfref.data.field_sources import FolderSource, SimulatedSource, Source
 from lfref.data.label_sources import Labels, RenderedLabels
-from lfref.data.patch_data import Batch, FieldPatches, concatenate, epoch_loader
+from lfref.data.loaders import BY_DEVICE, epoch_loader, is_on_gpu, number_of_workers
+from lfref.data.patch_data import Batch, FieldPatches, UnlabelledBatch, concatenate, labelled
 from lfref.errors import InputError, counted
 from lfref.io import read as reader
 from lfref.simulator.scene import Scene
@@ -83,6 +85,9 @@ def without_leaks(
 
 log = logging.getLogger(__name__)
 
+LOADER, DEVICE = "loader", "device"
+LABELS_ON = LOADER, DEVICE
+
 
 class PatchData(LightningDataModule, abc.ABC):
     """Random patches of light fields with labels.
@@ -92,10 +97,16 @@ class PatchData(LightningDataModule, abc.ABC):
         patch: Height and width of a patch in pixels.
         patches_per_field: Patches per light field and epoch.
         fields_per_batch: Light fields per batch.
-        workers: Processes that prepare batches; 0 prepares them in the training process.
+        workers: Threads that prepare batches of stored fields, or processes that simulate scenes; 0: the training
+            itself prepares them; `auto`: as many as fit the device, see `loaders.number_of_workers`.
         seed: Seed of order and corners.
-        timeout: Longest time in seconds in which a process prepares one batch; 0: no limit.
+        timeout: Longest time in seconds in which a worker prepares one batch; 0: no limit.
+        labels_on: Who makes the labels: `loader`, with the batch, or `device`, where the network is; `auto`: a GPU
+            does, a processor leaves them to the loader. Rendered labels are always made by the loader.
     """
+
+    in_threads: ClassVar[bool] = True
+    """Whether workers are threads."""
 
     def __init__(
         self,
@@ -103,22 +114,27 @@ class PatchData(LightningDataModule, abc.ABC):
         patch: int = 192,
         patches_per_field: int = 4,
         fields_per_batch: int = 1,
-        workers: int = 0,
+        workers: int | str = BY_DEVICE,
         seed: int = 0,
         timeout: float = 600.0,
+        labels_on: str = BY_DEVICE,
     ) -> None:
         super().__init__()
-        if min(patch, patches_per_field, fields_per_batch) < 1 or min(workers, seed, timeout) < 0:
-            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {workers}, {seed} and {timeout}"
-            expected = "patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0"
+        if min(patch, patches_per_field, fields_per_batch) < 1 or min(seed, timeout) < 0:
+            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {seed} and {timeout}"
+            expected = "patch, patches_per_field and fields_per_batch must be >= 1, seed and timeout >= 0"
             raise InputError(expected, got=got)
+        if labels_on not in (BY_DEVICE, *LABELS_ON):
+            raise InputError(f"labels_on must be {BY_DEVICE}, {' or '.join(LABELS_ON)}", got=repr(labels_on))
         self.labels = labels
         self.patch = patch
         self.patches_per_field = patches_per_field
         self.fields_per_batch = fields_per_batch
+        number_of_workers(workers, None)  # refuses what is no number of them
         self.workers = workers
         self.seed = seed
         self.timeout = timeout
+        self.labels_on = labels_on
 
     @property
     def is_linear(self) -> bool:
@@ -141,9 +157,24 @@ class PatchData(LightningDataModule, abc.ABC):
         """Patches of the held-out fields, equal in every epoch."""
         return self._loader(self.validation, None)
 
+    def on_after_batch_transfer(self, batch: Batch | UnlabelledBatch, dataloader_idx: int) -> Batch:
+        """Decode a batch and make its labels on the device, unless the loader did."""
+        return labelled(batch, self.labels) if "patches" in batch else batch  # type: ignore[arg-type]
+
     def _loader(self, source: Source, order_seed: int | None) -> DataLoader[Batch]:
         patches = FieldPatches(source, self.labels, self.patch, self.patches_per_field, self.seed)
-        return epoch_loader(self, patches, order_seed, self.fields_per_batch, concatenate, self.workers, self.timeout)
+        on_device = self.labels_on == DEVICE or (self.labels_on == BY_DEVICE and is_on_gpu(self.trainer))
+        labels = None if on_device and self.labels.reads_views else self.labels
+        collate = functools.partial(_collated, labels=labels)
+        return epoch_loader(
+            self, patches, order_seed, self.fields_per_batch, collate, self.workers, self.timeout, self.in_threads
+        )
+
+
+def _collated(items: Sequence[UnlabelledBatch], labels: Labels | None) -> Batch | UnlabelledBatch:
+    """One batch of the patches of several light fields, with labels if their source is given."""
+    batch = concatenate(items)
+    return batch if labels is None else labelled(batch, labels)
 
 
 class FolderData(PatchData):
@@ -252,6 +283,9 @@ class SimulatedData(PatchData):
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
         **options: Arguments of `PatchData`.
     """
+
+    # The simulator holds Python's lock for much of its time.
+    in_threads = False
 
     def __init__(
         self,

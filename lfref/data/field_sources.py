@@ -15,14 +15,14 @@ from torch import Tensor
 
 from lfref.captures.correct import NONE, correct_by_option
 from lfref.data import cache
-from lfref.data.cache import CachedField
+from lfref.data.stored_fields import StoredField
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
 from lfref.simulator.simulate import Simulation, developed
 
-Field = LightField | CachedField
+Field = LightField | StoredField
 """Light fields that patches are cut from, with `name`, `grid`, `size` and `crop`."""
 
 

@@ -8,6 +8,7 @@ ringing from the border of the crop; `docs/refocusing.md` states by how much.
 import abc
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from torch import Tensor
 
@@ -27,6 +28,8 @@ class Labels(abc.ABC):
     """Name of the labels in tables and legends."""
     planes: FocalPlanes
     """The planes of a label."""
+    reads_views: ClassVar[bool]
+    """Whether a label is computed from views alone, so that it can be made wherever they are."""
 
     @abc.abstractmethod
     def margin(self, grid: tuple[int, int]) -> int:
@@ -41,6 +44,7 @@ class Labels(abc.ABC):
 class OperatorLabels(Labels):
     """Labels made by a refocuser that depends on a patch and a margin around it only."""
 
+    reads_views = True
     refocuser: Refocuser
     """Refocuser that computes the labels; their name is its name."""
     planes: FocalPlanes
@@ -65,6 +69,7 @@ class OperatorLabels(Labels):
 class RenderedLabels(Labels):
     """Labels that are photographs through the whole aperture."""
 
+    reads_views = False
     name: str
     """Name of the labels in tables and legends."""
     planes: FocalPlanes

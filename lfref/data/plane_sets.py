@@ -24,7 +24,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from lfref.captures.correct import AUTO, correct_by_option
 from lfref.data.cache import EVEN_GRID
-from lfref.data.patch_data import epoch_loader
+from lfref.data.loaders import BY_DEVICE, epoch_loader, number_of_workers
 from lfref.errors import FileError, InputError, counted
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
@@ -358,7 +358,7 @@ class PlaneData(LightningDataModule):
         n_validation: Number of held-out light fields, from the start of the set.
         crop: Height and width of training crops in pixels.
         planes_per_batch: Crops per batch, from any light fields.
-        workers: Processes that prepare batches; 0 prepares them in the training process.
+        workers: Threads that prepare batches; 0: the training itself; `auto`: as `loaders.number_of_workers` says.
         seed: Seed of order and crops.
     """
 
@@ -371,18 +371,19 @@ class PlaneData(LightningDataModule):
         n_validation: int = 40,
         crop: int = 96,
         planes_per_batch: int = 24,
-        workers: int = 0,
+        workers: int | str = BY_DEVICE,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if min(n_validation, crop, planes_per_batch) < 1 or min(workers, seed) < 0:
-            got = f"{n_validation}, {crop}, {planes_per_batch}, {workers} and {seed}"
-            raise InputError("n_validation, crop and planes_per_batch must be at least 1, workers and seed 0", got=got)
+        if min(n_validation, crop, planes_per_batch) < 1 or seed < 0:
+            got = f"{n_validation}, {crop}, {planes_per_batch} and {seed}"
+            raise InputError("n_validation, crop and planes_per_batch must be at least 1, seed at least 0", got=got)
         self.folder = folder_of(recipe, Path(cache_folder).expanduser()) if folder is None else Path(folder)
         self.n_fields = n_fields
         self.n_validation = n_validation
         self.crop = crop
         self.planes_per_batch = planes_per_batch
+        number_of_workers(workers, None)  # refuses what is no number of them
         self.workers = workers
         self.seed = seed
 

@@ -48,8 +48,8 @@ class StepGuard(Callback):
     A skipped step leaves weights, moments of the optimiser and running statistics unchanged. It is counted, and logged
     with the patches that caused it. All processes of a distributed run decide alike without asking each other: a loss
     that is not finite makes its gradients NaN, and DDP's mean of gradients carries these to all processes. A gradient
-    counts as finite if float32 holds its norm, since Adam squares its entries. Under float16, the loss scaler handles an overflow by a
-    smaller scale; such steps are counted separately.
+    counts as finite if float32 holds its norm, since Adam squares its entries. Under float16, the loss scaler handles
+    an overflow by a smaller scale; such steps are counted separately.
 
     Args:
         patience: Steps skipped in a row after which training stops, at least 1.

@@ -100,7 +100,7 @@ class Fitting(LightningModule, abc.ABC):
         """
         is_step = stage == "train"
         if is_step and self.trainer.world_size > 1:
-            every = self.trainer.log_every_n_steps
+            every = self.trainer.log_every_n_steps  # type: ignore[attr-defined]  # which Lightning sets by name
             if not every or (self.global_step + 1) % every:
                 return
             packed = torch.stack([value.detach().float() for value in values.values()])

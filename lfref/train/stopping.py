@@ -4,9 +4,9 @@ after some minutes, so that little is lost.
 
 A handler must not start a collective: other processes may be in another one, and all would wait for ever. Lightning's
 own notifier does so, and is switched off. Here a handler only sets a flag. The exchange of gradients carries the flags
-of all processes along; if one is set, they write a checkpoint after that step, from which the epoch continues. A process
-that stands still in a library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives that,
-since files are renamed only when they are whole.
+of all processes along; if one is set, they write a checkpoint after that step, from which the epoch continues. A
+process that stands still in a library is ended by force after `PATIENCE_S`. The checkpoint of the last epoch survives
+that, since files are renamed only when they are whole.
 The module stands apart from the command, since signals and processes are a separate subject.
 """
 
@@ -137,7 +137,7 @@ class Stopping(Callback):
     def _exchange(self, state: None, bucket: distributed.GradBucket) -> Future[Tensor]:
         """Average gradients over the processes, as DDP does; the last ones of a step carry the requests along."""
         if not bucket.is_last():
-            return default_hooks.allreduce_hook(distributed.group.WORLD, bucket)
+            return default_hooks.allreduce_hook(None, bucket)  # type: ignore[arg-type]  # None: all processes
         own = torch.tensor([float(request == self._request()) for request in REQUESTS])
         both = torch.cat([bucket.buffer(), own.to(bucket.buffer())]).div_(distributed.get_world_size())
 

@@ -5,14 +5,13 @@ import logging
 import os
 import shutil
 
-import numpy as np
 import pytest
 import torch
 
 from lfref.captures.correct import correct
 from lfref.data import cache
 from lfref.errors import FileError, InputError
-from lfref.io import ownership
+from lfref.io import atomic, ownership
 from lfref.io import read as reader
 from lfref.io.write import write
 from lfref.lightfield import LightField
@@ -60,29 +59,29 @@ def test_crops_equal_those_of_what_is_read_bit_by_bit(store, tmp_path, kind):
     field, entry = reader.read(path, **options), cache.cached(path, options, tmp_path / "cache")
     assert (entry.name, entry.grid, entry.size) == (field.name, field.grid, field.size)
     for window in [(0, 0, 5, 6), (3, 4, 9, 10), (11, 13, 1, 1), (0, 0, 12, 14)]:
-        assert_equal(entry.crop(*window), field.crop(*window))
+        assert_equal(entry.crop(*window).light(), field.crop(*window))
 
 
 def test_every_16_bit_number_survives(every_sample_of_16_bits, tmp_path):
     options = {"lenslet": 1, "views": 1}
     entry = cache.cached(every_sample_of_16_bits, options, tmp_path / "cache")
-    assert_equal(entry.crop(0, 0, 256, 256), reader.read(every_sample_of_16_bits, **options))
+    assert_equal(entry.crop(0, 0, 256, 256).light(), reader.read(every_sample_of_16_bits, **options))
 
 
 @pytest.mark.parametrize("kind", ["8 bits", "float"])
 def test_a_crop_can_be_written_to_without_harm_to_the_cache(store, tmp_path, kind):
     entry = cache.cached(store(**KINDS[kind][0]), {}, tmp_path / "cache")
     first = entry.crop(0, 0, 12, 14)
-    copy = first.views.clone()
-    first.views.zero_()
-    assert torch.equal(entry.crop(0, 0, 12, 14).views, copy)
+    copy = first.stored.clone()
+    first.stored.zero_()
+    assert torch.equal(entry.crop(0, 0, 12, 14).stored, copy)
 
 
 def test_samples_stay_on_disk_in_the_files_own_depth(store, tmp_path):
     for kind, dtype in (("8 bits", "uint8"), ("16 bits", "uint16"), ("half float", "float32")):
         entry = cache.cached(store(kind, **KINDS[kind][0]), {}, tmp_path / "cache")
-        assert entry.samples.dtype == dtype
-        assert type(entry.samples).__name__ == "memmap"
+        assert entry.description.dtype == dtype
+        assert entry.crop(0, 0, 5, 5).stored.dtype == getattr(torch, dtype)
 
 
 def test_another_option_of_the_reader_is_another_entry(store, tmp_path, decoded):
@@ -93,7 +92,7 @@ def test_another_option_of_the_reader_is_another_entry(store, tmp_path, decoded)
     cache.cached(path, {"views": 2, "reverse_u": True}, tmp_path / "cache")
     cache.cached(path, {"reverse_u": True, "views": 2}, tmp_path / "cache")
     assert len(decoded) == 3
-    flipped = cache.cached(path, {"reverse_v": True}, tmp_path / "cache").crop(0, 0, 3, 3)
+    flipped = cache.cached(path, {"reverse_v": True}, tmp_path / "cache").crop(0, 0, 3, 3).light()
     assert torch.equal(flipped.views, reader.read(path).views.flip(0)[..., :3, :3])
 
 
@@ -120,7 +119,8 @@ def spoilt(entry, how):
     return {
         "a byte of the samples": lambda: content[:-40] + bytes([content[-40] ^ 1]) + content[-39:],
         "a byte of the header": lambda: bytes([content[0] ^ 1]) + content[1:],
-        "all samples": lambda: content[:128] + bytes(255 - byte for byte in content[128:]),
+        "all samples": lambda: content[:4096] + bytes(255 - byte for byte in content[4096:]),
+        "a byte of the description": lambda: content[:60] + bytes([content[60] ^ 1]) + content[61:],
         "half is missing": lambda: content[: len(content) // 2],
         "the last byte is missing": lambda: content[:-1],
         "nothing is left": lambda: b"",
@@ -128,7 +128,13 @@ def spoilt(entry, how):
     }[how]()
 
 
-SPOILT = ["a byte of the samples", "a byte of the header", "all samples", "half is missing"]
+SPOILT = [
+    "a byte of the samples",
+    "a byte of the header",
+    "a byte of the description",
+    "all samples",
+    "half is missing",
+]
 SPOILT += ["the last byte is missing", "nothing is left", "zeros"]
 
 
@@ -136,27 +142,37 @@ SPOILT += ["the last byte is missing", "nothing is left", "zeros"]
 def test_a_damaged_entry_is_named_and_made_anew(store, tmp_path, decoded, caplog, how):
     path = store(weight=True)
     whole = cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 12, 14)
-    (entry,) = (tmp_path / "cache").glob("*.npy")
+    (entry,) = (tmp_path / "cache").glob("*.field")
     entry.write_bytes(spoilt(entry, how))
     with caplog.at_level(logging.WARNING):
-        again = cache.cached(path, {}, tmp_path / "cache")
-    assert_equal(again.crop(0, 0, 12, 14), whole)
+        again = cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 12, 14)
+    assert torch.equal(again.stored, whole.stored)
     assert decoded == [path, path]
     (record,) = caplog.records
     assert str(entry) in record.getMessage()
     assert str(path) in record.getMessage()
     assert "\n" not in record.getMessage()
-    assert cache._is_intact(entry, path)
+    cache.cached(path, {}, tmp_path / "cache").check()
 
 
-def test_an_entry_that_is_intact_is_looked_at_once(store, tmp_path, monkeypatch):
-    path = store()
-    cache.cached(path, {}, tmp_path / "cache")
-    looked, check = [], cache._checksum
-    monkeypatch.setattr(cache, "_checksum", lambda content: looked.append(len(content)) or check(content))
-    for _ in range(3):
-        cache.cached(path, {}, tmp_path / "cache")
-    assert len(looked) == 1
+def test_a_full_cache_gives_up_what_was_not_used_for_the_longest_time(store, tmp_path):
+    paths = [store(name, seed=index) for index, name in enumerate("abc")]
+    folder = tmp_path / "cache"
+
+    def entries():
+        return {entry.name for entry in folder.glob("*.field")}
+
+    first = cache.cached(paths[0], {}, folder, most_bytes=1e9)
+    size = first.path.stat().st_size
+    second = cache.cached(paths[1], {}, folder, most_bytes=2.5 * size)
+    assert entries() == {first.path.name, second.path.name}
+    os.utime(second.path, (1, second.path.stat().st_mtime))
+    cache.cached(paths[0], {}, folder)  # used once more
+    third = cache.cached(paths[2], {}, folder, most_bytes=2.5 * size)
+    assert entries() == {first.path.name, third.path.name}
+    assert torch.equal(second.crop(0, 0, 3, 3).stored, cache.cached(paths[1], {}, folder).crop(0, 0, 3, 3).stored)
+    cache.cached(paths[0], {"views": 2}, folder, most_bytes=1)
+    assert len(entries()) == 1  # the newest one stays, however small the limit
 
 
 def test_a_cache_folder_that_cannot_be_written_is_one_clear_error(store, tmp_path):
@@ -169,14 +185,13 @@ def test_a_cache_folder_that_cannot_be_written_is_one_clear_error(store, tmp_pat
     ("error", "caught"), [(OSError(28, "No space left"), FileError), (KeyboardInterrupt(), KeyboardInterrupt)]
 )
 def test_a_failed_write_leaves_no_entry(store, tmp_path, monkeypatch, error, caught):
-    def fail(file, array):
-        file.write_bytes(b"half")
+    def fail(path):
         raise error
 
-    monkeypatch.setattr(cache.np, "save", fail)
+    monkeypatch.setattr(atomic, "_flush", fail)
     with pytest.raises(caught):
         cache.cached(store(), {}, tmp_path / "cache")
-    assert list((tmp_path / "cache").iterdir()) == []
+    assert list((tmp_path / "cache").glob("*")) == []
 
 
 @pytest.mark.parametrize(
@@ -213,11 +228,11 @@ def test_what_a_light_field_shows_is_corrected_once_and_kept_as_light(dark_corne
     assert found.active
     decoded.clear()
     for _ in range(2):
-        made = cache.cached(dark_corners, {}, tmp_path, "auto").crop(0, 0, *expected.size)
+        made = cache.cached(dark_corners, {}, tmp_path, "auto").crop(0, 0, *expected.size).light()
         assert torch.equal(made.views, expected.views)
         assert torch.equal(made.weight, expected.weight)
     assert len(decoded) == 1
-    plain = cache.cached(dark_corners, {}, tmp_path).crop(0, 0, *expected.size)
+    plain = cache.cached(dark_corners, {}, tmp_path).crop(0, 0, *expected.size).light()
     assert torch.equal(plain.views, reader.read(dark_corners).views)
 
 
@@ -226,12 +241,12 @@ def test_what_another_capture_showed_is_corrected_too(dark_corners, tmp_path):
     expected, found = correct(field)
     found.save(tmp_path / "correction.pt")
     made = cache.cached(dark_corners, {}, tmp_path, str(tmp_path / "correction.pt"))
-    torch.testing.assert_close(made.crop(0, 0, *field.size).views, expected.views)
+    torch.testing.assert_close(made.crop(0, 0, *field.size).light().views, expected.views)
 
 
 def test_a_light_field_without_defects_is_kept_in_its_own_depth(store, tmp_path):
     path = store(kind="folder", bits=8)
-    assert cache.cached(path, {}, tmp_path, "auto").samples.dtype == np.uint8
+    assert cache.cached(path, {}, tmp_path, "auto").description.dtype == "uint8"
 
 
 def test_other_corrections_and_other_versions_of_them_are_other_entries(dark_corners, tmp_path, decoded, monkeypatch):

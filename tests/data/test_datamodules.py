@@ -104,11 +104,43 @@ def test_workers_render_the_labels_that_the_training_process_would():
         assert torch.equal(one["labels"], two["labels"])
 
 
-@pytest.mark.parametrize("options", [{"fields_per_batch": 0}, {"workers": -1}])
-def test_batches_that_cannot_be_are_refused(options):
-    with pytest.raises(
-        InputError, match="patch, patches_per_field and fields_per_batch must be >= 1, workers, seed and timeout >= 0"
-    ):
+@pytest.mark.parametrize("workers", [0, 1])
+@pytest.mark.parametrize("bits", [8, 16])
+def test_labels_on_the_device_of_the_network_are_those_of_the_loader(store, folder_data, bits, workers):
+    for number in range(3):
+        store(f"field_{number}", seed=number, bits=bits, weight=True)
+    for make in (folder_data, simulated):
+        batches = []
+        for place in ("loader", "device"):
+            data = make(labels_on=place, workers=workers)
+            data.setup("fit")
+            loader = data.train_dataloader()
+            batches.append([data.on_after_batch_transfer(batch, 0) for batch in loader])
+            assert ("patches" in next(iter(loader))) == (place == "device")
+            if loader.num_workers:
+                loader._iterator._shutdown_workers()
+        for one, two in zip(*batches, strict=True):
+            assert one["where"] == two["where"]
+            for name in ("views", "labels", "slopes"):
+                torch.testing.assert_close(one[name], two[name], atol=1e-6, rtol=0)
+
+
+def test_rendered_labels_are_made_by_the_loader():
+    data = simulated(labels=RenderedLabels("rendered", planes_at_alphas((0.5, 2.0))), labels_on="device", workers=0)
+    data.setup("fit")
+    assert "labels" in next(iter(data.train_dataloader()))
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"fields_per_batch": 0}, "patch, patches_per_field and fields_per_batch must be >= 1, seed and timeout >= 0"),
+        ({"workers": -1}, "workers must be auto or a number >= 0; got -1"),
+        ({"labels_on": "gpu"}, "labels_on must be auto, loader or device; got 'gpu'"),
+    ],
+)
+def test_batches_that_cannot_be_are_refused(options, expected):
+    with pytest.raises(InputError, match=expected):
         simulated(**options)
 
 
@@ -154,7 +186,7 @@ def test_a_folder_gives_batches_through_the_cache(store, folder_data, tmp_path):
     data.setup("fit")
     batches = list(data.train_dataloader())
     assert [batch["views"].shape for batch in batches] == [(2, 2, 2, 3, 6, 6)] * 2
-    assert len(list((tmp_path / "cache").glob("*.npy"))) == 2
+    assert len(list((tmp_path / "cache").glob("*.field"))) == 2
 
 
 def test_fields_held_out_by_content_are_left_out_and_named_in_the_log(store, folder_data, tmp_path, caplog):

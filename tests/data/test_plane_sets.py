@@ -269,7 +269,7 @@ def test_fewer_fields_than_asked_for_are_told(folder):
             data(folder, **options)
 
 
-@pytest.mark.parametrize("option", [{"crop": 0}, {"n_validation": 0}, {"planes_per_batch": 0}, {"workers": -1}])
+@pytest.mark.parametrize("option", [{"crop": 0}, {"n_validation": 0}, {"planes_per_batch": 0}])
 def test_numbers_that_are_too_small_are_refused(option):
     with pytest.raises(InputError, match="at least 1"):
         PlaneData(RECIPE, "unused", **option)
