@@ -40,7 +40,7 @@ def overrides(name: str, folder: Path) -> list[str]:
         raise InputError(f"sweep {name} must hold parameters with a list of values each", got=error) from error
 
 
-INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "film", "eval", "bench"), "input")
+INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "film", "eval", "bench", "prepare"), "input")
 """Command -> key whose value is a path on the command line."""
 RUN = {
     "train": "resume",

@@ -332,7 +332,9 @@ def check_composition(
         exit_codes.fail(command, _explanation(loader, overrides, error), status=2)
 
 
-FILES = ("input", "runs", "checkpoint", "white", "truth", "correct", "data.path", "data.validation_path")
+FILES = (
+    "input", "runs", "checkpoint", "white", "truth", "correct", "splits", "data.path", "data.validation_path",
+)  # fmt: skip
 """Keys of configurations that name the user's files."""
 CORRECT = ("auto", "none", "white")
 """Values of `correct` that name no file."""

@@ -4,7 +4,7 @@ import abc
 import functools
 import logging
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,11 +13,13 @@ from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
 from lfref.captures.correct import NONE
-from lfref.data import cache
+from lfref.data import cache, prepared
+from lfref.data.cache import Reading
 from lfref.data.field_sources import FolderSource, SimulatedSource, Source
 from lfref.data.label_sources import Labels, RenderedLabels
 from lfref.data.loaders import BY_DEVICE, epoch_loader, is_on_gpu, number_of_workers
 from lfref.data.patch_data import Batch, FieldPatches, UnlabelledBatch, concatenate, labelled
+from lfref.data.prepared import Prepared
 from lfref.errors import InputError, counted
 from lfref.io import read as reader
 from lfref.simulator.scene import Scene
@@ -72,13 +74,11 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
 
 
 def without_leaks(
-    train: Sequence[Path], held: Sequence[Path], folder: Path | None = None
+    train: Sequence[Path], held: Sequence[Path], content: Callable[[Path], str] = cache.content_hash
 ) -> tuple[list[Path], list[Path]]:
-    """Training fields whose content is not held out, and all other training fields. `folder` stores the hashes."""
-    forbidden = {cache.content_hash(path, folder) for path in held}
-    clean = [path for path in train if cache.content_hash(path, folder) not in forbidden]
-    if folder is not None:
-        cache.store_hashes(folder)
+    """Training fields whose content is not held out, and all other training fields, by a function that hashes them."""
+    forbidden = {content(path) for path in held}
+    clean = [path for path in train if content(path) not in forbidden]
     kept = set(clean)
     return clean, [path for path in train if path not in kept]
 
@@ -181,10 +181,12 @@ class FolderData(PatchData):
     """Patches of the light fields below a folder.
 
     Args:
-        path: Folder of light fields.
+        path: Folder of light fields, or of a set that `lfref prepare` made of them, whose splits then hold.
         validation_path: Folder of held-out light fields; None holds out `validation_share` of `path`.
         validation_share: Share of the light fields that is held out, in (0, 1).
-        cache_folder: Folder of decoded light fields.
+        cache_folder: Folder of decoded light fields; those of a set need none.
+        cache_gb: Size of this folder from which a new light field replaces those not used for the longest time; None:
+            any size.
         reader: Arguments of `lfref.read`.
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
         labels: Source of the labels.
@@ -202,9 +204,13 @@ class FolderData(PatchData):
         reader: Mapping[str, Any] | None = None,
         correct: str = NONE,
         allow_changes: bool = False,
+        cache_gb: float | None = None,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
+        if cache_gb is not None and not cache_gb > 0:
+            raise InputError("cache_gb must be above 0, or null for any size", got=cache_gb)
+        self.most_bytes = None if cache_gb is None else 1e9 * cache_gb
         self.path = Path(path)
         self.validation_path = None if validation_path is None else Path(validation_path)
         self.validation_share = validation_share
@@ -212,6 +218,7 @@ class FolderData(PatchData):
         self.reader = dict(reader or {})
         self.correct = correct
         self.allow_changes = allow_changes
+        self._prepared: dict[Path, Prepared] = {}
 
     @property
     def is_linear(self) -> bool:
@@ -221,21 +228,20 @@ class FolderData(PatchData):
     def prepare_data(self) -> None:
         """Hash the fields. Lightning calls this first, in one process per machine; other processes read the hashes."""
         train, held, _ = self._paths()
-        without_leaks(train, held, self.cache_folder)
+        without_leaks(train, held, self._content)
+        cache.store_hashes(self.cache_folder)
 
     def sources(self) -> tuple[Source, Source]:
         """Fields of the folders; the log names the fields that are left out of training."""
         train, held, test_set = self._paths()
         _warn("in the paper's test set", test_set)
-        train, leaks = without_leaks(train, held, self.cache_folder)
+        train, leaks = without_leaks(train, held, self._content)
         _warn("held out too", leaks)
         if not train:
             remedy = "hold out other fields than those you train on"
             raise InputError("no light field is left to train on", remedy=remedy)
-        return (
-            FolderSource(train, self.cache_folder, self.reader, self.correct),
-            FolderSource(held, self.cache_folder, self.reader, self.correct),
-        )
+        options = self.cache_folder, self.reader, self.correct, self.most_bytes
+        return FolderSource(train, *options), FolderSource(held, *options)
 
     def state_dict(self) -> dict[str, list[str]]:
         """Names of the light fields, for checkpoints."""
@@ -257,12 +263,31 @@ class FolderData(PatchData):
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
         """Training fields, held-out fields, and fields that are neither because of their names."""
-        fields = reader.find(self.path)
-        if self.validation_path is None:
-            train, held = held_out(fields, self.validation_share, self.seed)
+        fields = self._light_fields(self.path)
+        parts = {path: entry.split for path, entry in self._prepared.items()}
+        usable = [path for path in fields if parts.get(path) != prepared.TEST]
+        if self.validation_path is not None:
+            train, held = without_test_set(usable), self._light_fields(self.validation_path)
+        elif prepared.VALIDATION in parts.values():
+            held = [path for path in usable if parts[path] == prepared.VALIDATION]
+            train = [path for path in without_test_set(usable) if path not in set(held)]
         else:
-            train, held = without_test_set(fields), reader.find(self.validation_path)
+            train, held = held_out(usable, self.validation_share, self.seed)
         return train, held, set(fields).difference(train, held)
+
+    def _light_fields(self, folder: Path) -> list[Path]:
+        """The light fields in a folder, or those of a set."""
+        if not prepared.is_set(folder):
+            return reader.find(folder)
+        entries = {folder / entry.file: entry for entry in prepared.manifest(folder)}
+        prepared.refuse_other(entries.values(), Reading(self.reader, self.correct))
+        self._prepared |= entries
+        return list(entries)
+
+    def _content(self, path: Path) -> str:
+        """Hash of a light field's content, which a set knows."""
+        known = self._prepared.get(path)
+        return cache.content_hash(path, self.cache_folder) if known is None else known.content
 
 
 def _warn(reason: str, paths: Iterable[Path]) -> None:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lfref.captures.correct import NONE, correct_by_option
 from lfref.data import cache
-from lfref.data.stored_fields import StoredField
+from lfref.data.stored_fields import SUFFIX, StoredField
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.simulator.scene import Scene
@@ -39,22 +39,31 @@ class Source(abc.ABC):
 
 
 class FolderSource(Source):
-    """Light fields on disk, read through the cache; arguments as for `cache.cached`."""
+    """Stored light fields, and files that are read through the cache; arguments as for `cache.cached`."""
 
     def __init__(
-        self, paths: Sequence[Path], cache_folder: Path, reader: Mapping[str, Any], correct: str = NONE
+        self,
+        paths: Sequence[Path],
+        cache_folder: Path,
+        reader: Mapping[str, Any],
+        correct: str = NONE,
+        most_bytes: float | None = None,
     ) -> None:
         self.paths = list(paths)
         self.cache_folder = cache_folder
         self.reader = dict(reader)
         self.correct = correct
+        self.most_bytes = most_bytes
 
     def __len__(self) -> int:
         return len(self.paths)
 
     def field(self, index: int, epoch: int = 0) -> Field:
         """The light field at that place, equal in every epoch."""
-        return cache.cached(self.paths[index], self.reader, self.cache_folder, self.correct)
+        path = self.paths[index]
+        if path.suffix == SUFFIX:
+            return StoredField(path, path.stem)
+        return cache.cached(path, self.reader, self.cache_folder, self.correct, self.most_bytes)
 
 
 @dataclass(frozen=True, eq=False)

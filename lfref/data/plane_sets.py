@@ -228,6 +228,11 @@ def path_of(folder: Path, index: int) -> Path:
     return folder / f"{index:06d}{SUFFIX}"
 
 
+def prepare(recipe: Recipe, folder: Path, index: int) -> None:
+    """Make an item, and store it in the folder of its set."""
+    write(path_of(folder, index), make(recipe, index))
+
+
 def write(path: Path, item: Item) -> None:
     """Store an item in half precision, and add the rounding error of the pictures to `missing`."""
     kept = item.pictures.half()

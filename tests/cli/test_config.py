@@ -13,7 +13,7 @@ FOLDER = configs.directory()
 GROUPS = sorted(
     path.relative_to(FOLDER).with_suffix("").as_posix()
     for path in FOLDER.glob("*/*.yaml")
-    if path.parent.name not in ("experiment", "method", "group", "aperture", "camera")
+    if path.parent.name not in ("experiment", "method", "group", "set", "aperture", "camera")
 )
 
 

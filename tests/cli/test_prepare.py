@@ -1,10 +1,15 @@
 """`lfref prepare`: a set is made once, goes on where it was interrupted, and says what it is."""
 
 import json
+import shutil
 
 import pytest
+import torch
 
-from lfref.data import plane_sets
+from lfref.data import plane_sets, prepared
+from lfref.io.write import write
+from lfref.lightfield import LightField
+from tests.cli.conftest import TINY_NET
 
 SMALL = (
     "prepare",
@@ -59,3 +64,109 @@ def test_the_keys_of_earlier_versions_are_answered_by_todays(lfref, word, hint):
     status, errors = lfref(*SMALL, word)
     assert status != 0
     assert f"perhaps {hint}" in errors
+
+
+@pytest.fixture
+def captures(tmp_path):
+    """A folder of five light fields."""
+    for index in range(5):
+        views = torch.rand(7, 7, 3, 40, 44, generator=torch.Generator().manual_seed(index))
+        write(tmp_path / "captures" / f"field_{index}", LightField(views), bits=8)
+    return tmp_path / "captures"
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("*.field")}
+
+
+def test_captures_are_prepared_by_processes_and_shards_as_by_one_process(lfref, tmp_path, captures):
+    words = ("prepare", captures, "set=captures")
+    one, shards = tmp_path / "one", tmp_path / "shards"
+    assert lfref(*words, f"set_folder={one}", "workers=0", f"output={tmp_path}/r0")[0] == 0
+    for number in (3, 1, 2):
+        status, error = lfref(
+            *words, f"set_folder={shards}", "workers=2", f"shard={number}/3", f"output={tmp_path}/s{number}"
+        )
+        assert status == 0, error
+    assert contents(one) == contents(shards)
+    assert len(contents(one)) == 5
+    manifests = [(folder / prepared.MANIFEST).read_text() for folder in (one, shards, tmp_path / "r0", tmp_path / "s2")]
+    assert len(set(manifests)) == 1
+
+
+def test_a_set_goes_on_and_renews_what_is_damaged(lfref, tmp_path, captures):
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "workers=0")
+    assert lfref(*words, f"output={tmp_path}/r0")[0] == 0
+    whole = contents(tmp_path / "set")
+    (tmp_path / "set" / "field_1.field").unlink()
+    damaged = tmp_path / "set" / "field_3.field"
+    damaged.write_bytes(damaged.read_bytes()[:-1] + b"?")
+    times = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "set").glob("*.field")}
+    status, error = lfref(*words, "check=true", f"output={tmp_path}/r1")
+    assert status == 0, error
+    log = (tmp_path / "r1" / "prepare.log").read_text()
+    assert "field_3.field must be whole" in log
+    assert "3 of 5 exist" in log
+    assert contents(tmp_path / "set") == whole
+    for name in ("field_0", "field_2", "field_4"):
+        assert (tmp_path / "set" / f"{name}.field").stat().st_mtime_ns == times[f"{name}.field"]
+
+
+def test_a_corrupt_capture_is_named_and_the_others_are_prepared(lfref, tmp_path, captures):
+    view = sorted((captures / "field_2").glob("*.png"))[7]
+    view.write_bytes(view.read_bytes()[:200])
+    status, error = lfref("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", f"output={tmp_path}/run")
+    assert status == 1
+    assert "all 5 light fields must be usable; got 1 that cannot: " in error
+    assert view.name in error
+    assert "Traceback" not in error
+    assert sorted(contents(tmp_path / "set")) == [f"field_{index}.field" for index in (0, 1, 3, 4)]
+    assert len(prepared.manifest(tmp_path / "set")) == 4
+
+
+def test_a_set_too_large_is_refused_after_its_first_light_field(lfref, tmp_path, captures):
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "most_gb=0.001")
+    status, error = lfref(*words, f"output={tmp_path}/run")
+    assert status == 1
+    assert "0.263 MB a light field: 0.00131 GB in all" in (tmp_path / "run" / "prepare.log").read_text()
+    assert "the set must stay below most_gb=0.001; got 0.00131 GB" in error
+    assert len(contents(tmp_path / "set")) == 1
+
+
+@pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "a/b", "1/0"])
+def test_a_shard_that_is_none_is_refused(lfref, tmp_path, captures, shard):
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", f"output={tmp_path}/run")
+    status, error = lfref(*words, f"shard={shard}")
+    assert status == 1
+    assert "shard must be K/N, such as 2/8" in error
+
+
+def test_a_folder_of_other_files_becomes_no_set(lfref, tmp_path, captures):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "fields.json").write_text("mine")
+    status, error = lfref("prepare", captures, "set=captures", f"set_folder={tmp_path}/mine", f"output={tmp_path}/run")
+    assert status == 1
+    assert "set_folder must be a new or an empty folder, or a set" in error
+    assert (tmp_path / "mine" / "fields.json").read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_a_training_reads_a_set_whose_captures_are_gone(lfref, tmp_path, captures):
+    (tmp_path / "splits.csv").write_text("name,split\nfield_4,validation\nfield_0,test\n")
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", f"splits={tmp_path}/splits.csv")
+    assert lfref(*words, f"output={tmp_path}/prepared")[0] == 0
+    shutil.rmtree(captures)
+    words = (
+        "data=folder",
+        f"data.path={tmp_path}/set",
+        "data.patch=24",
+        "data.patches_per_field=1",
+        "slopes=[-1,0]",
+        *TINY_NET,
+    )
+    status, error = lfref("train", *words, "trainer.max_epochs=1", f"output={tmp_path}/run", "callbacks.summary=null")
+    assert status == 0, error
+    last = torch.load(tmp_path / "run" / "checkpoints" / "last.ckpt", weights_only=True)
+    assert last["FolderData"] == {
+        "train": ["field_1.field", "field_2.field", "field_3.field"], "validation": ["field_4.field"]
+    }  # fmt: skip
