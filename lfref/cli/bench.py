@@ -6,6 +6,7 @@ What the groups share comes first: rounds, light fields, scenes, facts of the ma
 import functools
 import itertools
 import json
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +15,9 @@ import pandas as pd
 import torch
 from omegaconf import DictConfig
 
-from lfref.bench import engine_timing, error_causes, evaluation, operator_costs, simulation_cost, timing
+from lfref.bench import data_rates, engine_timing, error_causes, evaluation, operator_costs, simulation_cost, timing
 from lfref.bench.accuracy import Row
+from lfref.bench.data_rates import SIMULATED, STORED, LoadingBench
 from lfref.bench.engine_timing import Fields, NetworkCase
 from lfref.bench.error_causes import CauseSettings
 from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
@@ -26,9 +28,10 @@ from lfref.bench.stability.trials import Component
 from lfref.captures.correct import correct_by_option
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.command import command, device_of, log, paths, progress, quiet_libraries
 from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
+from lfref.data.label_sources import Labels
 from lfref.engines.engine import NetworkFunction
 from lfref.errors import InputError, chosen, counted
 from lfref.geometry import FocalPlanes
@@ -42,6 +45,7 @@ from lfref.report import accuracy_time, bench_plots, drawing, page, plots, secti
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes, Scenes
+from lfref.train.modules import Refocusing
 
 
 class Rounds(NamedTuple):
@@ -361,6 +365,36 @@ def simulate(config: DictConfig, folder: Path) -> None:
     log.info("%s, %s for accuracy: %s", n_classes, counted(len(scenes), "scene"), folder / "simulate.csv")
 
 
+# Group `data`: crops per second by source, label and workers, and how long the steps of a training wait for them.
+
+
+def data(config: DictConfig, folder: Path) -> None:
+    """Write `rates.csv`, `waits.csv`, `machine.json` and `data.png`."""
+    quiet_libraries()
+    device, planes = device_of(config.device), fixed_planes(config)
+    names = "patch", "patches_per_field", "n_batches", "n_simulated", "n_steps"
+    sizes = {name: int(configs.number(config, name, 1)) for name in names}
+    labels: dict[str, Labels] = configs.build(config.labels)
+    scenes: SimulatedSource = configs.build(config.source, n_fields=int(configs.number(config, "n_stored", 1)))
+    loadings = list(data_rates.loadings(labels, configs.plain(config.workers)))
+    with tempfile.TemporaryDirectory(dir=folder) as place:
+        sources = {STORED: data_rates.store(scenes, Path(place)), SIMULATED: scenes}
+        bench = LoadingBench(sources, labels, device, **sizes)
+        rates = pd.DataFrame([bench.rate(loading) for loading in progress(loadings, "loading crops")])
+        waits = []
+        trained = [loading for loading in loadings if loading.source == STORED and loading.label != data_rates.NONE]
+        for loading in progress(trained, "training"):
+            torch.manual_seed(0)
+            net, loss, optimizer = (configs.build(config[part]) for part in ("net", "loss", "optimizer"))
+            waits.append(bench.wait(loading, Refocusing(net, loss, planes, optimizer), folder))
+    table = data_rates.with_faster_devices(pd.DataFrame(waits), rates, sizes["patches_per_field"])
+    for name, rows in {"rates": rates, "waits": table}.items():
+        tables.write_table(folder / f"{name}.csv", rows)
+    drawing.save_figure(bench_plots.data_rates(rates, table), folder / "data.png")
+    write_facts(folder, device, [], planes, sizes["n_batches"], **sizes, network=net.name)
+    log.info("%s: %s", counted(len(rates), "way of loading", "ways of loading"), folder / "rates.csv")
+
+
 # Group `stability`: all hard cases on every component in every precision, beside textbook forms.
 
 PARTS: dict[str, Callable[[], list[Component]]] = {
@@ -407,6 +441,7 @@ GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "operators": time_operators,
     "engines": engines,
     "simulate": simulate,
+    "data": data,
     "stability": stability,
 }
 """Name of a group -> its function; its options are in `conf/group/NAME.yaml`."""

@@ -71,7 +71,8 @@ def command(
     @functools.wraps(task)
     def main() -> None:
         try:
-            with patient_pipes(), exit_line_on_signals(name):
+            # Of a distributed training, the first process prints the line.
+            with patient_pipes(), exit_line_on_signals(name if is_first_process() else None):
                 sys.argv[1:] = composition.check_line(name, expand(sys.argv[1:]))
                 run_hydra()  # composes the configuration and calls `run_task`, for each job of a sweep
         except LfrefError as error:

@@ -30,8 +30,8 @@ def fail(name: str, error: object, status: int = 1) -> NoReturn:
 
 
 @contextmanager
-def exit_line_on_signals(name: str) -> Iterator[None]:
-    """Let SIGINT and SIGTERM raise `Stopped`, and end the command with one line when it arrives here."""
+def exit_line_on_signals(name: str | None) -> Iterator[None]:
+    """Let SIGINT and SIGTERM raise `Stopped`, and end the command with one line when it arrives here; None: without."""
     owner = os.getpid()
 
     def stop(number: int, _: FrameType | None) -> None:
@@ -45,6 +45,8 @@ def exit_line_on_signals(name: str) -> Iterator[None]:
     try:
         yield
     except Stopped as stopped:
+        if name is None:
+            sys.exit(stopped.status)
         fail(name, "; ".join([f"stopped by {stopped.name}", *getattr(stopped, "__notes__", [])]), stopped.status)
     finally:
         for number, handler in before.items():

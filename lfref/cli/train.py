@@ -1,7 +1,6 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
 import functools
-import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -97,10 +96,10 @@ def train(config: DictConfig, folder: Path) -> None:
         log.info("trained %s; run folder %s", counted(trainer.current_epoch, "epoch"), folder)
 
 
-def _give_up(folder: Path, number: int) -> None:
+def _give_up(folder: Path, reason: str) -> None:
     """Print the line of a process that hangs and is ended by force."""
     if is_first_process():
-        print(f"lfref train: stopped by {signal.Signals(number).name}; {_how_to_go_on(folder)}", file=sys.stderr)
+        print(f"lfref train: {reason}; {_how_to_go_on(folder)}", file=sys.stderr)
 
 
 def _how_to_go_on(folder: Path) -> str:

@@ -186,6 +186,33 @@ def _label_bars(axes: Axes, ends: pd.Series, texts: list[str]) -> None:
     axes.set_axisbelow(True)
 
 
+def data_rates(rates: pd.DataFrame, waits: pd.DataFrame) -> Figure:
+    """Crops per second of each way of loading, and the share of each step that a training waits.
+
+    Args:
+        rates: Columns `source`, `label`, `labels_on`, `workers`, `crops_per_s`.
+        waits: Columns `label`, `labels_on`, `workers`, `wait_share`.
+    """
+    tables.require(rates, "source", "label", "labels_on", "workers", "crops_per_s")
+    tables.require(waits, "label", "labels_on", "workers", "wait_share")
+    ways = rates.assign(way=rates["source"] + ", " + rates["label"] + " by the " + rates["labels_on"])
+    figure = new_figure(10, 4)
+    left, right = figure.subplots(1, 2)
+    for index, (way, rows) in enumerate(ways.groupby("way", sort=False)):
+        colour = drawing.series_style(index)["color"]
+        left.plot(rows["workers"], rows["crops_per_s"], "o-", color=colour, label=way, markersize=4)
+    left.set_yscale("log")
+    style_axes(left, "Workers", "Crops per second (log scale)", "Ready for the network")
+    for index, ((label, place), rows) in enumerate(waits.groupby(["label", "labels_on"], sort=False)):
+        colour = drawing.series_style(index)["color"]
+        right.plot(rows["workers"], 100 * rows["wait_share"], "o-", color=colour, label=f"{label} by the {place}")
+    style_axes(right, "Workers", "Share of a step, %", "Waiting for a batch")
+    for axes in (left, right):
+        axes.set_xticks(sorted(rates["workers"].unique()))
+        axes.legend(frameon=False, fontsize=7)
+    return figure
+
+
 def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     """Forced over planned time of each class of scenes, and PSNR of refocused views against the truth by plane.
 

@@ -155,6 +155,17 @@ def simulation(folder: Path) -> Section:
     return Section("Simulator", text, figures, {"Time by scene": costs, "Accuracy by plane": planes})
 
 
+def data_rates(folder: Path) -> Section:
+    """Crops per second and waits of a training, of `lfref bench group=data`."""
+    rates, waits = (tables.read_table(folder / f"{name}.csv") for name in ("rates", "waits"))
+    text = (
+        "Crops that are ready for the network, by who prepares them, and the share of a step of training that waits "
+        "for the next batch. What a faster device would wait is arithmetic, from the crops per second."
+    )
+    figures = {"Crops and waits": bench_plots.data_rates(rates, waits)}
+    return Section("Data", text, figures, {"Crops per second": rates, "Waits": waits})
+
+
 def engines(folder: Path) -> Section:
     """Speed and accuracy of engines, of `lfref bench group=engines`."""
     rows = tables.read_table(folder / "engines.csv")
@@ -186,6 +197,7 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "causes.csv": error_causes,
     "operators.csv": operators,
     "simulate.csv": simulation,
+    "waits.csv": data_rates,
     "engines.csv": engines,
     "goals.csv": stability_table.goals,
     "stability.csv": stability_table.hard_cases,

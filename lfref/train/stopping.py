@@ -50,11 +50,12 @@ class Stopping(Callback):
 
     Args:
         path: The checkpoint to write.
-        give_up: Function that prints why a process ends by force; its argument is the signal.
+        give_up: Function that prints why a process ends by force; its argument is the reason, such as `stopped by
+            SIGTERM`.
         minutes: Minutes between checkpoints within an epoch; None writes none.
     """
 
-    def __init__(self, path: Path, give_up: Callable[[int], None], minutes: float | None = None) -> None:
+    def __init__(self, path: Path, give_up: Callable[[str], None], minutes: float | None = None) -> None:
         self.path = path
         self.give_up = give_up
         self.minutes = math.inf if minutes is None else minutes
@@ -86,8 +87,10 @@ class Stopping(Callback):
         written.setblocking(False)
         before = signal.set_wakeup_fd(written.fileno(), warn_on_full_buffer=False)
         threading.Thread(target=self._end_by_force, args=(ours,), daemon=True).start()
+        self._has_ended = threading.Event()
         if trainer.global_rank == 0:
             os.environ[PARENT] = str(os.getpid())
+            threading.Thread(target=self._watch_processes, daemon=True).start()
         elif os.environ.get(PARENT):
             threading.Thread(target=_end_with_parent, args=(int(os.environ[PARENT]),), daemon=True).start()
         try:
@@ -96,6 +99,7 @@ class Stopping(Callback):
             self._end_others()
             raise
         finally:
+            self._has_ended.set()
             signal.set_wakeup_fd(before)
             written.close()
             for number, handler in self._previous.items():
@@ -167,9 +171,30 @@ class Stopping(Callback):
             while numbers := signals.recv(1):
                 if numbers[0] in SIGNALS:
                     time.sleep(PATIENCE_S)
-                    self.give_up(numbers[0])
+                    self.give_up(f"stopped by {signal.Signals(numbers[0]).name}")
                     self._end_others(patience_s=0)
                     os._exit(128 + numbers[0])
+
+    def _watch_processes(self) -> None:
+        """In a thread of its own, end this process too when one that it started has failed.
+
+        Lightning's observer would do it without a word, by SIGKILL, some seconds later. This process may wait for the
+        other one in a library, for example until all have connected, and would wait for long.
+        """
+        statuses: list[int] = []
+        while not statuses:
+            if self._has_ended.wait(0.2):
+                return
+            processes = getattr(self._trainer.strategy.launcher, "procs", None) or []
+            statuses = [status for process in processes if (status := process.poll())]
+        self._take_over_processes()
+        number = statuses[0] - 128 if statuses[0] > 128 else -statuses[0]
+        if number in SIGNALS:
+            os.kill(os.getpid(), number)
+        elif not self._has_ended.wait(PATIENCE_S / 2):
+            self.give_up(f"all processes of a distributed training must live; got one that ended by {statuses[0]}")
+            self._end_others(patience_s=0)
+            os._exit(1)
 
     def _take_over_processes(self) -> None:
         """Take the processes that this process started from Lightning, whose observer would kill this process too.

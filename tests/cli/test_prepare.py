@@ -162,6 +162,7 @@ def test_a_training_reads_a_set_whose_captures_are_gone(lfref, tmp_path, capture
         "data.patch=24",
         "data.patches_per_field=1",
         "slopes=[-1,0]",
+        "net.n_planes=2",
         *TINY_NET,
     )
     status, error = lfref("train", *words, "trainer.max_epochs=1", f"output={tmp_path}/run", "callbacks.summary=null")

@@ -92,3 +92,17 @@ def test_when_one_process_is_killed_the_other_ends(tmp_path, victim):
     os.kill(others[0], signal.SIGKILL)
     assert "all processes of a distributed training must live" in line_of(process)
     assert process.returncode == 1
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGKILL, 1)])
+def test_when_the_second_process_ends_while_it_starts_the_first_ends_with_one_line(tmp_path, number, status):
+    process = start(*TRAINING, f"output={tmp_path}/run")
+    while not (others := [member for member in members(process.pid) if member != process.pid]):
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.02)
+    os.kill(others[0], number)  # it still imports its packages, and the first waits for it
+    line = line_of(process)
+    assert process.returncode == status
+    said = "stopped by SIGTERM" if number == signal.SIGTERM else "must live; got one that ended by -9"
+    assert said in line
+    assert line.endswith("no epoch was finished; the same command starts anew")

@@ -135,7 +135,7 @@ def test_all_processes_skip_the_step_that_one_cannot_take(module, data, trainer)
 
 @quiet
 def test_processes_meet_for_the_gradients_only_and_for_the_log_when_it_is_due(module, data, trainer, tmp_path):
-    stopping = Stopping(tmp_path / "last.ckpt", lambda number: None, minutes=15)
+    stopping = Stopping(tmp_path / "last.ckpt", lambda reason: None, minutes=15)
     callbacks = [HeadInitialization(), StepGuard(), stopping, Meetings()]
     options = {"devices": 2, "strategy": "ddp_fork", "plugins": [], "log_every_n_steps": 4}
     trainer(max_epochs=3, callbacks=callbacks, **options).fit(module, datamodule=data)

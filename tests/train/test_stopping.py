@@ -129,7 +129,7 @@ def test_lightning_ends_no_process_because_another_one_ended_after_a_signal(tmp_
         world_size=2, global_rank=0, strategy=strategy, _signal_connector=SimpleNamespace(_sigterm_notifier_fn=None)
     )
     observer = _ChildProcessObserver(first.pid, launcher.procs)
-    stopping = Stopping(tmp_path / "last.ckpt", lambda number: None)
+    stopping = Stopping(tmp_path / "last.ckpt", lambda reason: None)
     try:
         with pytest.raises(KeyboardInterrupt), stopping.listening(trainer):
             raise KeyboardInterrupt
