@@ -14,7 +14,7 @@ from lfref.cli import config as configs
 from lfref.errors import InputError
 
 JOBLIB, LOCAL, SLURM, RAY = composition.COMPONENTS["launcher"][1:]
-BASIC, OPTUNA = composition.COMPONENTS["sweeper"]
+BASIC, OPTUNA, OURS = composition.COMPONENTS["sweeper"]
 TOUCH = {"_target_": "os.system", "command": "touch sentinel"}
 FACTORY = {"()": "os.system", "command": "touch sentinel"}
 
