@@ -1,7 +1,7 @@
 """`lfref tune`: search the options of `lfref train` by trials, which are jobs of a sweep that asks Optuna for them.
 
-Hydra launches the trials in batches by any of its launchers. Each is an ordinary run of `lfref train` in a folder of its
-own; `lfref.train.trials` keeps the study.
+Hydra launches the trials in batches, by any of its launchers. Each is an ordinary run of `lfref train` in a folder of
+its own; `lfref.train.trials` keeps the study.
 """
 
 import copy
@@ -92,7 +92,7 @@ def _distribution(option: str, entry: Any) -> BaseDistribution:
     if not numbers or not all(isinstance(number, int | float) for number in numbers):
         expected = f"tune.space.{option} must be a list of choices, or a range with numbers low and high"
         raise InputError(expected, got=entry, remedy="write [relu,gelu], or {low:1e-4,high:1e-2,log:true}")
-    return _range(option, log=bool(entry.get("log")), **{key: entry.get(key) for key in ("low", "high", "step")})
+    return _range(option, entry["low"], entry["high"], entry.get("step"), bool(entry.get("log")))
 
 
 def _is_range(entry: Any) -> bool:
@@ -114,6 +114,7 @@ def _distribution_of_sweep(override: Override) -> BaseDistribution:
     sweep, option = override.value(), override.get_key_element()
     is_log = isinstance(sweep, ChoiceSweep | IntervalSweep | RangeSweep) and "log" in sweep.tags
     if isinstance(sweep, IntervalSweep):
+        assert sweep.start is not None and sweep.end is not None, "Hydra's grammar asks for both"
         return _range(option, sweep.start, sweep.end, log=is_log)
     if isinstance(sweep, RangeSweep) and sweep.start is not None and sweep.stop is not None:
         # The stop of a range does not belong to it.
@@ -142,6 +143,10 @@ class AskAndTell(Sweeper):
         params: Further overrides, which stand before those of the command line.
     """
 
+    config: DictConfig
+    hydra_context: HydraContext
+    launcher: Launcher
+
     def __init__(self, max_batch_size: int | None = None, params: dict[str, str] | None = None) -> None:
         self.params = params or {}
 
@@ -151,7 +156,7 @@ class AskAndTell(Sweeper):
         self.hydra_context, self.config = hydra_context, copy.deepcopy(config)
         with read_write(self.config.hydra.job):
             self.config.hydra.job.config_name = "train"
-        self.launcher: Launcher = Plugins.instance().instantiate_launcher(hydra_context, task_function, self.config)
+        self.launcher = Plugins.instance().instantiate_launcher(hydra_context, task_function, self.config)
 
     def sweep(self, arguments: list[str]) -> None:
         """Run trials until there are as many as configured, and write what came out of them."""
@@ -167,13 +172,13 @@ class AskAndTell(Sweeper):
         self.space = search_space(tune["space"] or {}, [item for item in own if item.is_sweep_override()])
         fixed = [item for item in own if not item.is_sweep_override() and item.get_key_element() not in self.space]
         self.words = [str(item.input_line) for item in fixed]
-        self._check_space()
-        _check_trainer(configs.plain(self.config.trainer))
+        n_trials, n_parallel = _count(tune, "n_trials"), _count(tune, "parallel")
         self.settings = _settings(tune, configs.plain(self.config.callbacks))
+        _check_trainer(configs.plain(self.config.trainer))
+        self._check_space()
         space = {option: optuna.distributions.distribution_to_json(item) for option, item in self.space.items()}
         common = {"options": sorted(self.words), "space": space}
         self.study = trials.begin(self.folder / runs.STUDY, self.settings, common)
-        n_trials, n_parallel = _count(tune, "n_trials"), _count(tune, "parallel")
         for numbers in self._batches(n_trials, n_parallel):
             self._launch(numbers)
             _write_table(self.folder / TABLE, self.study, self.settings.monitor)
@@ -207,9 +212,8 @@ class AskAndTell(Sweeper):
             jobs = self.launcher.launch(batch, initial_job_idx=numbers[0])
         except Exception as error:  # such as the death of a process that the launcher started
             remedy = f"the same command with output={self.folder} goes on"
-            raise LfrefError(
-                "a launcher must bring its jobs to an end", got=first_line(error), remedy=remedy
-            ) from error
+            expected = "the launcher must bring its jobs to an end"
+            raise LfrefError(expected, got=first_line(error), remedy=remedy) from error
         for number, job in zip(numbers, jobs, strict=True):
             trials.tell(self.study, number, job.return_value, self._reason(number))
 

@@ -19,6 +19,7 @@ from optuna.pruners import BasePruner, MedianPruner, NopPruner, SuccessiveHalvin
 from optuna.samplers import BaseSampler, RandomSampler, TPESampler
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
+from optuna.study import StudyDirection
 from optuna.trial import TrialState
 
 from lfref.errors import FileError, InputError, chosen, first_line
@@ -81,7 +82,7 @@ def begin(file: Path, settings: Settings, common: Mapping[str, Any]) -> optuna.S
     """
     chosen("tune.sampler", settings.sampler, SAMPLERS)
     pruner = chosen("tune.pruner", settings.pruner, PRUNERS)(settings)
-    direction = "maximize" if settings.mode == "max" else "minimize"
+    direction = StudyDirection.MAXIMIZE if settings.mode == "max" else StudyDirection.MINIMIZE
     study = _opened(
         lambda storage: optuna.create_study(
             storage=storage, study_name=NAME, direction=direction, pruner=pruner, load_if_exists=True
@@ -93,9 +94,7 @@ def begin(file: Path, settings: Settings, common: Mapping[str, Any]) -> optuna.S
     if kept is None:
         study.set_user_attr(SETTINGS, expected)
         return study
-    changes = [
-        f"{key}={expected[key]} instead of {kept.get(key)}" for key in expected if expected[key] != kept.get(key)
-    ]
+    changes = [f"{key}={value} instead of {kept.get(key)}" for key, value in expected.items() if value != kept.get(key)]
     if changes:
         remedy = "give the command of its beginning, or another output"
         raise InputError("a study must go on with the same settings", got="; ".join(changes), remedy=remedy)
