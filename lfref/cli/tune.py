@@ -73,7 +73,7 @@ def search_space(node: Mapping[str, Any], sweeps: Sequence[Override]) -> dict[st
     if not space:
         remedy = "give tune.space={optimizer.lr:{low:1e-4,high:1e-2,log:true}}"
         raise InputError("tune.space must name the options to search", got="none", remedy=remedy)
-    return space
+    return dict(sorted(space.items()))  # the overrides of a trial that goes on must stand in the same order
 
 
 def _entries(node: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -114,7 +114,8 @@ def _distribution_of_sweep(override: Override) -> BaseDistribution:
     sweep, option = override.value(), override.get_key_element()
     is_log = isinstance(sweep, ChoiceSweep | IntervalSweep | RangeSweep) and "log" in sweep.tags
     if isinstance(sweep, IntervalSweep):
-        assert sweep.start is not None and sweep.end is not None, "Hydra's grammar asks for both"
+        assert sweep.start is not None, "Hydra's grammar asks for both"
+        assert sweep.end is not None, "Hydra's grammar asks for both"
         return _range(option, sweep.start, sweep.end, log=is_log)
     if isinstance(sweep, RangeSweep) and sweep.start is not None and sweep.stop is not None:
         # The stop of a range does not belong to it.
@@ -177,7 +178,7 @@ class AskAndTell(Sweeper):
         _check_trainer(configs.plain(self.config.trainer))
         self._check_space()
         space = {option: optuna.distributions.distribution_to_json(item) for option, item in self.space.items()}
-        common = {"options": sorted(self.words), "space": space}
+        common = {"options": self.words, "space": space}
         self.study = trials.begin(self.folder / runs.STUDY, self.settings, common)
         for numbers in self._batches(n_trials, n_parallel):
             self._launch(numbers)
@@ -342,7 +343,7 @@ def _own_words(words: list[str]) -> list[str]:
         if word.startswith("resume="):
             remedy = "repeat its command with output=STUDY"
             raise InputError("a study goes on by its command, not by resume", got=repr(word), remedy=remedy)
-        if resume.key_of(word).startswith(("hydra/sweeper", "hydra.sweeper._target_", "hydra.sweeper={")):
+        if resume.key_of(word) in ("hydra/sweeper", "hydra.sweeper", "hydra.sweeper._target_"):
             raise InputError("the sweeper of a study must be left as it is", got=repr(word))
     return words
 

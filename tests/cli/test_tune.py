@@ -1,4 +1,4 @@
-"""`lfref tune`: trials are runs of `lfref train`, and a study finds the better options, goes on, prunes and notes failures."""
+"""`lfref tune`: trials are runs of `lfref train`; a study finds the better options, goes on, prunes, notes failures."""
 
 import csv
 import subprocess
@@ -7,9 +7,10 @@ import sys
 import pytest
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
-from lfref.cli import tune
+from lfref.cli import composition, tune
 from lfref.errors import InputError
 from lfref.io import run as runs
 from lfref.io.run import Run
@@ -117,6 +118,32 @@ def test_a_hopeless_trial_ends_early_and_an_impossible_one_is_noted(lfref, tmp_p
     assert fits == []
     status, error = lfref("report", study, pruned.folder, f"output={tmp_path}/report")
     assert status == 0, error
+
+
+def test_a_launcher_that_dies_ends_the_study_which_goes_on(lfref, tmp_path, fits, monkeypatch):
+    def die(self, job_overrides, initial_job_idx):
+        raise RuntimeError("a worker was killed")
+
+    words = (*STUDY, "optimizer.lr=0.05,0.1", "tune.n_trials=1", f"output={tmp_path}/study")
+    with monkeypatch.context() as patch:
+        launcher = Plugins.instance().class_name_to_class[composition.COMPONENTS["launcher"][0]]
+        patch.setattr(launcher, "launch", die)
+        status, error = lfref(*words)
+    assert status == 1
+    assert error.splitlines()[-1].startswith("lfref tune: the launcher must bring its jobs to an end; got a worker was")
+    assert lfref(*words)[0] == 0
+    assert len(fits) == 1
+    assert states(tmp_path / "study") == ["finished"]
+
+
+@pytest.mark.slow
+def test_an_experiment_may_hold_the_space(lfref, tmp_path, fits):
+    (tmp_path / "choices" / "experiment").mkdir(parents=True)
+    text = "# @package _global_\ntune:\n  n_trials: 2\n  space: {optimizer.lr: {low: 0.01, high: 0.02}}\n"
+    (tmp_path / "choices" / "experiment" / "mine.yaml").write_text(text)
+    status, error = lfref(*STUDY, "--config-dir", tmp_path / "choices", "experiment=mine", f"output={tmp_path}/study")
+    assert status == 0, error
+    assert [0.01 <= rate <= 0.02 for rate, _ in fits] == [True, True]
 
 
 def test_a_study_without_a_trial_that_succeeds_fails(lfref, tmp_path):
