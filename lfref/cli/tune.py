@@ -36,8 +36,6 @@ from lfref.io import atomic
 from lfref.io import run as runs
 from lfref.train import trials
 
-Space = Mapping[str, BaseDistribution]
-
 TABLE, BEST = "trials.csv", "experiment/best.yaml"
 """Files in the folder of a study, besides those of the trials."""
 STATES = {
@@ -186,7 +184,7 @@ class AskAndTell(Sweeper):
         self._finish()
 
     def _check_space(self) -> None:
-        """Compose a training with each choice, so that a misspelt option ends the study before its first trial."""
+        """Compose trainings with all choices and the ends of all ranges: a misspelt option ends the study at once."""
         ends = {option: _ends(distribution) for option, distribution in self.space.items()}
         for index in range(max(map(len, ends.values()))):
             values = {option: values[index % len(values)] for option, values in ends.items()}
@@ -205,8 +203,7 @@ class AskAndTell(Sweeper):
 
     def _launch(self, numbers: Sequence[int]) -> None:
         """Run a batch of trials with consecutive numbers, and tell the study what came out of each."""
-        drawn = [trials.draw(self.study, self.settings, self.space, number) for number in numbers]
-        batch = [self._overrides(parameters) for parameters in drawn]
+        batch = [self._overrides(trials.draw(self.study, self.settings, self.space, number)) for number in numbers]
         for number in numbers:
             self._note(number).unlink(missing_ok=True)
         try:
@@ -316,9 +313,7 @@ def _row(trial: FrozenTrial, monitor: str) -> dict[str, Any]:
 
 def _experiment(parameters: Mapping[str, Any], groups: Sequence[str]) -> str:
     """The text of an experiment's configuration with these parameters; groups are options that choose a file."""
-    content: dict[str, Any] = {"defaults": [{f"override /{group}": str(parameters[group])} for group in groups]}
-    if not groups:
-        del content["defaults"]
+    choices = [{f"override /{group}": str(parameters[group])} for group in groups]
     values = OverridesParser.create().parse_overrides(
         _words({option: value for option, value in parameters.items() if option not in groups})
     )
@@ -326,7 +321,7 @@ def _experiment(parameters: Mapping[str, Any], groups: Sequence[str]) -> str:
     for item in values:
         OmegaConf.update(tree, item.key_or_group, item.value(), force_add=True)
     head = "# @package _global_\n# The best trial of a study: lfref train --config-dir STUDY experiment=best\n"
-    return head + yaml.safe_dump({**content, **configs.plain(tree)}, sort_keys=False)
+    return head + yaml.safe_dump(({"defaults": choices} if choices else {}) | configs.plain(tree), sort_keys=False)
 
 
 # The command.
