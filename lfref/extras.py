@@ -11,6 +11,7 @@ EXTRAS = {
     "video": ("av",),
     "captures": ("h5py",),
     "tensorboard": ("tensorboard",),
+    "tune": ("optuna",),
 }
 """Extra -> packages that are imported where they are used, under `needed`."""
 

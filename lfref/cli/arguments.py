@@ -48,6 +48,8 @@ RUN = {
     **dict.fromkeys(("refocus", "view", "eval", "bench", "export"), "checkpoint"),
 }
 """Command -> key that `run=FOLDER` sets."""
+SWEEPS = ("tune",)
+"""Commands that are always a multirun."""
 SHORTHANDS = {
     "slopes": ["planes=slopes", "planes.slopes={}"],
     "alphas": ["planes=alphas", "planes.alphas={}"],
@@ -129,6 +131,9 @@ def options(command: str, words: list[str]) -> dict[str, Any]:
         value = parsed.pop(option[2:].replace("-", "_"))
         if value is not None:
             raise InputError(f"{option} must be left out", got=value, remedy="--config-dir adds to our choices")
+    if command in SWEEPS:
+        parsed["run"] = False
+        parsed["multirun"] = not any(parsed[action] for action in ("cfg", "info", "shell_completion"))
     return parsed
 
 

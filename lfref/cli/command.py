@@ -3,6 +3,7 @@
 import functools
 import itertools
 import logging
+import math
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -27,23 +28,29 @@ if TYPE_CHECKING:
 
 Task = Callable[[DictConfig, Path], None]
 Prepare = Callable[[DictConfig, Path], bool]
+Result = Callable[[DictConfig, Path], float | None]
 Item = TypeVar("Item")
 
 log = logging.getLogger("lfref")
 
 
 def command(
-    task: Task, prepare: Prepare = lambda config, folder: True, expand: Callable[[list[str]], list[str]] = list
+    task: Task,
+    prepare: Prepare = lambda config, folder: True,
+    expand: Callable[[list[str]], list[str]] = list,
+    result: Result = lambda config, folder: None,
 ) -> Callable[[], None]:
     """Make a command from a function (configuration, run folder); `conf/NAME.yaml` is the configuration of module NAME.
 
     `prepare` (configuration, run folder) runs before the task, and returns False if there is nothing to do.
     `expand` replaces `resume=RUN` in the words of a command line by the overrides of that run.
+    `result` (configuration, run folder) is what a sweeper gets from a finished job, also from one that was finished
+    before; a failed job returns NaN.
     """
     name = Path(task.__code__.co_filename).stem
 
     @functools.wraps(task)  # Hydra names the job after the module of the function that it gets
-    def run_task(config: DictConfig) -> None:
+    def run_task(config: DictConfig) -> float | None:
         folder = Path(HydraConfig.get().runtime.output_dir)
         with open_dict(config):
             config.folder = str(folder)
@@ -56,15 +63,16 @@ def command(
                     configs.save(config, folder)
                     runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
                     task(config, folder)
+            return result(config, folder) if resume.is_sweep_job() else None
         except Exception as error:
             if resume.is_sweep_job():
                 resume.record_failure(error)
-            elif isinstance(error, LfrefError):
+                return math.nan
+            if isinstance(error, LfrefError):
                 fail(name, error)
-            elif isinstance(error, OSError):
+            if isinstance(error, OSError):
                 fail(name, f"files must be readable and writable; got {error.filename or 'one'} ({error.strerror})")
-            else:
-                raise
+            raise
 
     run_hydra = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(run_task)
 

@@ -6,9 +6,9 @@
    Hydra itself would suggest `+key` for a misspelt key, and takes any text for true.
 3. `check_line` composes a command line before `hydra.main` gets it, and `CheckedJobs` does so for each job of a sweep.
 
-Two parts rely on undocumented behaviour of Hydra. `CheckedJobs` replaces the attribute `config_loader` of the running
+Three parts rely on undocumented behaviour of Hydra. `CheckedJobs` replaces the attribute `config_loader` of the running
 application, since Hydra calls nothing of ours between the composition of a job and its log handlers. `COMPONENTS` names
-the classes of the launcher and the sweeper that come with Hydra.
+the classes of the launcher and the sweeper that come with Hydra. `lfref tune` enters its sweeper in Hydra's table.
 This module stands apart from `command`, which wraps a command: these checks keep configurations harmless.
 """
 
@@ -49,6 +49,8 @@ CALLBACKS = {
     "failed_jobs": {"_target_": "lfref.cli.resume.FailedJobs"},
 }
 """All of these, and no others, must stand in a configuration."""
+SWEEPER = "hydra_plugins.lfref.AskAndTell"
+"""Name by which Hydra finds the sweeper of `lfref tune`, which registers it: `lfref.cli.tune.AskAndTell`."""
 COMPONENTS = {
     "launcher": (
         "hydra._internal.core_plugins.basic_launcher.BasicLauncher",
@@ -60,6 +62,7 @@ COMPONENTS = {
     "sweeper": (
         "hydra._internal.core_plugins.basic_sweeper.BasicSweeper",
         "hydra_plugins.hydra_optuna_sweeper.optuna_sweeper.OptunaSweeper",
+        SWEEPER,
     ),
 }
 SAMPLERS = tuple(f"optuna.samplers.{name}Sampler" for name in ("CmaEs", "NSGAII", "Random", "TPE"))

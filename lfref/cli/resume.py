@@ -110,9 +110,9 @@ def _path(override: str) -> str | None:
     return None if text == "null" else text
 
 
-def quoted(path: Path) -> str:
-    """A path as a quoted value, which Hydra does not interpret."""
-    return "'" + re.sub(r"(\\*)'", r"\1\1\\'", str(path)) + "'"
+def quoted(text: str | Path) -> str:
+    """A text or path as a quoted value, which Hydra does not interpret."""
+    return "'" + re.sub(r"(\\*)'", r"\1\1\\'", str(text)) + "'"
 
 
 def prepare(config: dict[str, Any], folder: Path) -> None:

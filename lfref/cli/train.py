@@ -2,13 +2,14 @@
 
 import functools
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 import wandb
 from hydra.core.hydra_config import HydraConfig
-from lightning.pytorch import LightningDataModule, Trainer, seed_everything
+from lightning.pytorch import Callback, LightningDataModule, Trainer, seed_everything
 from omegaconf import DictConfig
 
 from lfref import extras
@@ -25,6 +26,13 @@ from lfref.refocuser.networks import SHIPPED
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement
 from lfref.train.modules import Fitting, cut_log
 from lfref.train.stopping import Stopping, one_line_errors
+
+PARALLEL_LAUNCHERS = (
+    "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher",
+    "hydra_plugins.hydra_submitit_launcher.submitit_launcher.LocalLauncher",
+)
+"""Launchers that run several jobs at a time on this machine, all of which see the same GPUs."""
+GPU_ACCELERATORS = ("gpu", "cuda", "auto")
 
 
 def prepare(config: DictConfig, folder: Path) -> bool:
@@ -96,6 +104,13 @@ def train(config: DictConfig, folder: Path) -> None:
         log.info("trained %s; run folder %s", counted(trainer.current_epoch, "epoch"), folder)
 
 
+def score(config: DictConfig, folder: Path) -> float | None:
+    """Best value of what the best checkpoint is chosen by (`val/mpsnr`); None if the run has no checkpoint with one."""
+    best = configs.plain(config.callbacks).get("best")
+    run = Run(folder)
+    return runs.best_value(run.last, best["monitor"]) if best and run.has_checkpoints else None
+
+
 def _give_up(folder: Path, reason: str) -> None:
     """Print the line of a process that hangs and is ended by force."""
     if is_first_process():
@@ -128,9 +143,47 @@ def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
 
 def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
     chosen = [callback for callback in configs.build(config.callbacks).values() if callback is not None]
-    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, stopping]
+    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, *_trial_reports(), stopping]
     loggers = _loggers(config)
-    return configs.build(config.trainer, callbacks=callbacks, logger=loggers, plugins=[AtomicCheckpointIO()])
+    devices = _devices(configs.plain(config.trainer))
+    plugins = [AtomicCheckpointIO()]
+    return configs.build(config.trainer, callbacks=callbacks, logger=loggers, plugins=plugins, devices=devices)
+
+
+def _trial_reports() -> list[Callback]:
+    """The callback of a trial of `lfref tune`, whose study lies in the folder of the sweep."""
+    if not resume.is_sweep_job():
+        return []
+    hydra = HydraConfig.get()
+    file = Path(hydra.sweep.dir) / runs.STUDY
+    if not file.is_file():
+        return []
+    from lfref.train.trials import TrialReports  # needs Optuna, an extra
+
+    return [TrialReports(file, hydra.job.num)]
+
+
+def _devices(trainer: Mapping[str, Any]) -> Any:
+    """The devices of the trainer; if a launcher runs jobs side by side here, those of this job."""
+    if not resume.is_sweep_job():
+        return trainer.get("devices", "auto")
+    hydra = HydraConfig.get()
+    is_given = "trainer.devices" in map(resume.key_of, hydra.overrides.task)
+    is_parallel = hydra.launcher._target_ in PARALLEL_LAUNCHERS
+    return devices_of_job(trainer, hydra.job.num) if is_parallel and not is_given else trainer.get("devices", "auto")
+
+
+def devices_of_job(trainer: Mapping[str, Any], number: int) -> Any:
+    """Devices of a job that runs beside other jobs on this machine: if it takes one GPU, they take the GPUs in turn.
+
+    Args:
+        trainer: The configured trainer.
+        number: Number of the job in its sweep, from 0.
+    """
+    devices = trainer.get("devices", "auto")
+    takes_one_gpu = devices == 1 and trainer.get("accelerator", "auto") in GPU_ACCELERATORS
+    n_gpus = torch.cuda.device_count() if takes_one_gpu else 0
+    return [number % n_gpus] if n_gpus else devices
 
 
 def _loggers(config: DictConfig) -> list[Any]:
@@ -147,7 +200,7 @@ def _loggers(config: DictConfig) -> list[Any]:
     return loggers
 
 
-_run = command(train, prepare)
+_run = command(train, prepare, result=score)
 
 
 def main() -> None:

@@ -17,6 +17,8 @@ from lfref.io import atomic, tensor_files
 
 CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.txt"
 CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
+STUDY = "study.journal"
+"""File of a study of `lfref tune`, in the folder that holds the run folders of its trials."""
 
 _NEXT_OVERRIDE = re.compile(r"\s+(?=~|\+{0,2}[\w./@:-]+=)")
 """Space between two overrides in the older file; values hold spaces too."""
@@ -131,6 +133,13 @@ def epochs_done(checkpoint: Path) -> int:
 def steps_done(checkpoint: Path) -> int:
     """Number of steps of the optimiser before a checkpoint."""
     return int(_progress(checkpoint)["global_step"])
+
+
+def best_value(checkpoint: Path, monitor: str) -> float | None:
+    """Best value of a metric such as `val/mpsnr` before a checkpoint; None if no callback of the training kept it."""
+    states = [state for state in _progress(checkpoint).get("callbacks", {}).values() if isinstance(state, dict)]
+    values = [state.get("best_model_score") for state in states if state.get("monitor") == monitor]
+    return next((float(value) for value in values if value is not None), None)
 
 
 def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:

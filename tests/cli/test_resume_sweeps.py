@@ -1,12 +1,14 @@
 """A sweep that is said again does what is left to do, and a member that fails ends nothing but itself."""
 
 import csv
+import math
 import shutil
 import subprocess
 import sys
 
 import pytest
 import torch
+from hydra._internal.core_plugins import basic_launcher
 
 from lfref.cli import resume
 from lfref.io.run import Run
@@ -59,6 +61,27 @@ def test_a_member_that_fails_is_named_at_the_end_and_the_rest_runs(lfref, tmp_pa
     assert "Invalid learning rate" in why
     assert fits == [(0.02, 0)]
     assert Run(tmp_path / "sweep" / "1").is_finished
+
+
+@pytest.mark.slow
+def test_jobs_return_their_best_validation_also_when_they_are_finished(lfref, tmp_path, monkeypatch, fits):
+    returned, run_job = [], basic_launcher.run_job
+
+    def watch(**arguments):
+        job = run_job(**arguments)
+        returned.append(job.return_value)
+        return job
+
+    monkeypatch.setattr(basic_launcher, "run_job", watch)
+    words = (*SWEEP, "trainer.max_epochs=2", f"output={tmp_path}/sweep", "optimizer.lr=0.05,-1,0.02")
+    for _ in range(2):
+        assert lfref(*words)[0] == 1
+    assert fits == [(0.05, 0), (0.02, 0)]
+    assert [math.isnan(value) for value in returned] == [False, True, False] * 2
+    for name in "02":
+        values = [row["val/mpsnr"] for row in Run(tmp_path / "sweep" / name).metrics if row["val/mpsnr"] is not None]
+        assert len(values) == 2
+        assert returned[int(name)] == returned[3 + int(name)] == pytest.approx(max(values), rel=1e-5)
 
 
 @pytest.mark.slow
