@@ -125,7 +125,7 @@ class Clock(Callback):
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Any, batch_index: int) -> None:
         """The batch is there."""
         now = time.perf_counter()
-        if batch_index > self.n_first:
+        if batch_index >= self.n_first:
             self.waits_s.append(now - self._since)
         self._since = now
 
@@ -134,7 +134,7 @@ class Clock(Callback):
         if trainer.strategy.root_device.type == "cuda":
             torch.cuda.synchronize()
         now = time.perf_counter()
-        if batch_index > self.n_first:
+        if batch_index >= self.n_first:
             self.steps_s.append(now - self._since)
         self._since = now
 
@@ -178,6 +178,11 @@ class LoadingBench:
                 torch.cuda.synchronize(self.device)
         crops_per_s = n_crops / (time.perf_counter() - start)
         return vars(loading) | {"device": self.device.type, "crops_per_s": crops_per_s}
+
+    def is_trained(self, loading: Loading) -> bool:
+        """Whether a training loads so by default, from stored fields."""
+        place = DEVICE if self.device.type == "cuda" else LOADER
+        return loading.source == STORED and loading.label != NONE and loading.labels_on == place
 
     def wait(self, loading: Loading, module: Refocusing, folder: Path) -> Row:
         """Train for an epoch, and measure how long its steps wait for their batches.

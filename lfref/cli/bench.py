@@ -382,8 +382,7 @@ def data(config: DictConfig, folder: Path) -> None:
         bench = LoadingBench(sources, labels, device, **sizes)
         rates = pd.DataFrame([bench.rate(loading) for loading in progress(loadings, "loading crops")])
         waits = []
-        trained = [loading for loading in loadings if loading.source == STORED and loading.label != data_rates.NONE]
-        for loading in progress(trained, "training"):
+        for loading in progress([each for each in loadings if bench.is_trained(each)], "training"):
             torch.manual_seed(0)
             net, loss, optimizer = (configs.build(config[part]) for part in ("net", "loss", "optimizer"))
             waits.append(bench.wait(loading, Refocusing(net, loss, planes, optimizer), folder))

@@ -1,0 +1,43 @@
+"""`lfref bench group=data` leaves its tables and its picture."""
+
+import csv
+import json
+
+from matplotlib.image import imread
+
+WORDS = (
+    "bench", "group=data", "scene.camera.size=[64,64]", "patch=16", "patches_per_field=2", "workers=[0,1]",
+    "n_stored=1", "n_batches=2", "n_simulated=1", "n_steps=1", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8",
+    "slopes=[-1,0]", "net.n_planes=2",
+)  # fmt: skip
+
+
+def test_crops_are_counted_by_source_label_and_workers(lfref, tmp_path):
+    status, errors = lfref(*WORDS, f"output={tmp_path}/run")
+    assert status == 0, errors
+    folder = tmp_path / "run"
+    rates, waits = (
+        list(csv.DictReader((folder / f"{name}.csv").read_text().splitlines())) for name in ("rates", "waits")
+    )
+    ways = {(row["source"], row["label"], row["labels_on"], row["workers"]) for row in rates}
+    assert ways == {
+        (source, label, place, workers)
+        for workers in "01"
+        for source, label, place in (
+            ("stored", "shift_and_sum", "loader"), ("stored", "shift_and_sum", "device"), ("stored", "none", "device"),
+            ("stored", "fourier_slice", "loader"), ("stored", "fourier_slice", "device"),
+            ("simulated", "shift_and_sum", "loader"), ("simulated", "fourier_slice", "loader"),
+            ("simulated", "rendered", "loader"),
+        )
+    }  # fmt: skip
+    assert all(float(row["crops_per_s"]) > 0 for row in rates)
+    assert [(row["label"], row["workers"]) for row in waits] == [
+        (label, workers) for label in ("shift_and_sum", "fourier_slice") for workers in "01"
+    ]
+    for row in waits:
+        load_s = 2 / float(row["crops_per_s"])
+        assert 0 <= float(row["wait_share"]) < 1
+        assert abs(float(row["wait_share_100x"]) - max(0, 1 - float(row["step_s"]) / 100 / load_s)) < 1e-6
+    assert imread(folder / "data.png").std() > 0.05  # a blank figure has one colour
+    assert json.loads((folder / "machine.json").read_text())["patches_per_field"] == 2
+    assert not list(folder.glob("tmp*"))
