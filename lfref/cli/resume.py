@@ -28,7 +28,6 @@ from lfref.io import run as runs
 from lfref.io.run import Run
 
 KEY = "resume="
-FOLDERS = "output", "folder", "resume"
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
 """Parts of a configuration that must stay as they are when a run is resumed."""
 FREE = "_target_", "allow_changes", "cache_folder", "workers", "timeout", "optimizer", "scheduler"
@@ -62,18 +61,13 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
         raise InputError("resume goes on with one run, not with a sweep", remedy=remedy)
     run = Run.of(path)
     new = [argument for argument in arguments if argument not in resumes]
-    replaced = {key_of(argument) for argument in new} | set(FOLDERS)
-    known = [override for override in map(str, run.overrides) if key_of(override) not in replaced]
+    replaced = {runs.key_of(argument) for argument in new} | set(runs.FOLDERS)
+    known = [override for override in map(str, run.overrides) if runs.key_of(override) not in replaced]
     old = [override for override in known if not _names_place(override, run)]
     if dropped := [override for override in known if override not in old]:
         print(f"{run.folder.name}: not taken over, give again what is to hold: {' '.join(dropped)}", file=sys.stderr)
-    own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
+    own = [] if "output" in {runs.key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
-
-
-def key_of(override: str) -> str:
-    """The key that an override sets: `+net.width=3` and `net.width=4` have one key."""
-    return override.partition("=")[0].lstrip("+~")
 
 
 def _names_place(override: str, run: Run) -> bool:
@@ -218,9 +212,6 @@ def _short(value: Any) -> str:
 
 log = logging.getLogger("lfref")
 
-FAILURE = ".lfref_failure.json"
-"""File in the folder of a failed job: jobs may run in other processes, which share nothing but files with this one."""
-
 
 def is_sweep_job() -> bool:
     """Whether this process runs a job of a sweep."""
@@ -233,7 +224,7 @@ def record_failure(error: Exception) -> None:
     folder, reason = Path(hydra.runtime.output_dir), " ".join(str(error).split()) or type(error).__name__
     log.error("failed: %s: %s", folder, reason, exc_info=None if isinstance(error, LfrefError) else error)
     note = {"overrides": list(hydra.overrides.task), "reason": reason}
-    atomic.write_text(folder / FAILURE, json.dumps(note, indent=1))
+    atomic.write_text(folder / runs.FAILURE, json.dumps(note, indent=1))
 
 
 class FailedJobs(Callback):
@@ -257,7 +248,7 @@ class FailedJobs(Callback):
             sys.exit(1)
 
     def _notes(self, config: DictConfig) -> list[Path]:
-        return sorted(Path(config.hydra.sweep.dir).glob(f"*/{FAILURE}"))
+        return sorted(Path(config.hydra.sweep.dir).glob(f"*/{runs.FAILURE}"))
 
 
 def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:
@@ -282,4 +273,4 @@ def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:
 
 
 def _decisive(overrides: list[str]) -> list[str]:
-    return [override for override in overrides if key_of(override) not in FOLDERS]
+    return [override for override in overrides if runs.key_of(override) not in runs.FOLDERS]

@@ -23,7 +23,7 @@ from lfref.errors import InputError, LfrefError, counted
 from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.refocuser.networks import SHIPPED
-from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement
+from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, TrainingRecord
 from lfref.train.modules import Fitting, cut_log
 from lfref.train.stopping import Stopping, one_line_errors
 
@@ -129,7 +129,8 @@ def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
 
 def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
     chosen = [callback for callback in configs.build(config.callbacks).values() if callback is not None]
-    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, stopping]
+    record = TrainingRecord(Path(config.folder) / runs.TRAINING)
+    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, record, stopping]
     loggers = _loggers(config)
     return configs.build(config.trainer, callbacks=callbacks, logger=loggers, plugins=[AtomicCheckpointIO()])
 

@@ -1,13 +1,16 @@
 """Callbacks, logger and checkpoint files of a training.
 
 `StepGuard` keeps numbers that are not finite out of weights and checkpoints; `HeadInitialization` starts the last
-convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run.
+convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run;
+`TrainingRecord` notes time and size.
 The module stands apart from the command, since configurations name its classes.
 """
 
 import csv
 import functools
+import json
 import logging
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +26,7 @@ from torch import Tensor, nn
 
 from lfref.data.patch_data import Batch
 from lfref.errors import InputError, LfrefError, counted
-from lfref.io import images, tensor_files
+from lfref.io import atomic, images, tensor_files
 
 log = logging.getLogger(__name__)
 
@@ -271,6 +274,66 @@ class RankAgreement(Callback):
                 got="different ones",
                 remedy="start one run at a time instead of a sweep that draws for every process",
             )
+
+
+class TrainingRecord(Callback):
+    """Writes number of parameters, wall time, device and end of a training into a JSON file, with each checkpoint.
+
+    Checkpoints keep the time, so that a resumed training adds to it. Work after the last checkpoint of a killed
+    training does not count, since it is done again.
+
+    Args:
+        path: The file to write.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._before: float | None = 0.0
+        self._is_restored = False
+        self._start: float | None = None
+
+    @property
+    def seconds(self) -> float | None:
+        """Seconds from the first step, validations included; None if a checkpoint of an older version began it."""
+        own = 0.0 if self._start is None else time.monotonic() - self._start
+        return None if self._before is None else self._before + own
+
+    def on_train_start(self, trainer: Trainer, module: Any) -> None:
+        """Start the clock; a training that goes on is not finished any more."""
+        if trainer.global_step > 0 and not self._is_restored:
+            self._before = None
+        self._start = time.monotonic()
+        if self.path.is_file():
+            self._write(trainer, module, is_finished=False)
+
+    def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
+        """Write the file."""
+        self._write(trainer, module, is_finished=False)
+
+    def on_train_end(self, trainer: Trainer, module: Any) -> None:
+        """Write that the training has reached its end; signals and errors do not get here."""
+        self._write(trainer, module, is_finished=True)
+
+    def state_dict(self) -> dict[str, float | None]:
+        """The time, as a checkpoint keeps it."""
+        return {"seconds": self.seconds}
+
+    def load_state_dict(self, state: dict[str, float | None]) -> None:
+        """Restore the time."""
+        self._before, self._is_restored = state["seconds"], True
+
+    def _write(self, trainer: Trainer, module: Any, is_finished: bool) -> None:
+        if not trainer.is_global_zero:
+            return
+        device = trainer.strategy.root_device
+        record = {
+            "n_parameters": sum(parameter.numel() for parameter in module.net.parameters()),
+            "seconds": self.seconds,
+            "device": torch.cuda.get_device_name(device) if device.type == "cuda" else device.type,
+            "processes": trainer.world_size,
+            "is_finished": is_finished,
+        }
+        atomic.write_text(self.path, json.dumps(record, indent=1))
 
 
 def nearest(slopes: Sequence[float], slope: float) -> int:

@@ -1,6 +1,7 @@
 """Steps, statistics and checkpoints that numbers which are not finite must not touch, in real fits."""
 
 import copy
+import json
 import logging
 
 import numpy as np
@@ -20,6 +21,7 @@ from lfref.train.callbacks import (
     RankAgreement,
     StackPictures,
     StepGuard,
+    TrainingRecord,
     gradient_norm,
     log_picture,
     nearest,
@@ -265,6 +267,52 @@ def test_pictures_in_wandb_are_the_pictures(tmp_path, n_channels):
     (stored,) = tmp_path.glob("wandb/offline-run-*/files/media/images/**/*.png")
     pixels = OpenImageIO.ImageBuf(str(stored)).get_pixels("float")
     np.testing.assert_allclose(pixels[..., :n_channels], picture.permute(1, 2, 0), atol=0.51 / 255)
+
+
+class Clock:
+    """Seconds that pass only when a test says so."""
+
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        monkeypatch.setattr("lfref.train.callbacks.time.monotonic", lambda: self.now)
+
+
+class Passing(Callback):
+    """Lets ten seconds pass in each epoch; raises at the end of one epoch, after its checkpoint."""
+
+    def __init__(self, clock, path, dies_after=None):
+        self.clock, self.path, self.dies_after = clock, path, dies_after
+
+    def on_train_epoch_end(self, trainer, module):
+        self.clock.now += 10
+        trainer.save_checkpoint(self.path)
+        if trainer.current_epoch == self.dies_after:
+            self.clock.now += 1000
+            raise SystemExit(143)
+
+
+def test_a_resumed_training_adds_its_time_to_that_of_its_checkpoint(module, data, trainer, tmp_path, monkeypatch):
+    clock, note, last = Clock(monkeypatch), tmp_path / "training.json", tmp_path / "last.ckpt"
+    callbacks = [TrainingRecord(note), Passing(clock, last, dies_after=1)]
+    with pytest.raises(SystemExit):
+        trainer(max_epochs=3, callbacks=callbacks).fit(module, datamodule=data)
+    n_parameters = sum(parameter.numel() for parameter in module.net.parameters())
+    expected = {"n_parameters": n_parameters, "device": "cpu", "processes": 1}
+    assert json.loads(note.read_text()) == expected | {"seconds": 20.0, "is_finished": False}
+    again = trainer(max_epochs=3, callbacks=[TrainingRecord(note), Passing(clock, last)])
+    again.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
+    assert json.loads(note.read_text()) == expected | {"seconds": 30.0, "is_finished": True}
+
+
+def test_the_time_of_a_training_that_an_older_version_began_is_unknown(module, data, trainer, tmp_path):
+    note, last = tmp_path / "training.json", tmp_path / "last.ckpt"
+    before = trainer(max_epochs=1)
+    before.fit(module, datamodule=data)
+    before.save_checkpoint(last)
+    again = trainer(max_epochs=2, callbacks=[TrainingRecord(note)])
+    again.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
+    record = json.loads(note.read_text())
+    assert (record["seconds"], record["is_finished"]) == (None, True)
 
 
 def test_side_by_side_places_planes_and_rows():
