@@ -83,10 +83,9 @@ class Run:
         return _read_json(self.folder / TRAINING)
 
     @property
-    def failure(self) -> str | None:
-        """Reason why this job of a sweep failed; None if it did not."""
-        note = _read_json(self.folder / FAILURE)
-        return str(note["reason"]) if "reason" in note else None
+    def failure(self) -> dict[str, Any]:
+        """Why this job of a sweep failed: `overrides` and `reason`; empty if it did not."""
+        return _read_json(self.folder / FAILURE)
 
     @property
     def best(self) -> Path:

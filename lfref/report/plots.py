@@ -1,4 +1,4 @@
-"""Plots of training and evaluation; PSNR is capped at 100 dB.
+"""Plots of training, sweeps and evaluation; PSNR is capped at 100 dB.
 
 A missing column, or one without numbers, raises an `InputError` that names it.
 """
@@ -102,6 +102,80 @@ def other_metrics(metrics: pd.DataFrame) -> Figure | None:
         _draw_steps(axes, rows, column, color=BLUE)
         style_axes(axes, "Optimiser step", "", tables.plot_text(column, 36))
     return figure
+
+
+def sweep_means(runs: pd.DataFrame, means: pd.DataFrame) -> Figure:
+    """Best validation of every variant of a sweep, and differences from the reference: seeds, means and intervals.
+
+    Args:
+        runs: A row per run: columns `variant`, `best_mpsnr_db`, `difference_db` (NaN for the reference).
+        means: A row per variant, from top to bottom: columns `variant`, `is_reference`, `mean_db`, `low_db`, `high_db`,
+            `difference_db`, `difference_low_db`, `difference_high_db`; intervals are NaN for a single seed.
+    """
+    tables.require(runs, "variant", "best_mpsnr_db", "difference_db")
+    heights = dict(zip(means["variant"], range(len(means)), strict=True))
+    has_differences = bool(means["difference_db"].notna().any())
+    figure = new_figure(9, 1.4 + 0.36 * len(means))
+    left, *right = figure.subplots(1, 1 + has_differences, sharey=True, squeeze=False)[0]
+    _draw_means(left, runs["best_mpsnr_db"], runs["variant"].map(heights), means, ("mean_db", "low_db", "high_db"))
+    style_axes(left, "Best validation MPSNR (dB)", "", "")
+    names = zip(means["variant"], means["is_reference"], strict=True)
+    left.set_yticks(
+        range(len(means)),
+        [tables.plot_text(name, 40) + " (reference)" * is_base for name, is_base in names],
+        color=BLACK,
+    )
+    left.set_ylim(len(means) - 0.5, -0.5)
+    for axes in right:
+        columns = ("difference_db", "difference_low_db", "difference_high_db")
+        _draw_means(axes, runs["difference_db"], runs["variant"].map(heights), means, columns)
+        axes.axvline(0, color=GREY, linewidth=1)
+        style_axes(axes, "Less the reference, seed by seed (dB)", "", "")
+    return figure
+
+
+def _draw_means(
+    axes: Axes, points: pd.Series, heights: pd.Series, means: pd.DataFrame, columns: tuple[str, str, str]
+) -> None:
+    """Points of seeds, and below each row of points the mean with its interval."""
+    mean, low, high = (means[column].to_numpy(float) for column in columns)
+    axes.plot(points, heights - 0.12, "o", color=ORANGE, markersize=4.5, alpha=0.75, label="seed")
+    below = [index + 0.16 for index in range(len(means))]
+    axes.hlines(below, low, high, color=BLUE, linewidth=2)
+    axes.plot(mean, below, "D", color=BLUE, markersize=5, label="mean")
+
+
+def sweep_curves(validations: pd.DataFrame, reference: str) -> Figure:
+    """Validation MPSNR by step: a panel for each variant but the reference, which every panel shows in grey.
+
+    Args:
+        validations: Columns `variant`, `seed`, `step`, `val/mpsnr`; a row per validation of a run.
+        reference: The variant to compare with.
+    """
+    rows = tables.require_numbers(validations, "step", "val/mpsnr")
+    by_variant = {str(name): _over_seeds(group) for name, group in rows.groupby("variant", sort=False)}
+    shown = [name for name in by_variant if name != reference] or [reference]
+    n_columns, n_rows = min(3, len(shown)), math.ceil(len(shown) / 3)
+    figure = new_figure(9, 0.5 + 2.4 * n_rows)
+    grid = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True)
+    for axes in grid.flat[len(shown) :]:
+        axes.set_visible(False)
+    for axes, name in zip(grid.flat, shown, strict=False):
+        for each, colour in {reference: GREY, name: BLUE}.items():
+            band = by_variant[each]
+            axes.fill_between(band.index, band["min"], band["max"], color=colour, alpha=0.2, linewidth=0)
+            marker = "o" if len(band) < 20 else ""
+            axes.plot(band.index, band["mean"], color=colour, marker=marker, markersize=3, linewidth=1.4)
+        style_axes(axes, "Optimiser step", "MPSNR (dB)", tables.plot_text(name, 34))
+        axes.label_outer()
+    return figure
+
+
+def _over_seeds(rows: pd.DataFrame) -> pd.DataFrame:
+    """Mean, least and most of the seeds at the steps that all of them have; at all steps if there are none."""
+    statistics = rows.groupby("step")["val/mpsnr"].agg(["mean", "min", "max", "count"])
+    complete = statistics[statistics["count"] == rows["seed"].nunique()]
+    return statistics if complete.empty else complete
 
 
 def quality_by_plane(planes: pd.DataFrame) -> Figure:

@@ -66,9 +66,9 @@ def test_a_training_that_ended_early_by_its_own_rule_is_finished(folder):
 
 
 def test_a_training_without_notes_has_neither_size_nor_failure(folder):
-    assert (Run(folder).training, Run(folder).failure) == ({}, None)
+    assert (Run(folder).training, Run(folder).failure) == ({}, {})
     (folder / ".lfref_failure.json").write_text('{"overrides": [], "reason": "disk full"}')
-    assert Run(folder).failure == "disk full"
+    assert Run(folder).failure["reason"] == "disk full"
     (folder / "training.json").write_text("{")
     with pytest.raises(FileError, match=r"training\.json must be JSON"):
         _ = Run(folder).training
