@@ -48,10 +48,10 @@ def _sweep_options(config: DictConfig) -> sweeps.Options:
     texts = None if reference is None else tuple(sweeps.as_text(value) for value in values)
     if not isinstance(config.time, bool):
         raise InputError("time must be true or false", got=repr(config.time))
-    return sweeps.Options(texts, config.time, _defaults)
+    return sweeps.Options(texts, config.time, defaults)
 
 
-def _defaults(overrides: Sequence[str]) -> Mapping[str, str]:
+def defaults(overrides: Sequence[str]) -> Mapping[str, str]:
     """Values of `lfref train` with these overrides, as text; empty if they do not fit this version of lfref.
 
     A run folder may come from somebody else: overrides that could make Hydra read other files are left out.

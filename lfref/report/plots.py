@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from lfref.errors import InputError
 from lfref.report import drawing, tables
@@ -167,6 +168,7 @@ def sweep_curves(validations: pd.DataFrame, reference: str) -> Figure:
             marker = "o" if len(band) < 20 else ""
             axes.plot(band.index, band["mean"], color=colour, marker=marker, markersize=3, linewidth=1.4)
         style_axes(axes, "Optimiser step", "MPSNR (dB)", tables.plot_text(name, 34))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         axes.label_outer()
     return figure
 

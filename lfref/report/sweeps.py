@@ -86,15 +86,15 @@ def section(folder: Path, options: Options) -> Section:
         FileError: A file of a job is damaged.
     """
     jobs = read_jobs(folder)
-    keys = varying(jobs)
     finished = [job for job in jobs if not job.problem]
     left_out = [job for job in jobs if job.problem]
-    failures = {"Left out of all figures and means": _problems(left_out, keys)} if left_out else {}
+    failures = {"Left out of all figures and means": _problems(left_out, varying(jobs))} if left_out else {}
     title = f"Sweep: {folder.name}"
     if not finished:
         return Section(title, f"None of {counted(len(jobs), 'job')} has finished.", tables=failures)
+    keys, constants = varying(finished), shared(finished)
     variants = _variants(finished, keys)
-    reference, why = _reference(variants, keys, shared(jobs), options)
+    reference, why = _reference(variants, keys, constants, options)
     rows, table = single_runs(variants, keys, reference), summary(variants, keys, reference)
     if options.measures_time:
         times = _stack_times({name: of_seeds[0].run for name, of_seeds in variants.items()})
@@ -114,7 +114,7 @@ def section(folder: Path, options: Options) -> Section:
         "Validation MPSNR by step: mean over the seeds, and band from the lowest to the highest seed; grey: the "
         "reference": plots.sweep_curves(lines, label(keys, reference)),
     }
-    text = _text(jobs, keys, f"{label(keys, reference)} ({why})", rows, table)
+    text = _text(len(jobs), keys, constants, f"{label(keys, reference)} ({why})", rows, table)
     files = {"sweep.csv": table, "sweep_jobs.csv": rows}
     return Section(title, text, figures, {"By what varies": for_page(table, keys), **failures}, files=files)
 
@@ -186,9 +186,9 @@ def varying(jobs: Sequence[Job]) -> list[str]:
 
 
 def shared(jobs: Sequence[Job]) -> list[str]:
-    """Settings KEY=VALUE that all jobs have."""
-    first, *others = [set(job.settings.items()) for job in jobs]
-    return [f"{key}={text}" for key, text in jobs[0].settings.items() if (key, text) in first.intersection(*others)]
+    """Settings KEY=VALUE that all jobs have, without the seed."""
+    common = set.intersection(*(set(job.settings.items()) for job in jobs))
+    return [f"{key}={text}" for key, text in jobs[0].settings.items() if (key, text) in common and key != SEED]
 
 
 def _value(job: Job, key: str) -> str:
@@ -208,12 +208,16 @@ def _variants(jobs: Iterable[Job], keys: Sequence[str]) -> dict[Variant, list[Jo
 
 
 def label(keys: Sequence[str], variant: Variant) -> str:
-    """Name of a variant: its value, or `key=value` for several keys, by their last names where these are unique."""
+    """Name of a variant: its value, or `key=value` for several keys, by their last names if these differ."""
     if len(keys) < 2:
         return variant[0] if variant else "all jobs"
-    short = [key.rpartition(".")[2] for key in keys]
-    names = short if len({*short}) == len(short) else keys
-    return ", ".join(f"{name}={text}" for name, text in zip(names, variant, strict=True))
+    return ", ".join(f"{name}={text}" for name, text in zip(short(keys), variant, strict=True))
+
+
+def short(keys: Sequence[str]) -> list[str]:
+    """The last names of keys, if these differ."""
+    names = [key.rpartition(".")[2] for key in keys]
+    return names if len({*names}) == len(names) else list(keys)
 
 
 def _reference(
@@ -360,7 +364,7 @@ def _stack_times(networks: Mapping[Variant, Run]) -> dict[Variant, float]:
 
 def for_page(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """The summary with means, deviations and intervals as text; bold where an interval excludes 0."""
-    shown = table[[*keys]].assign(n_seeds=table["n_seeds"])
+    shown = table[[*keys]].set_axis(short(keys), axis=1).assign(n_seeds=table["n_seeds"])
     shown["mean_and_std"] = [_mean_and_std(row) for row in table.to_dict("records")]
     if len(table) > 1:
         shown["difference"] = [_difference(row) for row in table.to_dict("records")]
@@ -396,15 +400,15 @@ def _problems(jobs: Sequence[Job], keys: Sequence[str]) -> pd.DataFrame:
     )
 
 
-def _text(jobs: Sequence[Job], keys: Sequence[str], reference: str, rows: pd.DataFrame, table: pd.DataFrame) -> str:
+def _text(
+    n_jobs: int, keys: Sequence[str], constants: Sequence[str], reference: str, rows: pd.DataFrame, table: pd.DataFrame
+) -> str:
     """The text above the table: what all jobs share, the reference, and how to read the numbers."""
-    n_left_out = len(jobs) - len(rows)
-    constants = [each for each in shared(jobs) if runs.key_of(each) != SEED]
-    lines = [f"All jobs: {' '.join(constants)}." if constants else "The jobs share no override."]
-    lines.append(
-        f"{counted(len(rows), 'job')} of {len(jobs)} finished, {counted(len(table), 'variant')}."
-        + (" The others are listed with the reason below the table, and count in no mean." if n_left_out else "")
-    )
+    lines = [f"All rows: {' '.join(constants)}." if constants else "The rows share no override."]
+    lines += [f"What varies: {', '.join(keys)}."] if keys else []
+    lines.append(f"{len(rows)} of {counted(n_jobs, 'job')} finished, {counted(len(table), 'variant')}.")
+    if len(rows) < n_jobs:
+        lines.append("The others are listed with their reasons below, and count in no mean.")
     what = "MPSNR is the best of a run's validations, against its own labels; ± is the standard deviation over seeds."
     if len(table) > 1:
         what += f" Reference: {reference}. Differences are taken seed by seed, variant less reference."

@@ -333,7 +333,7 @@ class TrainingRecord(Callback):
             "processes": trainer.world_size,
             "is_finished": is_finished,
         }
-        atomic.write_text(self.path, json.dumps(record, indent=1))
+        atomic.write_text(self.path, json.dumps(record, indent=1) + "\n")
 
 
 def nearest(slopes: Sequence[float], slope: float) -> int:

@@ -167,7 +167,7 @@ def test_a_sweep_is_a_table_of_its_variants(sweep):
     (section,) = sections.sections([sweep])
     assert section.title == "Sweep: sweep"
     rows = section.tables["By what varies"]
-    assert rows["net.style"].tolist() == ["text", "sibling"]
+    assert rows["style"].tolist() == ["text", "sibling"]
     assert rows["difference"].tolist() == ["reference", "+6.00"]
 
 

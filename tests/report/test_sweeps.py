@@ -100,7 +100,7 @@ def test_bold_is_what_excludes_zero(tmp_path):
 
 def test_constants_and_the_reference_are_named_once_above_the_table(sweep):
     section = section_of(sweep)
-    assert "All jobs: experiment=demo." in section.text
+    assert "All rows: experiment=demo." in section.text
     assert "Reference: softplus (the first row)." in section.text
     assert "on cpu" in section.text
     assert "somewhere" not in section.text
@@ -146,7 +146,7 @@ def test_failed_and_unfinished_jobs_are_listed_and_count_in_no_mean(sweep):
     failed, unfinished, wrong = listed["problem"]
     assert (failed, wrong) == ("failed: disk full", "failed: Invalid learning rate: -1")
     assert unfinished.startswith("not finished") or "must have checkpoints" in unfinished
-    assert "6 jobs of 9 finished" in section.text
+    assert "6 of 9 jobs finished" in section.text
 
 
 def test_a_sweep_in_which_nothing_finished_still_lists_the_reasons(tmp_path):
@@ -185,7 +185,8 @@ def test_two_keys_that_vary_are_two_columns_and_numbers_may_be_written_in_two_wa
         words = [f"loss.weights.beta={beta}", f"loss.weights.gamma={gamma}"]
         write_job(tmp_path / str(number), words, 20.0 + number)
     section = section_of(tmp_path, reference=("0.65", "500"))
-    assert [*section.tables["By what varies"]][:2] == ["loss.weights.beta", "loss.weights.gamma"]
+    assert [*section.tables["By what varies"]][:2] == ["beta", "gamma"]
+    assert "What varies: loss.weights.beta, loss.weights.gamma." in section.text
     assert "Reference: beta=.65, gamma=500 (as reference= names it)." in section.text
 
 
