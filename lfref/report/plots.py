@@ -79,6 +79,31 @@ def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) ->
 
 KNOWN_METRICS = ("step", "epoch", "val/mpsnr", "val/mssim", *LOSS_TERMS)
 """Columns of metrics.csv that `training_curves` draws, or that hold no metrics."""
+BY_PLANE = "val/mpsnr_plane/"
+"""Beginning of the columns of metrics.csv with the MPSNR of a plane, such as `val/mpsnr_plane/alpha_0.5`."""
+
+
+def validation_by_plane(metrics: pd.DataFrame) -> Figure | None:
+    """MPSNR of each plane at the first, the best and the last validation; None if the planes were not logged.
+
+    Args:
+        metrics: Lightning's metrics.csv: columns `step`, `val/mpsnr`, and one for each plane.
+    """
+    columns = [column for column in metrics if column.startswith(BY_PLANE)]
+    rows = tables.with_numbers(metrics, "step", "val/mpsnr", *columns)
+    if rows.empty or not columns:
+        return None
+    quantity = columns[0].removeprefix(BY_PLANE).partition("_")[0]
+    places = [float(column.rpartition("_")[2]) for column in columns]
+    figure = new_figure(9, 3.4)
+    axes = figure.add_subplot()
+    shown = {"first": rows.iloc[0], "last": rows.iloc[-1], "best": rows.loc[rows["val/mpsnr"].idxmax()]}
+    for (name, row), colour in zip(shown.items(), (GREY, ORANGE, BLUE), strict=True):
+        label = f"{name}, step {row['step']:.0f}"
+        axes.plot(places, row[columns].astype(float), "o-", color=colour, markersize=4, linewidth=1.3, label=label)
+    axes.legend(frameon=False, fontsize=9)
+    style_axes(axes, tables.heading(quantity), "MPSNR (dB)", "Validation MPSNR by plane")
+    return figure
 
 
 def other_metrics(metrics: pd.DataFrame) -> Figure | None:
@@ -89,7 +114,9 @@ def other_metrics(metrics: pd.DataFrame) -> Figure | None:
     by_column = {
         column: tables.with_numbers(metrics, "step", column)
         for column in metrics
-        if column not in KNOWN_METRICS and not pd.api.types.is_bool_dtype(metrics[column])
+        if column not in KNOWN_METRICS
+        and not column.startswith(BY_PLANE)
+        and not pd.api.types.is_bool_dtype(metrics[column])
     }
     panels = {column: rows for column, rows in by_column.items() if not rows.empty}
     if not panels:

@@ -11,6 +11,12 @@ METRICS = "log/metrics.csv"
 AS_USUAL = sweeps.Options()
 CONFIG = "config.yaml"
 """File that every command leaves in its run folder, even if it fails."""
+PICTURES = {
+    "epoch_*.png": "Held-out patch after the last epoch: labels above, predictions below",
+    "patches_*.png": "Held-out patches after the last epoch, the worst on the left and the best on the right; a row "
+    "for each plane: label, prediction, and 4 times their difference",
+}
+"""Pictures of a training, those of earlier versions first -> their caption."""
 ACCURACY_COLUMNS = [
     "method", "reference", "median_s", "numpy_ffts", "psnr_db", "median_psnr_db", "worst_plane_db", "worst_plane",
     "worst_psnr_db", "worst_scene", "ssim", "delta_e", "brightness_error", "whole_psnr_db", "exact_psnr_db",
@@ -76,10 +82,14 @@ def training(folder: Path) -> Section:
         f"at its best, a rise of {best - first:.2f} dB."
     )
     figures = {"Loss, its terms, and validation": plots.training_curves(metrics)}
+    if (planes := plots.validation_by_plane(metrics)) is not None:
+        figures["Validation by plane"] = planes
     if (others := plots.other_metrics(metrics)) is not None:
         figures["Other metrics that were logged"] = others
-    pictures = sorted((folder / "pictures").glob("*.png"))
-    last = {"Held-out patch after the last epoch: labels above, predictions below": pictures[-1]} if pictures else {}
+    last: dict[str, Path] = {}
+    for pattern, caption in PICTURES.items():
+        if pictures := sorted((folder / "pictures").glob(pattern)):
+            last = {caption: pictures[-1]}
     return Section("Training", text, {**figures, **last})
 
 

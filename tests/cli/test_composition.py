@@ -326,8 +326,8 @@ def test_options_of_wandb_that_are_allowed_may_be_added():
     for word in ("entity=team", "tags=[a,b]", "notes=why", "mode=offline", "group=all", "id=x", "job_type=test"):
         composition.check_overrides(base, OverridesParser.create().parse_overrides([f"+logger.wandb.{word}"]), [])
     for name in ("dir", "settings", "experiment"):
+        words = OverridesParser.create().parse_overrides([f"+logger.wandb.{name}=x"])
         with pytest.raises(InputError, match=f"got 'logger.wandb.{name}'"):
-            words = OverridesParser.create().parse_overrides([f"+logger.wandb.{name}=x"])
             composition.check_overrides(base, words, [])
 
 

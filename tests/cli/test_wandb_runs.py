@@ -5,6 +5,8 @@ import hashlib
 import os
 import subprocess
 
+import numpy as np
+import OpenImageIO
 import pytest
 import torch
 from lightning.pytorch.callbacks import ModelCheckpoint
@@ -54,6 +56,16 @@ def test_a_job_is_a_run_of_its_sweep_and_a_resumed_one_goes_on_in_it(lfref, swee
         row["epoch"] for file in (before, after) for row in wandb_files.history_of(file) if "val/mpsnr" in row
     ]
     assert validations == [0, 1]
+    row = next(row for row in wandb_files.history_of(before) if "val/mpsnr" in row)
+    by_plane = [value for name, value in row.items() if name.startswith("val/mpsnr_plane/alpha_")]
+    assert len(by_plane) == 16
+    assert sum(by_plane) / 16 == pytest.approx(row["val/mpsnr"], abs=1e-4)
+    (picture,) = [row for row in wandb_files.history_of(before) if "val/stack/filenames" in row]
+    assert picture["val/stack/captions"][0].startswith("worst patch")
+    (stored,) = [before.parent / "files" / name for name in picture["val/stack/filenames"]]
+    written = sweep / "0" / "pictures" / "patches_0000.png"
+    images = [OpenImageIO.ImageBuf(str(path)).get_pixels("uint8") for path in (stored, written)]
+    np.testing.assert_array_equal(*images)
 
 
 def test_a_run_that_goes_on_elsewhere_or_starts_anew_has_an_id_of_its_own(tmp_path):

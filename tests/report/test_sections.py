@@ -105,6 +105,11 @@ def test_a_training_run_shows_its_last_picture(training):
     (section,) = sections.sections([training])
     assert training / "pictures" / "epoch_0010.png" in section.figures.values()
     assert len(section.figures) == 2
+    write_picture(training / "pictures" / "patches_0011.png")
+    (section,) = sections.sections([training])
+    (caption,) = [caption for caption, picture in section.figures.items() if str(picture).endswith("patches_0011.png")]
+    assert "worst on the left" in caption
+    assert len(section.figures) == 2
 
 
 def test_metrics_of_a_users_configuration_are_shown_by_their_names(training):
