@@ -1,7 +1,7 @@
 """The run folder of a command, and the files in it; only `lfref train` writes those after the first two.
 
 RUN/config.yaml, overrides.yaml, training.json, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv,
-pictures/*.png
+pictures/*.png, wandb_id.txt
 """
 
 import csv

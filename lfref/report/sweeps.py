@@ -64,8 +64,9 @@ class Job:
 
     @property
     def seed(self) -> int:
-        """The seed, of the overrides or the configuration."""
-        return int(_value(self, SEED).replace(tables.DASH, "0"))
+        """The seed of a finished job; 0 where no file has it."""
+        text = _value(self, SEED)
+        return 0 if text == tables.DASH else int(text)
 
     @property
     def best(self) -> pd.Series:
@@ -368,7 +369,8 @@ def for_page(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     shown["mean_and_std"] = [_mean_and_std(row) for row in table.to_dict("records")]
     if len(table) > 1:
         shown["difference"] = [_difference(row) for row in table.to_dict("records")]
-    costs = [name for name in ("mssim", "n_parameters", "training_s", "stack_ffts") if name in table]
+    costs = ["mssim"] if table["mssim"].notna().any() else []  # a refiner has none
+    costs += [name for name in ("n_parameters", "training_s", "stack_ffts") if name in table]
     return shown.assign(**table[costs])
 
 
@@ -393,7 +395,7 @@ def _problems(jobs: Sequence[Job], keys: Sequence[str]) -> pd.DataFrame:
         {
             "job": job.run.name,
             **{key: _value(job, key) for key in keys},
-            "seed": str(job.seed),
+            "seed": _value(job, SEED),
             "problem": job.problem,
         }
         for job in jobs

@@ -151,10 +151,12 @@ def test_failed_and_unfinished_jobs_are_listed_and_count_in_no_mean(sweep):
 
 def test_a_sweep_in_which_nothing_finished_still_lists_the_reasons(tmp_path):
     (tmp_path / "0").mkdir()
-    (tmp_path / "0" / ".lfref_failure.json").write_text('{"overrides": ["seed=1"], "reason": "no memory"}')
+    (tmp_path / "0" / ".lfref_failure.json").write_text('{"overrides": ["seed=many"], "reason": "no memory"}')
     section = section_of(tmp_path)
     assert section.text == "None of 1 job has finished."
-    assert section.tables["Left out of all figures and means"]["problem"].tolist() == ["failed: no memory"]
+    assert section.tables["Left out of all figures and means"].to_dict("records") == [
+        {"job": "0", "seed": "many", "problem": "failed: no memory"}
+    ]
 
 
 def test_seeds_that_the_reference_lacks_are_in_the_mean_but_in_no_difference(tmp_path):
