@@ -57,6 +57,8 @@ class Job:
     run: Run
     settings: Mapping[str, str]
     """Key -> value as text, of every override that may change the result."""
+    config: Mapping[str, str]
+    """Key -> value as text, of the whole configuration; empty if the job did not get so far."""
     validations: pd.DataFrame
     """Lines of the log with a validation; columns `step`, `val/mpsnr` and those of other metrics."""
     problem: str
@@ -84,7 +86,6 @@ def section(folder: Path, options: Options) -> Section:
 
     Raises:
         InputError: No row has the values of the reference.
-        FileError: A file of a job is damaged.
     """
     jobs = read_jobs(folder)
     finished = [job for job in jobs if not job.problem]
@@ -100,22 +101,22 @@ def section(folder: Path, options: Options) -> Section:
     if options.measures_time:
         times = _stack_times({name: of_seeds[0].run for name, of_seeds in variants.items()})
         table["stack_ffts"] = [times.get(name, math.nan) for name in variants]
-    labels = [label(keys, name) for name in variants]
+    labels = {name: label(keys, name) for name in variants}
     lines = pd.concat(
-        job.validations[["step", "val/mpsnr"]].assign(variant=label(keys, name), seed=job.seed)
+        job.validations[["step", "val/mpsnr"]].assign(variant=labels[name], seed=job.seed)
         for name, of_seeds in variants.items()
         for job in of_seeds
     )
     figures = {
         "Best validation MPSNR of every seed (points), and means with 95 % t intervals; right: differences from the "
         "reference, seed by seed": plots.sweep_means(
-            rows.assign(variant=[label(keys, row) for row in rows[keys].itertuples(index=False, name=None)]),
-            table.assign(variant=labels),
+            rows.assign(variant=[labels[name] for name, of_seeds in variants.items() for _ in of_seeds]),
+            table.assign(variant=list(labels.values())),
         ),
         "Validation MPSNR by step: mean over the seeds, and band from the lowest to the highest seed; grey: the "
-        "reference": plots.sweep_curves(lines, label(keys, reference)),
+        "reference": plots.sweep_curves(lines, labels[reference]),
     }
-    text = _text(len(jobs), keys, constants, f"{label(keys, reference)} ({why})", rows, table)
+    text = _text(len(jobs), keys, constants, f"{labels[reference]} ({why})", rows, table)
     files = {"sweep.csv": table, "sweep_jobs.csv": rows}
     return Section(title, text, figures, {"By what varies": for_page(table, keys), **failures}, files=files)
 
@@ -136,33 +137,32 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 
 def _job(run: Run) -> Job:
-    log = run.folder / runs.METRICS
-    table = tables.read_table(log) if log.is_file() else pd.DataFrame()
-    has_validations = {"step", "val/mpsnr"} <= {*table}
-    validations = tables.with_numbers(table, "step", "val/mpsnr") if has_validations else pd.DataFrame()
-    return Job(run, settings(run), validations, _problem(run, validations))
-
-
-def _problem(run: Run, validations: pd.DataFrame) -> str:
-    if run.failure:
-        return f"failed: {run.failure['reason']}"
+    """The job of a run folder; one with a damaged file does not count, and says which."""
+    known, config = dict[str, str](), dict[str, str]()
+    validations, problem = pd.DataFrame(), ""
     try:
-        is_finished = run.is_finished
+        config = flat(run.config) if (run.folder / runs.CONFIG).is_file() else {}
+        known = settings(run, config)
+        if run.failure:
+            problem = f"failed: {run.failure.get('reason', 'it noted no reason')}"
+        elif not run.is_finished:
+            problem = "not finished: it was stopped, or still goes on"
+        else:
+            validations = tables.with_numbers(tables.read_table(run.folder / runs.METRICS), "step", "val/mpsnr")
+            problem = "no validation was logged" if validations.empty else ""
     except LfrefError as error:
-        return str(error)
-    if not is_finished:
-        return "not finished: it was stopped, or still goes on"
-    return "it logged no val/mpsnr" if validations.empty else ""
+        problem = str(error)
+    return Job(run, known, config, validations, problem)
 
 
-def settings(run: Run) -> dict[str, str]:
-    """Key -> value as text, of each override that may change the result; of all entries where no file has overrides."""
+def settings(run: Run, config: Mapping[str, str]) -> dict[str, str]:
+    """Key -> value as text, of each override that may change the result; of the configuration if no file has any."""
     has_overrides = any((run.folder / name).is_file() for name in (runs.OVERRIDES, runs.OLD_OVERRIDES))
     if has_overrides or run.failure:
-        words = map(str, run.overrides if has_overrides else run.failure["overrides"])
-        entries = {runs.key_of(word): word.partition("=")[2] for word in words}
+        words = map(str, run.overrides if has_overrides else run.failure.get("overrides", []))
+        entries: Mapping[str, str] = {runs.key_of(word): word.partition("=")[2] for word in words}
     else:
-        entries = flat(run.config) if (run.folder / runs.CONFIG).is_file() else {}
+        entries = config
     return {key: text for key, text in entries.items() if re.split(r"[./@]", key)[0] not in PLACES}
 
 
@@ -194,10 +194,7 @@ def shared(jobs: Sequence[Job]) -> list[str]:
 
 def _value(job: Job, key: str) -> str:
     """Value of a key, by the overrides, else by the configuration, else a dash."""
-    if key in job.settings:
-        return job.settings[key]
-    has_config = (job.run.folder / runs.CONFIG).is_file()
-    return flat(job.run.config).get(key, tables.DASH) if has_config else tables.DASH
+    return job.settings.get(key, job.config.get(key, tables.DASH))
 
 
 def _variants(jobs: Iterable[Job], keys: Sequence[str]) -> dict[Variant, list[Job]]:

@@ -237,10 +237,25 @@ def test_figures_show_the_seeds_the_means_and_the_curves(sweep):
     assert (band[:, 1].min(), band[:, 1].max()) == (16.0, 28.5)
 
 
-def test_a_damaged_job_makes_the_sweep_a_problem_that_names_it(sweep):
-    (sweep / "1" / "log" / "metrics.csv").write_text("step,val/mpsnr\n1\n")
+@pytest.mark.parametrize(
+    ("name", "contents", "said"),
+    [
+        ("log/metrics.csv", "step,val/mpsnr\n1\n", "ends early"),
+        ("log/metrics.csv", "step,train/loss\n1,2\n", "must have a column 'val/mpsnr'"),
+        ("log/metrics.csv", "step,val/mpsnr\n1,\n", "no validation was logged"),
+        ("training.json", "{", "must be JSON"),
+        (".lfref_failure.json", "[]", "must hold an object"),
+        ("overrides.yaml", "a: b", "must hold a list"),
+        ("config.yaml", "[", "must be YAML"),
+    ],
+)
+def test_a_job_with_a_damaged_file_is_listed_and_the_others_count(sweep, name, contents, said):
+    (sweep / "1" / name).write_text(contents)
     section = section_of(sweep)
-    assert section.problem.startswith(f"sweep of {sweep}: the columns of {sweep}/1/log/metrics.csv")
+    assert section.files["sweep.csv"]["n_seeds"].tolist() == [2, 3]
+    (listed,) = section.tables["Left out of all figures and means"].to_dict("records")
+    assert listed["job"] == "1"
+    assert said in listed["problem"]
 
 
 def test_jobs_without_a_file_of_overrides_are_compared_by_their_configurations(tmp_path):
