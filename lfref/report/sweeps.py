@@ -339,11 +339,15 @@ def _first(values: Iterable[int | None]) -> int | None:
 def _stack_times(networks: Mapping[Variant, Run]) -> dict[Variant, float]:
     """Median time for the stack of a patch by each variant, in NumPy's 4-D FFTs of the same views, all in turns.
 
-    Networks that correct another method's stack are left out: the time of that method depends on the views.
+    Networks that correct another method's stack are left out: the time of that method depends on the views. So are
+    runs whose checkpoint was deleted.
     """
     watches: dict[tuple[str, Variant], Callable[[], float]] = {}
     for name, run in networks.items():
-        refocuser, patch = load(run.folder), run.config.get("data", {}).get("patch")
+        try:
+            refocuser, patch = load(run.folder), run.config.get("data", {}).get("patch")
+        except LfrefError:
+            continue
         if not isinstance(refocuser, NetworkRefocuser) or refocuser.grid is None or patch is None:
             continue
         shape = (*refocuser.grid, refocuser.network.config["channels"], patch, patch)

@@ -268,6 +268,12 @@ def test_jobs_without_a_file_of_overrides_are_compared_by_their_configurations(t
     assert sweeps.flat({"a": {"b": [1, 2], "c": None}, "d": "x"}) == {"a.b": "[1, 2]", "a.c": "null", "d": "x"}
 
 
+def test_runs_whose_checkpoint_is_gone_have_no_time_of_a_stack(sweep):
+    section = section_of(sweep, measures_time=True)
+    assert section.files["sweep.csv"]["stack_ffts"].isna().all()
+    assert section.files["sweep.csv"]["mean_db"].tolist() == [23.0, 24.5]
+
+
 def test_durations_have_the_unit_that_fits_them():
     shown = [tables.format_cell("training_s", value) for value in (12.34, 90, 720, 90_000.0, math.nan)]
     assert shown == ["12.3 s", "90.0 s", "12 min", "25 h", tables.DASH]
