@@ -14,8 +14,8 @@ from pathlib import Path
 
 from rich.progress import track
 
-from lfref.cli.resume import quoted
-from lfref.io.run import FOLDERS, Run, key_of
+from lfref.cli.resume import FOLDERS, key_of, quoted
+from lfref.io.run import Run
 
 QUIET = ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures")
 

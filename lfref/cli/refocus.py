@@ -15,7 +15,7 @@ from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
-from lfref.io.run import FOLDERS, Run
+from lfref.io.run import Run
 from lfref.io.scratch import allocator
 from lfref.lightfield import LightField
 from lfref.refocuser.load import load
@@ -102,7 +102,7 @@ def prepare(config: DictConfig, folder: Path) -> bool:
     """Refuse to resume a run with other settings than its own."""
     if config.resume is not None:
         plain = configs.plain(config)
-        decisive = [key for key in plain if key not in (*FOLDERS, "overwrite", "device")]
+        decisive = [key for key in plain if key not in (*resume.FOLDERS, "overwrite", "device")]
         resume.refuse_other(Run(folder), plain, decisive, "leave it as it was", "the settings that it began with")
     return True
 

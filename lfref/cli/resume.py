@@ -25,7 +25,7 @@ from lfref.cli import parts
 from lfref.errors import InputError, LfrefError
 from lfref.io import atomic
 from lfref.io import run as runs
-from lfref.io.run import Run
+from lfref.io.run import FAILURE, FOLDERS, Run, key_of
 
 KEY = "resume="
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
@@ -61,12 +61,12 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
         raise InputError("resume goes on with one run, not with a sweep", remedy=remedy)
     run = Run.of(path)
     new = [argument for argument in arguments if argument not in resumes]
-    replaced = {runs.key_of(argument) for argument in new} | set(runs.FOLDERS)
-    known = [override for override in map(str, run.overrides) if runs.key_of(override) not in replaced]
+    replaced = {key_of(argument) for argument in new} | set(FOLDERS)
+    known = [override for override in map(str, run.overrides) if key_of(override) not in replaced]
     old = [override for override in known if not _names_place(override, run)]
     if dropped := [override for override in known if override not in old]:
         print(f"{run.folder.name}: not taken over, give again what is to hold: {' '.join(dropped)}", file=sys.stderr)
-    own = [] if "output" in {runs.key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
+    own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
 
 
@@ -224,7 +224,7 @@ def record_failure(error: Exception) -> None:
     folder, reason = Path(hydra.runtime.output_dir), " ".join(str(error).split()) or type(error).__name__
     log.error("failed: %s: %s", folder, reason, exc_info=None if isinstance(error, LfrefError) else error)
     note = {"overrides": list(hydra.overrides.task), "reason": reason}
-    atomic.write_text(folder / runs.FAILURE, json.dumps(note, indent=1))
+    atomic.write_text(folder / FAILURE, json.dumps(note, indent=1))
 
 
 class FailedJobs(Callback):
@@ -248,7 +248,7 @@ class FailedJobs(Callback):
             sys.exit(1)
 
     def _notes(self, config: DictConfig) -> list[Path]:
-        return sorted(Path(config.hydra.sweep.dir).glob(f"*/{runs.FAILURE}"))
+        return sorted(Path(config.hydra.sweep.dir).glob(f"*/{FAILURE}"))
 
 
 def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:
@@ -273,4 +273,4 @@ def checkpoint_of(folder: Path, overrides: list[str]) -> Path | None:
 
 
 def _decisive(overrides: list[str]) -> list[str]:
-    return [override for override in overrides if runs.key_of(override) not in runs.FOLDERS]
+    return [override for override in overrides if key_of(override) not in FOLDERS]

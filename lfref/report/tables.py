@@ -120,7 +120,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "difference": ("Less the reference (dB)", str),
     "n_parameters": ("Parameters", "{:,.0f}".format),
     "training_s": ("Training", _duration),
-    "stack_ffts": ("Stack (NumPy 4-D FFTs)", _short),
+    "stack_ffts": ("Stack (FFTs)", _short),
     "median_s": ("Median (s)", _short),
     "p10_s": ("P10 (s)", _short),
     "p90_s": ("P90 (s)", _short),
