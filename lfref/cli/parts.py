@@ -86,7 +86,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     "measurements": ("lfref.bench.operator_costs.Scales",),
     "trainers": ("lightning.pytorch.Trainer",),
     "callbacks": tuple(f"lfref.train.callbacks.{name}" for name in CALLBACKS),
-    "loggers": ("lfref.train.callbacks.CSVLogger",),
+    "loggers": ("lfref.train.callbacks.CSVLogger", "lfref.cli.wandb_runs.WandbLogger"),
 }
 """Our own parts by group, and the trainer."""
 GROUPS = {name: group for group, names in TABLE.items() for name in names}
@@ -165,6 +165,10 @@ DEFERRED = ("operators", "apertures", "optimisers", "schedules")
 WRITERS = ("trainers", "callbacks", "loggers")
 """Groups whose parts write files: all paths among their arguments must lie in the run folder."""
 PLACES = ("dirpath", "save_dir", "folder", "default_root_dir", "offline_directory")
+OF_WANDB = (
+    "save_dir", "project", "name", "offline", "log_model", "version", "id", "group", "tags", "entity", "notes",
+    "job_type", "prefix", "mode",
+)  # fmt: skip
 ARGUMENTS = {
     "lightning.pytorch.loggers.CometLogger": (
         "workspace", "project", "experiment_key", "mode", "online", "prefix", "name", "tags", "offline_directory",
@@ -172,10 +176,7 @@ ARGUMENTS = {
     "lightning.pytorch.loggers.MLFlowLogger": (
         "experiment_name", "run_name", "tags", "save_dir", "log_model", "prefix", "run_id", "synchronous",
     ),
-    "lightning.pytorch.loggers.WandbLogger": (
-        "save_dir", "project", "name", "offline", "log_model", "version", "id", "group", "tags", "entity", "notes",
-        "job_type", "prefix", "mode",
-    ),
+    **dict.fromkeys(("lightning.pytorch.loggers.WandbLogger", "lfref.cli.wandb_runs.WandbLogger"), OF_WANDB),
     "lightning.pytorch.loggers.TensorBoardLogger": (
         "save_dir", "name", "version", "log_graph", "default_hp_metric", "prefix", "sub_dir", "max_queue", "flush_secs",
     ),
@@ -285,6 +286,8 @@ def resolve(name: str) -> Callable[..., Any]:
 
 def argument_names(name: str) -> list[str]:
     """Names of the arguments of a part; those of lfref itself are read from its text, since an import takes seconds."""
+    if name in ARGUMENTS:
+        return list(ARGUMENTS[name])
     module, _, attribute = MOVED.get(name, name).rpartition(".")
     source = Path(__file__).resolve().parents[2] / f"{module.replace('.', '/')}.py"
     if module.startswith("lfref.") and source.is_file():

@@ -25,10 +25,9 @@ from lfref.cli import parts
 from lfref.errors import InputError, LfrefError
 from lfref.io import atomic
 from lfref.io import run as runs
-from lfref.io.run import Run
+from lfref.io.run import FAILURE, FOLDERS, Run, key_of
 
 KEY = "resume="
-FOLDERS = "output", "folder", "resume"
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
 """Parts of a configuration that must stay as they are when a run is resumed."""
 FREE = "_target_", "allow_changes", "cache_folder", "workers", "labels_on", "timeout", "optimizer", "scheduler"
@@ -69,11 +68,6 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
         print(f"{run.folder.name}: not taken over, give again what is to hold: {' '.join(dropped)}", file=sys.stderr)
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
-
-
-def key_of(override: str) -> str:
-    """The key that an override sets: `+net.width=3` and `net.width=4` have one key."""
-    return override.partition("=")[0].lstrip("+~")
 
 
 def _names_place(override: str, run: Run) -> bool:
@@ -217,9 +211,6 @@ def _short(value: Any) -> str:
 # Jobs of sweeps.
 
 log = logging.getLogger("lfref")
-
-FAILURE = ".lfref_failure.json"
-"""File in the folder of a failed job: jobs may run in other processes, which share nothing but files with this one."""
 
 
 def is_sweep_job() -> bool:

@@ -1,9 +1,11 @@
 """The run folder of a command, and the files in it; only `lfref train` writes those after the first two.
 
-RUN/config.yaml, overrides.yaml, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv, pictures/*.png
+RUN/config.yaml, overrides.yaml, training.json, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv,
+pictures/*.png, wandb_id.txt
 """
 
 import csv
+import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,12 @@ CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.t
 CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
 STUDY = "study.journal"
 """File of a study of `lfref tune`, in the folder that holds the run folders of its trials."""
+TRAINING = "training.json"
+"""File with size, time and end of a training."""
+FAILURE = ".lfref_failure.json"
+"""File in the folder of a failed job: jobs may run in other processes, which share nothing but files with the sweep."""
+FOLDERS = "output", "folder", "resume"
+"""Keys of overrides that say where a run lies."""
 
 _NEXT_OVERRIDE = re.compile(r"\s+(?=~|\+{0,2}[\w./@:-]+=)")
 """Space between two overrides in the older file; values hold spaces too."""
@@ -72,6 +80,16 @@ class Run:
         return [override for override in _NEXT_OVERRIDE.split(old.read_text("utf-8").strip()) if override]
 
     @property
+    def training(self) -> dict[str, Any]:
+        """Number of parameters, seconds, device and end of the training; empty for a run of an older version."""
+        return _read_json(self.folder / TRAINING)
+
+    @property
+    def failure(self) -> dict[str, Any]:
+        """Why this job of a sweep failed: `overrides` and `reason`; empty if it did not."""
+        return _read_json(self.folder / FAILURE)
+
+    @property
     def best(self) -> Path:
         """Checkpoint with the best validation."""
         return self._checkpoint("best")
@@ -102,7 +120,9 @@ class Run:
 
     @property
     def is_finished(self) -> bool:
-        """Whether training reached the length in the configuration."""
+        """Whether training reached its end."""
+        if self.training.get("is_finished"):
+            return True
         return self.has_checkpoints and is_trained(self.last, self.config.get("trainer", {}))
 
     def _checkpoint(self, *names: str) -> Path:
@@ -112,6 +132,11 @@ class Run:
                 return path
         existing = ", ".join(sorted(file.name for file in folder.glob("*.ckpt"))) or "none"
         raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got=existing)
+
+
+def key_of(override: str) -> str:
+    """The key that an override sets: `+net.width=3` and `net.width=4` have one key."""
+    return override.partition("=")[0].lstrip("+~")
 
 
 def run_name(path: Path) -> str:
@@ -174,4 +199,18 @@ def _read_yaml(path: Path, kind: type) -> Any:
         raise FileError(f"{path} must be YAML", got=first_line(error)) from error
     if not isinstance(contents, kind):
         raise FileError(f"{path} must hold a {kind.__name__}", got=type(contents).__name__)
+    return contents
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """A JSON object; empty if there is no file."""
+    if not path.is_file():
+        return {}
+    try:
+        with atomic.file_errors(path, "read"):
+            contents = json.loads(path.read_text("utf-8"))
+    except ValueError as error:
+        raise FileError(f"{path} must be JSON", got=first_line(error)) from error
+    if not isinstance(contents, dict):
+        raise FileError(f"{path} must hold an object", got=type(contents).__name__)
     return contents

@@ -34,6 +34,8 @@ class Section:
     """Caption -> table."""
     problem: str = ""
     """Reason why the section has no content."""
+    files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    """Name of a CSV file beside the page -> its table."""
 
     def __post_init__(self) -> None:
         for picture in self.figures.values():
@@ -61,7 +63,7 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
     )
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
     page.filters["png"] = _png
-    page.tests["numeric"] = _is_numeric
+    page.tests |= {"numeric": _is_numeric, "bold": lambda value: isinstance(value, tables.Bold)}
     text = page.get_template("page.html").render(title=title, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
 

@@ -1,4 +1,4 @@
-"""Plots of training and evaluation; PSNR is capped at 100 dB.
+"""Plots of training, sweeps and evaluation; PSNR is capped at 100 dB.
 
 A missing column, or one without numbers, raises an `InputError` that names it.
 """
@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from lfref.errors import InputError
 from lfref.report import drawing, tables
@@ -78,6 +79,31 @@ def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) ->
 
 KNOWN_METRICS = ("step", "epoch", "val/mpsnr", "val/mssim", *LOSS_TERMS)
 """Columns of metrics.csv that `training_curves` draws, or that hold no metrics."""
+BY_PLANE = "val/mpsnr_plane/"
+"""Beginning of the columns of metrics.csv with the MPSNR of a plane, such as `val/mpsnr_plane/alpha_0.5`."""
+
+
+def validation_by_plane(metrics: pd.DataFrame) -> Figure | None:
+    """MPSNR of each plane at the first, the best and the last validation; None if the planes were not logged.
+
+    Args:
+        metrics: Lightning's metrics.csv: columns `step`, `val/mpsnr`, and one for each plane.
+    """
+    columns = [column for column in metrics if column.startswith(BY_PLANE)]
+    rows = tables.with_numbers(metrics, "step", "val/mpsnr", *columns)
+    if rows.empty or not columns:
+        return None
+    quantity = columns[0].removeprefix(BY_PLANE).partition("_")[0]
+    places = [float(column.rpartition("_")[2]) for column in columns]
+    figure = new_figure(9, 3.4)
+    axes = figure.add_subplot()
+    shown = {"first": rows.iloc[0], "last": rows.iloc[-1], "best": rows.loc[rows["val/mpsnr"].idxmax()]}
+    for (name, row), colour in zip(shown.items(), (GREY, ORANGE, BLUE), strict=True):
+        label = f"{name}, step {row['step']:.0f}"
+        axes.plot(places, row[columns].astype(float), "o-", color=colour, markersize=4, linewidth=1.3, label=label)
+    axes.legend(frameon=False, fontsize=9)
+    style_axes(axes, tables.heading(quantity), "MPSNR (dB)", "Validation MPSNR by plane")
+    return figure
 
 
 def other_metrics(metrics: pd.DataFrame) -> Figure | None:
@@ -88,7 +114,9 @@ def other_metrics(metrics: pd.DataFrame) -> Figure | None:
     by_column = {
         column: tables.with_numbers(metrics, "step", column)
         for column in metrics
-        if column not in KNOWN_METRICS and not pd.api.types.is_bool_dtype(metrics[column])
+        if column not in KNOWN_METRICS
+        and not column.startswith(BY_PLANE)
+        and not pd.api.types.is_bool_dtype(metrics[column])
     }
     panels = {column: rows for column, rows in by_column.items() if not rows.empty}
     if not panels:
@@ -102,6 +130,81 @@ def other_metrics(metrics: pd.DataFrame) -> Figure | None:
         _draw_steps(axes, rows, column, color=BLUE)
         style_axes(axes, "Optimiser step", "", tables.plot_text(column, 36))
     return figure
+
+
+def sweep_means(runs: pd.DataFrame, means: pd.DataFrame) -> Figure:
+    """Best validation of every variant of a sweep, and differences from the reference: seeds, means and intervals.
+
+    Args:
+        runs: A row per run: columns `variant`, `best_mpsnr_db`, `difference_db` (NaN for the reference).
+        means: A row per variant, from top to bottom: columns `variant`, `is_reference`, `mean_db`, `low_db`, `high_db`,
+            `difference_db`, `difference_low_db`, `difference_high_db`; intervals are NaN for a single seed.
+    """
+    tables.require(runs, "variant", "best_mpsnr_db", "difference_db")
+    heights = dict(zip(means["variant"], range(len(means)), strict=True))
+    has_differences = bool(means["difference_db"].notna().any())
+    figure = new_figure(9, 1.4 + 0.36 * len(means))
+    left, *right = figure.subplots(1, 1 + has_differences, sharey=True, squeeze=False)[0]
+    _draw_means(left, runs["best_mpsnr_db"], runs["variant"].map(heights), means, ("mean_db", "low_db", "high_db"))
+    style_axes(left, "Best validation MPSNR (dB)", "", "")
+    names = zip(means["variant"], means["is_reference"], strict=True)
+    left.set_yticks(
+        range(len(means)),
+        [tables.plot_text(name, 40) + " (reference)" * is_base for name, is_base in names],
+        color=BLACK,
+    )
+    left.set_ylim(len(means) - 0.5, -0.5)
+    for axes in right:
+        columns = ("difference_db", "difference_low_db", "difference_high_db")
+        _draw_means(axes, runs["difference_db"], runs["variant"].map(heights), means, columns)
+        axes.axvline(0, color=GREY, linewidth=1)
+        style_axes(axes, "Less the reference, seed by seed (dB)", "", "")
+    return figure
+
+
+def _draw_means(
+    axes: Axes, points: pd.Series, heights: pd.Series, means: pd.DataFrame, columns: tuple[str, str, str]
+) -> None:
+    """Points of seeds, and below each row of points the mean with its interval."""
+    mean, low, high = (means[column].to_numpy(float) for column in columns)
+    axes.plot(points, heights - 0.12, "o", color=ORANGE, markersize=4.5, alpha=0.75, label="seed")
+    below = [index + 0.16 for index in range(len(means))]
+    axes.hlines(below, low, high, color=BLUE, linewidth=2)
+    axes.plot(mean, below, "D", color=BLUE, markersize=5, label="mean")
+
+
+def sweep_curves(validations: pd.DataFrame, reference: str) -> Figure:
+    """Validation MPSNR by step: a panel for each variant but the reference, which every panel shows in grey.
+
+    Args:
+        validations: Columns `variant`, `seed`, `step`, `val/mpsnr`; a row per validation of a run.
+        reference: The variant to compare with.
+    """
+    rows = tables.require_numbers(validations, "step", "val/mpsnr")
+    by_variant = {str(name): _over_seeds(group) for name, group in rows.groupby("variant", sort=False)}
+    shown = [name for name in by_variant if name != reference] or [reference]
+    n_columns, n_rows = min(3, len(shown)), math.ceil(len(shown) / 3)
+    figure = new_figure(9, 0.5 + 2.4 * n_rows)
+    grid = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True)
+    for axes in grid.flat[len(shown) :]:
+        axes.set_visible(False)
+    for axes, name in zip(grid.flat, shown, strict=False):
+        for each, colour in {reference: GREY, name: BLUE}.items():
+            band = by_variant[each]
+            axes.fill_between(band.index, band["min"], band["max"], color=colour, alpha=0.2, linewidth=0)
+            marker = "o" if len(band) < 20 else ""
+            axes.plot(band.index, band["mean"], color=colour, marker=marker, markersize=3, linewidth=1.4)
+        style_axes(axes, "Optimiser step", "MPSNR (dB)", tables.plot_text(name, 34))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        axes.label_outer()
+    return figure
+
+
+def _over_seeds(rows: pd.DataFrame) -> pd.DataFrame:
+    """Mean, least and most of the seeds at the steps that all of them have; at all steps if there are none."""
+    statistics = rows.groupby("step")["val/mpsnr"].agg(["mean", "min", "max", "count"])
+    complete = statistics[statistics["count"] == rows["seed"].nunique()]
+    return statistics if complete.empty else complete
 
 
 def quality_by_plane(planes: pd.DataFrame) -> Figure:

@@ -1,18 +1,22 @@
-"""Sections of the report page, made from the files in run folders; a multirun becomes one table of its jobs."""
+"""Sections of the report page, made from the files in run folders; a multirun becomes a table of its variants."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import pandas as pd
-
 from lfref.errors import FileError, LfrefError
-from lfref.io.run import Run
-from lfref.report import accuracy_time, bench_plots, plots, stability_table, tables
+from lfref.report import accuracy_time, bench_plots, plots, stability_table, sweeps, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
+AS_USUAL = sweeps.Options()
 CONFIG = "config.yaml"
 """File that every command leaves in its run folder, even if it fails."""
+PICTURES = {
+    "epoch_*.png": "Held-out patch after the last epoch: labels above, predictions below",
+    "patches_*.png": "Held-out patches after the last epoch, the worst on the left and the best on the right; a row "
+    "for each plane: label, prediction, and 4 times their difference",
+}
+"""Pictures of a training, those of earlier versions first -> their caption."""
 ACCURACY_COLUMNS = [
     "method", "reference", "median_s", "numpy_ffts", "psnr_db", "median_psnr_db", "worst_plane_db", "worst_plane",
     "worst_psnr_db", "worst_scene", "ssim", "delta_e", "brightness_error", "whole_psnr_db", "exact_psnr_db",
@@ -23,16 +27,28 @@ OPERATOR_COLUMNS = [
 ]  # fmt: skip
 
 
-def sections(folders: Sequence[Path]) -> list[Section]:
+def sections(folders: Sequence[Path], options: sweeps.Options = AS_USUAL) -> list[Section]:
     """One section per kind of result in the run folders, in their order; a section without content says why.
 
     Args:
         folders: Run folders of `lfref train`, `eval`, `refocus`, `bench`, or of a multirun.
+        options: How sweeps are shown.
 
     Raises:
         FileError: A folder is missing, or is no run folder of lfref.
     """
-    kinds = [(folder, [make for pattern, make in MAKERS.items() if any(folder.glob(pattern))]) for folder in folders]
+
+    def sweep(folder: Path) -> Section:
+        return sweeps.section(folder, options)
+
+    kinds = [
+        (
+            folder,
+            [make for pattern, make in MAKERS.items() if any(folder.glob(pattern))]
+            + ([sweep] if sweeps.is_sweep(folder) else []),
+        )
+        for folder in folders
+    ]
     for folder, makers in kinds:
         if not makers and not (folder / CONFIG).is_file():
             raise FileError(
@@ -66,10 +82,14 @@ def training(folder: Path) -> Section:
         f"at its best, a rise of {best - first:.2f} dB."
     )
     figures = {"Loss, its terms, and validation": plots.training_curves(metrics)}
+    if (planes := plots.validation_by_plane(metrics)) is not None:
+        figures["Validation by plane"] = planes
     if (others := plots.other_metrics(metrics)) is not None:
         figures["Other metrics that were logged"] = others
-    pictures = sorted((folder / "pictures").glob("*.png"))
-    last = {"Held-out patch after the last epoch: labels above, predictions below": pictures[-1]} if pictures else {}
+    last: dict[str, Path] = {}
+    for pattern, caption in PICTURES.items():
+        if pictures := sorted((folder / "pictures").glob(pattern)):
+            last = {caption: pictures[-1]}
     return Section("Training", text, {**figures, **last})
 
 
@@ -177,19 +197,6 @@ def engines(folder: Path) -> Section:
     return Section("Engines", text, {"Engines": bench_plots.engines(rows)}, {"All figures": rows})
 
 
-def sweep(folder: Path) -> Section:
-    """The jobs of a multirun of `lfref train`, best first."""
-    rows = []
-    for path in sorted(folder.glob(f"*/{METRICS}")):
-        values = tables.read_table(path).get("val/mpsnr", pd.Series(dtype=float)).dropna()
-        # A job that failed before its first validation has no values.
-        first = None if values.empty else values.iloc[0]
-        rows.append({"job": Run(path.parent.parent).title, "first_mpsnr_db": first, "best_mpsnr_db": values.max()})
-    ranked = pd.DataFrame(rows).sort_values("best_mpsnr_db", ascending=False, kind="stable")
-    text = "Validation MPSNR of each job against its own labels, best first."
-    return Section(f"Sweep: {folder.name}", text, tables={"Jobs": ranked})
-
-
 MAKERS: dict[str, Callable[[Path], Section]] = {
     METRICS: training,
     "summary.csv": evaluation,
@@ -202,6 +209,5 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "goals.csv": stability_table.goals,
     "stability.csv": stability_table.hard_cases,
     "contact_sheet.png": refocusing,
-    f"*/{METRICS}": sweep,
 }
 """File in a run folder -> function that makes its section."""

@@ -21,6 +21,12 @@ CAP_DB = 100.0
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
+class Bold(str):
+    """Text of a cell that the page prints in bold."""
+
+    __slots__ = ()
+
+
 def heading(column: str) -> str:
     """Heading of a column, or label of an axis; a column that is not in `COLUMNS` has its own name."""
     return COLUMNS.get(column, (column, _plain))[0]
@@ -71,6 +77,12 @@ def _times(value: float) -> str:
     return f"{_short(value)}\N{MULTIPLICATION SIGN}"
 
 
+def _duration(seconds: float) -> str:
+    if seconds < 100:
+        return f"{_short(seconds)} s"
+    return f"{seconds / 60:.3g} min" if seconds < 6000 else f"{seconds / 3600:.3g} h"
+
+
 def _megabytes(value: float) -> str:
     return _short(value / 1e6)
 
@@ -101,8 +113,14 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "mssim": ("MSSIM", "{:.4f}".format),
     "light_fields": ("Light fields", _plain),
     "job": ("Job", str),
-    "first_mpsnr_db": ("First MPSNR (dB)", _decibel),
-    "best_mpsnr_db": ("Best MPSNR (dB)", _decibel),
+    "seed": ("Seed", str),
+    "problem": ("Reason", str),
+    "n_seeds": ("Seeds", _plain),
+    "mean_and_std": ("MPSNR (dB)", str),
+    "difference": ("Less the reference (dB)", str),
+    "n_parameters": ("Parameters", "{:,.0f}".format),
+    "training_s": ("Training", _duration),
+    "stack_ffts": ("Stack (FFTs)", _short),
     "median_s": ("Median (s)", _short),
     "p10_s": ("P10 (s)", _short),
     "p90_s": ("P90 (s)", _short),

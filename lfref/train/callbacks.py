@@ -1,13 +1,16 @@
 """Callbacks, logger and checkpoint files of a training.
 
 `StepGuard` keeps numbers that are not finite out of weights and checkpoints; `HeadInitialization` starts the last
-convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run.
+convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run;
+`TrainingRecord` notes time and size.
 The module stands apart from the command, since configurations name its classes.
 """
 
 import csv
 import functools
+import json
 import logging
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +26,8 @@ from torch import Tensor, nn
 
 from lfref.data.patch_data import Batch
 from lfref.errors import InputError, LfrefError, counted
-from lfref.io import images, tensor_files
+from lfref.functional.psnr import psnr
+from lfref.io import atomic, images, tensor_files
 
 log = logging.getLogger(__name__)
 
@@ -219,17 +223,34 @@ class HeadInitialization(Callback):
         module.net.prime(batch["views"], batch["slopes"], batch["labels"], total)
 
 
+class HeldOutPatch(NamedTuple):
+    """Some planes of a held-out patch."""
+
+    mpsnr: float
+    """Mean PSNR over all planes in dB; minus infinity if the prediction is not finite."""
+    labels: Tensor
+    """Labels of the planes that are shown, [K, C, H, W]."""
+    stack: Tensor
+    """Predictions of these planes, [K, C, H, W]."""
+
+
 class StackPictures(Callback):
-    """Writes a picture of label and prediction of the first held-out patch after each validation.
+    """Writes a picture of the worst and the best held-out patch after each validation, by their MPSNR.
 
     Args:
-        folder: Folder of the PNG files; loggers that take images get the pictures too.
+        folder: Folder of the PNG files; loggers that take images get the pictures too. In a distributed run they show
+            patches of the first process.
         slopes: Slopes in pixels per view step; the planes nearest to them are shown.
     """
 
     def __init__(self, folder: str, slopes: Sequence[float] = (-7.0, 0.0, 0.5)) -> None:
         self.folder = Path(folder)
         self.slopes = tuple(slopes)
+        self._ends: list[HeldOutPatch] = []
+
+    def on_validation_epoch_start(self, trainer: Trainer, module: Any) -> None:
+        """Forget the patches of the last validation."""
+        self._ends = []
 
     def on_validation_batch_end(
         self,
@@ -240,14 +261,31 @@ class StackPictures(Callback):
         batch_index: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Make the picture from the first batch."""
-        if batch_index > 0 or trainer.sanity_checking or not trainer.is_global_zero:
+        """Keep the worst and the best patch so far."""
+        if trainer.sanity_checking or not trainer.is_global_zero:
             return
         planes = [nearest(module.planes.values, slope) for slope in self.slopes]
-        picture = side_by_side(batch["labels"][0, planes], outputs[0, planes])
-        images.write_image(self.folder / f"epoch_{trainer.current_epoch:04d}.png", picture.permute(1, 2, 0).numpy())
+        values = psnr(outputs.float(), batch["labels"].float()).mean(-1).nan_to_num(nan=-torch.inf)
+        for value, labels, stack in zip(values.tolist(), batch["labels"], outputs, strict=True):
+            patch = HeldOutPatch(value, labels[planes], stack[planes])
+            first, last = (self._ends or [patch])[0], (self._ends or [patch])[-1]
+            self._ends = [min(first, patch, key=_quality), max(last, patch, key=_quality)]
+
+    def on_validation_epoch_end(self, trainer: Trainer, module: Any) -> None:
+        """Write the picture: the worst patch on the left, the best on the right."""
+        if not self._ends:
+            return
+        worst, best = self._ends
+        shown = [worst] if worst is best else [worst, best]
+        picture = beside([side_by_side(patch.labels, patch.stack) for patch in shown])
+        images.write_image(self.folder / f"patches_{trainer.current_epoch:04d}.png", picture.permute(1, 2, 0).numpy())
+        caption = f"worst patch, {worst.mpsnr:.2f} dB, and best, {best.mpsnr:.2f} dB: labels, predictions, errors x 4"
         for logger in trainer.loggers:
-            log_picture(logger, picture, trainer.global_step)
+            log_picture(logger, picture, trainer.global_step, caption)
+
+
+def _quality(patch: HeldOutPatch) -> float:
+    return patch.mpsnr
 
 
 class RankAgreement(Callback):
@@ -273,31 +311,106 @@ class RankAgreement(Callback):
             )
 
 
+class TrainingRecord(Callback):
+    """Writes number of parameters, wall time, device and end of a training into a JSON file, with each checkpoint.
+
+    Checkpoints keep the time, so that a resumed training adds to it. Work after the last checkpoint of a killed
+    training does not count, since it is done again.
+
+    Args:
+        path: The file to write.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._before: float | None = 0.0
+        self._is_restored = False
+        self._start: float | None = None
+
+    @property
+    def seconds(self) -> float | None:
+        """Seconds from the first step, validations included; None if a checkpoint of an older version began it."""
+        own = 0.0 if self._start is None else time.monotonic() - self._start
+        return None if self._before is None else self._before + own
+
+    def on_train_start(self, trainer: Trainer, module: Any) -> None:
+        """Start the clock; a training that goes on is not finished any more."""
+        if trainer.global_step > 0 and not self._is_restored:
+            self._before = None
+        self._start = time.monotonic()
+        if self.path.is_file():
+            self._write(trainer, module, is_finished=False)
+
+    def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
+        """Write the file."""
+        self._write(trainer, module, is_finished=False)
+
+    def on_train_end(self, trainer: Trainer, module: Any) -> None:
+        """Write that the training has reached its end; signals and errors do not get here."""
+        self._write(trainer, module, is_finished=True)
+
+    def state_dict(self) -> dict[str, float | None]:
+        """The time, as a checkpoint keeps it."""
+        return {"seconds": self.seconds}
+
+    def load_state_dict(self, state: dict[str, float | None]) -> None:
+        """Restore the time."""
+        self._before, self._is_restored = state["seconds"], True
+
+    def _write(self, trainer: Trainer, module: Any, is_finished: bool) -> None:
+        if not trainer.is_global_zero:
+            return
+        device = trainer.strategy.root_device
+        record = {
+            "n_parameters": sum(parameter.numel() for parameter in module.net.parameters()),
+            "seconds": self.seconds,
+            "device": torch.cuda.get_device_name(device) if device.type == "cuda" else device.type,
+            "processes": trainer.world_size,
+            "is_finished": is_finished,
+        }
+        atomic.write_text(self.path, json.dumps(record, indent=1) + "\n")
+
+
 def nearest(slopes: Sequence[float], slope: float) -> int:
     """Index of the plane whose slope is nearest to `slope`."""
     return min(range(len(slopes)), key=lambda i: abs(slopes[i] - slope))
 
 
+ERROR_GAIN = 4
+"""Factor of errors in pictures, which are hard to see otherwise: a sixteenth of the range becomes a quarter."""
+GAP = 4
+"""Pixels between two patches of a picture."""
+
+
 def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:
-    """Labels above predictions, planes from left to right.
+    """A row for each plane: its label, its prediction, and `ERROR_GAIN` times their absolute difference.
 
     Args:
         labels: Labels in [0, 1], [K, C, H, W].
         stack: Predictions, [K, C, H, W].
 
     Returns:
-        Picture in [0, 1], float32, CPU, [C, 2 H, K W].
+        Picture in [0, 1], float32, CPU, [C, K H, 3 W].
     """
-    rows = [torch.cat(list(images.detach().float().cpu()), dim=-1) for images in (labels, stack)]
-    return torch.cat(rows, dim=-2).nan_to_num().clamp(0, 1)
+    truth, guess = (images.detach().float().cpu().nan_to_num().clamp(0, 1) for images in (labels, stack))
+    errors = (ERROR_GAIN * (guess - truth).abs()).clamp(0, 1)
+    return torch.cat([torch.cat(list(column), dim=-2) for column in (truth, guess, errors)], dim=-1)
 
 
-def log_picture(logger: Any, picture: Tensor, step: int) -> None:
+def beside(pictures: Sequence[Tensor]) -> Tensor:
+    """Pictures [C, H, W] of one height from left to right, with white gaps."""
+    gap = torch.ones(*pictures[0].shape[:2], GAP)
+    parts = [part for picture in pictures for part in (gap, picture)]
+    return torch.cat(parts[1:], dim=-1)
+
+
+def log_picture(logger: Any, picture: Tensor, step: int, caption: str = "") -> None:
     """Give a picture [C, H, W] to a logger that takes pictures (wandb, tensorboard)."""
     if hasattr(logger, "log_image"):
         # wandb expects values up to 255, also in floating point.
         pixels = (255 * picture.permute(1, 2, 0)).round().byte().numpy()
-        logger.log_image("val/stack", [pixels if pixels.shape[2] > 1 else pixels[..., 0]], step=step)
+        shown = [pixels if pixels.shape[2] > 1 else pixels[..., 0]]
+        logger.log_image("val/stack", shown, step=step, caption=[caption])
     elif hasattr(logger.experiment, "add_image"):
         logger.experiment.add_image("val/stack", picture, step)
 

@@ -191,6 +191,12 @@ class Refocusing(Fitting):
         self.update_metrics(stack, batch["labels"])
         return stack
 
+    def on_validation_epoch_end(self) -> None:
+        """Log the MPSNR of each plane, over all processes."""
+        names = [f"val/mpsnr_plane/{label.replace(' ', '_')}" for label in self.planes.labels]
+        # `per_plane` has the stacks of all processes: their mean, which Lightning wants to take, changes nothing.
+        self.log_dict(dict(zip(names, self.mpsnr.per_plane(), strict=True)), sync_dist=True)
+
     def payload(self) -> dict[str, Any]:
         """The entry of `Fitting.payload`: the network's arguments and its planes."""
         return checkpoints.payload(self.net, self.planes, self.is_linear)

@@ -57,7 +57,7 @@ def test_multirun_jobs_have_folders_configs_and_wandb_runs_of_their_own(lfref, t
     assert len(set(runs)) == 2
     assert wandb.run is None
     assert lfref("report", f"output={trained}/sweep_report", f"runs=[{trained}/sweep]")[0] == 0
-    assert "net.activation=elu" in (trained / "sweep_report" / "index.html").read_text()
+    assert "<td>elu</td>" in (trained / "sweep_report" / "index.html").read_text()
 
 
 def test_tensorboard_gets_metrics_and_pictures(lfref, trained):

@@ -324,6 +324,16 @@ def test_a_missing_argument_of_a_component_may_be_added():
         composition.check_overrides(base, OverridesParser.create().parse_overrides(["net.last=2"]), [])
 
 
+def test_options_of_wandb_that_are_allowed_may_be_added():
+    base = OmegaConf.create({"logger": {"wandb": {"_target_": "lfref.cli.wandb_runs.WandbLogger", "name": None}}})
+    for word in ("entity=team", "tags=[a,b]", "notes=why", "mode=offline", "group=all", "id=x", "job_type=test"):
+        composition.check_overrides(base, OverridesParser.create().parse_overrides([f"+logger.wandb.{word}"]), [])
+    for name in ("dir", "settings", "experiment"):
+        words = OverridesParser.create().parse_overrides([f"+logger.wandb.{name}=x"])
+        with pytest.raises(InputError, match=f"got 'logger.wandb.{name}'"):
+            composition.check_overrides(base, words, [])
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

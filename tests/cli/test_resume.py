@@ -12,7 +12,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from lfref.cli import config as configs
 from lfref.cli import resume
 from lfref.errors import CheckpointError, InputError
-from lfref.io.run import Run, write_overrides
+from lfref.io.run import Run, key_of, write_overrides
 from tests.cli.conftest import TINY
 
 QUIET = ("callbacks.progress=null", "callbacks.summary=null", "trainer.log_every_n_steps=1")
@@ -88,7 +88,7 @@ def test_a_run_that_is_trained_already_says_so_and_stays_as_it_is(lfref, trained
 )
 def test_a_change_of_what_is_learned_is_refused_by_name(composed, trained, override, change):
     run = Run.of(trained)
-    old = [each for each in run.overrides if resume.key_of(each) not in {"output", resume.key_of(override)}]
+    old = [each for each in run.overrides if key_of(each) not in {"output", key_of(override)}]
     with pytest.raises(InputError, match=rf"run a run must go on with what .*{change}.*; .* allow_changes=true"):
         resume.refuse_changes(run, configs.plain(composed("train", *old, override)))
 

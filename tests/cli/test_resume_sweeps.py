@@ -10,7 +10,7 @@ import pytest
 import torch
 from hydra._internal.core_plugins import basic_launcher
 
-from lfref.cli import resume
+from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.train.modules import Refocusing
 from tests.cli.conftest import TINY
@@ -112,7 +112,7 @@ def test_a_failed_job_stops_no_launcher_and_a_rerun_does_what_is_left(tmp_path, 
 
 
 def test_a_note_of_an_earlier_failure_is_none_of_this_sweep(lfref, tmp_path):
-    note = tmp_path / "sweep" / "7" / resume.FAILURE
+    note = tmp_path / "sweep" / "7" / runs.FAILURE
     note.parent.mkdir(parents=True)
     note.write_text('{"overrides": [], "reason": "of last time"}')
     status, error = lfref(*SWEEP, f"output={tmp_path}/sweep", "seed=1,2")

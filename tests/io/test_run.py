@@ -58,6 +58,22 @@ def test_a_run_is_finished_when_it_has_the_epochs_or_steps_it_was_set_to(folder,
     assert Run.of(folder).is_finished is is_finished
 
 
+def test_a_training_that_ended_early_by_its_own_rule_is_finished(folder):
+    (folder / "training.json").write_text('{"is_finished": false}')
+    assert not Run.of(folder).is_finished
+    (folder / "training.json").write_text('{"is_finished": true}')
+    assert Run.of(folder).is_finished
+
+
+def test_a_training_without_notes_has_neither_size_nor_failure(folder):
+    assert (Run(folder).training, Run(folder).failure) == ({}, {})
+    (folder / ".lfref_failure.json").write_text('{"overrides": [], "reason": "disk full"}')
+    assert Run(folder).failure["reason"] == "disk full"
+    (folder / "training.json").write_text("{")
+    with pytest.raises(FileError, match=r"training\.json must be JSON"):
+        _ = Run(folder).training
+
+
 def test_overrides_of_an_older_run_are_read_from_one_line(folder):
     (folder / "overrides.yaml").unlink()
     line = "+sweep=a net.widths=[8, 8] ~callbacks.best data.path='a b/c d' +method@methods.x=shift_and_sum ++net.x=1\n"

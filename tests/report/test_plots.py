@@ -60,6 +60,17 @@ def test_a_run_too_short_for_training_losses_shows_those_of_validation():
     assert len(mpsnr.get_lines()[0].get_xdata()) == 3
 
 
+def test_planes_have_a_line_of_the_first_the_best_and_the_last_validation():
+    by_plane = metrics().assign(
+        **{f"val/mpsnr_plane/alpha_{alpha:g}": metrics()["val/mpsnr"] + alpha for alpha in ALPHAS}
+    )
+    (axes,) = plots.validation_by_plane(by_plane).axes
+    for name, mpsnr in (("first, step 1", 20.0), ("best, step 2", 33.5), ("last, step 4", 32.25)):
+        assert points(line_of(axes, name)) == [(alpha, mpsnr + alpha) for alpha in ALPHAS]
+    assert plots.other_metrics(by_plane) is None
+    assert plots.validation_by_plane(metrics()) is None
+
+
 def test_a_run_without_any_loss_is_refused():
     with pytest.raises(InputError, match="must have logged a loss"):
         plots.training_curves(metrics()[["step", "val/mpsnr", "val/mssim"]])

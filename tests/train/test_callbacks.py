@@ -1,7 +1,9 @@
 """Steps, statistics and checkpoints that numbers which are not finite must not touch, in real fits."""
 
 import copy
+import json
 import logging
+from unittest import mock
 
 import numpy as np
 import OpenImageIO
@@ -11,6 +13,7 @@ from lightning.pytorch import Callback, loggers
 from lightning.pytorch.plugins import MixedPrecision
 
 from lfref.errors import FileError, InputError, LfrefError
+from lfref.functional.psnr import psnr
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
 from lfref.train.callbacks import (
@@ -20,6 +23,8 @@ from lfref.train.callbacks import (
     RankAgreement,
     StackPictures,
     StepGuard,
+    TrainingRecord,
+    beside,
     gradient_norm,
     log_picture,
     nearest,
@@ -242,17 +247,39 @@ def test_a_resumed_run_keeps_its_head(module, data, trainer, tmp_path):
     assert torch.equal(module.net.head.weight, trained)
 
 
-def test_pictures_show_labels_above_predictions(module, data, trainer, tmp_path):
+def test_pictures_show_the_worst_patch_and_the_best(module, data, trainer, tmp_path):
     fit = trainer(max_epochs=2, callbacks=[StackPictures(str(tmp_path / "pictures"), slopes=(-1.5, 0.5))])
     fit.fit(module, datamodule=data)
     files = sorted((tmp_path / "pictures").iterdir())
-    assert [file.name for file in files] == ["epoch_0000.png", "epoch_0001.png"]
-    batch = next(iter(data.val_dataloader()))
-    with torch.no_grad():
-        stack = module.net(batch["views"])
-    expected = side_by_side(batch["labels"][0, [0, 2]], stack[0, [0, 2]]).permute(1, 2, 0).numpy()
+    assert [file.name for file in files] == ["patches_0000.png", "patches_0001.png"]
+    patches = []
+    for batch in data.val_dataloader():
+        with torch.no_grad():
+            stacks = module.net(batch["views"])
+        patches += [
+            (psnr(stack, labels).mean(), labels, stack) for stack, labels in zip(stacks, batch["labels"], strict=True)
+        ]
+    assert len(patches) == 4
+    patches.sort(key=lambda patch: patch[0])
+    blocks = [side_by_side(labels[[0, 2]], stack[[0, 2]]) for _, labels, stack in (patches[0], patches[-1])]
     pixels = OpenImageIO.ImageBuf(str(files[-1])).get_pixels("float")
+    expected = beside(blocks).permute(1, 2, 0).numpy()
     assert abs(pixels - expected).max() <= 0.5 / 255 + 1e-6
+
+
+def test_a_single_held_out_patch_is_shown_once_and_one_that_is_not_finite_is_the_worst(module, tmp_path):
+    pictures, fit = StackPictures(str(tmp_path), slopes=(0.0,)), mock.Mock(sanity_checking=False, is_global_zero=True)
+    fit.current_epoch, fit.loggers = 3, []
+    labels = torch.rand(2, 3, 3, 4, 5)
+    stack = labels.clone()
+    stack[1, 0] = torch.nan
+    pictures.on_validation_epoch_start(fit, module)
+    pictures.on_validation_batch_end(fit, module, stack[:1], {"labels": labels[:1]}, 0)
+    pictures.on_validation_epoch_end(fit, module)
+    assert OpenImageIO.ImageBuf(str(tmp_path / "patches_0003.png")).spec().width == 3 * 5
+    pictures.on_validation_batch_end(fit, module, stack[1:], {"labels": labels[1:]}, 1)
+    worst, best = pictures._ends
+    assert (worst.mpsnr, best.mpsnr) == (-torch.inf, 100)
 
 
 @pytest.mark.slow
@@ -267,11 +294,61 @@ def test_pictures_in_wandb_are_the_pictures(tmp_path, n_channels):
     np.testing.assert_allclose(pixels[..., :n_channels], picture.permute(1, 2, 0), atol=0.51 / 255)
 
 
-def test_side_by_side_places_planes_and_rows():
-    labels, stack = torch.full((2, 1, 2, 3), 0.25), torch.full((2, 1, 2, 3), float("nan"))
-    labels[1] = 2.0
-    picture = side_by_side(labels, stack)
-    assert picture.tolist() == [[[0.25] * 3 + [1.0] * 3] * 2 + [[0.0] * 6] * 2]
+class Clock:
+    """Seconds that pass only when a test says so."""
+
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        monkeypatch.setattr("lfref.train.callbacks.time.monotonic", lambda: self.now)
+
+
+class Passing(Callback):
+    """Lets ten seconds pass in each epoch; raises at the end of one epoch, after its checkpoint."""
+
+    def __init__(self, clock, path, dies_after=None):
+        self.clock, self.path, self.dies_after = clock, path, dies_after
+
+    def on_train_epoch_end(self, trainer, module):
+        self.clock.now += 10
+        trainer.save_checkpoint(self.path)
+        if trainer.current_epoch == self.dies_after:
+            self.clock.now += 1000
+            raise SystemExit(143)
+
+
+def test_a_resumed_training_adds_its_time_to_that_of_its_checkpoint(module, data, trainer, tmp_path, monkeypatch):
+    clock, note, last = Clock(monkeypatch), tmp_path / "training.json", tmp_path / "last.ckpt"
+    callbacks = [TrainingRecord(note), Passing(clock, last, dies_after=1)]
+    with pytest.raises(SystemExit):
+        trainer(max_epochs=3, callbacks=callbacks).fit(module, datamodule=data)
+    n_parameters = sum(parameter.numel() for parameter in module.net.parameters())
+    expected = {"n_parameters": n_parameters, "device": "cpu", "processes": 1}
+    assert json.loads(note.read_text()) == expected | {"seconds": 20.0, "is_finished": False}
+    again = trainer(max_epochs=3, callbacks=[TrainingRecord(note), Passing(clock, last)])
+    again.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
+    assert json.loads(note.read_text()) == expected | {"seconds": 30.0, "is_finished": True}
+
+
+def test_the_time_of_a_training_that_an_older_version_began_is_unknown(module, data, trainer, tmp_path):
+    note, last = tmp_path / "training.json", tmp_path / "last.ckpt"
+    before = trainer(max_epochs=1)
+    before.fit(module, datamodule=data)
+    before.save_checkpoint(last)
+    again = trainer(max_epochs=2, callbacks=[TrainingRecord(note)])
+    again.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
+    record = json.loads(note.read_text())
+    assert (record["seconds"], record["is_finished"]) == (None, True)
+
+
+def test_side_by_side_is_a_row_for_each_plane():
+    labels, stack = torch.full((2, 1, 1, 2), 0.25), torch.full((2, 1, 1, 2), float("nan"))
+    labels[1], stack[1] = 0.75, 0.875
+    assert side_by_side(labels, stack).tolist() == [[[0.25, 0.25, 0, 0, 1, 1], [0.75, 0.75, 0.875, 0.875, 0.5, 0.5]]]
+
+
+def test_patches_stand_beside_each_other_with_a_white_gap():
+    picture = beside([torch.zeros(1, 1, 2), torch.full((1, 1, 1), 0.5)])
+    assert picture.tolist() == [[[0, 0, 1, 1, 1, 1, 0.5]]]
 
 
 def test_nearest_takes_the_closest_slope():

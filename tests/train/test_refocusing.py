@@ -42,6 +42,9 @@ class TestFit:
         for name, quality in (("mpsnr", psnr), ("mssim", ssim)):
             expected = torch.cat([quality(stack, labels) for stack, labels in pairs]).double().mean()
             assert fit.callback_metrics[f"val/{name}"].item() == pytest.approx(expected.item(), abs=1e-4)
+        by_plane = torch.cat([psnr(stack, labels) for stack, labels in pairs]).mean(0)
+        logged = [fit.callback_metrics[f"val/mpsnr_plane/alpha_{alpha}"] for alpha in ("0.5", "1", "2")]
+        torch.testing.assert_close(torch.stack(logged), by_plane.double(), atol=1e-4, rtol=0)
 
     def test_further_metrics_are_logged_and_stay_out_of_checkpoints(self, module, data, trainer, tmp_path):
         class WithWeights(PeakSignalNoiseRatio):

@@ -1,0 +1,56 @@
+"""Reads the files that wandb writes offline: blocks of 32 KiB with records in parts, as LevelDB's log has them."""
+
+import json
+import struct
+from pathlib import Path
+
+from wandb.proto import wandb_internal_pb2
+
+BLOCK, FILE_HEADER, PART_HEADER = 32768, 7, 7
+WHOLE, FIRST, MIDDLE, LAST = 1, 2, 3, 4
+
+
+def records(path: Path):
+    """The records of a file, in order."""
+    contents, at, parts = path.read_bytes(), FILE_HEADER, b""
+    while at + PART_HEADER <= len(contents):
+        if BLOCK - at % BLOCK < PART_HEADER:  # too short for another header: filled with zeros
+            at += BLOCK - at % BLOCK
+            continue
+        _, length, kind = struct.unpack("<IHB", contents[at : at + PART_HEADER])
+        part = contents[at + PART_HEADER : at + PART_HEADER + length]
+        at += PART_HEADER + length
+        parts = part if kind in (WHOLE, FIRST) else parts + part
+        if kind in (WHOLE, LAST):
+            record = wandb_internal_pb2.Record()
+            record.ParseFromString(parts)
+            yield record
+
+
+def offline_files(folder: Path) -> list[Path]:
+    """The files of the runs in a run folder, oldest first."""
+    return sorted(folder.glob("wandb/offline-run-*/run-*.wandb"), key=lambda path: path.stat().st_mtime)
+
+
+def run_of(path: Path):
+    """The record of the run itself."""
+    return next(record.run for record in records(path) if record.WhichOneof("record_type") == "run")
+
+
+def config_of(path: Path) -> dict:
+    """The configuration that was logged."""
+    found = {}
+    for record in records(path):
+        updates = {"run": record.run.config.update, "config": record.config.update}
+        for item in updates.get(record.WhichOneof("record_type"), ()):
+            found[item.key or ".".join(item.nested_key)] = json.loads(item.value_json)
+    return found
+
+
+def history_of(path: Path) -> list[dict]:
+    """The logged values, one dictionary for each call."""
+    return [
+        {item.key or "/".join(item.nested_key): json.loads(item.value_json) for item in record.history.item}
+        for record in records(path)
+        if record.WhichOneof("record_type") == "history"
+    ]
