@@ -60,8 +60,9 @@ def command(
                 configs.number(config, "seed", 0, 2**32 - 1)
             if prepare(config, folder):
                 with marked(folder) if is_first_process() else nullcontext():
-                    configs.save(config, folder)
-                    runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
+                    if is_first_process():
+                        configs.save(config, folder)
+                        runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
                     task(config, folder)
             return result(config, folder) if resume.is_sweep_job() else None
         except Exception as error:

@@ -22,12 +22,15 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from lfref.cli import parts
-from lfref.errors import InputError, LfrefError
+from lfref.errors import CheckpointError, InputError, LfrefError
 from lfref.io import atomic
 from lfref.io import run as runs
 from lfref.io.run import FAILURE, FOLDERS, Run, key_of
 
-KEY = "resume="
+KEY, OUTPUT = "resume=", "output="
+AUTO = "auto"
+"""Value of `resume` that goes on with the run in `output`, if there is one: one command for a job that a cluster starts
+again."""
 PROTECTED = "task", "recipe", "planes", "reader", "label", "scene", "data", "net", "loss", "seed"
 """Parts of a configuration that must stay as they are when a run is resumed."""
 FREE = "_target_", "allow_changes", "cache_folder", "workers", "labels_on", "timeout", "optimizer", "scheduler"
@@ -53,9 +56,17 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
         InputError: The line starts a sweep, which cannot resume one run.
     """
     resumes = [argument for argument in arguments if argument.startswith(KEY)]
-    path = _path(resumes[-1]) if resumes else None
+    path = _path(resumes[-1], KEY) if resumes else None
     if path is None:
         return arguments
+    if path == AUTO:
+        outputs = [argument for argument in arguments if argument.startswith(OUTPUT)]
+        folder = _path(outputs[-1], OUTPUT) if outputs else None
+        if folder is None:
+            raise InputError("resume=auto goes on in output, which must be given", got="none", remedy="add output=RUN")
+        if not _has_begun(Run(Path(folder)), last):
+            return [argument for argument in arguments if argument not in resumes]
+        path = folder
     if {"--multirun", "-m"} & set(arguments):
         remedy = "to go on with a sweep, give its command line again with output=SWEEP"
         raise InputError("resume goes on with one run, not with a sweep", remedy=remedy)
@@ -68,6 +79,15 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
         print(f"{run.folder.name}: not taken over, give again what is to hold: {' '.join(dropped)}", file=sys.stderr)
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
+
+
+def _has_begun(run: Run, last: Callable[[Run], Path]) -> bool:
+    """Whether a folder holds a run that can go on."""
+    try:
+        last(run)
+    except CheckpointError:
+        return False
+    return (run.folder / runs.OVERRIDES).is_file()
 
 
 def _names_place(override: str, run: Run) -> bool:
@@ -96,9 +116,9 @@ def _keys(node: Any) -> Iterator[str]:
     yield from map(str, node if isinstance(node, dict) else ())
 
 
-def _path(override: str) -> str | None:
+def _path(override: str, key: str) -> str | None:
     """The path as it was written, or as Hydra reads it if it is quoted; None for `null`."""
-    text = override.removeprefix(KEY)
+    text = override.removeprefix(key)
     if text[:1] in ("'", '"'):
         return str(OverridesParser.create().parse_override(override).value())
     return None if text == "null" else text

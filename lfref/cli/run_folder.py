@@ -7,6 +7,7 @@ is refused, and deletes nothing, if a listed file was edited, or the folder is n
 import functools
 import itertools
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -25,6 +26,8 @@ from lfref.io import run as runs
 
 LOCK = ".lfref.lock"
 """File that a process locks while it writes into a run folder; the system unlocks it when the process ends."""
+PATIENCE_S = 120
+"""Seconds that further processes of a run wait for the first one to make the folder."""
 NOTES = (ownership.MARK, runs.CONFIG, runs.OVERRIDES)
 """Files that a run writes before its results, besides the lock and logs. A folder with no other files counts as free,
 so that a mistake in a command does not use up its output folder."""
@@ -43,6 +46,21 @@ def make(folder: Path, _: bool = False) -> None:
     except OSError as error:
         got = f"{folder} ({error.strerror})"
         raise FileError("output must be a folder that can be written", got=got, remedy="set output=FOLDER") from error
+
+
+def wait_for_first_process(folder: Path, _: bool = False) -> None:
+    """Wait until the first process of a distributed run has made the folder; they may start at once, as by `srun`.
+
+    Raises:
+        FileError: It has not done so for long.
+    """
+    end = time.monotonic() + PATIENCE_S
+    while ownership.read_mark(folder) is None:
+        if time.monotonic() > end:
+            expected, got = "the first process must make the run folder", f"none in {PATIENCE_S} s: {folder}"
+            raise FileError(expected, got=got, remedy="look at what that process says; give all the same output=FOLDER")
+        time.sleep(0.1)
+    make(folder)
 
 
 _locks: list[FileLock] = []
@@ -189,10 +207,10 @@ class OutputFolder(Callback):
     """Claims the output folder before Hydra makes it, so that an unusable folder gives one clear line."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
-        """Claim the output folder of a run. A resumed run, and further processes of ddp, use it as it is."""
+        """Claim the output folder of a run; a resumed run and further processes of one use it as it is."""
         resumed = config.get("resume")
         if not is_first_process():
-            self._prepare(config, "run", make)
+            self._prepare(config, "run", wait_for_first_process)
         elif resumed is not None and runs.Run.of(resumed).folder == Path(config.hydra.run.dir).absolute():
             self._prepare(config, "run", _reopen)
         else:

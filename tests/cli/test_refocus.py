@@ -203,3 +203,29 @@ def test_raw_files_of_a_lytro_camera_and_its_calibration(lfref, tmp_path):
     # The scene is at slope .3.
     errors = (stacks[0] - view)[..., 4:-4, 4:-4].square().mean(dim=(1, 2, 3))
     assert errors[1] > 20 * errors[0], errors
+
+
+def test_one_command_begins_a_folder_of_captures_and_goes_on_with_it(lfref, captures, tmp_path):
+    words = ("refocus", captures, f"output={tmp_path}/out", "resume=auto", *QUICK)
+    assert lfref(*words)[0] == 1  # one capture cannot be read
+    stack = tmp_path / "out" / "third" / "stack.exr"
+    first = stack.stat().st_mtime_ns
+    shutil.rmtree(captures / "second")
+    write(captures / "second", LightField(torch.rand(3, 3, 3, 32, 40)))
+    status, error = lfref(*words)
+    assert status == 0, error
+    assert stack.stat().st_mtime_ns == first
+    assert (tmp_path / "out" / "second" / "stack.exr").is_file()
+
+
+def test_shards_share_the_captures_out(lfref, captures, tmp_path):
+    shutil.rmtree(captures / "second")
+    assert lfref("refocus", captures, f"output={tmp_path}/whole", *QUICK)[0] == 0
+    for number in (1, 2):
+        status, error = lfref("refocus", captures, f"output={tmp_path}/{number}", f"shard={number}/2", *QUICK)
+        assert status == 0, error
+    done = {number: [path.parent.name for path in tmp_path.glob(f"{number}/*/stack.exr")] for number in (1, 2)}
+    assert done == {1: ["first one"], 2: ["third"]}
+    for number, (name,) in done.items():
+        one, whole = (read_stack(tmp_path / run / name / "stack.exr")[0] for run in (str(number), "whole"))
+        assert torch.equal(one, whole)

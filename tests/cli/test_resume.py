@@ -223,3 +223,22 @@ def test_a_run_that_goes_on_elsewhere_leaves_the_folder_of_somebody_else_alone(l
     assert [(folder / name).read_text() for name in ("config.yaml", "overrides.yaml", "log/metrics.csv")] == [
         "mine"
     ] * 3
+
+
+def test_one_command_begins_a_run_and_goes_on_with_it(lfref, tmp_path):
+    words = ("train", f"output={tmp_path}/run", "resume=auto", *TINY, *QUIET)
+    for n_epochs in (1, 2):
+        status, error = lfref(*words, f"trainer.max_epochs={n_epochs}")
+        assert status == 0, error
+    assert [epoch for epoch, _ in logged(tmp_path / "run")] == [0, 1]
+    assert lfref(*words, "trainer.max_epochs=2")[0] == 0
+    assert [epoch for epoch, _ in logged(tmp_path / "run")] == [0, 1]
+
+
+def test_a_run_to_go_on_with_by_itself_needs_a_folder(run):
+    with pytest.raises(InputError, match=r"resume=auto goes on in output, which must be given.*add output=RUN"):
+        resume.expanded(["resume=auto", "experiment=demo"])
+    assert resume.expanded(["resume=auto", "output=none", "seed=1"]) == ["output=none", "seed=1"]
+    line = resume.expanded(["resume=auto", f"output={run}"])
+    assert line[-1].startswith("resume=")
+    assert line[-1].endswith(".ckpt'")

@@ -106,3 +106,32 @@ def test_when_the_second_process_ends_while_it_starts_the_first_ends_with_one_li
     said = "stopped by SIGTERM" if number == signal.SIGTERM else "must live; got one that ended by -9"
     assert said in line
     assert line.endswith("no epoch was finished; the same command starts anew")
+
+
+def start_task(rank, *words) -> subprocess.Popen:
+    """One of two tasks, as `srun` starts them."""
+    job = {"JOB_ID": "7", "JOB_NAME": "train", "NTASKS": "2", "NTASKS_PER_NODE": "2", "NODEID": "0"}
+    task = {"PROCID": str(rank), "LOCALID": str(rank), "NODELIST": "localhost", "JOB_NODELIST": "localhost"}
+    environment = os.environ | {f"SLURM_{name}": value for name, value in (job | task).items()}
+    command = [sys.executable, "-c", "from lfref.cli.main import main; main()", "train", *map(str, words)]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def test_the_tasks_of_a_slurm_job_stop_when_it_is_preempted_and_the_same_command_goes_on(tmp_path):
+    run = tmp_path / "run"
+    words = (*TRAINING, f"output={run}", "resume=auto")
+    tasks = [start_task(rank, *words) for rank in (1, 0)]  # the further one is not waited for
+    while not (run / "checkpoints" / "last.ckpt").exists():
+        assert all(task.poll() is None for task in tasks), [task.stderr.read() for task in tasks if task.poll()]
+        time.sleep(0.05)
+    for task in tasks:
+        task.terminate()
+    errors = [task.communicate(timeout=LIMIT_S)[1] for task in tasks]
+    assert [task.returncode for task in tasks] == [0, 143], errors
+    assert f"go on by lfref train resume={run}" in errors[1]
+    epoch = torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["epoch"]
+    tasks = [start_task(rank, *words, f"trainer.max_epochs={epoch + 2}") for rank in (0, 1)]
+    for task in tasks:
+        _, error = task.communicate()
+        assert task.returncode == 0, error
+    assert torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == epoch + 1
