@@ -173,7 +173,7 @@ def cached(
 def _make_room(folder: Path, most_bytes: float, newest: Path) -> None:
     """Delete entries, those first that were not used for the longest time, until the cache is small enough."""
     states = {}
-    for entry in folder.glob(f"*{SUFFIX}"):
+    for entry in stored_fields.paths(folder):
         with suppress(OSError):  # another process may delete it at the same time
             states[entry] = entry.stat()
     size = sum(state.st_size for state in states.values())

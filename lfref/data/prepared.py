@@ -6,7 +6,6 @@ read at the start. A set is made field by field: what exists stays, and several 
 
 import csv
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -56,7 +55,7 @@ class Prepared:
 
 def is_set(folder: Path) -> bool:
     """Whether a folder holds prepared light fields."""
-    return any(folder.glob(f"*{SUFFIX}"))
+    return folder.is_dir() and bool(stored_fields.paths(folder))
 
 
 def is_done(path: Path, source: Path, reading: Reading) -> bool:
@@ -92,13 +91,13 @@ def manifest(folder: Path) -> list[Prepared]:
     Raises:
         FileError: The folder holds none, or a file of it is damaged.
     """
-    names = sorted(entry.name for entry in os.scandir(folder) if entry.name.endswith(SUFFIX))
+    paths = stored_fields.paths(folder)
     listed = {entry.file: entry for entry in _listed(folder)}
-    if not names:
+    if not paths:
         remedy = "make it by lfref prepare set=captures"
         raise FileError(f"{folder} must hold prepared light fields", got="none", remedy=remedy)
     # Files that are not listed: a set that is still in the making, or that several machines make.
-    return [listed.get(name) or _described(folder / name) for name in names]
+    return [listed.get(path.name) or _described(path) for path in paths]
 
 
 def write_manifest(folder: Path) -> list[Prepared]:
@@ -120,7 +119,7 @@ def write_manifest(folder: Path) -> list[Prepared]:
 def check(folder: Path) -> dict[str, str]:
     """File of each damaged light field of a set -> what is wrong with it; all tiles are read."""
     damaged = {}
-    for path in sorted(folder.glob(f"*{SUFFIX}")):
+    for path in stored_fields.paths(folder):
         try:
             StoredField(path, path.stem).check()
         except LfrefError as error:

@@ -12,6 +12,7 @@ import itertools
 import json
 import math
 import mmap
+import os
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -161,6 +162,13 @@ def describe(path: Path) -> tuple[Description, int]:
         expected, remedy = f"{path} must be a light field that lfref stored", "delete it, and prepare it again"
         raise FileError(expected, got=f"damaged: {error}", remedy=remedy) from error
     return description, first
+
+
+def paths(folder: Path) -> list[Path]:
+    """Files of stored light fields right in a folder, sorted; half-written ones are hidden, and left out."""
+    with os.scandir(folder) as entries:
+        names = [entry.name for entry in entries if entry.name.endswith(SUFFIX) and not entry.name.startswith(".")]
+    return [folder / name for name in sorted(names)]
 
 
 class StoredField:

@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -171,3 +173,22 @@ def test_a_training_reads_a_set_whose_captures_are_gone(lfref, tmp_path, capture
     assert last["FolderData"] == {
         "train": ["field_1.field", "field_2.field", "field_3.field"], "validation": ["field_4.field"]
     }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_jobs_of_a_launcher_share_a_set_and_name_what_is_corrupt(tmp_path, captures):
+    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
+    view = sorted((captures / "field_2").glob("*.png"))[7]
+    whole = view.read_bytes()
+    view.write_bytes(whole[:200])
+    words = ("--multirun", captures, "set=captures", f"set_folder={tmp_path}/set", "workers=0", "shard=1/2,2/2")
+    launcher = ("hydra/launcher=submitit_local", "hydra.launcher.timeout_min=5", f"output={tmp_path}/sweep")
+    command = [sys.executable, "-m", "lfref.cli.main", "prepare", *map(str, (*words, *launcher))]
+    for expected in (1, 0):
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert ended.returncode == expected, ended.stderr
+        if expected:
+            assert "sweep/0 (shard=1/2): all 3 light fields must be usable; got 1 that cannot" in ended.stderr
+            assert sorted(contents(tmp_path / "set")) == [f"field_{index}.field" for index in (0, 1, 3, 4)]
+            view.write_bytes(whole)
+    assert len(prepared.manifest(tmp_path / "set")) == 5

@@ -121,6 +121,18 @@ def test_what_another_machine_added_is_in_the_set_before_the_list_is_written_ane
     assert [entry["file"] for entry in json.loads((folder / prepared.MANIFEST).read_text())["fields"]] == ["a.field"]
 
 
+def test_a_file_that_another_machine_is_writing_is_no_light_field_yet(make, store, tmp_path):
+    folder = make({"a": 1})
+    (folder / ".b.partial-0123456789ab.field").write_bytes(b"half of it")
+    assert [entry.name for entry in prepared.manifest(folder)] == ["a"]
+    assert prepared.check(folder) == {}
+    (tmp_path / "cache").mkdir()
+    partial = tmp_path / "cache" / ".c.partial-0123456789ab.field"
+    partial.write_bytes(b"half of it")
+    cache.cached(store(), {}, tmp_path / "cache", most_bytes=1)
+    assert partial.is_file()
+
+
 def test_a_check_names_damaged_light_fields(make):
     folder = make({"a": 1, "b": 2, "c": 3})
     assert prepared.check(folder) == {}
