@@ -20,6 +20,7 @@ import maps
 import markers
 import one_defect
 import pandas as pd
+import prepared
 import runtimes
 import scale
 import scene_costs
@@ -151,6 +152,29 @@ def operators() -> Iterator[str]:
     yield f"{facts['repeats']} rounds."
 
 
+def data_rates() -> Iterator[str]:
+    """Crops per second and waits, from the tables of `lfref bench group=data`."""
+    facts = json.loads((RUNS / "data" / "machine.json").read_text())
+    rates, waits = (tables.read_table(RUNS / "data" / f"{name}.csv") for name in ("rates", "waits"))
+    yield "| crops a second | labels by | no worker | 1 worker | 2 workers |"
+    yield "|---|---|---|---|---|"
+    for (source, label, place), rows in rates.groupby(["source", "label", "labels_on"], sort=False):
+        by_workers = rows.set_index("workers")["crops_per_s"].reindex([0, 1, 2])
+        name = f"{source}, {label}" if label != "none" else f"{source}, as they are"
+        cells = [name, place if label != "none" else "", *(_number(value, ".1f") for value in by_workers)]
+        yield f"| {' | '.join(cells)} |"
+    yield ""
+    yield "| a step waits | workers | step, s | share | device 10 times faster | 100 times |"
+    yield "|---|---|---|---|---|---|"
+    for row in waits.itertuples():
+        shares = (f"{100 * share:.0f} %" for share in (row.wait_share, row.wait_share_10x, row.wait_share_100x))
+        yield f"| {row.label} | {row.workers} | {row.step_s:.2f} | {' | '.join(shares)} |"
+    yield ""
+    yield f"Crops of {facts['patch']} pixels of 7x7 views, 8 bits, the paper's planes; a step of `refnet_small` takes"
+    yield f"{facts['patches_per_field']} crops. Faster devices: arithmetic, from the crops a second. {facts['threads']}"
+    yield f"threads, {facts['processor']}, torch {facts['torch']}. `lfref bench group=data`"
+
+
 def patch_labels() -> Iterator[str]:
     """PSNR of a patch's Fourier-slice label against that part of the whole field's label."""
     source = OperatorLabels(
@@ -173,6 +197,7 @@ FIGURES = {
     "causes": causes,
     "wide": wide,
     "operators": operators,
+    "data_rates": data_rates,
     "patch_labels": patch_labels,
     "explanation": simulator_pictures.explanation,
     **against_mitsuba.TABLES,
@@ -182,6 +207,7 @@ FIGURES = {
     **learned.TABLES,
     **maps.TABLES,
     **one_defect.TABLES,
+    **prepared.TABLES,
     **runtimes.TABLES,
     **exported.TABLES,
     **scale.TABLES,
