@@ -258,7 +258,8 @@ def signals(number: int, seed: int) -> Iterator[str]:
             took = [tried.took_s for tried in tries]
             n_ended, n_equal = sum(t < LIMIT_S for t in took), sum(tried.is_equal for tried in tries)
             n_tidy = sum(tried.is_tidy for tried in tries) if sent == "SIGTERM" else "-"
-            yield f"| {sent} to the {whom} | {number} | {n_ended} | {max(took):.0f} | {n_tidy} | {n_equal} |"
+            name = whom if whom == "both" else f"the {whom}"
+            yield f"| {sent} to {name} | {number} | {n_ended} | {max(took):.0f} | {n_tidy} | {n_equal} |"
 
 
 def interrupted(

@@ -161,7 +161,7 @@ def _trial_reports() -> list[Callback]:
     file = Path(hydra.sweep.dir) / runs.STUDY
     if not file.is_file():
         return []
-    from lfref.train.trials import TrialReports  # needs Optuna, an extra
+    from lfref.train.tuning import TrialReports  # needs Optuna, an extra
 
     return [TrialReports(file, hydra.job.num)]
 

@@ -1,7 +1,7 @@
 """`lfref tune`: search the options of `lfref train` by trials, which are jobs of a sweep that asks Optuna for them.
 
 Hydra launches the trials in batches, by any of its launchers. Each is an ordinary run of `lfref train` in a folder of
-its own; `lfref.train.trials` keeps the study.
+its own; `lfref.train.tuning` keeps the study.
 """
 
 import copy
@@ -34,7 +34,7 @@ from lfref.cli.train import prepare, score, train
 from lfref.errors import InputError, LfrefError, counted, first_line
 from lfref.io import atomic
 from lfref.io import run as runs
-from lfref.train import trials
+from lfref.train import tuning
 
 TABLE, BEST = "trials.csv", "experiment/best.yaml"
 """Files in the folder of a study, besides those of the trials."""
@@ -177,7 +177,7 @@ class AskAndTell(Sweeper):
         self._check_space()
         space = {option: optuna.distributions.distribution_to_json(item) for option, item in self.space.items()}
         common = {"options": self.words, "space": space}
-        self.study = trials.begin(self.folder / runs.STUDY, self.settings, common)
+        self.study = tuning.begin(self.folder / runs.STUDY, self.settings, common)
         for numbers in self._batches(n_trials, n_parallel):
             self._launch(numbers)
             _write_table(self.folder / TABLE, self.study, self.settings.monitor)
@@ -203,7 +203,7 @@ class AskAndTell(Sweeper):
 
     def _launch(self, numbers: Sequence[int]) -> None:
         """Run a batch of trials with consecutive numbers, and tell the study what came out of each."""
-        batch = [self._overrides(trials.draw(self.study, self.settings, self.space, number)) for number in numbers]
+        batch = [self._overrides(tuning.draw(self.study, self.settings, self.space, number)) for number in numbers]
         for number in numbers:
             self._note(number).unlink(missing_ok=True)
         try:
@@ -213,7 +213,7 @@ class AskAndTell(Sweeper):
             expected = "the launcher must bring its jobs to an end"
             raise LfrefError(expected, got=first_line(error), remedy=remedy) from error
         for number, job in zip(numbers, jobs, strict=True):
-            trials.tell(self.study, number, job.return_value, self._reason(number))
+            tuning.tell(self.study, number, job.return_value, self._reason(number))
 
     def _note(self, number: int) -> Path:
         return self.folder / str(number) / resume.FAILURE
@@ -245,12 +245,12 @@ class AskAndTell(Sweeper):
         print("lfref train", shlex.join([*self.words, *_words(best.params)]))
 
 
-def _settings(tune: Mapping[str, Any], callbacks: Mapping[str, Any]) -> trials.Settings:
+def _settings(tune: Mapping[str, Any], callbacks: Mapping[str, Any]) -> tuning.Settings:
     best = callbacks.get("best")
     if not best:
         raise InputError("callbacks.best must say what a study searches for", got="null", remedy="leave it as it is")
     numbers = {key: _count(tune, key, 0) for key in ("n_random", "seed", "n_unpruned", "warmup_epochs")}
-    return trials.Settings(
+    return tuning.Settings(
         sampler=tune["sampler"], pruner=tune["pruner"], monitor=best["monitor"], mode=best["mode"], **numbers
     )
 
@@ -307,7 +307,7 @@ def _write_table(path: Path, study: optuna.Study, monitor: str) -> None:
 
 def _row(trial: FrozenTrial, monitor: str) -> dict[str, Any]:
     first = {"trial": trial.number, "state": STATES[trial.state], monitor: trial.value}
-    last = {"epochs": trial.last_step, "reason": trial.user_attrs.get(trials.REASON)}
+    last = {"epochs": trial.last_step, "reason": trial.user_attrs.get(tuning.REASON)}
     return {**first, **trial.params, **last}
 
 

@@ -21,7 +21,7 @@ from typing import Any
 from lfref.captures import correct as corrections
 from lfref.captures.correct import AUTO, NONE, correct_by_option
 from lfref.data import stored_fields
-from lfref.data.stored_fields import SUFFIX, Samples, StoredField
+from lfref.data.stored_fields import SUFFIX, StoredCrop, StoredField
 from lfref.errors import FileError, InputError
 from lfref.io import atomic, ownership, view_folders
 from lfref.io import read as reader
@@ -128,7 +128,7 @@ class CachedField(StoredField):
         except FileError:
             self._renew(path)
 
-    def crop(self, top: int, left: int, height: int, width: int) -> Samples:
+    def crop(self, top: int, left: int, height: int, width: int) -> StoredCrop:
         """As in `StoredField`."""
         try:
             return super().crop(top, left, height, width)

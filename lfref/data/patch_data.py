@@ -17,7 +17,7 @@ from torch.utils.data import Dataset
 
 from lfref.data.field_sources import Field, SimulatedField, Source
 from lfref.data.label_sources import Labels
-from lfref.data.stored_fields import Samples
+from lfref.data.stored_fields import StoredCrop
 from lfref.errors import InputError, counted
 from lfref.io import images
 from lfref.lightfield import LightField
@@ -47,7 +47,7 @@ class Batch(TypedDict):
 class Patch:
     """A patch within the samples that its label depends on."""
 
-    context: LightField | Samples
+    context: LightField | StoredCrop
     """The patch and a margin, as stored or simulated."""
     top: int
     """First row of the patch in its context."""
@@ -67,7 +67,7 @@ class Patch:
         """Whether all samples of the patch's views are alike within one 8-bit level; not if one is NaN."""
         samples = self.context.views[self.window].numpy()
         ends = np.array([[samples.min(), samples.max()]])
-        if isinstance(self.context, Samples):
+        if isinstance(self.context, StoredCrop):
             ends = images.decoded(ends, self.context.encoding)
         return bool(ends[0, 1] - ends[0, 0] < FLAT)
 
@@ -89,7 +89,7 @@ class Patch:
 
     def pin_memory(self) -> "Patch":
         """The same patch in memory from which a GPU can copy it in the background."""
-        return replace(self, context=self.context.pin_memory()) if isinstance(self.context, Samples) else self
+        return replace(self, context=self.context.pin_memory()) if isinstance(self.context, StoredCrop) else self
 
 
 class UnlabelledBatch(TypedDict):

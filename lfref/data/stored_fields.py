@@ -42,7 +42,7 @@ OPEN_FIELDS = 8192
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class StoredCrop:
     """A rectangle of all views as it is stored."""
 
     name: str
@@ -63,11 +63,11 @@ class Samples:
         weight = _light(self.stored[:, :, -1:], LINEAR) if self.has_weight else None
         return LightField(_light(self.views, self.encoding), self.name, weight, is_linear=self.encoding.is_known)
 
-    def to(self, device: torch.device, **options: Any) -> "Samples":
+    def to(self, device: torch.device, **options: Any) -> "StoredCrop":
         """The same samples on a device."""
         return replace(self, stored=self.stored.to(device, **options))
 
-    def pin_memory(self) -> "Samples":
+    def pin_memory(self) -> "StoredCrop":
         """The same samples in memory from which a GPU can copy them in the background."""
         return replace(self, stored=self.stored.pin_memory())
 
@@ -200,7 +200,7 @@ class StoredField:
         """Height and width (H, W) of a view in pixels."""
         return self.description.shape[3], self.description.shape[4]
 
-    def crop(self, top: int, left: int, height: int, width: int) -> Samples:
+    def crop(self, top: int, left: int, height: int, width: int) -> StoredCrop:
         """A rectangle of all views, in memory of its own, as `LightField.crop`.
 
         Raises:
@@ -217,7 +217,7 @@ class StoredField:
                 tile = self._tile(index, *place)
                 samples[_within(box, shared)] = tile[_within(place, shared)]
         encoding = parsed(self.description.encoding)
-        return Samples(self.name, torch.from_numpy(samples), self.description.has_weight, encoding)
+        return StoredCrop(self.name, torch.from_numpy(samples), self.description.has_weight, encoding)
 
     def check(self) -> None:
         """Compare all tiles with their checksums.

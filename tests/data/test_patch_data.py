@@ -10,7 +10,7 @@ from lfref.data import patch_data
 from lfref.data.field_sources import SimulatedSource
 from lfref.data.label_sources import OperatorLabels
 from lfref.data.patch_data import FieldPatches
-from lfref.data.stored_fields import Samples
+from lfref.data.stored_fields import StoredCrop
 from lfref.encoding import SRGB
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
@@ -207,6 +207,6 @@ def test_a_patch_is_flat_below_one_level_of_8_bits():
         views = torch.zeros(1, 1, 1, 9, 9)
         views[..., 4, 4] = levels / 255
         assert patch_data.cut(LightField(views), 1, 0, 0, 8).is_flat() == is_flat
-        samples = Samples("", (255 * views).round().byte(), False, SRGB)
+        samples = StoredCrop("", (255 * views).round().byte(), False, SRGB)
         # One level of dark sRGB is less than one of linear light.
         assert patch_data.Patch(samples, 0, 0, 9, "").is_flat()

@@ -158,8 +158,11 @@ def test_a_set_that_was_read_in_another_way_is_refused(make, tmp_path, options, 
 
 
 def test_the_number_of_views_may_be_written_in_any_way(make, tmp_path):
+    folder = make({"a": 1, "b": 2})
     for views in (3, [3, 3], (3, 3), None):
-        data_of(make({"a": 1, "b": 2}), tmp_path, reader={"encoding": "file", "views": views}).setup("fit")
+        data = data_of(folder, tmp_path, reader={"encoding": "file", "views": views})
+        data.setup("fit")
+        assert len(data.train) == len(data.validation) == 1
 
 
 def test_splits_come_from_a_table(tmp_path):

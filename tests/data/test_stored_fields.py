@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.data import stored_fields
-from lfref.data.stored_fields import Samples, StoredField
+from lfref.data.stored_fields import StoredCrop, StoredField
 from lfref.encoding import LINEAR, NONE, SRGB, parsed
 from lfref.errors import FileError, InputError
 from lfref.io import images
@@ -138,5 +138,5 @@ def test_samples_move_to_other_devices(stored):
 def test_a_gpu_decodes_as_a_processor_does(dtype):
     samples = torch.arange(256).reshape(1, 1, 1, 16, 16).to(dtype)
     for encoding in (SRGB, LINEAR, NONE):
-        on_cpu, on_gpu = (Samples("", samples.to(device), False, encoding).light() for device in ("cpu", "cuda"))
+        on_cpu, on_gpu = (StoredCrop("", samples.to(device), False, encoding).light() for device in ("cpu", "cuda"))
         torch.testing.assert_close(on_gpu.views.cpu(), on_cpu.views, atol=1e-6, rtol=1e-6)
