@@ -25,7 +25,7 @@ from lfref.simulator.simulate import simulate
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "prepared"
 LENSLETS, VIEWS = (375, 540), 14
-N_FILES, N_FIELDS = 6, 3343
+N_FILES, N_FIELDS = 24, 3343
 """Images that are prepared; light fields of the paper, over which a training starts."""
 START = """
 import sys, time

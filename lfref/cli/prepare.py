@@ -47,12 +47,15 @@ class Jobs(Dataset[str | None]):
 
 def run(jobs: Sequence[Callable[[], object]], config: DictConfig, what: str) -> list[str]:
     """Do jobs in as many processes as the configuration says; returns the errors."""
-    if config.workers == "auto":
-        n_workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    else:
-        n_workers = int(configs.number(config, "workers", 0))
-    loader = DataLoader(Jobs(jobs), batch_size=None, num_workers=n_workers, worker_init_fn=_one_thread)
+    loader = DataLoader(Jobs(jobs), batch_size=None, num_workers=number_of_workers(config), worker_init_fn=_one_thread)
     return [error for error in progress(loader, what) if error is not None]
+
+
+def number_of_workers(config: DictConfig) -> int:
+    """Processes that do jobs; 0: this one."""
+    if config.workers == "auto":
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return int(configs.number(config, "workers", 0))
 
 
 def _one_thread(worker: int) -> None:
@@ -96,10 +99,11 @@ def captures(config: DictConfig, folder: Path) -> None:
     jobs = [functools.partial(prepared.prepare, paths[name], sources[name], reading, parts[name]) for name in missing]
     errors = []
     if jobs:
-        # The first one tells how large the set becomes.
-        errors += run(jobs[:1], config, "decoding the first")
+        # The first ones, one for each process, tell how large the set becomes.
+        n_first = max(1, number_of_workers(config))
+        errors += run(jobs[:n_first], config, "decoding the first light fields")
         _check_room(config, place, len(sources))
-        errors += run(jobs[1:], config, "decoding light fields")
+        errors += run(jobs[n_first:], config, "decoding light fields")
     if prepared.is_set(place):
         entries = prepared.write_manifest(place)
         shutil.copyfile(place / prepared.MANIFEST, folder / prepared.MANIFEST)

@@ -127,7 +127,7 @@ def test_a_corrupt_capture_is_named_and_the_others_are_prepared(lfref, tmp_path,
 
 
 def test_a_set_too_large_is_refused_after_its_first_light_field(lfref, tmp_path, captures):
-    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "most_gb=0.001")
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "most_gb=0.001", "workers=1")
     status, error = lfref(*words, f"output={tmp_path}/run")
     assert status == 1
     assert "0.263 MB a light field: 0.00131 GB in all" in (tmp_path / "run" / "prepare.log").read_text()
