@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 
 from lfref.bench import accuracy
 from lfref.cli import config as configs
-from lfref.cli import steps
+from lfref.cli import shards, steps
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.steps import fixed_planes
 from lfref.data.label_sources import Labels
@@ -26,7 +26,8 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     methods = _methods(config, device)
     for method in methods:
         method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
-    fields = steps.find_fields(config)
+    found = steps.find_fields(config)
+    fields = {name: found[name] for name in shards.share_of(list(found), config.shard)}
     rows: list[accuracy.Row] = []
     for path in progress(fields.values(), "evaluating", len(fields)):
         field = steps.read_field(path, config, methods)

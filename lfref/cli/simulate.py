@@ -7,6 +7,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
+from lfref.cli import shards
 from lfref.cli.command import command, device_of, log, progress
 from lfref.cli.steps import fixed_planes
 from lfref.encoding import LINEAR, SRGB
@@ -32,7 +33,8 @@ def simulate(config: DictConfig, folder: Path) -> None:
         raise InputError(f"suffix must be {' or '.join(map(repr, write.SUFFIXES))}", got=repr(suffix))
     planes = fixed_planes(config)
     scenes: Scenes | Scene = configs.build(config.scene)
-    for index in progress(range(n_fields), "simulating"):
+    indices = shards.share_of(range(n_fields), config.shard)
+    for index in progress(indices, "simulating"):
         scene = scenes if isinstance(scenes, Scene) else scenes.scene(seed, 0, index)
         if not re.fullmatch(r"\w[\w.-]*", scene.name):
             raise InputError("a scene's name must be usable as the name of a file", got=repr(scene.name))
@@ -40,7 +42,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
         _write(folder, scene, result, planes, suffix)
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))
-    log.info("simulated %s in %s", counted(n_fields, "light field"), folder)
+    log.info("simulated %s in %s", counted(len(indices), "light field"), folder)
 
 
 def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes, suffix: str) -> None:
