@@ -19,6 +19,7 @@ from torch.utils.data._utils import signal_handling
 from torch.utils.data._utils.pin_memory import pin_memory
 
 from lfref.errors import InputError, LfrefError
+from lfref.functional import memory
 
 BY_DEVICE = "auto"
 MOST_WORKERS = 8
@@ -97,6 +98,7 @@ class EpochLoader(DataLoader[Any]):
 
     def _from_threads(self) -> Iterator[Any]:
         """The batches in their order, prepared by threads a few batches ahead."""
+        memory.keep()
         keys, waiting = iter(self.batch_sampler), deque[Future[Any]]()  # type: ignore[arg-type]
         # One core each: PyTorch would give every thread all cores.
         pool = ThreadPoolExecutor(self.n_threads, "batches", initializer=torch.set_num_threads, initargs=(1,))
