@@ -37,8 +37,8 @@ def keep() -> None:
 
 
 KEEPING = {-3: 2**30, -1: 2**31 - 1, -8: 1}
-"""Options of glibc's `mallopt`: least block that is mapped on its own, and least free memory that is given back, in bytes;
-number of arenas, of which those of threads cannot hold such blocks."""
+"""Options of glibc's `mallopt`: least block that is mapped on its own, and least free memory that is given back, in
+bytes; number of arenas, of which those of threads cannot hold such blocks."""
 
 
 @functools.cache
