@@ -16,14 +16,14 @@ NAMED = {
     name
     for path in configs.directory().rglob("*.yaml")
     for name in re.findall(r"_target_: *([\w.]+)", path.read_text())
-    if path.name != "base.yaml"  # what Hydra makes has a table of its own
+    if path.name not in ("base.yaml", "tune.yaml")  # what Hydra makes has a table of its own
 }
 WRITE = ["{sentinel}", "code ran"]
 REMOVE = ["{victim}"]
 DANGEROUS: dict[str, list[str]] = {
     # Modules that our own modules import, and Lightning's and torch's: names that a prefix would let through.
     "lfref.nets.checkpoint.torch.load": REMOVE,
-    "lfref.data.cache.np.load": REMOVE,
+    "lfref.data.patch_data.np.load": REMOVE,
     "lfref.io.atomic.write_text": WRITE,
     "lfref.io.atomic.replacing": ["{sentinel}"],
     "lfref.io.atomic.os.remove": REMOVE,
