@@ -209,7 +209,8 @@ def data_rates(rates: pd.DataFrame, waits: pd.DataFrame) -> Figure:
     style_axes(right, "Workers", "Share of a step, %", "Waiting for a batch")
     for axes in (left, right):
         axes.set_xticks(sorted(rates["workers"].unique()))
-        axes.legend(frameon=False, fontsize=7)
+        # The legend is below the panel, since lines cross all of the panel.
+        axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.15))
     return figure
 
 
