@@ -19,9 +19,8 @@ from lightning.pytorch import Callback, Trainer
 from lfref.bench.accuracy import Row
 from lfref.data import loaders, stored_fields
 from lfref.data.datamodules import DEVICE, LOADER, PatchData
-from lfref.data.field_sources import Field, SimulatedSource, Source
+from lfref.data.field_sources import Field, FolderSource, SimulatedSource, Source
 from lfref.data.label_sources import Labels, RenderedLabels
-from lfref.data.stored_fields import StoredField
 from lfref.lightfield import LightField
 from lfref.train.modules import Refocusing
 
@@ -46,20 +45,6 @@ class Repeated(Source):
     def field(self, index: int, epoch: int = 0) -> Field:
         """The light field at that place."""
         return self.source.field(index % len(self.source), epoch)
-
-
-class StoredSource(Source):
-    """Stored light fields."""
-
-    def __init__(self, paths: list[Path]) -> None:
-        self.paths = paths
-
-    def __len__(self) -> int:
-        return len(self.paths)
-
-    def field(self, index: int, epoch: int = 0) -> Field:
-        """The light field at that place, equal in every epoch."""
-        return StoredField(self.paths[index], self.paths[index].stem)
 
 
 class BenchData(PatchData):
@@ -89,7 +74,7 @@ class Loading:
     """Threads that read stored fields, or processes that simulate; 0: the thread of the training."""
 
 
-def store(source: SimulatedSource, folder: Path) -> StoredSource:
+def store(source: SimulatedSource, folder: Path) -> FolderSource:
     """Write the light fields of a source as cameras record them, with 8 bits a sample, into a folder."""
     paths = []
     for index in range(len(source)):
@@ -97,7 +82,7 @@ def store(source: SimulatedSource, folder: Path) -> StoredSource:
         light = LightField(field.views, field.name, metadata={"bits": "8", "encoding": "srgb"})
         stored_fields.write(path, light)
         paths.append(path)
-    return StoredSource(paths)
+    return FolderSource(paths, folder, {})
 
 
 def loadings(labels: Mapping[str, Labels], workers: Sequence[int]) -> Iterator[Loading]:

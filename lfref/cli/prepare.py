@@ -90,15 +90,20 @@ def captures(config: DictConfig, folder: Path) -> None:
     splits = {} if config.splits is None else prepared.read_splits(Path(config.splits))
     parts = prepared.split_of(sources, splits)
     paths = {name: place / f"{name}{SUFFIX}" for name in sources}
-    for name, error in (prepared.check(place) if config.check and place.is_dir() else {}).items():
-        log.warning("prepared again: %s", error)
-        (place / name).unlink()
+    damaged = prepared.check(place) if config.check and prepared.is_set(place) else {}
+    for error in damaged.values():
+        log.warning("damaged: %s", error)
     own = shards.share_of(list(sources), config.shard)
-    missing = [name for name in own if not prepared.is_done(paths[name], sources[name], reading)]
+    missing = [
+        name
+        for name in own
+        if paths[name].name in damaged or not prepared.is_done(paths[name], sources[name], reading, parts[name])
+    ]
     log.info("%d of %d exist in %s", len(own) - len(missing), len(own), place)
     jobs = [functools.partial(prepared.prepare, paths[name], sources[name], reading, parts[name]) for name in missing]
     errors = []
     if jobs:
+        prepared.forget_manifest(place)
         # The first ones, one for each process, tell how large the set becomes.
         n_first = max(1, number_of_workers(config))
         errors += run(jobs[:n_first], config, "decoding the first light fields")

@@ -22,6 +22,7 @@ from lfref.errors import InputError, LfrefError
 from lfref.functional import memory
 
 BY_DEVICE = "auto"
+"""Value of options that follow from the cores and the device of the network."""
 MOST_WORKERS = 8
 """Threads or processes beyond which `auto` adds none: each keeps some batches in memory."""
 AHEAD = 2

@@ -81,7 +81,7 @@ class Patch:
     def pair(self, labels: Labels) -> tuple[Tensor, Tensor]:
         """Views [V, U, C, size, size] and label [N, C, size, size], on the device of the samples."""
         light = self.context if isinstance(self.context, LightField) else self.context.light()
-        return light.views[self.window], labels(light)[self.window]
+        return light.views[self.window].contiguous(), labels(light)[self.window].contiguous()
 
     def to(self, device: torch.device, **options: Any) -> "Patch":
         """The same patch on a device."""
@@ -104,17 +104,12 @@ class UnlabelledBatch(TypedDict):
 
 def labelled(batch: UnlabelledBatch, labels: Labels) -> Batch:
     """Decode the patches of a batch, and make their labels, on the device of the patches."""
-    patches = batch["patches"]
-    views, stacks = patches[0].pair(labels)
-    # One memory for the batch: memory that is asked for anew costs as much time as the samples that are copied there.
-    all_views, all_stacks = (each.new_empty(len(patches), *each.shape) for each in (views, stacks))
-    for index, patch in enumerate(patches):
-        all_views[index], all_stacks[index] = (views, stacks) if index == 0 else patch.pair(labels)
+    views, stacks = zip(*(patch.pair(labels) for patch in batch["patches"]), strict=True)
     return {
-        "views": all_views,
-        "labels": all_stacks,
+        "views": torch.stack(views),
+        "labels": torch.stack(stacks),
         "slopes": batch["slopes"],
-        "where": [patch.where for patch in patches],
+        "where": [patch.where for patch in batch["patches"]],
         "resampled": batch["resampled"],
     }
 

@@ -58,15 +58,16 @@ def is_set(folder: Path) -> bool:
     return folder.is_dir() and bool(stored_fields.paths(folder))
 
 
-def is_done(path: Path, source: Path, reading: Reading) -> bool:
-    """Whether a file of a set is there, made from this state of the source, in this way."""
+def is_done(path: Path, source: Path, reading: Reading, split: str | None = None) -> bool:
+    """Whether a file of a set was made from this state of the source, in this way, for this part if one is given."""
     if not path.is_file():
         return False
     try:
         known = _described(path)
     except FileError:
         return False
-    return known.state == _state(source) and known.reading == reading.description()
+    is_part = split is None or known.split == split
+    return is_part and known.state == _state(source) and known.reading == reading.description()
 
 
 def prepare(path: Path, source: Path, reading: Reading, split: str | None = None) -> None:
@@ -100,13 +101,18 @@ def manifest(folder: Path) -> list[Prepared]:
     return [listed.get(path.name) or _described(path) for path in paths]
 
 
+def forget_manifest(folder: Path) -> None:
+    """Remove the manifest before files change: if the work is interrupted, it must not say what they were before."""
+    (folder / MANIFEST).unlink(missing_ok=True)
+
+
 def write_manifest(folder: Path) -> list[Prepared]:
     """List what the files of a set say about themselves; returns the list.
 
     Raises:
         FileError: The folder holds none, or the disk refuses.
     """
-    (folder / MANIFEST).unlink(missing_ok=True)
+    forget_manifest(folder)
     entries = manifest(folder)
     texts = [json.dumps(entry.reading, sort_keys=True) for entry in entries]
     readings = list(dict.fromkeys(texts))  # what fields have in common is written once

@@ -237,7 +237,7 @@ class StoredField:
         shape = (*description.shape[:3], height, width)
         place = self._first + n_pixels * description.bytes_per_pixel
         page, length = place // mmap.PAGESIZE * mmap.PAGESIZE, height * width * description.bytes_per_pixel
-        self._map.madvise(mmap.MADV_WILLNEED, page, place + length - page)  # one read instead of one for each page
+        _advise(self._map, "MADV_WILLNEED", page, place + length - page)  # one read instead of one for each page
         samples = np.frombuffer(self._map, description.dtype, math.prod(shape), place)
         if not self._is_checked[index]:
             if zlib.crc32(samples.data) != description.checksums[index]:
@@ -253,8 +253,14 @@ def _opened(path: Path, state: tuple[int, int, int]) -> tuple[Description, int, 
     description, first = describe(path)
     with path.open("rb") as file:
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    content.madvise(mmap.MADV_RANDOM)  # reading ahead would read other tiles than those of a crop
+    _advise(content, "MADV_RANDOM")  # reading ahead would read other tiles than those of a crop
     return description, first, content, np.zeros(len(description.checksums), bool)
+
+
+def _advise(content: mmap.mmap, advice: str, *place: int) -> None:
+    """Tell the system how a file will be read, where it takes such advice (not on Windows)."""
+    if hasattr(mmap, advice):
+        content.madvise(getattr(mmap, advice), *place)
 
 
 def _tiles(shape: tuple[int, ...], tile: int) -> Iterator[tuple[slice, slice]]:

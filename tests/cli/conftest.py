@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli import main as cli
+from lfref.train.modules import Refocusing
 
 TINY_DATA = (
     "data=simulated",
@@ -31,6 +32,18 @@ def composed(tmp_path: Path):
             return compose(command, [f"output={tmp_path}", f"folder={tmp_path}", *overrides])
 
     return make
+
+
+@pytest.fixture
+def fits(monkeypatch) -> list[tuple[float, int]]:
+    """Rate and first epoch of every training that starts in this process."""
+    started = []
+
+    def watch(self):
+        started.append((self.trainer.optimizers[0].param_groups[0]["lr"], self.trainer.current_epoch))
+
+    monkeypatch.setattr(Refocusing, "on_train_start", watch)
+    return started
 
 
 @pytest.fixture

@@ -40,6 +40,11 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
     assert configs.build(config[group]) is not None
 
 
+def test_the_cache_of_light_fields_can_be_limited(composed, tmp_path):
+    words = ("data=folder", f"data.path={tmp_path}", "data.cache_gb=2")
+    assert configs.build(composed("train", *words).data).most_bytes == 2e9
+
+
 def test_every_option_of_the_reader_can_be_set_and_stays_as_in_python(composed):
     options = inspect.signature(read).parameters
     expected = {name: option.default for name, option in options.items() if name != "path"}

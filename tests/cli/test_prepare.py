@@ -107,6 +107,7 @@ def test_a_set_goes_on_and_renews_what_is_damaged(lfref, tmp_path, captures):
     status, error = lfref(*words, "check=true", f"output={tmp_path}/r1")
     assert status == 0, error
     log = (tmp_path / "r1" / "prepare.log").read_text()
+    assert "damaged: " in log
     assert "field_3.field must be whole" in log
     assert "3 of 5 exist" in log
     assert contents(tmp_path / "set") == whole
@@ -192,3 +193,20 @@ def test_jobs_of_a_launcher_share_a_set_and_name_what_is_corrupt(tmp_path, captu
             assert sorted(contents(tmp_path / "set")) == [f"field_{index}.field" for index in (0, 1, 3, 4)]
             view.write_bytes(whole)
     assert len(prepared.manifest(tmp_path / "set")) == 5
+
+
+def test_other_splits_are_taken_over_and_files_of_others_are_left_alone(lfref, tmp_path, captures):
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "workers=0")
+    assert lfref(*words, f"output={tmp_path}/r0")[0] == 0
+    foreign = tmp_path / "set" / "mine.field"
+    foreign.write_bytes(b"mine")
+    (tmp_path / "splits.csv").write_text("name,split\nfield_1,test\n")
+    status, error = lfref(*words, f"splits={tmp_path}/splits.csv", "check=true", f"output={tmp_path}/r1")
+    assert status == 1
+    assert "mine.field must be a light field that lfref stored" in error
+    assert foreign.read_bytes() == b"mine"
+    foreign.unlink()
+    assert lfref(*words, f"output={tmp_path}/r2")[0] == 0
+    assert {entry.name: entry.split for entry in prepared.manifest(tmp_path / "set")} == {
+        f"field_{index}": "test" if index == 1 else None for index in range(5)
+    }

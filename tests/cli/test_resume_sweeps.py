@@ -18,18 +18,6 @@ from tests.cli.conftest import TINY
 SWEEP = ("train", "--multirun", *TINY, "trainer.max_epochs=1", "callbacks.progress=null", "callbacks.summary=null")
 
 
-@pytest.fixture
-def fits(monkeypatch):
-    """Rate and first epoch of every fit that starts."""
-    seen = []
-
-    def watch(self):
-        seen.append((self.trainer.optimizers[0].param_groups[0]["lr"], self.trainer.current_epoch))
-
-    monkeypatch.setattr(Refocusing, "on_train_start", watch)
-    return seen
-
-
 @pytest.mark.slow
 def test_what_is_finished_is_skipped_and_what_was_interrupted_goes_on(lfref, tmp_path, fits, monkeypatch):
     def stop(self):

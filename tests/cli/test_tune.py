@@ -25,18 +25,6 @@ SEED = 43
 """Seed of a sampler that draws the first of three choices twice, and the others later."""
 
 
-@pytest.fixture
-def fits(monkeypatch):
-    """Rate and first epoch of every training that starts."""
-    seen = []
-
-    def watch(self):
-        seen.append((self.trainer.optimizers[0].param_groups[0]["lr"], self.trainer.current_epoch))
-
-    monkeypatch.setattr(Refocusing, "on_train_start", watch)
-    return seen
-
-
 def table(folder):
     with (folder / tune.TABLE).open(newline="") as file:
         return list(csv.DictReader(file))
