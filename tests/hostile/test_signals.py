@@ -20,11 +20,15 @@ TRAINING = (
     "callbacks.progress=null", "callbacks.summary=null", "callbacks.pictures=null",
 )  # fmt: skip
 LIMIT_S = 30
+STARTED = []
 
 
-def start(*words) -> subprocess.Popen:
+def start(*words, environment=None) -> subprocess.Popen:
+    """A training in a session of its own."""
     command = [sys.executable, "-c", "from lfref.cli.main import main; main()", "train", *map(str, words)]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    options = {"text": True, "start_new_session": True, "env": environment}
+    STARTED.append(subprocess.Popen(command, stderr=subprocess.PIPE, **options))
+    return STARTED[-1]
 
 
 def training(run) -> subprocess.Popen:
@@ -36,11 +40,27 @@ def training(run) -> subprocess.Popen:
     return process
 
 
-def members(session) -> list[int]:
-    """Processes of a session that have not ended."""
-    command = ["ps", "-o", "pid=,stat=", "-s", str(session)]
-    lines = subprocess.run(command, stdout=subprocess.PIPE, text=True).stdout.splitlines()
-    return [int(line.split()[0]) for line in lines if "Z" not in line.split()[1]]
+def members(session, command="") -> list[int]:
+    """Processes of a session that have not ended, and whose command holds the words given."""
+    words = ["ps", "-ww", "-o", "pid=,stat=,args=", "-s", str(session)]
+    lines = subprocess.run(words, stdout=subprocess.PIPE, text=True).stdout.splitlines()
+    return [int(line.split()[0]) for line in lines if "Z" not in line.split()[1] and command in line]
+
+
+def second_processes(process) -> list[int]:
+    """The processes that a training has started for itself; it also asks Git for its commit in a short one."""
+    return members(process.pid, "lfref/cli/train.py")
+
+
+@pytest.fixture(autouse=True)
+def no_process_is_left():
+    """A test that fails leaves nothing that slows the others down."""
+    yield
+    while STARTED:
+        with STARTED.pop() as process:
+            process.kill()
+            for member in members(process.pid):
+                os.kill(member, signal.SIGKILL)
 
 
 def line_of(process) -> str:
@@ -79,7 +99,7 @@ def test_two_processes_stop_together_and_resume_to_the_bit(tmp_path, number, who
 @pytest.mark.parametrize("victim", ["the first", "the second"])
 def test_when_one_process_is_killed_the_other_ends(tmp_path, victim):
     process = training(tmp_path / "run")
-    others = [member for member in members(process.pid) if member != process.pid]
+    others = second_processes(process)
     assert len(others) == 1
     if victim == "the first":
         process.kill()
@@ -97,7 +117,7 @@ def test_when_one_process_is_killed_the_other_ends(tmp_path, victim):
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGKILL, 1)])
 def test_when_the_second_process_ends_while_it_starts_the_first_ends_with_one_line(tmp_path, number, status):
     process = start(*TRAINING, f"output={tmp_path}/run")
-    while not (others := [member for member in members(process.pid) if member != process.pid]):
+    while not (others := second_processes(process)):
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.02)
     os.kill(others[0], number)  # it still imports its packages, and the first waits for it
@@ -112,9 +132,7 @@ def start_task(rank, *words) -> subprocess.Popen:
     """One of two tasks, as `srun` starts them."""
     job = {"JOB_ID": "7", "JOB_NAME": "train", "NTASKS": "2", "NTASKS_PER_NODE": "2", "NODEID": "0"}
     task = {"PROCID": str(rank), "LOCALID": str(rank), "NODELIST": "localhost", "JOB_NODELIST": "localhost"}
-    environment = os.environ | {f"SLURM_{name}": value for name, value in (job | task).items()}
-    command = [sys.executable, "-c", "from lfref.cli.main import main; main()", "train", *map(str, words)]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    return start(*words, environment=os.environ | {f"SLURM_{name}": value for name, value in (job | task).items()})
 
 
 def test_the_tasks_of_a_slurm_job_stop_when_it_is_preempted_and_the_same_command_goes_on(tmp_path):
