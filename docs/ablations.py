@@ -1,12 +1,18 @@
-"""Ablations against the truth: the paper's choices, and faster bodies of the network; the table of `ablations.md`.
+"""Ablations against the truth: the paper's choices over five seeds and two lengths; the table of `ablations.md`.
 
-Run by `make ablations`, which keeps its networks in `runs/ablations`, and the paper's own choice in `runs/paper`. With
-`--runs` elsewhere nothing is written into the pages.
+Each variant gets a learning rate of its own, the best of `RATES` by a short training with another seed. Results go
+into `docs/ablations.csv`, one row for each network: `make ablations` trains what is missing there, so that the
+experiment goes on where it was stopped, on any machine. With `--runs` elsewhere nothing is written into the pages.
 """
 
 import argparse
 import functools
-from collections.abc import Iterable, Iterator, Sequence
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
 
 import experiments
@@ -14,19 +20,27 @@ import markers
 import pandas as pd
 import torch
 import training
-from paper_methods import PLANES, SEEDS
+from hydra import compose, initialize_config_dir
+from paper_methods import PLANES
+from rich.progress import track
 
 from lfref.bench import evaluation, timing
-from lfref.bench.accuracy import Row
+from lfref.bench.evaluation import EvaluationCase
+from lfref.cli import config as configs
 from lfref.data.field_sources import SimulatedSource
+from lfref.io.run import METRICS, Run
+from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
+from lfref.report import tables
+from lfref.report.sweeps import t_interval
 from lfref.simulator import sim30
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
 RUNS = markers.ROOT / "runs" / "ablations"
-OURS = markers.ROOT / "runs" / "paper" / "networks" / "rendered"  # as the paper builds it
-SETUP = ("experiment=paper_small", "label=rendered")
+RESULTS = markers.ROOT / "docs" / "ablations.csv"
+SETUP = ("net=refnet_narrow", "scheduler=cosine", "data.patch=32", "data.patches_per_field=4")
+N_FIELDS, SIZE = 180, 128
 PAPER = "as the paper"
 VARIANTS: dict[str, tuple[str, ...]] = {
     PAPER: (),
@@ -38,104 +52,258 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "beta 1: no L1": ("loss.weights.beta=1",),
     "gamma 0: no 1/PSNR": ("loss.weights.gamma=0",),
     "4 blocks": ("net.n_blocks=4",),
-    "4 blocks, 64 wide": ("net.n_blocks=4", "net.widths=[64,64,64,64]", "net.stem_width=64"),
     "shuffle 2": ("net.shuffle=2",),
-    "shuffle 4, stem 1x1": ("net.shuffle=4", "net.stem_kernel=1"),
-    "kernel 5": ("net.kernel=5",),
-    "dilation 2": ("net.dilation=2",),
 }
 """Overrides beside the paper's choice: softplus, instance norm, beta .65, gamma 500, 11 blocks of 3x3."""
+RATES = (0.0002, 0.0006, 0.002, 0.006)
+SEEDS = (0, 1, 2, 3, 4)
+TUNING_SEED = 100
+LENGTHS = {
+    "short": ("trainer.max_epochs=4", "+trainer.limit_train_batches=40"),
+    "long": ("trainer.max_epochs=10", "+trainer.limit_train_batches=160"),
+}
+"""160 and 1,600 steps; the learning rate falls along a cosine, epoch by epoch."""
 SCENES = tuple(sim30.SCENES)[::3]
 WIDE, FOCUS = 0.25, 0.75  # alphas up to where blur is wide, and from where scenes are near focus
-ROUNDS = 4  # of which the first is a warm-up
+ROUNDS = 4  # of the measurement of time, of which the first is a warm-up
+KEY = ["variant", "length", "seed", "rate"]
 
 
-def folders(runs: Path) -> dict[str, list[Path]]:
-    """Variant -> a run folder for each seed."""
-    base = OURS if runs == RUNS else runs / PAPER.replace(" ", "_")
-    names = {variant: runs / "".join(letter if letter.isalnum() else "_" for letter in variant) for variant in VARIANTS}
-    return {variant: [folder / f"seed_{seed}" for seed in SEEDS] for variant, folder in (names | {PAPER: base}).items()}
+@dataclass(frozen=True)
+class Member:
+    """One training."""
+
+    variant: str
+    length: str
+    seed: int
+    rate: float
+
+    def folder(self, runs: Path) -> Path:
+        """Its run folder."""
+        name = "".join(letter if letter.isalnum() else "_" for letter in self.variant)
+        return runs / name / f"{self.length}_{self.seed}_{self.rate:g}"
+
+    @property
+    def overrides(self) -> list[str]:
+        """Of `lfref train`, without those of the data."""
+        own = (*VARIANTS[self.variant], *LENGTHS[self.length], f"optimizer.lr={self.rate:g}", f"seed={self.seed}")
+        return [*SETUP, *own]
 
 
-def overrides_by_run(runs: Path, overrides: Iterable[str] = ()) -> dict[Path, list[str]]:
-    """Run folder -> overrides of `lfref train`."""
+class Results:
+    """The results so far, in a CSV file that is written after each training."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rows = pd.DataFrame(columns=[*KEY, "setup"])
+        if path.exists():
+            self.rows = tables.with_numbers(tables.read_table(path), "seed").astype({"seed": int})
+        self._lock = threading.Lock()
+
+    def has(self, member: Member) -> bool:
+        """Whether a training with these overrides is among the results."""
+        return bool((self.rows["setup"] == " ".join(member.overrides)).any())
+
+    def add(self, member: Member, values: Mapping[str, float]) -> None:
+        """Add one training; it replaces one of the same variant, length, seed and rate with other overrides."""
+        names = {"variant": member.variant, "length": member.length, "seed": member.seed, "rate": member.rate}
+        with self._lock:
+            is_old = [tuple(row) == tuple(names.values()) for row in self.rows[KEY].itertuples(index=False)]
+            row = pd.DataFrame([names | values | {"setup": " ".join(member.overrides)}])
+            rows = (
+                pd.concat([self.rows[[not old for old in is_old]], row], ignore_index=True) if len(self.rows) else row
+            )
+            order = rows["variant"].map(list(VARIANTS).index)
+            self.rows = (
+                rows.assign(order=order)
+                .sort_values(["length", "order", "rate", "seed"])
+                .drop(columns="order")
+                .reset_index(drop=True)
+            )
+            tables.write_table(self.path, self.rows)
+
+    def of(self, length: str) -> pd.DataFrame:
+        """Trainings of one length at the chosen rates, without those that chose them."""
+        rows = self.rows[(self.rows["length"] == length) & (self.rows["seed"] != TUNING_SEED)]
+        return rows[rows["rate"] == rows["variant"].map(self.best_rate)]
+
+    def best_rate(self, variant: str) -> float | None:
+        """The rate with the best validation of its short training; None until all of them are trained."""
+        tried = self.rows[(self.rows["variant"] == variant) & (self.rows["seed"] == TUNING_SEED)]
+        if not set(RATES) <= set(tried["rate"]):
+            return None
+        return float(tried.loc[tried["val_mpsnr_db"].idxmax(), "rate"])
+
+
+@dataclass(frozen=True)
+class Trainer:
+    """Trains members, and evaluates them against the truth."""
+
+    runs: Path
+    results: Results
+    cases: Sequence[EvaluationCase]
+    overrides: Sequence[str]
+    """More overrides of `lfref train`, those of the data among them."""
+
+    def run(self, members: Iterable[Member], n_processes: int, title: str) -> None:
+        """Train what is missing; the first failure ends the experiment."""
+        missing = [member for member in members if not self.results.has(member)]
+        with ThreadPoolExecutor(n_processes) as pool:
+            futures = [pool.submit(self._run_one, member) for member in missing]
+            try:
+                for future in track(as_completed(futures), description=title, total=len(futures)):
+                    future.result()
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+
+    def _run_one(self, member: Member) -> None:
+        folder = member.folder(self.runs)
+        if error := training.train_one(folder, [*member.overrides, *self.overrides]):
+            raise SystemExit(f"{folder}: {error}")
+        validations = tables.with_numbers(tables.read_table(folder / METRICS), "step", "val/mpsnr")
+        values = {"val_mpsnr_db": validations["val/mpsnr"].max()}
+        if member.seed != TUNING_SEED:
+            values |= by_truth(load(folder), self.cases) | {"training_s": Run(folder).training["seconds"]}
+        self.results.add(member, {name: round(float(value), 4) for name, value in values.items()})
+
+
+def tuning() -> Iterator[Member]:
+    """The trainings that choose a rate for each variant."""
+    return (Member(variant, "short", TUNING_SEED, rate) for variant in VARIANTS for rate in RATES)
+
+
+def members(length: str, results: Results) -> Iterator[Member]:
+    """The trainings of one length, seed by seed, so that few seeds of all variants come before many of some."""
+    for seed in SEEDS:
+        for variant in VARIANTS:
+            rate = results.best_rate(variant)
+            assert rate is not None, "rates are chosen first"
+            yield Member(variant, length, seed, rate)
+
+
+def prepare(folder: Path) -> Path:
+    """Simulate light fields and prepare them as a set, if that is not done."""
+    lfref = [sys.executable, "-m", "lfref.cli.main"]
+    if not (folder / "set" / "fields.json").exists():
+        size = f"scene.camera.size=[{SIZE},{SIZE}]"
+        fields = [f"n_fields={N_FIELDS}", size, "outputs=[views]", f"output={folder / 'fields'}", "overwrite=true"]
+        subprocess.run([*lfref, "simulate", *fields], check=True)
+        words = ["set=captures", f"set_folder={folder / 'set'}", f"output={folder / 'prepare'}", "overwrite=true"]
+        subprocess.run([*lfref, "prepare", str(folder / "fields"), *words], check=True)
+    return folder / "set"
+
+
+@torch.no_grad()
+def by_truth(network: NetworkRefocuser, cases: Iterable[EvaluationCase]) -> dict[str, float]:
+    """Means over planes and scenes."""
+    rows = pd.DataFrame(evaluation.evaluate(cases, [network], PLANES, experiments.MARGIN))
     return {
-        folder: [*SETUP, *VARIANTS[variant], f"seed={seed}", *overrides]
-        for variant, of_seeds in folders(runs).items()
-        for seed, folder in zip(SEEDS, of_seeds, strict=True)
+        "psnr_db": rows["psnr_db"].mean(),
+        "wide_db": rows.loc[rows["alpha"] <= WIDE, "psnr_db"].mean(),
+        "focus_db": rows.loc[rows["alpha"] >= FOCUS, "psnr_db"].mean(),
+        "delta_e": rows["delta_e"].mean(),
     }
 
 
-def by_truth(names: Sequence[str], networks: Sequence[NetworkRefocuser]) -> Iterator[Row]:
-    """Every plane of every scene by every network."""
-    return evaluation.evaluate(experiments.cases(names, PLANES), networks, PLANES, experiments.MARGIN)
-
-
-def times(networks: Sequence[NetworkRefocuser], size: tuple[int, int]) -> Iterator[Row]:
-    """Size of every network, and what a pass costs in NumPy's 4-D FFTs, all measured in turns."""
+@torch.no_grad()
+def costs(size: tuple[int, int]) -> pd.DataFrame:
+    """Size of every network, untrained, and what a pass costs in NumPy's 4-D FFTs, all measured in turns."""
     views = SimulatedSource(1, 7, RandomScenes(Camera(size=size))).field(0).views
+    networks = {}
+    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
+        for variant, overrides in VARIANTS.items():
+            networks[variant] = configs.build(compose("train", [*SETUP, *overrides]).net).eval()
     watches = {
-        each.name: functools.partial(timing.seconds, functools.partial(each, views), views.device) for each in networks
+        name: functools.partial(timing.seconds, functools.partial(network, views[None]), views.device)
+        for name, network in networks.items()
     }
     watches[timing.FFT] = functools.partial(timing.numpy_fft_time, views)
     medians = {name: pd.Series(spent).median() for name, spent in timing.in_turns(watches, range(ROUNDS), 1).items()}
-    for each in networks:
-        n_parameters = sum(parameter.numel() for parameter in each.network.parameters())
-        yield {"method": each.name, "n_parameters": n_parameters, "units": medians[each.name] / medians[timing.FFT]}
+    return pd.DataFrame(
+        {
+            "variant": name,
+            "n_parameters": sum(parameter.numel() for parameter in network.parameters()),
+            "units": medians[name] / medians[timing.FFT],
+        }
+        for name, network in networks.items()
+    )
 
 
-def table(rows: pd.DataFrame, costs: pd.DataFrame) -> Iterator[str]:
-    """Variants beside the paper's choice; differences are taken seed by seed."""
-    yield "| variant | parameters | time | PSNR, dB | less the paper's | wide blur, dB | near focus, dB | Delta E |"
-    yield "|---|---|---|---|---|---|---|---|"
-    base = rows[rows["method"] == PAPER].groupby("seed")["psnr_db"].mean()
-    for variant, members in rows.groupby("method", sort=False):
-        cost = costs.set_index("method").loc[variant]
-        wide, focus = (members[members["alpha"] <= WIDE], members[members["alpha"] >= FOCUS])
-        cells = [f"{cost['n_parameters']:,.0f}", f"{cost['units']:.2f}", experiments.mean_and_range(members, "psnr_db")]
-        cells.append("" if variant == PAPER else _gain(members.groupby("seed")["psnr_db"].mean() - base))
-        cells += [experiments.mean_and_range(wide, "psnr_db"), experiments.mean_and_range(focus, "psnr_db")]
-        yield f"| {' | '.join([str(variant), *cells, experiments.mean_and_range(members, 'delta_e', '.2f')])} |"
+def table(results: Results, sizes: pd.DataFrame) -> Iterator[str]:
+    """Variants beside the paper's choice, at both lengths; differences are taken seed by seed."""
+    yield (
+        "| variant | parameters | time | rate | 160 steps, dB | less the paper's | 1,600 steps, dB | less the paper's "
+        "| wide blur, dB | near focus, dB | Delta E |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    lengths = {length: results.of(length) for length in LENGTHS}
+    sizes = sizes.set_index("variant")
+    for variant in VARIANTS:
+        rate = results.best_rate(variant)
+        cells = [f"{sizes.loc[variant, 'n_parameters']:,.0f}", f"{sizes.loc[variant, 'units']:.2f}", f"{rate:g}"]
+        for rows in lengths.values():
+            own, base = (rows[rows["variant"] == name].set_index("seed") for name in (variant, PAPER))
+            cells.append(_mean(own["psnr_db"]))
+            cells.append("" if variant == PAPER else _difference((own["psnr_db"] - base["psnr_db"]).dropna()))
+        longest = lengths["long"][lengths["long"]["variant"] == variant]
+        cells += [_mean(longest[name]) for name in ("wide_db", "focus_db")] + [_mean(longest["delta_e"], ".2f")]
+        yield f"| {' | '.join([variant, *cells])} |"
     yield ""
-    yield f"PSNR by truth, {rows['scene'].nunique()} scenes of sim30 (version {sim30.VERSION}) without a sensor, the"
-    yield f"paper's planes, {experiments.MARGIN} px of the border left out; mean of {len(SEEDS)} seeds (least to most)."
-    yield "Differences are taken seed by seed, bold where all seeds agree on the sign. Time in NumPy's 4-D FFTs of the"
-    yield f"same views. Wide blur: alpha up to {WIDE:g}; near focus: from {FOCUS:g}."
+    counts = {length: rows.groupby("variant").size() for length, rows in lengths.items()}
+    yield f"PSNR by truth, {len(SCENES)} scenes of sim30 (version {sim30.VERSION}) without a sensor, the paper's"
+    yield f"planes, {experiments.MARGIN} px of the border left out; mean ± standard deviation over"
+    yield f"{_span(counts['short'])} seeds after 160 steps, {_span(counts['long'])} after 1,600. Less the paper's: mean"
+    yield "difference, seed by seed, with its 95 % paired t interval, bold where it excludes 0; each row is tested by"
+    yield "itself. The last three columns are those of 1,600 steps. Rate: of learning, the best of"
+    yield f"{', '.join(f'{rate:g}' for rate in RATES)} by the validation after 160 steps with another seed. Time in"
+    yield "NumPy's 4-D FFTs of the same views. Wide blur: alpha up to"
+    yield f"{WIDE:g}; near focus: from {FOCUS:g}."
 
 
-def _gain(differences: pd.Series) -> str:
-    """The mean difference, the least and the most, and whether all seeds agree on its sign."""
-    agrees = (differences > 0).all() or (differences < 0).all()
-    text = f"{differences.mean():+.1f} ({differences.min():+.1f} to {differences.max():+.1f})"
-    return f"**{text}**" if agrees else text
+def _span(counts: pd.Series) -> str:
+    low, high = (counts.min(), counts.max()) if len(counts) else (0, 0)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _mean(values: pd.Series, form: str = ".1f") -> str:
+    if values.empty:
+        return tables.DASH
+    return f"{values.mean():{form}}" + (f" ± {values.std():{form}}" if len(values) > 1 else "")
+
+
+def _difference(values: pd.Series) -> str:
+    """The mean difference with its interval, bold if that excludes 0."""
+    if len(values) < 2:
+        return tables.DASH
+    low, high = t_interval(values.tolist())
+    text = f"{values.mean():+.1f} ({low:+.1f} to {high:+.1f})"
+    return f"**{text}**" if low > 0 or high < 0 else text
 
 
 def main() -> None:
     """Train, evaluate, time; then fill the page, or print its lines."""
-    parser = argparse.ArgumentParser(description="The paper's choices and faster bodies, against the truth.")
+    parser = argparse.ArgumentParser(description="The paper's choices, against the truth.")
     parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks and tables")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks, and of results if not the default")
     parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, for the evaluation")
+    parser.add_argument("--processes", type=int, default=2, help="trainings side by side, of one thread each")
+    parser.add_argument("--seeds", type=int, default=len(SEEDS), help="how many; more can be added later")
     parser.add_argument(
         "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"
     )
     options = parser.parse_args()
     runs = options.runs.resolve()
-    failed = training.train(overrides_by_run(runs, options.overrides))
-    complete = {variant: of_seeds for variant, of_seeds in folders(runs).items() if not failed.keys() & {*of_seeds}}
-    sources = [run for of_seeds in complete.values() for run in of_seeds]
-    rows = experiments.cached_table(
-        runs / "truth.csv", sources, lambda: by_truth(options.scenes, experiments.load_networks(complete))
-    )
-    firsts = {variant: of_seeds[:1] for variant, of_seeds in complete.items()}
-    with torch.no_grad():
-        costs = experiments.cached_table(
-            runs / "costs.csv", sources, lambda: times(experiments.load_networks(firsts), tuple(options.size))
-        )
-    lines = "\n".join(
-        [*table(rows, costs), *(f"Training failed: {variant}." for variant in VARIANTS if variant not in complete)]
-    )
-    if runs == RUNS:
+    is_ours = runs == RUNS
+    results = Results(RESULTS if is_ours else runs / "ablations.csv")
+    data = ["data=folder", f"data.path={prepare(runs / 'data')}", "data.workers=0"]
+    torch.set_num_threads(1)
+    trainer = Trainer(runs, results, list(experiments.cases(options.scenes, PLANES)), [*data, *options.overrides])
+    trainer.run(tuning(), options.processes, "rates")
+    for length in LENGTHS:
+        chosen = [member for member in members(length, results) if member.seed < options.seeds]
+        trainer.run(chosen, options.processes, length)
+    lines = "\n".join(table(results, costs(tuple(options.size))))
+    if is_ours:
         markers.fill({"ablations": lines})
     else:
         print(lines)

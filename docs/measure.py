@@ -26,6 +26,7 @@ import scale
 import scene_costs
 import simulator_pictures
 import torch
+import training_speed
 
 from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, MEAN_CAP_DB, SENSOR, WIDE
 from lfref.data.field_sources import SimulatedSource
@@ -212,6 +213,7 @@ FIGURES = {
     **exported.TABLES,
     **scale.TABLES,
     **scene_costs.TABLES,
+    **training_speed.TABLES,
 }
 
 

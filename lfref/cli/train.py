@@ -84,7 +84,7 @@ def train(config: DictConfig, folder: Path) -> None:
     seed_everything(config.seed, workers=True, verbose=False)
     torch.set_float32_matmul_precision(config.matmul_precision)
     data = configs.build(config.data)
-    module = _module(config, data)
+    module = build_module(config, data)
     minutes = None if config.checkpoint_minutes is None else configs.number(config, "checkpoint_minutes", 0)
     stopping = Stopping(folder / runs.CHECKPOINTS / "last.ckpt", functools.partial(_give_up, folder), minutes)
     try:
@@ -130,7 +130,8 @@ def _how_to_go_on(folder: Path) -> str:
     )
 
 
-def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
+def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
+    """The module that trains the configured network, with the weights that it starts from."""
     options: dict[str, Any] = {}
     if "planes" in config.task:
         options = {"planes": fixed_planes(config), "is_linear": getattr(data, "is_linear", True)}
@@ -140,6 +141,10 @@ def _module(config: DictConfig, data: LightningDataModule) -> Fitting:
         start = SHIPPED if config.start == "learned" else Run.of(path).best if path.is_dir() else path
         module.start_from(start)
         log.info("training starts from the weights of %s", config.start)
+    if config.channels_last:
+        module.net.to(memory_format=torch.channels_last)
+    if config.compile:
+        module.net.compile()  # in place, so that checkpoints keep the names of the weights
     return module
 
 

@@ -79,9 +79,9 @@ class Patch:
         return replace(self, context=light)
 
     def pair(self, labels: Labels) -> tuple[Tensor, Tensor]:
-        """Views [V, U, C, size, size] and label [N, C, size, size], on the device of the samples."""
+        """Views [V, U, C, size, size] and label [N, C, size, size] within their margins, on the samples' device."""
         light = self.context if isinstance(self.context, LightField) else self.context.light()
-        return light.views[self.window].contiguous(), labels(light)[self.window].contiguous()
+        return light.views[self.window], labels(light)[self.window]
 
     def to(self, device: torch.device, **options: Any) -> "Patch":
         """The same patch on a device."""

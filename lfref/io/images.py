@@ -335,11 +335,10 @@ def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
     # A light field has millions of samples but few values: look them up.
     values = np.arange(np.iinfo(array.dtype).max + 1, dtype=array.dtype)
     table = encoding.decode(torch.from_numpy(to_float(values)).double()).float().numpy()
-    light = np.empty(array.shape, np.float32)
-    for part in np.ndindex(array.shape[:1]):
-        # One part at a time, since numpy widens indices to eight bytes. The mode `clip` avoids a buffer for the result.
-        table.take(array[part], out=light[part], mode="clip")
-    return light
+    # Imported here: a compiler takes half a second to load, which a program that only writes need not spend.
+    from lfref.functional.lookup import look_up
+
+    return look_up(table, array)
 
 
 def encoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:

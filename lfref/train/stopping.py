@@ -245,6 +245,11 @@ KNOWN: dict[str, tuple[type[LfrefError], str, str]] = {
         "a process that prepares batches has stood still for data.timeout seconds",
         "look at the disk that the data lies on, or raise data.timeout",
     ),
+    "No working C++ compiler": (
+        LfrefError,
+        "compile=true must find a C++ compiler on a CPU",
+        "install g++, or leave out compile=true",
+    ),
     "closed by peer": DEAD_PROCESS,
     "reset by peer": DEAD_PROCESS,
     "NCCL": DEAD_PROCESS,

@@ -4,6 +4,7 @@ import importlib
 import itertools
 import sys
 
+import pandas as pd
 import pytest
 import wandb
 import yaml
@@ -11,6 +12,7 @@ import yaml
 from lfref.cli import config as configs
 from lfref.cli import train as command
 from lfref.errors import CheckpointError
+from lfref.report import tables
 from lfref.train.modules import Refining, Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 from tests.conftest import ROOT
@@ -110,21 +112,67 @@ def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, losses, me
 
 @pytest.mark.parametrize("variant", thinned(ablations.VARIANTS))
 def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, tmp_path, losses, variant):
-    words = (*ablations.SETUP, *TINY_DATA, "net.stem_width=16", *ablations.VARIANTS[variant])
-    config = composed("train", *words, *FAST)
+    member = ablations.Member(variant, "long", 0, 0.002)
+    config = composed("train", *member.overrides, *TINY_DATA, "net.stem_width=16", *FAST)
+    assert config.optimizer.lr == 0.002
     command.train(config, tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
 
 
 def test_every_network_of_the_pages_has_a_folder_of_its_own_and_one_setup():
-    experiment = paper.Experiment()
-    folders = list(experiment.overrides_by_run()) + list(ablations.overrides_by_run(ablations.RUNS))
-    own = {folder for folder in folders if folders.count(folder) == 1}
-    shared = set(folders) - own
-    assert len(own) == 3 * 3 + 3 * (len(ablations.VARIANTS) - 1)
-    assert shared == set(experiment.folders["RefNet on truth"])
-    for folder in shared:
-        assert experiment.overrides_by_run()[folder] == ablations.overrides_by_run(ablations.RUNS)[folder]
+    assert len(paper.Experiment().overrides_by_run()) == 4 * 3
+    members = [*ablations.tuning(), *(ablations.Member(variant, length, seed, 0.002) for variant in ablations.VARIANTS
+               for length in ablations.LENGTHS for seed in ablations.SEEDS)]  # fmt: skip
+    assert len({member.folder(ablations.RUNS) for member in members}) == len(members)
+    assert len({" ".join(member.overrides) for member in members}) == len(members)
+
+
+@pytest.fixture
+def results(tmp_path):
+    """Results of two variants; `relu` is better by 1 and 2 dB, at another rate."""
+    found = ablations.Results(tmp_path / "results.csv")
+    for variant, best in ((ablations.PAPER, 0.002), ("relu", 0.0006)):
+        for rate in ablations.RATES:
+            found.add(
+                ablations.Member(variant, "short", ablations.TUNING_SEED, rate), {"val_mpsnr_db": -abs(rate - best)}
+            )
+        for seed in (0, 1):
+            value = 20 + seed + (seed + 1) * (variant == "relu")
+            measured = dict.fromkeys(("psnr_db", "wide_db", "focus_db", "delta_e"), value)
+            found.add(ablations.Member(variant, "short", seed, best), {"val_mpsnr_db": 1, **measured})
+    return found
+
+
+def test_each_variant_has_the_rate_that_its_validation_chose(results):
+    assert results.best_rate("relu") == 0.0006
+    assert results.best_rate("gelu") is None
+    # A training at another rate does not count.
+    results.add(ablations.Member("relu", "short", 0, 0.006), {"val_mpsnr_db": 9, "psnr_db": 90})
+    assert sorted(results.of("short")["psnr_db"]) == [20, 21, 21, 23]
+
+
+def test_results_are_kept_and_not_trained_again(results):
+    again, member = ablations.Results(results.path), ablations.Member("relu", "short", 1, 0.0006)
+    assert again.has(member)
+    assert not again.has(ablations.Member("relu", "long", 1, 0.0006))
+    n_rows = len(again.rows)
+    again.rows.loc[again.rows["variant"] == "relu", "setup"] = "of another version"
+    assert not again.has(member)
+    again.add(member, {"val_mpsnr_db": 2})
+    assert len(again.rows) == n_rows
+    assert ablations.Results(results.path).has(member)
+
+
+def test_the_table_of_ablations_has_paired_intervals(results, monkeypatch):
+    monkeypatch.setattr(ablations, "VARIANTS", {ablations.PAPER: (), "relu": ()})
+    sizes = pd.DataFrame({"variant": [ablations.PAPER, "relu"], "n_parameters": [1000, 2000], "units": [0.5, 0.25]})
+    rows = list(ablations.table(results, sizes))
+    cells = [[cell.strip() for cell in row.split("|")[1:-1]] for row in rows[2:4]]
+    not_trained = [tables.DASH] * 3
+    assert cells[0] == [ablations.PAPER, "1,000", "0.50", "0.002", "20.5 ± 0.7", "", tables.DASH, "", *not_trained]
+    # Of the differences 1 and 2: mean 1.5, deviation 1 / sqrt 2, t = 12.71 of one degree of freedom.
+    relu = ["relu", "2,000", "0.25", "0.0006", "22.0 ± 1.4", "+1.5 (-4.9 to +7.9)", tables.DASH, tables.DASH]
+    assert cells[1] == [*relu, *not_trained]
 
 
 @pytest.mark.slow

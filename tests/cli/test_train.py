@@ -1,6 +1,7 @@
 """The trainer that the configuration makes: with its guard, without what is set to null, and on which device."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -9,8 +10,10 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import Callback
 
+from lfref.cli import config as configs
 from lfref.cli import train as command
 from lfref.cli.train import _trainer
+from lfref.refocuser.load import load
 from lfref.train.callbacks import BestCheckpoint, StackPictures, StepGuard
 from lfref.train.modules import Refocusing
 from tests.cli.conftest import TINY
@@ -57,6 +60,40 @@ def test_a_fit_that_is_stopped_names_the_last_checkpoint(composed, tmp_path, mon
     (note,) = stopped.value.__notes__
     assert note == "; ".join([f"the last checkpoint is {last}"] * last.exists() + [told.format(tmp_path)])
     assert last.exists() == (epoch == 1)
+
+
+@pytest.mark.slow
+def test_a_compiled_network_trains_as_the_plain_one_does_and_its_checkpoint_loads(composed, tmp_path):
+    words = (*TINY, "trainer.max_epochs=2", "callbacks.pictures=null")
+    networks = []
+    for name, options in {"plain": (), "compiled": ("compile=true", "channels_last=true")}.items():
+        command.train(composed("train", *words, *options, f"folder={tmp_path / name}"), tmp_path / name)
+        networks.append(load(tmp_path / name / "checkpoints" / "last.ckpt").network)
+    plain, compiled = (
+        torch.cat([weights.flatten() for weights in network.parameters()]).detach() for network in networks
+    )
+    assert compiled.allclose(plain, atol=2e-5)
+
+
+def test_compiling_and_the_memory_layout_are_off_by_default(composed):
+    networks = []
+    for words in ((), ("compile=true", "channels_last=true")):
+        config = composed("train", *TINY, *words)
+        networks.append(command.build_module(config, configs.build(config.data)).net)
+    assert [network._compiled_call_impl is not None for network in networks] == [False, True]
+    weights = [next(weights for weights in network.parameters() if weights.ndim == 4) for network in networks]
+    assert [each.is_contiguous(memory_format=torch.channels_last) for each in weights] == [False, True]
+
+
+@pytest.mark.slow
+def test_without_a_compiler_compiling_ends_in_one_line(tmp_path):
+    places = {"CXX": str(tmp_path / "none"), "TORCHINDUCTOR_CACHE_DIR": str(tmp_path / "cache")}
+    words = ["-m", "lfref.cli.main", "train", *TINY, "compile=true", f"output={tmp_path}/run"]
+    done = subprocess.run([sys.executable, *words], env=os.environ | places, capture_output=True, text=True)
+    assert done.returncode == 1
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("lfref"))
+    assert line.startswith("lfref train: compile=true must find a C++ compiler on a CPU; got")
+    assert line.endswith("install g++, or leave out compile=true")
 
 
 GPU = {"accelerator": "gpu", "devices": 1}

@@ -1,0 +1,107 @@
+"""What options of `lfref train` do to the time of a step: precision, memory layout, compiling.
+
+`python docs/training_speed.py` takes turns with the options, and leaves `runs/figures/training_speed/steps.csv`, from
+which `docs/measure.py training_speed` makes the table of the page on scaling.
+"""
+
+import functools
+import json
+from collections.abc import Callable, Iterator, Sequence
+
+import markers
+import pandas as pd
+import torch
+import torch._dynamo
+import torch._inductor.config
+from hydra import compose, initialize_config_dir
+
+from lfref.bench import timing
+from lfref.cli import config as configs
+from lfref.cli import train
+from lfref.report import tables
+
+RUN = markers.ROOT / "runs" / "figures" / "training_speed"
+NETWORKS = ("refnet_small", "refnet_narrow", "refnet_shuffled")
+PLAIN = "as it is"
+OPTIONS: dict[str, tuple[str, ...]] = {
+    PLAIN: (),
+    "`channels_last=true`": ("channels_last=true",),
+    "`compile=true`": ("compile=true",),
+    "both": ("channels_last=true", "compile=true"),
+    "`trainer.precision=bf16-mixed`": ("trainer.precision=bf16-mixed",),
+    "bf16-mixed and both": ("trainer.precision=bf16-mixed", "channels_last=true", "compile=true"),
+}
+BATCH, PATCH, ROUNDS = 4, 64, 12
+
+
+def step(overrides: Sequence[str], device: torch.device) -> Callable[[], None]:
+    """A step of a training: loss, gradients and optimiser, on random views."""
+    config = compose("train", list(overrides))
+    module = train.build_module(config, configs.build(config.data)).to(device)
+    optimizer = module.configure_optimizers()["optimizer"]
+    views = torch.rand(BATCH, 7, 7, 3, PATCH, PATCH, device=device)
+    labels = torch.rand(BATCH, len(module.planes), 3, PATCH, PATCH, device=device)
+    is_half = "bf16" in str(config.trainer.precision)
+
+    def run() -> None:
+        with torch.autocast(device.type, torch.bfloat16, enabled=is_half):
+            loss = module.loss(module.net(views), labels)
+        loss.backward()
+        optimizer.step()
+        optimizer.zero_grad()
+
+    return run
+
+
+def measure(device: torch.device) -> pd.DataFrame:
+    """Median seconds of a step, and those of the first one, which compiles."""
+    # All networks share the code of their class, of which PyTorch compiles 8 variants and then silently stops.
+    torch._dynamo.config.recompile_limit = len(NETWORKS) * len(OPTIONS) + 8
+    rows = []
+    torch._inductor.config.force_disable_caches = True  # else a second run would compile nothing
+    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
+        for network in NETWORKS:
+            steps = {name: step([f"net={network}", *words], device) for name, words in OPTIONS.items()}
+            first_s = {name: timing.seconds(run, device) for name, run in steps.items()}
+            watches = {name: functools.partial(timing.seconds, run, device) for name, run in steps.items()}
+            spent = timing.in_turns(watches, range(ROUNDS), 2)
+            for name, times in spent.items():
+                row = {"network": network, "options": name, "device": device.type}
+                rows.append(row | {"step_s": pd.Series(times).median(), "first_s": first_s[name]})
+    return pd.DataFrame(rows)
+
+
+def table() -> Iterator[str]:
+    """Steps of each network relative to the plain one, measured in the same turns."""
+    rows = tables.read_table(RUN / "steps.csv")
+    facts = json.loads((RUN / "machine.json").read_text())
+    steps = rows.pivot(index="options", columns="network", values="step_s")
+    yield f"| time of a step | {' | '.join(f'`net={name}`' for name in NETWORKS)} | first step, s |"
+    yield f"|---|{'---|' * (len(NETWORKS) + 1)}"
+    for options, row in steps.loc[list(OPTIONS), list(NETWORKS)].iterrows():
+        if options == PLAIN:
+            cells = [f"{seconds:.2f} s" for seconds in row]
+        else:
+            cells = [f"{ratio:.2f} x" for ratio in row / steps.loc[PLAIN, list(NETWORKS)]]
+        first_s = rows.loc[rows["options"] == options, "first_s"].max()
+        yield f"| {options} | {' | '.join(cells)} | {first_s:.0f} |"
+    yield ""
+    yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH} pixels of 7x7 views, the paper's planes, median"
+    yield f"of {ROUNDS} rounds taken in turns. Device: {rows['device'].iloc[0]}, {facts['threads']} threads,"
+    yield f"{facts['processor']}, torch {facts['torch']}."
+
+
+TABLES = {"training_speed": table}
+
+
+def main() -> None:
+    """Measure on a GPU if there is one."""
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    rows = measure(device)
+    RUN.mkdir(parents=True, exist_ok=True)
+    tables.write_table(RUN / "steps.csv", rows)
+    (RUN / "machine.json").write_text(json.dumps(timing.facts(device)))
+
+
+if __name__ == "__main__":
+    main()
