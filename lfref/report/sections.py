@@ -3,11 +3,15 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from lfref.errors import FileError, LfrefError
+import pandas as pd
+
+from lfref.errors import FileError, InputError, LfrefError
 from lfref.report import accuracy_time, bench_plots, plots, stability_table, sweeps, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
+SUMMARY, PLANES = "summary.csv", "planes.csv"
+"""Tables of an evaluation."""
 AS_USUAL = sweeps.Options()
 CONFIG = "config.yaml"
 """File that every command leaves in its run folder, even if it fails."""
@@ -45,7 +49,7 @@ def sections(folders: Sequence[Path], options: sweeps.Options = AS_USUAL) -> lis
         (
             folder,
             [make for pattern, make in MAKERS.items() if any(folder.glob(pattern))]
-            + ([sweep] if sweeps.is_sweep(folder) else []),
+            + ([sweep] if sweeps.is_sweep(folder) and not any(folder.glob(f"*/{SUMMARY}")) else []),
         )
         for folder in folders
     ]
@@ -94,20 +98,43 @@ def training(folder: Path) -> Section:
 
 
 def evaluation(folder: Path) -> Section:
-    """The paper's scatter and comparison, and the means over all light fields."""
-    summary, planes = (tables.read_table(folder / f"{name}.csv") for name in ("summary", "planes"))
+    """The paper's scatter and comparison, and the means over all light fields; shards of a multirun are joined."""
+    parts = [folder] if (folder / SUMMARY).is_file() else sorted(path.parent for path in folder.glob(f"*/{SUMMARY}"))
+    summary, planes = (
+        pd.concat([tables.read_table(part / name) for part in parts], ignore_index=True) for name in (SUMMARY, PLANES)
+    )
     text = (
         "Every method against both label sources, over the whole frame. None of the labels is the truth; they are the "
         "sources that a network can be trained on. PSNR is capped at 100 dB."
     )
+    if parts != [folder]:
+        _check_shards(folder, summary)
+        missing = sorted(path.parent.name for path in folder.glob(f"*/{CONFIG}") if path.parent not in parts)
+        text += f" Shards joined: {len(parts)}" + (f"; without a result: {', '.join(missing)}." if missing else ".")
     figures = {
         "MPSNR against MSSIM, one point per light field": plots.scatter(summary),
         "Quality by plane": plots.quality_by_plane(planes),
     }
-    comparisons = {f"Comparison on {path.stem}": path for path in sorted((folder / "comparison").glob("*.png"))[:1]}
+    drawn = sorted(path for part in parts for path in (part / "comparison").glob("*.png"))
+    comparisons = {f"Comparison on {path.stem}": path for path in drawn[:1]}
     groups = tables.require_numbers(summary, "mpsnr_db", "mssim").groupby(plots.SERIES, sort=False, dropna=False)
     means = groups.agg(mpsnr_db=("mpsnr_db", "mean"), mssim=("mssim", "mean"), light_fields=("mssim", "size"))
-    return Section("Evaluation", text, {**figures, **comparisons}, {"Means over all light fields": means.reset_index()})
+    files = {} if parts == [folder] else {SUMMARY: summary, PLANES: planes}
+    shown = {"Means over all light fields": means.reset_index()}
+    return Section("Evaluation", text, {**figures, **comparisons}, shown, files=files)
+
+
+def _check_shards(folder: Path, summary: pd.DataFrame) -> None:
+    """Raise an `InputError` where two shards have evaluated the same method on the same light field."""
+    keys = ["light_field", "method", "reference"]
+    tables.require(summary, *keys)
+    if (twice := summary.duplicated(keys)).any():
+        field, method, _ = summary.loc[twice, keys].iloc[0]
+        raise InputError(
+            f"each shard in {folder} must have light fields of its own",
+            got=f"{field} by {method} in two of them",
+            remedy="delete the folder of one of these jobs",
+        )
 
 
 def refocusing(folder: Path) -> Section:
@@ -199,7 +226,8 @@ def engines(folder: Path) -> Section:
 
 MAKERS: dict[str, Callable[[Path], Section]] = {
     METRICS: training,
-    "summary.csv": evaluation,
+    SUMMARY: evaluation,
+    f"*/{SUMMARY}": evaluation,
     "bench.csv": benchmark,
     "causes.csv": error_causes,
     "operators.csv": operators,

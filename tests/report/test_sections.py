@@ -1,5 +1,6 @@
 """Run folders are recognised by their files, and sections hold the numbers of the tables."""
 
+import pandas as pd
 import pytest
 
 from lfref.errors import FileError
@@ -41,6 +42,21 @@ def evaluation(tmp_path):
         write_picture(folder / "comparison" / f"{field}.png")
     tables.write_table(folder / "planes.csv", rows)
     tables.write_table(folder / "summary.csv", summary)
+    return folder
+
+
+@pytest.fixture
+def shards(evaluation, tmp_path):
+    """The same evaluation by two jobs of a multirun, of one light field each, and a job that left no result."""
+    folder = tmp_path / "shards"
+    for job, field in (("0", "a"), ("1", "b")):
+        for name in ("planes.csv", "summary.csv"):
+            rows = tables.read_table(evaluation / name)
+            tables.write_table(folder / job / name, rows[rows["light_field"] == field])
+        write_picture(folder / job / "comparison" / f"{field}.png")
+    (folder / "2").mkdir()
+    (folder / "2" / "config.yaml").write_text("shard: 3/3")
+    (folder / "2" / ".lfref_failure.json").write_text("{}")
     return folder
 
 
@@ -187,6 +203,29 @@ def test_a_job_that_died_before_its_first_validation_does_not_spoil_the_sweep(sw
 def test_a_folder_of_two_kinds_becomes_two_sections(training, refocusing):
     (refocusing / "contact_sheet.png").rename(training / "contact_sheet.png")
     assert [section.title for section in sections.sections([training])] == ["Training", "Refocused: train"]
+
+
+def test_the_shards_of_an_evaluation_are_joined(evaluation, shards):
+    (whole,), (joined,) = sections.sections([evaluation]), sections.sections([shards])
+    for name, table in whole.tables.items():
+        pd.testing.assert_frame_equal(joined.tables[name], table)
+    for name, table in joined.files.items():
+        own = tables.read_table(evaluation / name)
+        keys = ["light_field", "method", *(["alpha"] if "alpha" in own else [])]
+        pd.testing.assert_frame_equal(
+            table.sort_values(keys, ignore_index=True), own.sort_values(keys, ignore_index=True)
+        )
+    assert sorted(joined.files) == ["planes.csv", "summary.csv"]
+    assert joined.text.endswith("Shards joined: 2; without a result: 2.")
+    assert joined.figures["Comparison on a"] == shards / "0" / "comparison" / "a.png"
+
+
+def test_light_fields_that_two_shards_have_are_refused(shards):
+    for name in ("planes.csv", "summary.csv"):
+        (shards / "1" / name).write_bytes((shards / "0" / name).read_bytes())
+    (section,) = sections.sections([shards])
+    assert "each shard in" in section.problem
+    assert "got a by net in two of them" in section.problem
 
 
 def test_all_kinds_make_a_page(training, evaluation, benchmark, operators, refocusing, sweep, tmp_path):
