@@ -15,7 +15,7 @@ export PYTHONWARNINGS ?= ignore::FutureWarning
 # Material for MkDocs advertises its successor otherwise.
 export NO_MKDOCS_2_WARNING ?= 1
 
-.PHONY: help install demo test figures paper ablations weights lint site quick clean
+.PHONY: help install demo test figures paper ablations gpu weights lint site quick clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in two pages"
@@ -24,6 +24,7 @@ help:
 	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make paper                      the paper's experiments, against the truth; goes on where it was stopped"
 	@echo "make ablations                  which of the paper's choices matter; goes on where it was stopped"
+	@echo "make gpu [MINUTES=10]           what needs a GPU: tests, benches, the paper's network; goes on where it was stopped"
 	@echo "make weights                    train the networks that ship again"
 	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make clean                      remove runs and caches of this checkout"
@@ -70,6 +71,10 @@ paper: install
 
 ablations: install
 	$(BIN)/python docs/ablations.py
+
+# What needs a GPU, ten minutes at a time: make gpu MINUTES=30. Goes on where it was stopped.
+gpu: install
+	$(BIN)/python docs/gpu.py --minutes $(or $(MINUTES),10)
 
 # The networks that ship, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
